@@ -338,7 +338,7 @@ def _partner_starts(state: SearchState, size: int, screen: Screen, config: Searc
 
 
 def _companion_starts(screen: Screen) -> list[FitStart]:
-    """Losses that rise with speed beside a single dry loss, and the other way round: the best one, however little it promises.
+    """Losses that rise with speed beside a single dry loss, and the other way round: the best COMPANIONS, however little they promise.
 
     A bearing has both, and each of them makes up for most of the other.
     """

@@ -111,10 +111,10 @@ class Projection:
         return float(white @ self.project(white))
 
     def speaks_against(self, signature: Floats, needed: float) -> float:
-        """The power (m,) of a signature that the residual speaks against by `needed` of chi-square, in the scale of `power`.
+        """Power of a signature (m,) for its exclusion: as `power`, less where the residual has a part along the signature.
 
-        The residual may have a part along the signature. The effect is then there, perhaps, and only much larger sizes are excluded: the
-        factor f on the signature with f^2 power - 2 f match = needed. A signature of size 1 / f of that power would need f as well.
+        The effect is then there, perhaps, and only much larger sizes are excluded: those from the factor f on the signature with
+        f^2 power - 2 f match = needed, in chi-square. The result is needed / f^2, which is `power` without a match.
         """
         white = self.whitening(signature)
         power, match = float(white @ self.project(white)), max(float(white @ self.residual), 0.0)

@@ -16,7 +16,6 @@ from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.check import can_balance, estimate_states, refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
-from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
@@ -92,8 +91,7 @@ def fit_problem(problem: MechanismProblem, space: Prior[MechanismInput], effects
         Called with the current step and the share that is done.
     """
     scale = 0.5 if effects else 0.9
-    dataset = make_dataset(problem.conditions, problem.simulator)
-    found = search_models(dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", scale * share))
+    found = search_models(problem.dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", scale * share))
     fitted = fit_effects(found, effects, progress)
     plant = problem.simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean))
     return MechanismFit(summarize(found, fitted), plant)

@@ -7,6 +7,7 @@ the torque in each joint is off by 1 % of that of weight and drive.
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -128,7 +129,7 @@ class MechanismProblem:
         """The time of each recording that windows can cover."""
         return tuple(float(run.t_s[-1] - run.t_s[0]) - SMOOTHING_HALF_WIDTH_S for run in self.experiment.runs)
 
-    @property
+    @cached_property
     def dataset(self) -> Dataset:
         """The conditions with the simulator that predicts them."""
         return make_dataset(self.conditions, self.simulator)

@@ -193,7 +193,7 @@ class PendulumProblem:
         """The stretches of all runs."""
         return cut_stretches(self.swings)
 
-    @property
+    @cached_property
     def dataset(self) -> Dataset:
         """The stretches with the simulator that predicts them. Raises BadInput where there is none."""
         return make_pendulum_dataset(self.stretches)
