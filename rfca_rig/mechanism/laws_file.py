@@ -254,7 +254,7 @@ def shape_commands(t_s, command, step_s, steps, since_s=0.0):
 
     Delay {plant.command_delay_s:.4g} s, lag {plant.command_lag_s:.4g} s, clock rate {plant.command_clock_rate:.4g}; the recording began
     `since_s` before time 0. Dead band {_numbers(plant.command_dead_band)} and limit {_numbers(plant.command_limit)} of the command times
-    the gain {_numbers(plant.command_gain)}, which is in the gears of the model file already. Actuators: {names}.
+    the gain {_numbers(plant.command_gain)}, which the actuators of the model file have already. Actuators: {names}.
     """
     t_s, command = np.asarray(t_s, dtype=float), np.asarray(command, dtype=float)
     gain, dead_band, limit = {_array(plant.command_gain)}, {_array(plant.command_dead_band)}, {_array(plant.command_limit)}

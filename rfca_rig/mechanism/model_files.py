@@ -34,6 +34,8 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     tuple of str
         Laws that MJCF cannot express, in words.
     """
+    import mujoco  # noqa: PLC0415  (optional)
+
     spec, model = read_spec(plant.mechanism.path), plant.model
     # Compiling gives every geom its index.
     spec.compile()
@@ -55,7 +57,14 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
             body.mass, body.ipos, body.iquat = model.body_mass[place], model.body_ipos[place], model.body_iquat[place]
             body.inertia, body.fullinertia = model.body_inertia[place], np.full(6, np.nan)
     for place, actuator in enumerate(spec.actuators):
-        actuator.gear = model.actuator_gear[place] * plant.command_gain[place]
+        gain = plant.command_gain[place]
+        # Of a muscle other parameters than the gain stand beside it.
+        if int(model.actuator_gaintype[place]) in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE):
+            # A gear would scale what the actuator feeds back, too, and twice: the position, and the force that answers it.
+            actuator.gear = model.actuator_gear[place]
+            actuator.gainprm = model.actuator_gainprm[place] * gain
+        else:
+            actuator.gear = model.actuator_gear[place] * gain
     for geom in spec.geoms:
         geom.solref, geom.friction = model.geom_solref[geom.id], model.geom_friction[geom.id]
     for pair in spec.pairs:

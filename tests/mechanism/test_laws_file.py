@@ -146,3 +146,22 @@ def test_what_has_no_function_is_said_in_the_file_and_an_old_file_goes(tmp_path)
     assert "NOT in this file: a law of tomorrow" in (tmp_path / "laws.py").read_text(encoding="utf-8")
     assert not write_laws(plant, (), tmp_path / "laws.py", [], "model.xml")
     assert not (tmp_path / "laws.py").exists()
+
+
+def test_an_amended_gain_scales_the_command_and_not_what_the_actuator_feeds_back(tmp_path):
+    kp_Nm_per_rad, kv_Nm_s_per_rad = 40.0, 4.0
+    text = mjcf(Arm())
+    joints = [f"joint{number}" for number in (1, 2, 3)]
+    servos = "".join(
+        f'<position name="servo{n}" joint="{joint}" kp="{kp_Nm_per_rad}" kv="{kv_Nm_s_per_rad}"/>' for n, joint in enumerate(joints)
+    )
+    begin, end = text.index("<actuator>") + len("<actuator>"), text.index("</actuator>")
+    (tmp_path / "arm.xml").write_text(text[:begin] + servos + text[end:], encoding="utf-8")
+    plant = make_plant(load_mechanism(tmp_path / "arm.xml"), STEP_S)
+    unscaled = rolled(plant).position
+    plant.command_gain[:] = 1.3, 0.7, 1.1
+    expected = rolled(plant).position
+    assert np.abs(expected - unscaled).max() > 0.1
+    write_amended_model(plant, tmp_path / "model.xml")
+    amended = make_plant(load_mechanism(tmp_path / "model.xml"), STEP_S)
+    assert np.abs(rolled(amended).position - expected).max() < 1e-6
