@@ -1,14 +1,17 @@
-"""Fits the probabilities of statements to benchmark cases: python -m rfca_rig.exam.calibrate FOLDER... --out calibration.json
+"""Fits the probabilities of statements to benchmark cases: python -m rfca_rig.exam.calibrate SOURCE... --out calibration.json
 
-Every FOLDER is a finished benchmark (`rfca-rig prove`). Each diagnosis in it holds the support of the effects and families of its best
-explanation. The truths are opened, and give the label of each. A benchmark that was used for the fit cannot judge the result: use other
-seeds for that.
+A SOURCE is the folder of a finished benchmark (`rfca-rig prove`), or a file of labelled statements about other rigs (rfca-statements/1).
+Each diagnosis of a benchmark holds the support of the effects and families of its best explanation. The truths are opened, and give the
+label of each. Every second case of a source is used for the fit, and the others judge it, each kind of rig by itself.
+
+rfca-statements/1 is JSON: `words` say what was simulated, and each entry of `statements` has `case`, `rig`, `kind` ("effect" or "family"),
+`values` (the support, as in diagnosis.json) and `true`.
 """
 
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,11 +21,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
+from rfca_rig.diagnosis.config import STATED_PROBABILITY
 from rfca_rig.diagnosis.decision.calibration import FEATURES, FORMAT, features_in
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam.answer import parse_truth
-from rfca_rig.exam.claims import calibration_error, is_true
+from rfca_rig.exam.claims import PROBABILITY_FLOOR, calibration_error, is_true
 from rfca_rig.exam.examine import DIAGNOSES
+from rfca_rig.exam.pendulums.cases import PENDULUM_KINDS
 from rfca_rig.exam.sealing import open_all, read_plan
 from rfca_rig.recording.atomic import write_atomically
 
@@ -30,40 +35,107 @@ Floats = NDArray[np.float64]
 
 # Prior standard deviation of a weight, per standard deviation of its feature.
 RIDGE = 1.0
-FOLDS = 10
+STATEMENTS = "rfca-statements/1"
+LEG, PENDULUM = "leg", "pendulum"
 
 
 @dataclass(frozen=True)
 class Labelled:
-    """Statements of one kind: features (n, f), whether each is true (n,), and the case of each (n,)."""
+    """Statements of one kind.
+
+    Parameters
+    ----------
+    features
+        (n, f) their limited features.
+    true
+        (n,) whether each is true.
+    case, rig
+        (n,) the case of each, unique among all sources, and the kind of rig that it is about.
+    """
 
     features: Floats
     true: NDArray[np.bool_]
     case: NDArray[np.str_]
+    rig: NDArray[np.str_]
+
+    def select(self, rows: NDArray[np.bool_]) -> "Labelled":
+        """Those of the statements that a mask (n,) selects."""
+        return Labelled(self.features[rows], self.true[rows], self.case[rows], self.rig[rows])
 
 
-def read_labelled(folders: Sequence[Path], kind: str) -> Labelled:
-    """Read all statements of a kind ("effect" or "family") in finished benchmarks.
+@dataclass(frozen=True)
+class Statement:
+    """One labelled statement, as a source holds it."""
+
+    case: str
+    rig: str
+    kind: str
+    values: Mapping[str, float]
+    true: bool
+
+
+def read_statements(source: Path) -> tuple[str, list[Statement]]:
+    """What a source holds, in words, and its statements.
 
     Raises
     ------
     BadInput
-        Where the folders hold no statement of this kind.
+        Where a file is not of the format, or the folder is no benchmark.
     """
-    features, true, case = [], [], []
-    for folder in folders:
-        for truth in open_all(folder):
-            path = folder / DIAGNOSES / truth["case"] / "diagnosis.json"
-            if not path.is_file():
-                continue
-            for one in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
-                if one["kind"] == kind:
-                    features.append(features_in(one["values"]))
-                    true.append(is_true(kind, {one["id"], *one.get("cannot_tell_from", ())}, parse_truth(truth)))
-                    case.append(f"{folder.name}/{truth['case']}")
-    if not features:
-        raise BadInput(f"{', '.join(map(str, folders))}: no diagnosis with support for a calibration; run rfca-rig prove first")
-    return Labelled(np.array(features), np.array(true), np.array(case))
+    return _read_file(source) if source.is_file() else _read_benchmark(source)
+
+
+def _read_file(path: Path) -> tuple[str, list[Statement]]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["format"] != STATEMENTS:
+            raise BadInput(f"{path}: format {content['format']!r} should be {STATEMENTS}")
+        listed = [
+            Statement(f"{path.name}/{one['case']}", str(one["rig"]), str(one["kind"]), one["values"], bool(one["true"]))
+            for one in content["statements"]
+        ]
+        return str(content["words"]), listed
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise BadInput(f"{path}: is no file of statements, {type(error).__name__} at {error}; see the format {STATEMENTS}") from None
+
+
+def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
+    found, diagnosed = [], 0
+    for truth in open_all(folder):
+        path = folder / DIAGNOSES / truth["case"] / "diagnosis.json"
+        if not path.is_file():
+            continue
+        diagnosed += 1
+        rig = PENDULUM if truth["kind"] in PENDULUM_KINDS else LEG
+        for one in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
+            is_right = is_true(one["kind"], {one["id"], *one.get("cannot_tell_from", ())}, parse_truth(truth))
+            found.append(Statement(f"{folder.name}/{truth['case']}", rig, one["kind"], one["values"], is_right))
+    return f"{read_plan(folder).words}, {diagnosed} of them diagnosed", found
+
+
+def list_fitted_cases(statements: Sequence[Statement]) -> list[str]:
+    """Every second case: its statements are fitted, and those of the others judge the fit."""
+    # Names of one rig follow each other in this order, so that each half has as many of its cases.
+    return sorted({one.case for one in statements})[::2]
+
+
+def label(statements: Sequence[Statement], kind: str) -> Labelled:
+    """The statements of a kind ("effect" or "family"), as arrays.
+
+    Raises
+    ------
+    BadInput
+        Where there are none.
+    """
+    of_kind = [one for one in statements if one.kind == kind]
+    if not of_kind:
+        raise BadInput(f"no diagnosis with support for a calibration of kind {kind!r}; run rfca-rig prove first")
+    return Labelled(
+        np.array([features_in(one.values) for one in of_kind]),
+        np.array([one.true for one in of_kind]),
+        np.array([one.case for one in of_kind]),
+        np.array([one.rig for one in of_kind]),
+    )
 
 
 def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
@@ -96,44 +168,41 @@ def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
     return float(fit[0] - weights @ middle), np.asarray(weights)
 
 
-def cross_validate(labelled: Labelled) -> Floats:
-    """Probability (n,) of each statement from a fit to the other folds."""
-    # Statements of one case depend on each other, so a case is never in two folds.
-    cases = np.unique(labelled.case)
-    fold_of = dict(zip(cases.tolist(), np.arange(len(cases)) % FOLDS, strict=True))
-    fold = np.array([fold_of[case] for case in labelled.case.tolist()])
-    probability = np.full(len(fold), 0.5)
-    for number in range(FOLDS):
-        held_out = fold == number
-        if held_out.any() and not held_out.all():
-            intercept, weights = fit_weights(Labelled(labelled.features[~held_out], labelled.true[~held_out], labelled.case[~held_out]))
-            probability[held_out] = expit(intercept + labelled.features[held_out] @ weights)
-    return probability
+def judge(labelled: Labelled, probability: Floats) -> dict[str, float]:
+    """Figures about the probabilities (n,) of statements that were not used for the fit."""
+    stated = probability >= STATED_PROBABILITY
+    right = np.where(labelled.true, probability, 1.0 - probability)
+    return {
+        "statements": len(labelled.true),
+        "true": int(labelled.true.sum()),
+        "calibration_error": round(calibration_error(probability, labelled.true), 4),
+        "log_score": round(float(np.mean(np.log(np.maximum(right, PROBABILITY_FLOOR)))), 4),
+        "stated": int(stated.sum()),
+        "wrong_of_these": int((~labelled.true[stated]).sum()),
+    }
 
 
-def _describe(folder: Path) -> str:
-    diagnosed = len(list((folder / DIAGNOSES).glob("*/diagnosis.json")))
-    return f"{read_plan(folder).words}, {diagnosed} of them diagnosed"
-
-
-def calibrate(folders: Sequence[Path]) -> dict[str, Any]:
-    """Content of calibration.json from finished benchmarks."""
-    content: dict[str, Any] = {"format": FORMAT, "benchmarks": [_describe(folder) for folder in folders]}
+def calibrate(sources: Sequence[Path]) -> dict[str, Any]:
+    """Content of calibration.json from finished benchmarks and files of statements."""
+    read = [read_statements(source) for source in sources]
+    statements = [statement for _, listed in read for statement in listed]
+    in_fit = list_fitted_cases(statements)
+    content: dict[str, Any] = {"format": FORMAT, "benchmarks": [words for words, _ in read]}
     for kind in ("effect", "family"):
-        labelled = read_labelled(folders, kind)
-        intercept, weights = fit_weights(labelled)
-        probability = cross_validate(labelled)
-        stated = probability >= 0.8
+        labelled = label(statements, kind)
+        fitted, others = (labelled.select(np.isin(labelled.case, in_fit, invert=invert)) for invert in (False, True))
+        if not len(fitted.true) or not len(others.true):
+            raise BadInput(f"all statements of kind {kind!r} are about one half of the cases; run rfca-rig prove with more cases")
+        intercept, weights = fit_weights(fitted)
+        probability = expit(intercept + others.features @ weights)
         content[kind] = {
             "intercept": round(intercept, 4),
             "weights": {feature.name: round(float(weight), 4) for feature, weight in zip(FEATURES, weights, strict=True)},
-            "statements": len(labelled.true),
-            "true": int(labelled.true.sum()),
-            "cross_validated": {
-                "calibration_error": round(calibration_error(probability, labelled.true), 4),
-                "log_score": round(float(np.mean(np.log(np.where(labelled.true, probability, 1.0 - probability)))), 4),
-                "stated_at_0.8": int(stated.sum()),
-                "wrong_of_these": int((~labelled.true[stated]).sum()),
+            "statements": len(fitted.true),
+            "true": int(fitted.true.sum()),
+            "other_half": {
+                "all": judge(others, probability),
+                **{str(rig): judge(others.select(others.rig == rig), probability[others.rig == rig]) for rig in np.unique(others.rig)},
             },
         }
     return content
@@ -142,16 +211,16 @@ def calibrate(folders: Sequence[Path]) -> dict[str, Any]:
 def main() -> int:
     """The command."""
     parser = argparse.ArgumentParser(description="Calibrates the probabilities of statements on finished benchmarks.")
-    parser.add_argument("folders", type=Path, nargs="+", help="folders of rfca-rig prove")
+    parser.add_argument("sources", type=Path, nargs="+", help="folders of rfca-rig prove, or files of statements")
     parser.add_argument("--out", type=Path, required=True, help="calibration.json")
     arguments = parser.parse_args()
     try:
-        content = calibrate(arguments.folders)
+        content = calibrate(arguments.sources)
         write_atomically(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
     except RigError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    print(json.dumps({kind: content[kind]["cross_validated"] for kind in ("effect", "family")}, indent=1))
+    print(json.dumps({kind: content[kind]["other_half"] for kind in ("effect", "family")}, indent=1))
     return 0
 
 

@@ -1,11 +1,11 @@
 """How often the diagnosis of a mechanism is right: arms of three geared joints, and hoppers on a rail, simulated from their own equations.
 
-Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper|hopper-own-contact] [--cases 40] [--seed 1]
+Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper|hopper-own-contact] [--cases 40] [--seed 1] [--statements FILE]
 
 Every case draws a mechanism, nominal values that are off by their standard uncertainty, and what is concealed: nothing, or one effect. Its
 law is wrong by 20 to 40 %: dry friction is LuGre's or rises at rest, and a share of it follows the load; contacts are Hunt and Crossley's;
 behind gears that yield the rotors are bodies of their own.
-Answers stay in FOLDER; the same command goes on.
+Answers stay in FOLDER; the same command goes on. FILE gets all statements with their truth, for `rfca_rig.exam.calibrate`.
 """
 
 import argparse
@@ -15,7 +15,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,11 @@ import numpy as np
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.errors import RigError
+from rfca_rig.exam.calibrate import STATEMENTS
 from rfca_rig.executors.cores import cores
-from rfca_rig.model.catalogue import families_of
+from rfca_rig.executors.mapping import TaskFailure, map_unordered, process_executor
+from rfca_rig.model.catalogue import families_of, members_of
+from rfca_rig.recording.atomic import write_atomically
 from tests.mechanism import arm, hopper
 
 NOTHING = "nothing"
@@ -169,7 +171,7 @@ def draw(mechanism, seed, number):
     return Case(kind, mechanism.draw(kind, random))
 
 
-def answer(name, seed, number, folder):
+def answer(name, seed, folder, number):
     """Kind, grade, stated effects with their probabilities, family and seconds of a case, kept in a file."""
     path, campaign = folder / f"{name}-{number:04d}.json", folder / f"{name}-{number:04d}"
     if path.exists():
@@ -186,10 +188,11 @@ def answer(name, seed, number, folder):
             "effects": {effect.id: effect.probability for effect in found.effects},
             "family": found.family.id if found.family is not None else "",
             "closest": list(found.rivals[0].ids),
+            "support": found.support,
             "cpu_s": time.process_time() - begun_s,
         }
     except RigError as error:
-        said = {"kind": case.kind, "grade": "refused", "effects": {}, "family": "", "closest": [str(error)], "cpu_s": 0.0}
+        said = {"kind": case.kind, "grade": "refused", "effects": {}, "family": "", "closest": [str(error)], "support": [], "cpu_s": 0.0}
     path.write_text(json.dumps(said), encoding="utf-8")
     return said
 
@@ -207,6 +210,18 @@ def mark(said, kinds):
     return "right" if said["kind"] == NOTHING and said["grade"] == "nothing missing" else "silent"
 
 
+def label_statements(name, seed, answers):
+    """The statements of all answers as a source of `rfca_rig.exam.calibrate`; `answers` are in order of their numbers."""
+    statements = []
+    for number, said in enumerate(answers):
+        right = set(MECHANISMS[name].kinds[said["kind"]])
+        for one in said["support"]:
+            of_statement = {one["id"], *one["cannot_tell_from"]} if one["kind"] == "effect" else members_of(one["id"])
+            statement = {"case": f"{name}-{number:04d}", "rig": name, "kind": one["kind"], "values": one["values"]}
+            statements.append({**statement, "true": bool(right & of_statement)})
+    return {"format": STATEMENTS, "words": f"{name}, seed {seed}, {len(answers)} cases", "statements": statements}
+
+
 def main():
     """Draws, diagnoses and counts."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -214,10 +229,19 @@ def main():
     parser.add_argument("--mechanism", choices=tuple(MECHANISMS), default="arm")
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--statements", type=Path)
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    with Pool(cores()) as pool:
-        found = pool.starmap(answer, [(asked.mechanism, asked.seed, k, asked.folder) for k in range(asked.cases)], chunksize=1)
+    answers, work = {}, partial(answer, asked.mechanism, asked.seed, asked.folder)
+    with process_executor(cores()) as executor:
+        for number, said in map_unordered(executor, work, range(asked.cases)):
+            if isinstance(said, TaskFailure):
+                raise SystemExit(f"case {number}: {said.reason}")
+            answers[number] = said
+    found = [answers[number] for number in range(asked.cases)]
+    if asked.statements is not None:
+        content = label_statements(asked.mechanism, asked.seed, found)
+        write_atomically(asked.statements, (json.dumps(content, indent=1) + "\n").encode())
     kinds, words = MECHANISMS[asked.mechanism].kinds, ("right", "family", "wrong", "silent")
     counts = Counter((said["kind"], mark(said, kinds)) for said in found)
     print(f"{'concealed':<26}" + "".join(f"{word:>8}" for word in words))
