@@ -202,6 +202,8 @@ class Diagnosis:
         What is stated, and how probable it is.
     verdict
         The grade in the words of rfca-diagnosis/1, where "mostly" and "family" are "unexplained".
+    family, other_families
+        The family of what is stated, and those of further parts of the explanation, which are as sure.
     explained_share
         Share of the removable held-out misfit that the stated effects explain.
     remaining
@@ -243,6 +245,7 @@ class Diagnosis:
     grade: Grade
     probability: float | None
     family: StatedFamily | None = None
+    other_families: tuple[StatedFamily, ...] = ()
     place: StatedPlace | None = None
     explained_share: float | None = None
     remaining: tuple[Located, ...] = ()

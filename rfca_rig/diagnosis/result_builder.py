@@ -43,16 +43,21 @@ def describe(decision: Decision) -> str:
     explains = f"explains {100.0 * decision.explained_share:.0f} % of the misfit that can be removed on held-out conditions"
     if decision.relieved_strain:
         explains = f"takes the place of an implausible value ({decision.relieved_strain})"
+    beside = "".join(
+        f" Beside it, only the family is clear: {family.words} ({describe_probability(family.probability)})."
+        for family in decision.other_families
+    )
     if decision.grade == "identified":
         others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})
         tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
-        return f"The model lacks: {stated}{tail}."
+        return f"The model lacks: {stated}{tail}.{beside}"
     if decision.grade == "mostly":
         is_exact = all(criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT)
-        return f"Mostly missing: {stated}. It {explains}; {'other causes are possible' if is_exact else 'the law is only approximate'}."
+        caution = "other causes are possible" if is_exact else "the law is only approximate"
+        return f"Mostly missing: {stated}. It {explains}; {caution}.{beside}"
     if decision.grade == "family" and decision.family is not None:
         best = " with ".join(decision.explanation.ids)
-        return f"Of the cause only the family is clear: {decision.family.words}. The best law of it, {best}, {explains}."
+        return f"Of the cause only the family is clear: {decision.family.words}. The best law of it, {best}, {explains}.{beside}"
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
@@ -138,6 +143,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         grade=decision.grade,
         probability=None if decision.grade == "not enough data" else decision.probability,
         family=decision.family,
+        other_families=decision.other_families,
         # what takes the place of an implausible value removes no more misfit than that did
         explained_share=decision.explained_share if is_stated and not decision.relieved_strain else None,
         remaining=remaining,

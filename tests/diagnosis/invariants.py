@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 
+from rfca_rig.diagnosis.config import STATED_PROBABILITY
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Rival, describe_probability
 from rfca_rig.model.catalogue import catalogue
 
@@ -45,6 +46,7 @@ def list_contradictions(diagnosis: Diagnosis) -> list[str]:
     checks = (
         _check_table,
         _check_grade,
+        _check_other_families,
         _check_nothing,
         _check_stated_set,
         _check_exclusions,
@@ -103,6 +105,18 @@ def _check_grade(diagnosis: Diagnosis) -> Iterator[str]:
         for criterion in diagnosis.criteria:
             if not criterion.passed:
                 yield f"The grade is 'identified', but {criterion.name} failed: {criterion.found}."
+
+
+def _check_other_families(diagnosis: Diagnosis) -> Iterator[str]:
+    """Further families are stated beside a statement only, are as sure, and say something else than the stated effects."""
+    stated = {effect.id for effect in diagnosis.effects}
+    for family in diagnosis.other_families:
+        if diagnosis.grade not in STATED_GRADES:
+            yield f"The grade is {diagnosis.grade!r}, but the family {family.id} is stated."
+        if family.probability < STATED_PROBABILITY:
+            yield f"The family {family.id} is stated with a probability of {family.probability:.4f}."
+        if stated & set(family.members):
+            yield f"The family {family.id} is stated beside {_join(stated & set(family.members))}, which belongs to it."
 
 
 def _check_nothing(diagnosis: Diagnosis) -> Iterator[str]:

@@ -9,7 +9,7 @@ import pytest
 from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IMPLAUSIBLE, LAW_ERROR, LAW_SIZE_ERROR, MAX_COORDINATE
 from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, _without_unconfirmed, compare
-from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
+from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, _other_families, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes, widen
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
 from rfca_rig.diagnosis.result import Value
@@ -414,7 +414,18 @@ def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, ex
         best=SimpleNamespace(ids=("spring_relaxation",)), result=SimpleNamespace(probes=tried("hinge_dissipation"))
     )
     supported = [Supported("family", name, p, {}) for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))]
-    assert _best_family(comparison, supported).id == expected
+    assert _best_family(comparison, supported, comparison.best.ids).id == expected
+
+
+@pytest.mark.parametrize(("of_mass", "of_losses", "expected"), [(0.95, 0.9, ["joint_dissipation"]), (0.95, 0.7, []), (0.7, 0.9, [])])
+def test_the_families_of_all_parts_of_an_explanation_are_stated_where_they_are_sure(of_mass, of_losses, expected):
+    """A weight beside a gear's loss: neither belongs to a family of the other."""
+    best = SimpleNamespace(ids=("added_mass", "joint_load_friction"))
+    comparison = SimpleNamespace(best=best, result=SimpleNamespace(probes=[*tried("body_mass"), *tried("joint_dissipation")]))
+    supported = [Supported("family", name, p, {}) for name, p in (("body_mass", of_mass), ("joint_dissipation", of_losses))]
+    first = _best_family(comparison, supported, best.ids)
+    others = _other_families(comparison, supported, 0.8, first.members)
+    assert [family.id for family in others] == expected
 
 
 @pytest.mark.parametrize("holds", [True, False])

@@ -184,6 +184,18 @@ BAD = {
         replace(NOTHING, grade="unexplained", verdict="unexplained", probability=0.03),
         "Something is said to be missing, but the table gives nothing 0.9700.",
     ),
+    "a further family is stated where nothing is": (
+        replace(UNEXPLAINED, other_families=(FAMILY,)),
+        "The grade is 'unexplained', but the family joint_dissipation is stated.",
+    ),
+    "a further family is not sure": (
+        replace(OF_FAMILY, other_families=(replace(FAMILY, probability=0.7),)),
+        "The family joint_dissipation is stated with a probability of 0.7000.",
+    ),
+    "a further family is that of a stated effect": (
+        replace(IDENTIFIED, other_families=(replace(FAMILY, members=("hinge_backlash", "hinge_stop")),)),
+        "is stated beside hinge_backlash, which belongs to it.",
+    ),
     "a stated effect is excluded": (
         replace(
             IDENTIFIED,

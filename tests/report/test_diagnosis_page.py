@@ -613,6 +613,9 @@ def test_a_graded_answer_says_what_remains_and_which_prior_moved(tmp_path):
 def test_a_family_is_given_with_its_members_and_a_place_with_its_probability():
     text = read(page(FAMILY, PageContext(Origin())))
     assert "a filter or a delay (sensor)" in text and "clock_offset , sensor_lag" in text
+    beside = StatedFamily("leg_mass", "the mass of the leg", "hinges", 0.83, ("heavier_link", "tip_mass"))
+    text = read(page(replace(FAMILY, other_families=(beside,)), PageContext(Origin())))
+    assert "Beside it, only the family is clear: the mass of the leg, 83" in text and "heavier_link , tip_mass" in text
     assert "hinges (93" in read(page(UNEXPLAINED, PageContext(Origin())))
 
 

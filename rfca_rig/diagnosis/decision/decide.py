@@ -19,7 +19,7 @@
 ==================  ================================================================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,6 +106,8 @@ class Decision:
         The best explanation where it is not stated as a whole; None where no hypothesis beats the one without effects.
     effects, family
         What is stated. A family is given beside effects, too.
+    other_families
+        Families, as sure, of those effects of the best explanation that are neither stated nor in `family`.
     probability
         Probability of the statement: the least of its effects, or that of the family. For other grades, that something is, or is not,
         missing.
@@ -130,6 +132,7 @@ class Decision:
     closest: Hypothesis | None = None
     effects: tuple[NamedEffect, ...] = ()
     family: StatedFamily | None = None
+    other_families: tuple[StatedFamily, ...] = ()
     probability: float = 1.0
     explained_share: float = 1.0
     relieved_strain: str = ""
@@ -189,7 +192,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out misfit.
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
-    family = _best_family(comparison, supported)
+    family = _best_family(comparison, supported, comparison.best.ids)
     is_family = family is not None and family.probability >= needed and _is_dominant(comparison, comparison.best)
     judged = explanation or comparison.best
     criteria = _criteria(judged, [of_effects[name] for name in judged.ids])
@@ -214,6 +217,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             closest=None if explanation is comparison.best else best,
             effects=effects,
             family=family if is_family else None,
+            other_families=_other_families(comparison, supported, needed, list_related(explanation.ids)),
             probability=min(effect.probability for effect in effects),
             explained_share=comparison.explained_share(explanation),
             relieved_strain=_describe_relief(comparison, explanation),
@@ -224,6 +228,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             grade="family",
             explanation=best,
             family=family,
+            other_families=_other_families(comparison, supported, needed, family.members),
             probability=family.probability,
             explained_share=comparison.explained_share(comparison.best),
             relieved_strain=_describe_relief(comparison, comparison.best),
@@ -330,15 +335,33 @@ def describe_strain(one: ScaledHypothesis) -> str:
     )
 
 
-def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:
-    """The most probable family of the best explanation; of two that are as probable, the larger one, which claims less."""
-    known = _families_of_best(comparison)
-    ranked = [(one.probability, len(known[one.id].members), one.id) for one in supported if one.kind == "family" and one.is_needed]
-    if not ranked:
+def _best_family(comparison: Comparison, supported: Sequence[Supported], of: Collection[str]) -> StatedFamily | None:
+    """The most probable family of some effects of the best explanation; of two that are as probable, the larger one, which claims less."""
+    known = {name: family for name, family in _families_of_best(comparison).items() if not family.members.isdisjoint(of)}
+    families = [one for one in supported if one.kind == "family" and one.is_needed and one.id in known]
+    if not families:
         return None
-    probability, _, name = max(ranked)
-    family = known[name]
-    return StatedFamily(name, family.words, family.place, probability, tuple(sorted(family.members)))
+    best = max(families, key=lambda one: (one.probability, len(known[one.id].members), one.id))
+    family = known[best.id]
+    return StatedFamily(family.id, family.words, family.place, best.probability, tuple(sorted(family.members)))
+
+
+def _other_families(
+    comparison: Comparison, supported: Sequence[Supported], needed: float, stated: Collection[str]
+) -> tuple[StatedFamily, ...]:
+    """Families that are sure, of the effects of the best explanation that are not among the stated ones.
+
+    Each has an effect that those before do not have.
+    """
+    found: list[StatedFamily] = []
+    left = set(comparison.best.ids) - set(stated)
+    while left:
+        family = _best_family(comparison, supported, left)
+        if family is None or family.probability < needed:
+            break
+        found.append(family)
+        left -= set(family.members)
+    return tuple(found)
 
 
 def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
@@ -428,6 +451,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     # Nothing is missing only if nothing is missing in either of them.
     nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
     rivals = _combine_tables(forces.list_rivals(MOST_RIVALS), shaft.list_rivals(MOST_RIVALS))
+    families = [one.family for one in each if one.family is not None]
     # What is visible within the usual error is no criterion of what is identified in the other part.
     judged = [one for one in each if one.grade != "nothing missing" and (grade != "identified" or one.grade == "identified")]
     return Decision(
@@ -435,7 +459,8 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         explanation=forces.explanation,
         closest=next((one.closest for one in each if one.closest is not None), None),
         effects=(*forces.effects, *shaft.effects),
-        family=next((one.family for one in each if one.family is not None), None),
+        family=families[0] if families else None,
+        other_families=(*families[1:], *forces.other_families, *shaft.other_families),
         probability=min(one.probability for one in stated) if stated else (nothing if grade == "nothing missing" else 1.0 - nothing),
         explained_share=min((one.explained_share for one in stated), default=1.0),
         relieved_strain=next((one.relieved_strain for one in stated if one.relieved_strain), ""),

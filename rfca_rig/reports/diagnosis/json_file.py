@@ -41,6 +41,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "grade": diagnosis.grade,
         "statement": {"probability": diagnosis.probability, "explained_share": diagnosis.explained_share},
         "family": None if diagnosis.family is None else asdict(diagnosis.family),
+        "other_families": [asdict(family) for family in diagnosis.other_families],
         "place": None if diagnosis.place is None else asdict(diagnosis.place),
         "not_tested": [one.id for one in diagnosis.not_seen if one.would_have_seen is None],
         "title": diagnosis.title,

@@ -5,7 +5,7 @@ Residual map of a diagnosis: where model and recordings differ by signal, phase 
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isfinite, log10
 from typing import Any
 
@@ -289,6 +289,7 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         effects=[_effect(effect) for effect in diagnosis.effects],
         identified=diagnosis.grade == "identified",
         family=diagnosis.family,
+        other_families=[asdict(one) | {"probability": format_probability(one.probability)} for one in diagnosis.other_families],
         place=diagnosis.place,
         place_probability=format_probability(diagnosis.place.probability) if diagnosis.place else "",
         explained_share=None if diagnosis.explained_share is None else f"{100.0 * diagnosis.explained_share:.0f}\u00a0%",
