@@ -64,6 +64,12 @@ def test_nothing_is_said_of_a_stiffness_beyond_what_is_plausible():
     assert stiffness == 1e6
 
 
+def test_a_size_of_either_sign_is_ruled_out_from_where_both_signs_would_have_shown():
+    """The residual looks like a negative crosstalk, so that the recordings hardly speak against one."""
+    (crosstalk,) = would_have_seen("sensor_crosstalk", {-0.1: 64.0, 0.1: 1600.0, -0.05: 16.0, 0.05: 400.0}).values()
+    assert crosstalk == pytest.approx(0.05)
+
+
 def shafts_of(rig):
     conditions = group_by_condition(recorded(rig, [(205.0, 2.433), (220.0, 3.249)]))
     return [make_shaft_condition(condition, 1.2, RIG.drive.ramp_s) for condition in conditions]

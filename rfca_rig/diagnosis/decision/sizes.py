@@ -182,16 +182,20 @@ def _size(effect: Effect, probes: Sequence[EffectProbe], power_of: PowerOf, rig:
     if has_several_sizes(effect):
         return None
     size, off = size_parameter(effect), without_effect(effect, rig)
-    powers: dict[float, list[float]] = {}
+    # By distance and side of the neutral value. Rounding joins what is equal but for the last digits.
+    powers: dict[float, dict[bool, list[float]]] = {}
     signed_sum = 0.0
     for probe in probes:
         if probe.choice.effect.id == effect.id:
-            value = dict(probe.choice.present(probe.z).values)[size.name]
-            signed_sum += value - off
-            # Sizes on both sides of zero count by their distance. Rounding joins what is equal but for the last digits.
-            powers.setdefault(round(abs(value - off), 12), []).append(power_of(probe.signature))
-    # Several probes may have one distance, for example one per hinge; their median power counts.
-    points = sorted((distance, max(float(np.median(p)), NEGLIGIBLE_POWER * needed)) for distance, p in powers.items() if distance > 0.0)
+            beyond = dict(probe.choice.present(probe.z).values)[size.name] - off
+            signed_sum += beyond
+            powers.setdefault(round(abs(beyond), 12), {}).setdefault(beyond > 0.0, []).append(power_of(probe.signature))
+    points = []
+    for distance, by_side in sorted(powers.items()):
+        if distance > 0.0:
+            # Several probes may have one value, for example one per hinge; their median counts. Of two sides the less visible one does.
+            power = min(float(np.median(of_side)) for of_side in by_side.values())
+            points.append((distance, max(power, NEGLIGIBLE_POWER * needed)))
     if not any(power > NEGLIGIBLE_POWER * needed for _, power in points):
         return None
     distance, rising = _threshold(np.array(points), needed)
