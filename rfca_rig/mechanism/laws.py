@@ -39,7 +39,7 @@ class PlaceLaw:
     """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant.
 
     `groups` are names and places, within `places`, of those that share a size; each has its own where there are none. `starts` are values
-    from which the search of a law with one size begins.
+    from which the search begins, an even number in ascending order.
     """
 
     id: str
@@ -92,7 +92,9 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
         return plant
 
     ranges = [(float(law.low[list(members)].min()), float(law.high[list(members)].max())) for _, members in groups]
-    starts = law.starts if len(groups) == 1 else ()
+    # A grid has all combinations of the starts, so that several sizes begin from the two in the middle only.
+    middle = len(law.starts) // 2
+    starts = law.starts if len(groups) == 1 else law.starts[middle - 1 : middle + 1]
     parameters = tuple(
         Parameter(name, low, high, may_be_zero=False, starts=starts) for name, (low, high) in zip(names, ranges, strict=True)
     )
@@ -105,7 +107,7 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
             return plant
 
         counted = Parameter(law.noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
-        sized = Parameter(size, float(law.low.min()), float(law.high.max()), may_be_zero=False)
+        sized = Parameter(size, float(law.low.min()), float(law.high.max()), may_be_zero=False, starts=law.starts)
         words = f"{law.left_out}, of one {law.noun}"
         # The numbers are not those of the model, so the text lists them.
         if places != tuple(range(len(places))):

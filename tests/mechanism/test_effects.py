@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.cli.names import MECHANISM_EFFECTS
+from rfca_rig.diagnosis.inference.screening import grid_of, terms_of
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Sensor, load_mechanism
@@ -301,3 +302,12 @@ def test_the_amended_model_finds_its_meshes_from_another_folder(tmp_path):
     (tmp_path / "out").mkdir()
     write_amended_model(make_plant(plain, 1e-3), tmp_path / "out" / "model.xml")
     assert load_mechanism(tmp_path / "out" / "model.xml").model.body_mass == pytest.approx(plain.model.body_mass, rel=1e-4)
+
+
+def test_a_search_for_wrong_torque_scales_begins_near_one_for_each_number_of_motors(mechanism):
+    """An arm with half of its torques, a step of the usual grid, falls: that motion is no guide to one with 7 % more."""
+    for effect_id, points in (("torque_scale", 2**3), ("torque_scale_of_one", 3 * 4)):
+        values = [dict(term.present(z).values) for term in terms_of(effects_of(mechanism)[effect_id]) for z in grid_of(term)]
+        factors = np.array([[value for name, value in one.items() if name.endswith("factor")] for one in values])
+        assert len(factors) == points
+        assert (np.abs(factors - 1.0) < 0.11).all(axis=1).any()
