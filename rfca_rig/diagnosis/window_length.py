@@ -6,7 +6,8 @@ shows what a short one hides behind the uncertainty of its start. A window ends 
 - where the errors of its measured start are no longer small beside the signal, as in chaotic motion;
 - where the best fit misses the signal by so much that Gauss-Newton steps no longer lead to it, for example in the wrong swing.
 
-Lengths double. The best fit on shorter windows is where the fit on longer ones begins (multiple shooting from short to long).
+Lengths double. The best fit on shorter windows is where the fit on longer ones begins (multiple shooting from short to long). Where errors
+of the start are too large from the first, lengths are halved.
 """
 
 from collections.abc import Collection, Sequence
@@ -32,7 +33,7 @@ Floats = NDArray[np.float64]
 # Rms of what errors of the start do, and of what the best fit misses, as shares of the rms change of the signals in a recording.
 MAX_START_SHARE = 0.25
 MAX_MISFIT_SHARE = 0.5
-LONGEST_S = 2.0
+SHORTEST_S, LONGEST_S = 0.25, 2.0
 FEWEST_STRETCHES = 4  # conditions that must remain: held-out prediction with fewer says little
 LEAST_ROWS = 0.8  # share of the rows on shorter windows that must remain
 CARRIED = 2  # sets of effects whose fits go on to longer windows: on short ones a wrong law may be as good as the right one
@@ -117,6 +118,7 @@ def search_in_windows(
     def progress_of_all(text: str, share: float) -> None:
         progress(text, SHARE_OF_SINGLES + (1.0 - SHARE_OF_SINGLES) * share)
 
+    problem = shorten_windows(problem)
     # Single effects explain the motion well enough to tell how far a simulation can go.
     found = search_models(problem.dataset, coordinates, effects, progress_of_singles, replace(config, singles_only=True))
     problem, begun = lengthen_windows(problem, found)
@@ -126,6 +128,26 @@ def search_in_windows(
 def describe_lengths(lengths_s: Sequence[float]) -> list[float]:
     """Shortest and longest of the lengths, to the hundredth of a second; a single value where all are alike."""
     return sorted({round(min(lengths_s), 2), round(max(lengths_s), 2)})
+
+
+def shorten_windows(problem: P) -> P:
+    """The recordings in windows of half the length, SHORTEST_S at least, as long as errors of the start are too large in the present ones.
+
+    The very same problem, where they are not, or where shorter windows cannot be used.
+    """
+    while True:
+        too_long = {
+            recording
+            for recording, share in measure_start_errors(problem).items()
+            if share > MAX_START_SHARE and problem.lengths_s[problem.recordings.index(recording)] >= 2.0 * SHORTEST_S
+        }
+        if not too_long:
+            return problem
+        named = zip(problem.recordings, problem.lengths_s, strict=True)
+        try:
+            problem = problem.cut_again([0.5 * length_s if name in too_long else length_s for name, length_s in named])
+        except (SimulationFailed, BadInput):
+            return problem
 
 
 def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[MapFit, ...]]:
@@ -197,21 +219,29 @@ def _cut_and_fit(problem: P, lengths_s: Sequence[float], begun: Sequence[MapFit]
 
 
 def measure_window_errors(problem: WindowedProblem, fit: MapFit) -> dict[str, WindowErrors]:
-    """Errors in the windows of each recording by its name, with this fit.
+    """Errors in the windows of each recording by its name, with this fit; shares as of `measure_start_errors`."""
+    starts, misfits = measure_start_errors(problem), _share_of_change(problem.dataset, problem.dataset.rows.measured - fit.predicted)
+    return {recording: WindowErrors(starts[recording], misfits[recording]) for recording in starts}
+
+
+def measure_start_errors(problem: WindowedProblem) -> dict[str, float]:
+    """What errors of the measured starts do in the windows of each recording, by its name, as a share of the change of the signals.
 
     A share is the root of the mean over the signals of (rms error / change)^2. The change of a signal is its standard deviation over all
     recordings, so that a recording at rest is not judged by its noise.
     """
-    rows, start_std = problem.dataset.rows, problem.start_std
-    misses = rows.measured - fit.predicted
+    return _share_of_change(problem.dataset, problem.start_std)
+
+
+def _share_of_change(dataset: Dataset, errors: Floats) -> dict[str, float]:
+    rows = dataset.rows
     signals, recordings = rows.signal, np.array([label.recording for label in rows.labels])[rows.label]
-    errors = {}
+    found = {}
     for recording in dict.fromkeys(recordings.tolist()):
         shares = []
         for signal in np.unique(signals):
             here = (recordings == recording) & (signals == signal)
             change = max(float(np.std(rows.measured[signals == signal])), 1e-300)
-            shares.append((rms(start_std[here]) / change, rms(misses[here]) / change))
-        start, misfit = np.sqrt(np.mean(np.square(shares), axis=0)).tolist()
-        errors[recording] = WindowErrors(start, misfit)
-    return errors
+            shares.append(rms(errors[here]) / change)
+        found[recording] = float(np.sqrt(np.mean(np.square(shares))))
+    return found

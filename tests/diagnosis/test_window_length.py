@@ -8,7 +8,14 @@ import pytest
 
 from rfca_rig.diagnosis import window_length
 from rfca_rig.diagnosis.data import Label
-from rfca_rig.diagnosis.window_length import LONGEST_S, WindowErrors, _double_lengths, lengthen_windows, measure_window_errors
+from rfca_rig.diagnosis.window_length import (
+    LONGEST_S,
+    WindowErrors,
+    _double_lengths,
+    lengthen_windows,
+    measure_window_errors,
+    shorten_windows,
+)
 from rfca_rig.errors import BadInput, SimulationFailed
 
 SMALL = WindowErrors(start=0.01, misfit=0.01)
@@ -21,6 +28,9 @@ class Cut:
     recordings: tuple[str, ...]
     recordings_s: tuple[float, ...]
     lengths_s: tuple[float, ...]
+
+    def cut_again(self, lengths_s):
+        return Cut(self.recordings, self.recordings_s, tuple(lengths_s))
 
     @property
     def dataset(self):
@@ -77,6 +87,15 @@ def test_windows_that_leave_too_few_conditions_or_cannot_be_simulated_are_not_us
 
 def test_a_recording_that_is_hardly_longer_than_a_window_is_not_cut_again():
     assert _double_lengths(Cut(("a", "b"), (0.55, 0.9), (0.5, 0.5)), {0, 1}) == pytest.approx([0.5, 0.9])
+
+
+@pytest.mark.parametrize(("allowed_s", "expected_s"), [(0.6, 0.5), (0.3, 0.25), (0.1, 0.25)], ids=["long", "half", "no shorter"])
+def test_windows_are_halved_where_errors_of_the_start_are_too_large(monkeypatch, allowed_s, expected_s):
+    def errors(problem):
+        return {"a": 0.01, "b": 0.2 if problem.lengths_s[1] <= allowed_s else 0.5}
+
+    monkeypatch.setattr(window_length, "measure_start_errors", errors)
+    assert shorten_windows(Cut(("a", "b"), (8.0, 8.0), (0.5, 0.5))).lengths_s == (0.5, expected_s)
 
 
 def test_errors_are_shares_of_what_the_signals_change_over_all_recordings():
