@@ -133,13 +133,14 @@ DOMINANT_SHARE = (
 # Held-out rms in units of noise and usual model error, up to which a law holds. It carries the uncertainty of the parameters, too: exact
 # laws reach 1.06 with four conditions, and what a wrong law leaves of an unlisted cause begins at 1.24 in 196 benchmark cases.
 USUAL_MISFIT = 1.2
+# Share of the signal, a scale of UNKNOWN_ERRORS: seven times the usual error. Evidence that is left with so poor a model does not rest on
+# how small a model error was supposed to be.
+LARGE_ERROR = 0.07
 MAX_RISE = 0.05  # share by which a statement may make the held-out rms of a signal larger: what linear prediction errs by
 NOTHING_PROBABILITY = 0.5  # of nothing in the table of all sets, above which nothing is missing: more probable than all others together
 VISIBLE_PROBABILITY = 0.01  # of a set in that table, from which its effects are not excluded
 AS_GOOD_LOG_ODDS = 3.0  # log posterior odds within which the data do not tell two effects apart
 WORTH_ADDING = 0.1  # share of the held-out mean square that an effect must remove to be part of the explanation
-CONDITION_SIZE_STD = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
-INFORMATIVE_SHARE = 0.5  # share of CONDITION_SIZE_STD: a group whose own size stays less certain says nothing about the variation
 # Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
 # a second law of the same family that leaves less could be the true one.
 LAW_ERROR = 0.2

@@ -15,7 +15,6 @@ from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits, power_to_exclude
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import make_projection
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import loo_residuals
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
@@ -260,7 +259,7 @@ def compare_held_out(found: ModelSelectionResult, accepted: Hypothesis, experime
     if len(conditions) < 2:
         return {}
     linears = [hypothesis.fitted.linear(rows.measured) for hypothesis in (found.nothing, accepted)]
-    before, after = (loo_residuals(linear, found.likelihood.level(linear), rows.condition, conditions) for linear in linears)
+    before, after = (found.likelihood.held_out_residuals(linear, rows.condition, conditions) for linear in linears)
     return _by_signal(found, "held_out_rms", before, after, experiment)
 
 

@@ -6,8 +6,8 @@ A statement ("the pins have dry friction", "the spring has memory") is true with
 
 f are the features of its `Support`, each limited to the range in which it is informative. The intercept b and the weights w come from
 benchmark cases with known truth. They are fitted by logistic regression with a ridge penalty, and the meaning of a feature fixes the sign
-of its weight. `calibration.json` beside this module holds them with the seeds that were used and their cross-validated scores. `python -m
-rfca_rig.exam.calibrate` writes it.
+of its weight. `calibration.json` beside this module holds them with the seeds that were used, and with the scores on cases that were not
+fitted. `python -m rfca_rig.exam.calibrate` writes it.
 """
 
 import json
@@ -46,12 +46,12 @@ class Feature:
 
 # Limits and signs are those of the table "Support of a statement" in section 7 of docs/method.md.
 FEATURES = (
-    Feature("log_bayes_factor", 0.0, float(np.log(1000.0)), 1),
+    # Gross effects in long recordings reach a log Bayes factor of some 10,000.
+    Feature("log_bayes_factor", 0.0, float(np.log(1e5)), 1),
     Feature("held_out_ratio", 0.0, 3.0, 1),
-    Feature("removed_share", 0.0, 1.0, 1),
-    Feature("condition_scatter", 0.0, 0.6, -1),
-    Feature("strain", 2.5, 4.0, -1),
-    Feature("bound", 2.0, 4.0, -1),
+    Feature("law_error_without", 0.0, 1.0, 1),
+    Feature("remaining_misfit", 0.5, 4.0, -1),
+    Feature("relief", 0.0, 8.0, 1),
 )
 
 
@@ -72,10 +72,10 @@ def support_values(support: Support) -> dict[str, float]:
     return {
         "log_bayes_factor": float(np.log1p(max(support.log_bayes_factor, 0.0))),
         "held_out_ratio": support.held_out_ratio,
+        "law_error_without": support.law_error_without,
+        "remaining_misfit": support.remaining_misfit,
         "removed_share": support.removed_share,
-        "condition_scatter": support.condition_scatter,
-        "strain": support.strain,
-        "bound": support.bound,
+        "relief": support.relief,
     }
 
 

@@ -17,11 +17,10 @@ from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.config import (
     AS_GOOD_LOG_ODDS,
-    CONDITION_SIZE_STD,
     CONFIRMED_SETS,
     FEWEST_CONDITIONS,
     IMPLAUSIBLE,
-    INFORMATIVE_SHARE,
+    LARGE_ERROR,
     LAW_ERROR,
     MAX_COORDINATE,
     MAX_RISE,
@@ -32,7 +31,7 @@ from rfca_rig.diagnosis.config import (
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, propagate_smooth_error
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior, loo_residuals
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import laplace_posterior, loo_residuals
 from rfca_rig.model.catalogue import list_related
 from rfca_rig.model.effect import Effect
 
@@ -88,6 +87,12 @@ class ScaledHypothesis:
         square = residuals**2 / self.result.likelihood.usual.variance()
         return np.asarray(np.sqrt(np.bincount(group, square) / np.bincount(group)))
 
+    def log_joint_at(self, s: float) -> float:
+        """Log of prior times evidence where the discrepancy has the scale `s` of the grid."""
+        scales = [whitening.s for whitening in self.result.likelihood.every_scale]
+        integrated = float(logsumexp(self.log_evidence)) - float(np.log(len(scales)))
+        return self.log_joint - integrated + float(self.log_evidence[scales.index(s)])
+
     @property
     def misfit(self) -> float:
         """Median over conditions of `held_out_rms`: rho in docs/method.md."""
@@ -140,6 +145,13 @@ class ScaledHypothesis:
         """The largest of `nuisance_shifts`."""
         return float(np.abs(self.nuisance_shifts).max(initial=0.0))
 
+    @property
+    def sum_of_squared_shifts(self) -> float:
+        """Sum of the squares of all nuisance parameters, in prior standard deviations."""
+        fitted = self.hypothesis.fitted
+        shifts = fitted.x[: fitted.coordinates.nuisances]
+        return float(shifts @ shifts)
+
     def is_less_plausible_than(self, other: "ScaledHypothesis") -> bool:
         """Whether it needs an implausible nuisance parameter, and the other one does not."""
         return other.max_nuisance_shift < IMPLAUSIBLE < self.max_nuisance_shift
@@ -156,27 +168,30 @@ class Support:
     rival
         The best set of effects that has none of them.
     log_bayes_factor
-        Log of the posterior odds of the best explanation against the rival, the discrepancy scale of both integrated out.
+        Log of the posterior odds of the best explanation against the rival, the smaller one of two: with the discrepancy scale of both
+        integrated out, and where the model errs by LARGE_ERROR of the signals with either of them.
     held_out_ratio
         Median over conditions of log(rms of the rival / rms with the effect), both on held-out conditions.
+    law_error_without
+        Law error of the best explanation without one of these effects, the largest: 1 where nothing else explains, little where these only
+        add to what others explain.
+    remaining_misfit
+        Held-out misfit of the best explanation, in units of noise and usual model error.
     removed_share
         Share of the removable held-out misfit of the rival that the best explanation removes: 1 down to the noise, 0 as with the rival.
-    condition_scatter
-        Relative standard deviation of the effect's size between conditions, beyond chance.
-    strain
-        The largest of `ScaledHypothesis.nuisance_shifts`; the least of the explanations that are as good.
-    bound
-        The largest distance of one of the effect's sizes from the middle of its prior, in prior standard deviations.
+    relief
+        How much farther the rival's nuisance parameters are from their priors than those of the best explanation: root of the difference
+        of their sums of squares, in prior standard deviations; 0 where they are not farther.
     """
 
     ids: tuple[str, ...]
     rival: tuple[str, ...]
     log_bayes_factor: float
     held_out_ratio: float
+    law_error_without: float
+    remaining_misfit: float
     removed_share: float
-    condition_scatter: float
-    strain: float
-    bound: float
+    relief: float
 
 
 @dataclass(frozen=True)
@@ -257,16 +272,15 @@ class Comparison:
 
     def worsens_a_signal(self, one: ScaledHypothesis) -> bool:
         """Whether a hypothesis predicts held-out conditions worse than the one without effects, in any signal, and worse than usual."""
-        rows, conditions = self.result.dataset.rows, range(int(self.result.dataset.rows.condition.max()) + 1)
-        usual = self.result.likelihood.usual.variance()
-        square = []
-        for hypothesis in (self.nothing, one):
-            linear = hypothesis.hypothesis.fitted.linear(rows.measured)
-            square.append(loo_residuals(linear, self.result.likelihood.level(linear), rows.condition, conditions) ** 2)
+        rows, likelihood = self.result.dataset.rows, self.result.likelihood
+        conditions = range(int(rows.condition.max()) + 1)
+        linears = [hypothesis.hypothesis.fitted.linear(rows.measured) for hypothesis in (self.nothing, one)]
+        without, with_effects = (likelihood.held_out_residuals(linear, rows.condition, conditions) ** 2 for linear in linears)
+        usual = likelihood.usual.variance()
         for signal in np.unique(rows.signal):
             own = rows.signal == signal
-            rise = np.sqrt(square[1][own].mean() / square[0][own].mean()) - 1.0
-            if rise > MAX_RISE and np.mean(square[1][own] / usual[own]) > USUAL_MISFIT**2:
+            rise = np.sqrt(with_effects[own].mean() / without[own].mean()) - 1.0
+            if rise > MAX_RISE and np.mean(with_effects[own] / usual[own]) > USUAL_MISFIT**2:
                 return True
         return False
 
@@ -338,25 +352,22 @@ class Comparison:
         numbers = [number for number, name in enumerate(best.ids) if name in ids]
         if not numbers:
             raise ValueError(f"none of {', '.join(ids)} is part of the best explanation, {', '.join(best.ids) or 'nothing'}")
-        # Hypotheses of the size of the best one that have one of these effects.
-        alike = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and set(one.ids) & set(ids)]
         return Support(
             ids=tuple(ids),
             rival=rival.ids,
-            log_bayes_factor=best.log_joint - rival.log_joint,
+            log_bayes_factor=min(best.log_joint - rival.log_joint, best.log_joint_at(LARGE_ERROR) - rival.log_joint_at(LARGE_ERROR)),
             held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
+            law_error_without=max(self.law_error_without(best.ids[number]) for number in numbers),
+            remaining_misfit=best.misfit,
             removed_share=self._compute_removed_share(rival.misfit, best.misfit),
-            # Of several effects of one family the best counts: the statement is true if any of them is there.
-            condition_scatter=min(self.condition_scatter(number) for number in numbers),
-            strain=min(one.max_nuisance_shift for one in alike if self._is_as_good(one)),
-            bound=min(self._farthest_size(number) for number in numbers),
+            relief=float(np.sqrt(max(rival.sum_of_squared_shifts - best.sum_of_squared_shifts, 0.0))),
         )
 
-    def _farthest_size(self, number: int) -> float:
-        """The largest distance of a size of one effect from the middle of its prior; a shape parameter may lie at its bound."""
-        coordinates, x = self.best.hypothesis.fitted.coordinates, self.best.hypothesis.fitted.x
-        sizes = x[coordinates.part(number)][: len(coordinates.choices[number].sizes)]
-        return float(np.abs(sizes).max(initial=0.0))
+    def is_at_bound(self, name: str) -> bool:
+        """Whether a size of an effect of the best explanation is where the fit stops; a shape parameter may be there."""
+        coordinates, number = self.best.hypothesis.fitted.coordinates, self.best.ids.index(name)
+        sizes = self.best.hypothesis.fitted.x[coordinates.part(number)][: len(coordinates.choices[number].sizes)]
+        return bool((np.abs(sizes) >= MAX_COORDINATE).any())
 
     def _as_good_without_one(self, one: ScaledHypothesis) -> ScaledHypothesis | None:
         """The most probable hypothesis with one effect fewer that predicts held-out conditions about as well.
@@ -368,29 +379,6 @@ class Comparison:
             if is_part and not simpler.is_less_plausible_than(one) and _loses_little(simpler, one):
                 return simpler
         return None
-
-    def condition_scatter(self, number: int) -> float:
-        """Relative standard deviation of the size of one effect between conditions, beyond chance.
-
-        The size of each condition is a random effect with prior deviation CONDITION_SIZE_STD. Conditions whose size stays uncertain are
-        ignored.
-        """
-        signature, best, group = self.best.signatures[number], self.best, self.result.dataset.rows.condition
-        columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]
-        if len(columns) < 2:
-            return 0.0
-        linear = best.hypothesis.fitted.linear(self.result.dataset.rows.measured)
-        wider = LinearModel(linear.target, np.column_stack([linear.jacobian, CONDITION_SIZE_STD * np.column_stack(columns)]))
-        posterior = laplace_posterior(wider, best.whitening)
-        own = slice(linear.jacobian.shape[1], None)
-        size, std = CONDITION_SIZE_STD * posterior.mean[own], CONDITION_SIZE_STD * np.sqrt(np.diag(posterior.covariance)[own])
-        informative = std < INFORMATIVE_SHARE * CONDITION_SIZE_STD
-        if informative.sum() < 2:
-            return 0.0
-        # Inverse-variance weights; the posterior variances are what chance explains, so they are subtracted.
-        weight = 1.0 / std[informative] ** 2
-        deviation = size[informative] - np.average(size[informative], weights=weight)
-        return float(np.sqrt(max(np.average(deviation**2 - std[informative] ** 2, weights=weight), 0.0)))
 
 
 def _loses_little(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:

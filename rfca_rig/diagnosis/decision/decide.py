@@ -66,10 +66,10 @@ class Supported:
         Its support as plain numbers.
     cannot_tell_from
         Effects that explain the data as well.
-    law_error_without
-        Law error of the best explanation without the effect; without the effects of a family, the largest of them.
     is_variation
         Whether another effect of the best explanation belongs to one of its families, so that it may only make up for that one's law.
+    is_at_bound
+        Whether the fit has one of its sizes at the end of its plausible range. Another law looks so through this one.
     """
 
     kind: Kind
@@ -77,9 +77,8 @@ class Supported:
     probability: float
     values: Mapping[str, float]
     cannot_tell_from: tuple[str, ...] = ()
-    law_error_without: float = 1.0
-
     is_variation: bool = False
+    is_at_bound: bool = False
 
     @property
     def is_needed(self) -> bool:
@@ -87,7 +86,7 @@ class Supported:
 
         A variation of another law always removes most of what that law leaves, so that only the first counts for it.
         """
-        is_small = self.law_error_without <= LAW_ERROR
+        is_small = self.values["law_error_without"] <= LAW_ERROR
         return not is_small or (self.values["removed_share"] > 1.0 - WORTH_ADDING and not self.is_variation)
 
 
@@ -188,7 +187,11 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     # Where the model without effects predicts as models usually do, its error may look like an effect.
     needed = IDENTIFIED_PROBABILITY if is_usual else STATED_PROBABILITY
     unsure = comparison.find_unsure_laws()
-    sure = {one.id for one in of_effects.values() if one.probability >= needed and one.is_needed and one.id not in unsure}
+    sure = {
+        one.id
+        for one in of_effects.values()
+        if one.probability >= needed and one.is_needed and not one.is_at_bound and one.id not in unsure
+    }
     # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out misfit.
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
@@ -281,15 +284,13 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     for effect_id in comparison.best.ids:
         alike, equal = comparison.as_good_as(effect_id), comparison.equals_of(comparison.best, effect_id)
         values = support_values(comparison.support((effect_id, *alike, *comparison.variants_of(effect_id), *equal)))
-        without = comparison.law_error_without(effect_id)
         is_variation = not list_related((effect_id,)).isdisjoint(set(comparison.best.ids) - {effect_id})
-        found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike, without, is_variation))
+        probability, at_bound = calibration_of("effect").probability(values), comparison.is_at_bound(effect_id)
+        found.append(Supported("effect", effect_id, probability, values, alike, is_variation, at_bound))
     for family in _families_of_best(comparison).values():
-        # A size at the end of its range is evidence against the law, not against its family.
-        values = support_values(comparison.support(tuple(sorted(family.members)))) | {"bound": 0.0}
+        values = support_values(comparison.support(tuple(sorted(family.members))))
         within = [one.probability for one in found if family.members.issuperset((one.id, *one.cannot_tell_from))]
-        without = max(one.law_error_without for one in found if one.id in family.members)
-        found.append(Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values, (), without))
+        found.append(Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values))
     return tuple(found)
 
 

@@ -165,6 +165,10 @@ class MarginalLikelihood:
         logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
         return every[int(np.argmax(logs))]
 
+    def held_out_residuals(self, linear: LinearModel, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+        """`loo_residuals` (m,) of a hypothesis at its own most probable scale, the usual one at least."""
+        return loo_residuals(linear, self.level(linear), condition, left_out)
+
     @cached_property
     def every_scale(self) -> tuple[DiscrepancyWhitening, ...]:
         """The whitenings at all discrepancy scales of the grid, ascending."""
