@@ -22,6 +22,7 @@ from rich.text import Text
 from rfca_rig.cli.terminal import Say
 from rfca_rig.executors.cores import machine_cores
 from rfca_rig.progress import ProgressCount
+from rfca_rig.subprocesses import python_command
 from rfca_rig.suggestions import printable
 
 if TYPE_CHECKING:
@@ -185,9 +186,8 @@ def compile_ahead(rig: "RigModel") -> None:
     # Without this process, the diagnosis compiles later.
     with suppress(OSError):
         # In a session of its own: ^C ends the run, and the compiled code serves the next one.
-        process = subprocess.Popen(
-            [sys.executable, "-c", COMPILE_AHEAD], stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, start_new_session=True
-        )
+        command = python_command("-c", COMPILE_AHEAD)
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, start_new_session=True)
         pipe = cast(IO[bytes], process.stdin)
         with pipe:
             pickle.dump(rig, pipe)

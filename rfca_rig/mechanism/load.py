@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.contact_law import SphereOnPlane
+from rfca_rig.subprocesses import safe_path
 
 Floats = NDArray[np.float64]
 
@@ -161,7 +162,9 @@ def load_mechanism(path: Path) -> Mechanism:
     """
     if find_spec("mujoco") is None:
         raise BadInput("MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'")
-    import mujoco  # noqa: PLC0415  (optional)
+    # To find its window library, MuJoCo's import starts an interpreter.
+    with safe_path():
+        import mujoco  # noqa: PLC0415  (optional)
 
     # By default MuJoCo writes warnings to a log file in the working directory; `roll` detects a simulation that diverges.
     mujoco.set_mju_user_warning(_ignore)
