@@ -31,6 +31,7 @@ from rfca_rig.campaign.recorded_files import find_recordings, list_columns, read
 from rfca_rig.campaign.table import select_samples
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_comment
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.recording.atomic import write_atomically
@@ -231,7 +232,7 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     columns = list_columns(files[0])
     times = columns.times
     lines = [
-        f'# Replace every "?". Then: rfca-rig check {folder.name}',
+        _comment(f'Replace every "?". Then: rfca-rig check {folder.name}'),
         f"format = {format_value(EXPERIMENT_FORMAT)}",
         f"title = {format_value(folder.resolve().name)}",
         f"model = {format_value(Path(os.path.relpath(mechanism.path, folder)).as_posix())}",
@@ -239,12 +240,12 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         "# For the head of every page; remove the signs # in front.",
         *(f'# about.{name} = ""' for name in AboutSection.model_fields),
         "",
-        f"# Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:",
-        *(f"#   {note}" for note in columns.notes),
-        *(f"#   {name}: {_extent(values)}" for name, values in columns.values.items()),
+        _comment(f"Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:"),
+        *(_comment(f"  {note}") for note in columns.notes),
+        *(_comment(f"  {name}: {_extent(values)}") for name, values in columns.values.items()),
         "",
         "[time]",
-        f"column = {format_value(times[0]) if len(times) == 1 else PLACEHOLDER}{'' if times else f'  # {columns.no_time}'}",
+        f"column = {format_value(times[0]) if len(times) == 1 else PLACEHOLDER}{'' if times else f'  {_comment(columns.no_time)}'}",
         f"unit = {format_value(columns.time_unit) if columns.time_unit else f'{PLACEHOLDER}  # {_any_of(TIME_UNITS)}'}",
     ]
     for place, joint in enumerate(mechanism.joints):
@@ -282,6 +283,10 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     for number, file in enumerate(files, start=1):
         lines += ["", "[[recordings]]", f"file = {format_value(file.relative_to(folder).as_posix())}", f'condition = "recording {number}"']
     return "\n".join(lines) + "\n"
+
+
+def _comment(text: str) -> str:
+    return toml_comment(text).rstrip("\n")
 
 
 def _table(name: str, known: dict[str, str], units: str, remove: str = "") -> list[str]:

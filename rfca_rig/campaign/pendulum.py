@@ -43,10 +43,11 @@ from pydantic import Field, field_validator, model_validator
 from rfca_rig.campaign.table import CsvTable, numbers, read_table, select_samples
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_comment
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import PENDULUM
-from rfca_rig.toml import NotNegative, Positive, Section, comment, format_value, place_of, read_toml, table
+from rfca_rig.toml import NotNegative, Positive, Section, format_value, place_of, read_toml, table
 
 FORMAT = "rfca-pendulum/1"
 MODEL_FORMAT = "rfca-pendulum-model/1"
@@ -327,5 +328,5 @@ def write_pendulum_model(path: Path, pendulum: Pendulum, known_to: Mapping[str, 
     """Write a model file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
     head = f"format = {format_value(MODEL_FORMAT)}\n"
     links = [table(f"link{place}", asdict(link)) for place, link in enumerate(pendulum.links, start=1)]
-    parts = ["".join(map(comment, comments)) + head, *links, table("known_to", known_to)]
+    parts = ["".join(map(toml_comment, comments)) + head, *links, table("known_to", known_to)]
     write_atomically(path, "\n".join(parts).encode("utf-8"))

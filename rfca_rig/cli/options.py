@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressReport
 from rfca_rig.recording.atomic import refuse_devices
@@ -111,7 +112,7 @@ class Printing:
             return
         for printed in print_pdfs(self._browser, pages):
             if not quiet:
-                typer.echo(f"{printed}: the same page, printed", err=True)
+                echo(f"{printed}: the same page, printed", err=True)
 
 
 class Command(TyperCommand):
@@ -215,7 +216,7 @@ def _find_shared_folder(results: Path | None) -> Path | None:
 
 
 def _notice(line: str) -> None:
-    typer.echo(line, err=True)
+    echo(line, err=True)
 
 
 def collect_facts() -> "Facts":

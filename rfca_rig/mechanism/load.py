@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import find_unusable_sign
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.subprocesses import safe_path
 
@@ -176,6 +177,7 @@ def load_mechanism(path: Path) -> Mechanism:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise BadInput(f"{path}: MuJoCo refuses the model: {' '.join(str(error).split())}") from None
+    _refuse_unusable_names(path, spec)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}
     joints = tuple(model.joint(i).name for i in range(model.njnt))
     for name, kind in zip(joints, model.jnt_type, strict=True):
@@ -237,6 +239,16 @@ def read_spec(path: Path) -> Any:
             if joint.name and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
                 spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     return spec
+
+
+def _refuse_unusable_names(path: Path, spec: Any) -> None:
+    """Raises BadInput for a name that could not be told from the text around it, in messages, files and pages."""
+    named = {"joint": spec.joints, "actuator": spec.actuators, "body": spec.bodies, "sensor": spec.sensors, "geom": spec.geoms}
+    for kind, elements in named.items():
+        for element in elements:
+            sign = find_unusable_sign(element.name)
+            if sign is not None:
+                raise BadInput(f"{path}: the name of {kind} {element.name!r} has {sign}; rename it in the model")
 
 
 def _list_sensors(model: Any) -> dict[str, Sensor]:

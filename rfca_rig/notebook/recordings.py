@@ -13,6 +13,7 @@ from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experime
 from rfca_rig.campaign.opening import experiment_among, open_recordings, pendulum_among
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import html_text
 from rfca_rig.recording.model import Recording, StaticStage, Stroke
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -50,9 +50,9 @@ def make_frame(rows: Sequence[Row], columns: Sequence[str] = ()) -> "pandas.Data
 
 def html_table(title: str, rows: Sequence[Row]) -> str:
     """A table for a notebook's page, with its title above; every text is escaped."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
-    body = "".join("<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row.values()) + "</tr>" for row in rows)
-    return f"<p><b>{escape(title)}</b></p>" + (f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else "")
+    head = "".join(f"<th>{html_text(name)}</th>" for name in (rows[0] if rows else ()))
+    body = "".join("<tr>" + "".join(f"<td>{html_text(_text(value))}</td>" for value in row.values()) + "</tr>" for row in rows)
+    return f"<p><b>{html_text(title)}</b></p>" + (f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else "")
 
 
 def _text(value: object) -> str:

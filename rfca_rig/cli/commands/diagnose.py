@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import AsIs, Cluster, Json, Pdf, Rig, Runs, Seed, Workers, open_executor, out_folder
+from rfca_rig.cli.terminal import echo
+from rfca_rig.escaping import json_text
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
@@ -50,10 +52,10 @@ def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | Non
     refresh_nfs_cache(out)
     answers = {name: json.loads((out / name / ANSWER).read_text(encoding="utf-8")) for name in folders if name not in failed}
     if as_json:
-        typer.echo(json.dumps(answers, indent=1))
+        echo(json.dumps(answers, indent=1))
     else:
         for name, answer in answers.items():
-            typer.echo(f"{name}: {_in_words(answer)}")
+            echo(f"{name}: {_in_words(answer)}")
     if failed:
         name, why = min(failed.items())
         raise RigError(f"{len(failed)} of {len(folders)} could not be diagnosed, as {name}: {why}")
@@ -222,15 +224,15 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     from rfca_rig.reports.diagnosis.files import terminal_lines
 
     if as_json:
-        typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
+        echo(json_text((out / "diagnosis.json").read_text(encoding="utf-8")), nl=False)
         return
     for line in terminal_lines(diagnosis):
-        typer.echo(line)
-    typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
+        echo(line)
+    echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
     # The command for the proposed experiment, where the rig can do it.
     proposal = diagnosis.next_experiment
     if proposal is not None and proposal["protocol"] is not None and proposal["kind"] in ("dynamic", "static"):
-        typer.echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)
+        echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)
 
 
 @dataclass(frozen=True)
@@ -304,7 +306,7 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     commands.unlink(missing_ok=True)  # of an earlier diagnosis
     if found.excitation is not None:
         write_excitation(commands, found.plant.mechanism, found.excitation)
-        typer.echo(f"{commands}: the proposed motion of the joints, and the commands that it takes", err=True)
+        echo(f"{commands}: the proposed motion of the joints, and the commands that it takes", err=True)
     return diagnosis
 
 
@@ -315,7 +317,7 @@ def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, sta
 
     beyond = write_amended_model(plant, out / model_name)
     if write_laws(plant, beyond, out / laws_name, stated, model_name):
-        typer.echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
+        echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
 
 
 def _write_imported(diagnosis: "Diagnosis", about: "AboutSection", asked: DiagnoseOptions) -> "Diagnosis":

@@ -10,7 +10,7 @@ import typer
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.names import FIT_PARAMETERS
 from rfca_rig.cli.options import AsIs, Cluster, Json, open_executor, out_file
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.terminal import echo, print_lines
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
@@ -126,18 +126,18 @@ def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path
         found = fit_mechanism(read_experiment(folder), bars.share, names, effects, as_is)
     beyond = () if out is None else write_amended_model(found.plant, out)
     if beyond:
-        typer.echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
+        echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
     _print_windows(found.fit, MECHANISM_FIT, folder, out, as_json)
 
 
 def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool) -> None:
     """Prints a fit to windows of recordings."""
     if as_json:
-        typer.echo(json.dumps(found.plain(file_format), indent=1))
+        echo(json.dumps(found.plain(file_format), indent=1))
         return
     print_lines(found.lines())
     if out is not None:
-        typer.echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
+        echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
 
 
 def _names(text: str) -> list[str]:
@@ -146,11 +146,11 @@ def _names(text: str) -> list[str]:
 
 def _print(result: "FitResult", out: Path | None, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(result.plain(), indent=1))
+        echo(json.dumps(result.plain(), indent=1))
         return
     print_lines(result.lines())
     if out is not None:
-        typer.echo(f"{out}: the fitted model", err=True)
+        echo(f"{out}: the fitted model", err=True)
 
 
 class _Counter:

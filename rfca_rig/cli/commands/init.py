@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.paths import folders_of
+from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 
 if TYPE_CHECKING:
@@ -47,8 +48,8 @@ def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, d
 
         path = write_draft(load_mechanism(mjcf), data)
         open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
-        typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
-        typer.echo(f"then: rfca-rig check {data}", err=True)
+        echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
+        echo(f"then: rfca-rig check {data}", err=True)
     else:
         raise BadInput("init: give --rig FILE for a rig file, or --mjcf FILE and --data DIR for recordings of a mechanism")
 
@@ -76,8 +77,8 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
     write_atomically(path, text.encode("utf-8"))
     height_mm = round(FIRST_HEIGHT_SHARE * sum(answers.link_lengths_mm))
     marked = sum(line.rstrip().endswith(USUAL) for line in text.splitlines())
-    typer.echo(f"{path}: a twin of your rig; {marked} lines hold a usual value, to check against yours")
-    typer.echo(f"then: rfca-rig dynamic run --rig {path} --height {height_mm} --speed {FIRST_SPEED_RAD_S} --repeats 1", err=True)
+    echo(f"{path}: a twin of your rig; {marked} lines hold a usual value, to check against yours")
+    echo(f"then: rfca-rig dynamic run --rig {path} --height {height_mm} --speed {FIRST_SPEED_RAD_S} --repeats 1", err=True)
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
 
     found = _find_devices(folder)
     makes = found.makes
-    typer.echo(f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}", err=True)
+    echo(f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}", err=True)
     asked = iter(range(1, QUESTIONS + 1))
     # Python has no standard input where the shell closed it (<&-).
     has_terminal = sys.stdin is not None and sys.stdin.isatty()

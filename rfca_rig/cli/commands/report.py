@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import AsIs, Json, Model, Pdf, out_folder
+from rfca_rig.cli.terminal import echo
+from rfca_rig.escaping import json_text
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.compare import Table2
@@ -122,10 +124,10 @@ def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out:
     command = command_line("report", folder, options={"--model": model})
     write_motions(report, fit, out, origin_of_import(command, folder, report.title, report.about))
     if as_json:
-        typer.echo((out / report.json_file).read_text(encoding="utf-8"), nl=False)
+        echo(json_text((out / report.json_file).read_text(encoding="utf-8")), nl=False)
     else:
         recordings = count_noun(len({error.run for error in fit.errors}), "recording")
-        typer.echo(f"{out / PAGE}: measured and simulated signals of {recordings}", err=True)
+        echo(f"{out / PAGE}: measured and simulated signals of {recordings}", err=True)
     return out / PAGE
 
 
@@ -177,7 +179,7 @@ def write(
     with progress(quiet) as bars:
         written = write_report(recordings, out, shaft, given, origin_of(command, paths, recordings), bars.counting("conditions"))
     if as_json:
-        typer.echo((out / "table2.json").read_text(encoding="utf-8"), nl=False)
+        echo(json_text((out / "table2.json").read_text(encoding="utf-8")), nl=False)
     if not quiet:
         _say(written.table, out, len(recordings))
     printing.print(written.pages, quiet)
@@ -194,5 +196,5 @@ def _say(table: "Table2", out: Path, runs: int) -> None:
                 f"{len(table.rows)} conditions, average error of the valley {table.average_time_error_pct:.1f} % in time, "
                 f"{table.average_force_error_pct:.1f} % in force"
             )
-        typer.echo(f"{out / 'report.html'}: {averages}", err=True)
-    typer.echo(f"{pages}: how the run{'s' if runs > 1 else ''} went", err=True)
+        echo(f"{out / 'report.html'}: {averages}", err=True)
+    echo(f"{pages}: how the run{'s' if runs > 1 else ''} went", err=True)
