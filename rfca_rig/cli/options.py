@@ -45,6 +45,9 @@ Fault = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")]
 AsIs = Annotated[bool, typer.Option("--as-is", help="Take values of a campaign that are probably in another unit, too.")]
+AllowOutside = Annotated[
+    bool, typer.Option("--allow-outside", help="Read files outside a folder of recordings, too, to which its links or its model lead.")
+]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Print the pages as PDF too, with the Chromium, Chrome or Edge of this machine.")]
 Dry = Annotated[bool, typer.Option("--dry-run", help="Print and check the plan, move nothing.")]
 View = Annotated[bool, typer.Option("--view", help="Watch the run in the browser, and stop it from there; the address is printed.")]

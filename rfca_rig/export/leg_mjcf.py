@@ -44,7 +44,7 @@ class ExportedLeg:
     left_out: tuple[str, ...]
 
 
-def export_leg(run: Path, out: Path) -> ExportedLeg:
+def export_leg(run: Path, out: Path, allow_outside: bool = False) -> ExportedLeg:
     """Writes the folder `out`, completely or not at all.
 
     Parameters
@@ -53,6 +53,8 @@ def export_leg(run: Path, out: Path) -> ExportedLeg:
         A campaign, or another recording of strokes of a leg.
     out
         The folder to make.
+    allow_outside
+        Follow links of a campaign to files outside its folder.
 
     Raises
     ------
@@ -63,7 +65,7 @@ def export_leg(run: Path, out: Path) -> ExportedLeg:
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; name a folder that does not exist yet, or take this one away")
-    recordings = open_with_nominal_model([run])
+    recordings = open_with_nominal_model([run], allow_outside=allow_outside)
     prepared, _ = prepare_data(recordings)
     if not prepared.flaps:
         raise BadInput(f"{run}: no stroke shows a touchdown and a valley, so there is no motion to export")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import find_unusable_sign
 from rfca_rig.mechanism.contact_law import SphereOnPlane
+from rfca_rig.mechanism.named_files import refuse_foreign_files
 from rfca_rig.subprocesses import safe_path
 
 Floats = NDArray[np.float64]
@@ -148,18 +149,22 @@ def _ignore(text: str) -> None:
     """Discards MuJoCo's warnings."""
 
 
-def load_mechanism(path: Path) -> Mechanism:
+def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: bool = False) -> Mechanism:
     """Loads and checks the mechanism that a model file describes.
 
     Parameters
     ----------
     path
         An MJCF or URDF file. All its joints are hinges or slides with names.
+    beside
+        Folders with files that the model may name, beside its own folder.
+    allow_outside
+        The model may name files anywhere.
 
     Raises
     ------
     BadInput
-        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, or it has other joints.
+        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, it names files elsewhere, or it has other joints.
     """
     if find_spec("mujoco") is None:
         raise BadInput("MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'")
@@ -171,6 +176,8 @@ def load_mechanism(path: Path) -> Mechanism:
     mujoco.set_mju_user_warning(_ignore)
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
+    if not allow_outside:
+        refuse_foreign_files(path, (path.parent, *beside))
     try:
         spec = read_spec(path)
         spec.memory = ARENA_BYTES
@@ -242,7 +249,7 @@ def read_spec(path: Path) -> Any:
 
 
 def _refuse_unusable_names(path: Path, spec: Any) -> None:
-    """Raises BadInput for a name that could not be told from the text around it, in messages, files and pages."""
+    """Raises BadInput for a name that looks like a part of the text around it, in messages, files and pages."""
     named = {"joint": spec.joints, "actuator": spec.actuators, "body": spec.bodies, "sensor": spec.sensors, "geom": spec.geoms}
     for kind, elements in named.items():
         for element in elements:

@@ -110,10 +110,13 @@ class OpenedRecordings:
         Where they lie.
     content
         What the files hold: a `Recording` of a leg, a `PendulumCampaign`, or an `Experiment` with a mechanism.
+    allow_outside
+        Files outside the folder may be read, too.
     """
 
     path: Path
     content: Recording | PendulumCampaign | Experiment
+    allow_outside: bool = False
 
     @property
     def title(self) -> str:
@@ -214,7 +217,7 @@ def _static_row(stage: StaticStage) -> Row:
     return {"height_mm": round(1e3 * stage.height_m, 6), **own, **hinges, **stds, "settled": stage.settled, "photo": stage.photo}
 
 
-def open_path(path: str | Path, *, as_is: bool = False) -> OpenedRecordings:
+def open_path(path: str | Path, *, as_is: bool = False, allow_outside: bool = False) -> OpenedRecordings:
     """Open recordings: a run, an .h5 file, a campaign, a campaign of a pendulum, or a folder with experiment.toml.
 
     Parameters
@@ -223,6 +226,8 @@ def open_path(path: str | Path, *, as_is: bool = False) -> OpenedRecordings:
         The folder or file.
     as_is
         Take values of a campaign that are probably in another unit; otherwise they are refused with a guess.
+    allow_outside
+        Read files outside the folder, too, to which its links or its model lead.
 
     Raises
     ------
@@ -237,7 +242,7 @@ def open_path(path: str | Path, *, as_is: bool = False) -> OpenedRecordings:
     """
     path = Path(path)
     if experiment_among([path]) is not None:
-        return OpenedRecordings(path, read_experiment(path))
+        return OpenedRecordings(path, read_experiment(path, allow_outside), allow_outside)
     if pendulum_among([path]) is not None:
-        return OpenedRecordings(path, read_pendulum_campaign(path))
-    return OpenedRecordings(path, open_recordings([path], as_is)[0])
+        return OpenedRecordings(path, read_pendulum_campaign(path, allow_outside), allow_outside)
+    return OpenedRecordings(path, open_recordings([path], as_is, allow_outside)[0], allow_outside)

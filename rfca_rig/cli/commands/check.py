@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
-from rfca_rig.cli.options import Json
+from rfca_rig.cli.options import AllowOutside, Json
 from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 
@@ -20,6 +20,7 @@ def check(
         Path,
         typer.Argument(metavar="PATH", help="The folder of a run, one with experiment.toml or campaign.toml; a rig file or a protocol."),
     ],
+    allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
     """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit code 2 where one is damaged.
@@ -41,9 +42,9 @@ def check(
     if folder.is_file():
         _check_file(folder, as_json)
     elif (folder / CAMPAIGN).is_file():
-        _check_campaign(folder, as_json)
+        _check_campaign(folder, allow_outside, as_json)
     elif (folder / EXPERIMENT).is_file():
-        _check_experiment(folder, as_json)
+        _check_experiment(folder, allow_outside, as_json)
     elif (folder / PENDULUM).is_file():
         raise BadInput(f"{folder}: holds recordings of a pendulum; rfca-rig report {folder} checks and shows them")
     else:
@@ -116,12 +117,12 @@ def _check_run(run: Path, as_json: bool) -> None:
         raise BadInput(describe_damage(run, findings))
 
 
-def _check_campaign(folder: Path, as_json: bool) -> None:
+def _check_campaign(folder: Path, allow_outside: bool, as_json: bool) -> None:
     """A campaign from elsewhere: whether it can be read, and whether its values are plausible beside each other."""
     from rfca_rig.campaign.plausibility import find_slips
     from rfca_rig.campaign.reading import read_campaign
 
-    recording = read_campaign(folder)
+    recording = read_campaign(folder, allow_outside=allow_outside)
     slips = find_slips(recording)
     if as_json:
         rows = [{"where": slip.where, "found": slip.words} for slip in slips]
@@ -135,7 +136,7 @@ def _check_campaign(folder: Path, as_json: bool) -> None:
         echo(f"{folder}: {len(recording.strokes)} strokes and {len(recording.static)} static stages, values plausible", err=True)
 
 
-def _check_experiment(folder: Path, as_json: bool) -> None:
+def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
     """Checks recordings of a mechanism, with its model."""
     from rfca_rig.cli.terminal import print_lines
     from rfca_rig.diagnosis.mechanisms.check import check_experiment
@@ -143,7 +144,7 @@ def _check_experiment(folder: Path, as_json: bool) -> None:
     # A refusal is raised at the end, so that the findings before it are printed, also as JSON.
     rows, refused = [], None
     try:
-        for line in check_experiment(folder):
+        for line in check_experiment(folder, allow_outside):
             rows.append(
                 {"about": line.about, "name": line.name, "warning": line.is_warning, "found": line.words, "values": dict(line.values)}
             )

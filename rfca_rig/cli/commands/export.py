@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.options import Command, Json
+from rfca_rig.cli.options import AllowOutside, Command, Json
 from rfca_rig.cli.terminal import echo
 
 app = typer.Typer(help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.", no_args_is_help=True)
@@ -74,6 +74,7 @@ def export_csv(
 def export_mjcf(
     run: Recorded,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The folder to make.")],
+    allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
     """Write a leg and its strokes as an experiment on a mechanism: MJCF for MuJoCo, experiment.toml, and a CSV file per stroke.
@@ -86,7 +87,7 @@ def export_mjcf(
 
     from rfca_rig.export.leg_mjcf import export_leg
 
-    exported = export_leg(run, out)
+    exported = export_leg(run, out, allow_outside)
     if as_json:
         echo(json.dumps({"out": str(out), "recordings": exported.recordings, "left_out": list(exported.left_out)}, indent=1))
         return
@@ -101,6 +102,7 @@ def import_folder(
         Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording; runs/IMPORT-NAME if not given.")
     ] = None,
     as_is: Annotated[bool, typer.Option("--as-is", help="Import values that are probably in another unit, too.")] = False,
+    allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
     """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and diagnosis work on.
@@ -120,7 +122,7 @@ def import_folder(
         raise BadInput(f"{folder}: holds experiment.toml, which every command reads as it stands; go on with rfca-rig check {folder}")
     target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
     if pendulum_among([folder]) is not None:
-        pendulum = import_pendulum(folder, target)
+        pendulum = import_pendulum(folder, target, allow_outside)
         if as_json:
             counts = {"links": len(pendulum.pendulum.links), "pendulum_runs": len(pendulum.runs)}
             echo(json.dumps({"source": "IMPORT", "run": str(target), "title": pendulum.title, **counts}, indent=1))
@@ -128,7 +130,7 @@ def import_folder(
         echo(f"IMPORT {len(pendulum.runs)} runs of a pendulum in {target}; next: rfca-rig diagnose {target}", err=True)
         return
     with progress(as_json) as bars:
-        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes"), as_is))
+        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes"), as_is, allow_outside))
     if as_json:
         counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static)}
         echo(json.dumps({"source": "IMPORT", "run": str(target), "title": recording.title, **counted}, indent=1))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rfca_rig.cli.options import AllowOutside
 from rfca_rig.cli.paths import folders_of
 from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
@@ -31,7 +32,9 @@ Model = Annotated[Path | None, typer.Option("--mjcf", "--urdf", metavar="FILE", 
 Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help="A folder with its recordings: CSV, HDF5, MCAP or ROS 2 bags.")]
 
 
-def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, data: Data = None) -> None:
+def init(
+    rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, data: Data = None, allow_outside: AllowOutside = False
+) -> None:
     """Write a rig file after ten questions, or a draft of experiment.toml for recordings of any mechanism.
 
     Enter takes the suggested answer. Devices that are found on this computer are suggested; nothing that could move is touched.
@@ -46,7 +49,7 @@ def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, d
         from rfca_rig.campaign.experiment import PLACEHOLDER, write_draft
         from rfca_rig.mechanism.load import load_mechanism
 
-        path = write_draft(load_mechanism(mjcf), data)
+        path = write_draft(load_mechanism(mjcf, (data,), allow_outside), data, allow_outside)
         open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
         echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
         echo(f"then: rfca-rig check {data}", err=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import (
+    AllowOutside,
     AsIs,
     Command,
     Dry,
@@ -267,6 +268,7 @@ def report(
     marks_deg: Annotated[float, MARKS] = USUAL["--marks-deg"],
     force_gain_pct: Annotated[float, GAIN] = USUAL["--force-gain-pct"],
     as_is: AsIs = False,
+    allow_outside: AllowOutside = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -286,7 +288,7 @@ def report(
     from rfca_rig.reports.static.tables import static_sources
 
     printing = Printing(pdf)
-    recordings = open_recordings(paths, as_is)
+    recordings = open_recordings(paths, as_is, allow_outside)
     instrument = {"--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
     options: dict[str, object] = {"--model": model, **instrument, "--as-is": as_is}
     command = command_line("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
