@@ -114,6 +114,9 @@ def slurm_workers(
     import_distributed()
     if which("sbatch") is None:
         raise BadInput("--cluster slurm:FILE: there is no sbatch on this computer; type this where jobs are submitted")
+    if not str(shared.resolve()).isprintable():
+        # A line break in it would begin a new line of the jobs' script.
+        raise BadInput(f"{shared}: has a line break or another character in its path that no script of SLURM can hold; rename the folder")
     own = Path(mkdtemp(prefix="rfca-rig-jobs-", dir=shared)).resolve()
     with _scheduler(array.interface, own / KEYS) as scheduler:
         (own / SCRIPT).write_text(array.script(scheduler.scheduler_address, own), encoding="utf-8")

@@ -7,7 +7,7 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 455,
-    "lines": 91_750,
+    "lines": 91_800,
     "lines of code": 58_400,
     "modules with one user, in their package": 28,
     "functions": 6_165,
