@@ -2,17 +2,44 @@
 
 `multiprocessing` would import the main program's file again in the new process. A script that moves a rig without a `__main__` guard
 would then open the rig twice. Therefore a new interpreter is started, connected to this one by a socket pair.
+
+With `-m` or `-c` alone, Python would search the current folder before its own library: a `numpy.py` in a stranger's folder would run. Every
+interpreter is started with `python_command`, or within `safe_path` where another library starts it.
 """
 
+import os
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
+
+SAFE_PATH_VARIABLE = "PYTHONSAFEPATH"
 
 
 def can_be_started() -> bool:
     """Whether a child process can inherit a socket on this system."""
     return sys.platform != "win32"
+
+
+def python_command(*arguments: str, python: str = sys.executable) -> list[str]:
+    """The command that runs Python with these arguments, and imports nothing from the current folder."""
+    return [python, "-P", *arguments]
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Within it, interpreters that other libraries start import nothing from the current folder: workers, and multiprocessing's tracker."""
+    before = os.environ.get(SAFE_PATH_VARIABLE)
+    os.environ[SAFE_PATH_VARIABLE] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(SAFE_PATH_VARIABLE, None)
+        else:
+            os.environ[SAFE_PATH_VARIABLE] = before
 
 
 Helper = tuple[subprocess.Popen[bytes], Connection]
@@ -27,7 +54,7 @@ def start(module: str) -> Helper:
     """
     own_end, child_end = socket.socketpair()
     with child_end:
-        command = [sys.executable, "-m", module, str(child_end.fileno())]
+        command = python_command("-m", module, str(child_end.fileno()))
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[child_end.fileno()], start_new_session=True)
     return process, Connection(own_end.detach())
 

@@ -1,21 +1,14 @@
-"""Text for people: what a mistyped name may have meant, and text from files without control characters."""
+"""Text for people: what a mistyped name may have meant, and messages of one line."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
-from unicodedata import category
+
+from rfca_rig.escaping import printable
 
 # Characters of a message, ten rows of a terminal, and of a word in it: a path in a deep folder is whole, a cell of 100 kB is not.
 LONGEST_LINE = 800
 LONGEST_WORD = 200
-
-
-def printable(text: str) -> str:
-    """Replace control characters, which could move the cursor of a terminal, rename its window or write to its clipboard.
-
-    Line feeds and tabs stay. A file from elsewhere may hold the others in any of its texts.
-    """
-    return "".join("\N{REPLACEMENT CHARACTER}" if category(one) == "Cc" and one not in "\n\t" else one for one in text)
 
 
 def in_one_line(text: str) -> str:

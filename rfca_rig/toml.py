@@ -1,6 +1,6 @@
 """Reads a TOML file into a pydantic model, and turns any fault into a message of one line. `Section` is the base class of its tables.
 
-Also writes TOML that people can read: tables of plain values, and comments.
+Also writes TOML that people can read: tables of plain values. `escaping` writes its comments.
 """
 
 import difflib
@@ -19,6 +19,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchema
 from pydantic_core import CoreSchema, ErrorDetails
 
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_key, toml_string
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -393,31 +394,23 @@ def _models_in(annotation: Any) -> Iterable[type[BaseModel]]:
         yield from _models_in(argument)
 
 
-def comment(line: str) -> str:
-    """A comment line. Line breaks in a title would end the comment, so they become blanks."""
-    return f"# {''.join(sign if sign.isprintable() else ' ' for sign in line)}".rstrip() + "\n"
-
-
 def table(name: str, keys: Mapping[str, Any]) -> str:
     """[name] with its keys; keys with the value None are omitted."""
-    return f"[{name}]\n" + "".join(f"{key} = {format_value(value)}\n" for key, value in keys.items() if value is not None)
+    return f"[{name}]\n" + "".join(f"{toml_key(key)} = {format_value(value)}\n" for key, value in keys.items() if value is not None)
 
 
 def format_value(value: Any) -> str:
     """A value in TOML syntax; mappings become inline tables."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {format_value(inner)}" for key, inner in value.items() if inner is not None) + " }"
+        return "{ " + ", ".join(f"{toml_key(key)} = {format_value(inner)}" for key, inner in value.items() if inner is not None) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(format_value(inner) for inner in value) + "]"
     # Before int: a bool is an int in Python.
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return '"' + value.translate(_ESCAPES) + '"'
+        return toml_string(value)
     return str(value) if isinstance(value, int) else _number(float(value))
-
-
-_ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for code in (*range(32), 127)}}
 
 
 def _number(value: float) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import NO_MORE_PROCESSES, DeviceError
+from rfca_rig.subprocesses import safe_path
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -30,7 +31,8 @@ def create_shared_memory(size_bytes: int) -> SharedMemory:
     """New shared memory with all its pages reserved; the creator unlinks it. Raises DeviceError where the system has no room for it."""
     try:
         # Its tracker is a process. Where that cannot be started after the memory is there, nobody removes the memory.
-        resource_tracker.ensure_running()
+        with safe_path():
+            resource_tracker.ensure_running()
         memory = SharedMemory(create=True, size=size_bytes)
     except OSError as error:
         raise DeviceError(_describe_no_room(size_bytes, error)) from error
@@ -62,7 +64,8 @@ def attach_shared_memory(name: str) -> SharedMemory:
     try:
         if sys.version_info >= (3, 13):
             return SharedMemory(name, track=False)
-        memory = SharedMemory(name)
+        with safe_path():
+            memory = SharedMemory(name)
     except FileNotFoundError as error:
         raise DeviceError(f"there is no shared memory called {name}; has the acquisition ended?") from error
     except OSError as error:

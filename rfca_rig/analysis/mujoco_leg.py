@@ -24,6 +24,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.hinge_springs import polynomial_springs
 from rfca_rig.model.kernel.compiled import jit
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
+from rfca_rig.subprocesses import safe_path
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +57,9 @@ class MujocoLeg:
 def load_mujoco() -> Any:
     """Import and return the module. Raises BadInput, naming the extra, where MuJoCo is not installed."""
     try:
-        import mujoco  # noqa: PLC0415  (an extra that most labs do not need)
+        # To find its window library, MuJoCo's import starts an interpreter.
+        with safe_path():
+            import mujoco  # noqa: PLC0415  (an extra that most labs do not need)
     except ImportError:
         raise BadInput('the cross-check needs MuJoCo, which is not installed: pip install "rfca-rig[crosscheck]"') from None
     return mujoco

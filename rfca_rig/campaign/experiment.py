@@ -27,14 +27,16 @@ from rfca_rig.campaign.layout import (
     ExperimentFile,
 )
 from rfca_rig.campaign.recorded_columns import ColumnRequest
-from rfca_rig.campaign.recorded_files import find_recordings, list_columns, read_columns
+from rfca_rig.campaign.recorded_files import find_recordings, list_columns, list_files, read_columns
 from rfca_rig.campaign.table import select_samples
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_comment
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.layout import EXPERIMENT
+from rfca_rig.recording.layout import EXPERIMENT, is_inside
+from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.toml import format_value, place_of, read_toml
 
 Floats = NDArray[np.float64]
@@ -92,7 +94,7 @@ class Experiment:
     With `chooses_windows`, a diagnosis chooses the length of the windows, from `window_s` on. `most_windows` limits the number of windows.
     `prescribed` joints follow their columns, `contacts` have laws of their own. `alike` groups joints, bodies or actuators of one make:
     their names by the name of the group. With `starts_at_rest` a motion begins in equilibrium; otherwise windows start from the measured
-    state.
+    state. The model may name files in the `model_folders` and in its own, anywhere if `allow_outside`.
     """
 
     title: str
@@ -111,13 +113,25 @@ class Experiment:
     starts_at_rest: bool = False
     chooses_windows: bool = False
     about: AboutSection = field(default_factory=AboutSection)
+    model_folders: tuple[Path, ...] = ()
+    allow_outside: bool = False
 
 
-def read_experiment(folder: Path) -> Experiment:
-    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault."""
+def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
+    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault.
+
+    Links that lead out of the folder are refused, unless `allow_outside`. Its model may be anywhere, where experiment.toml states the path.
+    """
     path = folder / EXPERIMENT
+    if not allow_outside:
+        refuse_outside([path], [folder])
     described = read_toml(path, ExperimentFile)
     _check_unique(path, described)
+    model = folder / described.model
+    if not allow_outside:
+        inside = [model] if is_inside(described.model) else []
+        recordings = (folder / run.file for run in described.recordings)
+        refuse_outside([*inside, *(file for recording in recordings for file in list_files(recording))], [folder])
     signals = tuple(
         RecordedSignal(
             # A sign of -1 belongs to the values; a standard deviation has none.
@@ -131,7 +145,9 @@ def read_experiment(folder: Path) -> Experiment:
     return Experiment(
         title=described.title,
         path=path,
-        model=folder / described.model,
+        model=model,
+        model_folders=(folder, model.parent),
+        allow_outside=allow_outside,
         signals=signals,
         actuators=tuple(command.actuator for command in described.commands),
         known_to=described.known_to.model_dump(exclude_none=True),
@@ -206,8 +222,8 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     return MechanismRun(label, run.condition, t_s[inside], recorded[inside], commanded[inside], bool(commands), prescribed[inside])
 
 
-def write_draft(mechanism: Mechanism, folder: Path) -> Path:
-    """Write the draft into `folder` and return its path.
+def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False) -> Path:
+    """Write the draft into `folder` and return its path. Links to recordings elsewhere are refused, unless `allow_outside`.
 
     Raises
     ------
@@ -219,6 +235,8 @@ def write_draft(mechanism: Mechanism, folder: Path) -> Path:
         raise BadInput(f"{path}: is there already; remove it, or edit it")
     if not found:
         raise BadInput(f"{folder}: holds no recording (.csv, .h5, .hdf5, .mcap, or a ROS 2 bag); --data names the folder of the recordings")
+    if not allow_outside:
+        refuse_outside([file for files in found.values() for recording in files for file in list_files(recording)], [folder])
     write_atomically(path, make_draft(mechanism, folder, found).encode("utf-8"))
     return path
 
@@ -231,7 +249,7 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     columns = list_columns(files[0])
     times = columns.times
     lines = [
-        f'# Replace every "?". Then: rfca-rig check {folder.name}',
+        _comment(f'Replace every "?". Then: rfca-rig check {folder.name}'),
         f"format = {format_value(EXPERIMENT_FORMAT)}",
         f"title = {format_value(folder.resolve().name)}",
         f"model = {format_value(Path(os.path.relpath(mechanism.path, folder)).as_posix())}",
@@ -239,12 +257,12 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         "# For the head of every page; remove the signs # in front.",
         *(f'# about.{name} = ""' for name in AboutSection.model_fields),
         "",
-        f"# Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:",
-        *(f"#   {note}" for note in columns.notes),
-        *(f"#   {name}: {_extent(values)}" for name, values in columns.values.items()),
+        _comment(f"Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:"),
+        *(_comment(f"  {note}") for note in columns.notes),
+        *(_comment(f"  {name}: {_extent(values)}") for name, values in columns.values.items()),
         "",
         "[time]",
-        f"column = {format_value(times[0]) if len(times) == 1 else PLACEHOLDER}{'' if times else f'  # {columns.no_time}'}",
+        f"column = {format_value(times[0]) if len(times) == 1 else PLACEHOLDER}{'' if times else f'  {_comment(columns.no_time)}'}",
         f"unit = {format_value(columns.time_unit) if columns.time_unit else f'{PLACEHOLDER}  # {_any_of(TIME_UNITS)}'}",
     ]
     for place, joint in enumerate(mechanism.joints):
@@ -282,6 +300,10 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     for number, file in enumerate(files, start=1):
         lines += ["", "[[recordings]]", f"file = {format_value(file.relative_to(folder).as_posix())}", f'condition = "recording {number}"']
     return "\n".join(lines) + "\n"
+
+
+def _comment(text: str) -> str:
+    return toml_comment(text).rstrip("\n")
 
 
 def _table(name: str, known: dict[str, str], units: str, remove: str = "") -> list[str]:

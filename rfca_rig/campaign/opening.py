@@ -18,6 +18,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.atomic import make_folder_atomically
 from rfca_rig.recording.layout import EXPERIMENT, refuse_links
 from rfca_rig.recording.model import Recording
+from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.recording.run_folder import partial_of, read_partial
 from rfca_rig.recording.store import read_recording, write_recording
 from rfca_rig.suggestions import not_there
@@ -53,15 +54,16 @@ def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path 
     return found[0] if found else None
 
 
-def open_recordings(paths: Sequence[Path], as_is: bool = True) -> list[Recording]:
+def open_recordings(paths: Sequence[Path], as_is: bool = True, allow_outside: bool = False) -> list[Recording]:
     """Open the recordings at `paths`, in their order. Values of a campaign that are probably in another unit are taken `as_is` or refused.
 
     Each path is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file. Strokes of
-    a run are numbered in the order in which it made them. Raises BadInput for anything else.
+    a run are numbered in the order in which it made them. Of a campaign, links to files elsewhere are refused, unless `allow_outside`.
+    Raises BadInput for anything else.
     """
     recordings = []
     for path in paths:
-        recording = _open(path)
+        recording = _open(path, allow_outside)
         # What was imported was checked then.
         if not as_is and not (path / RECORDING_NAME).is_file() and (path / CAMPAIGN).is_file():
             refuse_slips(path, recording)
@@ -86,12 +88,12 @@ def _check_strokes(path: Path, recording: Recording) -> None:
                     raise BadInput(f"{where}: {column} reaches {np.nanmax(np.abs(values)):g}, which no sensor gives")
 
 
-def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[Recording]:
+def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True, allow_outside: bool = False) -> list[Recording]:
     """The same where the nominal model is needed: raises BadInput, naming the path, where its values form no valid model.
 
     Recordings with static stages alone need no nominal model.
     """
-    recordings = open_recordings(paths, as_is)
+    recordings = open_recordings(paths, as_is, allow_outside)
     for path, recording in zip(paths, recordings, strict=True):
         if recording.nominal or recording.strokes:
             try:
@@ -101,7 +103,7 @@ def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[R
     return recordings
 
 
-def _open(path: Path) -> Recording:
+def _open(path: Path, allow_outside: bool) -> Recording:
     if path.is_dir():
         refuse_links(path)
         # The finished file takes precedence over everything beside it.
@@ -109,7 +111,7 @@ def _open(path: Path) -> Recording:
         if recording.is_file():
             return read_recording(recording)
         if (path / CAMPAIGN).is_file():
-            return read_campaign(path)
+            return read_campaign(path, allow_outside=allow_outside)
         if run_folder.is_run(path):
             return run_folder.read_stages(path)
         if partial_of(recording).is_dir():
@@ -127,31 +129,35 @@ def _open(path: Path) -> Recording:
     return read_recording(path)
 
 
-def import_campaign(folder: Path, out_folder: Path, report_progress: ProgressCount = ignore_progress, as_is: bool = False) -> Path:
+def import_campaign(
+    folder: Path, out_folder: Path, report_progress: ProgressCount = ignore_progress, as_is: bool = False, allow_outside: bool = False
+) -> Path:
     """Read the campaign in `folder` and write `out_folder`/run.h5, all or nothing. Returns the file's path.
 
     `report_progress` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used,
     `out_folder` exists, or a value is probably in another unit, unless it is to be taken `as_is`. Raises RigError where the disk refuses.
     """
     _check_new(out_folder)
-    recording = read_campaign(folder, report_progress)
+    recording = read_campaign(folder, report_progress, allow_outside)
     if not as_is:
         refuse_slips(folder, recording)
     _make(out_folder, lambda partial: write_recording(recording, partial / RECORDING_NAME))
     return out_folder / RECORDING_NAME
 
 
-def import_pendulum(folder: Path, out_folder: Path) -> PendulumCampaign:
+def import_pendulum(folder: Path, out_folder: Path, allow_outside: bool = False) -> PendulumCampaign:
     """Check the campaign of a pendulum in `folder` and copy it to `out_folder`, all or nothing: description, runs, licences.
 
     Every command reads such a folder directly, so the copy has the same form. Raises BadInput, one line, where the campaign cannot be used
     or `out_folder` exists. Raises RigError where the disk refuses.
     """
     _check_new(out_folder)
-    campaign = read_pendulum_campaign(folder)
+    campaign = read_pendulum_campaign(folder, allow_outside)
     # Licence and read-me files stay with the data.
     licences = [path.name for path in folder.iterdir() if path.is_file() and path.name.upper().startswith(("LICEN", "README"))]
     names = [PENDULUM, *run_files(folder), *sorted(licences)]
+    if not allow_outside:
+        refuse_outside((folder / name for name in names), [folder])
 
     def copy(partial: Path) -> None:
         for name in names:

@@ -43,10 +43,12 @@ from pydantic import Field, field_validator, model_validator
 from rfca_rig.campaign.table import CsvTable, numbers, read_table, select_samples
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_comment
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import PENDULUM
-from rfca_rig.toml import NotNegative, Positive, Section, comment, format_value, place_of, read_toml, table
+from rfca_rig.recording.outside import refuse_outside
+from rfca_rig.toml import NotNegative, Positive, Section, format_value, place_of, read_toml, table
 
 FORMAT = "rfca-pendulum/1"
 MODEL_FORMAT = "rfca-pendulum-model/1"
@@ -205,12 +207,19 @@ class PendulumCampaign:
     about: AboutSection = field(default_factory=AboutSection)
 
 
-def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
-    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault."""
+def read_pendulum_campaign(folder: Path, allow_outside: bool = False) -> PendulumCampaign:
+    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault.
+
+    Links that lead out of the folder are refused, unless `allow_outside`.
+    """
     path = folder / FILE_NAME
     if not path.is_file():
         raise BadInput(f"{path}: is not there; recordings of a pendulum are a folder with {FILE_NAME} and CSV files")
+    if not allow_outside:
+        refuse_outside([path], [folder])
     described = read_toml(path, PendulumFile)
+    if not allow_outside:
+        refuse_outside((folder / run.file for run in described.runs), [folder])
     _check_columns(path, described)
     _check_runs(folder, path, described)
     return PendulumCampaign(
@@ -327,5 +336,5 @@ def write_pendulum_model(path: Path, pendulum: Pendulum, known_to: Mapping[str, 
     """Write a model file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
     head = f"format = {format_value(MODEL_FORMAT)}\n"
     links = [table(f"link{place}", asdict(link)) for place, link in enumerate(pendulum.links, start=1)]
-    parts = ["".join(map(comment, comments)) + head, *links, table("known_to", known_to)]
+    parts = ["".join(map(toml_comment, comments)) + head, *links, table("known_to", known_to)]
     write_atomically(path, "\n".join(parts).encode("utf-8"))

@@ -20,6 +20,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH, sha256_of
 from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
+from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.toml import place_of, read_text, read_toml
 
 DYNAMIC = ("t_s", *SHAFT, *WRENCH)
@@ -205,15 +206,24 @@ def _check_time(table: CsvTable, t_s: Floats) -> None:
         raise table.fault(len(t_s) - 1, f"column t_s: ends at {t_s[-1]:g} s, before the motion starts at 0")
 
 
-def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress) -> Recording:
+def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress, allow_outside: bool = False) -> Recording:
     """Read the campaign in `folder`, with strokes and stages in the order of campaign.toml. Nothing is written.
+
+    Links that lead out of the folder, and a curve elsewhere, are refused, unless `allow_outside`.
 
     Raises BadInput, one line with file, line and column, for the first fault.
     """
     path = folder / CAMPAIGN
     if not path.is_file():
         raise BadInput(f"{path}: is not there; a campaign is a folder with {CAMPAIGN} and CSV files")
-    campaign = read_named_curve(read_toml(path, CampaignFile), folder)
+    if not allow_outside:
+        refuse_outside([path], [folder])
+    described = read_toml(path, CampaignFile)
+    if not allow_outside:
+        section = described.leg.torque_rotation
+        named = [run.file for run in described.runs] + ([section.curve] if section is not None and section.curve is not None else [])
+        refuse_outside((folder / name for name in named), [folder])
+    campaign = read_named_curve(described, folder)
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)

@@ -191,6 +191,11 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
     return {kind: paths for kind, paths in found.items() if paths}
 
 
+def list_files(recording: Path) -> list[Path]:
+    """The files of one recording: the file itself, or all in the folder of a bag."""
+    return [recording, *(sorted(recording.rglob("*")) if recording.is_dir() else [])]
+
+
 def _is_bag(path: Path) -> bool:
     """Raises BadInput for a folder that is no bag."""
     if path.is_dir() and not _is_rosbag_folder(path):

@@ -3,11 +3,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import typer
-
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.cli.run_config import RunConfig, Viewing
-from rfca_rig.cli.terminal import Say
+from rfca_rig.cli.terminal import Say, echo
 from rfca_rig.clock import TwinClock, WatchedTwinClock
 from rfca_rig.drivers.roles import StreamHealth
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest
@@ -40,7 +38,7 @@ class ViewSession:
         if config.viewing is not None:
             facts = run_facts(config.plan, config.mark, bench.sensor.scale(), config.nominal_source.nominal())
             self._view = LiveView(facts, config.plan, stop_request, self._vitals, self._tell, config.viewing.port)
-            typer.echo(f"{config.mark} watch the run, and stop it, at {self._view.url}", err=True)
+            echo(f"{config.mark} watch the run, and stop it, at {self._view.url}", err=True)
 
     @property
     def observer(self) -> RunObserver:
@@ -77,7 +75,7 @@ class ViewSession:
         self._view.run_queue.end(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
         # A view that failed must not fail the run; it is reported only now.
         if not self._view.is_alive:
-            typer.echo(f"{self._mark} the view had ended by itself, which the run did not notice; RFCA_RIG_DEBUG=1 shows why", err=True)
+            echo(f"{self._mark} the view had ended by itself, which the run did not notice; RFCA_RIG_DEBUG=1 shows why", err=True)
 
     def close(self) -> None:
         """Sends nothing any more; the page stays for as long as it is open."""

@@ -35,9 +35,10 @@ from rfca_rig.cli.commands import (
 from rfca_rig.cli.commands.measure import dynamic, fatigue, plan, resume, static
 from rfca_rig.cli.names import add_completions
 from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
-from rfca_rig.cli.terminal import open_null, use_ascii_fallback
+from rfca_rig.cli.terminal import echo, open_null, use_ascii_fallback
 from rfca_rig.errors import NO_MORE_PROCESSES, BadInput, RigError, Stopped, Tripped
 from rfca_rig.executors.cores import use_one_thread_if_processes_are_few
+from rfca_rig.subprocesses import safe_path
 from rfca_rig.suggestions import in_one_line
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
@@ -91,7 +92,7 @@ _get_command = cache(typer.main.get_command)
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"rfca-rig {__version__}")
+        echo(f"rfca-rig {__version__}")
         raise typer.Exit
 
 
@@ -121,8 +122,10 @@ def run() -> None:
     # Matplotlib warns in two lines of a home in which it cannot write, and works all the same.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
-        # The name by which help, messages and the shell's completion call it, also as python -m rfca_rig.
-        exit_code = _command()(prog_name="rfca-rig", standalone_mode=False) or 0
+        # Also for interpreters that a library starts, as MuJoCo's import does.
+        with safe_path():
+            # The name by which help, messages and the shell's completion call it, also as python -m rfca_rig.
+            exit_code = _command()(prog_name="rfca-rig", standalone_mode=False) or 0
         # Here, where a full disk or a closed pipe can still be reported.
         sys.stdout.flush()
         _drop_broken_error_stream()
@@ -198,7 +201,7 @@ def _leave(message: str, exit_code: int) -> None:
     # The exit code still tells where the error stream takes nothing.
     with suppress(OSError):
         if message:
-            typer.echo(f"rfca-rig: {in_one_line(message)}", err=True)
+            echo(f"rfca-rig: {in_one_line(message)}", err=True)
     _drop_broken_error_stream()
     sys.exit(exit_code)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressReport
 from rfca_rig.recording.atomic import refuse_devices
@@ -44,6 +45,9 @@ Fault = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")]
 AsIs = Annotated[bool, typer.Option("--as-is", help="Take values of a campaign that are probably in another unit, too.")]
+AllowOutside = Annotated[
+    bool, typer.Option("--allow-outside", help="Read files outside a folder of recordings, too, to which its links or its model lead.")
+]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Print the pages as PDF too, with the Chromium, Chrome or Edge of this machine.")]
 Dry = Annotated[bool, typer.Option("--dry-run", help="Print and check the plan, move nothing.")]
 View = Annotated[bool, typer.Option("--view", help="Watch the run in the browser, and stop it from there; the address is printed.")]
@@ -111,7 +115,7 @@ class Printing:
             return
         for printed in print_pdfs(self._browser, pages):
             if not quiet:
-                typer.echo(f"{printed}: the same page, printed", err=True)
+                echo(f"{printed}: the same page, printed", err=True)
 
 
 class Command(TyperCommand):
@@ -215,7 +219,7 @@ def _find_shared_folder(results: Path | None) -> Path | None:
 
 
 def _notice(line: str) -> None:
-    typer.echo(line, err=True)
+    echo(line, err=True)
 
 
 def collect_facts() -> "Facts":

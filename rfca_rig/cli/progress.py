@@ -14,15 +14,15 @@ from datetime import timedelta
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from rfca_rig.cli.terminal import Say
+from rfca_rig.cli.terminal import Say, echo
+from rfca_rig.escaping import printable
 from rfca_rig.executors.cores import machine_cores
 from rfca_rig.progress import ProgressCount
-from rfca_rig.suggestions import printable
+from rfca_rig.subprocesses import python_command
 
 if TYPE_CHECKING:
     from rfca_rig.model.parameters import RigModel
@@ -162,7 +162,7 @@ def _short(what: str) -> str:
     return what if len(what) <= WIDEST else what[: WIDEST - 2] + ".."
 
 
-def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda line: typer.echo(line, err=True)) -> None:
+def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda line: echo(line, err=True)) -> None:
     """To be called before the first computation of a command; prints nothing where the model is compiled already."""
     # numba takes half a second to import, which commands without a model need not wait for.
     from rfca_rig.model.kernel.compiled import CACHE_FOLDER, is_warm
@@ -185,9 +185,8 @@ def compile_ahead(rig: "RigModel") -> None:
     # Without this process, the diagnosis compiles later.
     with suppress(OSError):
         # In a session of its own: ^C ends the run, and the compiled code serves the next one.
-        process = subprocess.Popen(
-            [sys.executable, "-c", COMPILE_AHEAD], stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, start_new_session=True
-        )
+        command = python_command("-c", COMPILE_AHEAD)
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, start_new_session=True)
         pipe = cast(IO[bytes], process.stdin)
         with pipe:
             pickle.dump(rig, pipe)

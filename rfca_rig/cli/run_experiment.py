@@ -22,7 +22,7 @@ from rfca_rig.cli.finalize_run import AcknowledgedLines, FinishedRun, finish, fi
 from rfca_rig.cli.paths import find_file, make_run_folder, trust
 from rfca_rig.cli.progress import announce_first_compile, compile_ahead, make_marked_say, progress, progress_bar
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.terminal import Say
+from rfca_rig.cli.terminal import Say, echo
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.engine.run import Supervision, prove_stop, run_plan
@@ -179,7 +179,7 @@ def handle_signals(stop_request: StopRequest, say: Say) -> Iterator[SignalHandle
 def ask_operator(config: RunConfig) -> None:
     """Real hardware moves only after the operator has typed the force limit; pressing a key by habit is not enough."""
     limit = f"{config.plan.limits.force_N:g}"
-    typer.echo(f"REAL the motor will turn. {CHECKLIST}", err=True)
+    echo(f"REAL the motor will turn. {CHECKLIST}", err=True)
     if typer.prompt("REAL type the force limit in newtons to go on", default="", show_default=False, err=True).strip() != limit:
         raise BadInput(f"not armed: the force limit is {limit} N; nothing has moved")
 

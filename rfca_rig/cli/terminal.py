@@ -12,6 +12,8 @@ from typing import TextIO
 
 import typer
 
+from rfca_rig.escaping import printable
+
 Say = Callable[[str], None]
 
 WIDTH, WIDEST = 80, 120
@@ -33,6 +35,14 @@ ASCII = {
 }
 
 
+def echo(text: str, nl: bool = True, err: bool = False) -> None:
+    """Prints the text on standard output or the error stream: the one way in which a command prints.
+
+    Texts of files and names of folders are in it, so it is printed without control characters.
+    """
+    typer.echo(printable(text), nl=nl, err=err)
+
+
 def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
     """Prints lines wrapped between words to the width of the terminal; 80 columns where there is none.
 
@@ -41,7 +51,7 @@ def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
     width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST)
     for line in lines:
         for piece in wrap_line(line, width, indent):
-            typer.echo(piece)
+            echo(piece)
 
 
 def wrap_line(line: str, width: int = WIDTH, indent: str = "  ") -> list[str]:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_comment
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.toml import NotNegative, Positive, Section, comment, format_value, read_toml, table
+from rfca_rig.toml import NotNegative, Positive, Section, format_value, read_toml, table
 from rfca_rig.twins.image_noise import ImageDisturbance
 from rfca_rig.vision.camera_calibration import CameraCalibration, PlanePose
 from rfca_rig.vision.camera_model import CameraModel
@@ -171,7 +172,7 @@ def _pair(values: Sequence[float]) -> tuple[float, float]:
 def write_camera_file(path: Path, file: CameraFile, comments: Sequence[str]) -> None:
     """Write the file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
     plain = file.model_dump(mode="json", exclude_none=True)
-    parts = ["".join(comment(line) for line in comments), table("camera", plain["camera"])]
+    parts = ["".join(toml_comment(line) for line in comments), table("camera", plain["camera"])]
     parts += [table("plane", plain["plane"])] if file.plane else []
     parts += [_entry("photos", entry) for entry in plain["photos"]]
     parts += [_entry("refused", entry) for entry in plain["refused"]]

@@ -31,10 +31,11 @@ from rfca_rig.description.sections import (
     TorqueRotationSection,
 )
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_comment
 from rfca_rig.model.hinge_springs import slope_at_rest
 from rfca_rig.model.parameters import Drive, Ground, LawTable, Leg, RigModel, SensorMount, TorqueSpline
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.toml import Section, comment, format_value, read_text, read_toml, table, validate
+from rfca_rig.toml import Section, format_value, read_text, read_toml, table, validate
 
 File = TypeVar("File", bound=Section)
 
@@ -254,7 +255,7 @@ def write_model(
     curves = {} if curve is None else {"leg.torque_rotation": curve}
     named = {"leg": leg, **curves, **{name: sections[name] for name in SECTIONS if name != "leg"}, "known_to": known_to}
     tables = [table(name, keys) for name, keys in named.items()]
-    parts = ["".join(comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*nominal, *found))]
+    parts = ["".join(toml_comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*nominal, *found))]
     write_atomically(path, "\n".join(parts).encode("utf-8"))
 
 
@@ -268,4 +269,4 @@ def _nominal(effect: Mapping[str, Any]) -> FoundEffect:
 def _effect(effect: FoundEffect) -> str:
     keys = {"parameters": effect.parameters} if effect.table is None else asdict(effect.table)
     lines = ["[[effects]]\n", *(f"{key} = {format_value(value)}\n" for key, value in {"id": effect.id, **keys}.items())]
-    return "".join(lines + [comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])
+    return "".join(lines + [toml_comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])

@@ -9,7 +9,8 @@ from typing import Any
 
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.devices import find_motor, find_sensor, load_object
-from rfca_rig.toml import comment, degrees_key, format_value
+from rfca_rig.escaping import toml_comment
+from rfca_rig.toml import degrees_key, format_value
 
 COMMENT_COLUMN, WIDTH = 44, 130
 USUAL = "usual value: check"
@@ -121,8 +122,8 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
             schema["$defs"][section.__name__] = section.model_json_schema()
             makes[kind] = f"#/$defs/{section.__name__}"
     lines = [
-        comment(f"Rig file of {title}. A line that ends in '{USUAL}' holds a value of the paper's leg or of a usual device."),
-        comment("Replace it by what you weigh, measure or read off. Then set kind to real, and run rfca-rig doctor with this file."),
+        toml_comment(f"Rig file of {title}. A line that ends in '{USUAL}' holds a value of the paper's leg or of a usual device."),
+        toml_comment("Replace it by what you weigh, measure or read off. Then set kind to real, and run rfca-rig doctor with this file."),
     ]
     for name, values in asked.items():
         lines += ["\n", *_lines_of_table(name, schema["properties"][name], schema["$defs"], values, {**others[name], **values})]
@@ -140,7 +141,7 @@ def _lines_of_table(
     # The first paragraph, without the name of the table, which follows.
     meaning = " ".join(table.get("description", "").partition("\n\n")[0].split()).removeprefix(f"[{name}]: ")
     for line in wrap(meaning[:1].upper() + meaning[1:], WIDTH):
-        yield comment(line)
+        yield toml_comment(line)
     yield f"[{name}]\n"
     inner: list[tuple[str, Any]] = []
     # The make of a device decides which other keys there are, so it comes first.
@@ -180,7 +181,7 @@ def _holds_table(schema: Mapping[str, Any]) -> bool:
 def _line(start: str, schema: Mapping[str, Any], notes: list[str]) -> str:
     pieces = [schema.get("description", ""), ", ".join(list_limits(schema)), *notes]
     text = "; ".join(piece for piece in pieces if piece)
-    return f"{start:<{COMMENT_COLUMN - 1}} {comment(text)}" if text else f"{start}\n"
+    return f"{start:<{COMMENT_COLUMN - 1}} {toml_comment(text)}" if text else f"{start}\n"
 
 
 def list_limits(schema: Mapping[str, Any]) -> list[str]:

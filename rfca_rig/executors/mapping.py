@@ -28,6 +28,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.executors.cores import ONE_THREAD
+from rfca_rig.subprocesses import safe_path
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -265,7 +266,7 @@ def process_executor(workers: int) -> Iterator[TaskExecutor]:
         yield InProcessExecutor()
         return
     others = set(active_children())
-    with _one_thread_each():
+    with _one_thread_each(), safe_path():
         processes = ProcessExecutor(workers)
         try:
             yield processes

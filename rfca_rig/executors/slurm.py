@@ -26,6 +26,7 @@ from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, connect_work
 from rfca_rig.executors.cores import ONE_THREAD
 from rfca_rig.executors.environment import Facts
 from rfca_rig.progress import ProgressReport
+from rfca_rig.subprocesses import SAFE_PATH_VARIABLE, python_command
 from rfca_rig.toml import Section, read_toml
 
 DEATH_TIMEOUT_S = 60
@@ -80,12 +81,14 @@ class JobArray:
             "#!/bin/bash",
             *(f"#SBATCH {option}" for option in (*options, *self.options)),
             *(f"export {name}={value}" for name, value in ONE_THREAD.items()),
+            # A worker starts further processes, which import nothing from the folder of the job either.
+            f"export {SAFE_PATH_VARIABLE}=1",
             # Compiled code is cached on the node's own disk.
             'export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rfca-rig-$(id -u)}"',
             *self.setup,
             shlex.join(
                 [
-                    *("exec", self.python, "-m", "distributed.cli.dask_worker", address),
+                    *("exec", *python_command("-m", "distributed.cli.dask_worker", address, python=self.python)),
                     *("--nworkers", f"{self.workers_per_job}", "--nthreads", "1", "--memory-limit", f"{self.memory_per_worker_MB}MB"),
                     *("--death-timeout", f"{DEATH_TIMEOUT_S}", "--no-dashboard", "--local-directory", "/tmp"),
                     *(f"--tls-{part}={folder / KEYS}" for part in ("ca-file", "cert", "key")),
@@ -111,6 +114,9 @@ def slurm_workers(
     import_distributed()
     if which("sbatch") is None:
         raise BadInput("--cluster slurm:FILE: there is no sbatch on this computer; type this where jobs are submitted")
+    if not str(shared.resolve()).isprintable():
+        # A line break in it would begin a new line of the jobs' script.
+        raise BadInput(f"{shared}: has a line break or another character in its path that no script of SLURM can hold; rename the folder")
     own = Path(mkdtemp(prefix="rfca-rig-jobs-", dir=shared)).resolve()
     with _scheduler(array.interface, own / KEYS) as scheduler:
         (own / SCRIPT).write_text(array.script(scheduler.scheduler_address, own), encoding="utf-8")

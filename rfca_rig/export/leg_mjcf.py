@@ -21,11 +21,12 @@ from rfca_rig.diagnosis.leg.findings import PreparedData
 from rfca_rig.diagnosis.leg.simulator import SAGS, SAGS_PER_S
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import toml_comment
 from rfca_rig.mechanism.model_files import FLOOR, RACK, SENSOR, SHAFT, end_names, hinge_names, link_names, write_leg_mjcf
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
 from rfca_rig.recording.model import Recording, Stroke
-from rfca_rig.toml import comment, format_value
+from rfca_rig.toml import format_value
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ class ExportedLeg:
     left_out: tuple[str, ...]
 
 
-def export_leg(run: Path, out: Path) -> ExportedLeg:
+def export_leg(run: Path, out: Path, allow_outside: bool = False) -> ExportedLeg:
     """Writes the folder `out`, completely or not at all.
 
     Parameters
@@ -52,6 +53,8 @@ def export_leg(run: Path, out: Path) -> ExportedLeg:
         A campaign, or another recording of strokes of a leg.
     out
         The folder to make.
+    allow_outside
+        Follow links of a campaign to files outside its folder.
 
     Raises
     ------
@@ -62,7 +65,7 @@ def export_leg(run: Path, out: Path) -> ExportedLeg:
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; name a folder that does not exist yet, or take this one away")
-    recordings = open_with_nominal_model([run])
+    recordings = open_with_nominal_model([run], allow_outside=allow_outside)
     prepared, _ = prepare_data(recordings)
     if not prepared.flaps:
         raise BadInput(f"{run}: no stroke shows a touchdown and a valley, so there is no motion to export")
@@ -117,7 +120,7 @@ class _Files:
 
     def _description(self) -> str:
         prepared, leg, ground = self.prepared, self.prepared.rig.leg, self.prepared.rig.ground
-        text = comment(f"{prepared.title}: the leg as a mechanism. Its force sensor counts the other way round than MuJoCo's.")
+        text = toml_comment(f"{prepared.title}: the leg as a mechanism. Its force sensor counts the other way round than MuJoCo's.")
         text += f'format = "rfca-experiment/1"\ntitle = {format_value(prepared.title)}\nmodel = {format_value(MODEL)}\n'
         text += '\n[time]\ncolumn = "t_s"\nunit = "s"\n\n[start]\nstate = "at rest"\n\n[windows]\nbin_s = 0.02\n'
         for name in self.signals:

@@ -8,7 +8,8 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from rfca_rig.errors import BadInput, Trip
-from rfca_rig.suggestions import printable, suggestion
+from rfca_rig.escaping import printable
+from rfca_rig.suggestions import suggestion
 
 KINDS = ("dynamic", "static", "fatigue", "imported")
 ENDINGS = ("done", "stopped", "tripped", "worn out", "failed", "interrupted", "unfinished", "damaged")

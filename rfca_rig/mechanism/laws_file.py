@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.escaping import python_docstring
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.recording.atomic import write_atomically
 
@@ -65,7 +66,9 @@ def _text(plant: Plant, beyond: Sequence[str], stated: Sequence[str], model_file
         *(_example(module, model_file, any(part.commands for part in parts)) if acts or any(part.commands for part in parts) else []),
     ]
     body = [line for part in parts for line in ("", "", *part.code.strip("\n").splitlines())]
-    return "\n".join(['"""' + head[0], *head[1:], '"""', "", "import numpy as np", *body, *(_act(acts) if acts else []), ""])
+    # Names and results are text here: none may end the docstring, of the program's lines or of a stranger's model.
+    docstring = [python_docstring(line) for line in head]
+    return "\n".join(['"""' + docstring[0], *docstring[1:], '"""', "", "import numpy as np", *body, *(_act(acts) if acts else []), ""])
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,7 @@ def _array(values: Floats) -> str:
 
 
 def _per_joint(plant: Plant, line: Callable[[int], str], acts: NDArray[np.bool_]) -> str:
-    return "\n".join(f"    {name}: {line(joint)}" for joint, name in enumerate(plant.mechanism.joints) if acts[joint])
+    return "\n".join(f"    {python_docstring(name)}: {line(joint)}" for joint, name in enumerate(plant.mechanism.joints) if acts[joint])
 
 
 def _speed_unit(plant: Plant, joint: int) -> str:
@@ -220,7 +223,7 @@ def _tables(plant: Plant) -> _Part:
     act: list[str] = []
     for number, law in enumerate(plant.laws, start=1):
         name = "measured_law" if len(plant.laws) == 1 else f"measured_law_{number}"
-        joint, slides = plant.mechanism.joints[law.joint], bool(plant.mechanism.is_slide[law.joint])
+        joint, slides = python_docstring(plant.mechanism.joints[law.joint]), bool(plant.mechanism.is_slide[law.joint])
         quantity, unit = ("speed", _speed_unit(plant, law.joint)) if law.by_speed else ("position", "m" if slides else "rad")
         code.append(f'''
 def {name}({quantity}):
@@ -247,7 +250,7 @@ def {name}({quantity}):
 
 
 def _commands(plant: Plant) -> _Part:
-    names = ", ".join(plant.mechanism.actuators)
+    names = python_docstring(", ".join(plant.mechanism.actuators))
     return _Part(f'''
 def shape_commands(t_s, command, step_s, steps, since_s=0.0):
     """What acts in each of `steps` steps from time 0 on, (steps, u), of commands (k, u) that were recorded at `t_s` (k,).

@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import find_unusable_sign
 from rfca_rig.mechanism.contact_law import SphereOnPlane
+from rfca_rig.mechanism.named_files import refuse_foreign_files
+from rfca_rig.subprocesses import safe_path
 
 Floats = NDArray[np.float64]
 
@@ -146,33 +149,42 @@ def _ignore(text: str) -> None:
     """Discards MuJoCo's warnings."""
 
 
-def load_mechanism(path: Path) -> Mechanism:
+def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: bool = False) -> Mechanism:
     """Loads and checks the mechanism that a model file describes.
 
     Parameters
     ----------
     path
         An MJCF or URDF file. All its joints are hinges or slides with names.
+    beside
+        Folders with files that the model may name, beside its own folder.
+    allow_outside
+        The model may name files anywhere.
 
     Raises
     ------
     BadInput
-        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, or it has other joints.
+        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, it names files elsewhere, or it has other joints.
     """
     if find_spec("mujoco") is None:
         raise BadInput("MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'")
-    import mujoco  # noqa: PLC0415  (optional)
+    # To find its window library, MuJoCo's import starts an interpreter.
+    with safe_path():
+        import mujoco  # noqa: PLC0415  (optional)
 
     # By default MuJoCo writes warnings to a log file in the working directory; `roll` detects a simulation that diverges.
     mujoco.set_mju_user_warning(_ignore)
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
+    if not allow_outside:
+        refuse_foreign_files(path, (path.parent, *beside))
     try:
         spec = read_spec(path)
         spec.memory = ARENA_BYTES
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise BadInput(f"{path}: MuJoCo refuses the model: {' '.join(str(error).split())}") from None
+    _refuse_unusable_names(path, spec)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}
     joints = tuple(model.joint(i).name for i in range(model.njnt))
     for name, kind in zip(joints, model.jnt_type, strict=True):
@@ -234,6 +246,16 @@ def read_spec(path: Path) -> Any:
             if joint.name and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
                 spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     return spec
+
+
+def _refuse_unusable_names(path: Path, spec: Any) -> None:
+    """Raises BadInput for a name that looks like a part of the text around it, in messages, files and pages."""
+    named = {"joint": spec.joints, "actuator": spec.actuators, "body": spec.bodies, "sensor": spec.sensors, "geom": spec.geoms}
+    for kind, elements in named.items():
+        for element in elements:
+            sign = find_unusable_sign(element.name)
+            if sign is not None:
+                raise BadInput(f"{path}: the name of {kind} {element.name!r} has {sign}; rename it in the model")
 
 
 def _list_sensors(model: Any) -> dict[str, Sensor]:

@@ -322,7 +322,11 @@ def _with_own_model(sources: Sequence[Source]) -> PendulumCampaign | Experiment 
 
 
 def _recordings(sources: Sequence[Source], as_is: bool) -> list[Recording]:
-    return open_with_nominal_model(_paths(sources), as_is)
+    recordings = []
+    for source, path in zip(sources, _paths(sources), strict=True):
+        allow_outside = isinstance(source, OpenedRecordings) and source.allow_outside
+        recordings += open_with_nominal_model([path], as_is, allow_outside)
+    return recordings
 
 
 def _paths(sources: Sequence[Source]) -> list[Path]:

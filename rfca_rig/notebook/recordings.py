@@ -13,6 +13,7 @@ from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experime
 from rfca_rig.campaign.opening import experiment_among, open_recordings, pendulum_among
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import html_text
 from rfca_rig.recording.model import Recording, StaticStage, Stroke
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -50,9 +50,9 @@ def make_frame(rows: Sequence[Row], columns: Sequence[str] = ()) -> "pandas.Data
 
 def html_table(title: str, rows: Sequence[Row]) -> str:
     """A table for a notebook's page, with its title above; every text is escaped."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
-    body = "".join("<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row.values()) + "</tr>" for row in rows)
-    return f"<p><b>{escape(title)}</b></p>" + (f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else "")
+    head = "".join(f"<th>{html_text(name)}</th>" for name in (rows[0] if rows else ()))
+    body = "".join("<tr>" + "".join(f"<td>{html_text(_text(value))}</td>" for value in row.values()) + "</tr>" for row in rows)
+    return f"<p><b>{html_text(title)}</b></p>" + (f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else "")
 
 
 def _text(value: object) -> str:
@@ -110,10 +110,13 @@ class OpenedRecordings:
         Where they lie.
     content
         What the files hold: a `Recording` of a leg, a `PendulumCampaign`, or an `Experiment` with a mechanism.
+    allow_outside
+        Files outside the folder may be read, too.
     """
 
     path: Path
     content: Recording | PendulumCampaign | Experiment
+    allow_outside: bool = False
 
     @property
     def title(self) -> str:
@@ -214,7 +217,7 @@ def _static_row(stage: StaticStage) -> Row:
     return {"height_mm": round(1e3 * stage.height_m, 6), **own, **hinges, **stds, "settled": stage.settled, "photo": stage.photo}
 
 
-def open_path(path: str | Path, *, as_is: bool = False) -> OpenedRecordings:
+def open_path(path: str | Path, *, as_is: bool = False, allow_outside: bool = False) -> OpenedRecordings:
     """Open recordings: a run, an .h5 file, a campaign, a campaign of a pendulum, or a folder with experiment.toml.
 
     Parameters
@@ -223,6 +226,8 @@ def open_path(path: str | Path, *, as_is: bool = False) -> OpenedRecordings:
         The folder or file.
     as_is
         Take values of a campaign that are probably in another unit; otherwise they are refused with a guess.
+    allow_outside
+        Read files outside the folder, too, to which its links or its model lead.
 
     Raises
     ------
@@ -237,7 +242,7 @@ def open_path(path: str | Path, *, as_is: bool = False) -> OpenedRecordings:
     """
     path = Path(path)
     if experiment_among([path]) is not None:
-        return OpenedRecordings(path, read_experiment(path))
+        return OpenedRecordings(path, read_experiment(path, allow_outside), allow_outside)
     if pendulum_among([path]) is not None:
-        return OpenedRecordings(path, read_pendulum_campaign(path))
-    return OpenedRecordings(path, open_recordings([path], as_is)[0])
+        return OpenedRecordings(path, read_pendulum_campaign(path, allow_outside), allow_outside)
+    return OpenedRecordings(path, open_recordings([path], as_is, allow_outside)[0], allow_outside)

@@ -8,8 +8,8 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.escaping import printable
 from rfca_rig.recording.layout import is_inside
-from rfca_rig.suggestions import printable
 
 Floats = NDArray[np.float64]
 Source = Literal["SIM", "REAL", "IMPORT"]

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
-from html import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,6 +24,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.escaping import html_text, printable
 from rfca_rig.recording.atomic import write_atomically
 
 MEASURED = "#173f6b"
@@ -188,8 +188,8 @@ def make_panel(quantity: str, x_name: str, size_in: tuple[float, float] = PANEL_
     box = (LEFT_IN / wide, BOTTOM_IN / high, (wide - LEFT_IN - RIGHT_IN) / wide, (high - BOTTOM_IN - TOP_IN) / high)
     axes = figure.add_axes(box)
     # parse_math=False: a "$" in a name is a character.
-    axes.set_title(quantity, loc="left", x=-LEFT_IN / (wide - LEFT_IN - RIGHT_IN), fontsize=9.2, pad=3.5, parse_math=False)
-    axes.set_xlabel(x_name, labelpad=2.0)
+    axes.set_title(printable(quantity), loc="left", x=-LEFT_IN / (wide - LEFT_IN - RIGHT_IN), fontsize=9.2, pad=3.5, parse_math=False)
+    axes.set_xlabel(printable(x_name), labelpad=2.0, parse_math=False)
     return figure, axes
 
 
@@ -294,7 +294,7 @@ def _hover_area(hover: Hover, figure: Figure) -> str:
     (left, right), box = (hover.axes.transData.transform([[x, 0.0] for x in (hover.left, hover.right)])[:, 0] * points, hover.axes.bbox)
     top = 72.0 * figure.get_figheight() - box.y1 * points
     place = f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{box.height * points:.1f}"'
-    return f'<rect class="hover" {place}><title>{escape(hover.text)}</title></rect>'
+    return f'<rect class="hover" {place}><title>{html_text(hover.text)}</title></rect>'
 
 
 def _name_colours(svg: str) -> str:

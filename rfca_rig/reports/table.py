@@ -1,7 +1,5 @@
 """Tables independent of their format: CSV for programs, LaTeX for a paper, HTML for a page, plain text for a terminal."""
 
-import csv
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from rfca_rig.errors import RigError
+from rfca_rig.escaping import csv_line, printable
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.reports.text import words_and_unit
 
@@ -230,7 +229,7 @@ def tex_head(text: str) -> str:
 
 def tex_text(text: str) -> str:
     """Any text with LaTeX's special characters escaped; letters with accents are left to the document's encoding."""
-    return "".join(SPECIAL.get(character, character) for character in text)
+    return "".join(SPECIAL.get(character, character if character.isprintable() else " ") for character in text)
 
 
 def tex_unit(unit: str) -> str:
@@ -247,12 +246,8 @@ def tex_number(text: str, half: str = "") -> str:
 
 def as_csv(table: Table) -> str:
     """The table as CSV: every column under its key, numbers with up to twelve digits, unknown values empty."""
-    # The same line ends on every system, so that files have the same bytes.
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([column.key for column in table.columns])
-    writer.writerows([_plain(row.values.get(column.key)) for column in table.columns] for row in table.rows)
-    return out.getvalue()
+    head = csv_line(column.key for column in table.columns)
+    return head + "".join(csv_line(_plain(row.values.get(column.key)) for column in table.columns) for row in table.rows)
 
 
 def _plain(value: Value) -> Value:
@@ -266,7 +261,11 @@ def as_tex(table: Table) -> str:
     """The table as a LaTeX tabular for a document that loads booktabs; the caption is in a comment above it."""
     alignment = "".join("r" if column.key in table.numeric else "l" for column in table.shown)
     packages = "booktabs,graphicx" if any(column.upright for column in table.shown) else "booktabs"
-    lines = [rf"% needs \usepackage{{{packages}}}; {' '.join(table.caption.split())}", rf"\begin{{tabular}}{{{alignment}}}", r"\toprule"]
+    lines = [
+        rf"% needs \usepackage{{{packages}}}; {printable(' '.join(table.caption.split()))}",
+        rf"\begin{{tabular}}{{{alignment}}}",
+        r"\toprule",
+    ]
     lines += _tex_heads(table)
     for name, rows in table.groups():
         lines.append(r"\midrule")

@@ -9,6 +9,7 @@ from importlib import resources
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
 from rfca_rig import __version__
+from rfca_rig.escaping import printable
 from rfca_rig.reports.style import DARK, colours
 from rfca_rig.reports.table import Foot, Table, TableCell, TableColumn, TableRow, cell, foot_cell, head_span
 from rfca_rig.reports.text import MARK_MEANINGS, MINUS, NO_BREAK, NOTHING, in_thousands
@@ -124,7 +125,13 @@ def _environment() -> Environment:
     """Environment of all templates, with colours, meanings of the marks, version and the filters."""
     # StrictUndefined: a misspelt name fails in tests instead of leaving a gap in a page.
     environment = Environment(
-        loader=FunctionLoader(beside), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=FunctionLoader(beside),
+        autoescape=True,
+        # Texts of a page; what a template calls safe was escaped by who made it.
+        finalize=lambda value: printable(value) if type(value) is str else value,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters["words"] = lambda id_: id_.replace("_", " ")
     environment.filters["with_anchors"] = with_anchors

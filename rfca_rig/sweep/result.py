@@ -3,8 +3,6 @@
 A case is a row of outputs, or the reason why there is none.
 """
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput, RigError
+from rfca_rig.escaping import csv_line
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.hdf5_file import new_hdf5_file, open_plain, run_to_completion
 from rfca_rig.sweep.outputs import CaseResults, OutputMissing
@@ -171,14 +170,12 @@ def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:
 
 def _csv(result: SweepResult) -> str:
     """One line per case, numbers with all digits, an empty cell where there is no value."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     plan = result.plan
-    writer.writerow([CASE, *plan.varied, *(asked.header for asked in plan.outputs), REMARK])
+    lines = [csv_line([CASE, *plan.varied, *(asked.header for asked in plan.outputs), REMARK])]
     for case in range(plan.count):
         values = ["" if np.isnan(value) else repr(float(value)) for value in result.values[case]]
-        writer.writerow([case, *map(_format_value, plan.point(case)), *values, result.remarks[case]])
-    return text.getvalue()
+        lines.append(csv_line([case, *map(_format_value, plan.point(case)), *values, result.remarks[case]]))
+    return "".join(lines)
 
 
 def _format_value(value: float | str) -> str:

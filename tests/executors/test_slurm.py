@@ -77,3 +77,14 @@ def test_what_sbatch_refuses_is_told_in_its_words(monkeypatch, capsys, tmp_path)
     said = prove(monkeypatch, capsys, tmp_path)
     assert said.exit_code == 2 and said.err.endswith("workers.sbatch: sbatch: error: invalid partition specified: long\n")
     assert len(said.err.splitlines()) == 1 and not (tmp_path / "exam").exists()
+
+
+def test_a_folder_whose_name_is_more_than_a_line_is_refused(monkeypatch, capsys, tmp_path):
+    pytest.importorskip("distributed")
+    sbatch(tmp_path / "bin", "exit 1")
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:/usr/bin:/bin")
+    folder = tmp_path / "exams\ntouch marker\n#"
+    folder.mkdir()
+    said = prove(monkeypatch, capsys, folder)
+    assert said.exit_code == 2 and "rename the folder" in said.err and len(said.err.splitlines()) == 1
+    assert sorted(found.name for found in folder.iterdir()) == ["cluster.toml"]

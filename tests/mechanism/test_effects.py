@@ -301,7 +301,8 @@ def test_the_amended_model_finds_its_meshes_from_another_folder(tmp_path):
     plain = load_mechanism(tmp_path / "rig" / "model.xml")
     (tmp_path / "out").mkdir()
     write_amended_model(make_plant(plain, 1e-3), tmp_path / "out" / "model.xml")
-    assert load_mechanism(tmp_path / "out" / "model.xml").model.body_mass == pytest.approx(plain.model.body_mass, rel=1e-4)
+    amended = load_mechanism(tmp_path / "out" / "model.xml", beside=(tmp_path / "rig",))
+    assert amended.model.body_mass == pytest.approx(plain.model.body_mass, rel=1e-4)
 
 
 def test_a_search_for_wrong_torque_scales_begins_near_one_for_each_number_of_motors(mechanism):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import Command, Json
+from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
     from rfca_rig.cli.terminal import Say
@@ -95,7 +96,7 @@ def camera(
     file = camera_file(calibration, described.to_text(), section)
     write_camera_file(out, file, [f"A camera, calibrated with {len(calibration.photos)} photos of a ChArUco board."])
     if as_json:
-        typer.echo(file.model_dump_json(indent=1))
+        echo(file.model_dump_json(indent=1))
         return
     for line in _lines(file, out):
         say(line)
@@ -112,7 +113,7 @@ def _make_board(board: "Board", path: Path) -> None:
         raise BadInput(f"{path}: a board is written as .pdf or .png; name such a file")
     out_file(path)
     write_atomically(path, makers[path.suffix.lower()](board))
-    typer.echo(f"board {board.to_text()} in {path}; print it at 100 %, check its line with a ruler, glue it flat", err=True)
+    echo(f"board {board.to_text()} in {path}; print it at 100 %, check its line with a ruler, glue it flat", err=True)
 
 
 def _files(photos: list[Path]) -> list[Path]:

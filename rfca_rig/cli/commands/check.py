@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
-from rfca_rig.cli.options import Json
+from rfca_rig.cli.options import AllowOutside, Json
+from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
-from rfca_rig.suggestions import printable
 
 if TYPE_CHECKING:
     from rfca_rig.progress import ProgressCount
@@ -20,6 +20,7 @@ def check(
         Path,
         typer.Argument(metavar="PATH", help="The folder of a run, one with experiment.toml or campaign.toml; a rig file or a protocol."),
     ],
+    allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
     """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit code 2 where one is damaged.
@@ -41,9 +42,9 @@ def check(
     if folder.is_file():
         _check_file(folder, as_json)
     elif (folder / CAMPAIGN).is_file():
-        _check_campaign(folder, as_json)
+        _check_campaign(folder, allow_outside, as_json)
     elif (folder / EXPERIMENT).is_file():
-        _check_experiment(folder, as_json)
+        _check_experiment(folder, allow_outside, as_json)
     elif (folder / PENDULUM).is_file():
         raise BadInput(f"{folder}: holds recordings of a pendulum; rfca-rig report {folder} checks and shows them")
     else:
@@ -71,12 +72,12 @@ def _check_file(path: Path, as_json: bool) -> None:
         hint = f"rfca-rig {reader} reads it" if reader else "a rig file has [rig], a protocol has experiment"
         raise BadInput(f"{path}: is neither a rig file nor a protocol; {hint}")
     if as_json:
-        typer.echo(json.dumps({"file": str(path), "kind": kind, "found": found, "usual_values": usual}, indent=1))
+        echo(json.dumps({"file": str(path), "kind": kind, "found": found, "usual_values": usual}, indent=1))
         return
-    typer.echo(printable(f"ok      {path}: {found}"))
+    echo(f"ok      {path}: {found}")
     if usual:
-        typer.echo(f"{usual} lines hold a usual value; compare them with your rig", err=True)
-    typer.echo(f"next: rfca-rig {further}", err=True)
+        echo(f"{usual} lines hold a usual value; compare them with your rig", err=True)
+    echo(f"next: rfca-rig {further}", err=True)
 
 
 def _check_rig(path: Path) -> tuple[str, int]:
@@ -108,34 +109,34 @@ def _check_run(run: Path, as_json: bool) -> None:
             findings.append(finding)
             # Printed as it is found: a long run takes minutes, and the first damage should show at once.
             if not as_json:
-                typer.echo(printable(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {finding.words}"))
+                echo(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {finding.words}")
     if as_json:
         rows = [{"file": finding.file, "sound": finding.is_sound, "found": finding.words} for finding in findings]
-        typer.echo(json.dumps({"run": str(run), "files": rows}, indent=1))
+        echo(json.dumps({"run": str(run), "files": rows}, indent=1))
     if not all(finding.is_sound for finding in findings):
         raise BadInput(describe_damage(run, findings))
 
 
-def _check_campaign(folder: Path, as_json: bool) -> None:
+def _check_campaign(folder: Path, allow_outside: bool, as_json: bool) -> None:
     """A campaign from elsewhere: whether it can be read, and whether its values are plausible beside each other."""
     from rfca_rig.campaign.plausibility import find_slips
     from rfca_rig.campaign.reading import read_campaign
 
-    recording = read_campaign(folder)
+    recording = read_campaign(folder, allow_outside=allow_outside)
     slips = find_slips(recording)
     if as_json:
         rows = [{"where": slip.where, "found": slip.words} for slip in slips]
-        typer.echo(json.dumps({"campaign": str(folder), "slips": rows}, indent=1))
+        echo(json.dumps({"campaign": str(folder), "slips": rows}, indent=1))
     else:
         for slip in slips:
-            typer.echo(f"WARNING {slip.where}: {slip.words}")
+            echo(f"WARNING {slip.where}: {slip.words}")
     if slips:
         raise BadInput(f"{folder}: {len(slips)} value{'s' * (len(slips) > 1)} probably in another unit; rfca-rig import --as-is takes them")
     if not as_json:
-        typer.echo(f"{folder}: {len(recording.strokes)} strokes and {len(recording.static)} static stages, values plausible", err=True)
+        echo(f"{folder}: {len(recording.strokes)} strokes and {len(recording.static)} static stages, values plausible", err=True)
 
 
-def _check_experiment(folder: Path, as_json: bool) -> None:
+def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
     """Checks recordings of a mechanism, with its model."""
     from rfca_rig.cli.terminal import print_lines
     from rfca_rig.diagnosis.mechanisms.check import check_experiment
@@ -143,7 +144,7 @@ def _check_experiment(folder: Path, as_json: bool) -> None:
     # A refusal is raised at the end, so that the findings before it are printed, also as JSON.
     rows, refused = [], None
     try:
-        for line in check_experiment(folder):
+        for line in check_experiment(folder, allow_outside):
             rows.append(
                 {"about": line.about, "name": line.name, "warning": line.is_warning, "found": line.words, "values": dict(line.values)}
             )
@@ -153,12 +154,12 @@ def _check_experiment(folder: Path, as_json: bool) -> None:
         refused = error
     if as_json:
         found = {"experiment": str(folder), "usable": refused is None, "lines": rows}
-        typer.echo(json.dumps(found if refused is None else {**found, "refused": str(refused)}, indent=1))
+        echo(json.dumps(found if refused is None else {**found, "refused": str(refused)}, indent=1))
     if refused is not None:
         raise refused
     if not as_json:
         warnings = sum(bool(row["warning"]) for row in rows)
-        typer.echo(f"{folder}: can be used; {warnings} warning{'' if warnings == 1 else 's'}", err=True)
+        echo(f"{folder}: can be used; {warnings} warning{'' if warnings == 1 else 's'}", err=True)
 
 
 def _size_MB(path: Path) -> float:
@@ -195,7 +196,7 @@ def schema(kind: Annotated[FileKind, typer.Argument(metavar="KIND", help=f"The f
         "sweep": SweepFile,
     }
     head = {"$schema": GenerateJsonSchema.schema_dialect, "title": f"rfca-rig: {kind} file"}
-    typer.echo(json.dumps(head | TypeAdapter(models[kind]).json_schema() | head, indent=1))
+    echo(json.dumps(head | TypeAdapter(models[kind]).json_schema() | head, indent=1))
 
 
 def recover(
@@ -221,11 +222,11 @@ def recover(
     found = summarize(path, thorough=False)
     if as_json:
         counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
-        typer.echo(json.dumps({"source": recording.source, "run": str(path), "title": recording.title, **counted}, indent=1))
+        echo(json.dumps({"source": recording.source, "run": str(path), "title": recording.title, **counted}, indent=1))
         return
     cut_short = "".join(f", {label} until it was cut short" for label in found.cut_short)
     counted_text = f"{found.strokes} strokes and {found.static} static stages{cut_short}"
-    typer.echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
+    echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
 
 
 def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":

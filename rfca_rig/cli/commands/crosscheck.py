@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import Json, Rig, out_file
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.terminal import echo, print_lines
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.crosscheck import CheckedCondition
@@ -75,14 +75,14 @@ def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondit
             "same_ground": [one.summary() for one in same_ground],
             "own_contact_on_stiff_ground": [one.summary() for one in own_contact],
         }
-        typer.echo(json.dumps(answer, indent=1))
+        echo(json.dumps(answer, indent=1))
         return
-    typer.echo(f"contact force, difference from MuJoCo\n{_table(same_ground)}", nl=False)
-    typer.echo(f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %")
+    echo(f"contact force, difference from MuJoCo\n{_table(same_ground)}", nl=False)
+    echo(f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %")
     print_lines(
         [f"with MuJoCo's own contact, ground {STIFFENING_FACTOR:g} times as stiff (touchdown and release depend on the law of contact):"]
     )
-    typer.echo(_table(own_contact), nl=False)
+    echo(_table(own_contact), nl=False)
 
 
 def _table(checked: "list[CheckedCondition]") -> str:

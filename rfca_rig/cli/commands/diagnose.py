@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import AsIs, Cluster, Json, Pdf, Rig, Runs, Seed, Workers, open_executor, out_folder
+from rfca_rig.cli.options import AllowOutside, AsIs, Cluster, Json, Pdf, Rig, Runs, Seed, Workers, open_executor, out_folder
+from rfca_rig.cli.terminal import echo
+from rfca_rig.escaping import json_text
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
@@ -50,10 +52,10 @@ def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | Non
     refresh_nfs_cache(out)
     answers = {name: json.loads((out / name / ANSWER).read_text(encoding="utf-8")) for name in folders if name not in failed}
     if as_json:
-        typer.echo(json.dumps(answers, indent=1))
+        echo(json.dumps(answers, indent=1))
     else:
         for name, answer in answers.items():
-            typer.echo(f"{name}: {_in_words(answer)}")
+            echo(f"{name}: {_in_words(answer)}")
     if failed:
         name, why = min(failed.items())
         raise RigError(f"{len(failed)} of {len(folders)} could not be diagnosed, as {name}: {why}")
@@ -148,6 +150,7 @@ def diagnose(
     runs: Runs = Path("runs"),
     seed: Seed = None,
     as_is: AsIs = False,
+    allow_outside: AllowOutside = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -168,14 +171,14 @@ def diagnose(
     known = [word for effect in without or () for word in ("--without", effect)]
     at = [*(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
     command = command_line("diagnose", *paths, *known, *at)
-    asked = DiagnoseOptions(paths, out, as_json, command, tuple(without or ()), law_at=law, as_is=as_is)
+    asked = DiagnoseOptions(paths, out, as_json, command, tuple(without or ()), law_at=law, as_is=as_is, allow_outside=allow_outside)
     printing = Printing(pdf)
     if each and pdf:
         raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
     if law and (each or close_the_loop):
         raise BadInput("--law measures the law of one diagnosis; leave out --each and --close-the-loop")
     if each and not close_the_loop:
-        diagnose_each(paths, out, partial(diagnose_quietly, asked.without, as_is), workers, cluster, as_json)
+        diagnose_each(paths, out, partial(diagnose_quietly, asked.without, as_is, allow_outside), workers, cluster, as_json)
         return
     if each or workers or cluster:
         raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
@@ -188,7 +191,7 @@ def diagnose(
             raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a pendulum and do the proposed run by hand")
         diagnosis = _pendulum(asked)
     elif not close_the_loop:
-        diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is), asked)
+        diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is, allow_outside), asked)
     else:
         from rfca_rig.cli.close_the_loop import ClosedLoop
         from rfca_rig.cli.paths import find_rig
@@ -201,7 +204,7 @@ def diagnose(
     printing.print([out / "diagnosis.html"], as_json)
 
 
-def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Path]) -> str | None:
+def diagnose_quietly(without: tuple[str, ...], as_is: bool, allow_outside: bool, job: tuple[Path, Path]) -> str | None:
     """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.errors import RigError
     from rfca_rig.recording.atomic import atomic_directory
@@ -210,7 +213,7 @@ def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Pat
     try:
         # All or nothing: a folder that exists counts as done when the command is typed again.
         with atomic_directory(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            diagnose([recordings], into, without=list(without), as_is=as_is)
+            diagnose([recordings], into, without=list(without), as_is=as_is, allow_outside=allow_outside)
     except RigError as error:
         return str(error)
     return None
@@ -222,15 +225,15 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     from rfca_rig.reports.diagnosis.files import terminal_lines
 
     if as_json:
-        typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
+        echo(json_text((out / "diagnosis.json").read_text(encoding="utf-8")), nl=False)
         return
     for line in terminal_lines(diagnosis):
-        typer.echo(line)
-    typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
+        echo(line)
+    echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
     # The command for the proposed experiment, where the rig can do it.
     proposal = diagnosis.next_experiment
     if proposal is not None and proposal["protocol"] is not None and proposal["kind"] in ("dynamic", "static"):
-        typer.echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)
+        echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)
 
 
 @dataclass(frozen=True)
@@ -248,6 +251,7 @@ class DiagnoseOptions:
     limits: "Limits | None" = None
     law_at: str = ""
     as_is: bool = False
+    allow_outside: bool = False
 
 
 def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
@@ -256,7 +260,7 @@ def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.cli.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
-    recordings = open_with_nominal_model(asked.paths, asked.as_is)
+    recordings = open_with_nominal_model(asked.paths, asked.as_is, asked.allow_outside)
     within = replace(asked, limits=read_rig(loop.rig_path).facts().limits)
     return close_the_loop(loop, recordings, _diagnose_leg(recordings, within), lambda all_of_them: _diagnose_leg(all_of_them, within))
 
@@ -267,7 +271,7 @@ def _pendulum(asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 
-    campaign = read_pendulum_campaign(asked.paths[0])
+    campaign = read_pendulum_campaign(asked.paths[0], asked.allow_outside)
     with progress(asked.quiet) as bars:
         return _write_imported(diagnose_pendulum(campaign, bars.share, asked.without, asked.law_at), campaign.about, asked)
 
@@ -280,7 +284,7 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
     from rfca_rig.reports.diagnosis.tables import describe_law, write_law_table
 
-    experiment = read_experiment(asked.paths[0])
+    experiment = read_experiment(asked.paths[0], asked.allow_outside)
     with progress(asked.quiet) as bars:
         found = diagnose_mechanism(experiment, bars.share, asked.without, asked.law_at, asked.as_is)
     diagnosis = _write_imported(found.diagnosis, experiment.about, asked)
@@ -304,7 +308,7 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     commands.unlink(missing_ok=True)  # of an earlier diagnosis
     if found.excitation is not None:
         write_excitation(commands, found.plant.mechanism, found.excitation)
-        typer.echo(f"{commands}: the proposed motion of the joints, and the commands that it takes", err=True)
+        echo(f"{commands}: the proposed motion of the joints, and the commands that it takes", err=True)
     return diagnosis
 
 
@@ -315,7 +319,7 @@ def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, sta
 
     beyond = write_amended_model(plant, out / model_name)
     if write_laws(plant, beyond, out / laws_name, stated, model_name):
-        typer.echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
+        echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
 
 
 def _write_imported(diagnosis: "Diagnosis", about: "AboutSection", asked: DiagnoseOptions) -> "Diagnosis":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import Json, out_folder
-from rfca_rig.cli.terminal import takes_colours
+from rfca_rig.cli.terminal import echo, takes_colours
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile
@@ -49,9 +49,9 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     findings = list(checks) if as_json else list(_print_each(_title(described), checks))
     counts = {colour.value: sum(one.colour is colour for one in findings) for colour in Colour}
     if as_json:
-        typer.echo(json.dumps({"title": _title(described), "findings": [asdict(one) for one in findings], **counts}, indent=2))
+        echo(json.dumps({"title": _title(described), "findings": [asdict(one) for one in findings], **counts}, indent=2))
     else:
-        typer.echo(", ".join(f"{count} {colour}" for colour, count in counts.items()))
+        echo(", ".join(f"{count} {colour}" for colour, count in counts.items()))
     if counts[Colour.RED]:
         raise typer.Exit(1)
 
@@ -64,10 +64,10 @@ def _title(rig: "RigFile | None") -> str:
 
 def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
     """Prints each finding before the next check begins."""
-    typer.echo(title)
+    echo(title)
     for finding in checks:
         for line in _lines(finding):
-            typer.echo(line)
+            echo(line)
         yield finding
 
 
@@ -108,4 +108,4 @@ def contract(
         raise BadInput(f"the contract needs {missing.name}; type pip install pytest") from None
     if not run_conformance_tests(described, path.resolve()):
         raise typer.Exit(1)
-    typer.echo(f"{described.rig.title}: the contract is kept; next: rfca-rig doctor --rig {rig}")
+    echo(f"{described.rig.title}: the contract is kept; next: rfca-rig doctor --rig {rig}")

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.options import Command, Json
+from rfca_rig.cli.options import AllowOutside, Command, Json
+from rfca_rig.cli.terminal import echo
 
 app = typer.Typer(help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.", no_args_is_help=True)
 Recorded = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")]
@@ -38,14 +39,12 @@ def export_mcap(
         exported = export(run, out, bars.counting("stages"))
     if as_json:
         counts = {"messages": exported.messages, "pictures": exported.pictures, "missing": list(exported.missing)}
-        typer.echo(json.dumps({"out": str(out), **counts}, indent=1))
+        echo(json.dumps({"out": str(out), **counts}, indent=1))
         return
     # A lost photo must not prevent the export of everything else.
     for name in exported.missing:
-        typer.echo(f"{run / name}: is not there or is no picture, so it is left out", err=True)
-    typer.echo(
-        f"{exported.messages} messages, {exported.pictures} of them pictures, in {out}; open it in Foxglove or PlotJuggler", err=True
-    )
+        echo(f"{run / name}: is not there or is no picture, so it is left out", err=True)
+    echo(f"{exported.messages} messages, {exported.pictures} of them pictures, in {out}; open it in Foxglove or PlotJuggler", err=True)
 
 
 @app.command("csv", cls=Command)
@@ -66,15 +65,16 @@ def export_csv(
     with progress(as_json) as bars:
         exported = export(run, out, bars.counting("stages"))
     if as_json:
-        typer.echo(json.dumps({"out": str(out), "files": exported.files, "records": exported.records}, indent=1))
+        echo(json.dumps({"out": str(out), "files": exported.files, "records": exported.records}, indent=1))
         return
-    typer.echo(f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them", err=True)
+    echo(f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them", err=True)
 
 
 @app.command("mjcf", cls=Command)
 def export_mjcf(
     run: Recorded,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The folder to make.")],
+    allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
     """Write a leg and its strokes as an experiment on a mechanism: MJCF for MuJoCo, experiment.toml, and a CSV file per stroke.
@@ -87,13 +87,13 @@ def export_mjcf(
 
     from rfca_rig.export.leg_mjcf import export_leg
 
-    exported = export_leg(run, out)
+    exported = export_leg(run, out, allow_outside)
     if as_json:
-        typer.echo(json.dumps({"out": str(out), "recordings": exported.recordings, "left_out": list(exported.left_out)}, indent=1))
+        echo(json.dumps({"out": str(out), "recordings": exported.recordings, "left_out": list(exported.left_out)}, indent=1))
         return
     for words in exported.left_out:
-        typer.echo(f"left out: {words}", err=True)
-    typer.echo(f"{exported.recordings} strokes in {out}; type rfca-rig diagnose {out}", err=True)
+        echo(f"left out: {words}", err=True)
+    echo(f"{exported.recordings} strokes in {out}; type rfca-rig diagnose {out}", err=True)
 
 
 def import_folder(
@@ -102,6 +102,7 @@ def import_folder(
         Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording; runs/IMPORT-NAME if not given.")
     ] = None,
     as_is: Annotated[bool, typer.Option("--as-is", help="Import values that are probably in another unit, too.")] = False,
+    allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
     """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and diagnosis work on.
@@ -121,18 +122,18 @@ def import_folder(
         raise BadInput(f"{folder}: holds experiment.toml, which every command reads as it stands; go on with rfca-rig check {folder}")
     target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
     if pendulum_among([folder]) is not None:
-        pendulum = import_pendulum(folder, target)
+        pendulum = import_pendulum(folder, target, allow_outside)
         if as_json:
             counts = {"links": len(pendulum.pendulum.links), "pendulum_runs": len(pendulum.runs)}
-            typer.echo(json.dumps({"source": "IMPORT", "run": str(target), "title": pendulum.title, **counts}, indent=1))
+            echo(json.dumps({"source": "IMPORT", "run": str(target), "title": pendulum.title, **counts}, indent=1))
             return
-        typer.echo(f"IMPORT {len(pendulum.runs)} runs of a pendulum in {target}; next: rfca-rig diagnose {target}", err=True)
+        echo(f"IMPORT {len(pendulum.runs)} runs of a pendulum in {target}; next: rfca-rig diagnose {target}", err=True)
         return
     with progress(as_json) as bars:
-        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes"), as_is))
+        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes"), as_is, allow_outside))
     if as_json:
         counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static)}
-        typer.echo(json.dumps({"source": "IMPORT", "run": str(target), "title": recording.title, **counted}, indent=1))
+        echo(json.dumps({"source": "IMPORT", "run": str(target), "title": recording.title, **counted}, indent=1))
         return
     counted_text = f"{len(recording.strokes)} strokes and {len(recording.static)} static stages"
-    typer.echo(f"IMPORT {counted_text} in {target}; next: rfca-rig report {target} --out report", err=True)
+    echo(f"IMPORT {counted_text} in {target}; next: rfca-rig report {target} --out report", err=True)

@@ -9,8 +9,8 @@ import typer
 
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.names import FIT_PARAMETERS
-from rfca_rig.cli.options import AsIs, Cluster, Json, open_executor, out_file
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.options import AllowOutside, AsIs, Cluster, Json, open_executor, out_file
+from rfca_rig.cli.terminal import echo, print_lines
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
@@ -47,6 +47,7 @@ def fit(
     seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of the places to begin from.")] = 0,
     cluster: Cluster = None,
     as_is: AsIs = False,
+    allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
     """Fit values of the nominal model to recordings: values, standard errors, and values that the recordings cannot distinguish.
@@ -76,15 +77,15 @@ def fit(
         asked = {"--shaft": shaft != ShaftOption.recorded, "--phases": phases != "loading", "--after-touchdown": after_touchdown != 200.0}
         refuse_leg_options({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
     if pendulum is not None:
-        _fit_pendulum(pendulum, _names(parameters), out, as_json)
+        _fit_pendulum(pendulum, _names(parameters), out, allow_outside, as_json)
         return
     if mechanism is not None:
-        _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_is, as_json)
+        _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_is, allow_outside, as_json)
         return
     comparison = StrokeComparison(shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown))
     # Only for its check: a misspelt parameter must be refused before the recordings are read.
     select_parameters(_names(parameters))
-    recordings = open_with_nominal_model(paths, as_is)
+    recordings = open_with_nominal_model(paths, as_is, allow_outside)
     counter = _Counter()
     # Without a cluster there is no executor: threads of this process share out one descent better than processes share several.
     with progress(quiet=as_json) as bars, open_executor(None, cluster, bars.report) if cluster is not None else nullcontext() as executor:
@@ -97,13 +98,13 @@ def fit(
     _print(result, out, as_json)
 
 
-def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: bool) -> None:
+def _fit_pendulum(folder: Path, names: list[str], out: Path | None, allow_outside: bool, as_json: bool) -> None:
     """The same for a pendulum's recordings."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign, write_pendulum_model
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, fit_pendulum, update_known_to
 
-    campaign = read_pendulum_campaign(folder)
+    campaign = read_pendulum_campaign(folder, allow_outside)
     with progress(quiet=as_json) as bars:
         found = fit_pendulum(campaign, bars.share, names)
     if out is not None:
@@ -112,7 +113,9 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: boo
     _print_windows(found.fit, PENDULUM_FIT, folder, out, as_json)
 
 
-def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path | None, as_is: bool, as_json: bool) -> None:
+def _fit_mechanism(
+    folder: Path, names: list[str], effects: list[str], out: Path | None, as_is: bool, allow_outside: bool, as_json: bool
+) -> None:
     """The same for recordings of a mechanism, with the named effects."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.progress import progress
@@ -123,21 +126,21 @@ def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path
     if out is not None and out.suffix != ".xml":
         raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")
     with progress(quiet=as_json) as bars:
-        found = fit_mechanism(read_experiment(folder), bars.share, names, effects, as_is)
+        found = fit_mechanism(read_experiment(folder, allow_outside), bars.share, names, effects, as_is)
     beyond = () if out is None else write_amended_model(found.plant, out)
     if beyond:
-        typer.echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
+        echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
     _print_windows(found.fit, MECHANISM_FIT, folder, out, as_json)
 
 
 def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool) -> None:
     """Prints a fit to windows of recordings."""
     if as_json:
-        typer.echo(json.dumps(found.plain(file_format), indent=1))
+        echo(json.dumps(found.plain(file_format), indent=1))
         return
     print_lines(found.lines())
     if out is not None:
-        typer.echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
+        echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
 
 
 def _names(text: str) -> list[str]:
@@ -146,11 +149,11 @@ def _names(text: str) -> list[str]:
 
 def _print(result: "FitResult", out: Path | None, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(result.plain(), indent=1))
+        echo(json.dumps(result.plain(), indent=1))
         return
     print_lines(result.lines())
     if out is not None:
-        typer.echo(f"{out}: the fitted model", err=True)
+        echo(f"{out}: the fitted model", err=True)
 
 
 class _Counter:

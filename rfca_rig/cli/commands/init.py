@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rfca_rig.cli.options import AllowOutside
 from rfca_rig.cli.paths import folders_of
+from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 
 if TYPE_CHECKING:
@@ -30,7 +32,9 @@ Model = Annotated[Path | None, typer.Option("--mjcf", "--urdf", metavar="FILE", 
 Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help="A folder with its recordings: CSV, HDF5, MCAP or ROS 2 bags.")]
 
 
-def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, data: Data = None) -> None:
+def init(
+    rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, data: Data = None, allow_outside: AllowOutside = False
+) -> None:
     """Write a rig file after ten questions, or a draft of experiment.toml for recordings of any mechanism.
 
     Enter takes the suggested answer. Devices that are found on this computer are suggested; nothing that could move is touched.
@@ -45,10 +49,10 @@ def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, d
         from rfca_rig.campaign.experiment import PLACEHOLDER, write_draft
         from rfca_rig.mechanism.load import load_mechanism
 
-        path = write_draft(load_mechanism(mjcf), data)
+        path = write_draft(load_mechanism(mjcf, (data,), allow_outside), data, allow_outside)
         open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
-        typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
-        typer.echo(f"then: rfca-rig check {data}", err=True)
+        echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
+        echo(f"then: rfca-rig check {data}", err=True)
     else:
         raise BadInput("init: give --rig FILE for a rig file, or --mjcf FILE and --data DIR for recordings of a mechanism")
 
@@ -76,8 +80,8 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
     write_atomically(path, text.encode("utf-8"))
     height_mm = round(FIRST_HEIGHT_SHARE * sum(answers.link_lengths_mm))
     marked = sum(line.rstrip().endswith(USUAL) for line in text.splitlines())
-    typer.echo(f"{path}: a twin of your rig; {marked} lines hold a usual value, to check against yours")
-    typer.echo(f"then: rfca-rig dynamic run --rig {path} --height {height_mm} --speed {FIRST_SPEED_RAD_S} --repeats 1", err=True)
+    echo(f"{path}: a twin of your rig; {marked} lines hold a usual value, to check against yours")
+    echo(f"then: rfca-rig dynamic run --rig {path} --height {height_mm} --speed {FIRST_SPEED_RAD_S} --repeats 1", err=True)
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,7 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
 
     found = _find_devices(folder)
     makes = found.makes
-    typer.echo(f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}", err=True)
+    echo(f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}", err=True)
     asked = iter(range(1, QUESTIONS + 1))
     # Python has no standard input where the shell closed it (<&-).
     has_terminal = sys.stdin is not None and sys.stdin.isatty()

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from rfca_rig.cli.options import Json, Model, Rig, out_file
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.terminal import echo, print_lines
 
 
 def predict(
@@ -39,7 +39,7 @@ def predict(
     if csv is not None:
         write_csv(prediction.stroke, csv)
     if as_json:
-        typer.echo(json.dumps(prediction.summary(), indent=1))
+        echo(json.dumps(prediction.summary(), indent=1))
         return
     print_lines(prediction.lines())
 
@@ -66,6 +66,6 @@ def strip(
         announce_first_compile(bars, as_json)
         comparison = compare_strips(model, height / 1e3, speed, bars.counting("strips"))
     if as_json:
-        typer.echo(json.dumps(comparison.summary(), indent=1))
+        echo(json.dumps(comparison.summary(), indent=1))
         return
     print_lines(comparison.lines(), indent=" " * 13)

@@ -10,7 +10,8 @@ import typer
 from rfca_rig.cli.commands import diagnose
 from rfca_rig.cli.names import CASE_KINDS
 from rfca_rig.cli.options import Cluster, Json, Pdf, Workers, open_executor
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.terminal import echo, print_lines
+from rfca_rig.escaping import json_text
 
 if TYPE_CHECKING:
     from rfca_rig.exam.scored import ExamResult
@@ -86,12 +87,12 @@ def _tell(result: "ExamResult", out: Path, as_json: bool) -> None:
     from rfca_rig.exam.scoring import format_scores
 
     if as_json:
-        typer.echo((out / "exam.json").read_text(encoding="utf-8"), nl=False)
+        echo(json_text((out / "exam.json").read_text(encoding="utf-8")), nl=False)
         return
     print_lines(
         [*format_scores(result.marks), *(way.words for way in result.ways), *([result.taken_out.words] if result.taken_out else [])]
     )
-    typer.echo(f"{out / 'exam.html'}: the whole result", err=True)
+    echo(f"{out / 'exam.html'}: the whole result", err=True)
 
 
 def diagnose_as_typed(campaign: Path, into: Path, without: list[str] | None = None) -> None:

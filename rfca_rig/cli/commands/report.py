@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import AsIs, Json, Model, Pdf, out_folder
+from rfca_rig.cli.options import AllowOutside, AsIs, Json, Model, Pdf, out_folder
+from rfca_rig.cli.terminal import echo
+from rfca_rig.escaping import json_text
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.compare import Table2
@@ -43,6 +45,7 @@ def report(
     ] = ShaftOption.average,
     model: Model = None,
     as_is: AsIs = False,
+    allow_outside: AllowOutside = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -58,14 +61,14 @@ def report(
 
     pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
     if pendulum is None and mechanism is None:
-        write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf, as_is=as_is)
+        write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf, as_is=as_is, allow_outside=allow_outside)
         return
     # An option without effect must be refused: its user would believe it was applied.
     refuse_leg_options({"--shaft": shaft != ShaftOption.average, "--as-is": as_is})
     if pendulum is not None:
-        _write_pendulum(pendulum, out, as_json, model, pdf)
+        _write_pendulum(pendulum, out, as_json, model, pdf, allow_outside)
     if mechanism is not None:
-        _write_mechanism(mechanism, out, as_json, model, pdf)
+        _write_mechanism(mechanism, out, as_json, model, pdf, allow_outside)
 
 
 def refuse_leg_options(given: Mapping[str, bool]) -> None:
@@ -77,7 +80,7 @@ def refuse_leg_options(given: Mapping[str, bool]) -> None:
             raise BadInput(f"{option}: is an option for recordings of a leg; leave it out here")
 
 
-def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
+def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool) -> None:
     """The same for a pendulum's recordings."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
     from rfca_rig.cli.options import Printing
@@ -86,7 +89,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     from rfca_rig.reports.strokes.motions import pendulum_report
 
     printing = Printing(pdf)
-    campaign = read_pendulum_campaign(folder)
+    campaign = read_pendulum_campaign(folder, allow_outside)
     if model is not None:
         campaign = with_model_file(campaign, model)
     with progress(as_json) as bars:
@@ -95,7 +98,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     printing.print([page], as_json)
 
 
-def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
+def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool) -> None:
     """The same for recordings of a mechanism."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.options import Printing
@@ -104,7 +107,7 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
     from rfca_rig.reports.strokes.motions import mechanism_report
 
     printing = Printing(pdf)
-    experiment = read_experiment(folder)
+    experiment = read_experiment(folder, allow_outside)
     if model is not None:
         experiment = replace(experiment, model=model)
     with progress(as_json) as bars:
@@ -122,10 +125,10 @@ def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out:
     command = command_line("report", folder, options={"--model": model})
     write_motions(report, fit, out, origin_of_import(command, folder, report.title, report.about))
     if as_json:
-        typer.echo((out / report.json_file).read_text(encoding="utf-8"), nl=False)
+        echo(json_text((out / report.json_file).read_text(encoding="utf-8")), nl=False)
     else:
         recordings = count_noun(len({error.run for error in fit.errors}), "recording")
-        typer.echo(f"{out / PAGE}: measured and simulated signals of {recordings}", err=True)
+        echo(f"{out / PAGE}: measured and simulated signals of {recordings}", err=True)
     return out / PAGE
 
 
@@ -138,6 +141,7 @@ def write(
     model: Path | None = None,
     pdf: bool = False,
     as_is: bool = False,
+    allow_outside: bool = False,
 ) -> None:
     """Writes the report and prints where it is, with the averages of the table.
 
@@ -159,6 +163,8 @@ def write(
         Print the pages as PDF too.
     as_is : bool
         Take values of a campaign that are probably in another unit.
+    allow_outside : bool
+        Follow links of a campaign to files outside its folder.
     """
     from rfca_rig.campaign.opening import open_recordings, open_with_nominal_model
     from rfca_rig.cli.options import Printing
@@ -171,13 +177,13 @@ def write(
     printing = Printing(pdf)
     given = GivenModel(model.name, read_model_file(model).model()) if model else None
     # Without a model file all recordings must have the same nominal model, which `open_with_nominal_model` checks.
-    recordings = open_recordings(paths, as_is) if given else open_with_nominal_model(paths, as_is)
+    recordings = open_recordings(paths, as_is, allow_outside) if given else open_with_nominal_model(paths, as_is, allow_outside)
     options: dict[str, object] = {"--shaft": shaft if shaft != "average" else None, "--model": model, "--as-is": as_is}
     command = command_line("report", *paths, options=options)
     with progress(quiet) as bars:
         written = write_report(recordings, out, shaft, given, origin_of(command, paths, recordings), bars.counting("conditions"))
     if as_json:
-        typer.echo((out / "table2.json").read_text(encoding="utf-8"), nl=False)
+        echo(json_text((out / "table2.json").read_text(encoding="utf-8")), nl=False)
     if not quiet:
         _say(written.table, out, len(recordings))
     printing.print(written.pages, quiet)
@@ -194,5 +200,5 @@ def _say(table: "Table2", out: Path, runs: int) -> None:
                 f"{len(table.rows)} conditions, average error of the valley {table.average_time_error_pct:.1f} % in time, "
                 f"{table.average_force_error_pct:.1f} % in force"
             )
-        typer.echo(f"{out / 'report.html'}: {averages}", err=True)
-    typer.echo(f"{pages}: how the run{'s' if runs > 1 else ''} went", err=True)
+        echo(f"{out / 'report.html'}: {averages}", err=True)
+    echo(f"{pages}: how the run{'s' if runs > 1 else ''} went", err=True)

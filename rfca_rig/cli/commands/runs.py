@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import Json
+from rfca_rig.cli.terminal import echo
+from rfca_rig.escaping import printable
 from rfca_rig.logbook.entry import Entry, LoggedCondition
-from rfca_rig.suggestions import printable
 
 if TYPE_CHECKING:
     from rfca_rig.logbook.entry import Entry
@@ -191,14 +192,14 @@ def runs(
     fitting = [entry for entry in entries if wanted.fits(entry)]
     shown = fitting[: _most(last, is_table=not (paths or as_json))]
     if as_json:
-        typer.echo(json.dumps(_as_data(folder, shown), indent=1))
+        echo(json.dumps(_as_data(folder, shown), indent=1))
     elif paths:
         # A program gets the paths as they are; on a terminal a name could command it.
         lines = (str(folder / entry.folder) for entry in shown)
         _each(map(_printable, lines) if sys.stdout.isatty() else lines)
     else:
         _each(map(_printable, table_lines(shown)))
-        typer.echo(_count_line(folder, len(shown), len(fitting), len(entries)), err=True)
+        echo(_count_line(folder, len(shown), len(fitting), len(entries)), err=True)
 
 
 def _measure_seconds(folder: Path) -> float | None:
@@ -221,7 +222,7 @@ def _most(last: int | None, is_table: bool) -> int | None:
 
 def _each(lines: Iterable[str]) -> None:
     for line in lines:
-        typer.echo(line)
+        echo(line)
 
 
 def _printable(line: str) -> str:
@@ -266,7 +267,7 @@ def view(
     from rfca_rig.view.replay import replay
 
     with suppress(KeyboardInterrupt):
-        replay(run, port, lambda url: typer.echo(f"open {url} (^C here ends it)", err=True))
+        replay(run, port, lambda url: echo(f"open {url} (^C here ends it)", err=True))
 
 
 def trip(code: Annotated[str, typer.Argument(metavar="CODE", help="Such as F-02; without it, all codes are listed.")] = "") -> None:
@@ -278,11 +279,11 @@ def trip(code: Annotated[str, typer.Argument(metavar="CODE", help="Such as F-02;
 
     known = [str(one) for one in Trip]
     if not code:
-        typer.echo("\n".join(f"{one}  {_title(one)}" for one in known))
+        echo("\n".join(f"{one}  {_title(one)}" for one in known))
         return
     if code.upper() not in known:
         raise BadInput(f"{code}: no code of a trip; known are {', '.join(known)}")
-    typer.echo("\n".join(_lines(_page(code.upper()))))
+    echo("\n".join(_lines(_page(code.upper()))))
 
 
 def _lines(page: str) -> list[str]:

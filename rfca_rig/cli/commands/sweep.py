@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import Cluster, Json, Model, Workers
+from rfca_rig.cli.terminal import echo
+from rfca_rig.escaping import json_text
 
 if TYPE_CHECKING:
     from rfca_rig.clock import Clock
@@ -133,7 +135,7 @@ def _run_sweep(
     from rfca_rig.sweep.carrying_out import run_sweep
 
     if not is_warm() and not quiet:
-        typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
+        echo("compiling the model, once on this machine, about ten seconds ...", err=True)
     with progress(quiet) as bars, open_executor(workers, cluster, bars.report) as executor:
         return run_sweep(plan, folder, executor, clocks, bars.report)
 
@@ -144,11 +146,11 @@ def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_j
 
     write_summary(result, folder, command_line(*command))
     if as_json:
-        typer.echo((folder / JSON).read_text(encoding="utf-8"), nl=False)
+        echo(json_text((folder / JSON).read_text(encoding="utf-8")), nl=False)
         return
     for line in lines(result):
-        typer.echo(line)
-    typer.echo(f"{folder / HTML}: figures and definitions; all cases in sweep.csv and sweep.h5", err=True)
+        echo(line)
+    echo(f"{folder / HTML}: figures and definitions; all cases in sweep.csv and sweep.h5", err=True)
 
 
 def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> None:
@@ -164,11 +166,11 @@ def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> No
     seconds = plan.count * pace.seconds_per_case / processes
     if as_json:
         estimate = {"cases": plan.count, "seconds_per_case": pace.seconds_per_case, "workers": processes, "seconds": seconds}
-        typer.echo(json.dumps({**estimate, "bytes": estimate_bytes(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
+        echo(json.dumps({**estimate, "bytes": estimate_bytes(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
         return
-    typer.echo(f"{plan.title}: {plan.count} cases of {', '.join(plan.varied)}")
+    echo(f"{plan.title}: {plan.count} cases of {', '.join(plan.varied)}")
     size = f"{1e-6 * estimate_bytes(plan):.1f} MB"
-    typer.echo(f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on {processes} cores; {size}")
+    echo(f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on {processes} cores; {size}")
 
 
 def _duration(seconds: float) -> str:
@@ -182,10 +184,10 @@ def _print_lists() -> None:
     from rfca_rig.sweep.outputs import ANGLE_SEPARATOR, OUTPUTS
     from rfca_rig.sweep.quantities import list_quantities
 
-    typer.echo(f"sweeps: {', '.join(file_names('sweeps'))}")
-    typer.echo("what can be varied, also under its name in fit or in a model file:")
+    echo(f"sweeps: {', '.join(file_names('sweeps'))}")
+    echo("what can be varied, also under its name in fit or in a model file:")
     for each in list_quantities().values():
-        typer.echo(f"  {each.name}: {each.words}{'; ' if each.choices else ''}{', '.join(each.choices)}")
-    typer.echo("what can be put out:")
+        echo(f"  {each.name}: {each.words}{'; ' if each.choices else ''}{', '.join(each.choices)}")
+    echo("what can be put out:")
     for output in OUTPUTS.values():
-        typer.echo(f"  {output.name}{f'{ANGLE_SEPARATOR}ANGLE' if output.at else ''}: {output.words} = {output.equation} [{output.source}]")
+        echo(f"  {output.name}{f'{ANGLE_SEPARATOR}ANGLE' if output.at else ''}: {output.words} = {output.equation} [{output.source}]")

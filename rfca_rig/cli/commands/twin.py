@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rfca_rig.cli.options import Command, Rig, Seed
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.terminal import echo, print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
 RDT_PORT, COMMAND_PORT, HTTP_PORT = 49152, 49151, 8080
@@ -87,7 +87,7 @@ def serve(
             for address in served.reached.addresses:
                 say(address)
             if as_json:
-                typer.echo(json.dumps(served.reached.names))
+                echo(json.dumps(served.reached.names))
             served.serve(orders, seconds or float("inf"), lambda config: say(f"fault {config.name} {'on' if config.on else 'off'}"))
         except KeyboardInterrupt:
             raise Stopped(f"stopped by the operator; {served.status()}") from None
@@ -109,7 +109,7 @@ def tell(
     if answer[-1].startswith("error "):
         raise BadInput(answer[-1].removeprefix("error "))
     for line in answer[:-1]:
-        typer.echo(line)
+        echo(line)
 
 
 def _send_command(line: str, port: int) -> list[str]:

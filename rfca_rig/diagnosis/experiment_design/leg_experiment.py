@@ -31,6 +31,7 @@ from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, ma
 from rfca_rig.diagnosis.leg.simulator import select_tables
 from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import FORCES, STROKE_TOLERANCE, DynamicCondition, ShaftTurn, make_dynamic_condition
+from rfca_rig.escaping import toml_comment
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 from rfca_rig.protocol.check import Load
@@ -38,7 +39,7 @@ from rfca_rig.protocol.experiments import RigFacts, static_plan
 from rfca_rig.protocol.plan import Limits, Rates
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
-from rfca_rig.toml import comment, format_value, table, validate
+from rfca_rig.toml import format_value, table, validate
 
 NEXT_PROTOCOL = "next-experiment.toml"
 # Settling and speeds as in protocols/static-angle.toml and protocols/flapping.toml
@@ -92,7 +93,7 @@ def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Pat
     settle, entries = content.pop("settle"), "stages" if "stages" in content else "conditions"
     tables = [table("settle", settle), *(table(f"[{entries}]", entry) for entry in content.pop(entries))]
     plain = "".join(f"{name} = {format_value(value)}\n" for name, value in content.items())
-    write_atomically(path, (comment(proposal["why"]) + "\n".join([plain, *tables])).encode("utf-8"))
+    write_atomically(path, (toml_comment(proposal["why"]) + "\n".join([plain, *tables])).encode("utf-8"))
     return path
 
 

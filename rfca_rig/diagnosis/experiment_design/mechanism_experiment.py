@@ -18,6 +18,7 @@ from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, correct_window
 from rfca_rig.diagnosis.mechanisms.windows import Motions
+from rfca_rig.escaping import csv_line
 from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
@@ -91,8 +92,9 @@ def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -
     names = ["t_s", *(f"{joint}_position_{unit}" for joint, unit in zip(mechanism.joints, units, strict=True))]
     names += [f"{actuator}_command" for actuator in mechanism.actuators]
     text = StringIO()
+    text.write(csv_line(names))
     rows = np.column_stack([excitation.t_s, excitation.reference, excitation.command])
-    np.savetxt(text, rows, delimiter=",", header=",".join(names), comments="", fmt="%.8g")
+    np.savetxt(text, rows, delimiter=",", fmt="%.8g")
     write_atomically(path, text.getvalue().encode("utf-8"))
 
 

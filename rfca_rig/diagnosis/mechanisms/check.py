@@ -244,7 +244,7 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     return States(position, speed, acceleration, np.array(commands).reshape(len(commands), len(mechanism.actuators)))
 
 
-def check_experiment(folder: Path) -> Iterator[CheckLine]:
+def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[CheckLine]:
     """Check the description, the model and the recordings in a folder; one line per finding.
 
     Parameters
@@ -262,9 +262,9 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     BadInput
         For the first thing that cannot be used.
     """
-    experiment = read_experiment(folder)
+    experiment = read_experiment(folder, allow_outside)
     described = read_toml(experiment.path, ExperimentFile)
-    mechanism = assign_roles(experiment, load_mechanism(experiment.model))
+    mechanism = assign_roles(experiment, load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside))
     yield _describe_model(mechanism)
     yield from _check_windows(experiment, mechanism)
     ratios = compare_speeds(experiment)

@@ -231,7 +231,7 @@ def diagnose_mechanism(
         Where the nominal model cannot be simulated.
     """
     progress("reading", 0.0)
-    mechanism = load_mechanism(experiment.model)
+    mechanism = load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside)
     if not as_is:
         refuse_misread_columns(experiment, mechanism)
     problem = make_problem(experiment, mechanism)

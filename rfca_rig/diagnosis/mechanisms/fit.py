@@ -64,7 +64,7 @@ def fit_mechanism(
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    mechanism = load_mechanism(experiment.model)
+    mechanism = load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside)
     if not as_is:
         refuse_misread_columns(experiment, mechanism)
     problem = make_problem(experiment, mechanism)
@@ -156,7 +156,7 @@ def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismCo
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    mechanism = load_mechanism(experiment.model)
+    mechanism = load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside)
     problem = make_problem(experiment, mechanism)
     fit = fit_problem(problem, problem.space, (), progress).fit
     mechanism = problem.simulator.mechanism

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, SignalOverlay
+from rfca_rig.escaping import html_text, printable
 from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.reports.style import (
     ALIKE,
@@ -153,7 +153,7 @@ def _panel(number: int, overlay: SignalOverlay, limits: Sequence[tuple[float, fl
         lines = {"measured": overlay.measured, "before": overlay.before, "after": overlay.after}
         hovers = hover_values(axes, t_s, "s", lines, unit)
         label = f"{signal_words(overlay.signal)} over time at {overlay.condition}: measured, nominal model, model accepted"
-        svg = inline_svg(figure, f"before and after {overlay.signal} {number}", escape(label, quote=True), hovers)
+        svg = inline_svg(figure, f"before and after {overlay.signal} {number}", html_text(label), hovers)
     return Panel(overlay.condition, svg)
 
 
@@ -200,7 +200,7 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
                 axes.plot(x, y, color=color, lw=lw, ls=dashes)
         axes.margins(x=0.0, y=0.08)
         hovers = hover_values(axes, overlay.t_s, "s", {"residual before": before, "after": after}, unit)
-        label = escape(f"residual of {words} over time at {overlay.condition}, before and after", quote=True)
+        label = html_text(f"residual of {words} over time at {overlay.condition}, before and after")
         svg = inline_svg(figure, "residual located", label, hovers)
     where = f"{phase}, shaded" if inside.any() else phase
     count = len({one.condition for one in there})
@@ -235,7 +235,7 @@ def draw_forest(prior: Interval | None, posterior: Interval, axis: tuple[float, 
         parts.append(f'<path class="prior" d="M{begin} 9H{end}"/>')
     parts.append(f'<path class="posterior" d="M{at(posterior[0])} 9H{at(posterior[2])}"/>')
     parts.append(f'<circle class="posterior" cx="{at(posterior[1])}" cy="9" r="3.5"/>')
-    text = escape(words, quote=True)
+    text = html_text(words)
     return f'<svg class="forest" viewBox="0 0 180 18" role="img" aria-label="{text}"><title>{text}</title>{"".join(parts)}</svg>'
 
 
@@ -275,14 +275,14 @@ def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
         if catalogue_curve is not None:
             axes.plot(catalogue_curve.argument, catalogue_curve.values, color=OTHER, lw=1.3, ls=DASHES, label=catalogue_curve.name)
         axes.plot(law.knots, law.values, color=MEASURED, lw=1.2, marker="o", ms=2.6, label="measured")
-        axes.set_xlabel(f"{_words(law)} ({law.argument_unit})")
+        axes.set_xlabel(printable(f"{_words(law)} ({law.argument_unit})"), parse_math=False)
         axes.set_ylabel(f"residual ({law.unit})" if law.unit else "change of the friction (share)")
         axes.set_xlim(law.visited)
         axes.legend(frameon=False, fontsize=SMALL, loc="best")
         label = f"measured law of {_words(law)} at {law.place} with its band"
         if catalogue_curve is not None:
             label += f", and {catalogue_curve.name} of the catalogue"
-        return inline_svg(figure, f"measured law {law.place} {law.argument}", escape(label, quote=True))
+        return inline_svg(figure, f"measured law {law.place} {law.argument}", html_text(label))
 
 
 def _words(law: MeasuredLaw) -> str:

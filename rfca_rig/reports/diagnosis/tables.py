@@ -3,8 +3,6 @@
 Tables hold parameters with intervals, nuisance parameters, misfits before and after, detection limits, and measured laws.
 """
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
@@ -12,6 +10,7 @@ from pathlib import Path
 from rfca_rig.diagnosis.config import MAX_COORDINATE
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw, StatedLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MovedPrior, Value, describe_probability, name_parts
+from rfca_rig.escaping import csv_line
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.reports.diagnosis.pictures import residuals_of
@@ -330,11 +329,8 @@ def write_law_table(path: Path, law: MeasuredLaw) -> None:
     columns = {law.argument: law.knots, f"residual_{unit}": law.values, f"residual_std_{unit}": law.std}
     if law.whole is not None and law.whole_std is not None:
         columns |= {f"whole_{unit}": law.whole, f"whole_std_{unit}": law.whole_std}
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(columns)
-    rows.writerows([f"{value:.7g}" for value in row] for row in zip(*columns.values(), strict=True))
-    write_atomically(path, text.getvalue().encode("utf-8"))
+    rows = (csv_line(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True))
+    write_atomically(path, "".join([csv_line(columns), *rows]).encode("utf-8"))
 
 
 def describe_law(stated: StatedLaw) -> str:

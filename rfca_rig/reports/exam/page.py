@@ -6,7 +6,6 @@ for programs, exam.csv has a line for each case, and tables as CSV and LaTeX are
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
-from html import escape
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rfca_rig import __version__
+from rfca_rig.escaping import html_text
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import CLASS, DETECTABLE, EXTRA, OUTCOMES, RIGHT, WRONG
 from rfca_rig.exam.claims import ClaimCalibration
@@ -253,7 +253,7 @@ def _draw_figure(draw: Callable[[Axes], None], height_in: float, label: str, lef
         figure = Figure(figsize=(WIDTH_IN, height_in))
         box = (left_in / WIDTH_IN, 0.5 / height_in, (WIDTH_IN - left_in - 0.22) / WIDTH_IN, (height_in - 0.8) / height_in)
         draw(figure.add_axes(box))
-        return inline_svg(figure, label, escape(label, quote=True))
+        return inline_svg(figure, label, html_text(label))
 
 
 def _reliability(axes: Axes, found: ClaimCalibration) -> None:

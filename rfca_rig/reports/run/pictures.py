@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import cache
-from html import escape
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.escaping import html_text
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.model import Recording, StaticStage
@@ -91,7 +91,7 @@ def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
             axes.set_xlim(first_s, last_s)
             axes.set_ylim(limits_N)
             title = part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else "")
-            label = escape(f"fz over time, {title}, measured and expected", quote=True)
+            label = html_text(f"fz over time, {title}, measured and expected")
             panels.append(Panel(title, inline_svg(figure, f"trace {len(panels)}", label, hovers), ended=bool(part.ended)))
     return panels
 

@@ -6,7 +6,6 @@ Residuals are drawn over position and speed of a joint, where omitted physics sh
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, JointRemainder, Mec
 from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, WINDOW_S
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
+from rfca_rig.escaping import html_text
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
 from rfca_rig.reports.page_units import convert_fit
 from rfca_rig.reports.provenance import Origin, find_pages
@@ -146,7 +146,7 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
             low, high = axes.get_xlim()
             axes.set_xticks([each for each in axes.get_xticks() if low <= each <= high - CUT_SHARE * (high - low)])
             axes.set_xlim(low, high)
-            svg = inline_svg(figure, f"residual {name} {part}", escape(f"residual of {words} over {part} of the joint", quote=True))
+            svg = inline_svg(figure, f"residual {name} {part}", html_text(f"residual of {words} over {part} of the joint"))
         panels.append(Panel("", svg))
     return panels[0], panels[1]
 

@@ -6,7 +6,6 @@ each output for each sampled quantity, for the page and sweep.json.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 from itertools import product
 from math import prod
 
@@ -18,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
+from rfca_rig.escaping import html_text
 from rfca_rig.reports.style import ALIKE, BAD, FAINT, MEASURED, OTHER, PALE, SIMULATED, SMALL, drawing, inline_svg
 from rfca_rig.reports.table import Table, TableColumn, TableRow
 from rfca_rig.reports.text import MINUS, words_and_unit
@@ -249,7 +249,7 @@ def draw_view(view: View, values: Floats, header: str) -> str:
             _draw_lines(axes, view, values)
             axes.set_ylabel(axis_label(header))
         axes.set_xlabel(axis_label(view.x.name))
-        return inline_svg(figure, f"{header} {view.facet}", escape(label, quote=True))
+        return inline_svg(figure, f"{header} {view.facet}", html_text(label))
 
 
 def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
@@ -352,4 +352,4 @@ def draw_points(ranges: Sequence[Range], points: Floats, values: Floats, titles:
             axes.set_visible(False)
         for axes in panels[::across]:
             axes.set_ylabel(axis_label(header))
-        return inline_svg(figure, f"{header} points", escape(f"{name_and_unit(header)[0]} over what was drawn", quote=True))
+        return inline_svg(figure, f"{header} points", html_text(f"{name_and_unit(header)[0]} over what was drawn"))

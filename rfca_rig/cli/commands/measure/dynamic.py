@@ -22,6 +22,7 @@ from rfca_rig.cli.options import (
     ViewPort,
     out_folder,
 )
+from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.phases import Undetermined, Valley
@@ -143,7 +144,7 @@ def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report:
 
         write([folder], report, "average", as_json=False, quiet=as_json)
     if as_json:
-        typer.echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
+        echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
         return
     following = f"open {report / 'report.html'}" if report else f"next: rfca-rig report {folder} --out report"
-    typer.echo(f"{mark} recorded {len(rows)} strokes in {folder}; {following}", err=True)
+    echo(f"{mark} recorded {len(rows)} strokes in {folder}; {following}", err=True)

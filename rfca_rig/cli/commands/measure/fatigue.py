@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import Command, Dry, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
+from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.static_forces import StiffnessDrift
@@ -127,11 +128,11 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
 
     found = _results(folder)
     if as_json:
-        typer.echo(json.dumps({"source": mark, "run": str(folder), **found}, indent=1))
+        echo(json.dumps({"source": mark, "run": str(folder), **found}, indent=1))
         return
     last = found["checks"][-1] if found["checks"] else None
     drift = "" if last is None else f", stiffness drift {last['drift_percent']:+.2f} +- {last['std_percent']:.2f} % since the first check"
-    typer.echo(f"{mark} {found['cycles']} of {found['planned']} cycles done in {folder}{drift}; next: rfca-rig check {folder}", err=True)
+    echo(f"{mark} {found['cycles']} of {found['planned']} cycles done in {folder}{drift}; next: rfca-rig check {folder}", err=True)
 
 
 def _results(folder: Path) -> dict[str, Any]:

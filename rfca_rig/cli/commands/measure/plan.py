@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import Json, Model, Rig
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.terminal import echo, print_lines
 
 if TYPE_CHECKING:
     from rfca_rig.cli.run_config import RunConfig
@@ -54,7 +54,7 @@ def plan(
     config = make_run_config(RunOptions(rig, protocol, model, Path("runs"), is_dry=True), read_plan)
     expected = check_before_run(config, make_marked_say(config.mark, as_json))
     if as_json:
-        typer.echo(json.dumps(_as_data(config.plan, expected), indent=1))
+        echo(json.dumps(_as_data(config.plan, expected), indent=1))
         return
     lines = _lines(config, expected, None if every else MOST_LINES)
     print_lines((f"{config.mark} {line}" for line in lines), indent=f"{config.mark} " + " " * LABEL_AT)

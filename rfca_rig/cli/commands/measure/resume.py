@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import Dry, Json, Operator, Pace, View, ViewPort
+from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
     from rfca_rig.bench.resume import InterruptedRun
@@ -115,9 +116,9 @@ def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:
     elif as_json:
         summary = summarize(begun.folder / RECORDING, thorough=False)
         count = {"strokes": summary.strokes, "static_stages": summary.static, "resumed": begun.resumed + 1}
-        typer.echo(json.dumps({"source": config.mark, "run": str(begun.folder), **count}, indent=1))
+        echo(json.dumps({"source": config.mark, "run": str(begun.folder), **count}, indent=1))
     else:
-        typer.echo(
+        echo(
             f"{config.mark} {describe_contents(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report",
             err=True,
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import (
+    AllowOutside,
     AsIs,
     Command,
     Dry,
@@ -27,7 +28,7 @@ from rfca_rig.cli.options import (
     out_file,
     out_folder,
 )
-from rfca_rig.cli.terminal import print_lines
+from rfca_rig.cli.terminal import echo, print_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -90,7 +91,7 @@ def load(
 
         write_tip_load_picture(shape, picture)
     if as_json:
-        typer.echo(json.dumps(shape.summary(), indent=1))
+        echo(json.dumps(shape.summary(), indent=1))
     else:
         print_lines(shape.lines())
 
@@ -148,7 +149,7 @@ def force(
         if not found:
             raise BadInput(f"{run}: has no static stage with all hinge angles; give --angles, or record with a camera")
     if as_json:
-        typer.echo(json.dumps([_summary(*one) for one in found], indent=1))
+        echo(json.dumps([_summary(*one) for one in found], indent=1))
     else:
         print_lines(_line(*one) for one in found)
 
@@ -234,8 +235,8 @@ def photos(
         rmtree(target, ignore_errors=True)
         raise
     for line in photo_lines(with_angles.static):
-        typer.echo(f"{recording.source} {line}", err=True)
-    typer.echo(
+        echo(f"{recording.source} {line}", err=True)
+    echo(
         f"{recording.source} {len(with_angles.static)} stages with their photos in {target}; next: rfca-rig static report {target}",
         err=True,
     )
@@ -267,6 +268,7 @@ def report(
     marks_deg: Annotated[float, MARKS] = USUAL["--marks-deg"],
     force_gain_pct: Annotated[float, GAIN] = USUAL["--force-gain-pct"],
     as_is: AsIs = False,
+    allow_outside: AllowOutside = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -286,7 +288,7 @@ def report(
     from rfca_rig.reports.static.tables import static_sources
 
     printing = Printing(pdf)
-    recordings = open_recordings(paths, as_is)
+    recordings = open_recordings(paths, as_is, allow_outside)
     instrument = {"--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
     options: dict[str, object] = {"--model": model, **instrument, "--as-is": as_is}
     command = command_line("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
@@ -304,7 +306,7 @@ def report(
         origin_of(command, paths, recordings),
     )
     if as_json:
-        typer.echo(json.dumps(summary(result), indent=1))
+        echo(json.dumps(summary(result), indent=1))
     else:
         _say(result, out)
     printing.print([out / "static.html"], as_json)
@@ -334,9 +336,9 @@ def _say(result: "StaticResult", out: Path) -> None:
 
     values = result.values
     for line in remarks(result):
-        typer.echo(line, err=True)
-    typer.echo(bend_sentence(result), err=True)
-    typer.echo(
+        echo(line, err=True)
+    echo(bend_sentence(result), err=True)
+    echo(
         f"{out / 'static.html'}: k0 {values.k0_Nm_per_rad:.3f} +- {values.reach * values.k0_std:.3f} N m/rad, "
         f"k2 {values.k2_per_rad2:.3f} +- {values.reach * values.k2_std:.3f} 1/rad2 (95 %)",
         err=True,
@@ -390,9 +392,9 @@ def run(
         _print_json(config.mark, folder, recorder.stages)
     else:
         for line in photo_lines(recorder.stages):
-            typer.echo(f"{config.mark} {line}", err=True)
+            echo(f"{config.mark} {line}", err=True)
         following = f"static report {folder}" if any(stage.overlay for stage in recorder.stages) else f"report {folder} --out report"
-        typer.echo(f"{config.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig {following}", err=True)
+        echo(f"{config.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig {following}", err=True)
 
 
 def say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
@@ -428,4 +430,4 @@ def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
         }
         for stage in stages
     ]
-    typer.echo(json.dumps({"source": mark, "run": str(folder), "stages": rows}, indent=1))
+    echo(json.dumps({"source": mark, "run": str(folder), "stages": rows}, indent=1))

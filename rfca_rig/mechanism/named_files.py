@@ -1,0 +1,69 @@
+"""Files that a model file names: parts that it includes, meshes, textures, height fields. MuJoCo would read them from anywhere.
+
+MuJoCo's own reader of XML is more lenient than others, so the text is searched instead of parsed: every attribute that may name a file
+counts, wherever it stands.
+"""
+
+import os
+import re
+from html import unescape
+from pathlib import Path
+
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.outside import refuse_outside
+
+# file, filename of URDF, fileright and its like of a texture; and the folders that such names begin in.
+_NAMES_A_FILE = re.compile(rb"""\bfile\w*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_NAMES_A_FOLDER = re.compile(rb"""\b(?:mesh|texture|asset)dir\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+# Of URDF; MuJoCo takes what follows it as a path.
+_SCHEME = re.compile(r"^(?:package|file)://")
+
+# A humanoid has 200 meshes in two folders, and its parts include each other three deep.
+MOST_PLACES = 100_000
+MOST_LEVELS = 20
+
+
+def refuse_foreign_files(model: Path, folders: tuple[Path, ...]) -> None:
+    """Raises BadInput where the model, or a file that it includes, names a file that is outside all of the folders."""
+    names: set[str] = set()
+    bases = {model.parent}
+    found = {model}
+    to_search = [model]
+    for _ in range(MOST_LEVELS):
+        for path in to_search:
+            content = path.read_bytes()
+            names |= _values(_NAMES_A_FILE, content)
+            # A part may name its own parts from its own folder, and the folders of all meshes.
+            bases.add(path.parent)
+            for folder in _values(_NAMES_A_FOLDER, content):
+                bases |= {place.parent for place in _shorten(model.parent / folder / "file")}
+        if len(names) * len(bases) > MOST_PLACES:
+            raise BadInput(f"{model}: names {len(names)} files in {len(bases)} folders; more than {MOST_PLACES} places are not searched")
+        to_search = sorted(_existing(bases, names) - found)
+        refuse_outside(to_search, folders)
+        if not to_search:
+            return
+        found.update(to_search)
+    raise BadInput(f"{model}: files that it includes include others, more than {MOST_LEVELS} deep")
+
+
+def _values(pattern: re.Pattern[bytes], content: bytes) -> set[str]:
+    """The values of these attributes, as they stand and with their entities replaced; MuJoCo takes / and \\ alike."""
+    texts = {(one or other).decode("utf-8", "surrogateescape") for one, other in pattern.findall(content)}
+    plain = {_SCHEME.sub("", text).replace("\\", "/") for text in texts | set(map(unescape, texts))}
+    return {text for text in plain if text and "\0" not in text}
+
+
+def _existing(bases: set[Path], names: set[str]) -> set[Path]:
+    """Every file that one of these names can mean. With `strippath`, the default of URDF, only the last part of a name counts."""
+    parts = names | {Path(name).name for name in names}
+    places = {base / part for base in bases for part in parts if part}
+    shortened = set().union(*map(_shorten, places))
+    return {place for place in shortened if os.path.isfile(place)}  # noqa: PTH113 - False for any path, however long
+
+
+def _shorten(path: Path) -> set[Path]:
+    """The path without "..": as the text of the path says, and as the system follows the links in it; libraries differ in this."""
+    if ".." not in path.parts:
+        return {path}
+    return {Path(os.path.normpath(path)), Path(os.path.realpath(path.parent)) / path.name}
