@@ -7,8 +7,8 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 453,
-    "lines": 91_500,
-    "lines of code": 58_250,
+    "lines": 91_560,
+    "lines of code": 58_290,
     "modules with one user, in their package": 27,
     "functions": 6_150,
     "private functions with one use": 737,
