@@ -7,11 +7,11 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 453,
-    "lines": 91_560,
-    "lines of code": 58_290,
+    "lines": 91_600,
+    "lines of code": 58_310,
     "modules with one user, in their package": 27,
-    "functions": 6_150,
-    "private functions with one use": 737,
+    "functions": 6_160,
+    "private functions with one use": 738,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
