@@ -6,12 +6,12 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 453,
-    "lines": 91_600,
-    "lines of code": 58_310,
+    "modules": 454,
+    "lines": 91_900,
+    "lines of code": 58_520,
     "modules with one user, in their package": 27,
-    "functions": 6_160,
-    "private functions with one use": 738,
+    "functions": 6_180,
+    "private functions with one use": 743,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
