@@ -34,7 +34,13 @@ Model = TypeVar("Model", bound=BaseModel)
 Dataclass = TypeVar("Dataclass", bound="DataclassInstance")
 
 # Of a file that people write. The largest one in use, a laboratory's own effect with tables, has some 100 kB.
-MOST_BYTES = 16_000_000
+MOST_BYTES = 4_000_000
+# The deepest of our files has four. For each level of a dotted key, tomllib keeps the whole way to it.
+MOST_LEVELS = 32
+_KEY_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_DEEP_KEY = re.compile(rf"(?:^|[{{,\[])\s*+(?:{_KEY_PART}[ \t]*+\.[ \t]*+){{{MOST_LEVELS}}}", re.MULTILINE)
+# Of faults in one file that are put into words; only the first is reported.
+MOST_FAULTS = 200
 
 # Digits after the point; the error of any fitted value is far larger.
 DECIMALS = 7
@@ -227,7 +233,7 @@ def place_of(path: Path, key: Key) -> str:
     return _place(path, line_of(read_text(path), key))
 
 
-def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+def read_text(path: Path, most_bytes: int = MOST_BYTES, way_out: str = "give a smaller file") -> str:
     """Read the file as UTF-8 text without a byte-order mark.
 
     Raises BadInput where there is no such file or text, for devices and pipes, which may never end, and for more than `most_bytes`.
@@ -237,7 +243,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
         if not (S_ISREG(found.st_mode) or S_ISDIR(found.st_mode)):
             raise BadInput(f"{path}: is a device or a pipe; give a file")
         if found.st_size > most_bytes:
-            raise BadInput(f"{path}: has {found.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:g} MB are the most")
+            raise BadInput(f"{path}: has {found.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:.0f} MB are the most; {way_out}")
         content = path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
@@ -250,6 +256,9 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
 
 
 def _parse(text: str, path: Path) -> dict[str, Any]:
+    if deep := _DEEP_KEY.search(text):
+        line = text.count("\n", 0, deep.end()) + 1
+        raise BadInput(f"{path}:{line}: a key has more than {MOST_LEVELS} parts; no key of these files needs more than a few levels")
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -260,6 +269,9 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
             raise BadInput(f"{path}:{located[2]}: not TOML at column {located[3]}: {_lower(located[1])}") from None
         # Without a position in its message, the fault is at the end of the text.
         raise BadInput(f"{path}:{len(text.splitlines())}: not TOML: {_lower(str(error))}") from None
+    # Python's own limit, of the digits of a whole number.
+    except ValueError as error:
+        raise BadInput(f"{path}: holds a number that cannot be read: {_lower(str(error).partition(';')[0])}") from None
 
 
 def _place(path: Path, line: int | None) -> str:
@@ -303,11 +315,16 @@ def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> t
 
     A key that is missing only because it was misspelt counts as one fault, not two.
     """
-    faults = [_Fault(detail, model, data) for detail in error.errors(include_url=False)]
+    details = error.errors(include_url=False)
+    # Unknown keys first, as below: to put each of 100,000 faults into words takes minutes.
+    details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
+    unseen = max(len(details) - MOST_FAULTS, 0)
+    faults = [_Fault(detail, model, data) for detail in details[:MOST_FAULTS]]
     explained = {(*fault.key[:-1], fault.likely) for fault in faults if fault.likely}
     faults = [fault for fault in faults if not (fault.kind == "missing" and fault.key in explained)]
     faults.sort(key=lambda fault: fault.kind != "extra_forbidden")
-    return faults[0], f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+    more = len(faults) - 1 + unseen
+    return faults[0], f" (and {more} more)" if more else ""
 
 
 def _key_in_file(error: ErrorDetails, data: Any) -> Key:

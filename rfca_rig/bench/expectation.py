@@ -5,12 +5,13 @@ Whole turns are cycles, and the way home after a stop.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.errors import BadInput
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
@@ -28,6 +29,38 @@ Loads = list[tuple[int, Load]]
 SLOW_SAMPLE_S = 1e-2
 # Simulated duration of a hold: enough for the model to settle.
 HOLD_S = 0.5
+# The lowest angle that a rig file may give for a parked leg.
+PARKED_UPRIGHT_DEG = -90
+
+
+def check_parked_leg(plan: Plan, rig: RigModel, parked_angle_rad: float) -> None:
+    """Raises BadInput where the leg, parked without torque while the rack moves, would reach the plate at a height of the plan.
+
+    A leg that stands on the plate is pushed back to its start angle by the first move, and wedges.
+    """
+    height_m = min((stage.height_m for stage in plan.stages if isinstance(stage, SetHeight)), default=math.inf)
+    reach_m = predict_reach(rig, parked_angle_rad)
+    if reach_m < height_m:
+        return
+    parked_deg = round(math.degrees(parked_angle_rad), 1)
+    clear_deg = math.ceil(parked_deg) - 1
+    while clear_deg > PARKED_UPRIGHT_DEG and predict_reach(rig, math.radians(clear_deg)) >= height_m:
+        clear_deg -= 1
+    raise BadInput(
+        f"{plan.title}: the leg parked at {parked_deg:g} deg hangs {1e3 * reach_m:.0f} mm below the shaft and reaches the plate, which is "
+        f"{1e3 * height_m:.1f} mm below it; set [rig] parked_angle_deg in the rig file to {clear_deg} or less, or raise the rack"
+    )
+
+
+def predict_reach(rig: RigModel, shaft_angle_rad: float) -> float:
+    """How far the lowest link end of a leg that hangs in the air is below the shaft, in m."""
+    lengths_m = np.array(rig.leg.link_lengths_m)
+    times_s = np.array([0.0, HOLD_S])
+    standing = ShaftMotion(times_s, np.array([[shaft_angle_rad, 0.0, 0.0, 0.0]]), times_s[:1])
+    # Above any plate, and without what only moves or measures.
+    hanging = simulate_stroke(replace(rig, effects=(), swing=None), 2.0 * float(lengths_m.sum()), standing, times_s[:1])
+    ends_m = np.cumsum(lengths_m * np.sin(hanging.q_rad[0]))
+    return float(ends_m.max()) + rig.leg.link_radius_m
 
 
 @dataclass(frozen=True)

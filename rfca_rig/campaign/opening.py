@@ -17,7 +17,7 @@ from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.atomic import make_folder_atomically
 from rfca_rig.recording.layout import EXPERIMENT, refuse_links
-from rfca_rig.recording.model import Recording
+from rfca_rig.recording.model import Recording, Stream
 from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.recording.run_folder import partial_of, read_partial
 from rfca_rig.recording.store import read_recording, write_recording
@@ -32,6 +32,8 @@ LONGEST_STROKE_S = 3600.0
 MOST_DISORDER_S = 0.1
 # Far above any unit of any quantity; squares of it are still numbers.
 MOST_VALUE = 1e100
+# Columns without which a sample would not be there.
+ALWAYS_MEASURED = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
 
 
 def pendulum_among(paths: Sequence[Path]) -> Path | None:
@@ -79,13 +81,39 @@ def _check_strokes(path: Path, recording: Recording) -> None:
             where, t_s = f"{path}: stroke {number}, {name}", stream.t_s
             if len(t_s) < FEWEST_SAMPLES:
                 raise BadInput(f"{where}: {len(t_s)} samples, where {FEWEST_SAMPLES} are the fewest")
-            if not 0.0 < t_s[-1] - t_s[0] < LONGEST_STROKE_S or np.diff(t_s).min() < -MOST_DISORDER_S:
+            if not 0.0 < t_s[-1] - t_s[0] < LONGEST_STROKE_S:
                 span = f"goes from {t_s[0]:g} s to {t_s[-1]:g} s"
                 raise BadInput(f"{where}: time {span}, where it should run forwards for {LONGEST_STROKE_S:g} s at most")
-            for column, values in ((key, one.values) for key, one in stream.columns.items()):
-                # NaN stands for a value that a device did not give.
-                if (np.abs(values) > MOST_VALUE).any():
-                    raise BadInput(f"{where}: {column} reaches {np.nanmax(np.abs(values)):g}, which no sensor gives")
+            _check_stream(where, stream)
+
+
+def _check_stream(where: str, stream: Stream) -> None:
+    # Since the latest record before: a series of small steps backwards is no network's disorder.
+    behind_s = (np.maximum.accumulate(stream.t_s) - stream.t_s).max(initial=0.0)
+    if behind_s > MOST_DISORDER_S:
+        raise BadInput(f"{where}: time runs backwards, by up to {behind_s:g} s, where {MOST_DISORDER_S:g} s are the most")
+    for column, values in ((key, one.values) for key, one in stream.columns.items()):
+        # NaN stands for a value that a device did not give.
+        if (np.abs(values) > MOST_VALUE).any():
+            raise BadInput(f"{where}: {column} reaches {np.nanmax(np.abs(values)):g}, which no sensor gives")
+
+
+def open_unsealed(path: Path) -> Recording:
+    """Open a file without a seal, of which no checksum shows whether it is as a run wrote it: every value and the model are checked.
+
+    Raises BadInput for what no run writes.
+    """
+    (recording,) = open_with_nominal_model([path])
+    stages = [(f"stroke {number}", stroke.streams) for number, stroke in enumerate(recording.strokes, start=1)]
+    stages += [(f"raw stage {number}", stage.streams) for number, stage in enumerate(recording.raw, start=1)]
+    for stage, streams in stages:
+        for name, stream in streams.items():
+            where = f"{path}: {stage}, {name}"
+            _check_stream(where, stream)
+            for column in ALWAYS_MEASURED:
+                if column in stream.columns and not np.isfinite(stream.columns[column].values).all():
+                    raise BadInput(f"{where}: {column} holds a value that is no number; a run always measures it")
+    return recording
 
 
 def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True, allow_outside: bool = False) -> list[Recording]:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns, find_rising
 from rfca_rig.campaign.table import FEWEST_SAMPLES, columns, numeric_columns, read_table
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.reading import read_within_limits
 from rfca_rig.recording.hdf5_file import open_plain
 from rfca_rig.suggestions import suggestion
 
@@ -154,9 +156,9 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         _require_bag_packages(path)
         from rfca_rig.campaign.bag_columns import read_bag_columns  # noqa: PLC0415  (optional)
 
-        return read_bag_columns(path, request)
+        return read_within_limits(path, partial(read_bag_columns, path, request))
     if path.suffix.lower() in HDF5:
-        return read_hdf5_columns(path, request)
+        return read_within_limits(path, partial(read_hdf5_columns, path, request))
     table = read_table(path)
     for name, meaning in request.with_time.items():
         if name not in table.names:
@@ -171,9 +173,9 @@ def list_columns(path: Path) -> ColumnList:
         _require_bag_packages(path)
         from rfca_rig.campaign.bag_columns import list_bag_columns  # noqa: PLC0415  (optional)
 
-        return list_bag_columns(path)
+        return read_within_limits(path, partial(list_bag_columns, path))
     if path.suffix.lower() in HDF5:
-        return list_hdf5_columns(path)
+        return read_within_limits(path, partial(list_hdf5_columns, path))
     values = numeric_columns(read_table(path))
     return ColumnList(values, find_rising(values))
 
@@ -197,7 +199,9 @@ def list_files(recording: Path) -> list[Path]:
 
 
 def _is_bag(path: Path) -> bool:
-    """Raises BadInput for a folder that is no bag."""
+    """Raises BadInput for a folder that is no bag, and for a device or a pipe."""
+    if path.exists() and not (path.is_dir() or path.is_file()):
+        raise BadInput(f"{path}: is a device or a pipe; give a file")
     if path.is_dir() and not _is_rosbag_folder(path):
         raise BadInput(f"{path}: is a folder without the {_METADATA} of a ROS 2 bag; `ros2 bag reindex` writes it")
     return path.is_dir() or path.suffix.lower() in BAG_SUFFIXES

@@ -13,10 +13,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
+from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings, open_unsealed
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
+from rfca_rig.recording.hdf5_file import SEALED
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage, Stream
 from rfca_rig.recording.store import open_sealed, report_damage, texts_of
@@ -260,6 +261,8 @@ def store_in_memory(folder: Path, recording: Recording) -> StoredRecording:
 
 def _in_one_file(folder: Path, path: Path) -> StoredRecording:
     with open_sealed(path) as (file, source):
+        if not file.attrs.get(SEALED, False):
+            return store_in_memory(folder, open_unsealed(path))
         return _make_stored(folder, texts_of(file, source), read_static(file), tuple(_strokes_in(file, path)), tuple(_raw_in(file, path)))
 
 

@@ -3,18 +3,21 @@
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.reading import BYTES_PER_GIB, MEMORY_VARIABLE, read_within_limits, reading_limits
 from rfca_rig.toml import read_text
 
 Floats = NDArray[np.float64]
+Result = TypeVar("Result")
 
 # Of one recording; fewer are refused.
 FEWEST_SAMPLES = 10
@@ -23,8 +26,10 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 # Typical faults, each with a message of its own.
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _NOT_A_VALUE = re.compile(r"[+-]?(nan|inf|infinity|n/a|na|#.*)", re.IGNORECASE)
-# Some hours of a sensor at 7 kHz as text; more does not fit into memory as rows of numbers.
-MOST_BYTES = 4_000_000_000
+# Bytes of memory for each byte of a table, while its text is split into lines and cells.
+MEMORY_PER_BYTE = 8
+# A table below takes less than a second, whatever it holds.
+SMALL_BYTES = 4_000_000
 _SEPARATORS = {";": "';'", "\t": "tabs"}
 
 
@@ -44,7 +49,8 @@ class CsvTable:
 def read_table(path: Path) -> CsvTable:
     """Read the file's header and lines. Raises BadInput for a file that is missing, empty, not UTF-8 or not comma-separated."""
     # Line ends of every operating system.
-    lines = read_text(path, MOST_BYTES).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    most_bytes = int(reading_limits().memory_GiB * BYTES_PER_GIB / MEMORY_PER_BYTE)
+    lines = read_text(path, most_bytes, f"raise {MEMORY_VARIABLE}, or split it").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     while lines and not lines[-1].strip():
         lines.pop()
     if not lines:
@@ -84,6 +90,16 @@ def columns(table: CsvTable, names: Sequence[str]) -> Floats:
 
 
 def _numbers_at(table: CsvTable, places: Sequence[int]) -> Floats:
+    return _read_bounded(table, partial(_numbers_in, table, places))
+
+
+def _read_bounded(table: CsvTable, read: Callable[[], Result]) -> Result:
+    """What `read` makes of a table, within the limits of time and memory where it is large enough to reach them."""
+    is_small = sum(map(len, table.lines)) < SMALL_BYTES
+    return read() if is_small else read_within_limits(table.path, read)
+
+
+def _numbers_in(table: CsvTable, places: Sequence[int]) -> Floats:
     values = _fast(table)
     if values is None or not np.isfinite(values[:, places]).all():
         return np.array([[number(table, row, table.names[i], cells[i]) for i in places] for row, cells in enumerate(rows(table))])
@@ -92,6 +108,13 @@ def _numbers_at(table: CsvTable, places: Sequence[int]) -> Floats:
 
 def numeric_columns(table: CsvTable) -> dict[str, Floats | None]:
     """Every column (rows,) by its name, None where not all cells are finite numbers. Raises BadInput as `rows` does."""
+    return _read_bounded(table, partial(_numeric_columns_in, table))
+
+
+def _numeric_columns_in(table: CsvTable) -> dict[str, Floats | None]:
+    values = _fast(table)
+    if values is not None:
+        return {name: column if np.isfinite(column).all() else None for name, column in zip(table.names, values.T, strict=True)}
     cells = dict(zip(table.names, zip(*rows(table), strict=True), strict=True))
     return {name: None if any(map(_fault_in_number, column)) else np.array(column, dtype=float) for name, column in cells.items()}
 

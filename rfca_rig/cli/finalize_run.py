@@ -152,12 +152,13 @@ def _read_photos(config: RunConfig, run: FinishedRun, report_progress: ProgressC
 
 
 def finish_cut_short(config: RunConfig, run: FinishedRun, say: Say) -> None:
-    """Completes a run that was cut short; one that recorded nothing leaves no folder."""
+    """Completes a run that was cut short; one that recorded nothing leaves no folder, except after a trip."""
+    is_tripped = run.outcome.exit_status == Tripped.exit_code
     try:
-        # The folder of a continued run has earlier stages, so it is never discarded.
-        if run.recorder.samples or config.begun:
+        # A trip must be on record, also one on the way to the first stage. The folder of a continued run has earlier stages.
+        if run.recorder.samples or config.begun or is_tripped:
             finish(config, run, quiet=True)
-            after = " --after-trip" if run.outcome.exit_status == Tripped.exit_code else ""
+            after = " --after-trip" if is_tripped else ""
             say(f"kept {describe_contents(run.folder)} in {run.folder}; rfca-rig resume {run.folder}{after} goes on")
         else:
             run.keeper.finish(run.outcome.why)

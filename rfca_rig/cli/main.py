@@ -141,8 +141,8 @@ def run() -> None:
         _leave(f"{error}; more: rfca-rig trip {error.code}", error.exit_code)
     except RigError as error:
         _leave(str(error), error.exit_code)
-    except (KeyboardInterrupt, Abort):
-        _leave("stopped by the operator", Stopped.exit_code)
+    except (KeyboardInterrupt, Abort) as error:
+        _leave(*_describe_interruption(error))
     # The reader, for example `head`, has gone. Streams that take all prevent a second error at exit.
     except BrokenPipeError:
         sys.stdout = sys.stderr = open_null()
@@ -165,6 +165,14 @@ def run() -> None:
         if os.environ.get(DEBUG_VARIABLE):
             raise
         _leave(*_describe_unexpected(error))
+
+
+def _describe_interruption(error: BaseException) -> tuple[str, int]:
+    """What to print, and the exit code."""
+    # Typer takes every EOFError for ^D at a prompt, also one of a file that ends too early.
+    if isinstance(error.__cause__, EOFError):
+        return _describe_unexpected(error.__cause__)
+    return "stopped by the operator", Stopped.exit_code
 
 
 def _describe_unexpected(error: Exception) -> tuple[str, int]:

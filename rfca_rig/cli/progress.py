@@ -11,7 +11,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import timedelta
-from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
 from rich.console import Console
@@ -165,11 +164,11 @@ def _short(what: str) -> str:
 def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda line: echo(line, err=True)) -> None:
     """To be called before the first computation of a command; prints nothing where the model is compiled already."""
     # numba takes half a second to import, which commands without a model need not wait for.
-    from rfca_rig.model.kernel.compiled import CACHE_FOLDER, is_warm
+    from rfca_rig.model.kernel.compiled import count_compiled, is_warm
 
     if not is_warm() and not quiet:
         say(COMPILE_NOTICE)
-        bars.show_unbounded("compiling", lambda: f"{sum(1 for _ in Path(CACHE_FOLDER).rglob('*.nbi'))} functions")
+        bars.show_unbounded("compiling", lambda: f"{count_compiled()} functions")
 
 
 def compile_ahead(rig: "RigModel") -> None:

@@ -12,7 +12,7 @@ from types import FrameType
 
 import typer
 
-from rfca_rig.bench.expectation import predict_loads
+from rfca_rig.bench.expectation import check_parked_leg, predict_loads
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.photo_reader import PhotoReader, can_read_beside
 from rfca_rig.bench.provenance import Outcome
@@ -70,6 +70,7 @@ def check_before_run(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
             compile_ahead(config.nominal_source.model())
         expected = predict_loads(config.plan, config.nominal_source.model())
     check_plan(config.plan, expected)
+    check_parked_leg(config.plan, config.nominal_source.model(), config.rig.facts().parked_angle_rad)
     _check_on_rougher_floor(config)
     return expected
 

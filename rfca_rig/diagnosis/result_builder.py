@@ -259,7 +259,7 @@ def compare_held_out(found: ModelSelectionResult, accepted: Hypothesis, experime
     if len(conditions) < 2:
         return {}
     linears = [hypothesis.fitted.linear(rows.measured) for hypothesis in (found.nothing, accepted)]
-    before, after = (found.likelihood.held_out_residuals(linear, rows.condition, conditions) for linear in linears)
+    before, after = (found.likelihood.compute_held_out_residuals(linear, rows.condition, conditions) for linear in linears)
     return _by_signal(found, "held_out_rms", before, after, experiment)
 
 

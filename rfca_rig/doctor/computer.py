@@ -18,7 +18,7 @@ from packaging.requirements import Requirement
 from rfca_rig import __version__
 from rfca_rig.clock import Clock
 from rfca_rig.devices.checks import Finding, green, red, yellow
-from rfca_rig.model.kernel.compiled import CACHE_FOLDER
+from rfca_rig.model.kernel.compiled import CACHE_FOLDER, count_compiled
 
 CLOCK_SUBJECT = "clock"
 # Limits in s for the 99th percentile and the maximum of the loop period: two and ten nominal periods.
@@ -226,7 +226,7 @@ def look_at_disk(runs: Path, clock: Clock) -> DiskSeen:
 def look_at_compiled_cache(folder: Path = Path(CACHE_FOLDER)) -> CacheSeen:
     try:
         with tempfile.TemporaryFile(dir=_nearest(folder)):
-            return CacheSeen(str(folder), sum(1 for _ in folder.rglob("*.nbi")))
+            return CacheSeen(str(folder), count_compiled(folder))
     except OSError as error:
         return CacheSeen(str(folder), 0, error.strerror or str(error))
 

@@ -1,9 +1,11 @@
 """Loads a mechanism from an MJCF or URDF file."""
 
+import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import find_unusable_sign
+from rfca_rig.executors.reading import read_within_limits
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.named_files import refuse_foreign_files
 from rfca_rig.subprocesses import safe_path
@@ -30,6 +33,48 @@ SENSOR_UNITS = {
 }
 # Memory of a simulation; the default of 15 MB takes longer to allocate than a window to simulate.
 ARENA_BYTES = 1 << 20
+
+# A simulation takes the square of the joints; a humanoid has some 50.
+MOST_PARTS = 2000
+# MuJoCo's own step is 2 ms by default. Below and above these no model is stable or finished in a lifetime.
+SHORTEST_STEP_S, LONGEST_STEP_S = 1e-6, 1.0
+# Of a model that is compiled in some milliseconds.
+PLAIN_BYTES = 100_000
+# Others name further files, make copies of what is within them, or state how much memory to take.
+PLAIN_ELEMENTS = frozenset(
+    (
+        *(
+            "mujoco",
+            "compiler",
+            "option",
+            "flag",
+            "default",
+            "worldbody",
+            "body",
+            "inertial",
+            "joint",
+            "freejoint",
+            "geom",
+            "site",
+            "light",
+        ),
+        *("actuator", "motor", "position", "velocity", "general", "contact", "pair", "exclude", "equality", "weld", "connect"),
+        *("sensor", "jointpos", "jointvel", "force", "torque", "accelerometer", "gyro", "framepos", "touch"),
+    )
+)
+# In SI. The largest of a mechanism is the stiffness of a contact, up to 1e10 N/m; MuJoCo takes a state above 1e10 for a divergence.
+MOST_VALUE = 1e12
+# Numbers of a compiled model on which a motion depends.
+OPTIONS = ("gravity", "wind", "density", "viscosity", "impratio")
+VALUES = (
+    *("body_mass", "body_inertia", "body_pos", "body_quat", "body_ipos", "body_iquat", "body_gravcomp"),
+    *("jnt_pos", "jnt_axis", "jnt_range", "jnt_stiffness", "jnt_margin", "qpos0", "qpos_spring"),
+    *("dof_armature", "dof_damping", "dof_frictionloss"),
+    *("geom_size", "geom_pos", "geom_quat", "geom_friction", "geom_margin", "geom_gap", "geom_solref", "geom_solimp"),
+    *("site_pos", "tendon_stiffness", "tendon_damping", "tendon_range", "eq_data"),
+    *("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_ctrlrange", "actuator_forcerange"),
+    *("key_qpos", "key_qvel", "hfield_data", "mesh_vert"),
+)
 
 
 @dataclass(frozen=True)
@@ -164,7 +209,8 @@ def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: boo
     Raises
     ------
     BadInput
-        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, it names files elsewhere, or it has other joints.
+        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, it names files elsewhere, it has other joints or absurd
+        values, or it takes too much time or memory.
     """
     if find_spec("mujoco") is None:
         raise BadInput("MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'")
@@ -176,8 +222,25 @@ def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: boo
     mujoco.set_mju_user_warning(_ignore)
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
-    if not allow_outside:
-        refuse_foreign_files(path, (path.parent, *beside))
+    load = partial(_load, path, None if allow_outside else (path.parent, *beside))
+    return load() if _is_plain(path) else read_within_limits(path, load)
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether a model is short, and of elements that stand for no more than themselves: no limits are needed to read it."""
+    if path.stat().st_size > PLAIN_BYTES:
+        return False
+    content = path.read_bytes()
+    elements = {name.decode() for name in re.findall(rb"<\s*([A-Za-z_][\w.:-]*)", content)}
+    return elements <= PLAIN_ELEMENTS and b"<!DOCTYPE" not in content
+
+
+def _load(path: Path, allowed: tuple[Path, ...] | None) -> Mechanism:
+    """The mechanism of a file that names files of the `allowed` folders only, or any where there are none."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    if allowed is not None:
+        refuse_foreign_files(path, allowed)
     try:
         spec = read_spec(path)
         spec.memory = ARENA_BYTES
@@ -185,6 +248,7 @@ def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: boo
     except (ValueError, mujoco.FatalError) as error:
         raise BadInput(f"{path}: MuJoCo refuses the model: {' '.join(str(error).split())}") from None
     _refuse_unusable_names(path, spec)
+    _check_values(path, model)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}
     joints = tuple(model.joint(i).name for i in range(model.njnt))
     for name, kind in zip(joints, model.jnt_type, strict=True):
@@ -211,6 +275,24 @@ def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: boo
         has_contacts=bool(model.npair > 0 or np.any(model.geom_contype & model.geom_conaffinity[:, None])),
         is_implicit=model.opt.integrator in (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
     )
+
+
+def _check_values(path: Path, model: Any) -> None:
+    """Raises BadInput for a model that cannot be computed with: too large, or with values that no mechanism has."""
+    for what, count in (("joints", model.nv), ("bodies", model.nbody), ("actuators", model.nu), ("sensors", model.nsensor)):
+        if count > MOST_PARTS:
+            raise BadInput(f"{path}: has {count} {what}, where {MOST_PARTS} are the most; remove what the recordings do not show")
+    if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
+        allowed = f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s"
+        raise BadInput(f"{path}: option timestep is {model.opt.timestep:g} s; give a time step of {allowed}")
+    values = {f"option {name}": getattr(model.opt, name) for name in OPTIONS}
+    values |= {name: getattr(model, name) for name in VALUES}
+    for name, value in values.items():
+        numbers = np.ravel(value)
+        # Also true for NaN.
+        absurd = numbers[~(np.abs(numbers) <= MOST_VALUE)]
+        if absurd.size:
+            raise BadInput(f"{path}: {name} holds {absurd[0]:g}; values are finite, and {MOST_VALUE:g} or less in size")
 
 
 def read_spec(path: Path) -> Any:

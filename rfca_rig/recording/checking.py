@@ -96,16 +96,15 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run, or files of others."""
     refuse_links(folder)
     if not is_run_folder(folder):
-        # A run of an older version is one recording, or parts of one.
-        files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
-        if not files:
-            raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are" if folder.exists() else not_there(folder))
-        for file in files:
-            yield _finding_of(file.relative_to(folder).as_posix(), partial(_describe, file))
+        yield from _check_older_run(folder)
         return
     sums, recorded = _Sums(folder), _Recorded(folder)
     texts = recorded.texts
     yield sums.finding(HEADER, partial(_title, folder, texts))
+    if _is_unbegun(folder):
+        words = "is not there: nothing was recorded before the run ended, or it begins right now"
+        yield FileFinding(EVENTS, f"{words}; rfca-rig resume {folder} does its whole plan")
+        return
     # Damaged events are reported once; the stages are then checked without them.
     events = sums.finding(EVENTS, partial(_events, folder, texts))
     yield events
@@ -135,6 +134,21 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
                 yield FileFinding(name, "is missing", False)
     if closed is False and has_recording:
         yield FileFinding(SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}")
+
+
+def _check_older_run(folder: Path) -> Iterator[FileFinding]:
+    """A run of an older version is one recording, or parts of one."""
+    files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
+    if not files:
+        raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are" if folder.exists() else not_there(folder))
+    for file in files:
+        yield _finding_of(file.relative_to(folder).as_posix(), partial(_describe, file))
+
+
+def _is_unbegun(folder: Path) -> bool:
+    """Whether a run has no more than its header. Its recorder makes the file of events first, so none has been lost."""
+    made = (EVENTS, ENDING, RECORDING, SUMS, PHOTOS, OVERLAYS)
+    return not any((folder / name).exists() for name in made) and not stage_files(folder) and not journals(folder)
 
 
 def _read_whole_ending(folder: Path) -> Ending | None:

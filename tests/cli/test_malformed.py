@@ -38,7 +38,7 @@ def here(tmp_path: Path, monkeypatch) -> Path:
         ((*DRY, "--protocol", "./pipe.toml"), "pipe.toml: is a device or a pipe; give a file"),
         ((*DRY, "--rig", "/dev/zero"), "/dev/zero: is a device or a pipe; give a file"),
         ((*DRY, "--protocol", "deep.toml"), "deep.toml: is nested too deeply"),
-        ((*DRY, "--protocol", "large.toml"), "large.toml: has 17 MB, where 16 MB are the most"),
+        ((*DRY, "--protocol", "large.toml"), "large.toml: has 17 MB, where 4 MB are the most"),
         ((*DRY, "--height", "215", "--speed", "1e-7"), "speed_rad_s: should be greater than or equal to 0.01, not 1e-07"),
         ((*DRY, "--height", "215", "--speed", "1e7"), "speed_rad_s: should be less than or equal to 100"),
     ],

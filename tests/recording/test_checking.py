@@ -306,3 +306,24 @@ def test_edits_of_every_kind_are_found_and_check_and_recover_agree(tmp_path: Pat
     edits = [*whole_file_edits(tmp_path / "run", tmp_path / "other", tmp_path / "older"), *random_edits(tmp_path / "run", 200, 1)]
     faults = {edit.name: find_fault(tmp_path / "run", edit, tmp_path / "copy") for edit in edits[::20]}
     assert not any(faults.values()), faults
+
+
+def test_a_run_whose_recorder_never_began_has_lost_nothing(whole: Path, tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "run"
+    (folder / "stages").mkdir(parents=True)
+    shutil.copyfile(whole / "run.json", folder / "run.json")
+    said = typed(monkeypatch, capsys, "check", folder)
+    assert said.exit_code == 0
+    assert said.out.splitlines() == [
+        f"ok      run.json: {run_folder.read_header(folder).source} {run_folder.read_header(folder).title}",
+        "ok      events.jsonl: is not there: nothing was recorded before the run ended, or it begins right now; "
+        f"rfca-rig resume {folder} does its whole plan",
+    ]
+
+
+def test_events_are_missed_where_a_stage_was_recorded(whole: Path, tmp_path):
+    folder = tmp_path / "run"
+    (folder / "stages").mkdir(parents=True)
+    for name in ("run.json", "stages/0001.h5"):
+        shutil.copyfile(whole / name, folder / name)
+    assert damaged_files(folder) == ["events.jsonl"]

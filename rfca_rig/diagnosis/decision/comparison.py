@@ -275,7 +275,7 @@ class Comparison:
         rows, likelihood = self.result.dataset.rows, self.result.likelihood
         conditions = range(int(rows.condition.max()) + 1)
         linears = [hypothesis.hypothesis.fitted.linear(rows.measured) for hypothesis in (self.nothing, one)]
-        without, with_effects = (likelihood.held_out_residuals(linear, rows.condition, conditions) ** 2 for linear in linears)
+        without, with_effects = (likelihood.compute_held_out_residuals(linear, rows.condition, conditions) ** 2 for linear in linears)
         usual = likelihood.usual.variance()
         for signal in np.unique(rows.signal):
             own = rows.signal == signal

@@ -165,7 +165,7 @@ class MarginalLikelihood:
         logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
         return every[int(np.argmax(logs))]
 
-    def held_out_residuals(self, linear: LinearModel, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+    def compute_held_out_residuals(self, linear: LinearModel, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
         """`loo_residuals` (m,) of a hypothesis at its own most probable scale, the usual one at least."""
         return loo_residuals(linear, self.level(linear), condition, left_out)
 

@@ -16,6 +16,8 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from rfca_rig.compile_cache import CodeCache
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _jitable = cast(Any, register_jitable)
@@ -32,22 +34,20 @@ FY, FD, MOMENT = range(3)
 SY, SD = range(2)
 
 
-def _folder() -> str:
-    """Cache folder for the present source of the simulator: numba notices edits in a function's own file only."""
+def _folder() -> Path:
+    """Cache folder for the present source of the simulator: the cache notices edits in a function's own file only."""
     content = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))
     parent = os.environ.get("NUMBA_CACHE_DIR") or str(Path.home() / ".cache" / "rfca-rig")
-    return str(Path(parent) / f"exam-{hashlib.sha256(content).hexdigest()[:16]}")
+    return Path(parent) / f"exam-{hashlib.sha256(content).hexdigest()[:16]}"
 
 
 def jit_cached(function: Function) -> Function:
     """The function, compiled on first use and cached on disk; a division by zero gives inf, as in numpy."""
-    # numba reads the cache folder when it decorates, so the setting is needed only meanwhile and other packages keep theirs.
-    settings = cast(Any, numba.config)
-    before, settings.CACHE_DIR = settings.CACHE_DIR, _folder()
-    try:
-        return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-    finally:
-        settings.CACHE_DIR = before
+    dispatcher = cast(Any, numba.njit)(nogil=True, error_model="numpy")(function)
+    # Without compilation, as for coverage, it is the Python function itself.
+    if dispatcher is not function:
+        dispatcher._cache = CodeCache(function, _folder())
+    return cast(Function, dispatcher)
 
 
 def jit_internal(function: Function) -> Function:

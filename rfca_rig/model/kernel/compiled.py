@@ -1,6 +1,6 @@
 """Decorators that compile a function with numba and cache the result on disk for the next process.
 
-The compiler's own cache notices an edit only in the file of the function itself, not in the files it calls. Here the cache
+A cached function is compiled again after an edit of its own file, not of the files whose functions it calls. Therefore the cache
 folder is named after the content of all compiled files of this package and of `mechanism`, so an edited package never runs outdated
 code.
 
@@ -11,20 +11,18 @@ calls, which takes 25 s; the code is as fast.
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from threading import Lock
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import AnalysisPass, register_pass
-from numba.core.runtime.nrt import rtsys
 from numba.core.typed_passes import AnnotateTypes
 from numba.extending import register_jitable
+
+from rfca_rig.compile_cache import SUFFIX, CodeCache
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -160,11 +158,13 @@ CACHE_FOLDER = cache_folder()
 
 
 def is_warm() -> bool:
-    """Whether an earlier process has left compiled code of this source; without it the first stroke takes up to a minute.
+    """Whether an earlier process has left compiled code of this source; without it the first stroke takes up to a minute."""
+    return any(Path(CACHE_FOLDER).rglob(f"*{SUFFIX}"))
 
-    That the folder exists proves nothing: it is made as soon as a function is decorated.
-    """
-    return any(Path(CACHE_FOLDER).rglob("*.nbi"))
+
+def count_compiled(folder: Path = Path(CACHE_FOLDER)) -> int:
+    """Number of functions of which compiled code is kept in the folder."""
+    return sum(1 for _ in folder.rglob(f"*{SUFFIX}"))
 
 
 def jit(function: Function) -> Function:
@@ -204,32 +204,5 @@ def _compile(function: Function, options: dict[str, bool]) -> Function:
     dispatcher = _njit(no_cfunc_wrapper=True, **AS_ALL, pipeline_class=_LINKING_CALLEES, **options)(function)
     # Without compilation, as for coverage, it is the Python function itself.
     if dispatcher is not function:
-        with caching_in(CACHE_FOLDER):
-            dispatcher._cache = cast(Any, CodeCache)(function)
+        dispatcher._cache = CodeCache(function, Path(CACHE_FOLDER))
     return cast(Function, dispatcher)
-
-
-class CodeCache(FunctionCache):
-    """Loads compiled code without the compiler's own library of functions, which takes 0.2 s to import and which only compilation needs."""
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        # What the code of functions with arrays of their own refers to.
-        rtsys.initialize(target_context)
-        with cast(Any, self)._guard_against_spurious_io_errors():
-            return cast(Any, self)._load_overload(sig, target_context)
-
-
-_CACHE_DIR_LOCK = Lock()
-
-
-@contextmanager
-def caching_in(folder: str) -> Iterator[None]:
-    """Caches compiled code in this folder. One thread at a time: the compiler reads the folder from a setting of the whole process."""
-    with _CACHE_DIR_LOCK:
-        # Other packages of this process have their own setting, which must come back.
-        previous = _settings.CACHE_DIR
-        _settings.CACHE_DIR = folder
-        try:
-            yield
-        finally:
-            _settings.CACHE_DIR = previous

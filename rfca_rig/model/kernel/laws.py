@@ -41,7 +41,8 @@ from numba.core import cgutils
 from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
-from rfca_rig.model.kernel.compiled import CACHE_FOLDER, CodeCache, caching_in
+from rfca_rig.compile_cache import CodeCache
+from rfca_rig.model.kernel.compiled import CACHE_FOLDER
 from rfca_rig.model.kernel.lanes import LANES, LanesType
 from rfca_rig.model.kernel.state import Floats
 
@@ -72,15 +73,14 @@ def address_of_advance(law: Law) -> int:
 def _compile_call(call: Law, law: Law) -> int:
     """Compiles `call` with `law` in the place of its global name `law`.
 
-    The compiler's cache distinguishes functions by name and line of `call`, which all laws share. So each law has its own folder.
+    The cache distinguishes functions by name and code of `call`, which all laws share. So each law has its own folder.
     """
     # A new function with globals of its own: the module has no name `law`, and each law needs another value for it.
     function = FunctionType(call.__code__, {"__name__": __name__, "law": numba.njit(law, error_model="numpy")}, call.__name__)
     if law.__module__.startswith("rfca_rig.model.") and law.__closure__ is None:
-        with caching_in(str(Path(CACHE_FOLDER) / "laws" / _key_of(law))):
-            # As `numba.cfunc` does with its own cache, which loads the compiler's functions first.
-            compiled: Any = cast(Any, CFunc)(function, (_SIGNATURE.args, _SIGNATURE.return_type), locals={}, options={})
-            compiled._cache = cast(Any, CodeCache)(function)
+        # As `numba.cfunc` does with its own cache, which loads the compiler's functions first.
+        compiled: Any = cast(Any, CFunc)(function, (_SIGNATURE.args, _SIGNATURE.return_type), locals={}, options={})
+        compiled._cache = CodeCache(function, Path(CACHE_FOLDER) / "laws" / _key_of(law))
         compiled.compile()
     else:
         # A closure, or a lab's own law, may depend on any file or value. Without a cache, no outdated code can run.
