@@ -35,8 +35,12 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 FIRST_STROKES = (0.5, 0.75)
 
 
+# As long as a drive with the usual watchdog would go on without a command.
+READING_AGE_MS = 100.0
+
+
 class LimitsSection(Section):
-    """Limits that stop the motion at once; every one must be set.
+    """Limits that stop the motion at once; every one but `reading_age_ms` must be set.
 
     `first_strokes` are the shares of a condition's speed for its first strokes, from which the force at full speed is predicted before it
     is applied. Without the key, a real rig runs them at 0.5 and 0.75, a twin none.
@@ -54,6 +58,7 @@ class LimitsSection(Section):
     above_expected_ms: Positive = Field(description="longest time above that ratio")
     temperature_degC: Positive = Field(description="highest temperature of drive and motor")
     late_ms: Positive = Field(description="largest delay of a cycle of the control loop")
+    reading_age_ms: Positive = Field(default=READING_AGE_MS, description="largest age of the angle and torque that the drive reports")
     first_strokes: Annotated[tuple[Share, ...], Field(strict=False)] | None = Field(
         default=None, description="shares of the speed for the first strokes of a condition"
     )
@@ -177,6 +182,7 @@ class RigFile(Section):
             above_expected_s=1e-3 * limits.above_expected_ms,
             temperature_C=limits.temperature_degC,
             late_s=1e-3 * limits.late_ms,
+            reading_age_s=1e-3 * limits.reading_age_ms,
         )
 
 
