@@ -59,9 +59,10 @@ class ReadingCheck:
         self._bad_in_a_row += 1
         if self._bad_in_a_row >= MAX_BAD_IN_A_ROW:
             possible = f"possible are {signal.low:g} to {signal.high:g}" if isfinite(signal.high) else "it must be a number"
+            value_text = f"{value:g} {signal.unit}".rstrip()
             raise BadReading(
-                f"{self._device} reports a {signal.name} of {value:g} {signal.unit}, {self._bad_in_a_row} bad reports in a row; "
-                f"{possible}: check what measures it, then the wiring"
+                f"{self._device} reports {signal.name} {value_text}, {self._bad_in_a_row} bad reports in a row; {possible}: "
+                "check what measures it, then the wiring"
             )
 
 

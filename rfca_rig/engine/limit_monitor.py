@@ -63,8 +63,8 @@ def check_drive(status: MotorStatus, limits: Limits) -> None:
 def _too_old(reading: str, age_s: float, limits: Limits) -> Tripped:
     return Tripped(
         Trip.READING_OLD,
-        f"the drive's last {reading} is {1e3 * age_s:.0f} ms old, limit {1e3 * limits.reading_age_s:.0f} ms; check the drive's "
-        "cyclic messages, and what else is on the bus",
+        f"the drive's last {reading} is {1e3 * age_s:.0f} ms old, limit {1e3 * limits.reading_age_s:.0f} ms; check its power, "
+        "its cyclic messages, and the bus",
     )
 
 

@@ -216,7 +216,7 @@ def spoil(samples: int, value: float) -> Callable[[list[GageBlock]], list[GageBl
     return tamper
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_samples_that_are_no_numbers_are_dropped_and_three_in_a_row_are_an_error(value: float) -> None:
     rig = made()
     rig.sensor.start()
@@ -225,7 +225,7 @@ def test_samples_that_are_no_numbers_are_dropped_and_three_in_a_row_are_an_error
     assert rig.sensor.health().malformed > 0
     assert np.abs(kept.counts).max() < 1e9
     rig.sensor._gages.tamper = spoil(3, value)
-    with pytest.raises(BadReading, match="the force sensor reports a voltage of"):
+    with pytest.raises(BadReading, match="the force sensor reports voltage"):
         rig.run(0.01)
 
 

@@ -93,5 +93,5 @@ def test_the_warmest_of_what_is_told_counts_and_that_it_is_told_no_more() -> Non
     temperature.hear(14.0, 35.0, float("nan"))
     assert temperature.warmest_C == 61.5
     temperature.hear(15.0, 35.0, 1e30)
-    with pytest.raises(BadReading, match="motor temperature of nan degC, 3 bad reports"):
+    with pytest.raises(BadReading, match="motor temperature nan degC, 3 bad reports"):
         temperature.hear(16.0, 35.0, float("nan"))

@@ -271,7 +271,7 @@ def test_a_drive_that_knows_no_position_is_an_error() -> None:
             answer(there, *state_of(counter, position_turns=float("nan")))
             assert len(motor.read().angle_rad) == 0
         answer(there, *state_of(3, position_turns=float("nan")))
-        with pytest.raises(BadReading, match="the drive reports a position of nan turns, 3 bad reports in a row"):
+        with pytest.raises(BadReading, match="the drive reports position nan turns, 3 bad reports in a row"):
             motor.read()
 
 
