@@ -9,34 +9,37 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from math import nan
 from pathlib import Path
 from unittest import mock
 
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
+from rfca_rig.cli.run_experiment import handle_signals
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.errors import RigError, Tripped
-from rfca_rig.protocol.plan import Flap, Hold, Stage
+from rfca_rig.errors import RigError
+from rfca_rig.protocol.plan import Flap, Hold, Plan, Rest, Stage
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.model import Recording
-from tests.runner_faults.outcome import Hooked
+from tests.runner_faults.cause import GOES_ON
+from tests.runner_faults.outcome import Hooked, code_of
 from tests.runner_faults.rig import TRUE, short_plan
 from tests.twin_server.can_proxy import LoggedFrame, RunningProxy, can_proxy, last_torque_s
 from tests.twin_server.server import Server, serving
 from tests.twin_server.test_real_run import real_rig
 
-# From the begin of the stage to the fault, and for how long the shaft is held at least.
+# From the begin of the stage to the fault, and for how long the shaft is held.
 AFTER_S = 0.3
-HELD_S = 6.0
+HELD_S = 4.0
 
 
 @dataclass(frozen=True)
 class WireRun:
-    """How a run ended: by which code or error, what it said, and the time from the fault to the last torque of the drive."""
+    """How a run ended: by which code or error, what it said, and when the fault began; NaN where the run ended before."""
 
     ended: str
     message: str
@@ -45,6 +48,7 @@ class WireRun:
 
     @property
     def torque_s(self) -> float:
+        """Time from the fault to the last torque of the drive."""
         return last_torque_s(self.frames) - self.begun_s
 
     @property
@@ -63,6 +67,7 @@ class Wire:
     recorder_id: int
 
     def kill_recorder(self) -> float:
+        """Returns when it did."""
         begun_s = time.monotonic()
         os.kill(self.recorder_id, signal.SIGKILL)
         return begun_s
@@ -70,18 +75,25 @@ class Wire:
 
 @contextmanager
 def served_rig(folder: Path) -> Iterator[tuple[Server, RigFile]]:
+    """A twin server, and the rig file of a real rig at its addresses."""
     with serving() as server:
-        rig = real_rig(folder, server)
-        yield server, rig
+        yield server, real_rig(folder, server)
 
 
-def run_with_fault(server: Server, rig: RigFile, begin: Callable[[Wire], float], in_hold: bool, speed_rad_s: float = 3.0) -> WireRun:
-    """Runs the short plan; `begin` starts the fault, in the hold or in the stroke, and returns when it did."""
-    with can_proxy(server.host, int(server.ports["can_port"])) as proxy, tempfile.TemporaryDirectory() as place:
+def run_with_fault(server: Server, rig: RigFile, begin: Callable[[Wire], float], in_hold: bool) -> WireRun:
+    """Runs the short plan; `begin` starts the fault and returns when it did.
+
+    It begins in the stroke, or while the shaft is held and nothing is recorded.
+    """
+    with can_proxy(server.host, int(server.ports["can_port"])) as proxy, tempfile.TemporaryDirectory() as place, ExitStack() as patches:
         where = json.dumps({"host": "127.0.0.1", "port": proxy.port})
-        with mock.patch.dict(os.environ, {"CAN_CONFIG": where}), mock.patch.object(builtins, "input", lambda text: _set_rack(server, text)):
-            ended, message, begun_s = _run(rig, Path(place) / "run", proxy, server, begin, in_hold, speed_rad_s)
-        return WireRun(ended, message, begun_s, proxy.finish())
+        patches.enter_context(mock.patch.dict(os.environ, {"CAN_CONFIG": where}))
+        patches.enter_context(mock.patch.object(builtins, "input", lambda text: _set_rack(server, text)))
+        folder = Path(place) / "run"
+        run_folder.create(folder, Recording("a run", "SIM", rig.nominal(), {}, (), ()))
+        keeper = RecorderClient(folder, patient=False)
+        error, begun_s = _run(rig, keeper, Wire(proxy, server, keeper.process_id), begin, in_hold)
+        return WireRun(GOES_ON if error is None else code_of(error), str(error or ""), begun_s, proxy.finish())
 
 
 def _set_rack(server: Server, prompt: str) -> str:
@@ -90,48 +102,39 @@ def _set_rack(server: Server, prompt: str) -> str:
     return ""
 
 
-def _run(
-    rig: RigFile,
-    folder: Path,
-    proxy: RunningProxy,
-    server: Server,
-    begin: Callable[[Wire], float],
-    in_hold: bool,
-    speed_rad_s: float,
-) -> tuple[str, str, float]:
-    run_folder.create(folder, Recording("a run", "SIM", rig.nominal(), {}, (), ()))
-    keeper = RecorderClient(folder, patient=False)
-    wire = Wire(proxy, server, keeper.process_id)
+def _run(rig: RigFile, keeper: RecorderClient, wire: Wire, begin: Callable[[Wire], float], in_hold: bool) -> tuple[RigError | None, float]:
+    """The error that ended the run, if any, and when the fault began."""
     begun: list[float] = []
 
-    def on_begin(stage: Flap | Hold, _start_s: float) -> None:
-        if isinstance(stage, Hold) == in_hold:
-            threading.Timer(AFTER_S, lambda: begun.append(begin(wire))).start()
+    def begin_soon() -> None:
+        threading.Timer(AFTER_S, lambda: begun.append(begin(wire))).start()
 
-    plan = short_plan(
-        rig.facts().limits, replace(TRUE, encoder_s=1e-3 * rig.motor.encoder_period_ms), speed_rad_s, HELD_S if in_hold else 0.1
-    )
-    ended, message = "goes on", ""
-    with open_bench(rig, None) as bench:
-        supervision = Supervision()
+    def on_begin(stage: Flap | Hold, _start_s: float) -> None:
+        if isinstance(stage, Flap) and not in_hold:
+            begin_soon()
+
+    def on_stage(stage: Stage) -> None:
+        # The hold comes next.
+        if isinstance(stage, Rest) and in_hold:
+            begin_soon()
+
+    supervision, error = Supervision(), None
+    with open_bench(rig, None) as bench, handle_signals(supervision.stop_request, lambda _: None):
         keeper.watch(supervision.helpers)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         try:
-            run_plan(plan, bench, Hooked(recorder, on_begin), _nothing, supervision)
-        except RigError as error:
-            ended, message = (str(error.code) if isinstance(error, Tripped) else type(error).__name__), str(error)
-        finally:
-            _finish(keeper, ended)
-    return ended, message, begun[0] if begun else float("nan")
+            run_plan(_plan(rig, in_hold), bench, Hooked(recorder, on_begin), on_stage, supervision)
+        except RigError as caught:
+            error = caught
+    # A recorder that was killed cannot finish.
+    with suppress(RigError):
+        keeper.finish("done")
+    return error, begun[0] if begun else nan
 
 
-def _finish(keeper: RecorderClient, why: str) -> None:
-    try:
-        keeper.finish(why)
-    except RigError:
-        # A recorder that was killed is what some faults are about.
-        return
-
-
-def _nothing(_stage: Stage) -> None:
-    """Progress nobody watches."""
+def _plan(rig: RigFile, in_hold: bool) -> Plan:
+    fidelity = replace(TRUE, encoder_s=1e-3 * rig.motor.encoder_period_ms)
+    plan = short_plan(rig.facts().limits, fidelity, speed_rad_s=3.0)
+    dwell_s = HELD_S if in_hold else 0.0
+    stages = [replace(stage, timing=replace(stage.timing, dwell_s=dwell_s)) if isinstance(stage, Hold) else stage for stage in plan.stages]
+    return replace(plan, stages=tuple(stages))

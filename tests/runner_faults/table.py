@@ -11,6 +11,9 @@ from tests.runner_faults.endings import ENDINGS
 from tests.runner_faults.outcome import Outcome, caused
 from tests.runner_faults.rig import Fidelity
 
+# Times over the wire, written by `tests.benchmarks.stop_times`.
+STOP_TIMES = Path(__file__).with_name("stop_times.json")
+
 HEAD = """# Fault table: what can go wrong, and what the runner does then
 
 Made by `python -m tests.runner_faults docs/fault-table.md` from the causes in `tests/runner_faults`. They act on the twin of an ODrive

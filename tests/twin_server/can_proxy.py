@@ -25,7 +25,11 @@ VALUES = {"nan": nan, "inf": inf, "minus-inf": -inf, "absurd": 1e30}
 
 @dataclass
 class FrameFault:
-    """What happens to the frames of one id from now on. "drop" takes them away, "delay" holds them back for `late_s`."""
+    """What happens to the frames of one id from now on.
+
+    "drop" takes them away, "delay" holds them back for `late_s`, "error" puts `word` into their first four bytes; a name of VALUES replaces
+    their floats. "send" sends a frame with `data` to the drive, as another master would. "unplug" cuts the program off.
+    """
 
     kind: str
     can_id: int
@@ -33,6 +37,8 @@ class FrameFault:
     late_s: float = 0.0
     # Which of the two floats of a frame is replaced; both where it is None.
     place: int | None = None
+    word: int = 0
+    data: str = ""
     held: deque[tuple[float, bytes]] = field(default_factory=deque)
 
 
@@ -43,23 +49,35 @@ class Proxy:
     client: socket.socket
     server: socket.socket
     fault: FrameFault | None = None
+    is_unplugged: bool = False
     rest: bytes = b""
     log: list[tuple[float, str, int, str, bool]] = field(default_factory=list)
 
     def run(self) -> None:
         orders = sys.stdin.buffer
         while True:
-            ready, _, _ = select.select([self.client, self.server, orders], [], [], 1e-3)
+            ends = [self.server, orders, *([] if self.is_unplugged else [self.client])]
+            ready, _, _ = select.select(ends, [], [], 1e-3)
             if orders in ready:
                 line = orders.readline()
                 if not line:
                     return
-                self.fault = FrameFault(**json.loads(line))
+                self._begin(FrameFault(**json.loads(line)))
             if self.client in ready:
                 self._pass_up(self.client.recv(1 << 16))
             if self.server in ready:
                 self._pass_down(self.server.recv(1 << 16))
             self._let_go_held()
+
+    def _begin(self, fault: FrameFault) -> None:
+        self.fault = fault
+        if fault.kind == "send":
+            words = " ".join(f"{byte:02X}" for byte in bytes.fromhex(fault.data))
+            self.server.sendall(f"< send {fault.can_id:X} {len(fault.data) // 2} {words} >".encode())
+            self.fault = None
+        if fault.kind == "unplug":
+            self.is_unplugged = True
+            self.client.close()
 
     def _pass_up(self, received: bytes) -> None:
         now_s = time.monotonic()
@@ -73,7 +91,7 @@ class Proxy:
     def _pass_down(self, received: bytes) -> None:
         *whole, self.rest = (self.rest + received).split(b">")
         passed = b"".join(self._damage(text + b">") for text in whole)
-        if passed:
+        if passed and not self.is_unplugged:
             self.client.sendall(passed)
 
     def _damage(self, message: bytes) -> bytes:
@@ -91,6 +109,9 @@ class Proxy:
             return b""
         if fault.kind == "drop":
             return b""
+        if fault.kind == "error":
+            words[4] = (struct.pack("<I", fault.word) + bytes.fromhex(words[4].decode())[4:]).hex().upper().encode()
+            return b" ".join(words)
         numbers = list(struct.unpack("<ff", bytes.fromhex(words[4].decode())))
         for place in (0, 1) if fault.place is None else (fault.place,):
             numbers[place] = VALUES[fault.kind]
