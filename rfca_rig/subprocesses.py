@@ -51,19 +51,20 @@ class HelperWatch:
 
     def __init__(self) -> None:
         self._poll: select.poll | None = None
-        self._reasons: dict[int, str] = {}
+        # With the connections, which must stay open: their numbers would be those of other files otherwise.
+        self._watched: dict[int, tuple[Connection, str]] = {}
 
     def add(self, connection: Connection, reason: str) -> None:
-        """Watches the helper at the other end. `reason` is the error that its end raises; the connection must stay open meanwhile."""
+        """Watches the helper at the other end. `reason` is the error that its end raises."""
         # Made here, because systems on which no helper can be started have no `poll`.
         self._poll = self._poll or select.poll()
         # No events: what the helper has sent is nothing to look at, only that it has hung up.
         self._poll.register(connection.fileno(), 0)
-        self._reasons[connection.fileno()] = reason
+        self._watched[connection.fileno()] = connection, reason
 
     def check(self) -> None:
         """Raises RigError if a helper has ended. Never waits."""
         if self._poll is None:
             return
         for fileno, _ in self._poll.poll(0):
-            raise RigError(self._reasons[fileno])
+            raise RigError(self._watched[fileno][1])

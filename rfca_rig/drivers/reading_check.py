@@ -37,6 +37,7 @@ class ReadingCheck:
         """`device` is the subject of the message: "the drive", "the force sensor"."""
         self._device = device
         self._signals = signals
+        self._ranges = [(signal.low, signal.high) for signal in signals]
         self._bad_in_a_row = 0
         self.bad: Counter[str] = Counter()
 
@@ -45,11 +46,14 @@ class ReadingCheck:
 
         Raises BadReading at the third bad report in a row.
         """
-        for signal, value in zip(self._signals, values, strict=True):
+        place = 0
+        # Plain, because it runs for every report.
+        for low, high in self._ranges:
             # A comparison with NaN is false, so this way round NaN is refused too.
-            if not signal.low <= value <= signal.high:
-                self.refuse(signal, value)
+            if not low <= values[place] <= high:
+                self.refuse(self._signals[place], values[place])
                 return False
+            place += 1  # noqa: SIM113
         self._bad_in_a_row = 0
         return True
 

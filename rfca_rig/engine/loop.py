@@ -10,7 +10,7 @@ from rfca_rig.drivers.reading_check import describe_bad
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest, Tick
 from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
-from rfca_rig.engine.sample_check import FORCE_COLUMNS, SHAFT_COLUMNS, SampleCheck, StatusCheck
+from rfca_rig.engine.sample_check import SampleCheck, StatusCheck, sum_force, sum_shaft
 from rfca_rig.errors import BadReading, DeviceError, Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
@@ -67,9 +67,9 @@ class Loop:
         self._limits = limits
         self._stop_request = stop_request or StopRequest()
         self._monitor = LimitMonitor(limits, scale, bench.clock.now_s())
-        self._shaft_check = SampleCheck("the drive", SHAFT_COLUMNS)
+        self._shaft_check = SampleCheck("the drive", sum_shaft, "angle_rad", "speed_rad_s", "torque_Nm")
         self._status_check = StatusCheck()
-        self._force_check = SampleCheck("the force sensor", FORCE_COLUMNS)
+        self._force_check = SampleCheck("the force sensor", sum_force, "counts")
         self._listeners: list[Listener] = []
         self._force: ForceSamples | None = None
         self._is_over = False
@@ -173,8 +173,10 @@ class Loop:
         self.target_rad, self._target_speed_rad_s = target_rad, target_speed_rad_s
         self._read()
         now = Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s)
-        with trip_on_bus_error():
+        try:
             self._status = self._status_check.accept(self._bench.motor.status())
+        except BadReading as error:
+            raise Tripped(Trip.DRIVE_READING, str(error)) from error
         self._monitor.motion(self.now_s, self._status, now)
         # After the limits, because a trip names its cause.
         self._helpers.check()

@@ -227,12 +227,13 @@ class OdriveReports:
         match message:
             case EncoderEstimates():
                 self.encoder_frames += 1
-                # A refused report keeps its place, because the time of the others comes from counting.
-                self._rows.append(None)
                 if self._encoder_check.accept(message.position_turns, message.speed_turns_s):
                     self.turns = message.position_turns
                     # Torque comes in its own message; each encoder row carries the latest torque.
-                    self._rows[-1] = message.position_turns, message.speed_turns_s, self._torque_Nm
+                    self._rows.append((message.position_turns, message.speed_turns_s, self._torque_Nm))
+                else:
+                    # It keeps its place, because the time of the others comes from counting.
+                    self._rows.append(None)
             # Firmware 0.6 reports torque. With a torque constant set, the measured q current is used instead.
             case Torques() if constant is None:
                 self._hear_torque(message.estimate_Nm, 1.0)
