@@ -29,7 +29,7 @@ from tests.runner_faults.table import STOP_TIMES
 
 TRIES = 5
 # A busy machine may be late for its own reasons: such a run says nothing about the cause, and is tried again.
-MACHINE_CODES = frozenset({"C-01", "S-01", "DeviceError"})
+MACHINE_CODES = frozenset({"C-01", "S-01", "D-03", "DeviceError"})
 MAX_RETRIES = 4
 # As many as there are, so that none is left for the run alone.
 CORES = os.cpu_count() or 1
@@ -196,9 +196,8 @@ def main() -> None:
         }
         if arguments.record:
             STOP_TIMES.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    for name in CAUSES:
-        if name not in BEGINNINGS or name in UNSEEN:
-            print(f"{name:34s} not measured: neither the twin server nor the proxy can bring it about, or the drive is not seen any more")
+    unmeasured = [name for name in CAUSES if name not in BEGINNINGS or name in UNSEEN]
+    print(f"not measured, because neither the server nor the proxy can bring them about or see the drive then: {', '.join(unmeasured)}")
 
 
 if __name__ == "__main__":
