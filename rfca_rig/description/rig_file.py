@@ -37,6 +37,8 @@ FIRST_STROKES = (0.5, 0.75)
 
 # As long as a drive with the usual watchdog would go on without a command.
 READING_AGE_MS = 100.0
+# Periods of the reports that may pass without one: a report may be lost, and the next one come late.
+MIN_PERIODS = 3.0
 
 
 class LimitsSection(Section):
@@ -112,6 +114,16 @@ class RigFile(Section):
     def _twin_is_described(self) -> "RigFile":
         if self.rig.kind == "twin" and self.twin is None:
             raise ValueError("a rig of kind 'twin' needs a [twin] section")
+        return self
+
+    @model_validator(mode="after")
+    def _reports_come_often_enough(self) -> "RigFile":
+        period_ms = 1e3 / self.motor.reports_Hz
+        if self.limits.reading_age_ms < MIN_PERIODS * period_ms:
+            raise ValueError(
+                f"limits.reading_age_ms is {self.limits.reading_age_ms:g}, and the drive reports every {period_ms:g} ms; give at least "
+                f"{MIN_PERIODS:g} periods, {MIN_PERIODS * period_ms:g} ms, or set the drive to report more often"
+            )
         return self
 
     @model_validator(mode="after")

@@ -98,7 +98,7 @@ class Loop:
         return wrench
 
     @property
-    def dropped_samples(self) -> str:
+    def bad_samples(self) -> str:
         """How many samples were no numbers and were dropped, by the name of their column."""
         return describe_bad(self._shaft_check.bad, self._status_check.bad, self._force_check.bad)
 

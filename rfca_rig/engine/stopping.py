@@ -190,8 +190,8 @@ class Sink(Protocol):
     def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         """A first stroke is done, with its largest load."""
 
-    def off(self, worst_gap_s: float, standstill: Standstill, dropped_samples: str) -> None:
+    def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
         """The motor is without torque and the run is over.
 
-        `worst_gap_s` is the longest time without a command to the drive, `dropped_samples` how many samples were no numbers, by column.
+        `worst_gap_s` is the longest time without a command to the drive, `bad_samples` how many samples were no numbers, by column.
         """

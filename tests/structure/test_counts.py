@@ -6,12 +6,12 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 452,
-    "lines": 91_400,
-    "lines of code": 58_200,
-    "modules with one user, in their package": 27,
-    "functions": 6_150,
-    "private functions with one use": 733,
+    "modules": 455,
+    "lines": 92_000,
+    "lines of code": 58_600,
+    "modules with one user, in their package": 28,
+    "functions": 6_190,
+    "private functions with one use": 737,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import inf, nan
@@ -44,10 +44,16 @@ class FrameFault:
 
 @dataclass
 class Proxy:
-    """One client, one server. `log` has time, direction, id and data in hexadecimal of each frame, and whether it was damaged."""
+    """The first client, and its connection to the server, which is listened to even after the client is gone.
+
+    Later clients, as a program that takes over from its guardian, are passed on to the server. `log` has time, direction, id and data in
+    hexadecimal of each frame, and whether it was damaged.
+    """
 
     client: socket.socket
     server: socket.socket
+    listening: socket.socket
+    later: dict[socket.socket, socket.socket] = field(default_factory=dict)
     fault: FrameFault | None = None
     is_unplugged: bool = False
     rest: bytes = b""
@@ -56,18 +62,33 @@ class Proxy:
     def run(self) -> None:
         orders = sys.stdin.buffer
         while True:
-            ends = [self.server, orders, *([] if self.is_unplugged else [self.client])]
+            ends = [self.server, self.listening, orders, *self.later, *([] if self.is_unplugged else [self.client])]
             ready, _, _ = select.select(ends, [], [], 1e-3)
             if orders in ready:
                 line = orders.readline()
                 if not line:
                     return
                 self._begin(FrameFault(**json.loads(line)))
+            if self.listening in ready:
+                client, _ = self.listening.accept()
+                server = socket.create_connection(self.server.getpeername())
+                self.later |= {client: server, server: client}
             if self.client in ready:
-                self._pass_up(self.client.recv(1 << 16))
+                self._pass_up(_receive(self.client))
             if self.server in ready:
                 self._pass_down(self.server.recv(1 << 16))
+            for end in [end for end in self.later if end in ready]:
+                self._pass_on(end)
             self._let_go_held()
+
+    def _pass_on(self, end: socket.socket) -> None:
+        other, received = self.later[end], _receive(end)
+        self._log_commands(received)
+        if received:
+            other.sendall(received)
+        else:
+            del self.later[end], self.later[other]
+            other.close()
 
     def _begin(self, fault: FrameFault) -> None:
         self.fault = fault
@@ -80,13 +101,18 @@ class Proxy:
             self.client.close()
 
     def _pass_up(self, received: bytes) -> None:
+        self._log_commands(received)
+        if received:
+            self.server.sendall(received)
+        else:
+            self.is_unplugged = True
+
+    def _log_commands(self, received: bytes) -> None:
         now_s = time.monotonic()
         for text in received.split(b">"):
             words = text.split()
             if words[:2] == [b"<", b"send"]:
                 self.log.append((now_s, "up", int(words[2], 16), b"".join(word.rjust(2, b"0") for word in words[4:]).decode(), False))
-        if received:
-            self.server.sendall(received)
 
     def _pass_down(self, received: bytes) -> None:
         *whole, self.rest = (self.rest + received).split(b">")
@@ -123,6 +149,14 @@ class Proxy:
             self.client.sendall(self.fault.held.popleft()[1])
 
 
+def _receive(end: socket.socket) -> bytes:
+    """What has arrived; nothing where the other end is gone."""
+    try:
+        return end.recv(1 << 16)
+    except ConnectionError:
+        return b""
+
+
 def main(host: str, port: int) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         print(listening.getsockname()[1], flush=True)
@@ -130,7 +164,7 @@ def main(host: str, port: int) -> None:
         with client, socket.create_connection((host, port)) as server:
             for end in (client, server):
                 end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            proxy = Proxy(client, server)
+            proxy = Proxy(client, server, listening)
             try:
                 proxy.run()
             except OSError:
@@ -182,10 +216,14 @@ def can_proxy(host: str, port: int) -> Iterator[RunningProxy]:
             process.kill()
 
 
-def last_torque_s(frames: list[LoggedFrame]) -> float:
-    """When the drive last reported a torque; node 0 of an ODrive."""
-    torques = [frame for frame in frames if frame.direction == "down" and frame.can_id == OdriveCommand.TORQUES]
-    return max((frame.t_s for frame in torques if frame.data[4:] != bytes(4)), default=nan)
+def shows_odrive_torque(frame: LoggedFrame) -> bool:
+    """Whether node 0 reports a torque in this frame."""
+    return frame.can_id == OdriveCommand.TORQUES and frame.data[4:] != bytes(4)
+
+
+def last_torque_s(frames: list[LoggedFrame], shows_torque: Callable[[LoggedFrame], bool] = shows_odrive_torque) -> float:
+    """When the drive last reported a torque."""
+    return max((frame.t_s for frame in frames if frame.direction == "down" and shows_torque(frame)), default=nan)
 
 
 if __name__ == "__main__":
