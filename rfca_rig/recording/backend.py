@@ -197,7 +197,7 @@ class RecorderClient:
         return name
 
     def watch(self, helpers: HelperWatch) -> None:
-        helpers.add(self._child, self._ended_text())
+        helpers.add(self._child, self._end_text())
 
     def _wait(self) -> None:
         """Waits for room, as long as the recorder lives and can make some."""
@@ -208,9 +208,9 @@ class RecorderClient:
 
     def _check(self) -> None:
         if self._process.poll() is not None:
-            raise RigError(self._ended_text())
+            raise RigError(self._end_text())
 
-    def _ended_text(self) -> str:
+    def _end_text(self) -> str:
         return f"the recorder has ended by itself; what it had kept is in {self._folder}: type rfca-rig recover {self._folder}"
 
     def _complaint_error(self) -> RigError:
