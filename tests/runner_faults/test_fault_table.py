@@ -70,12 +70,11 @@ def test_the_table_in_the_documents_has_the_kept_times_over_the_wire() -> None:
     assert "not measured" in dict(told).values()
 
 
-def test_a_stop_over_the_wire_takes_no_longer_than_a_drive_without_a_command() -> None:
-    """With a margin of two for a busy machine; a slow stop is right where the cause itself is slow to show."""
-    kept = json.loads(STOP_TIMES.read_text(encoding="utf-8"))
-    for name, states in kept.items():
-        for state in states.values():
-            assert all(time_ms < 2.0 * max(CAUSES[name].within_ms, 100.0) for time_ms in state["times_ms"]), name
+def test_what_was_measured_over_the_wire_ended_as_the_table_says() -> None:
+    """Most tries: a busy machine may end one for its own reason."""
+    for name, states in json.loads(STOP_TIMES.read_text(encoding="utf-8")).items():
+        ends = [end for state in states.values() for end in state["ends"]]
+        assert 2 * ends.count(CAUSES[name].ends) >= len(ends), name
 
 
 def test_the_table_in_the_documents_shows_no_motor_that_went_on() -> None:
