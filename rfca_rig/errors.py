@@ -3,6 +3,7 @@
 RigError                    exit code 1: the work could not be done
 ├── BadInput                exit code 2: a file, an option or a plan is not usable; nothing was changed
 ├── DeviceError             exit code 1: a motor or sensor did not do what was asked
+│   └── BadReading          a device reports numbers that cannot be true
 ├── SimulationFailed        exit code 1: the model could not be computed for these values
 ├── DiskFull                exit code 1: the disk takes no more; what was acknowledged before is safe
 ├── Tripped                 exit code 3: a limit stopped the motion
@@ -41,10 +42,12 @@ class Trip(StrEnum):
     SENSOR_FROZEN = "S-04"
     SENSOR_BLIND = "S-05"
     SENSOR_LOST = "S-06"
+    SENSOR_READING = "S-07"
     DRIVE_ERROR = "D-01"
     DRIVE_SILENT = "D-02"
-    ENCODER_SILENT = "D-03"
+    READING_OLD = "D-03"
     DRIVE_HOT = "D-04"
+    DRIVE_READING = "D-05"
     BUS = "B-01"
     LATE = "C-01"
     RECORDER_BEHIND = "C-02"
@@ -64,6 +67,10 @@ class BadInput(RigError):
 
 class DeviceError(RigError):
     """A device did not answer, refused, or reported an error of its own."""
+
+
+class BadReading(DeviceError):
+    """A device reports numbers that cannot be true, several times in a row. Within a run this is a trip with a code of its own."""
 
 
 class SimulationFailed(RigError):

@@ -8,12 +8,15 @@ interpreter is started with `python_command`, or within `safe_path` where anothe
 """
 
 import os
+import select
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
+
+from rfca_rig.errors import RigError
 
 SAFE_PATH_VARIABLE = "PYTHONSAFEPATH"
 
@@ -64,3 +67,31 @@ def spawn(module: str, assignment: object) -> Helper:
     process, connection = start(module)
     connection.send(assignment)
     return process, connection
+
+
+class HelperWatch:
+    """Notices at every tick of the control loop that a helper process has ended, however it ended.
+
+    The system closes the sockets of a process that ends, and reports that of the other end as hung up. Looking costs about a
+    microsecond and receives nothing.
+    """
+
+    def __init__(self) -> None:
+        self._poll: select.poll | None = None
+        # With the connections, which must stay open: their numbers would be those of other files otherwise.
+        self._watched: dict[int, tuple[Connection, str]] = {}
+
+    def add(self, connection: Connection, reason: str) -> None:
+        """Watches the helper at the other end. `reason` is the error that its end raises."""
+        # Made here, because systems on which no helper can be started have no `poll`.
+        self._poll = self._poll or select.poll()
+        # No events: what the helper has sent is nothing to look at, only that it has hung up.
+        self._poll.register(connection.fileno(), 0)
+        self._watched[connection.fileno()] = connection, reason
+
+    def check(self) -> None:
+        """Raises RigError if a helper has ended. Never waits."""
+        if self._poll is None:
+            return
+        for fileno, _ in self._poll.poll(0):
+            raise RigError(self._watched[fileno][1])

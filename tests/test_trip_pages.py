@@ -3,9 +3,12 @@
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from rfca_rig.engine.run import RampUp
+from rfca_rig.clock import TwinClock
+from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.run import RampUp, run_plan
 from rfca_rig.errors import Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach
@@ -14,12 +17,13 @@ from rfca_rig.recording.journal import event_block
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_folder import create
 from tests.cli.typed import typed
-from tests.engine.rigs import twin_rig
+from tests.engine.obedient import Motor, Nowhere, Sensor
+from tests.engine.rigs import one_condition, twin_rig
 from tests.runner_faults.causes import CAUSES
 from tests.trip_pages import DOCS, form, page_of
 
 CODES = [str(code) for code in Trip]
-BY_HAND = {"L-05", "C-02"}
+BY_HAND = {"L-05", "C-02", "S-07"}
 
 
 def test_there_is_a_page_for_each_code_and_none_besides():
@@ -59,7 +63,24 @@ def said_of_a_slow_disk(tmp_path):
         keeper.finish("done")
 
 
-@pytest.mark.parametrize(("code", "act"), [("L-05", said_of_full_speed), ("C-02", said_of_a_slow_disk)])
+class LosingItsMind(Sensor):
+    """A lab's own sensor whose driver hands out floats."""
+
+    def read(self):
+        told = super().read()
+        return replace(told, counts=np.full((1, 6), np.nan))
+
+
+def said_of_a_sensor_without_numbers(_tmp_path):
+    clock = TwinClock()
+    motor, plan = Motor(clock), one_condition(twin_rig())
+    run_plan(plan, Bench(motor, LosingItsMind(clock), motor, clock, is_real=False), Nowhere(), lambda _: None)
+
+
+OTHERS = [("L-05", said_of_full_speed), ("C-02", said_of_a_slow_disk), ("S-07", said_of_a_sensor_without_numbers)]
+
+
+@pytest.mark.parametrize(("code", "act"), OTHERS)
 def test_the_other_examples_are_what_the_program_says(code, act, tmp_path):
     with pytest.raises(Tripped) as tripped:
         act(tmp_path)
@@ -71,7 +92,15 @@ def test_the_keys_that_a_page_names_are_keys_of_a_rig_file():
     limits = set(twin_rig().limits.model_dump())
     for code in CODES:
         named = set(re.findall(r"`(\w+_(?:N|Nm|ms|deg|degC|rad_s|s_per_rad))\b", page_of(code).text))
-        others = {"tx_Nm", "encoder_msg_rate_ms", "encoder_period_ms", "status_period_ms", "report_period_ms", "worst_loop_gap_ms"}
+        others = {
+            "tx_Nm",
+            "encoder_msg_rate_ms",
+            "torques_msg_rate_ms",
+            "encoder_period_ms",
+            "status_period_ms",
+            "report_period_ms",
+            "worst_loop_gap_ms",
+        }
         assert named <= limits | others | {"counts_per_N", "zero_deg"}, code
 
 

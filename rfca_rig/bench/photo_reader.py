@@ -21,6 +21,7 @@ from rfca_rig import subprocesses
 from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import cores
+from rfca_rig.subprocesses import HelperWatch
 from rfca_rig.vision.identify import IdentifiedMarks
 from rfca_rig.vision.leg_photo import PhotoSetup, read_marks
 
@@ -45,7 +46,7 @@ def can_read_beside() -> bool:
 
 
 class PhotoReader:
-    """Reads photos in a process of its own. Its failure costs time only: the caller reads the photos that are missing."""
+    """Reads photos in a process of its own. A photo that it did not read is read by the caller."""
 
     def __init__(self, folder: Path, eye: PhotoSetup) -> None:
         self._child: Connection | None = None
@@ -58,6 +59,11 @@ class PhotoReader:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
+
+    def watch(self, helpers: HelperWatch) -> None:
+        """Has the process watched during the run: one that ends by itself was killed, as the system does where memory is short."""
+        if self._child is not None:
+            helpers.add(self._child, "the process that reads the photos has ended by itself; is there enough memory?")
 
     def expect(self, photo: str) -> None:
         """Announces a photo by its path in the run's folder, which it may reach later."""

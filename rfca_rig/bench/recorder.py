@@ -94,6 +94,7 @@ class Recorder:
         self.cycles_done = 0
         self.worst_gap_s = 0.0
         self.standstill = UNKNOWN_STANDSTILL
+        self.bad_samples = "none"
         self.tares: list[Floats] = []
         self.strokes: deque[Stroke] = deque(maxlen=1)
         self.stages: list[StaticStage] = []
@@ -165,8 +166,8 @@ class Recorder:
     def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         self.note("first stroke", stage=stage.label, force_N=round(peak.force_N, 3), torque_Nm=round(peak.torque_Nm, 4))
 
-    def off(self, worst_gap_s: float, standstill: Standstill) -> None:
-        self.worst_gap_s, self.standstill = worst_gap_s, standstill
+    def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
+        self.worst_gap_s, self.standstill, self.bad_samples = worst_gap_s, standstill, bad_samples
 
     def note(self, event: str, **about: str | float) -> None:
         """Adds one line to the run's events, with both clocks."""

@@ -137,6 +137,7 @@ def _put_together(config: RunConfig, run: FinishedRun, report_progress: Progress
         "tare_drift": recorder.tare_drift(),
         **provenance.devices(run.bench),
         **provenance.streams(run.bench),
+        "bad_samples": recorder.bad_samples,
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
     }
     write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, config.begun, config.eye))

@@ -252,7 +252,11 @@ def _record(
         # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
         folder, keeper = _begin_recording(config, bench, started)
-        recorder = Recorder(keeper, bench.sensor.scale(), bench.clock, _start_photo_reader(config, folder, helpers))
+        reader = _start_photo_reader(config, folder, helpers)
+        keeper.watch(supervision.helpers)
+        if reader is not None:
+            reader.watch(supervision.helpers)
+        recorder = Recorder(keeper, bench.sensor.scale(), bench.clock, reader)
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
             say = view.begin(keeper, say_in_terminal)
 

@@ -35,8 +35,14 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 FIRST_STROKES = (0.5, 0.75)
 
 
+# As long as a drive with the usual watchdog would go on without a command.
+READING_AGE_MS = 100.0
+# Periods of the reports that may pass without one: a report may be lost, and the next one come late.
+MIN_PERIODS = 3.0
+
+
 class LimitsSection(Section):
-    """Limits that stop the motion at once; every one must be set.
+    """Limits that stop the motion at once; every one but `reading_age_ms` must be set.
 
     `first_strokes` are the shares of a condition's speed for its first strokes, from which the force at full speed is predicted before it
     is applied. Without the key, a real rig runs them at 0.5 and 0.75, a twin none.
@@ -54,6 +60,7 @@ class LimitsSection(Section):
     above_expected_ms: Positive = Field(description="longest time above that ratio")
     temperature_degC: Positive = Field(description="highest temperature of drive and motor")
     late_ms: Positive = Field(description="largest delay of a cycle of the control loop")
+    reading_age_ms: Positive = Field(default=READING_AGE_MS, description="largest age of the angle and torque that the drive reports")
     first_strokes: Annotated[tuple[Share, ...], Field(strict=False)] | None = Field(
         default=None, description="shares of the speed for the first strokes of a condition"
     )
@@ -107,6 +114,16 @@ class RigFile(Section):
     def _twin_is_described(self) -> "RigFile":
         if self.rig.kind == "twin" and self.twin is None:
             raise ValueError("a rig of kind 'twin' needs a [twin] section")
+        return self
+
+    @model_validator(mode="after")
+    def _reports_come_often_enough(self) -> "RigFile":
+        period_ms = 1e3 / self.motor.reports_Hz
+        if self.limits.reading_age_ms < MIN_PERIODS * period_ms:
+            raise ValueError(
+                f"limits.reading_age_ms is {self.limits.reading_age_ms:g}, and the drive reports every {period_ms:g} ms; give at least "
+                f"{MIN_PERIODS:g} periods, {MIN_PERIODS * period_ms:g} ms, or set the drive to report more often"
+            )
         return self
 
     @model_validator(mode="after")
@@ -177,6 +194,7 @@ class RigFile(Section):
             above_expected_s=1e-3 * limits.above_expected_ms,
             temperature_C=limits.temperature_degC,
             late_s=1e-3 * limits.late_ms,
+            reading_age_s=1e-3 * limits.reading_age_ms,
         )
 
 

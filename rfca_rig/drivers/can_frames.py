@@ -4,7 +4,9 @@ Every failure of a bus becomes a DeviceError.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 
 import can
 
@@ -145,6 +147,13 @@ class CanBusSettings:
     channel: str
     bitrate: int
     data_bitrate: int | None = None
+
+    def preload(self) -> None:
+        """Imports the interface, which takes up to a few tenths of a second, so that `open` need not when it must be quick."""
+        module, _ = can.interfaces.BACKENDS.get(self.interface, ("can", ""))
+        # `open` reports what is missing, in its own words.
+        with suppress(ImportError, OSError):
+            import_module(module)
 
     def open(self) -> can.BusABC:
         """Opens the bus; the caller shuts it down. Raises what python-can raises."""

@@ -2,8 +2,8 @@
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import isfinite, tau
+from dataclasses import dataclass, replace
+from math import isfinite, isnan, tau
 
 import can
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames
 from rfca_rig.drivers.device_time import FrameCount
+from rfca_rig.drivers.reading_check import POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, describe_bad
 from rfca_rig.drivers.roles import ShaftSamples, concatenate_blocks
 from rfca_rig.errors import BadInput, DeviceError
 
@@ -94,7 +95,8 @@ class EncoderJumpMonitor:
         elapsed_s = max(host_s - last[0], device_s - last[1])
         fastest_rad_s = max(last[3], abs(speed_rad_s)) * SPEED_FACTOR + 0.5 * MAX_ACCELERATION_RAD_S2 * elapsed_s
         by_rad = angle_rad - last[2]
-        if abs(by_rad) > JUMP_MARGIN_RAD + min(fastest_rad_s, MAX_SPEED_RAD_S) * elapsed_s:
+        # Written so that a step that is no number is a jump too.
+        if not abs(by_rad) <= JUMP_MARGIN_RAD + min(fastest_rad_s, MAX_SPEED_RAD_S) * elapsed_s:
             self.fault = (
                 f"position leapt by {by_rad:.2f} rad within {1e3 * elapsed_s:.1f} ms, more than the shaft can turn; "
                 "the drive restarted, was zeroed, or its encoder slipped: find its zero again"
@@ -138,6 +140,8 @@ class DriveReports:
         self._understand = understand
         self._count = None if period_s is None else FrameCount(period_s)
         self._leap = EncoderJumpMonitor()
+        self._check = ReadingCheck("the drive", POSITION, SPEED, TORQUE)
+        self._temperature = OptionalReading("the drive", TEMPERATURE)
         self._asked_s = self._stamped_s = self._open_s = self._first_s = np.nan
         self._samples: list[ShaftSamples] = []
         self.health = BusHealth()
@@ -187,17 +191,20 @@ class DriveReports:
     def _stamp(self, reports: list[Report], is_whole: bool) -> None:
         if not reports:
             return
-        self.last, self.heard_s, self._open_s = reports[-1], self.drained_s, np.nan
+        self.heard_s, self._open_s = self.drained_s, np.nan
         self.heard += len(reports)
         # Without a period only the newest of several answers has a known time, so the others are dropped.
-        accepted = reports if self._count is not None else reports[-1:]
+        timed = reports if self._count is not None else reports[-1:]
+        # A refused report keeps its place until then, because the time of the others comes from counting.
+        device_s = self._device_s(len(timed))
+        is_good = np.array([self._accept(report) for report in timed])
+        if not is_good.any():
+            return
+        accepted = [report for report, good in zip(timed, is_good, strict=True) if good]
         gear, rows = self._gear, np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted])
-        # A limit check on NaN is never exceeded, so a drive without a valid position must not run.
-        if not np.isfinite(rows[:, :2]).all():
-            raise DeviceError(f"the drive tells no position or speed, state {accepted[-1].state}; check its encoder")
         samples = ShaftSamples(
             host_s=np.full(len(rows), self.drained_s),
-            device_s=self._device_s(len(accepted)),
+            device_s=device_s[is_good],
             angle_rad=(rows[:, 0] - gear.zero_turns) * gear.shaft_rad_per_turn,
             speed_rad_s=rows[:, 1] * gear.shaft_rad_per_turn,
             torque_Nm=rows[:, 2] * gear.shaft_torque_per_drive_torque,
@@ -209,6 +216,26 @@ class DriveReports:
         is_new = self._count is not None or np.isnan(self._stamped_s) or samples.device_s[-1] > self._stamped_s
         self._stamped_s = float(samples.device_s[-1])
         self._samples += [samples] if is_new else []
+
+    def _accept(self, report: Report) -> bool:
+        """Whether the numbers of a report are possible. Raises BadReading at the third bad one in a row."""
+        # Also that of a refused report: what the drive says of its state and error is true all the same.
+        self.last = report if self.last is None else replace(self.last, is_on=report.is_on, state=report.state, fault=report.fault)
+        # An error of the drive is reported as such, whatever its numbers are.
+        if report.fault is not None and not isfinite(report.turns + report.turns_s + report.torque_Nm):
+            return False
+        if not self._check.accept(report.turns, report.turns_s, report.torque_Nm):
+            return False
+        if report.temperature_C is not None:
+            self._temperature.take(report.temperature_C)
+        warmest_C = None if isnan(self._temperature.value) else self._temperature.value
+        self.last = replace(report, temperature_C=warmest_C)
+        return True
+
+    @property
+    def bad_reports(self) -> str:
+        """How many reports were refused because of impossible numbers, by signal."""
+        return describe_bad(self._check.bad, self._temperature.check.bad)
 
     def _device_s(self, reports: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         if self._count is not None:

@@ -113,7 +113,8 @@ def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, a
             "check its power and the CAN wiring"
         )
     # A light load makes a quarter of it too small to be measured; the reports' resolution is then the limit.
-    if abs(silenced.torque_Nm) > max(TORQUE_OFF_SHARE * abs(held_Nm), least_Nm):
+    # Written so that a torque that is no number, held or left, is no proof.
+    if not abs(silenced.torque_Nm) <= max(least_Nm, TORQUE_OFF_SHARE * abs(held_Nm)):
         raise DeviceError(f"the guardian disabled the drive, but it still shows {silenced.torque_Nm:.2f} N m; press the emergency stop")
     return GuardianProof(silenced.silent_s + silenced.took_s, _evidence(held_Nm, least_Nm, answers))
 

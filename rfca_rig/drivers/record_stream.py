@@ -16,6 +16,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.force_sensors import ERROR, SATURATED, WARNINGS
 from rfca_rig.drivers.device_time import FrameCount
 from rfca_rig.drivers.ports import SerialPort
+from rfca_rig.drivers.reading_check import ReadingCheck, Signal, describe_bad
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.errors import DeviceError
 
@@ -41,6 +42,8 @@ RATE_TOLERANCE = 0.03
 GENERIC_ERROR = ERROR | 1 << 15
 # Counts are stored as int32.
 MAX_COUNT = 2**31 - 1
+COUNT_SIGNALS = tuple(Signal(axis, "counts", -MAX_COUNT, MAX_COUNT) for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
+TIME_SIGNAL = Signal("record time", "s", -1e12, 1e12)
 
 
 class RecordSequence:
@@ -244,6 +247,7 @@ class RecordStream(ABC, Generic[Keys]):
         self._number, self._elapsed_s = 0, 0.0
         self._last_s: float | None = None
         self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
+        self._check = ReadingCheck("the force sensor", *COUNT_SIGNALS, TIME_SIGNAL)
         self._malformed, self._received = 0, 0
         self._rate_from: tuple[float, int] | None = None
         self._rate_checked = False
@@ -327,9 +331,13 @@ class RecordStream(ABC, Generic[Keys]):
         del self._buffer[: next_header if next_header > 0 else max(1, len(self._buffer) - len(self.header) + 1)]
 
     def _samples(self, records: list[Record]) -> ForceSamples:
-        accepted, numbers, device_s = self._stamp_records(records)
+        is_good = [self._accept(record) for record in records]
+        # A refused record has a place among the others all the same, as the time of records without a clock comes from counting.
+        accepted, numbers, device_s = self._stamp_records(records, is_good)
         status = np.array([SATURATED if one.is_saturated else GENERIC_ERROR if one.is_wrong else 0 for one in accepted], np.uint32)
-        counts = np.clip(np.rint(np.array([one.counts for one in accepted]).reshape(-1, 6)), -MAX_COUNT, MAX_COUNT).astype(np.int32)
+        raw = np.array([one.counts for one in accepted], np.float64).reshape(-1, 6)
+        # Only a record with an error may have counts that are no numbers; its status says not to use them.
+        counts = np.clip(np.rint(np.nan_to_num(raw)), -MAX_COUNT, MAX_COUNT).astype(np.int32)
         self._status.take(status)
         self._frozen.take(counts)
         self._received += len(accepted)
@@ -338,13 +346,22 @@ class RecordStream(ABC, Generic[Keys]):
             self._check_rate()
         return ForceSamples(np.full(len(accepted), self._read_s), device_s, numbers, status, counts)
 
-    def _stamp_records(self, records: list[Record]) -> tuple[list[Record], NDArray[np.int64], Floats]:
-        """The records to hand out, their numbers (m,), and device times (m,) in s, 0 at the first."""
-        if not records:
+    def _accept(self, record: Record) -> bool:
+        """Whether the numbers of a record are possible. Raises BadReading at the third bad one in a row."""
+        time_s = 0.0 if record.time_s is None else record.time_s
+        # A record with an error is not measured by its counts.
+        counts = [0.0] * 6 if record.is_saturated or record.is_wrong else record.counts
+        return self._check.accept(*counts, time_s)
+
+    def _stamp_records(self, records: list[Record], is_good: list[bool]) -> tuple[list[Record], NDArray[np.int64], Floats]:
+        """The records to hand out, which are good ones, their numbers (m,), and device times (m,) in s, 0 at the first."""
+        good = [record for record, accepted in zip(records, is_good, strict=True) if accepted]
+        if not records or (not good and records[0].time_s is not None):
             return [], np.empty(0, np.int64), np.empty(0)
         if records[0].time_s is None:
-            device_s = self._count.stamp(len(records), self._read_s)
-            return records, np.rint(device_s * self.keys.rate_Hz).astype(np.int64) + 1, device_s
+            device_s = self._count.stamp(len(records), self._read_s)[np.array(is_good)]
+            return good, np.rint(device_s * self.keys.rate_Hz).astype(np.int64) + 1, device_s
+        records = good
         steps = [self._step(record.time_s) for record in records]
         picked, numbers = self._sequence.take(np.array([number for number, _ in steps], np.uint32))
         return [records[place] for place in picked], numbers, np.array([steps[place][1] for place in picked])
@@ -388,7 +405,7 @@ class RecordStream(ABC, Generic[Keys]):
     def health(self) -> StreamHealth:
         """Counters since `start`."""
         counted = self._sequence.health(self._status, self._frozen.frozen, self._malformed, self._notes())
-        return replace(counted, received=self._received, lost=self._lost)
+        return replace(counted, received=self._received, lost=self._lost, malformed=self._malformed + sum(self._check.bad.values()))
 
     def _notes(self) -> list[str]:
         notes, silent_s = [], self._read_s - self._heard_s
@@ -400,6 +417,8 @@ class RecordStream(ABC, Generic[Keys]):
             notes.append(f"all six values stood still over {self._frozen.frozen} records: is the transducer connected?")
         if self._status.faulty:
             notes.append(f"{self._status.faulty} records with an error of the sensor, {self._status.saturated} of them beyond its range")
+        if self._check.bad:
+            notes.append(f"records with impossible numbers were refused: {describe_bad(self._check.bad)}")
         if self._malformed:
             notes.append(f"{self._malformed} pieces of the stream were no records")
         return notes

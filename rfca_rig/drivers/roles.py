@@ -33,7 +33,8 @@ class MotorStatus:
     """State of the drive.
 
     `state` is a text. `fault` is None, or the drive's own error code with its meaning. `silent_s` is the time since the last heartbeat.
-    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none.
+    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none. `torque_age_s` is the age of the torque
+    for a drive that reports it in a message of its own; it is 0 where torque and angle come together.
     """
 
     state: str
@@ -41,6 +42,7 @@ class MotorStatus:
     silent_s: float
     # Optional, as some drives have no temperature sensor.
     temperature_C: float | None = None
+    torque_age_s: float = 0.0
 
 
 class ShaftMotor(Protocol):

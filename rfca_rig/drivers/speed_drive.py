@@ -254,6 +254,7 @@ class SpeedDrive(ABC, Generic[Keys]):
             "bus": str(self._bus.channel_info),
             **keys,
             "reports_lost": str(self._reports.lost),
+            "bad_reports": self._reports.bad_reports,
             **self._reports.health.facts(),
         }
 

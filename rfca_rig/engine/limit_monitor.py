@@ -37,24 +37,35 @@ JUMP_RAD = 0.2
 
 
 def check_drive(status: MotorStatus, limits: Limits) -> None:
-    """Checks the age of the last heartbeat, error and state, and the temperature where the drive reports one.
+    """Checks the age of the last heartbeat, error and state, the age of the torque, and the temperature where the drive reports one.
 
     A driver with the same limit reports silence as a fault too.
     """
+    # Comparisons with a limit are written so that a value that is no number passes it: an own driver may report one.
     # Silence first: everything else that is known of a silent drive is old.
-    if status.silent_s > limits.drive_silent_s:
+    if not status.silent_s <= limits.drive_silent_s:
         raise Tripped(
             Trip.DRIVE_SILENT,
             f"drive silent for {1e3 * status.silent_s:.0f} ms, limit {1e3 * limits.drive_silent_s:.0f} ms; check bus and power",
         )
     if status.fault is not None:
         raise Tripped(Trip.DRIVE_ERROR, f"drive: {status.fault}")
-    if status.temperature_C is not None and status.temperature_C > limits.temperature_C:
+    if not status.torque_age_s <= limits.reading_age_s:
+        raise _too_old("torque", status.torque_age_s, limits)
+    if status.temperature_C is not None and not status.temperature_C <= limits.temperature_C:
         raise Tripped(
             Trip.DRIVE_HOT,
             f"drive or motor at {status.temperature_C:.0f} degC, limit {limits.temperature_C:g} degC; let it cool, then go slower "
             "or rest longer between strokes",
         )
+
+
+def _too_old(reading: str, age_s: float, limits: Limits) -> Tripped:
+    return Tripped(
+        Trip.READING_OLD,
+        f"the drive's last {reading} is {1e3 * age_s:.0f} ms old, limit {1e3 * limits.reading_age_s:.0f} ms; check its power, "
+        "its cyclic messages, and the bus",
+    )
 
 
 class SensorMonitor:
@@ -79,7 +90,7 @@ class SensorMonitor:
 
     def _check_silence(self, silent_s: float) -> None:
         limit_s = self._limits.sensor_silent_s
-        if silent_s > limit_s:
+        if not silent_s <= limit_s:
             raise Tripped(
                 Trip.SENSOR_SILENT,
                 f"force sensor silent for {1e3 * silent_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; check its cable and power",
@@ -103,7 +114,7 @@ class SensorMonitor:
         if not math.isnan(self._last_s):
             blind_s = max(blind_s, float(times_s[0]) - self._last_s)
         self._last_s = float(times_s[-1])
-        if blind_s > self._limits.sensor_silent_s:
+        if not blind_s <= self._limits.sensor_silent_s:
             limit_ms = 1e3 * self._limits.sensor_silent_s
             raise Tripped(
                 Trip.SENSOR_BLIND,
@@ -126,7 +137,7 @@ class SensorMonitor:
         self._last = counts[-1:]
         frozen_s = float(samples.device_s[-1]) - self._changed_s
         limit_s = self._limits.sensor_frozen_s
-        if frozen_s > limit_s:
+        if not frozen_s <= limit_s:
             raise Tripped(
                 Trip.SENSOR_FROZEN,
                 f"force sensor sends the same six counts for {1e3 * frozen_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; "
@@ -201,18 +212,18 @@ class LoadMonitor:
         torque_Nm = math.sqrt(np.maximum.reduce(torques)) / self._scale.counts_per_Nm
         if force_N > self.peak.force_N or torque_Nm > self.peak.torque_Nm:
             self.peak = self.peak.max_with(Load(force_N, torque_Nm))
-        if force_N > self._limits.force_N:
+        if not force_N <= self._limits.force_N:
             raise Tripped(Trip.FORCE, f"force {force_N:.1f} N, limit {self._limits.force_N:g} N; raise the rack or go slower")
-        if torque_Nm > self._limits.torque_Nm:
+        if not torque_Nm <= self._limits.torque_Nm:
             limit_Nm = self._limits.torque_Nm
             raise Tripped(Trip.MOMENT, f"moment {torque_Nm:.2f} N m, limit {limit_Nm:g} N m; raise the rack or go slower")
         # Squares of counts are compared with the square of the ceiling: a root of every record would be for nothing.
         per_N, per_Nm = self._scale.counts_per_N, self._scale.counts_per_Nm
         lasts_s = self._force.seconds(samples.device_s, forces, (self._ceiling.force_N * per_N) ** 2)
-        if lasts_s > self._limits.above_expected_s:
+        if not lasts_s <= self._limits.above_expected_s:
             raise self._trip(Trip.FORCE_LASTS, f"force {math.sqrt(forces[-1]) / per_N:.1f} N", lasts_s, f"{self._ceiling.force_N:.3g} N")
         lasts_s = self._torque.seconds(samples.device_s, torques, (self._ceiling.torque_Nm * per_Nm) ** 2)
-        if lasts_s > self._limits.above_expected_s:
+        if not lasts_s <= self._limits.above_expected_s:
             value = f"moment {math.sqrt(torques[-1]) / per_Nm:.2f} N m"
             raise self._trip(Trip.MOMENT_LASTS, value, lasts_s, f"{self._ceiling.torque_Nm:.3g} N m")
 
@@ -238,16 +249,20 @@ class ShaftMonitor:
 
     def __init__(self, limits: Limits, now_s: float) -> None:
         self._limits = limits
-        self._reported_s = self._moved_s = now_s
+        self._measured_s = self._moved_s = now_s
         self._last: tuple[float, float] | None = None
         self._torque_Nm = np.nan
 
     def check_reports(self, now_s: float, shaft: ShaftSamples) -> None:
         """Checks one tick's reports; the block may be empty."""
+        if len(shaft.angle_rad):
+            # A drive that answers requests gives the time of the request: an answer that comes late is old.
+            self._measured_s = float(shaft.host_s[-1])
+        age_s = now_s - self._measured_s
+        if not age_s <= self._limits.reading_age_s:
+            raise _too_old("angle", age_s, self._limits)
         if not len(shaft.angle_rad):
-            self._check_silence(now_s - self._reported_s)
             return
-        self._reported_s = now_s
         self._torque_Nm = float(shaft.torque_Nm[-1])
         # Plain numbers: a tick brings a few reports, for which numpy takes longer. The last report of the tick before belongs to
         # the block, because a jump may lie between two ticks.
@@ -255,10 +270,10 @@ class ShaftMonitor:
         for time_s, angle_rad in zip(shaft.device_s.tolist(), shaft.angle_rad.tolist(), strict=True):
             if last is not None:
                 step_rad = abs(angle_rad - last[1])
-                if step_rad > self._limits.speed_rad_s * (time_s - last[0]) + JUMP_RAD:
-                    worst_rad = max(worst_rad, step_rad)
+                if not step_rad <= self._limits.speed_rad_s * (time_s - last[0]) + JUMP_RAD:
+                    worst_rad = max(step_rad, worst_rad)
             last = time_s, angle_rad
-        if worst_rad >= 0.0:
+        if not worst_rad < 0.0:
             raise Tripped(
                 Trip.JUMP,
                 f"the shaft's angle jumped by {np.degrees(worst_rad):.1f} deg from one report to the next; was the drive "
@@ -266,18 +281,9 @@ class ShaftMonitor:
             )
         self._last = float(shaft.device_s[-1]), float(shaft.angle_rad[-1])
 
-    def _check_silence(self, silent_s: float) -> None:
-        limit_s = self._limits.drive_silent_s
-        if silent_s > limit_s:
-            raise Tripped(
-                Trip.ENCODER_SILENT,
-                f"no report of the shaft's angle for {1e3 * silent_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; check the drive's "
-                "encoder and its cyclic messages",
-            )
-
     def check_tracking(self, now_s: float, now: Tracking) -> None:
         """Checks the speed, and the following error, whose limit grows with the target's speed."""
-        if abs(now.speed_rad_s) > self._limits.speed_rad_s:
+        if not abs(now.speed_rad_s) <= self._limits.speed_rad_s:
             raise Tripped(
                 Trip.OVERSPEED,
                 f"shaft at {now.speed_rad_s:.2f} rad/s, limit {self._limits.speed_rad_s:g} rad/s; does the drive obey, and are gear and "
@@ -290,7 +296,7 @@ class ShaftMonitor:
         behind_rad = abs(now.target_rad - now.angle_rad)
         # A drive lags in proportion to its speed; a constant limit would be too tight in strokes or too wide at rest.
         limit_rad = self._limits.following_error_rad + self._limits.following_error_s * abs(now.target_speed_rad_s)
-        if behind_rad > limit_rad:
+        if not behind_rad <= limit_rad:
             raise Tripped(
                 Trip.FOLLOWING,
                 f"following error: shaft {np.degrees(behind_rad):.1f} deg from where it should be, limit {np.degrees(limit_rad):.1f} deg "
@@ -348,7 +354,7 @@ class LimitMonitor:
     def gap(self, gap_s: float, planned_s: float) -> None:
         """Checks the length of a tick. A late loop neither feeds the watchdog nor sees the force."""
         late_s = gap_s - planned_s
-        if late_s > self._limits.late_s:
+        if not late_s <= self._limits.late_s:
             raise Tripped(
                 Trip.LATE,
                 f"the control loop came {1e3 * late_s:.0f} ms late, limit {1e3 * self._limits.late_s:g} ms; "

@@ -6,12 +6,15 @@ from types import TracebackType
 
 import numpy as np
 
+from rfca_rig.drivers.reading_check import describe_bad
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest, Tick
 from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
-from rfca_rig.errors import DeviceError, Trip, Tripped
+from rfca_rig.engine.sample_check import SampleCheck, StatusCheck, sum_force, sum_shaft
+from rfca_rig.errors import BadReading, DeviceError, Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
+from rfca_rig.subprocesses import HelperWatch
 
 # No report of the shaft within this time: the drive's cyclic encoder message is probably off.
 FIRST_REPORT_S = 1.0
@@ -49,15 +52,24 @@ class Loop:
     """
 
     def __init__(
-        self, bench: Bench, limits: Limits, stop_request: StopRequest | None = None, observer: RunObserver = NULL_OBSERVER
+        self,
+        bench: Bench,
+        limits: Limits,
+        stop_request: StopRequest | None = None,
+        observer: RunObserver = NULL_OBSERVER,
+        helpers: HelperWatch | None = None,
     ) -> None:
         self._bench = bench
         self._observer = observer
+        self._helpers = helpers or HelperWatch()
         scale = bench.sensor.scale()
         self._counts_per_unit = np.repeat([scale.counts_per_N, scale.counts_per_Nm], 3)
         self._limits = limits
         self._stop_request = stop_request or StopRequest()
         self._monitor = LimitMonitor(limits, scale, bench.clock.now_s())
+        self._shaft_check = SampleCheck("the drive", sum_shaft, "angle_rad", "speed_rad_s", "torque_Nm")
+        self._status_check = StatusCheck()
+        self._force_check = SampleCheck("the force sensor", sum_force, "counts")
         self._listeners: list[Listener] = []
         self._force: ForceSamples | None = None
         self._is_over = False
@@ -84,6 +96,11 @@ class Loop:
         counts = self._force.counts
         wrench: np.ndarray = np.add.reduce(counts, axis=0, dtype=np.float64) / len(counts) / self._counts_per_unit
         return wrench
+
+    @property
+    def bad_samples(self) -> str:
+        """How many samples were no numbers and were dropped, by the name of their column."""
+        return describe_bad(self._shaft_check.bad, self._status_check.bad, self._force_check.bad)
 
     @property
     def peak(self) -> Load:
@@ -156,9 +173,14 @@ class Loop:
         self.target_rad, self._target_speed_rad_s = target_rad, target_speed_rad_s
         self._read()
         now = Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s)
-        self._status = self._bench.motor.status()
+        try:
+            self._status = self._status_check.accept(self._bench.motor.status())
+        except BadReading as error:
+            raise Tripped(Trip.DRIVE_READING, str(error)) from error
         self._monitor.motion(self.now_s, self._status, now)
-        # Last, so that a trip, which names its cause, takes precedence over a stop request of the same tick.
+        # After the limits, because a trip names its cause.
+        self._helpers.check()
+        # Last, so that a trip takes precedence over a stop request of the same tick.
         self._stop_request.raise_if_urgent()
 
     def _read(self) -> bool:
@@ -179,9 +201,11 @@ class Loop:
 
     def _hear(self) -> tuple[ShaftSamples, ForceSamples]:
         with trip_on_bus_error():
-            shaft = self._bench.motor.read()
+            shaft = self._shaft_check.accept(self._bench.motor.read())
         try:
-            return shaft, self._bench.sensor.read()
+            return shaft, self._force_check.accept(self._bench.sensor.read())
+        except BadReading as error:
+            raise Tripped(Trip.SENSOR_READING, str(error)) from error
         except DeviceError as error:
             # Without the sensor nothing guards the leg, so this ends the motion at once.
             raise Tripped(Trip.SENSOR_LOST, str(error)) from error
@@ -209,6 +233,8 @@ class _TripOnBusError:
         return
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, BadReading):
+            raise Tripped(Trip.DRIVE_READING, str(error)) from error
         if isinstance(error, DeviceError):
             raise Tripped(Trip.BUS, str(error)) from error
 
@@ -217,5 +243,5 @@ _TRIP_ON_BUS_ERROR = _TripOnBusError()
 
 
 def trip_on_bus_error() -> AbstractContextManager[None]:
-    """Within a run a failing bus is a trip, not a device error to be reported later: the motor cannot be commanded any more."""
+    """Within a run a failing bus, or a drive whose numbers are impossible, is a trip, not a device error to be reported later."""
     return _TRIP_ON_BUS_ERROR

@@ -11,6 +11,7 @@ from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Sink, ramp_down, stop, 
 from rfca_rig.errors import RigError, Stopped, Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold, Limits, MoveShaft, Plan, Rest, SetHeight, Stage, StiffnessCheck
+from rfca_rig.subprocesses import HelperWatch
 
 Progress = Callable[[Stage], None]
 
@@ -63,7 +64,8 @@ class RampUp:
         condition = (stage.height_m, stage.full_speed_rad_s)
         self._peaks.setdefault(condition, []).append((stage.speed_rad_s, peak))
         predicted = self.predict_full_speed(stage, peak)
-        if predicted.force_N > self._limits.force_N or predicted.torque_Nm > self._limits.torque_Nm:
+        # Written so that a prediction that is no number passes the limit.
+        if not (predicted.force_N <= self._limits.force_N and predicted.torque_Nm <= self._limits.torque_Nm):
             raise Tripped(
                 Trip.FULL_SPEED_TOO_MUCH,
                 f"{stage.label} brought {peak.force_N:.0f} N and {peak.torque_Nm:.1f} N m, which predicts {predicted.force_N:.0f} N and "
@@ -101,7 +103,7 @@ class RampUp:
 
 @dataclass(frozen=True)
 class Supervision:
-    """Load that the model predicts for each stage, the operator's stop request, and an observer.
+    """Load that the model predicts for each stage, the operator's stop request, an observer, and processes that must not end.
 
     They come on top of the plan's limits. The observer sees everything and decides nothing.
     """
@@ -109,6 +111,7 @@ class Supervision:
     expected: Mapping[Stage, Load] = field(default_factory=dict)
     stop_request: StopRequest = field(default_factory=StopRequest)
     observer: RunObserver = NULL_OBSERVER
+    helpers: HelperWatch = field(default_factory=HelperWatch)
 
 
 def run_plan(plan: Plan, bench: Bench, sink: Sink, progress: Progress, supervision: Supervision | None = None) -> None:
@@ -159,7 +162,7 @@ class _Run:
         self._expected = supervision.expected
         self._stop_request = supervision.stop_request
         self._observer = supervision.observer
-        self._loop = Loop(bench, plan.limits, supervision.stop_request, supervision.observer)
+        self._loop = Loop(bench, plan.limits, supervision.stop_request, supervision.observer, supervision.helpers)
         self._approaches = RampUp(plan.limits, supervision.expected)
         self._is_cut_short = False
 
@@ -201,7 +204,7 @@ class _Run:
             standstill = stop(self._bench)
         finally:
             # Also where the drive did not answer: the recording must say how the motion ended.
-            self._sink.off(self._loop.worst_gap_s, standstill)
+            self._sink.off(self._loop.worst_gap_s, standstill, self._loop.bad_samples)
 
     def _stages_to_do(self) -> Iterator[Stage]:
         """The plan's stages; once a stop is requested, only those that bring the leg into the air."""

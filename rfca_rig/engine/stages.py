@@ -215,9 +215,9 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
     while capture.is_under_way(loop.now_s):
         loop.step_to_angle(target_rad, 0.0, HOLD_PERIOD_S)
     shaft = collector.shaft()
-    # A mean of no samples is no measurement. The silence limit may be longer than the averaging time.
+    # A mean of no samples is no measurement. The limit of their age may be longer than the averaging time.
     if not len(shaft.angle_rad):
-        raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
+        raise Tripped(Trip.READING_OLD, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
     return RecordedSamples(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)
 
 
@@ -266,7 +266,7 @@ def run_cycles(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> Non
 def check_turns(angle_rad: float) -> None:
     """Raises Stopped where the angle has more turns than a drive can report precisely."""
     turns = abs(angle_rad) / TURN_RAD
-    if turns > MAX_TURNS:
+    if not turns <= MAX_TURNS:
         raise Stopped(
             f"the shaft has turned {turns:.0f} times since the drive was switched on, and drives tell such angles only coarsely; "
             "switch the drive off and on again, check its zero, then go on with rfca-rig resume"

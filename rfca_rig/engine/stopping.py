@@ -101,7 +101,8 @@ def _watch_shaft(bench: Bench) -> Standstill:
         except RigError:
             break
         angles += shaft.angle_rad.tolist()
-        if len(shaft.speed_rad_s) and np.abs(shaft.speed_rad_s).max() > STANDS_RAD_S:
+        # Written so that a speed that is no number is no standstill.
+        if len(shaft.speed_rad_s) and not np.abs(shaft.speed_rad_s).max() <= STANDS_RAD_S:
             stood_s = now_s
         # At least one report is needed: silence is no standstill.
         if angles and now_s - stood_s > STANDS_FOR_S:
@@ -189,5 +190,8 @@ class Sink(Protocol):
     def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         """A first stroke is done, with its largest load."""
 
-    def off(self, worst_gap_s: float, standstill: Standstill) -> None:
-        """The motor is without torque and the run is over; `worst_gap_s` is the longest time without a command to the drive."""
+    def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
+        """The motor is without torque and the run is over.
+
+        `worst_gap_s` is the longest time without a command to the drive, `bad_samples` how many samples were no numbers, by column.
+        """

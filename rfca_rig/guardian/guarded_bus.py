@@ -65,6 +65,8 @@ class GuardedBus(can.BusABC):
         self._settings, self._last_word, self._silence_s, self._clock = settings, last_word, silence_s, clock
         self._always = {signature(message) for message in last_word.frames()}
         self._closing = signature(last_word.frames()[-1])
+        # For the case that the guardian ends and this process takes over.
+        settings.preload()
         self._process, self._link, info = _start_guardian(GuardianAssignment(settings, last_word, silence_s, clock))
         self.channel_info = f"{info}, held by a guardian"
         self._arrived: deque[can.Message] = deque(maxlen=MAX_QUEUED_FRAMES)

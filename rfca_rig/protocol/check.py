@@ -46,7 +46,8 @@ def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") 
             raise BadInput(f"{stage.label}: static shaft angles lie between 0 and 180 degrees; beyond, the leg leaves the ground")
         if stage in expected:
             load, limits = expected[stage], plan.limits
-            if load.force_N > limits.force_N or load.torque_Nm > limits.torque_Nm:
+            # Written so that a load that is no number passes the limit.
+            if not (load.force_N <= limits.force_N and load.torque_Nm <= limits.torque_Nm):
                 turns = isinstance(stage, Approach | Cycles | Flap)
                 # Slower helps only where speed makes the load; in static moves it is a bent leg that is pushed back and
                 # wedges.

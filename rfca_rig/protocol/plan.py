@@ -226,6 +226,7 @@ class Limits:
 
     `above_expected` times the predicted load of a stage may be passed for `above_expected_s`, as impacts do, and no longer. `late_s` is how
     late the control loop may be, which must be less than the drive's watchdog.
+    `reading_age_s` is how old the drive's angle and torque may be.
     """
 
     force_N: float
@@ -240,6 +241,7 @@ class Limits:
     above_expected_s: float
     temperature_C: float
     late_s: float
+    reading_age_s: float
 
 
 @dataclass(frozen=True)

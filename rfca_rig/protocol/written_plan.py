@@ -5,7 +5,7 @@ The rest of a stopped plan: nothing is recorded twice, and nothing is omitted.
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass, replace
 from typing import Any, cast, get_args, get_type_hints
 
 from rfca_rig.errors import BadInput
@@ -61,8 +61,10 @@ def parse_plan(title: str, texts: Mapping[str, str]) -> Plan:
 def _from_fields(kind: type, values_by_name: Mapping[str, Any]) -> Any:
     """An object of a frozen dataclass from its fields by name; other names are ignored."""
     hints = get_type_hints(kind)
-    # Names that are ignored, for example `label`, are there for people who read the file.
-    values = {field.name: values_by_name[field.name] for field in fields(kind)}
+    # Names that are ignored, for example `label`, are there for people who read the file. A field with a default may be missing:
+    # an earlier version did not have it.
+    stored = [field.name for field in fields(kind) if field.name in values_by_name or field.default is MISSING]
+    values = {name: values_by_name[name] for name in stored}
     return kind(**{name: _from_fields(hints[name], value) if is_dataclass(hints[name]) else value for name, value in values.items()})
 
 

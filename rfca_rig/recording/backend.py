@@ -16,7 +16,7 @@ from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import JournalBlock, frame_block
 from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, start_recorder
 from rfca_rig.recording.run_writer import PhotoSender, Picture, RunWriter, next_photo, photo_name
-from rfca_rig.subprocesses import Helper
+from rfca_rig.subprocesses import Helper, HelperWatch
 
 # 20 s of a sensor at 15 kHz.
 QUEUE_BYTES = 16 << 20
@@ -49,6 +49,10 @@ class RunBackend(Protocol):
 
         Returns its path in the run's folder. The stage is acknowledged when the photo, too, is on disk. Raises as `give` does.
         """
+        ...
+
+    def watch(self, helpers: HelperWatch) -> None:
+        """Has the process that records watched, if there is one."""
         ...
 
     def finish(self, why: str) -> None:
@@ -87,6 +91,9 @@ class InProcessRecorder:
         self._writer.keep_picture(name, picture)
         self._check()
         return name
+
+    def watch(self, helpers: HelperWatch) -> None:
+        """There is no process of its own."""
 
     def _check(self) -> None:
         # Raised only after the block was written, in the room of the reserve.
@@ -189,6 +196,9 @@ class RecorderClient:
         self._sender.send(name, picture)
         return name
 
+    def watch(self, helpers: HelperWatch) -> None:
+        helpers.add(self._child, self._end_text())
+
     def _wait(self) -> None:
         """Waits for room, as long as the recorder lives and can make some."""
         self._clock.wait_until(self._clock.now_s() + PAUSE_S)
@@ -198,7 +208,10 @@ class RecorderClient:
 
     def _check(self) -> None:
         if self._process.poll() is not None:
-            raise RigError(f"the recorder has ended by itself; what it had kept is in {self._folder}: type rfca-rig recover {self._folder}")
+            raise RigError(self._end_text())
+
+    def _end_text(self) -> str:
+        return f"the recorder has ended by itself; what it had kept is in {self._folder}: type rfca-rig recover {self._folder}"
 
     def _complaint_error(self) -> RigError:
         # The message comes once; later calls repeat it.

@@ -8,6 +8,8 @@ import pytest
 
 from rfca_rig.bench import photo_reader
 from rfca_rig.bench.photo_reader import PhotoReader
+from rfca_rig.errors import RigError
+from rfca_rig.subprocesses import HelperWatch
 from rfca_rig.vision.identify import IdentifiedMarks
 from rfca_rig.vision.leg_photo import PhotoSetup, read_marks
 from tests.vision.drawing import Look, draw
@@ -56,6 +58,17 @@ def test_a_reader_that_ends_by_itself_leaves_all_photos_to_the_caller(module: st
     with PhotoReader(tmp_path, EYE) as reader:
         reader.expect("1.png")
         assert not reader.collect()
+
+
+def test_a_reader_that_is_killed_is_noticed_at_the_next_look(tmp_path: Path) -> None:
+    helpers = HelperWatch()
+    with PhotoReader(tmp_path, EYE) as reader:
+        reader.watch(helpers)
+        helpers.check()
+        reader._process.kill()
+        reader._process.wait()
+        with pytest.raises(RigError, match="the process that reads the photos has ended by itself"):
+            helpers.check()
 
 
 def test_a_system_that_starts_no_process_leaves_all_photos_to_the_caller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

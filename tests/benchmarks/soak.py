@@ -94,7 +94,7 @@ def plan_of(rig: RigFile, lenient: bool, rate_Hz: float) -> Plan:
     plan = one_condition(rig, REPEATS, 2.433)
     limits = plan.limits
     if lenient:
-        limits = replace(limits, sensor_silent_s=5.0, drive_silent_s=5.0, late_s=5.0, following_error_rad=10.0)
+        limits = replace(limits, sensor_silent_s=5.0, drive_silent_s=5.0, reading_age_s=5.0, late_s=5.0, following_error_rad=10.0)
     if rate_Hz > BOX_RATE_HZ:
         limits = replace(limits, force_N=1e9, torque_Nm=1e9, above_expected=1e9)
     return replace(plan, limits=limits)

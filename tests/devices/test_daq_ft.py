@@ -17,7 +17,7 @@ from rfca_rig.devices.ati_daq.codec import GageBlock, TemperatureCompensation, T
 from rfca_rig.devices.ati_daq.driver import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
 from rfca_rig.devices.ati_daq.twin import DaqFtTwin, DaqFtTwinSettings
 from rfca_rig.drivers.record_stream import FrozenRecordCounter
-from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.errors import BadInput, BadReading, DeviceError
 
 ROOT = Path(__file__).parents[2]
 CAL = ROOT / "calibration" / "made-up-gamma.cal"
@@ -205,12 +205,28 @@ def test_a_rate_that_cannot_be_is_refused(rate_Hz: float) -> None:
         DaqFtSettings(rate_Hz)
 
 
-def test_values_that_are_no_numbers_are_thrown_away() -> None:
+def spoil(samples: int, value: float) -> Callable[[list[GageBlock]], list[GageBlock]]:
+    """The first samples of every block have a gage voltage that is no number."""
+
+    def tamper(blocks: list[GageBlock]) -> list[GageBlock]:
+        for block in blocks:
+            block.volts[:samples, 2] = value
+        return blocks
+
+    return tamper
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_samples_that_are_no_numbers_are_dropped_and_three_in_a_row_are_an_error(value: float) -> None:
     rig = made()
     rig.sensor.start()
-    rig.sensor._gages.tamper = lambda blocks: [GageBlock(block.first, np.full_like(block.volts, np.nan)) for block in blocks]
-    assert len(rig.run(0.01).sequence) == 0
-    assert rig.sensor.health().malformed == 5
+    rig.sensor._gages.tamper = spoil(2, value)
+    kept = rig.run(0.01)
+    assert rig.sensor.health().malformed > 0
+    assert np.abs(kept.counts).max() < 1e9
+    rig.sensor._gages.tamper = spoil(3, value)
+    with pytest.raises(BadReading, match="the force sensor reports voltage"):
+        rig.run(0.01)
 
 
 def test_a_thermistor_takes_the_warmth_out_of_the_wrench() -> None:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from rfca_rig.devices.odrive.driver import TemperatureTelemetry
 from rfca_rig.drivers.device_time import FrameCount
 from rfca_rig.drivers.drive_report import EncoderJumpMonitor
+from rfca_rig.errors import BadReading
 
 
 def followed(angles_rad: np.ndarray, speeds_rad_s: np.ndarray, period_s: float = 2e-3) -> EncoderJumpMonitor:
@@ -89,5 +90,8 @@ def test_the_warmest_of_what_is_told_counts_and_that_it_is_told_no_more() -> Non
     assert temperature.warmest_C == 61.5
     assert temperature.fault(11.9) is None
     assert "no temperature for 11 s" in (temperature.fault(13.0) or "")
-    temperature.hear(14.0, float("nan"), float("nan"))
-    assert temperature.warmest_C is None
+    temperature.hear(14.0, 35.0, float("nan"))
+    assert temperature.warmest_C == 61.5
+    temperature.hear(15.0, 35.0, 1e30)
+    with pytest.raises(BadReading, match="motor temperature nan degC, 3 bad reports"):
+        temperature.hear(16.0, 35.0, float("nan"))

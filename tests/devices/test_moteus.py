@@ -14,7 +14,7 @@ from rfca_rig.devices.moteus import codec as moteus
 from rfca_rig.devices.moteus.codec import Mode, Refusal, Register, Reply, Route, Subframe, Width, Write
 from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
 from rfca_rig.devices.moteus.twin import MoteusGains, MoteusTwin, MoteusTwinSettings
-from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.errors import BadInput, BadReading, DeviceError
 from rfca_rig.twins.wires import can_wire
 
 GEARED = {"gear_ratio": 3.0, "direction": -1, "zero_turns": 2.75}
@@ -267,8 +267,11 @@ def test_a_drive_that_knows_no_position_is_an_error() -> None:
     with can_wire() as (here, there):
         motor = MoteusMotor(here, TwinClock(), MoteusSettings())
         motor.read()
-        answer(there, *state_of(1, position_turns=float("nan")))
-        with pytest.raises(DeviceError, match="drive 1 knows no position, mode stopped; check its encoder"):
+        for counter in (1, 2):
+            answer(there, *state_of(counter, position_turns=float("nan")))
+            assert len(motor.read().angle_rad) == 0
+        answer(there, *state_of(3, position_turns=float("nan")))
+        with pytest.raises(BadReading, match="the drive reports position nan turns, 3 bad reports in a row"):
             motor.read()
 
 

@@ -377,6 +377,7 @@ def test_a_bus_that_went_off_is_an_error_when_reading() -> None:
 def test_a_frame_of_wrong_length_is_an_error_and_the_samples_before_it_are_kept() -> None:
     with can_wire() as (here, there):
         motor = OdriveMotor(here, TwinClock(), OdriveSettings(0))
+        send(there, cansimple.torques(0, 0.0, 0.0))
         send(there, cansimple.encoder_estimates(0, 0.25, 0.0))
         there.send(can.Message(arbitration_id=0x09, data=bytes(7), is_extended_id=False))
         with pytest.raises(DeviceError, match=r"ENCODER_ESTIMATES.*7 bytes"):

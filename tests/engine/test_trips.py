@@ -26,6 +26,7 @@ LIMITS = Limits(
     above_expected_s=0.1,
     temperature_C=80.0,
     late_s=0.05,
+    reading_age_s=0.1,
 )
 SCALE = SensorScale(1000.0, 1000.0, 1000.0)
 RATE_Hz = 1000.0
@@ -154,6 +155,9 @@ def test_a_bad_status_word_trips(word, code):
         (MotorStatus("closed loop", None, 0.51), Trip.DRIVE_SILENT),
         (MotorStatus("closed loop", "no heartbeat for 0.51 s", 0.51), Trip.DRIVE_SILENT),
         (MotorStatus("closed loop", None, 0.0, 80.5), Trip.DRIVE_HOT),
+        (MotorStatus("closed loop", None, 0.0, torque_age_s=0.11), Trip.READING_OLD),
+        (MotorStatus("closed loop", None, np.nan), Trip.DRIVE_SILENT),
+        (MotorStatus("closed loop", None, 0.0, np.nan), Trip.DRIVE_HOT),
     ],
 )
 def test_a_drive_in_trouble_trips(status, code):
@@ -165,8 +169,18 @@ def test_a_drive_in_trouble_trips(status, code):
 def test_a_drive_that_lives_but_tells_no_angle_trips():
     rig = Rig()
     rig.ticks(1)
-    rig.ticks(49, shaft=nothing_of(rig.shaft()))
-    trips(Trip.ENCODER_SILENT, rig.ticks, 2, shaft=nothing_of(rig.shaft()))
+    rig.ticks(9, shaft=nothing_of(rig.shaft()))
+    assert "last angle is 110 ms old" in trips(Trip.READING_OLD, rig.ticks, 2, shaft=nothing_of(rig.shaft()))
+
+
+def test_angles_that_come_regularly_but_late_trip():
+    rig = Rig()
+    rig.ticks(1)
+    for late_s in (0.02, 0.09, 0.11):
+        late = replace(rig.shaft(), host_s=np.array([rig.now_s + 0.01 - late_s]))
+        if late_s <= LIMITS.reading_age_s:
+            rig.ticks(1, shaft=late)
+    assert "last angle is 110 ms old" in trips(Trip.READING_OLD, rig.ticks, 1, shaft=late)
 
 
 def test_overspeed_following_and_jam():

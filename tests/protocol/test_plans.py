@@ -11,7 +11,7 @@ from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.experiments import Flapping, PlannedCondition, RigFacts, StaticStages, flapping_plan, static_plan
 from rfca_rig.protocol.plan import Flap, Hold, Limits, MoveShaft, Rates, SetHeight, SettleCriterion, turn_to
 
-LIMITS = Limits(300.0, 25.0, 20.0, 0.3, 0.1, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05)
+LIMITS = Limits(300.0, 25.0, 20.0, 0.3, 0.1, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05, 0.1)
 RIG = RigFacts(0.25, 0.7, 0.05, LIMITS, Rates(7000.0, 1000.0))
 SETTLE = SettleCriterion(0.1, 0.001, 0.5, 10.0)
 CONDITIONS = (PlannedCondition(0.215, 2.0), PlannedCondition(0.215, 3.0), PlannedCondition(0.235, 2.5))

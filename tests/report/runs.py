@@ -9,7 +9,7 @@ from rfca_rig.protocol.written_plan import serialize_plan
 from rfca_rig.recording.model import Column, RawStage, Recording, StaticStage, Stream
 from tests.report.recordings import BELIEVED, CONDITIONS, KNOWN_TO, strokes
 
-LIMITS = Limits(300.0, 25.0, 20.0, 0.35, 0.14, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05)
+LIMITS = Limits(300.0, 25.0, 20.0, 0.35, 0.14, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05, 0.1)
 FLAPS = tuple(Flap(h, v, repeat, 0.05, 3.4) for h, v in CONDITIONS for repeat in (1, 2))
 TRIP = "TRIP L-01: force 50.5 N, limit 50 N; raise the rack or go slower"
 CHECKED_DEG = (75.0, 100.0, 125.0)

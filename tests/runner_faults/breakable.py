@@ -20,7 +20,10 @@ MOTION = frozenset({OdriveCommand.INPUT_POS, OdriveCommand.INPUT_VEL, OdriveComm
 
 
 class BreakableBus(can.BusABC):
-    """The driver's end of the wire. Every frame that the driver wants to send is kept, with the time; `fetch_photo` are those that left."""
+    """The driver's end of the wire; `alter` does to a received frame whatever it wants, and None takes it away.
+
+    Every frame that the driver wants to send is kept, with the time; `fetch_photo` are those that left.
+    """
 
     def __init__(self, end: can.BusABC, clock: TwinClock) -> None:
         super().__init__(channel=end.channel_info)
@@ -32,6 +35,7 @@ class BreakableBus(can.BusABC):
         self.send_error: Exception | None = None
         self.receive_error: Exception | None = None
         self.refuses_until_s = 0.0
+        self.alter: Callable[[can.Message], can.Message | None] | None = None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self.sent.append((self._clock.now_s(), msg))
@@ -45,7 +49,13 @@ class BreakableBus(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if self.receive_error is not None:
             raise self.receive_error
-        return self._end.recv(timeout), False
+        message = self._end.recv(timeout)
+        while message is not None and self.alter is not None:
+            altered = self.alter(message)
+            if altered is not None:
+                return altered, False
+            message = self._end.recv(timeout)
+        return message, False
 
     def told_to_let_go_s(self) -> float | None:
         """When an order to go idle first left, after the one that last closed the loop, if any did."""

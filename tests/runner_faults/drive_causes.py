@@ -1,14 +1,17 @@
 """What goes wrong with the drive, the motor, and the shaft between motor and leg."""
 
+import struct
+from collections import deque
 from dataclasses import replace
+from math import inf, nan
 
 import can
 
 from rfca_rig.devices.odrive import codec as cansimple
-from rfca_rig.devices.odrive.messages import ERROR_BITS, AxisState
+from rfca_rig.devices.odrive.messages import ERROR_BITS, AxisState, OdriveCommand
 from rfca_rig.twins.drive_parts import LoopGains, SpeedLoop
 from rfca_rig.twins.wires import SampleGrid
-from tests.runner_faults.cause import Cause, catalogued
+from tests.runner_faults.cause import GOES_ON, Cause, catalogued
 from tests.runner_faults.rig import FaultyRig
 
 
@@ -64,6 +67,41 @@ def _forget_address(rig: FaultyRig) -> None:
     rig.drive._settings = replace(rig.drive._settings, node_id=5)
 
 
+def _command_of(message: can.Message) -> int:
+    return message.arbitration_id & 0x1F
+
+
+def _replace_values(rig: FaultyRig, command: OdriveCommand, first: float, second: float, frames: float = inf) -> None:
+    """So many frames of that message carry these two numbers."""
+    left = frames
+
+    def alter(message: can.Message) -> can.Message:
+        nonlocal left
+        if _command_of(message) != command or left <= 0:
+            return message
+        left -= 1
+        return can.Message(arbitration_id=message.arbitration_id, data=struct.pack("<ff", first, second), is_extended_id=False)
+
+    rig.bus.alter = alter
+
+
+def _hold_back(rig: FaultyRig, late_s: float) -> None:
+    """The encoder estimates come this much later from now on."""
+    queue: deque[tuple[float, can.Message]] = deque()
+
+    def alter(message: can.Message) -> can.Message | None:
+        if _command_of(message) != OdriveCommand.ENCODER_ESTIMATES:
+            return message
+        queue.append((rig.clock.now_s(), message))
+        return queue.popleft()[1] if rig.clock.now_s() - queue[0][0] >= late_s else None
+
+    rig.bus.alter = alter
+
+
+def _silence_torque(rig: FaultyRig) -> None:
+    rig.bus.alter = lambda message: None if _command_of(message) == OdriveCommand.TORQUES else message
+
+
 DRIVE_CAUSES = (
     *(_error(bit) for bit in ERROR_BITS),
     Cause(
@@ -84,7 +122,7 @@ DRIVE_CAUSES = (
     ),
     Cause("e-stop-frame", "drive", "an emergency stop frame on the bus", "D-01", _press_e_stop),
     catalogued("heartbeat-silent", "drive", "no heartbeat any more, all else goes on", "D-02", within_ms=610),
-    Cause("encoder-silent", "drive", "no encoder estimates any more, heartbeats go on", "F-02", _silence_encoder, within_ms=200),
+    Cause("encoder-silent", "drive", "no encoder estimates any more, heartbeats go on", "D-03", _silence_encoder, within_ms=120),
     Cause(
         "encoder-silent-held",
         "drive",
@@ -92,8 +130,59 @@ DRIVE_CAUSES = (
         "D-03",
         _silence_encoder,
         in_hold=True,
-        within_ms=530,
+        within_ms=130,
         hold_s=0.8,
+    ),
+    Cause("encoder-late", "drive", "the encoder estimates come 0.2 s late", "D-03", lambda rig: _hold_back(rig, 0.2), within_ms=120),
+    Cause("torque-silent", "drive", "no torque is reported any more, all else goes on", "D-03", _silence_torque, within_ms=120),
+    Cause(
+        "encoder-nan",
+        "drive",
+        "every encoder estimate is NaN",
+        "D-05",
+        lambda rig: _replace_values(rig, OdriveCommand.ENCODER_ESTIMATES, nan, nan),
+        within_ms=24,
+    ),
+    Cause(
+        "encoder-nan-held",
+        "drive",
+        "the same while the shaft is held",
+        "D-05",
+        lambda rig: _replace_values(rig, OdriveCommand.ENCODER_ESTIMATES, nan, nan),
+        in_hold=True,
+        within_ms=34,
+        hold_s=0.8,
+    ),
+    Cause(
+        "encoder-absurd",
+        "drive",
+        "every encoder estimate is 1e30 turns",
+        "D-05",
+        lambda rig: _replace_values(rig, OdriveCommand.ENCODER_ESTIMATES, 1e30, 0.0),
+        within_ms=24,
+    ),
+    Cause(
+        "encoder-nan-twice",
+        "drive",
+        "two encoder estimates in a row are NaN",
+        GOES_ON,
+        lambda rig: _replace_values(rig, OdriveCommand.ENCODER_ESTIMATES, nan, nan, frames=2),
+    ),
+    Cause(
+        "torque-nan",
+        "drive",
+        "every torque is NaN",
+        "D-05",
+        lambda rig: _replace_values(rig, OdriveCommand.TORQUES, nan, nan),
+        within_ms=24,
+    ),
+    Cause(
+        "temperature-nan",
+        "drive",
+        "the temperatures are NaN, which were numbers before",
+        "D-05",
+        lambda rig: _replace_values(rig, OdriveCommand.TEMPERATURES, nan, nan),
+        within_ms=1600,
     ),
     catalogued("encoder-frozen", "drive", "every encoder report repeats the one before", "F-02", within_ms=200),
     catalogued("encoder-jump", "drive", "the encoder slips by a turn of the motor", "F-04"),
@@ -108,7 +197,7 @@ DRIVE_CAUSES = (
         "drive-forgets-address",
         "drive",
         "the drive takes another address: hears nothing, says nothing as itself",
-        "F-02",
+        "D-03",
         _forget_address,
         within_ms=115,
     ),

@@ -97,7 +97,7 @@ def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:
     try:
         work()
     except RigError as caught:
-        error, ended = caught, _code(caught)
+        error, ended = caught, code_of(caught)
     over_s, acknowledged = rig.clock.now_s(), rig.keeper.acknowledged
     rig.clock.wait_until(over_s + rig.watched_s)
     rig.keeper.finish(ended)
@@ -115,7 +115,7 @@ def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:
     )
 
 
-def _code(error: BaseException) -> str:
+def code_of(error: BaseException) -> str:
     """The trip's code, also where what was raised last is that the drive could not be disabled."""
     chain: Sequence[BaseException] = [error, *([error.__context__] if error.__context__ else [])]
     while chain[-1].__context__ is not None and chain[-1].__context__ not in chain:

@@ -1,7 +1,9 @@
 """The fault table: every cause, what ended the run, and how long the motor went on."""
 
+import json
+import statistics
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,9 @@ from tests.runner_faults.cause import GOES_ON, Cause
 from tests.runner_faults.endings import ENDINGS
 from tests.runner_faults.outcome import Outcome, caused
 from tests.runner_faults.rig import Fidelity
+
+# Times over the wire, written by `tests.benchmarks.stop_times`.
+STOP_TIMES = Path(__file__).with_name("stop_times.json")
 
 HEAD = """# Fault table: what can go wrong, and what the runner does then
 
@@ -20,12 +25,18 @@ moment at which the cause begins: until the motor gives no torque any more, and 
 and the leg swings on it as on a hinge. A dash means: not within {watched:g} s after the run. Limits are those of `calibration/twin.toml`;
 [Trips](trips.md) explains the codes.
 
+"Over the wire" is measured with the wall clock and sockets: `python -m tests.benchmarks.stop_times --record` runs the plan against
+`rfca-rig twin serve`, in a process of its own, and takes the time from the cause to the last torque that the drive reports. The two numbers
+are medians of a few tries, on an idle machine and with a computing process on every core. There the drive itself does not stop for an
+error that it reports: the time is that of this program alone. "Not measured" is a cause that neither the server nor a proxy on the bus can
+bring about, or that was not tried.
+
 "Energised after" is what the motor did after the run had ended. Where no command reached the drive any more, its own watchdog removed
 the torque. Then the last line on the screen asks for the emergency stop. "Frames" are motion commands sent after the first order to
 disable it. "Lost" are stages that had been acknowledged as safe and cannot be read back.
 
-| cause | what happens | ends as | torque gone after | stands after | energised after | frames | lost |
-|---|---|---|---|---|---|---|---|"""
+| cause | what happens | ends as | over the wire, idle, busy | torque gone after | stands after | energised after | frames | lost |
+|---|---|---|---|---|---|---|---|---|"""
 
 FOOT = """
 ## When the process of the run gets a signal, is stopped or killed
@@ -64,6 +75,7 @@ def row(cause: Cause, outcome: Outcome) -> str:
         cause.name,
         cause.what,
         outcome.ended,
+        over_the_wire(cause),
         "" if goes_on else _ms_and_deg(stop.torque_ms, stop.torque_deg),
         "" if goes_on else _ms_and_deg(stop.stands_ms, stop.stands_deg),
         "never" if outcome.energised_s == 0.0 else f"{1e3 * outcome.energised_s:.0f} ms, until the drive's watchdog",
@@ -71,6 +83,20 @@ def row(cause: Cause, outcome: Outcome) -> str:
         str(outcome.lost),
     )
     return f"| {' | '.join(cells)} |"
+
+
+def over_the_wire(cause: Cause) -> str:
+    """Median times of the kept measurements, idle and busy."""
+    kept = json.loads(STOP_TIMES.read_text(encoding="utf-8")).get(cause.name)
+    if kept is None:
+        return "not measured"
+    if cause.ends == GOES_ON:
+        return "goes on"
+    return ", ".join(_median_text(kept[state]["times_ms"]) for state in ("idle", "busy"))
+
+
+def _median_text(times_ms: Sequence[float]) -> str:
+    return f"{max(statistics.median(times_ms), 0.0):.0f} ms" if times_ms else "not measured"
 
 
 def _ms_and_deg(time_ms: float, way_deg: float) -> str:

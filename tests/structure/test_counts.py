@@ -6,12 +6,12 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 458,
-    "lines": 92_600,
-    "lines of code": 58_900,
-    "modules with one user, in their package": 28,
-    "functions": 6_210,
-    "private functions with one use": 750,
+    "modules": 462,
+    "lines": 93_500,
+    "lines of code": 59_400,
+    "modules with one user, in their package": 29,
+    "functions": 6_270,
+    "private functions with one use": 760,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,

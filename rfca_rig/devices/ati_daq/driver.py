@@ -10,6 +10,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.force_sensors import SATURATED
 from rfca_rig.devices.ati_daq.codec import GAGES, GageBlock, TransducerCalibration
 from rfca_rig.devices.ati_daq.section import AtiDaqSection
+from rfca_rig.drivers.reading_check import ReadingCheck, Signal, describe_bad
 from rfca_rig.drivers.record_stream import FrozenRecordCounter, RecordSequence, StatusCounter
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.errors import BadInput, DeviceError
@@ -19,6 +20,8 @@ Floats = NDArray[np.float64]
 # Per N and N m: a thousandth of the resolution of a 16 bit card, so the voltages can be recovered from the counts.
 COUNTS_PER_UNIT = 1e6
 MAX_COUNT = 2**31 - 1
+# Cards measure up to 10 V; the sum over all channels of a sample is checked.
+VOLTAGE = Signal("voltage", "V", -1e3, 1e3)
 # The card's clock cannot give every rate exactly; a difference of 1 % from the settings is accepted.
 RATE_TOLERANCE = 1e-2
 # Share of the span that counts as the rail: one code of a 16 bit converter at each end.
@@ -91,6 +94,7 @@ class DaqFtSensor:
         self._sequence = RecordSequence(first=1)
         self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
         self._malformed = 0
+        self._check = ReadingCheck("the force sensor", VOLTAGE)
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
@@ -144,11 +148,27 @@ class DaqFtSensor:
         return self._samples(np.concatenate([block.volts for block in blocks])[picked], numbers)
 
     def _valid_blocks(self, blocks: list[GageBlock]) -> list[GageBlock]:
-        """Blocks (m, channels) that have every channel and only finite voltages; others count as malformed."""
+        """Blocks (m, channels) that have every channel, others count as malformed; of those, the samples with finite voltages.
+
+        Raises BadReading at the third sample in a row that has one that is not finite.
+        """
         channels = self._calibration.channels
-        whole = [block for block in blocks if block.volts.ndim == 2 and block.volts.shape[1] == channels and np.isfinite(block.volts).all()]
+        whole = [block for block in blocks if block.volts.ndim == 2 and block.volts.shape[1] == channels]
         self._malformed += len(blocks) - len(whole)
-        return [block for block in whole if len(block.volts)]
+        return [valid for block in whole for valid in self._finite_parts(block) if len(valid.volts)]
+
+    def _finite_parts(self, block: GageBlock) -> list[GageBlock]:
+        """The block without the samples that are not finite, in as many parts as they leave."""
+        if np.isfinite(block.volts).all():
+            self._check.accept(0.0)
+            return [block]
+        parts, begin = [], 0
+        for place, volts in enumerate(block.volts):
+            # Any value of a sample that is not finite makes the sum so.
+            if not self._check.accept(float(volts.sum())):
+                parts.append(GageBlock(block.first + begin, block.volts[begin:place]))
+                begin = place + 1
+        return [*parts, GageBlock(block.first + begin, block.volts[begin:])]
 
     def _samples(self, volts: Floats, numbers: NDArray[np.int64]) -> ForceSamples:
         lowest_V, highest_V = self._calibration.rails_V
@@ -167,7 +187,8 @@ class DaqFtSensor:
             device_s=(numbers - 1) / self._rate_Hz,
             sequence=numbers,
             status=status,
-            counts=np.clip(counts, -MAX_COUNT, MAX_COUNT).astype(np.int32),
+            # A force that is no number counts as the largest, which trips.
+            counts=np.clip(np.nan_to_num(counts, nan=MAX_COUNT), -MAX_COUNT, MAX_COUNT).astype(np.int32),
         )
 
     def silent_s(self) -> float:
@@ -179,7 +200,8 @@ class DaqFtSensor:
 
     def health(self) -> StreamHealth:
         """Counters since `start`."""
-        return self._sequence.health(self._status, self._frozen.frozen, self._malformed, self._notes())
+        malformed = self._malformed + sum(self._check.bad.values())
+        return self._sequence.health(self._status, self._frozen.frozen, malformed, self._notes())
 
     def _notes(self) -> list[str]:
         notes = []
@@ -193,6 +215,8 @@ class DaqFtSensor:
             notes.append("the card's store ran over: this computer was too busy to empty it")
         if self._malformed:
             notes.append(f"{self._malformed} blocks thrown away: not {self._calibration.channels} voltages a sample")
+        if self._check.bad:
+            notes.append(f"samples with impossible voltages were refused: {describe_bad(self._check.bad)}")
         return notes
 
     def identity(self) -> dict[str, str]:

@@ -4,7 +4,7 @@ Replies are decoded, kept apart from those of other drives, and time-stamped.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, nan
 
 import can
@@ -33,6 +33,7 @@ from rfca_rig.devices.moteus.section import MoteusSection
 from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send, send_stop
 from rfca_rig.drivers.device_time import CounterClock
 from rfca_rig.drivers.drive_report import EncoderJumpMonitor, ShaftGear, check_command, check_positive
+from rfca_rig.drivers.reading_check import POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, Signal, describe_bad
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
 
@@ -63,6 +64,24 @@ _REQUIRED = frozenset(read.register for read in STATE_QUERY) - {
     Register.TEMPERATURE,
     Register.MOTOR_TEMPERATURE,
 }
+
+# The drive's numbers, in the order of STATE_SIGNALS. An integer register that the drive cannot fill is NaN.
+STATE_REGISTERS = (
+    Register.POSITION,
+    Register.VELOCITY,
+    Register.TORQUE,
+    Register.MODE,
+    Register.FAULT,
+    Register.MILLISECOND_COUNTER,
+)
+STATE_SIGNALS = (
+    POSITION,
+    SPEED,
+    TORQUE,
+    Signal("mode", "(register 0x000)", 0.0, 127.0),
+    Signal("fault", "(register 0x00f)", 0.0, 32767.0),
+    Signal("millisecond counter", "ms", -(2.0**31), 2.0**32),
+)
 
 IDENTITY_QUERY = tuple(
     Read(register, Width.INT32)
@@ -147,6 +166,9 @@ class MoteusReplies:
         self._rows: list[tuple[float, float, float, float, float]] = []
         self._stamped_s = -1.0
         self._leap = EncoderJumpMonitor()
+        self._check = ReadingCheck("the drive", *STATE_SIGNALS)
+        self._temperature = OptionalReading("the drive", replace(TEMPERATURE, name="board temperature"))
+        self._motor_temperature = OptionalReading("the drive", replace(TEMPERATURE, name="motor temperature"))
         self.health = BusHealth()
         self.state: MoteusState | None = None
         self.facts: dict[int, float] = {}
@@ -168,7 +190,7 @@ class MoteusReplies:
     def drain(self) -> None:
         """Receives everything the bus holds; never waits.
 
-        Raises DeviceError if the bus fails, if a frame cannot be decoded, and if the drive reports no position.
+        Raises DeviceError if the bus fails or a frame cannot be decoded, and BadReading for numbers that are impossible.
         """
         self.drained_s = self._clock.now_s()
         for message in receive_frames(self._bus, self.health):
@@ -190,6 +212,11 @@ class MoteusReplies:
     def silent_s(self) -> float:
         """Age in s of the oldest open query, 0 if none is open. A drive that is not asked sends nothing."""
         return self.drained_s - self._asked_s[0] if self._asked_s else 0.0
+
+    @property
+    def bad_reports(self) -> str:
+        """How many answers were refused because of impossible numbers, by signal."""
+        return describe_bad(self._check.bad, self._temperature.check.bad, self._motor_temperature.check.bad)
 
     @property
     def restarts(self) -> int:
@@ -237,24 +264,28 @@ class MoteusReplies:
             self.facts |= values
 
     def _hear_state(self, values: dict[int, float]) -> None:
-        counter = int(values[Register.MILLISECOND_COUNTER])
-        asked_s = self._match_query(counter)
-        if asked_s is None:
+        if not self._asked_s:
             # No query is open: the frame was duplicated on the way.
             return
-        # A limit check on a position or speed that is not finite would never trip.
-        if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
-            raise DeviceError(
-                f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"
-            )
+        # A drive whose encoder failed may report NaN; its fault is the cause, and comes first.
+        if values[Register.MODE] == Mode.FAULT and self.state is not None and isfinite(values[Register.FAULT]):
+            self.state = replace(self.state, mode=Mode.FAULT, fault=int(values[Register.FAULT]))
+        if not self._check.accept(*(values[register] for register in STATE_REGISTERS)):
+            # It answers the oldest query as far as one can tell: its counter may be what is wrong.
+            self._asked_s.popleft()
+            return
+        counter = int(values[Register.MILLISECOND_COUNTER])
+        asked_s = self._match_query(counter)
+        self._temperature.take(values.get(Register.TEMPERATURE, nan))
+        self._motor_temperature.take(values.get(Register.MOTOR_TEMPERATURE, nan))
         self.answers += 1
         self.state = MoteusState(
             mode=int(values[Register.MODE]),
             fault=int(values[Register.FAULT]),
             position_turns=values[Register.POSITION],
             voltage_V=values.get(Register.VOLTAGE, nan),
-            temperature_degC=values.get(Register.TEMPERATURE, nan),
-            motor_temperature_degC=values.get(Register.MOTOR_TEMPERATURE, nan),
+            temperature_degC=self._temperature.value,
+            motor_temperature_degC=self._motor_temperature.value,
         )
         stamp_s = self._time.stamp(counter, asked_s)
         # Two answers with the same time carry the same sample.
@@ -265,10 +296,8 @@ class MoteusReplies:
             per_turn = abs(self._settings.shaft_rad_per_turn)
             self._leap.follow(asked_s, stamp_s, per_turn * values[Register.POSITION], per_turn * values[Register.VELOCITY])
 
-    def _match_query(self, counter: int) -> float | None:
-        """Time of the query that the answer with this counter belongs to; None without open queries. Older ones are dropped."""
-        if not self._asked_s:
-            return None
+    def _match_query(self, counter: int) -> float:
+        """Time of the open query that the answer with this counter belongs to. Older ones are dropped."""
         best = min(range(len(self._asked_s)), key=lambda index: self._time.distance_s(counter, self._asked_s[index]))
         for _ in range(best):
             self._asked_s.popleft()
@@ -467,6 +496,7 @@ class MoteusMotor:
             "zero_turns": repr(settings.zero_turns),
             "watchdog_s": repr(settings.watchdog_s),
             "answers_lost": str(self._replies.lost),
+            "bad_reports": self._replies.bad_reports,
             "restarts": str(self._replies.restarts),
             **self._replies.health.facts(),
         }

@@ -3,8 +3,7 @@
 Messages are time-stamped, and kept apart from those of other nodes.
 """
 
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import dataclass, replace
 
 import can
 import numpy as np
@@ -34,6 +33,7 @@ from rfca_rig.devices.odrive.section import OdriveSection
 from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames, send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, FrameCount, find_wrong_period
 from rfca_rig.drivers.drive_report import NO_SAMPLES, WATCHDOG_REMEDY, EncoderJumpMonitor, ShaftGear, check_command, check_positive
+from rfca_rig.drivers.reading_check import CURRENT, POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, describe_bad
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.errors import BadInput, DeviceError
 
@@ -83,19 +83,21 @@ class OdriveSettings(ShaftGear):
 
 
 class TemperatureTelemetry:
-    """`warmest_C` is the highest temperature of the last message.
-
-    It is None before the first message, and if no value is finite, as without a thermistor.
-    """
+    """`warmest_C` is the higher of the two temperatures; None before the first message, and without any thermistor."""
 
     def __init__(self) -> None:
         self.warmest_C: float | None = None
+        self.inverter = OptionalReading("the drive", replace(TEMPERATURE, name="inverter temperature"))
+        self.motor = OptionalReading("the drive", replace(TEMPERATURE, name="motor temperature"))
         self._reported_s = 0.0
 
-    def hear(self, now_s: float, *values_C: float) -> None:
+    def hear(self, now_s: float, inverter_C: float, motor_C: float) -> None:
         """Takes in one message, received at host time `now_s`."""
-        self.warmest_C = max((value for value in values_C if isfinite(value)), default=None)
         self._reported_s = now_s
+        self.inverter.take(inverter_C)
+        self.motor.take(motor_C)
+        known_C = [value for value in (self.inverter.value, self.motor.value) if not np.isnan(value)]
+        self.warmest_C = max(known_C, default=None)
 
     def fault(self, now_s: float) -> str | None:
         """Set if temperatures that were reported have stopped: a limit on them would no longer protect the motor."""
@@ -118,15 +120,17 @@ class OdriveReports:
         self._settings = settings
         self._rad_per_turn, self._torque_ratio = settings.shaft_rad_per_turn, settings.shaft_torque_per_drive_torque
         self._count = FrameCount(settings.encoder_period_s)
-        # Turns, turns/s and motor torque of frames that have no time stamp yet.
-        self._rows: list[tuple[float, float, float]] = []
+        # Turns, turns/s and motor torque of frames that have no time stamp yet; None for one that was refused.
+        self._rows: list[tuple[float, float, float] | None] = []
+        self._encoder_check = ReadingCheck("the drive", POSITION, SPEED)
+        self._torque_check = ReadingCheck("the drive", TORQUE if settings.torque_constant_Nm_per_A is None else CURRENT)
         self._samples: list[ShaftSamples] = []
         self._torque_Nm = np.nan
         self._leap = EncoderJumpMonitor()
         self.health = BusHealth()
         self.temperature = TemperatureTelemetry()
         self.beat: Heartbeat | None = None
-        self.drained_s = self.beat_s = clock.now_s()
+        self.drained_s = self.beat_s = self._torque_s = clock.now_s()
         self.turns = np.nan
         self.firmware = "unknown"
         self.part_errors: dict[OdrivePart, int] = {}
@@ -167,6 +171,17 @@ class OdriveReports:
     def doubts(self) -> str | None:
         """An error of the reports themselves that the drive does not report, or None."""
         return self.zero_lost or self._count.fault or self.temperature.fault(self.drained_s) or self.health.fault
+
+    @property
+    def torque_age_s(self) -> float:
+        """Time in s since the last torque, at the last `drain`."""
+        return self.drained_s - self._torque_s
+
+    @property
+    def bad_reports(self) -> str:
+        """How many reports were refused because of impossible numbers, by signal."""
+        temperatures = self.temperature.inverter.check.bad, self.temperature.motor.check.bad
+        return describe_bad(self._encoder_check.bad, self._torque_check.bad, *temperatures)
 
     @property
     def torque_source(self) -> str:
@@ -212,14 +227,18 @@ class OdriveReports:
         match message:
             case EncoderEstimates():
                 self.encoder_frames += 1
-                self.turns = message.position_turns
-                # Torque comes in its own message; each encoder row carries the latest torque.
-                self._rows.append((message.position_turns, message.speed_turns_s, self._torque_Nm))
+                if self._encoder_check.accept(message.position_turns, message.speed_turns_s):
+                    self.turns = message.position_turns
+                    # Torque comes in its own message; each encoder row carries the latest torque.
+                    self._rows.append((message.position_turns, message.speed_turns_s, self._torque_Nm))
+                else:
+                    # It keeps its place, because the time of the others comes from counting.
+                    self._rows.append(None)
             # Firmware 0.6 reports torque. With a torque constant set, the measured q current is used instead.
             case Torques() if constant is None:
-                self._hear_torque(message.estimate_Nm)
+                self._hear_torque(message.estimate_Nm, 1.0)
             case Iq() if constant is not None:
-                self._hear_torque(constant * message.measured_A)
+                self._hear_torque(message.measured_A, constant)
             case Heartbeat():
                 self.heartbeats += 1
                 self.beat, self.beat_s = message, self.drained_s
@@ -230,9 +249,12 @@ class OdriveReports:
             case Version():
                 self.firmware = ".".join(map(str, message.firmware))
 
-    def _hear_torque(self, torque_Nm: float) -> None:
-        self._torque_frames += 1
-        self._torque_Nm = torque_Nm
+    def _hear_torque(self, reported: float, torque_per_reported_Nm: float) -> None:
+        """Takes in a torque in N m, or a current in A with the torque constant."""
+        if self._torque_check.accept(reported):
+            self._torque_frames += 1
+            self._torque_s = self.drained_s
+            self._torque_Nm = torque_per_reported_Nm * reported
 
     def _stamp_rows(self, is_whole: bool) -> None:
         """Time-stamps the new rows. After a long pause frames may be missing anywhere, so no jump is looked for."""
@@ -243,11 +265,16 @@ class OdriveReports:
         host_s, follow = self.drained_s, self._leap.follow
         # Plain numbers, and one array for all columns: a tick brings two reports, for which numpy takes longer.
         table = []
-        for device_s, (turns, turns_s, torque_Nm) in zip(self._count.list_stamps(len(rows), host_s), rows, strict=True):
+        for device_s, row in zip(self._count.list_stamps(len(rows), host_s), rows, strict=True):
+            # Without a torque, which follows in its own message, a row of the first moments is no sample yet.
+            if row is None or row[2] != row[2]:
+                continue
+            turns, turns_s, torque_Nm = row
             angle_rad, speed_rad_s = (turns - zero_turns) * rad, turns_s * rad
             follow(host_s, device_s, angle_rad, speed_rad_s, is_whole)
             table.append((host_s, device_s, angle_rad, speed_rad_s, torque_Nm * ratio))
-        self._samples.append(ShaftSamples(*np.array(table).T))
+        if table:
+            self._samples.append(ShaftSamples(*np.array(table).T))
 
 
 class OdriveMotor:
@@ -417,7 +444,7 @@ class OdriveMotor:
         beat = self._reports.beat
         silent_s = self._reports.drained_s - self._reports.beat_s
         state, temperature_C = "unknown" if beat is None else state_text(beat.state), self._reports.temperature.warmest_C
-        return MotorStatus(state, self._fault(silent_s), silent_s, temperature_C)
+        return MotorStatus(state, self._fault(silent_s), silent_s, temperature_C, self._reports.torque_age_s)
 
     def _fault(self, silent_s: float) -> str | None:
         beat, limit_s = self._reports.beat, self._settings.heartbeat_timeout_s
@@ -447,6 +474,7 @@ class OdriveMotor:
             "encoder_period_s": repr(self._settings.encoder_period_s),
             "torque_from": self._reports.torque_source,
             "encoder_frames_lost": str(self._reports.lost_frames),
+            "bad_reports": self._reports.bad_reports,
             **self._reports.health.facts(),
         }
 

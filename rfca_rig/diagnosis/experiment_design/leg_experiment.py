@@ -288,7 +288,7 @@ def make_stage_design(
     def simulate(at: ModelPoint) -> StageTable | None:
         settled, start_rad = replace(at.rig, swing=None), at.rig.leg.start_angle_rad
         sequence = make_protocol(settings).static_stages()  # type: ignore[union-attr]
-        no_limits = Limits(*[np.inf] * 12)  # the loads are compared with the region
+        no_limits = Limits(*[np.inf] * 13)  # the loads are compared with the region
         plan = static_plan(sequence, RigFacts(start_rad, start_rad, settled.drive.ramp_s, no_limits, Rates(1e3, 1e3)))
         if not all(region.allows(load) for load in predict_loads(plan, settled).values()):
             return None  # the leg would wedge or press too hard on the way

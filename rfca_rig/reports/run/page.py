@@ -28,7 +28,7 @@ HEALTH = ("sensor_records", "tare_drift")  # begin like a device, and say how th
 # Keys that another part of the page shows.
 SHOWN_ELSEWHERE = (
     "events", "limits", "resumed", "started_at", "ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms",
-    "ended_in_stage", "standstill", "tare_drift", "sensor_records", "recorder_samples", "interrupted",
+    "ended_in_stage", "standstill", "tare_drift", "sensor_records", "recorder_samples", "bad_samples", "interrupted",
 )  # fmt: skip
 
 DONE = "done"
@@ -61,6 +61,8 @@ def health(story: RunStory) -> Pairs:
         "shaft, once the torque was gone": known.get("standstill", ""),
         "longest gap of the control loop": _gap(story),
         "records of the sensor": known.get("sensor_records", ""),
+        "reports of the drive with impossible numbers": known.get("motor_bad_reports", ""),
+        "samples that were no numbers": known.get("bad_samples", ""),
         "samples to the recorder": known.get("recorder_samples", ""),
         "drift of the sensor\u2019s zero": known.get("tare_drift", ""),
         "zero of the sensor at rest": _tares(story.events),

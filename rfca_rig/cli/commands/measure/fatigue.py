@@ -110,7 +110,7 @@ class Watcher:
         if drift is None or stage.number == 1:
             return
         message = f"{stage.label}: the forces are {drift.text()} off those of the first"
-        if abs(drift.relative) > stage.drift_limit:
+        if not abs(drift.relative) <= stage.drift_limit:
             # An error of its own, with exit code 4: a worn leg is the result of the test, not a failure of it.
             raise WornOut(f"{message}, limit {100.0 * stage.drift_limit:g} %; look at the leg before anything else")
         say(message)

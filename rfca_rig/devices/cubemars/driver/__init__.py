@@ -312,7 +312,8 @@ def await_standstill(clock: Clock, speed_rad_s: Callable[[], float]) -> None:
     began_s = swung_s = clock.now_s()
     while (now_s := clock.now_s()) - swung_s < STANDSTILL_S:
         now_rad_s = speed_rad_s()
-        if abs(now_rad_s) > MAX_SPEED_RAD_S:
+        # Written so that a speed that is no number, as before the first report, is no standstill.
+        if not abs(now_rad_s) <= MAX_SPEED_RAD_S:
             swung_s = clock.now_s()
         if now_s - began_s > WAIT_S:
             raise DeviceError(

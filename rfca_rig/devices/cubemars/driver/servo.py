@@ -12,6 +12,7 @@ from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_fra
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, FrameCount, find_wrong_period
 from rfca_rig.drivers.drive_report import check_command
 from rfca_rig.drivers.guard import TORQUE_OFF_SHARE, Guard, arm, prove_guard
+from rfca_rig.drivers.reading_check import ReadingCheck, Signal, describe_bad
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 from rfca_rig.guardian.guarded_bus import GuardedBus
@@ -20,6 +21,13 @@ from rfca_rig.guardian.guarded_bus import GuardedBus
 RANGE_ENDS = frozenset({-32768, -32000, 32000, 32767})
 # Margin in rad at the shaft, on top of the fastest possible motion, before a step counts as a jump.
 JUMP_MARGIN_RAD = 0.3
+
+# The ranges that the manual states for the integer fields of the status frame. The position wraps instead.
+STATUS_SIGNALS = (
+    Signal("speed", "ERPM", -320_000.0, 320_000.0),
+    Signal("current", "A", -60.0, 60.0),
+    Signal("temperature", "degC", -20.0, 127.0),
+)
 
 __all__ = ["CubemarsServoMotor", "ServoSettings"]
 
@@ -51,6 +59,7 @@ class ServoReports:
         fastest_rad_s = MAX_ERPM / abs(settings.erpm_s_per_rad)
         self._position = WrappedPosition(RANGE_ENDS, fastest_rad_s / rad_per_count, JUMP_MARGIN_RAD / rad_per_count)
         self._speed = SpeedCheck("gear_ratio and pole_pairs")
+        self._check = ReadingCheck("the drive", *STATUS_SIGNALS)
         self._rows: list[tuple[float, ...]] = []
         self.health = BusHealth()
         self.status: Status | None = None
@@ -93,8 +102,14 @@ class ServoReports:
     def _follow(self, report: Status, device_s: float, is_whole: bool) -> None:
         """Takes in one status. After a long pause (`is_whole` False) frames may be missing anywhere, so no jump is looked for."""
         settings = self._settings
-        self.status, self.heard_s = report, self.drained_s
+        self.heard_s = self.drained_s
         self.heard += 1
+        # An error of the drive is reported as such, whatever its numbers are.
+        if report.error:
+            self.status = report
+        if not self._check.accept(report.speed_erpm, report.current_A, report.temperature_degC):
+            return
+        self.status = report
         self.speed_rad_s = report.speed_erpm / settings.erpm_s_per_rad
         count = self._position.follow(report.position_count, device_s, self.speed_rad_s, judged=is_whole)
         self.position_deg = STATUS_DEG * count
@@ -111,6 +126,11 @@ class ServoReports:
     @property
     def lost_frames(self) -> int:
         return self._count.lost
+
+    @property
+    def bad_reports(self) -> str:
+        """How many reports were refused because of impossible numbers, by signal."""
+        return describe_bad(self._check.bad)
 
     @property
     def silent_s(self) -> float:
@@ -349,6 +369,7 @@ class CubemarsServoMotor:
             "status_period_s": repr(settings.status_period_s),
             "temperature_degC": "unknown" if status is None else str(status.temperature_degC),
             "status_frames_lost": str(self._reports.lost_frames),
+            "bad_reports": self._reports.bad_reports,
             "guardian": "none" if self._guard is None else self._guard.describe(),
             "guardian_proof": self._proof,
             **self._reports.health.facts(),
