@@ -35,12 +35,13 @@ ASCII = {
 }
 
 
-def echo(text: str, nl: bool = True, err: bool = False) -> None:
+def echo(text: str, nl: bool = True, err: bool = False, coloured: str = "") -> None:
     """Prints the text on standard output or the error stream: the one way in which a command prints.
 
-    Texts of files and names of folders are in it, so it is printed without control characters.
+    Texts of files and names of folders are in it, so it is printed without control characters. `coloured` is printed before it as it is: a
+    word of this program, with the codes of its colour.
     """
-    typer.echo(printable(text), nl=nl, err=err)
+    typer.echo(coloured + printable(text), nl=nl, err=err)
 
 
 def print_lines(lines: Iterable[str], indent: str = "  ") -> None:

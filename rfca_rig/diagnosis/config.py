@@ -136,7 +136,7 @@ USUAL_MISFIT = 1.2
 # Share of the signal, a scale of UNKNOWN_ERRORS: seven times the usual error. Evidence that is left with so poor a model does not rest on
 # how small a model error was supposed to be.
 LARGE_ERROR = 0.07
-MAX_RISE = 0.05  # share by which a statement may make the held-out rms of a signal larger: what linear prediction errs by
+MAX_RISE = 0.05  # share by which a statement may make the held-out rms of a quantity larger: what linear prediction errs by
 NOTHING_PROBABILITY = 0.5  # of nothing in the table of all sets, above which nothing is missing: more probable than all others together
 VISIBLE_PROBABILITY = 0.01  # of a set in that table, from which its effects are not excluded
 AS_GOOD_LOG_ODDS = 3.0  # log posterior odds within which the data do not tell two effects apart

@@ -212,3 +212,11 @@ def start_gain(start_effect: Floats, variance: Floats) -> Floats:
     weighted = effect / variance.ravel()
     # Linear Bayesian estimate; the identity is the prior of start errors in standard deviations.
     return np.asarray(np.linalg.solve(weighted @ effect.T + np.eye(len(effect)), weighted), dtype=np.float64)
+
+
+UNITS = {"_rad_s": "rad/s", "_Nm": "N m", "_N": "N", "_deg": "deg", "_rad": "rad"}
+
+
+def unit_of(signal: str) -> str:
+    """The unit that ends the name of a signal, in the usual notation; empty where there is none."""
+    return next((unit for ending, unit in UNITS.items() if signal.endswith(ending)), "")

@@ -465,6 +465,22 @@ def test_a_few_conditions_that_are_predicted_far_worse_count_in_the_explained_sh
     assert comparison.explained_share(_with_rms(replace(best), np.array([1.0, 1.0, 1.0, 1.0, 30.0]))) < 0.0
 
 
+def test_a_quantity_is_all_signals_of_one_unit(gained, monkeypatch):
+    """Of two forces the smaller one is predicted worse, and both together better; a torque alone is predicted worse."""
+    rows, usual = gained.result.dataset.rows, np.sqrt(gained.result.likelihood.usual.variance())
+    assert {str(signal) for signal in np.unique(rows.signal)} >= {"fy_N", "fz_N", "tx_Nm"}
+
+    def worsens(**with_effects):
+        without = dict.fromkeys(with_effects, 5.0)
+        sizes = [np.array([size.get(str(signal), 1.0) for signal in rows.signal]) for size in (without, with_effects)]
+        residuals = iter([size * usual for size in sizes])
+        likelihood = SimpleNamespace(usual=gained.result.likelihood.usual, compute_held_out_residuals=lambda *_: next(residuals))
+        return Comparison(replace(gained.result, likelihood=likelihood), gained.ranked).worsens_a_quantity(gained.best)
+
+    assert not worsens(fy_N=6.0, fz_N=2.0, tx_Nm=1.0)
+    assert worsens(fy_N=1.0, fz_N=1.0, tx_Nm=6.0)
+
+
 def test_evidence_counts_only_where_held_out_conditions_confirm_it(gained):
     nothing = _with_rms(replace(strained(gained.nothing, 1.0)), np.full(5, 1.0))
 

@@ -66,17 +66,23 @@ def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
     """Prints each finding before the next check begins."""
     echo(title)
     for finding in checks:
-        for line in _lines(finding):
+        first, *rest = _lines(finding)
+        echo(first, coloured=_colour_word(finding))
+        for line in rest:
             echo(line)
         yield finding
 
 
+def _colour_word(finding: "Finding") -> str:
+    """The word of its colour, padded; in that colour only on a terminal, which typer detects."""
+    word = finding.colour.value
+    return (typer.style(word, fg=word) if takes_colours() else word) + " " * (COLOUR_WIDTH - len(word))
+
+
 def _lines(finding: "Finding") -> Iterator[str]:
-    """At most 80 columns; colours only on a terminal, which typer detects."""
+    """Lines of at most 80 columns, together with the word of the colour before the first one."""
     first, *rest = wrap(finding.seen, WIDTH - len(INDENT), break_on_hyphens=False)
-    padding = " " * (COLOUR_WIDTH - len(finding.colour.value))
-    color = (typer.style(finding.colour.value, fg=finding.colour.value) if takes_colours() else finding.colour.value) + padding
-    yield f"{color}{finding.subject:<{SUBJECT_WIDTH}}{first}"
+    yield f"{finding.subject:<{SUBJECT_WIDTH}}{first}"
     yield from (INDENT + line for line in rest)
     if finding.fix:
         yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))

@@ -28,6 +28,7 @@ from rfca_rig.diagnosis.config import (
     USUAL_MISFIT,
     WORTH_ADDING,
 )
+from rfca_rig.diagnosis.data import unit_of
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, propagate_smooth_error
@@ -270,17 +271,23 @@ class Comparison:
         # A fit may lie a little below the stated noise.
         return min((before**2 - after**2) / removable, 1.0) if removable > 0.0 else 0.0
 
-    def worsens_a_signal(self, one: ScaledHypothesis) -> bool:
-        """Whether a hypothesis predicts held-out conditions worse than the one without effects, in any signal, and worse than usual."""
+    def worsens_a_quantity(self, one: ScaledHypothesis) -> bool:
+        """Whether a hypothesis predicts held-out conditions worse than the one without effects, in any quantity, and worse than usual.
+
+        A quantity is all signals of one unit, each in units of noise and usual model error: the angles of all hinges, say.
+        """
         rows, likelihood = self.result.dataset.rows, self.result.likelihood
         conditions = range(int(rows.condition.max()) + 1)
         linears = [hypothesis.hypothesis.fitted.linear(rows.measured) for hypothesis in (self.nothing, one)]
-        without, with_effects = (likelihood.compute_held_out_residuals(linear, rows.condition, conditions) ** 2 for linear in linears)
         usual = likelihood.usual.variance()
-        for signal in np.unique(rows.signal):
-            own = rows.signal == signal
+        without, with_effects = (
+            likelihood.compute_held_out_residuals(linear, rows.condition, conditions) ** 2 / usual for linear in linears
+        )
+        units = np.array([unit_of(str(signal)) for signal in rows.signal])
+        for unit in np.unique(units):
+            own = units == unit
             rise = np.sqrt(with_effects[own].mean() / without[own].mean()) - 1.0
-            if rise > MAX_RISE and np.mean(with_effects[own] / usual[own]) > USUAL_MISFIT**2:
+            if rise > MAX_RISE and with_effects[own].mean() > USUAL_MISFIT**2:
                 return True
         return False
 

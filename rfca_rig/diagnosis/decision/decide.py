@@ -11,7 +11,7 @@
                     no nuisance parameter is implausible
 `mostly`            every stated effect has a probability of STATED_PROBABILITY, and together they remove DOMINANT_SHARE of what can be
                     removed of the held-out misfit, or a nuisance parameter is implausible without them; none of them only makes up for
-                    what an approximate law of the others leaves; no signal is predicted worse
+                    what an approximate law of the others leaves; no quantity is predicted worse
 `family`            one family has a probability of STATED_PROBABILITY, and the best explanation removes as much
 `nothing missing`   nothing is stated, the model without effects predicts all held-out conditions as well as models usually do, and in
                     the table of all sets nothing is more probable than everything else together
@@ -210,7 +210,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         within_usual=is_usual,
     )
     # A set that leaves much misfit may still be the dominant omission: then it is stated as "mostly".
-    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not comparison.worsens_a_signal(explanation):
+    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not comparison.worsens_a_quantity(explanation):
         hypothesis = at_own_scale(explanation)
         effects = tuple(_describe_effect(comparison, explanation, effect_id, of_effects[effect_id]) for effect_id in explanation.ids)
         return replace(
@@ -225,7 +225,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             explained_share=comparison.explained_share(explanation),
             relieved_strain=_describe_relief(comparison, explanation),
         )
-    if family is not None and is_family and not comparison.worsens_a_signal(comparison.best):
+    if family is not None and is_family and not comparison.worsens_a_quantity(comparison.best):
         return replace(
             decision,
             grade="family",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtrc
 
-from rfca_rig.diagnosis.data import Observations
+from rfca_rig.diagnosis.data import Observations, unit_of
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.likelihood.covariance import make_whitening
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, MarginalLikelihood, laplace_posterior
@@ -115,11 +115,3 @@ def _locate(rows: Observations, apart: Floats, covariance: Floats, parts: list[N
         sigmas=float(np.sqrt(np.mean([cell.sigmas**2 for cell in cells]))),
         p_value=chance,
     )
-
-
-UNITS = {"_rad_s": "rad/s", "_Nm": "N m", "_N": "N", "_deg": "deg", "_rad": "rad"}
-
-
-def unit_of(signal: str) -> str:
-    """The unit that ends the name of a signal, in the usual notation; empty where there is none."""
-    return next((unit for ending, unit in UNITS.items() if signal.endswith(ending)), "")
