@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.cli.commands.doctor import WIDTH, _lines
+from rfca_rig.cli.commands.doctor import WIDTH, _colour_word, _lines
 from rfca_rig.devices.checks import ReceivedFrame, red
 from rfca_rig.devices.cubemars.checks import judge_mit, judge_servo, observe_mit, observe_servo
 from rfca_rig.devices.cubemars.codec import mit_ranges
@@ -51,6 +51,8 @@ def test_any_datagrams_are_judged(datagrams):
 @given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=300).filter(str.strip))
 def test_any_finding_fits_the_terminal(text):
     words = " ".join(word[:60] for word in text.split())
-    lines = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in _lines(red("subject", text, text, words))]
+    finding = red("subject", text, text, words)
+    first, *rest = _lines(finding)
+    lines = [re.sub(r"\x1b\[[0-9;]*m", "", _colour_word(finding)) + first, *rest]
     assert max(map(len, lines)) <= WIDTH
     assert lines[0].startswith("red     subject ")
