@@ -118,8 +118,8 @@ BEGINNINGS: dict[str, Begin] = {
     "SIGTERM": press(signal.SIGTERM),
     "SIGHUP": press(signal.SIGHUP),
 }
-# Silences the drive for the observer too: what is seen last is not the last torque.
-UNSEEN = frozenset({"can-silent", "can-silent-held", "bus-off"})
+# Silences or damages the frames for the observer too: what is seen last is not the last torque.
+UNSEEN = frozenset({"can-silent", "can-silent-held", "bus-off", "can-short"})
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,11 @@ moment at which the cause begins: until the motor gives no torque any more, and 
 and the leg swings on it as on a hinge. A dash means: not within {watched:g} s after the run. Limits are those of `calibration/twin.toml`;
 [Trips](trips.md) explains the codes.
 
-"Over the wire" is measured with the wall clock and sockets: `python -m tests.benchmarks.stop_times --record` runs the plan against
-`rfca-rig twin serve`, in a process of its own, and takes the time from the cause to the last torque that the drive reports. The two numbers
-are medians of a few tries, on an idle machine and with a computing process on every core. There the drive itself does not stop for an
-error that it reports: the time is that of this program alone. "Not measured" is a cause that neither the server nor a proxy on the bus can
-bring about, or that was not tried.
+"Over the wire" is measured with the wall clock and sockets, by `python -m tests.benchmarks.stop_times --record`. It runs the plan against
+`rfca-rig twin serve` in a process of its own. The time goes from the cause to the last torque that the drive reports. The two numbers are
+medians of three to ten tries: without further load from the test, and with a computing process on every core. Other programs computed
+on the machine of this table both times. The wire's drive does not stop by itself for an error that it reports: such a time is that of this
+program alone. "Not measured" is a cause that neither the server nor a proxy on the bus can bring about, or that was not tried.
 
 "Energised after" is what the motor did after the run had ended. Where no command reached the drive any more, its own watchdog removed
 the torque. Then the last line on the screen asks for the emergency stop. "Frames" are motion commands sent after the first order to
