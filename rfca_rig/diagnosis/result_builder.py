@@ -115,6 +115,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
     if is_open:
         _, remaining = locate_mismatch(found.dataset.rows, replace(explanation.fitted, predicted=explanation.rows), found.likelihood)
     is_stated = decision.grade in ("identified", "mostly", "family")
+    not_tested = tuple(NotSeen(effect.id, None) for effect in effects if effect.id not in decision.suspects)
     return Diagnosis(
         title=title,
         verdict=decision.verdict,
@@ -124,7 +125,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         effects=decision.effects,
         criteria=decision.criteria,
         rivals=decision.list_rivals(MOST_RIVALS),
-        not_seen=_find_not_seen(found, explanation, decision.suspects, effects),
+        not_seen=_find_not_seen(found, explanation, decision.suspects, effects) if decision.predicts_as_usual else not_tested,
         fit=compare_residuals(found, explanation, experiment),
         held_out=compare_held_out(found, explanation, experiment),
         valley={},
@@ -169,15 +170,16 @@ def _find_not_seen(
 
     Remaining misfit could hide an effect. It counts as discrepancy, at least the usual one. So could a nuisance parameter that has moved
     far: it may have taken the place of the effect, so that its prior does not hold here. What acts much as it does is not excluded at all,
-    because the fit may have found one of two optima.
+    because the fit may have found one of two optima. Nor is an effect that is the same as a nuisance parameter.
     """
     fit, rows = explanation.fitted, found.in_coarse
     fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.dataset.rows.measured[rows]
     moved = np.flatnonzero(np.abs(explanation.marginal.posterior.mean[: fit.coordinates.nuisances]) > MOVED_PRIOR_STD)
     # The probes were simulated on the subset only.
     projection = make_projection(fitted, measured, found.coarse.level(fitted.linear(measured)), moved.tolist())
-    names = [fit.coordinates.space.names[place] for place in moved]
-    imitated = list_effects_like(names).union(effect.id for effect in effects if effect.same_as in names)
+    names = fit.coordinates.space.names
+    same = {effect.id for effect in effects if effect.same_as in names}
+    imitated = same | list_effects_like([names[place] for place in moved])
     others = [effect for effect in effects if effect.id not in imitated.union(suspects)]
     needed = power_to_exclude(len(others))
 

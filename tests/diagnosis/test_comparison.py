@@ -252,6 +252,12 @@ def tried(family):
     return tuple(SimpleNamespace(choice=SimpleNamespace(effect=SimpleNamespace(id=name))) for name in members_of(family))
 
 
+def test_only_an_explanation_that_predicts_as_usual_lets_effects_be_excluded(gained, uneven):
+    assert graded(gained, 0.95).predicts_as_usual and graded(gained, 0.85).predicts_as_usual
+    assert not graded(uneven, 0.95).predicts_as_usual
+    assert not graded(uneven, 0.1).predicts_as_usual  # nothing is stated, and the model without effects errs
+
+
 def test_a_family_of_another_kind_of_rig_is_not_stated(gained):
     fluid = replace(gained.best, hypothesis=replace(gained.best.hypothesis, ids=("fluid_drag",)))
     comparison = _with(Comparison(gained.result, (fluid, gained.nothing)), "best", fluid)
@@ -475,10 +481,21 @@ def test_a_quantity_is_all_signals_of_one_unit(gained, monkeypatch):
         sizes = [np.array([size.get(str(signal), 1.0) for signal in rows.signal]) for size in (without, with_effects)]
         residuals = iter([size * usual for size in sizes])
         likelihood = SimpleNamespace(usual=gained.result.likelihood.usual, compute_held_out_residuals=lambda *_: next(residuals))
-        return Comparison(replace(gained.result, likelihood=likelihood), gained.ranked).worsens_a_quantity(gained.best)
+        return Comparison(replace(gained.result, likelihood=likelihood), gained.ranked).predicts_worse(gained.best)
 
     assert not worsens(fy_N=6.0, fz_N=2.0, tx_Nm=1.0)
     assert worsens(fy_N=1.0, fz_N=1.0, tx_Nm=6.0)
+
+
+def test_a_held_out_error_may_not_rise_in_sum_even_within_the_usual(gained):
+    usual = np.sqrt(gained.result.likelihood.usual.variance())
+
+    def worsens(before, after):
+        residuals = iter([before * usual, after * usual])
+        likelihood = SimpleNamespace(usual=gained.result.likelihood.usual, compute_held_out_residuals=lambda *_: next(residuals))
+        return Comparison(replace(gained.result, likelihood=likelihood), gained.ranked).predicts_worse(gained.best)
+
+    assert worsens(0.5, 0.6) and not worsens(0.5, 0.51)
 
 
 def test_evidence_counts_only_where_held_out_conditions_confirm_it(gained):

@@ -271,25 +271,23 @@ class Comparison:
         # A fit may lie a little below the stated noise.
         return min((before**2 - after**2) / removable, 1.0) if removable > 0.0 else 0.0
 
-    def worsens_a_quantity(self, one: ScaledHypothesis) -> bool:
-        """Whether a hypothesis predicts held-out conditions worse than the one without effects, in any quantity, and worse than usual.
+    def predicts_worse(self, one: ScaledHypothesis) -> bool:
+        """Whether a hypothesis predicts held-out conditions worse than the one without effects.
 
-        A quantity is all signals of one unit, each in units of noise and usual model error: the angles of all hinges, say.
+        That is so where the rms over all rows rises, and where that of a quantity rises and is larger than usual. A quantity is all signals
+        of one unit: the angles of all hinges, say. Rows are in units of noise and usual model error.
         """
         rows, likelihood = self.result.dataset.rows, self.result.likelihood
         conditions = range(int(rows.condition.max()) + 1)
         linears = [hypothesis.hypothesis.fitted.linear(rows.measured) for hypothesis in (self.nothing, one)]
-        usual = likelihood.usual.variance()
-        without, with_effects = (
-            likelihood.compute_held_out_residuals(linear, rows.condition, conditions) ** 2 / usual for linear in linears
-        )
+        residuals = [likelihood.compute_held_out_residuals(linear, rows.condition, conditions) for linear in linears]
+        without, with_effects = (each**2 / likelihood.usual.variance() for each in residuals)
+        most = (1.0 + MAX_RISE) ** 2
+        if with_effects.mean() > most * without.mean():
+            return True
         units = np.array([unit_of(str(signal)) for signal in rows.signal])
-        for unit in np.unique(units):
-            own = units == unit
-            rise = np.sqrt(with_effects[own].mean() / without[own].mean()) - 1.0
-            if rise > MAX_RISE and with_effects[own].mean() > USUAL_MISFIT**2:
-                return True
-        return False
+        of_units = [(without[units == unit].mean(), with_effects[units == unit].mean()) for unit in np.unique(units)]
+        return any(after > max(most * before, USUAL_MISFIT**2) for before, after in of_units)
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""

@@ -49,7 +49,7 @@ from rfca_rig.model.catalogue import Family, families_of, list_related
 
 UNKNOWN = ("unknown",)
 MOST_ALTERNATIVES = 5  # sets that are named beside a difference that is visible within the usual model error
-HELD_OUT = "held-out misfit"
+HELD_OUT, PROBABLE = "held-out misfit", "probability"
 
 
 @dataclass(frozen=True)
@@ -161,6 +161,16 @@ class Decision:
         closest = () if self.closest is None else self.closest.ids
         return list_related({*possible, *(in_table - set(UNKNOWN)), *stated, *closest})
 
+    @property
+    def predicts_as_usual(self) -> bool:
+        """Whether the explanation predicts held-out conditions as models usually do, with plausible values.
+
+        Otherwise what remains may hide an effect.
+        """
+        if not self.explanation.ids:
+            return self.within_usual
+        return all(criterion.passed for criterion in self.criteria if criterion.name != PROBABLE)
+
     def list_rivals(self, most: int) -> tuple[Rival, ...]:
         """The first rows of the table of sets, with those of nothing and of the stated set wherever they stand."""
         always = ((), tuple(sorted(effect.id for effect in self.effects)))
@@ -210,7 +220,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         within_usual=is_usual,
     )
     # A set that leaves much misfit may still be the dominant omission: then it is stated as "mostly".
-    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not comparison.worsens_a_quantity(explanation):
+    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not comparison.predicts_worse(explanation):
         hypothesis = at_own_scale(explanation)
         effects = tuple(_describe_effect(comparison, explanation, effect_id, of_effects[effect_id]) for effect_id in explanation.ids)
         return replace(
@@ -225,7 +235,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             explained_share=comparison.explained_share(explanation),
             relieved_strain=_describe_relief(comparison, explanation),
         )
-    if family is not None and is_family and not comparison.worsens_a_quantity(comparison.best):
+    if family is not None and is_family and not comparison.predicts_worse(comparison.best):
         return replace(
             decision,
             grade="family",
@@ -315,7 +325,7 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     strained = describe_strain(one)
     needed, at_most = f"{IDENTIFIED_PROBABILITY:g} needed", f"{USUAL_MISFIT:g} at most"
     near = f"each within {IMPLAUSIBLE:g} prior standard deviations"
-    probable = Criterion("probability", least >= IDENTIFIED_PROBABILITY, f"{least:.3f} that every effect is there, {needed}", needed)
+    probable = Criterion(PROBABLE, least >= IDENTIFIED_PROBABILITY, f"{least:.3f} that every effect is there, {needed}", needed)
     return (
         *((probable,) if supported else ()),
         Criterion(HELD_OUT, misfit <= USUAL_MISFIT, f"{misfit:.2f} of what noise and a usual model error make, {at_most}", at_most),
