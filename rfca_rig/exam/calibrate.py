@@ -2,7 +2,8 @@
 
 A SOURCE is the folder of a finished benchmark (`rfca-rig prove`), or a file of labelled statements about other rigs (rfca-statements/1).
 Each diagnosis of a benchmark holds the support of the effects and families of its best explanation. The truths are opened, and give the
-label of each. Every second case of a source is used for the fit, and the others judge it, each kind of rig by itself.
+label of each. A fit to every second case is judged on the others, each kind of rig by itself. The weights that are written are fitted to
+all.
 
 rfca-statements/1 is JSON: `words` say what was simulated, and each entry of `statements` has `case`, `rig`, `kind` ("effect" or "family"),
 `values` (the support, as in diagnosis.json) and `true`.
@@ -114,7 +115,7 @@ def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
 
 
 def list_fitted_cases(statements: Sequence[Statement]) -> list[str]:
-    """Every second case: its statements are fitted, and those of the others judge the fit."""
+    """Every second case: a fit to its statements is judged on those of the others."""
     # Names of one rig follow each other in this order, so that each half has as many of its cases.
     return sorted({one.case for one in statements})[::2]
 
@@ -195,11 +196,13 @@ def calibrate(sources: Sequence[Path]) -> dict[str, Any]:
             raise BadInput(f"all statements of kind {kind!r} are about one half of the cases; run rfca-rig prove with more cases")
         intercept, weights = fit_weights(fitted)
         probability = expit(intercept + others.features @ weights)
+        # Half of the cases are few; once a fit to them is judged, the other half makes the weights better.
+        intercept, weights = fit_weights(labelled)
         content[kind] = {
             "intercept": round(intercept, 4),
             "weights": {feature.name: round(float(weight), 4) for feature, weight in zip(FEATURES, weights, strict=True)},
-            "statements": len(fitted.true),
-            "true": int(fitted.true.sum()),
+            "statements": len(labelled.true),
+            "true": int(labelled.true.sum()),
             "other_half": {
                 "all": judge(others, probability),
                 **{str(rig): judge(others.select(others.rig == rig), probability[others.rig == rig]) for rig in np.unique(others.rig)},

@@ -91,14 +91,14 @@ def test_a_fit_that_nothing_could_judge_is_refused(tmp_path):
         calibrate([folder_with(tmp_path, BOTH)])
 
 
-def test_one_half_of_each_source_is_fitted_and_the_other_half_is_judged_by_rig(tmp_path):
+def test_a_fit_to_one_half_of_each_source_is_judged_on_the_other_half_by_rig(tmp_path):
     # The fitted half is true and the other half false, with the same values: the fit cannot have seen it.
     arms = statements_file(tmp_path / "arms.json", "arm", [True, False] * 10)
     hoppers = statements_file(tmp_path / "hoppers.json", "hopper", [True, False] * 10)
     found = calibrate([arms, hoppers])
     assert found["benchmarks"] == ["made up", "made up"]
     for kind in ("effect", "family"):
-        assert (found[kind]["statements"], found[kind]["true"]) == (20, 20)
+        assert (found[kind]["statements"], found[kind]["true"]) == (40, 20)
         judged = found[kind]["other_half"]
         assert (judged["all"]["statements"], judged["all"]["true"]) == (20, 0)
         assert (judged["arm"]["statements"], judged["hopper"]["statements"]) == (10, 10)
