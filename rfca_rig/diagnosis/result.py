@@ -203,7 +203,7 @@ class Diagnosis:
     verdict
         The grade in the words of rfca-diagnosis/1, where "mostly" and "family" are "unexplained".
     family, other_families
-        The family of what is stated, and those of further parts of the explanation, which are as sure.
+        The family of what is stated, and those of further parts of the explanation, each as probable as an identified effect.
     explained_share
         Share of the removable held-out misfit that the stated effects explain.
     remaining

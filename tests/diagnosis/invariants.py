@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 
-from rfca_rig.diagnosis.config import STATED_PROBABILITY
+from rfca_rig.diagnosis.config import IDENTIFIED_PROBABILITY
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Rival, describe_probability
 from rfca_rig.model.catalogue import catalogue
 
@@ -113,7 +113,7 @@ def _check_other_families(diagnosis: Diagnosis) -> Iterator[str]:
     for family in diagnosis.other_families:
         if diagnosis.grade not in STATED_GRADES:
             yield f"The grade is {diagnosis.grade!r}, but the family {family.id} is stated."
-        if family.probability < STATED_PROBABILITY:
+        if family.probability < IDENTIFIED_PROBABILITY:
             yield f"The family {family.id} is stated with a probability of {family.probability:.4f}."
         if stated & set(family.members):
             yield f"The family {family.id} is stated beside {_join(stated & set(family.members))}, which belongs to it."

@@ -274,20 +274,24 @@ class Comparison:
     def predicts_worse(self, one: ScaledHypothesis) -> bool:
         """Whether a hypothesis predicts held-out conditions worse than the one without effects.
 
-        That is so where the rms over all rows rises, and where that of a quantity rises and is larger than usual. A quantity is all signals
-        of one unit: the angles of all hinges, say. Rows are in units of noise and usual model error.
+        That is so where the rms over all signals rises, each in units of its noise and scatter. It is so, too, where that of a quantity
+        rises, in units of noise and usual model error, and is larger than usual. A quantity is all signals of one unit: the angles of all
+        hinges, say.
         """
         rows, likelihood = self.result.dataset.rows, self.result.likelihood
         conditions = range(int(rows.condition.max()) + 1)
         linears = [hypothesis.hypothesis.fitted.linear(rows.measured) for hypothesis in (self.nothing, one)]
-        residuals = [likelihood.compute_held_out_residuals(linear, rows.condition, conditions) for linear in linears]
-        without, with_effects = (each**2 / likelihood.usual.variance() for each in residuals)
+        square = [likelihood.compute_held_out_residuals(linear, rows.condition, conditions) ** 2 for linear in linears]
+        floor = rows.noise**2 + (self.result.scatter.columns**2).sum(axis=1)
+        of_signals = np.array([rows.signal == signal for signal in np.unique(rows.signal)])
+        before, after = (sum(each[own].mean() / floor[own].mean() for own in of_signals) for each in square)
         most = (1.0 + MAX_RISE) ** 2
-        if with_effects.mean() > most * without.mean():
+        if after > most * before:
             return True
+        without, with_effects = (each / likelihood.usual.variance() for each in square)
         units = np.array([unit_of(str(signal)) for signal in rows.signal])
         of_units = [(without[units == unit].mean(), with_effects[units == unit].mean()) for unit in np.unique(units)]
-        return any(after > max(most * before, USUAL_MISFIT**2) for before, after in of_units)
+        return any(later > max(most * earlier, USUAL_MISFIT**2) for earlier, later in of_units)
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""

@@ -106,7 +106,7 @@ class Decision:
     effects, family
         What is stated. A family is given beside effects, too.
     other_families
-        Families, as sure, of those effects of the best explanation that are neither stated nor in `family`.
+        Families, as probable as an identified effect, of those effects of the best explanation that are neither stated nor in `family`.
     probability
         Probability of the statement: the least of its effects, or that of the family. For other grades, that something is, or is not,
         missing.
@@ -230,7 +230,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             closest=None if explanation is comparison.best else best,
             effects=effects,
             family=family if is_family else None,
-            other_families=_other_families(comparison, supported, needed, list_related(explanation.ids)),
+            other_families=_other_families(comparison, supported, list_related(explanation.ids)),
             probability=min(effect.probability for effect in effects),
             explained_share=comparison.explained_share(explanation),
             relieved_strain=_describe_relief(comparison, explanation),
@@ -241,7 +241,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             grade="family",
             explanation=best,
             family=family,
-            other_families=_other_families(comparison, supported, needed, family.members),
+            other_families=_other_families(comparison, supported, family.members),
             probability=family.probability,
             explained_share=comparison.explained_share(comparison.best),
             relieved_strain=_describe_relief(comparison, comparison.best),
@@ -357,9 +357,7 @@ def _best_family(comparison: Comparison, supported: Sequence[Supported], of: Col
     return StatedFamily(family.id, family.words, family.place, best.probability, tuple(sorted(family.members)))
 
 
-def _other_families(
-    comparison: Comparison, supported: Sequence[Supported], needed: float, stated: Collection[str]
-) -> tuple[StatedFamily, ...]:
+def _other_families(comparison: Comparison, supported: Sequence[Supported], stated: Collection[str]) -> tuple[StatedFamily, ...]:
     """Families that are sure, of the effects of the best explanation that are not among the stated ones.
 
     Each has an effect that those before do not have.
@@ -368,7 +366,8 @@ def _other_families(
     left = set(comparison.best.ids) - set(stated)
     while left:
         family = _best_family(comparison, supported, left)
-        if family is None or family.probability < needed:
+        # What is small beside a statement is more often wrong than the statement itself.
+        if family is None or family.probability < IDENTIFIED_PROBABILITY:
             break
         found.append(family)
         left -= set(family.members)
