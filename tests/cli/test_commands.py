@@ -252,7 +252,7 @@ def test_a_report_against_a_model_file_says_so(one_stroke, here, monkeypatch, ca
 
 @pytest.mark.slow
 def test_a_fitted_model_file_is_one(one_stroke, here, monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "fit", one_stroke, "--parameters", "height", "--out", "fitted.toml")
+    said = typed(monkeypatch, capsys, "fit", one_stroke, "--parameters", "height,k0", "--out", "fitted.toml")
     assert said.exit_code == 0
     assert typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2.433, "--model", "fitted.toml").exit_code == 0
     assert read_model_file(here / "fitted.toml").effects[0].id == "height_offset"

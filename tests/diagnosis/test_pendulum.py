@@ -62,13 +62,10 @@ def of_dry_friction():
 
 
 @pytest.mark.slow
-def test_friction_left_out_of_a_real_pendulum_is_stated_as_large_as_the_authors_report_it(simple):
-    """Two swing-ups do not tell the two laws of dry friction apart."""
-    (effect,) = simple.effects
-    assert simple.grade in ("identified", "mostly")
-    assert {effect.id, *effect.cannot_tell_from} == {"joint_friction", "joint_stribeck"}
-    if effect.id == "joint_friction":
-        assert effect.parameters["torque_Nm"].value == pytest.approx(0.184, abs=0.04)
+def test_friction_left_out_of_a_real_pendulum_is_stated_as_its_family(simple):
+    """Two swing-ups do not tell the two laws of dry friction apart, nor from damping if the model errs by some percent."""
+    assert simple.grade == "family" and simple.family.id == "joint_dissipation"
+    assert {rival.ids for rival in simple.rivals[:2]} == {("joint_friction",), ("joint_stribeck",)}
     removed = [1.0 - (figure.after / figure.before) ** 2 for figure in simple.held_out.values()]
     assert min(removed) > 0.6
     assert not {"joint_friction", "joint_stribeck"} & {other.id for other in simple.not_seen}

@@ -67,9 +67,8 @@ def test_a_first_run_finds_the_compliance_of_the_twins_drive(execute, look_for, 
 
 def test_own_recordings_have_the_published_friction(execute):
     result = execute("own-data")["result"]
-    (row,) = result.effects().to_dict("records")
-    assert result.grade == "mostly" and row["effect"] == "joint_friction"
-    assert row["low_90"] < 0.18 < row["high_90"]
+    assert result.grade == "family" and result.diagnosis.family.id == "joint_dissipation"
+    assert set(result.rivals()["effects"].head(2)) == {"joint_friction", "joint_stribeck"}
 
 
 def test_an_own_effect_acts_and_an_own_simulator_is_diagnosed(execute):
