@@ -99,7 +99,8 @@ def read_within_limits(path: Path, read: Callable[[], Result]) -> Result:
     if os.waitstatus_to_exitcode(status) == 0:
         is_result, content = pickle.loads(answer)
         if not is_result:
-            raise content
+            kind, message = content
+            raise kind(message)
         return cast(Result, content)
     # A library that gets no memory often ends its process.
     raise BadInput(f"{path}: cannot be read within {limits.memory_GiB:g} GiB of memory, or ends the program that reads it; {way_out}")
@@ -125,7 +126,8 @@ def _answer(pipe: int, read: Callable[[], object], limits: ReadingLimits) -> NoR
         try:
             answer = pickle.dumps((True, read()), pickle.HIGHEST_PROTOCOL)
         except RigError as error:
-            answer = pickle.dumps((False, error))
+            # Its kind and its words: a library may have taught pickle to keep the cause of an error, which need not be readable again.
+            answer = pickle.dumps((False, (type(error), str(error))))
         with open(pipe, "wb") as sending:
             sending.write(answer)
         os._exit(0)

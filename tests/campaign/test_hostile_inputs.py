@@ -62,6 +62,26 @@ def test_a_result_and_an_error_come_back(tmp_path):
         read_within_limits(path, refuse)
 
 
+class Unreadable(Exception):
+    """An error of a library that pickle cannot make again."""
+
+    def __init__(self, expected, actual):
+        super().__init__(f"{expected} and {actual}")
+
+
+def test_the_words_of_a_refusal_arrive_whatever_caused_it(tmp_path):
+    """As with a library that has pickle keep the causes of errors."""
+
+    def refuse():
+        try:
+            raise Unreadable(1, 2)
+        except Unreadable as error:
+            raise BadInput(f"{tmp_path}: its sum is wrong", error) from error
+
+    with pytest.raises(BadInput, match="its sum is wrong"):
+        read_within_limits(tmp_path, refuse)
+
+
 def wait() -> None:
     time.sleep(60.0)
 

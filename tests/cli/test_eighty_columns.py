@@ -101,14 +101,14 @@ def test_what_an_encoding_cannot_carry_is_written_in_another_way(monkeypatch, en
 
 
 def test_no_colour_means_no_colour(here, monkeypatch, capsys):
-    from rfca_rig.cli.commands.doctor import _lines
+    from rfca_rig.cli.commands.doctor import _colour_word
     from rfca_rig.devices.checks import green
 
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")
-    assert "\x1b" in "".join(_lines(green("clock", "ticks")))
+    assert "\x1b" in _colour_word(green("clock", "ticks"))
     monkeypatch.setenv("NO_COLOR", "1")
-    assert "\x1b" not in "".join(_lines(green("clock", "ticks")))
+    assert "\x1b" not in _colour_word(green("clock", "ticks"))
 
 
 MISTAKES = {
