@@ -267,7 +267,7 @@ def compare_held_out(found: ModelSelectionResult, accepted: Hypothesis, experime
 
 def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str) -> dict[str, BeforeAfter]:
     rows = found.dataset.rows
-    floor = np.sqrt(rows.noise**2 + (found.scatter.columns**2).sum(axis=1))
+    floor = found.floor_std
     of_signal = {str(signal): (rows.signal == signal) & (rows.experiment == experiment) for signal in np.unique(rows.signal)}
     return {f"{name}_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(floor[h])) for s, h in of_signal.items() if h.any()}
 

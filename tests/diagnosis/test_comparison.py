@@ -471,31 +471,29 @@ def test_a_few_conditions_that_are_predicted_far_worse_count_in_the_explained_sh
     assert comparison.explained_share(_with_rms(replace(best), np.array([1.0, 1.0, 1.0, 1.0, 30.0]))) < 0.0
 
 
-def test_a_quantity_is_all_signals_of_one_unit(gained, monkeypatch):
+def predicts_worse(comparison, *sizes):
+    """Whether it does with held-out residuals of these sizes (m,), without and with effects, in units of noise and usual error."""
+    usual = comparison.result.likelihood.usual
+    residuals = iter([size * np.sqrt(usual.variance()) for size in sizes])
+    likelihood = SimpleNamespace(usual=usual, compute_held_out_residuals=lambda *_: next(residuals))
+    return Comparison(replace(comparison.result, likelihood=likelihood), comparison.ranked).predicts_worse(comparison.best)
+
+
+def test_a_quantity_is_all_signals_of_one_unit(gained):
     """Of two forces the smaller one is predicted worse, and both together better; a torque alone is predicted worse."""
-    rows, usual = gained.result.dataset.rows, np.sqrt(gained.result.likelihood.usual.variance())
+    rows = gained.result.dataset.rows
     assert {str(signal) for signal in np.unique(rows.signal)} >= {"fy_N", "fz_N", "tx_Nm"}
 
     def worsens(**with_effects):
         without = dict.fromkeys(with_effects, 5.0)
-        sizes = [np.array([size.get(str(signal), 1.0) for signal in rows.signal]) for size in (without, with_effects)]
-        residuals = iter([size * usual for size in sizes])
-        likelihood = SimpleNamespace(usual=gained.result.likelihood.usual, compute_held_out_residuals=lambda *_: next(residuals))
-        return Comparison(replace(gained.result, likelihood=likelihood), gained.ranked).predicts_worse(gained.best)
+        return predicts_worse(gained, *(np.array([size.get(str(s), 1.0) for s in rows.signal]) for size in (without, with_effects)))
 
     assert not worsens(fy_N=6.0, fz_N=2.0, tx_Nm=1.0)
     assert worsens(fy_N=1.0, fz_N=1.0, tx_Nm=6.0)
 
 
 def test_a_held_out_error_may_not_rise_in_sum_even_within_the_usual(gained):
-    usual = np.sqrt(gained.result.likelihood.usual.variance())
-
-    def worsens(before, after):
-        residuals = iter([before * usual, after * usual])
-        likelihood = SimpleNamespace(usual=gained.result.likelihood.usual, compute_held_out_residuals=lambda *_: next(residuals))
-        return Comparison(replace(gained.result, likelihood=likelihood), gained.ranked).predicts_worse(gained.best)
-
-    assert worsens(0.5, 0.6) and not worsens(0.5, 0.51)
+    assert predicts_worse(gained, 0.5, 0.6) and not predicts_worse(gained, 0.5, 0.51)
 
 
 def test_evidence_counts_only_where_held_out_conditions_confirm_it(gained):

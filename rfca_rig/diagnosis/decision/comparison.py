@@ -282,7 +282,7 @@ class Comparison:
         conditions = range(int(rows.condition.max()) + 1)
         linears = [hypothesis.hypothesis.fitted.linear(rows.measured) for hypothesis in (self.nothing, one)]
         square = [likelihood.compute_held_out_residuals(linear, rows.condition, conditions) ** 2 for linear in linears]
-        floor = rows.noise**2 + (self.result.scatter.columns**2).sum(axis=1)
+        floor = self.result.floor_std**2
         of_signals = np.array([rows.signal == signal for signal in np.unique(rows.signal)])
         before, after = (sum(each[own].mean() / floor[own].mean() for own in of_signals) for each in square)
         most = (1.0 + MAX_RISE) ** 2

@@ -103,6 +103,11 @@ class ModelSelectionResult:
     likelihood: MarginalLikelihood
     dataset: Dataset
 
+    @property
+    def floor_std(self) -> Floats:
+        """Standard deviation (m,) of what noise and scatter leave of each row."""
+        return np.asarray(np.sqrt(self.dataset.rows.noise**2 + (self.scatter.columns**2).sum(axis=1)))
+
 
 def weigh_models(optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
     """The hypotheses of a search with their log evidence and prior.
