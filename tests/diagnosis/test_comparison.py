@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IMPLAUSIBLE, LARGE_ERROR, LAW_ERROR, LAW_SIZE_ERROR, MAX_COORDINATE
+from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IMPLAUSIBLE, LARGE_ERROR, LAW_ERROR, LAW_SIZE_ERROR, MAX_COORDINATE, USUAL_MISFIT
 from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, _without_unconfirmed, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, _other_families, decide_from, support_of_best
@@ -205,6 +205,18 @@ def test_what_relieves_an_implausible_value_is_stated_though_it_removes_little(g
     assert "takes the place of an implausible value (" in describe(
         stated
     ) and "+4.0 prior standard deviations off, the bound of the fit" in describe(stated)
+
+
+@pytest.mark.parametrize(("factor", "is_stated"), [(1.0, True), (1.1, False)], ids=["as well", "worse"])
+def test_an_implausible_value_is_relieved_where_both_predict_worse_than_usual(gained, factor, is_stated):
+    """The baseline is what an impossible value reaches: no more is asked than to reach it without."""
+    unusual = np.full_like(gained.best.held_out_rms, 1.5 * USUAL_MISFIT)
+    best = _with_rms(strained(gained.best, 1.0), factor * unusual)
+    nothing = _with_rms(strained(gained.nothing, IMPLAUSIBLE + 0.5), unusual)
+    supported = [Supported("effect", "sensor_gain", 0.85, ALONE), Supported("family", "sensor_scale", 0.85, ALONE)]
+    decision = decide_from(_with(Comparison(gained.result, (best, nothing)), "best", best), supported)
+    assert (decision.grade == "mostly") == is_stated
+    assert bool(decision.relieved_strain) == is_stated
 
 
 @pytest.mark.parametrize(

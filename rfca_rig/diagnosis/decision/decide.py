@@ -272,10 +272,11 @@ def list_alternatives(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
 def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
     """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are none, or it explains DOMINANT_SHARE.
 
-    With them the model without effects predicts as usual, and the hypothesis needs none of them.
+    The model without effects needs them to predict what it does, and the hypothesis, which needs none, predicts as usual or as well.
     """
-    is_needed = comparison.explained_share(one) < DOMINANT_SHARE and comparison.nothing.misfit <= USUAL_MISFIT
-    return describe_strain(comparison.nothing) if is_needed and not describe_strain(one) else ""
+    is_needed = comparison.explained_share(one) < DOMINANT_SHARE
+    predicts_as_well = one.misfit_of_all <= max(USUAL_MISFIT, comparison.nothing.misfit_of_all)
+    return describe_strain(comparison.nothing) if is_needed and predicts_as_well and not describe_strain(one) else ""
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
