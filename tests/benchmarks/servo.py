@@ -43,6 +43,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.model_files import write_amended_model
 from rfca_rig.mechanism.plant import JointLaw
+from rfca_rig.model import catalogue as catalogue_module
 from rfca_rig.model.catalogue import list_related, members_of
 from rfca_rig.model.effect import Effect, Parameter
 from tests.mechanism import servo as servos
@@ -88,6 +89,7 @@ SIZES_IN_LIMITS = (0.0, 1.0, 2.0, 4.0, 8.0)
 MARKS = ("right", "family", "wrong", "silent")
 RIVALS_KEPT = 12
 OWN_LAW = "power_friction"
+OWN_LAW_FAMILY = "joint_loss_with_speed"
 OWN_LAW_KNOTS = 61
 # Faster than any servo of the draw turns.
 OWN_LAW_FASTEST_RAD_S = 12.0
@@ -602,6 +604,7 @@ def make_own_law(usual):
         where="joints",
         left_out="friction that grows with a power of the speed",
         law="T = c |w|^n sgn(w), w in rad/s",
+        family=OWN_LAW_FAMILY,
         source="the lab's own",
         parameters=(size, power),
         apply=apply,
@@ -615,8 +618,20 @@ def diagnose_with_own_law(folder):
     def list_all(mechanism, usual):
         return [*catalogue(mechanism, usual), make_own_law(usual)]
 
-    with patch.object(problem, "list_effects", list_all):
+    with (
+        patch.object(problem, "list_effects", list_all),
+        patch.object(catalogue_module, "families", list_families_with_own_law),
+    ):
         return diagnose(folder)
+
+
+def list_families_with_own_law():
+    """The families of the catalogue, the own law in the one that it names."""
+    families = []
+    for family in catalogue_module.FAMILIES:
+        own = {OWN_LAW} if family.id == OWN_LAW_FAMILY else set()
+        families.append(replace(family, members=family.members | own))
+    return tuple(families)
 
 
 def answer_own_law(seed, number, folder):
@@ -669,7 +684,7 @@ def list_slot(said):
 def mark_own_law(said):
     """stated, same slot, other slot, or silent, of the answer with the own law in the folder.
 
-    An own law is a family of its own, so its slot is that of the laws of friction.
+    Its slot is that of the laws of friction.
     """
     answer_with = said["with"]
     if OWN_LAW in answer_with["effects"]:
