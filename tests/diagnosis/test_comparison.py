@@ -293,8 +293,10 @@ def test_what_explains_less_than_half_of_the_misfit_is_not_most_of_it(gained, sh
     """As if the gain left so much of what it removes that the rest is more than all that it explains."""
     floor = gained.noise_floor
     left = np.sqrt(gained.nothing.misfit**2 - share * (gained.nothing.misfit**2 - floor**2))
-    ranked = tuple(_with_rms(replace(one), np.full(5, left)) if one.ids == ("sensor_gain",) else one for one in gained.ranked)
-    one = Comparison(gained.result, ranked)
+    best = _with_rms(replace(gained.best), np.full(5, left))
+    # without the effect, too, all values are plausible
+    nothing = _with_rms(strained(gained.nothing, 1.0), gained.nothing.held_out_rms)
+    one = Comparison(gained.result, (best, nothing))
     assert one.explained_share(one.best) == pytest.approx(share, abs=0.05)
     assert graded(one, 0.85).grade == grade
     if grade == "unexplained":
@@ -483,12 +485,11 @@ def test_a_few_conditions_that_are_predicted_far_worse_count_in_the_explained_sh
     assert comparison.explained_share(_with_rms(replace(best), np.array([1.0, 1.0, 1.0, 1.0, 30.0]))) < 0.0
 
 
-def predicts_worse(comparison, *sizes):
-    """Whether it does with held-out residuals of these sizes (m,), without and with effects, in units of noise and usual error."""
-    usual = comparison.result.likelihood.usual
-    residuals = iter([size * np.sqrt(usual.variance()) for size in sizes])
-    likelihood = SimpleNamespace(usual=usual, compute_held_out_residuals=lambda *_: next(residuals))
-    return Comparison(replace(comparison.result, likelihood=likelihood), comparison.ranked).predicts_worse(comparison.best)
+def leaving(comparison, *residuals):
+    """The comparison had held-out conditions left these residuals (m,), without and with effects."""
+    found = iter(residuals)
+    likelihood = SimpleNamespace(usual=comparison.result.likelihood.usual, compute_held_out_residuals=lambda *_: next(found))
+    return Comparison(replace(comparison.result, likelihood=likelihood), comparison.ranked)
 
 
 def test_a_quantity_is_all_signals_of_one_unit(gained):
@@ -498,14 +499,56 @@ def test_a_quantity_is_all_signals_of_one_unit(gained):
 
     def worsens(**with_effects):
         without = dict.fromkeys(with_effects, 5.0)
-        return predicts_worse(gained, *(np.array([size.get(str(s), 1.0) for s in rows.signal]) for size in (without, with_effects)))
+        sizes = (np.array([size.get(str(s), 1.0) for s in rows.signal]) for size in (without, with_effects))
+        return leaving(gained, *sizes).predicts_a_quantity_worse(gained.best)
 
     assert not worsens(fy_N=6.0, fz_N=2.0, tx_Nm=1.0)
     assert worsens(fy_N=1.0, fz_N=1.0, tx_Nm=6.0)
 
 
+def test_a_quantity_is_judged_in_its_unit_not_in_the_smallest_of_its_usual_errors(gained):
+    """One row with a tiny usual error is predicted worse, while nearly all others are predicted far better."""
+    usual_std = np.sqrt(gained.result.likelihood.usual.variance())
+    before, after = 20.0 * usual_std, 2.0 * usual_std
+    smallest = int(np.argmin(usual_std))
+    after[smallest] = 20.0 * np.sqrt(usual_std.size) * 1.1 * usual_std[smallest]
+    assert np.mean((after / usual_std) ** 2) > np.mean((before / usual_std) ** 2)
+    assert not leaving(gained, before, after).predicts_a_quantity_worse(gained.best)
+
+
+def test_a_quantity_may_be_predicted_worse_within_the_usual_error(gained):
+    usual_std = np.sqrt(gained.result.likelihood.usual.variance())
+    assert not leaving(gained, 0.5 * usual_std, 1.1 * usual_std).predicts_a_quantity_worse(gained.best)
+    assert leaving(gained, 0.5 * usual_std, 1.3 * usual_std).predicts_a_quantity_worse(gained.best)
+
+
 def test_a_held_out_error_may_not_rise_in_sum_even_within_the_usual(gained):
-    assert predicts_worse(gained, 0.5, 0.6) and not predicts_worse(gained, 0.5, 0.51)
+    usual_std = np.sqrt(gained.result.likelihood.usual.variance())
+    assert leaving(gained, 0.5 * usual_std, 0.6 * usual_std).predicts_worse(gained.best)
+    assert not leaving(gained, 0.5 * usual_std, 0.51 * usual_std).predicts_worse(gained.best)
+
+
+@pytest.mark.parametrize(
+    ("in_sum", "in_a_quantity", "grade"),
+    [(False, False, "identified"), (False, True, "family"), (True, False, "unexplained")],
+    ids=["nowhere", "in a quantity", "in sum"],
+)
+def test_a_law_that_predicts_a_quantity_worse_is_not_stated_but_its_family(gained, monkeypatch, in_sum, in_a_quantity, grade):
+    monkeypatch.setattr(Comparison, "predicts_worse", lambda *_: in_sum)
+    monkeypatch.setattr(Comparison, "predicts_a_quantity_worse", lambda *_: in_a_quantity)
+    assert graded(gained, 0.95, 0.95).grade == grade
+
+
+def test_a_value_is_not_relieved_by_what_predicts_a_quantity_worse(gained, monkeypatch):
+    best = strained(gained.best, 1.0)
+    nothing = _with_rms(strained(gained.nothing, IMPLAUSIBLE + 0.5), best.held_out_rms)
+    supported = [Supported("family", "sensor_scale", 0.95, ALONE)]
+    grades = []
+    for is_worse in (False, True):
+        monkeypatch.setattr(Comparison, "predicts_a_quantity_worse", lambda *_, is_worse=is_worse: is_worse)
+        comparison = _with(Comparison(gained.result, (best, nothing)), "best", best)
+        grades.append(decide_from(comparison, [*supported, Supported("effect", "sensor_gain", 0.5, ALONE)]).grade)
+    assert grades == ["family", "unexplained"]
 
 
 def test_evidence_counts_only_where_held_out_conditions_confirm_it(gained):

@@ -38,6 +38,8 @@ from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 
+MOST_RISE = (1.0 + MAX_RISE) ** 2  # of a mean square
+
 
 @dataclass(frozen=True)
 class ScaledHypothesis:
@@ -274,24 +276,33 @@ class Comparison:
     def predicts_worse(self, one: ScaledHypothesis) -> bool:
         """Whether a hypothesis predicts held-out conditions worse than the one without effects.
 
-        That is so where the rms over all signals rises, each in units of its noise and scatter. It is so, too, where that of a quantity
-        rises, in units of noise and usual model error, and is larger than usual. A quantity is all signals of one unit: the angles of all
-        hinges, say.
+        That is so where the rms over all signals rises, each in units of its noise and scatter.
         """
+        squares = [self._squared_held_out_residuals(hypothesis) / self.result.floor_std**2 for hypothesis in (self.nothing, one)]
+        signal = self.result.dataset.rows.signal
+        before, after = (sum(square[signal == name].mean() for name in np.unique(signal)) for square in squares)
+        return bool(after > MOST_RISE * before)
+
+    def predicts_a_quantity_worse(self, one: ScaledHypothesis) -> bool:
+        """Whether a hypothesis predicts a quantity worse than the one without effects, and worse than usual.
+
+        A quantity is all signals of one unit, the angles of all hinges, say, so that its rms is taken in that unit.
+        """
+        before, after = (self._squared_held_out_residuals(hypothesis) for hypothesis in (self.nothing, one))
+        in_usual_errors = after / self.result.likelihood.usual.variance()
+        units = np.array([unit_of(str(signal)) for signal in self.result.dataset.rows.signal])
+        for unit in np.unique(units):
+            own = units == unit
+            rises = after[own].mean() > MOST_RISE * before[own].mean()
+            if rises and in_usual_errors[own].mean() > USUAL_MISFIT**2:
+                return True
+        return False
+
+    def _squared_held_out_residuals(self, one: ScaledHypothesis) -> Floats:
+        """Squares (m,) of what held-out conditions leave, at the discrepancy scale at which an answer prints them."""
         rows, likelihood = self.result.dataset.rows, self.result.likelihood
         conditions = range(int(rows.condition.max()) + 1)
-        linears = [hypothesis.hypothesis.fitted.linear(rows.measured) for hypothesis in (self.nothing, one)]
-        square = [likelihood.compute_held_out_residuals(linear, rows.condition, conditions) ** 2 for linear in linears]
-        floor = self.result.floor_std**2
-        of_signals = np.array([rows.signal == signal for signal in np.unique(rows.signal)])
-        before, after = (sum(each[own].mean() / floor[own].mean() for own in of_signals) for each in square)
-        most = (1.0 + MAX_RISE) ** 2
-        if after > most * before:
-            return True
-        without, with_effects = (each / likelihood.usual.variance() for each in square)
-        units = np.array([unit_of(str(signal)) for signal in rows.signal])
-        of_units = [(without[units == unit].mean(), with_effects[units == unit].mean()) for unit in np.unique(units)]
-        return any(later > max(most * earlier, USUAL_MISFIT**2) for earlier, later in of_units)
+        return likelihood.compute_held_out_residuals(one.hypothesis.fitted.linear(rows.measured), rows.condition, conditions) ** 2
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""

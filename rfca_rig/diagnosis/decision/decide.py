@@ -12,7 +12,8 @@
 `mostly`            every stated effect has a probability of STATED_PROBABILITY, and together they remove DOMINANT_SHARE of what can be
                     removed of the held-out misfit, or a nuisance parameter is implausible without them; none of them only makes up for
                     what an approximate law of the others leaves; no quantity is predicted worse
-`family`            one family has a probability of STATED_PROBABILITY, and the best explanation removes as much
+`family`            one family has a probability of STATED_PROBABILITY, and the best explanation removes as much; nothing is predicted worse
+                    in sum
 `nothing missing`   nothing is stated, the model without effects predicts all held-out conditions as well as models usually do, and in
                     the table of all sets nothing is more probable than everything else together
 `unexplained`       otherwise: something is missing, or there is a difference that is visible but within the usual model error
@@ -220,7 +221,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         within_usual=is_usual,
     )
     # A set that leaves much misfit may still be the dominant omission: then it is stated as "mostly".
-    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not comparison.predicts_worse(explanation):
+    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not _is_worse(comparison, explanation):
         hypothesis = at_own_scale(explanation)
         effects = tuple(_describe_effect(comparison, explanation, effect_id, of_effects[effect_id]) for effect_id in explanation.ids)
         return replace(
@@ -272,16 +273,26 @@ def list_alternatives(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
 def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
     """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are none, or it explains DOMINANT_SHARE.
 
-    The model without effects needs them to predict what it does, and the hypothesis, which needs none, predicts as usual or as well.
+    The model without effects needs them to predict what it does, and the hypothesis, which needs none, predicts as usual or as well, in no
+    quantity worse.
     """
     is_needed = comparison.explained_share(one) < DOMINANT_SHARE
-    predicts_as_well = one.misfit_of_all <= max(USUAL_MISFIT, comparison.nothing.misfit_of_all)
-    return describe_strain(comparison.nothing) if is_needed and predicts_as_well and not describe_strain(one) else ""
+    if not is_needed or describe_strain(one) or one.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all):
+        return ""
+    return "" if comparison.predicts_a_quantity_worse(one) else describe_strain(comparison.nothing)
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
     """Whether a hypothesis explains most of what is missing, or replaces an implausible value that explains all of it."""
     return comparison.explained_share(one) >= DOMINANT_SHARE or bool(_describe_relief(comparison, one))
+
+
+def _is_worse(comparison: Comparison, one: ScaledHypothesis) -> bool:
+    """Whether a hypothesis predicts held-out conditions worse than the model without effects, in sum or in a quantity.
+
+    A quantity that is predicted worse shows that the law is wrong, which says nothing against its family.
+    """
+    return comparison.predicts_worse(one) or comparison.predicts_a_quantity_worse(one)
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
