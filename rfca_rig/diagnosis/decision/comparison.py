@@ -441,10 +441,7 @@ def _without_unconfirmed(one: ScaledHypothesis, found: Sequence[ScaledHypothesis
             unconfirmed = gained
     if unconfirmed == 0.0:
         return one
-    reduced = replace(one, log_joint=one.log_joint - unconfirmed, log_evidence=one.log_evidence - unconfirmed)
-    # What was computed for the same fit stays valid.
-    reduced.__dict__.update({name: value for name, value in one.__dict__.items() if name not in ("log_joint", "log_evidence")})
-    return reduced
+    return replace(one, log_joint=one.log_joint - unconfirmed, log_evidence=one.log_evidence - unconfirmed)
 
 
 def _integrate_scale(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:
