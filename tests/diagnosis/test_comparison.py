@@ -563,6 +563,24 @@ def test_evidence_counts_only_where_held_out_conditions_confirm_it(gained):
     assert evidence(0.5) > 100.0
 
 
+def test_evidence_of_a_set_does_not_exceed_that_of_a_simpler_one_that_predicts_better(gained):
+    """The simpler set is no part of it: it has another effect."""
+    (rival,) = (one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    hypothesis = replace(gained.best.hypothesis, ids=("sensor_gain", "clock_offset"))
+
+    def evidence(rms):
+        pair = replace(gained.best, hypothesis=hypothesis)
+        pair.__dict__.update(nuisance_shifts=np.zeros(1), held_out_rms=np.array(rms))
+        simpler = _with_rms(strained(rival, 1.0), np.full(5, 1.0))
+        reduced = _without_unconfirmed(pair, (pair, simpler))
+        return reduced.log_joint - reduced.hypothesis.log_prior - (simpler.log_joint - simpler.hypothesis.log_prior)
+
+    assert evidence([1.1, 1.1, 1.1, 1.1, 3.0]) == pytest.approx(0.0, abs=1e-9)
+    # better in the median over conditions, or in the rms over them: nothing contradicts the evidence
+    assert evidence([0.9, 0.9, 0.9, 0.9, 3.0]) > 100.0
+    assert evidence([0.1, 0.1, 1.1, 1.1, 1.1]) > 100.0
+
+
 def test_a_partner_that_is_as_good_as_another_widens_a_size():
     """Friction of 17 with one law of drag beside it, and of 11 with another."""
     sizes = [({"torque_Nm": Value(17.0, 3.0)}, {}), ({"torque_Nm": Value(11.0, 3.0)}, {})]

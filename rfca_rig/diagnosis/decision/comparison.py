@@ -432,16 +432,25 @@ def compare(result: ModelSelectionResult) -> Comparison:
 
 
 def _without_unconfirmed(one: ScaledHypothesis, found: Sequence[ScaledHypothesis]) -> ScaledHypothesis:
-    """The hypothesis without evidence beyond that of a subset, one effect smaller, that predicts held-out conditions about as well."""
+    """The hypothesis without evidence beyond that of a set with fewer effects that predicts held-out conditions about as well, or better."""
     unconfirmed = 0.0
-    for subset in found:
-        is_part = len(subset.ids) == len(one.ids) - 1 and set(subset.ids) < set(one.ids)
-        gained = one.log_joint - one.hypothesis.log_prior - (subset.log_joint - subset.hypothesis.log_prior)
-        if is_part and gained > unconfirmed and not subset.is_less_plausible_than(one) and _loses_little(subset, one):
+    for simpler in found:
+        if len(simpler.ids) >= len(one.ids) or simpler.is_less_plausible_than(one):
+            continue
+        gained = one.log_joint - one.hypothesis.log_prior - (simpler.log_joint - simpler.hypothesis.log_prior)
+        if gained <= unconfirmed:
+            continue
+        is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
+        if _loses_little(simpler, one) if is_part else _predicts_better(simpler, one):
             unconfirmed = gained
     if unconfirmed == 0.0:
         return one
     return replace(one, log_joint=one.log_joint - unconfirmed, log_evidence=one.log_evidence - unconfirmed)
+
+
+def _predicts_better(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:
+    """Whether a hypothesis predicts held-out conditions better than another one, in the median over them and in the rms over all."""
+    return one.misfit < other.misfit and one.misfit_of_all < other.misfit_of_all
 
 
 def _integrate_scale(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:
