@@ -15,6 +15,7 @@ from tests.runner_faults.rig import Fidelity
 
 # Times over the wire, written by `tests.benchmarks.stop_times`.
 STOP_TIMES = Path(__file__).with_name("stop_times.json")
+FAULT_TABLE = Path(__file__).parents[2] / "docs" / "fault-table.md"
 
 HEAD = """# Fault table: what can go wrong, and what the runner does then
 
