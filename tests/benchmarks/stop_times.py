@@ -30,7 +30,7 @@ from rfca_rig.description.rig_file import RigFile
 from tests.runner_faults.cause import GOES_ON
 from tests.runner_faults.causes import CAUSES
 from tests.runner_faults.fault_server import FAULT_SERVER, PERMANENT
-from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_rig
+from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_guarded_rig, served_rig
 from tests.runner_faults.table import FAULT_TABLE, STOP_TIMES
 from tests.twin_server.server import Server
 
@@ -174,10 +174,30 @@ def _try(name: str, server: Server, rig: RigFile) -> WireRun:
     for _ in range(MAX_RETRIES):
         result = run_with_fault(server, rig, BEGINNINGS[name], cause.in_hold, cause)
         server.told("heal")
-        by_machine = result.ended in MACHINE_CODES and cause.ends not in MACHINE_CODES
+        # Also where the torque was gone before the cause began.
+        by_machine = (result.ended in MACHINE_CODES and cause.ends not in MACHINE_CODES) or 1e3 * result.torque_s < -TICK_MS
         if not by_machine and (result.ended != cause.ends or not isnan(result.begun_s)):
             return result
     return result
+
+
+def measure_killed_guardian(tries: int) -> list[float]:
+    """Times in ms to the last torque that an AK drive reports, held and moving in turn; runs that end for another reason are repeated."""
+    times_ms: list[float] = []
+    with tempfile.TemporaryDirectory() as folder, served_guarded_rig(Path(folder)) as (server, rig):
+        for _ in range(MAX_RETRIES * tries):
+            run = run_with_fault(server, rig, Wire.kill_guardian, in_hold=len(times_ms) % 2 == 0)
+            if run.ended == "B-01" and "guardian ended by itself" in run.message:
+                times_ms.append(1e3 * run.torque_s)
+            if len(times_ms) == tries:
+                break
+    return times_ms
+
+
+def describe_killed(times_ms: list[float]) -> str:
+    if not times_ms:
+        return "no time measured: the machine ended every run before"
+    return f"median {statistics.median(times_ms):.0f} ms, {min(times_ms):.0f} to {max(times_ms):.0f} ms in {len(times_ms)} tries"
 
 
 def describe(name: str, measured: Measured) -> str:
@@ -221,10 +241,16 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help="causes; without any, all that can be measured")
     parser.add_argument("--tries", type=int, default=TRIES)
     parser.add_argument("--record", action="store_true", help="keep the times for the fault table")
+    parser.add_argument("--guardian", action="store_true", help="measure only a guardian that is killed, with an AK drive")
     parser.add_argument("--compare", action="store_true", help="measure nothing, compare the kept times with the simulated ones")
     arguments = parser.parse_args()
     if arguments.compare:
         print_comparison()
+        return
+    if arguments.guardian:
+        print(f"{'guardian killed':34s} idle: {describe_killed(measure_killed_guardian(arguments.tries))}", flush=True)
+        with busy_cores():
+            print(f"{'':34s} busy: {describe_killed(measure_killed_guardian(arguments.tries))}", flush=True)
         return
     kept = json.loads(STOP_TIMES.read_text(encoding="utf-8")) if STOP_TIMES.is_file() else {}
     for name in arguments.names or BEGINNINGS:

@@ -27,6 +27,7 @@ from rfca_rig.twin_server.faults import ControlPort, FaultPanel
 from rfca_rig.twins.world import ShaftDrive, TwinWorld
 from tests.runner_faults.breakable import RunawayDrive
 from tests.runner_faults.causes import CAUSES
+from tests.runner_faults.rig import TRUE, box_settings
 from tests.runner_faults.truth import Truth
 
 FAULT_SERVER = (sys.executable, "-m", "tests.runner_faults.fault_server")
@@ -101,6 +102,8 @@ class ServedTwins:
         self.drive = twins.motor
         self.truth = TimedTruth(twins.plant)
         self.runaway = RunawayDrive(twins.motor)
+        # The range of the simulated run: the served sensor's own ends a little above the limit of the moment.
+        twins.sensor._full_scale = np.array(box_settings(TRUE).full_scale)
         self._healthy = twins.motor._settings, twins.motor._loop
         self.events = dict(served.drive_faults_of(rig).events(twins.motor))
         return Twins(self.truth, twins.motor, twins.sensor, TwinWorld(self.truth, self.runaway, twins.sensor))

@@ -72,6 +72,8 @@ class Proxy:
             if self.listening in ready:
                 client, _ = self.listening.accept()
                 server = socket.create_connection(self.server.getpeername())
+                for end in (client, server):
+                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self.later |= {client: server, server: client}
             if self.client in ready:
                 self._pass_up(_receive(self.client))
