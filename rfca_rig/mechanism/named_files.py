@@ -105,6 +105,10 @@ def _existing(bases: set[Path], names: set[str]) -> set[Path]:
     parts = names | {Path(name).name for name in names}
     places = {base / part for base in bases for part in parts if part}
     shortened = set().union(*map(_shorten, places))
+    for place in shortened:
+        # Reading one may wait for ever. As for files below, no error for any path, however long.
+        if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):  # noqa: PTH110, PTH112, PTH113
+            raise BadInput(f"{place}: is a device or a pipe; give a file")
     return {place for place in shortened if os.path.isfile(place)}  # noqa: PTH113 - False for any path, however long
 
 
