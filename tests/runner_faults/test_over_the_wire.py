@@ -67,6 +67,16 @@ def test_angles_that_come_late_take_the_torque_away(wired, in_hold) -> None:
 
 
 @pytest.mark.parametrize("in_hold", [True, False], ids=["held", "moving"])
+@pytest.mark.parametrize("bit", [12, 13, 24])
+def test_an_error_that_a_drive_reports_without_stopping_takes_the_torque_away(wired, bit, in_hold) -> None:
+    """Within the period of the heartbeat, 0.1 s; a drive that is well stops by itself."""
+    fault = {"kind": "error", "can_id": int(OdriveCommand.HEARTBEAT), "word": 1 << bit}
+    run = run_until_judged(wired, lambda wire: wire.proxy.damage(fault), in_hold)
+    assert run.ended == "D-01", run.message
+    assert run.torque_s < 0.1 + OFF_WITHIN_S
+
+
+@pytest.mark.parametrize("in_hold", [True, False], ids=["held", "moving"])
 def test_a_recorder_that_is_killed_takes_the_torque_away(wired, in_hold) -> None:
     run = run_until_judged(wired, Wire.kill_recorder, in_hold)
     assert run.ended == "RigError", run.message
