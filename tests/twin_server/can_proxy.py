@@ -128,7 +128,9 @@ class Proxy:
             return message
         now_s, can_id, fault = time.monotonic(), int(words[2], 16), self.fault
         is_damaged = fault is not None and fault.can_id == can_id and fault.frames > 0
-        self.log.append((now_s, "down", can_id, words[4].decode(), is_damaged))
+        # A frame without data, as an emergency stop, has none between its time and the end.
+        data = words[4].decode() if len(words) > 5 else ""
+        self.log.append((now_s, "down", can_id, data, is_damaged))
         if fault is None or not is_damaged:
             return message
         fault.frames -= 1
