@@ -30,6 +30,7 @@ from rfca_rig.description.rig_file import RigFile
 from tests.runner_faults.cause import GOES_ON
 from tests.runner_faults.causes import CAUSES
 from tests.runner_faults.fault_server import FAULT_SERVER, PERMANENT
+from tests.runner_faults.operator_causes import BETWEEN_PRESSES_S
 from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_guarded_rig, served_rig
 from tests.runner_faults.table import FAULT_TABLE, STOP_TIMES
 from tests.twin_server.server import Server
@@ -90,8 +91,8 @@ def press(*numbers: signal.Signals) -> Begin:
         begun_s = time.monotonic()
         for number in numbers:
             os.kill(os.getpid(), number)
-            # Long enough for the handler to run in the main thread, so that a second key is not the first one again.
-            time.sleep(0.005)
+            # As in simulated time.
+            time.sleep(BETWEEN_PRESSES_S)
         return begun_s
 
     return begin
@@ -123,12 +124,14 @@ BEGINNINGS: dict[str, Begin] = {
 }
 
 # Up to one period passes before a report shows what became of the drive. Twice the control loop's tick of 2 ms, and a step of the server's
-# twins of 2 ms; the drive's heartbeat every 100 ms, and its temperatures every 500 ms.
+# twins of 2 ms; the drive's heartbeat every 100 ms, and its temperatures every 500 ms. The system takes up to some 10 ms to close the
+# connections of a process that was killed, which simulated time has no part of.
 TICK_MS = 6.0
 PERIODS_MS = {
     "heartbeat-silent": 100.0,
     "temperature-nan": 500.0,
     "drive-hot": 500.0,
+    "recorder-died": 15.0,
 }
 MAX_RATIO = 2.0
 
