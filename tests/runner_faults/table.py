@@ -33,9 +33,9 @@ it. The two numbers are medians of up to five tries: without further load from t
 programs computed on the machine of this table both times. Tries that ended for another reason, such as a late machine, are not among them.
 Times with "(reported)" are older. They go to the last torque that the drive reports, in a stroke at 3 rad/s, in three to ten tries.
 
-Both times agree within a factor of two and one period of what the program waits for. That is 6 ms for two ticks of the control loop and a
-step of the server, 100 ms for the heartbeat, and 500 ms for the temperatures. Of a recorder that was killed it is 15 ms, until the system
-has closed its connection. `--compare` prints the causes where they do not agree.
+Both times agree within a factor of two and one period of what the program waits for. That is 6 ms: two ticks of the control loop and a
+step of the server. It is 100 ms for the heartbeat and 500 ms for the temperatures. Of a recorder that was killed it is 15 ms, until the
+system has closed its connection. `--compare` prints the causes where they do not agree.
 
 A drive that reports an error stops by itself, which takes no time. One that reports an error and goes on is stopped by the program with the
 next heartbeat: after 83 ms (median; 76 to 87 ms in 5 tries).
