@@ -31,8 +31,8 @@ from tests.runner_faults.rig import TRUE, box_settings
 from tests.runner_faults.truth import Truth
 
 FAULT_SERVER = (sys.executable, "-m", "tests.runner_faults.fault_server")
-# After these the drive has another zero, is hot, or reports nothing: the next try needs a new server.
-PERMANENT = frozenset({"drive-restart", "drive-hot", "encoder-frozen", "encoder-silent", "encoder-silent-held"})
+# After these the drive has another zero, is hot, or reports nothing, or the leg may lie on the floor: the next try needs a new server.
+PERMANENT = frozenset({"drive-restart", "drive-hot", "encoder-frozen", "encoder-silent", "encoder-silent-held", "runaway"})
 
 
 class AlterableBus(can.BusABC):

@@ -40,7 +40,9 @@ class Server:
             connection.sendall(f"{line}\n".encode())
             answer = ""
             while not answer.endswith("ok\n") and not answer.startswith("error"):
-                answer += connection.recv(4096).decode()
+                received = connection.recv(4096)
+                assert received, f"the server ended at the line {line!r}"
+                answer += received.decode()
         return answer
 
     def interrupted(self) -> tuple[int, str]:
