@@ -47,7 +47,7 @@ def test_a_height_without_a_rest_pose_changes_nothing():
     """The control line of a served twin answers with the error, and the twin goes on."""
     plant = LegPlant(RIG, 0.5, radians(97.9), 1e-3, TwinScatter(), np.random.default_rng(1))
     before_rad = plant.link_angles_rad()
-    with pytest.raises(SimulationFailed, match="no rest pose found with the shaft at 97.9 degrees and 250.0 mm above the ground"):
+    with pytest.raises(SimulationFailed, match=r"no rest pose found with the shaft at 97\.9 degrees and 250\.0 mm above the ground"):
         plant.set_height(0.25)
     assert plant.ground_depth_m() == 0.5
     assert (plant.link_angles_rad() == before_rad).all()
