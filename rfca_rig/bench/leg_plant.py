@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.catalogue import resolve_effect, set_up
 from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state, resolve_integrator
 from rfca_rig.model.kernel.stage import allocate_workspace
@@ -74,9 +74,11 @@ class LegPlant:
         for effect, _ in map(resolve_effect, self.rig.effects):
             if effect.needs_order:
                 raise BadInput(f"effect {effect.id}: the twin does not count its strokes; leave it out of its rig file")
-        self._chain = setup.chain()
-        self._laws = setup.compile_laws(self._chain)
-        self._state = find_rest_state(self._chain, shaft_angle_rad, self._laws)
+        chain = setup.chain()
+        laws = setup.compile_laws(chain)
+        # Where there is no rest pose, the leg stays as it is.
+        self._state = find_rest_state(chain, shaft_angle_rad, laws)
+        self._chain, self._laws = chain, laws
         # Kept from step to step: new memory takes longer than the integration of a step.
         self._work = allocate_workspace(self._state.q.size, self._state.anchor.size)
         self._samples = {}
@@ -160,6 +162,14 @@ class LegPlant:
         return self.height_m
 
     def set_height(self, height_m: float) -> None:
-        """Sets the height in m, within the scatter of a hand on the lead screws."""
+        """Sets the height in m, within the scatter of a hand on the lead screws.
+
+        Raises SimulationFailed where the leg has no rest pose there; the height stays as before.
+        """
+        before_m = self.height_m
         self.height_m = height_m + self.scatter.height_m * self.random.standard_normal()
-        self._stand(float(self._state.q[0]))
+        try:
+            self._stand(float(self._state.q[0]))
+        except SimulationFailed:
+            self.height_m = before_m
+            raise

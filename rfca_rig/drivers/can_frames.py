@@ -3,6 +3,7 @@
 Every failure of a bus becomes a DeviceError.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -157,6 +158,9 @@ class CanBusSettings:
 
     def open(self) -> can.BusABC:
         """Opens the bus; the caller shuts it down. Raises what python-can raises."""
+        if self.interface == "socketcand":
+            # Small frames must not wait for the acknowledgement of the ones before, up to 40 ms. Windows has no such option.
+            return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate, tcp_tune=os.name != "nt")
         if self.data_bitrate is None:
             return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate)
         return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate, data_bitrate=self.data_bitrate, fd=True)

@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import isfinite, isnan, tau
+from math import inf, isfinite, isnan, tau
 
 import can
 import numpy as np
@@ -21,6 +21,9 @@ JUMP_MARGIN_RAD = 0.1
 SPEED_FACTOR = 1.5
 # Largest acceleration: 40 N m on a bare rotor of 0.008 kg m2.
 MAX_ACCELERATION_RAD_S2 = 5000.0
+# Time from a question to its answer: as old as a reading may be by default. One late answer may be the fault of this computer.
+MAX_ANSWER_S = 0.1
+MAX_ANSWERS = 3
 # Cap on the assumed speed, so that a long gap does not allow any step.
 MAX_SPEED_RAD_S = 60.0
 
@@ -73,6 +76,36 @@ def check_command(value: float, name: str) -> float:
     if not isfinite(value):
         raise DeviceError(f"commanded {name} is {value}; nothing was sent to the drive")
     return value
+
+
+def refuse_late_answers(asked_s: float, ask: Callable[[], float], await_answer: Callable[[float], float | None]) -> None:
+    """Refuses a drive whose answers take longer than MAX_ANSWER_S: its readings are as old, and nothing else in them shows it.
+
+    Parameters
+    ----------
+    asked_s
+        Host time of a request that was sent already, and whose answer cannot be taken for that of another one.
+    ask
+        Sends one more, and returns the time. Called where an answer was late: this program may have been late once.
+    await_answer
+        Waits for the answer to the request of that time; returns when it came, or None where it did not.
+
+    Raises
+    ------
+    DeviceError
+        Where MAX_ANSWERS answers in a row were late.
+    """
+    quickest_s = inf
+    for attempt in range(MAX_ANSWERS):
+        asked_s = ask() if attempt else asked_s
+        answered_s = await_answer(asked_s)
+        if answered_s is None or answered_s - asked_s <= MAX_ANSWER_S:
+            return
+        quickest_s = min(answered_s - asked_s, quickest_s)
+    raise DeviceError(
+        f"drive not enabled: it answers {1e3 * quickest_s:.0f} ms after the question, {1e3 * MAX_ANSWER_S:g} ms are the most, and its "
+        "readings are as old; check whether the adapter or the network holds frames back, and what else talks on the bus"
+    )
 
 
 class EncoderJumpMonitor:

@@ -17,7 +17,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.escaping import find_unusable_sign
 from rfca_rig.executors.reading import read_within_limits
 from rfca_rig.mechanism.contact_law import SphereOnPlane
-from rfca_rig.mechanism.named_files import refuse_foreign_files
+from rfca_rig.mechanism.named_files import find_named_files, refuse_non_finite
 from rfca_rig.subprocesses import safe_path
 
 Floats = NDArray[np.float64]
@@ -64,17 +64,6 @@ PLAIN_ELEMENTS = frozenset(
 )
 # In SI. The largest of a mechanism is the stiffness of a contact, up to 1e10 N/m; MuJoCo takes a state above 1e10 for a divergence.
 MOST_VALUE = 1e12
-# Numbers of a compiled model on which a motion depends.
-OPTIONS = ("gravity", "wind", "density", "viscosity", "impratio")
-VALUES = (
-    *("body_mass", "body_inertia", "body_pos", "body_quat", "body_ipos", "body_iquat", "body_gravcomp"),
-    *("jnt_pos", "jnt_axis", "jnt_range", "jnt_stiffness", "jnt_margin", "qpos0", "qpos_spring"),
-    *("dof_armature", "dof_damping", "dof_frictionloss"),
-    *("geom_size", "geom_pos", "geom_quat", "geom_friction", "geom_margin", "geom_gap", "geom_solref", "geom_solimp"),
-    *("site_pos", "tendon_stiffness", "tendon_damping", "tendon_range", "eq_data"),
-    *("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_ctrlrange", "actuator_forcerange"),
-    *("key_qpos", "key_qvel", "hfield_data", "mesh_vert"),
-)
 
 
 @dataclass(frozen=True)
@@ -239,8 +228,7 @@ def _load(path: Path, allowed: tuple[Path, ...] | None) -> Mechanism:
     """The mechanism of a file that names files of the `allowed` folders only, or any where there are none."""
     import mujoco  # noqa: PLC0415  (optional)
 
-    if allowed is not None:
-        refuse_foreign_files(path, allowed)
+    refuse_non_finite(find_named_files(path, allowed))
     try:
         spec = read_spec(path)
         spec.memory = ARENA_BYTES
@@ -285,14 +273,21 @@ def _check_values(path: Path, model: Any) -> None:
     if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
         allowed = f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s"
         raise BadInput(f"{path}: option timestep is {model.opt.timestep:g} s; give a time step of {allowed}")
-    values = {f"option {name}": getattr(model.opt, name) for name in OPTIONS}
-    values |= {name: getattr(model, name) for name in VALUES}
-    for name, value in values.items():
-        numbers = np.ravel(value)
+    for name, numbers in [*_float_arrays("", model), *_float_arrays("option ", model.opt)]:
         # Also true for NaN.
         absurd = numbers[~(np.abs(numbers) <= MOST_VALUE)]
         if absurd.size:
             raise BadInput(f"{path}: {name} holds {absurd[0]:g}; values are finite, and {MOST_VALUE:g} or less in size")
+
+
+def _float_arrays(prefix: str, structure: Any) -> Iterator[tuple[str, Floats]]:
+    """Every array of floating-point numbers that one of MuJoCo's structures holds, by its name."""
+    for name in dir(structure):
+        value = getattr(structure, name)
+        if isinstance(value, float):
+            yield f"{prefix}{name}", np.array([value])
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            yield f"{prefix}{name}", np.ravel(value)
 
 
 def read_spec(path: Path) -> Any:

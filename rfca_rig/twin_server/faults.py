@@ -15,7 +15,7 @@ from typing import Any
 import can
 
 from rfca_rig.codecs.fdcanusb import FD_LENGTHS
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, RigError
 from rfca_rig.twin_server.tcp import LOOPBACK, TcpClient, accept_all, is_http, listening_tcp
 from rfca_rig.twins.drive_parts import DriveTwin
 
@@ -196,7 +196,8 @@ class ControlPort:
     def _answer(self, words: list[str]) -> list[str]:
         try:
             return [*self._execute(words), "ok"] if words else []
-        except BadInput as error:
+        # Also of the simulation: where the leg has no rest pose at a height, the server goes on at the height before.
+        except RigError as error:
             return [f"error {error}"]
 
     def _execute(self, words: list[str]) -> list[str]:

@@ -1,7 +1,7 @@
 """The plant's shape as a camera asks for it: absolute angles, positive downwards, of a leg that hangs still."""
 
 from dataclasses import replace
-from math import cos, pi
+from math import cos, pi, radians
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
 
 RIG = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml").model()
@@ -41,3 +41,15 @@ def test_the_shape_is_a_copy():
     plant = LegPlant(RIG, 0.5, pi / 6, 1e-3, TwinScatter(), np.random.default_rng(1))
     plant.link_angles_rad()[:] = 0.0
     assert plant.link_angles_rad()[0] == pytest.approx(pi / 6)
+
+
+def test_a_height_without_a_rest_pose_changes_nothing():
+    """The control line of a served twin answers with the error, and the twin goes on."""
+    plant = LegPlant(RIG, 0.5, radians(97.9), 1e-3, TwinScatter(), np.random.default_rng(1))
+    before_rad = plant.link_angles_rad()
+    with pytest.raises(SimulationFailed, match=r"no rest pose found with the shaft at 97\.9 degrees and 250\.0 mm above the ground"):
+        plant.set_height(0.25)
+    assert plant.ground_depth_m() == 0.5
+    assert (plant.link_angles_rad() == before_rad).all()
+    plant.set_height(0.2)
+    assert plant.ground_depth_m() == 0.2

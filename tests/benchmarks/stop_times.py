@@ -1,14 +1,16 @@
-"""From each cause of the fault table to the last torque of the drive, over the wire: python -m tests.benchmarks.stop_times [NAMES]
+"""From each cause of the fault table to the last torque of the motor, over the wire: python -m tests.benchmarks.stop_times [NAMES]
 
-A run as on a real rig, with the wall clock and a recorder process, against a twin server in a process of its own. A proxy on the CAN bus
-damages frames and sees when the drive last reports a torque. Each cause is tried several times on an idle machine, and while every core has
-a process that computes. Causes that neither the server nor the proxy can bring about are listed as not measured. With --record the times go
-to `tests/runner_faults/stop_times.json`, from where the fault table takes them.
+A run as on a real rig, with the wall clock and a recorder process, against a twin server in a process of its own. The server brings the
+cause about by the same function as in simulated time, and tells when its motor last gave torque. Errors of the adapter come from this
+process's end of the bus, and signals from the system. Each cause is tried several times without further load, and while every core has a
+process that computes. What cannot be brought about like this is listed as not measured. With --record the times go to
+`tests/runner_faults/stop_times.json`, from where the fault table takes them; --compare only compares those with the simulated ones.
 """
 
 import argparse
 import json
 import os
+import re
 import signal
 import statistics
 import subprocess
@@ -20,12 +22,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
+from types import SimpleNamespace
 
-from rfca_rig.devices.odrive.messages import ERROR_BITS, AxisState, OdriveCommand
+import can
+
+from rfca_rig.description.rig_file import RigFile
 from tests.runner_faults.cause import GOES_ON
 from tests.runner_faults.causes import CAUSES
-from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_rig
-from tests.runner_faults.table import STOP_TIMES
+from tests.runner_faults.fault_server import FAULT_SERVER, PERMANENT
+from tests.runner_faults.operator_causes import BETWEEN_PRESSES_S
+from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_guarded_rig, served_rig
+from tests.runner_faults.table import FAULT_TABLE, STOP_TIMES
+from tests.twin_server.server import Server
 
 TRIES = 5
 # A busy machine may be late for its own reasons: such a run says nothing about the cause, and is tried again.
@@ -33,35 +41,49 @@ MACHINE_CODES = frozenset({"C-01", "S-01", "D-03", "DeviceError"})
 MAX_RETRIES = 3
 # As many as there are, so that none is left for the run alone.
 CORES = os.cpu_count() or 1
+LATE_S = 0.08
+STANDS_S = 0.5
 
 Begin = Callable[[Wire], float]
 
 
-def panel(name: str) -> Begin:
-    """A fault of the twin server."""
+def serve(name: str) -> Begin:
+    """The server brings the cause about."""
+    return lambda wire: float(wire.server.told(f"cause {name}").split()[0])
+
+
+def unplug(wire: Wire) -> float:
+    """The connection to the bus is cut."""
+    return wire.proxy.damage({"kind": "unplug", "can_id": 0})
+
+
+def break_adapter(name: str) -> Begin:
+    """This process's end of the bus fails, by the same function as in simulated time."""
 
     def begin(wire: Wire) -> float:
+        adapter = wire.adapter
+
+        def receive(message: can.Message) -> None:
+            """The adapter's next frame is this one."""
+            messages = [message]
+            adapter.alter = lambda received: messages.pop() if messages else received
+
         begun_s = time.monotonic()
-        assert wire.server.told(f"on {name}") == "ok\n"
+        CAUSES[name].begin(SimpleNamespace(bus=adapter, clock=adapter._clock, observer=SimpleNamespace(send=receive)))
         return begun_s
 
     return begin
 
 
-def frames(kind: str, command: OdriveCommand, **values: float | str) -> Begin:
-    """A fault of the proxy, on the frames with that command of node 0."""
-    return lambda wire: wire.proxy.damage({"kind": kind, "can_id": int(command), **values})
+def stand(seconds: float) -> Begin:
+    """This process stands still for so long."""
 
+    def begin(_wire: Wire) -> float:
+        begun_s = time.monotonic()
+        subprocess.Popen(["sh", "-c", f"kill -STOP {os.getpid()}; sleep {seconds:g}; kill -CONT {os.getpid()}"])
+        return begun_s
 
-def kill_recorder(wire: Wire) -> float:
-    return wire.kill_recorder()
-
-
-def stand(_wire: Wire) -> float:
-    """The process stands for half a second."""
-    begun_s = time.monotonic()
-    subprocess.Popen(["sh", "-c", f"kill -STOP {os.getpid()}; sleep 0.5; kill -CONT {os.getpid()}"])
-    return begun_s
+    return begin
 
 
 def press(*numbers: signal.Signals) -> Begin:
@@ -69,57 +91,49 @@ def press(*numbers: signal.Signals) -> Begin:
         begun_s = time.monotonic()
         for number in numbers:
             os.kill(os.getpid(), number)
-            # Long enough for the handler to run in the main thread, so that a second key is not the first one again.
-            time.sleep(0.005)
+            # As in simulated time.
+            time.sleep(BETWEEN_PRESSES_S)
         return begun_s
 
     return begin
 
 
-def _drive_errors() -> dict[str, Begin]:
-    """The heartbeat reports the error, and the drive itself does not stop: the slowest case."""
-    named = {f"drive-{name.lower().replace('_', '-')}": bit for bit, (name, _) in ERROR_BITS.items()}
-    return {name: frames("error", OdriveCommand.HEARTBEAT, word=1 << bit) for name, bit in named.items()}
-
-
-IDLE = AxisState.IDLE.to_bytes(4, "little").hex()
+ADAPTER = ("frames-refused", "queue-full", "receiving-fails", "bus-off-frame", "error-passive")
+# Why each of these has no time over the wire.
+NOT_MEASURED = {
+    "network-gone": "a socket without a network raises nothing while the program only listens; it is silent",
+    "recorder-behind": "the cause is the full queue itself, which takes seconds to fill",
+    "disk-full": "it would take a file system of its own, which only the system's administrator can make",
+    "camera-frozen": "the server has no camera",
+    "camera-gone": "the server has no camera",
+    "wall-clock-set": "it would set the clock of the computer",
+}
 BEGINNINGS: dict[str, Begin] = {
-    **{name: panel(name) for name in ("force-silent", "box-restart", "stream-stolen", "force-frozen", "force-stuck", "force-saturated")},
-    **{name: panel(name) for name in ("force-twice", "force-lost")},
-    **_drive_errors(),
-    "idle-unasked": panel("idle-unasked"),
-    "idle-from-elsewhere": frames("send", OdriveCommand.AXIS_STATE, data=IDLE),
-    "e-stop-frame": frames("send", OdriveCommand.ESTOP),
-    "heartbeat-silent": panel("heartbeat-silent"),
-    "encoder-silent": frames("drop", OdriveCommand.ENCODER_ESTIMATES),
-    "encoder-silent-held": frames("drop", OdriveCommand.ENCODER_ESTIMATES),
-    "encoder-late": frames("delay", OdriveCommand.ENCODER_ESTIMATES, late_s=0.2),
-    "torque-silent": frames("drop", OdriveCommand.TORQUES),
-    "encoder-nan": frames("nan", OdriveCommand.ENCODER_ESTIMATES),
-    "encoder-nan-held": frames("nan", OdriveCommand.ENCODER_ESTIMATES),
-    "encoder-absurd": frames("absurd", OdriveCommand.ENCODER_ESTIMATES),
-    "encoder-nan-twice": frames("nan", OdriveCommand.ENCODER_ESTIMATES, frames=2),
-    "torque-nan": frames("nan", OdriveCommand.TORQUES),
-    "temperature-nan": frames("nan", OdriveCommand.TEMPERATURES),
-    "encoder-frozen": panel("encoder-frozen"),
-    "encoder-jump": panel("encoder-jump"),
-    "drive-restart": panel("drive-restart"),
-    "adapter-unplugged": frames("unplug", OdriveCommand.VERSION),
-    "can-silent": panel("can-silent"),
-    "can-silent-held": panel("can-silent"),
-    "bus-off": panel("bus-off"),
-    "can-short": panel("can-short"),
-    "can-twice": panel("can-twice"),
-    "own-frame-echo": panel("own-frame-echo"),
-    "stopped-for-a-while": stand,
-    "recorder-died": kill_recorder,
+    **{name: serve(name) for name, cause in CAUSES.items() if cause.family in {"sensor", "drive", "bus"} and name not in NOT_MEASURED},
+    **{name: break_adapter(name) for name in ADAPTER},
+    "adapter-unplugged": unplug,
+    "late": stand(LATE_S),
+    "stopped-for-a-while": stand(STANDS_S),
+    "recorder-died": Wire.kill_recorder,
     "^C": press(signal.SIGINT),
     "^C ^C": press(signal.SIGINT, signal.SIGINT),
+    "^C ^C ^C": press(signal.SIGINT, signal.SIGINT, signal.SIGINT),
     "SIGTERM": press(signal.SIGTERM),
     "SIGHUP": press(signal.SIGHUP),
+    "SIGHUP SIGTERM": press(signal.SIGHUP, signal.SIGTERM),
 }
-# Silences or damages the frames for the observer too: what is seen last is not the last torque.
-UNSEEN = frozenset({"can-silent", "can-silent-held", "bus-off", "can-short"})
+
+# Up to one period passes before a report shows what became of the drive. Twice the control loop's tick of 2 ms, and a step of the server's
+# twins of 2 ms; the drive's heartbeat every 100 ms, and its temperatures every 500 ms. The system takes up to some 10 ms to close the
+# connections of a process that was killed, which simulated time has no part of.
+TICK_MS = 6.0
+PERIODS_MS = {
+    "heartbeat-silent": 100.0,
+    "temperature-nan": 500.0,
+    "drive-hot": 500.0,
+    "recorder-died": 15.0,
+}
+MAX_RATIO = 2.0
 
 
 @dataclass(frozen=True)
@@ -144,29 +158,49 @@ def busy_cores() -> Iterator[None]:
 
 
 def measure(name: str, tries: int) -> Measured:
-    """All tries of one cause, against one server; a drive that lost its zero gets a new server."""
+    """All tries of one cause, against one server; a drive that is not as before gets a new server."""
     measured = Measured([], [])
     while len(measured.ends) < tries:
-        with tempfile.TemporaryDirectory() as folder, served_rig(Path(folder)) as (server, rig):
+        with tempfile.TemporaryDirectory() as folder, served_rig(Path(folder), FAULT_SERVER) as (server, rig):
             for _ in range(tries - len(measured.ends)):
-                run = _try(name, lambda begin, in_hold: run_with_fault(server, rig, begin, in_hold))
-                server.told("off all")
+                run = _try(name, server, rig)
                 measured.ends.append(run.ended)
                 if run.ended == CAUSES[name].ends and not isnan(run.torque_s):
                     measured.times_ms.append(1e3 * run.torque_s)
-                if name in {"drive-restart", "encoder-frozen"}:
+                if name in PERMANENT:
                     break
     return measured
 
 
-def _try(name: str, run: Callable[[Begin, bool], WireRun]) -> WireRun:
-    wanted = CAUSES[name].ends
+def _try(name: str, server: Server, rig: RigFile) -> WireRun:
+    cause = CAUSES[name]
     for _ in range(MAX_RETRIES):
-        result = run(BEGINNINGS[name], CAUSES[name].in_hold)
-        by_machine = result.ended in MACHINE_CODES and wanted not in MACHINE_CODES
-        if not by_machine and (result.ended != wanted or not isnan(result.begun_s)):
+        result = run_with_fault(server, rig, BEGINNINGS[name], cause.in_hold, cause)
+        server.told("heal")
+        # Also where the torque was gone before the cause began.
+        by_machine = (result.ended in MACHINE_CODES and cause.ends not in MACHINE_CODES) or 1e3 * result.torque_s < -TICK_MS
+        if not by_machine and (result.ended != cause.ends or not isnan(result.begun_s)):
             return result
     return result
+
+
+def measure_killed_guardian(tries: int) -> list[float]:
+    """Times in ms to the last torque that an AK drive reports, held and moving in turn; runs that end for another reason are repeated."""
+    times_ms: list[float] = []
+    with tempfile.TemporaryDirectory() as folder, served_guarded_rig(Path(folder)) as (server, rig):
+        for _ in range(MAX_RETRIES * tries):
+            run = run_with_fault(server, rig, Wire.kill_guardian, in_hold=len(times_ms) % 2 == 0)
+            if run.ended == "B-01" and "guardian ended by itself" in run.message:
+                times_ms.append(1e3 * run.torque_s)
+            if len(times_ms) == tries:
+                break
+    return times_ms
+
+
+def describe_killed(times_ms: list[float]) -> str:
+    if not times_ms:
+        return "no time measured: the machine ended every run before"
+    return f"median {statistics.median(times_ms):.0f} ms, {min(times_ms):.0f} to {max(times_ms):.0f} ms in {len(times_ms)} tries"
 
 
 def describe(name: str, measured: Measured) -> str:
@@ -180,27 +214,64 @@ def describe(name: str, measured: Measured) -> str:
     return f"median {statistics.median(times_ms):.0f} ms, {min(times_ms):.0f} to {max(times_ms):.0f} ms in {len(times_ms)} tries{other}"
 
 
+def simulated_ms() -> dict[str, float]:
+    """Times in simulated time until the torque is gone, as the document has them."""
+    rows = re.findall(r"^\| (\S.*?) (?:\| .*? ){3}\| (\d+) ms, .*$", FAULT_TABLE.read_text(encoding="utf-8"), re.MULTILINE)
+    return {name: float(time_ms) for name, time_ms in rows}
+
+
+def compare(name: str, wire_ms: float, simulated: float) -> str | None:
+    """How far the two times are apart, in words; None where they agree within MAX_RATIO and one period of what the program waits for."""
+    period_ms = PERIODS_MS.get(name, TICK_MS)
+    smaller, larger = sorted((max(wire_ms, 0.0), simulated))
+    if larger <= MAX_RATIO * smaller + period_ms:
+        return None
+    return f"{wire_ms:.0f} ms over the wire, {simulated:.0f} ms simulated, more than {MAX_RATIO:g} x and a period of {period_ms:g} ms apart"
+
+
+def print_comparison() -> None:
+    simulated, kept = simulated_ms(), json.loads(STOP_TIMES.read_text(encoding="utf-8"))
+    medians = {name: statistics.median(states["idle"]["times_ms"]) for name, states in kept.items() if states["idle"]["times_ms"]}
+    compared = {name: compare(name, medians[name], simulated[name]) for name in medians if name in simulated}
+    apart = {name: words for name, words in compared.items() if words is not None}
+    print(f"{len(kept)} causes measured over the wire, {len(compared)} of them with times to compare, {len(apart)} apart")
+    for name, words in apart.items():
+        print(f"{name:34s} {words}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", help="causes; without any, all that can be measured")
     parser.add_argument("--tries", type=int, default=TRIES)
     parser.add_argument("--record", action="store_true", help="keep the times for the fault table")
+    parser.add_argument("--guardian", action="store_true", help="measure only a guardian that is killed, with an AK drive")
+    parser.add_argument("--compare", action="store_true", help="measure nothing, compare the kept times with the simulated ones")
     arguments = parser.parse_args()
-    names = arguments.names or [name for name in CAUSES if name in BEGINNINGS and name not in UNSEEN]
+    if arguments.compare:
+        print_comparison()
+        return
+    if arguments.guardian:
+        print(f"{'guardian killed':34s} idle: {describe_killed(measure_killed_guardian(arguments.tries))}", flush=True)
+        with busy_cores():
+            print(f"{'':34s} busy: {describe_killed(measure_killed_guardian(arguments.tries))}", flush=True)
+        return
     kept = json.loads(STOP_TIMES.read_text(encoding="utf-8")) if STOP_TIMES.is_file() else {}
-    for name in names:
+    for name in arguments.names or BEGINNINGS:
         idle = measure(name, arguments.tries)
         print(f"{name:34s} idle: {describe(name, idle)}", flush=True)
         with busy_cores():
             busy = measure(name, arguments.tries)
         print(f"{'':34s} busy: {describe(name, busy)}", flush=True)
+        states = {"idle": idle, "busy": busy}
         kept[name] = {
-            state: {"times_ms": [round(ms, 1) for ms in one.times_ms], "ends": one.ends} for state, one in (("idle", idle), ("busy", busy))
+            state: {"times_ms": [round(ms, 1) for ms in measured.times_ms], "ends": measured.ends} for state, measured in states.items()
         }
         if arguments.record:
             STOP_TIMES.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    unmeasured = [name for name in CAUSES if name not in BEGINNINGS or name in UNSEEN]
-    print(f"not measured, because neither the server nor the proxy can bring them about or see the drive then: {', '.join(unmeasured)}")
+    for name, reason in NOT_MEASURED.items():
+        print(f"{name:34s} not measured: {reason}")
+    if arguments.record:
+        print_comparison()
 
 
 if __name__ == "__main__":

@@ -141,3 +141,13 @@ def test_a_model_that_stands_for_more_than_itself_is_read_in_a_copy(tmp_path, mo
     MODELS[kind](path)
     monkeypatch.setattr(load, "read_within_limits", lambda *_: "in a copy")
     assert load_mechanism(path) == "in a copy"
+
+
+@pytest.mark.parametrize("kind", ["include a pipe", "mesh from a pipe", "mesh from a device"])
+def test_a_pipe_that_a_model_names_is_not_waited_for(tmp_path, kind):
+    path = tmp_path / "model.xml"
+    MODELS[kind](path)
+    began_s = time.process_time()
+    with pytest.raises(BadInput, match=r"^\S+: is a device or a pipe; give a file$"):
+        load_mechanism(path)
+    assert time.process_time() - began_s < 5.0

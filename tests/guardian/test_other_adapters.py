@@ -1,5 +1,6 @@
 """A guardian on other adapters than a socketcand: a serial one, and python-can's bus over multicast."""
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -74,3 +75,11 @@ def test_what_the_bus_says_arrives(adapter):
         there = [message for message in heard(bus, 0.5) if message.arbitration_id >> 16 == 0x18FF]
         assert [signature(message) for message in there] == [signature(message) for message in said]
         assert abs(there[0].timestamp - time.time()) < 5.0
+
+
+def test_a_bus_over_tcp_sends_small_frames_at_once(monkeypatch) -> None:
+    opened: list[dict[str, object]] = []
+    monkeypatch.setattr("can.Bus", lambda **words: opened.append(words))
+    for interface in ("socketcand", "socketcan"):
+        CanBusSettings(interface, "can0", 1_000_000).open()
+    assert [words.get("tcp_tune") for words in opened] == [os.name != "nt", None]

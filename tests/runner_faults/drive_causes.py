@@ -14,6 +14,9 @@ from rfca_rig.twins.wires import SampleGrid
 from tests.runner_faults.cause import GOES_ON, Cause, catalogued
 from tests.runner_faults.rig import FaultyRig
 
+# Above the limit of the rig file, and what a thermistor can report.
+HOT_degC = 120.0
+
 
 def _error(bit: int) -> Cause:
     name, meaning = ERROR_BITS[bit]
@@ -47,7 +50,7 @@ def _switch_watchdog_off(rig: FaultyRig) -> None:
 
 
 def _fever(rig: FaultyRig) -> None:
-    rig.drive.warmth.fever_K_s = 1000.0
+    rig.drive.warmth._degC = HOT_degC
 
 
 def _block(rig: FaultyRig) -> None:

@@ -38,6 +38,8 @@ GEAR = 9.0
 HEIGHT_M = 0.25
 START_RAD, PARKED_RAD = 0.246, 0.698
 RETURN_RAD_S = 12.0
+# What the model is taken to predict for the stroke.
+EXPECTED_LOAD = Load(60.0, 8.0)
 SETTLE = SettleCriterion(force_band_N=3.0, angle_band_rad=0.05, for_s=0.1, limit_s=0.3)
 
 
@@ -128,7 +130,7 @@ class FaultyRig:
         self.ear = SignalHandler(self.stop_request, self.said.append)
 
     def expected(self) -> dict[Stage, Load]:
-        return {stage: Load(60.0, 8.0) for stage in self.plan.stages if isinstance(stage, Flap)}
+        return {stage: EXPECTED_LOAD for stage in self.plan.stages if isinstance(stage, Flap)}
 
     def event(self, name: str) -> None:
         """A fault of the twin's own catalogue."""

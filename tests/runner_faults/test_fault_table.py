@@ -2,10 +2,12 @@
 
 import json
 import re
+import statistics
 from pathlib import Path
 
 import pytest
 
+from tests.benchmarks.stop_times import BEGINNINGS, NOT_MEASURED, compare, simulated_ms
 from tests.runner_faults import test_signals
 from tests.runner_faults.cause import GOES_ON, Cause
 from tests.runner_faults.causes import CAUSES
@@ -70,10 +72,37 @@ def test_the_table_in_the_documents_has_the_kept_times_over_the_wire() -> None:
     assert "not measured" in dict(told).values()
 
 
+def test_every_cause_is_measured_over_the_wire_or_says_why_not() -> None:
+    assert sorted([*BEGINNINGS, *NOT_MEASURED]) == sorted(CAUSES)
+    kept = json.loads(STOP_TIMES.read_text(encoding="utf-8"))
+    assert len(kept) >= 40
+    for reason_name in NOT_MEASURED:
+        assert f"(`{reason_name}`" in _faults() or f"`{reason_name}`)" in _faults()
+
+
+def test_times_over_the_wire_are_those_of_simulated_time() -> None:
+    simulated, kept = simulated_ms(), json.loads(STOP_TIMES.read_text(encoding="utf-8"))
+    compared = 0
+    for name, states in kept.items():
+        if name in simulated and states["idle"]["times_ms"]:
+            assert compare(name, statistics.median(states["idle"]["times_ms"]), simulated[name]) is None, name
+            compared += 1
+    assert compared >= 40
+
+
+def test_a_comparison_sees_what_is_apart() -> None:
+    assert compare("jam", 188.0, 188.0) is None
+    assert compare("jam", 8.0, 2.0) is None
+    assert compare("jam", 11.0, 2.0) is not None
+    assert compare("jam", 90.0, 188.0) is not None
+    assert compare("heartbeat-silent", 600.0, 250.0) is None
+    assert compare("drive-hot", 500.0, 62.0) is None
+
+
 def test_what_was_measured_over_the_wire_ended_as_the_table_says() -> None:
     """Most tries: a busy machine may end one for its own reason."""
     for name, states in json.loads(STOP_TIMES.read_text(encoding="utf-8")).items():
-        ends = [end for state in states.values() for end in state["ends"]]
+        ends = [*states["idle"]["ends"], *states["busy"]["ends"]]
         assert 2 * ends.count(CAUSES[name].ends) >= len(ends), name
 
 

@@ -7,7 +7,7 @@ import pytest
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.devices.odrive.messages import OdriveCommand
 from tests.runner_faults.cause import GOES_ON
-from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_rig
+from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_guarded_rig, served_rig
 from tests.twin_server.server import Server
 
 pytestmark = pytest.mark.realtime
@@ -67,8 +67,30 @@ def test_angles_that_come_late_take_the_torque_away(wired, in_hold) -> None:
 
 
 @pytest.mark.parametrize("in_hold", [True, False], ids=["held", "moving"])
+@pytest.mark.parametrize("bit", [12, 13, 24])
+def test_an_error_that_a_drive_reports_without_stopping_takes_the_torque_away(wired, bit, in_hold) -> None:
+    """Within the period of the heartbeat, 0.1 s; a drive that is well stops by itself."""
+    fault = {"kind": "error", "can_id": int(OdriveCommand.HEARTBEAT), "word": 1 << bit}
+    run = run_until_judged(wired, lambda wire: wire.proxy.damage(fault), in_hold)
+    assert run.ended == "D-01", run.message
+    assert run.torque_s < 0.1 + OFF_WITHIN_S
+
+
+@pytest.mark.parametrize("in_hold", [True, False], ids=["held", "moving"])
 def test_a_recorder_that_is_killed_takes_the_torque_away(wired, in_hold) -> None:
     run = run_until_judged(wired, Wire.kill_recorder, in_hold)
     assert run.ended == "RigError", run.message
     assert "the recorder has ended by itself" in run.message
     assert run.torque_s < OFF_WITHIN_S
+
+
+@pytest.mark.parametrize("in_hold", [True, False], ids=["held", "moving"])
+def test_a_guardian_that_is_killed_takes_the_torque_along(tmp_path, in_hold) -> None:
+    with served_guarded_rig(tmp_path) as guarded:
+        run = run_until_judged(guarded, Wire.kill_guardian, in_hold)
+    assert run.ended == "B-01", run.message
+    assert "guardian ended by itself; the drive was disabled from here" in run.message
+    assert run.torque_s < OFF_WITHIN_S
+    # No order to the drive waits for the acknowledgement of the one before: the first three follow each other as they are sent.
+    commands = [frame.t_s for frame in run.frames if frame.direction == "up" and frame.t_s > run.begun_s]
+    assert commands[2] - commands[0] < 0.03

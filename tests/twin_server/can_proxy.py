@@ -72,6 +72,8 @@ class Proxy:
             if self.listening in ready:
                 client, _ = self.listening.accept()
                 server = socket.create_connection(self.server.getpeername())
+                for end in (client, server):
+                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self.later |= {client: server, server: client}
             if self.client in ready:
                 self._pass_up(_receive(self.client))
@@ -126,7 +128,9 @@ class Proxy:
             return message
         now_s, can_id, fault = time.monotonic(), int(words[2], 16), self.fault
         is_damaged = fault is not None and fault.can_id == can_id and fault.frames > 0
-        self.log.append((now_s, "down", can_id, words[4].decode(), is_damaged))
+        # A frame without data, as an emergency stop, has none between its time and the end.
+        data = words[4].decode() if len(words) > 5 else ""
+        self.log.append((now_s, "down", can_id, data, is_damaged))
         if fault is None or not is_damaged:
             return message
         fault.frames -= 1

@@ -6,11 +6,12 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-COMMAND = (sys.executable, "-c", "from rfca_rig.cli.main import run; run()", "twin", "serve", "--json")
+COMMAND = (sys.executable, "-c", "from rfca_rig.cli.main import run; run()")
+SERVE = ("twin", "serve", "--json")
 ANY_FREE = tuple(word for name in ("rdt", "http", "command", "can", "control") for word in (f"--{name}-port", "0"))
 READY_S = 300.0  # a first compilation on a machine that is busy with something else
 
@@ -39,7 +40,9 @@ class Server:
             connection.sendall(f"{line}\n".encode())
             answer = ""
             while not answer.endswith("ok\n") and not answer.startswith("error"):
-                answer += connection.recv(4096).decode()
+                received = connection.recv(4096)
+                assert received, f"the server ended at the line {line!r}"
+                answer += received.decode()
         return answer
 
     def interrupted(self) -> tuple[int, str]:
@@ -50,8 +53,9 @@ class Server:
 
 
 @contextmanager
-def serving(*options: str) -> Iterator[Server]:
-    words = [*COMMAND, *ANY_FREE, *options]
+def serving(*options: str, command: Sequence[str] = COMMAND) -> Iterator[Server]:
+    """`command` is a program that takes the words of `rfca-rig`."""
+    words = [*command, *SERVE, *ANY_FREE, *options]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert select.select([process.stdout], [], [], READY_S)[0], "the server did not come up"

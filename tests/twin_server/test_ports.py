@@ -12,7 +12,7 @@ from rfca_rig.bench.served import LONGEST_LEAP_S, RealTimeLoop
 from rfca_rig.devices.netft.codec import RdtCommand, encode_request
 from rfca_rig.devices.netft.ports import CommandPort, UdpLink
 from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twin_server.faults import CAN_FAULTS, ControlPort, FaultPanel
 from rfca_rig.twin_server.tcp import IDLE_S, MAX_CLIENTS, MAX_QUEUED_BYTES, is_loopback, listening_tcp
@@ -207,6 +207,15 @@ def test_lines_switch_faults_and_set_the_height(control):
     assert answered(port, "height 215") == "ok\n"
     assert heights == [0.215]
     assert answered(port, "status") == "well\nok\n"
+
+
+def test_a_height_that_the_simulation_refuses_is_an_answer_and_no_end():
+    def refuse(height_m: float) -> None:
+        raise SimulationFailed("no rest pose found")
+
+    with polled(port := ControlPort(FaultPanel(CAN_FAULTS), 0, refuse, lambda: "well")):
+        assert answered(port, "height 250") == "error no rest pose found\n"
+        assert answered(port, "status") == "well\nok\n"
 
 
 @pytest.mark.parametrize(

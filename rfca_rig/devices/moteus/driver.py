@@ -5,7 +5,7 @@ Replies are decoded, kept apart from those of other drives, and time-stamped.
 
 from collections import deque
 from dataclasses import dataclass, replace
-from math import isfinite, nan
+from math import inf, isfinite, nan
 
 import can
 import numpy as np
@@ -32,7 +32,7 @@ from rfca_rig.devices.moteus.codec import (
 from rfca_rig.devices.moteus.section import MoteusSection
 from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send, send_stop
 from rfca_rig.drivers.device_time import CounterClock
-from rfca_rig.drivers.drive_report import EncoderJumpMonitor, ShaftGear, check_command, check_positive
+from rfca_rig.drivers.drive_report import EncoderJumpMonitor, ShaftGear, check_command, check_positive, refuse_late_answers
 from rfca_rig.drivers.reading_check import POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, Signal, describe_bad
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
@@ -172,6 +172,7 @@ class MoteusReplies:
         self.health = BusHealth()
         self.state: MoteusState | None = None
         self.facts: dict[int, float] = {}
+        self.facts_s = -inf
         self.drained_s = clock.now_s()
         self.lost = 0
         self.reset_counters()
@@ -262,6 +263,7 @@ class MoteusReplies:
             self._hear_state(values)
         else:
             self.facts |= values
+            self.facts_s = self.drained_s
 
     def _hear_state(self, values: dict[int, float]) -> None:
         if not self._asked_s:
@@ -329,18 +331,32 @@ class MoteusMotor:
     def enable(self) -> None:
         """Energises the motor and holds the shaft: the drive starts from the angle that it measures itself at that moment.
 
-        Raises DeviceError, and leaves the motor off, if no answer of this drive arrives, a register is missing, or the drive refuses
-        with a fault.
+        Raises DeviceError, and leaves the motor off, if no answer of this drive arrives or it comes late, a register is missing, or the
+        drive refuses with a fault.
         """
         self.disable()
         if self._replies.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
         self._replies.drain()
         self._replies.reset_counters()
-        self._send(IDENTITY_QUERY, wants_reply=True)
+        asked_s = self._ask_identity()
         self._await_stopped()
+        refuse_late_answers(asked_s, self._ask_identity, self._await_identity)
         self._await_position_mode()
         self._armed = True
+
+    def _ask_identity(self) -> float:
+        """Asks for registers that no other question reads; returns when."""
+        self._send(IDENTITY_QUERY, wants_reply=True)
+        return self._clock.now_s()
+
+    def _await_identity(self, asked_s: float) -> float | None:
+        """When the answer came; None where it does not come in time."""
+        while self._replies.facts_s <= asked_s:
+            if self._clock.now_s() - asked_s > self._settings.enable_timeout_s:
+                return None
+            self._wait_and_drain()
+        return self._replies.facts_s
 
     def _await_stopped(self) -> None:
         """Waits for the stopped mode. Stopping clears old faults; a persistent one remains."""

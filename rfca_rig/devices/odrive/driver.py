@@ -4,6 +4,7 @@ Messages are time-stamped, and kept apart from those of other nodes.
 """
 
 from dataclasses import dataclass, replace
+from math import inf
 
 import can
 import numpy as np
@@ -32,7 +33,15 @@ from rfca_rig.devices.odrive.messages import (
 from rfca_rig.devices.odrive.section import OdriveSection
 from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames, send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, FrameCount, find_wrong_period
-from rfca_rig.drivers.drive_report import NO_SAMPLES, WATCHDOG_REMEDY, EncoderJumpMonitor, ShaftGear, check_command, check_positive
+from rfca_rig.drivers.drive_report import (
+    NO_SAMPLES,
+    WATCHDOG_REMEDY,
+    EncoderJumpMonitor,
+    ShaftGear,
+    check_command,
+    check_positive,
+    refuse_late_answers,
+)
 from rfca_rig.drivers.reading_check import CURRENT, POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, describe_bad
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.errors import BadInput, DeviceError
@@ -40,6 +49,8 @@ from rfca_rig.errors import BadInput, DeviceError
 # Poll interval while waiting, and the time given to a drive to answer a request for part errors, in s.
 POLL_S = 2e-3
 PART_ERROR_S = 0.05
+# Time given to a drive to answer a question.
+ANSWER_PATIENCE_S = 0.5
 # Time without a temperature until it is a fault. Overheating takes longer than this.
 MAX_SILENCE_S = 10.0
 
@@ -133,6 +144,7 @@ class OdriveReports:
         self.drained_s = self.beat_s = self._torque_s = clock.now_s()
         self.turns = np.nan
         self.firmware = "unknown"
+        self.firmware_s = -inf
         self.part_errors: dict[OdrivePart, int] = {}
         self.reset_counters()
 
@@ -248,6 +260,7 @@ class OdriveReports:
                 self.part_errors[message.part] = message.word
             case Version():
                 self.firmware = ".".join(map(str, message.firmware))
+                self.firmware_s = self.drained_s
 
     def _hear_torque(self, reported: float, torque_per_reported_Nm: float) -> None:
         """Takes in a torque in N m, or a current in A with the torque constant."""
@@ -293,6 +306,7 @@ class OdriveMotor:
         self._mode: ControlMode | None = None
         self._armed = False
         self._asked_parts: set[OdrivePart] = set()
+        self._can_be_asked = True
 
     def enable(self) -> None:
         """Energises the motor and holds the shaft: the set-point is the measured angle before the loop closes.
@@ -301,6 +315,7 @@ class OdriveMotor:
 
         - no frame, no frame of this node, or none of its heartbeat, encoder or torque messages arrives;
         - the encoder messages come at another rate than configured;
+        - it answers late, so that its readings are old from the start;
         - the drive refuses with an error.
         """
         self.disable()
@@ -310,11 +325,13 @@ class OdriveMotor:
         self._reports.part_errors.clear()
         self._asked_parts.clear()
         self._send(codec.clear_errors(self._settings.node_id, self._settings.dialect))
-        self._send(codec.request(self._settings.node_id, OdriveCommand.VERSION), remote=True)
+        asked_s = self._ask_version()
         self._await_reports()
         # Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong dialect would be wrong.
         if self._settings.dialect == OdriveFirmware.V0_5 and self._reports.firmware != "unknown":
             raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
+        if self._settings.dialect == OdriveFirmware.V0_6 and self._can_be_asked:
+            refuse_late_answers(asked_s, self._ask_version, self._await_version)
         self._refuse_if(_is_faulty(self._beat()), "still reports")
         # Set-point first, then mode, then closed loop: an old set-point in the drive would make the shaft jump.
         hold = codec.set_input_pos(self._settings.node_id, self._reports.turns)
@@ -323,6 +340,23 @@ class OdriveMotor:
         self._send(codec.set_axis_state(self._settings.node_id, AxisState.CLOSED_LOOP))
         self._await_closed_loop(hold)
         self._armed = True
+
+    def _ask_version(self) -> float:
+        """Asks for the firmware; returns when."""
+        self._send(codec.request(self._settings.node_id, OdriveCommand.VERSION), remote=True)
+        return self._clock.now_s()
+
+    def _await_version(self, asked_s: float) -> float | None:
+        """When the answer came; None where it does not come in time, as not every adapter carries questions (remote frames)."""
+        while self._reports.firmware_s <= asked_s:
+            if self._clock.now_s() - asked_s > ANSWER_PATIENCE_S:
+                # Not waited for again at every later start.
+                self._can_be_asked = False
+                return None
+            self._wait_and_drain()
+            # The watchdog may run in idle too; a set-point does nothing there.
+            self._send(codec.set_input_pos(self._settings.node_id, self._reports.turns))
+        return self._reports.firmware_s
 
     def _await_reports(self) -> None:
         """Waits for every required message, and for enough encoder frames to measure their rate."""
