@@ -432,7 +432,10 @@ def compare(result: ModelSelectionResult) -> Comparison:
 
 
 def _without_unconfirmed(one: ScaledHypothesis, found: Sequence[ScaledHypothesis]) -> ScaledHypothesis:
-    """The hypothesis without evidence beyond that of a set with fewer effects that predicts held-out conditions about as well, or better."""
+    """The hypothesis without evidence beyond that of a set with fewer effects which held-out conditions do not confirm.
+
+    A part of the set, one effect smaller, needs to predict them about as well; any other set with fewer effects needs to predict them better.
+    """
     unconfirmed = 0.0
     for simpler in found:
         if len(simpler.ids) >= len(one.ids) or simpler.is_less_plausible_than(one):
