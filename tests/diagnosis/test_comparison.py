@@ -563,6 +563,14 @@ def test_evidence_counts_only_where_held_out_conditions_confirm_it(gained):
     assert evidence(0.5) > 100.0
 
 
+@pytest.mark.parametrize(
+    ("own", "others", "is_less"),
+    [(4.0, 1.0, True), (3.0, 1.0, False), (4.0, 3.7, False), (6.0, 3.7, True), (3.7, 6.0, False)],
+)
+def test_of_two_that_need_implausible_values_the_one_with_more_of_them_is_less_plausible(gained, own, others, is_less):
+    assert strained(gained.nothing, own).is_less_plausible_than(strained(gained.best, others)) == is_less
+
+
 def test_evidence_of_a_set_does_not_exceed_that_of_a_simpler_one_that_predicts_better(gained):
     """The simpler set is no part of it: it has another effect."""
     (rival,) = (one for one in gained.ranked if one.ids == ("sensor_crosstalk",))

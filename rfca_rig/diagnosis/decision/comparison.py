@@ -156,8 +156,15 @@ class ScaledHypothesis:
         return float(shifts @ shifts)
 
     def is_less_plausible_than(self, other: "ScaledHypothesis") -> bool:
-        """Whether it needs an implausible nuisance parameter, and the other one does not."""
-        return other.max_nuisance_shift < IMPLAUSIBLE < self.max_nuisance_shift
+        """Whether it needs an implausible nuisance parameter, and the other one does not.
+
+        Where both need one, all nuisance parameters together decide: the difference of their sums of squares counts like the square of one
+        more value.
+        """
+        if self.max_nuisance_shift <= IMPLAUSIBLE:
+            return False
+        more = self.sum_of_squared_shifts - other.sum_of_squared_shifts
+        return other.max_nuisance_shift < IMPLAUSIBLE or more > IMPLAUSIBLE**2
 
 
 @dataclass(frozen=True)
