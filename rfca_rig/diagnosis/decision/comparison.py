@@ -285,7 +285,7 @@ class Comparison:
 
         That is so where the rms over all signals rises, each in units of its noise and scatter.
         """
-        squares = [self._squared_held_out_residuals(hypothesis) / self.result.floor_std**2 for hypothesis in (self.nothing, one)]
+        squares = [self._square_held_out_residuals(hypothesis) / self.result.floor_std**2 for hypothesis in (self.nothing, one)]
         signal = self.result.dataset.rows.signal
         before, after = (sum(square[signal == name].mean() for name in np.unique(signal)) for square in squares)
         return bool(after > MOST_RISE * before)
@@ -295,7 +295,7 @@ class Comparison:
 
         A quantity is all signals of one unit, the angles of all hinges, say, so that its rms is taken in that unit.
         """
-        before, after = (self._squared_held_out_residuals(hypothesis) for hypothesis in (self.nothing, one))
+        before, after = (self._square_held_out_residuals(hypothesis) for hypothesis in (self.nothing, one))
         in_usual_errors = after / self.result.likelihood.usual.variance()
         units = np.array([unit_of(str(signal)) for signal in self.result.dataset.rows.signal])
         for unit in np.unique(units):
@@ -305,7 +305,7 @@ class Comparison:
                 return True
         return False
 
-    def _squared_held_out_residuals(self, one: ScaledHypothesis) -> Floats:
+    def _square_held_out_residuals(self, one: ScaledHypothesis) -> Floats:
         """Squares (m,) of what held-out conditions leave, at the discrepancy scale at which an answer prints them."""
         rows, likelihood = self.result.dataset.rows, self.result.likelihood
         conditions = range(int(rows.condition.max()) + 1)
