@@ -439,23 +439,26 @@ def compare(result: ModelSelectionResult) -> Comparison:
 
 
 def _without_unconfirmed(one: ScaledHypothesis, found: Sequence[ScaledHypothesis]) -> ScaledHypothesis:
-    """The hypothesis without evidence beyond that of a set with fewer effects which held-out conditions do not confirm.
-
-    A part of the set, one effect smaller, needs to predict them about as well; any other set with fewer effects needs to predict them better.
-    """
+    """The hypothesis without evidence that held-out conditions do not confirm against a set with fewer effects."""
     unconfirmed = 0.0
     for simpler in found:
         if len(simpler.ids) >= len(one.ids) or simpler.is_less_plausible_than(one):
             continue
         gained = one.log_joint - one.hypothesis.log_prior - (simpler.log_joint - simpler.hypothesis.log_prior)
-        if gained <= unconfirmed:
-            continue
-        is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
-        if _loses_little(simpler, one) if is_part else _predicts_better(simpler, one):
+        if gained > unconfirmed and _is_unconfirmed(one, simpler):
             unconfirmed = gained
     if unconfirmed == 0.0:
         return one
     return replace(one, log_joint=one.log_joint - unconfirmed, log_evidence=one.log_evidence - unconfirmed)
+
+
+def _is_unconfirmed(one: ScaledHypothesis, simpler: ScaledHypothesis) -> bool:
+    """Whether held-out conditions do not confirm what a hypothesis gains over a set with fewer effects.
+
+    A part of it, one effect smaller, then predicts them about as well; any other set predicts them better.
+    """
+    is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
+    return _loses_little(simpler, one) if is_part else _predicts_better(simpler, one)
 
 
 def _predicts_better(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:
