@@ -52,7 +52,7 @@ def find_named_files(model: Path, folders: tuple[Path, ...] | None) -> set[Path]
                 bases |= {place.parent for place in _shorten(model.parent / folder / "file")}
         if len(names) * len(bases) > MOST_PLACES:
             raise BadInput(f"{model}: names {len(names)} files in {len(bases)} folders; more than {MOST_PLACES} places are not searched")
-        to_search = sorted(_existing(bases, names) - found)
+        to_search = sorted(_existing(model, bases, names) - found)
         if folders is not None:
             refuse_outside(to_search, folders)
         if not to_search:
@@ -100,7 +100,7 @@ def _values(pattern: re.Pattern[bytes], content: bytes) -> set[str]:
     return {text for text in plain if text and "\0" not in text}
 
 
-def _existing(bases: set[Path], names: set[str]) -> set[Path]:
+def _existing(model: Path, bases: set[Path], names: set[str]) -> set[Path]:
     """Every file that one of these names can mean. With `strippath`, the default of URDF, only the last part of a name counts."""
     parts = names | {Path(name).name for name in names}
     places = {base / part for base in bases for part in parts if part}
@@ -108,7 +108,7 @@ def _existing(bases: set[Path], names: set[str]) -> set[Path]:
     for place in shortened:
         # Reading one may wait for ever. As for files below, no error for any path, however long.
         if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):  # noqa: PTH110, PTH112, PTH113
-            raise BadInput(f"{place}: is a device or a pipe; give a file")
+            raise BadInput(f"{model}: names {place}, a device or a pipe; name a file")
     return {place for place in shortened if os.path.isfile(place)}  # noqa: PTH113 - False for any path, however long
 
 

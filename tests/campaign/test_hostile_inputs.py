@@ -148,6 +148,6 @@ def test_a_pipe_that_a_model_names_is_not_waited_for(tmp_path, kind):
     path = tmp_path / "model.xml"
     MODELS[kind](path)
     began_s = time.process_time()
-    with pytest.raises(BadInput, match=r"^\S+: is a device or a pipe; give a file$"):
+    with pytest.raises(BadInput, match=r"^\S+: names \S+, a device or a pipe; name a file$"):
         load_mechanism(path)
     assert time.process_time() - began_s < 5.0
