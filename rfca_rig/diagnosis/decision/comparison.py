@@ -90,6 +90,15 @@ class ScaledHypothesis:
         square = residuals**2 / self.result.likelihood.usual.variance()
         return np.asarray(np.sqrt(np.bincount(group, square) / np.bincount(group)))
 
+    @cached_property
+    def squared_residuals(self) -> Floats:
+        """Squares (m,) of what held-out conditions leave, at the discrepancy scale at which an answer prints them."""
+        rows = self.result.dataset.rows
+        linear = self.hypothesis.fitted.linear(rows.measured)
+        conditions = range(int(rows.condition.max()) + 1)
+        residuals = self.result.likelihood.compute_held_out_residuals(linear, rows.condition, conditions)
+        return np.asarray(residuals**2)
+
     def log_joint_at(self, s: float) -> float:
         """Log of prior times evidence where the discrepancy has the scale `s` of the grid."""
         scales = [whitening.s for whitening in self.result.likelihood.every_scale]
@@ -285,9 +294,14 @@ class Comparison:
 
         That is so where the rms over all signals rises, each in units of its noise and scatter.
         """
-        squares = [self._square_held_out_residuals(hypothesis) / self.result.floor_std**2 for hypothesis in (self.nothing, one)]
-        signal = self.result.dataset.rows.signal
-        before, after = (sum(square[signal == name].mean() for name in np.unique(signal)) for square in squares)
+        variance = self.result.floor_std**2
+        signals = self.result.dataset.rows.signal
+        before = 0.0
+        after = 0.0
+        for signal in np.unique(signals):
+            own = signals == signal
+            before += (self.nothing.squared_residuals[own] / variance[own]).mean()
+            after += (one.squared_residuals[own] / variance[own]).mean()
         return bool(after > MOST_RISE * before)
 
     def predicts_a_quantity_worse(self, one: ScaledHypothesis) -> bool:
@@ -295,7 +309,8 @@ class Comparison:
 
         A quantity is all signals of one unit, the angles of all hinges, say, so that its rms is taken in that unit.
         """
-        before, after = (self._square_held_out_residuals(hypothesis) for hypothesis in (self.nothing, one))
+        before = self.nothing.squared_residuals
+        after = one.squared_residuals
         in_usual_errors = after / self.result.likelihood.usual.variance()
         units = np.array([unit_of(str(signal)) for signal in self.result.dataset.rows.signal])
         for unit in np.unique(units):
@@ -304,12 +319,6 @@ class Comparison:
             if rises and in_usual_errors[own].mean() > USUAL_MISFIT**2:
                 return True
         return False
-
-    def _square_held_out_residuals(self, one: ScaledHypothesis) -> Floats:
-        """Squares (m,) of what held-out conditions leave, at the discrepancy scale at which an answer prints them."""
-        rows, likelihood = self.result.dataset.rows, self.result.likelihood
-        conditions = range(int(rows.condition.max()) + 1)
-        return likelihood.compute_held_out_residuals(one.hypothesis.fitted.linear(rows.measured), rows.condition, conditions) ** 2
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
