@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect, set_up
 from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state, resolve_integrator
 from rfca_rig.model.kernel.stage import allocate_workspace
@@ -62,12 +62,12 @@ class LegPlant:
     _torque_Nm: float = 0.0
 
     def __post_init__(self) -> None:
-        self._stand(self.shaft_angle_rad)
+        self._stand(self.shaft_angle_rad, self.height_m)
 
-    def _stand(self, shaft_angle_rad: float) -> None:
-        """Resets the leg: hanging at rest, at the present height."""
+    def _stand(self, shaft_angle_rad: float, height_m: float) -> None:
+        """Resets the leg: hanging at rest, at this height. Where it has no rest pose there, it stays as it is."""
         still = ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0)
-        setup = set_up(self.rig, self.height_m, still)
+        setup = set_up(self.rig, height_m, still)
         # The twins simulate drive and sensor themselves, so effects that act there have no place in this model.
         if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
             raise BadInput("the twin has a drive and a sensor of its own; leave effects that act there out of its rig file")
@@ -76,9 +76,10 @@ class LegPlant:
                 raise BadInput(f"effect {effect.id}: the twin does not count its strokes; leave it out of its rig file")
         chain = setup.chain()
         laws = setup.compile_laws(chain)
-        # Where there is no rest pose, the leg stays as it is.
         self._state = find_rest_state(chain, shaft_angle_rad, laws)
-        self._chain, self._laws = chain, laws
+        self.height_m = height_m
+        self._chain = chain
+        self._laws = laws
         # Kept from step to step: new memory takes longer than the integration of a step.
         self._work = allocate_workspace(self._state.q.size, self._state.anchor.size)
         self._samples = {}
@@ -166,10 +167,5 @@ class LegPlant:
 
         Raises SimulationFailed where the leg has no rest pose there; the height stays as before.
         """
-        before_m = self.height_m
-        self.height_m = height_m + self.scatter.height_m * self.random.standard_normal()
-        try:
-            self._stand(float(self._state.q[0]))
-        except SimulationFailed:
-            self.height_m = before_m
-            raise
+        scattered_m = height_m + self.scatter.height_m * self.random.standard_normal()
+        self._stand(float(self._state.q[0]), scattered_m)
