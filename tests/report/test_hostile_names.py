@@ -1,4 +1,4 @@
-"""Whole pages, programs and files with names that nobody means well with, by the writers of the real commands: a name stays a name.
+"""Whole pages, programs and files with hostile names, by the writers of the real commands: a name stays a name.
 
 Names of models have no quotes and no control characters, other models are refused. Names of conditions, columns, data sets and titles may
 be anything that a file can hold.

@@ -46,7 +46,7 @@ def test_netft_streams_tares_and_stops():
         sensor.sock.settimeout(2.0)
         single = sensor.getMeasurement()
         assert len(single) == 6
-        # The leg is let go straight at its parked angle, and swings for a second.
+        # The leg begins straight at its parked angle, and swings for a second.
         time.sleep(2.0)
         sensor.tare(50)
         sensor.startStreaming()
