@@ -1,4 +1,4 @@
-"""Whether a diagnosis says more as an effect grows: eight sizes of each of twelve effects.
+"""Whether a diagnosis says more as an effect grows: eight sizes of each of eighteen effects.
 
 Run: python -m tests.benchmarks.ladder FOLDER [--effects NAME ...] [--seed 1]
 
@@ -33,6 +33,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.pendulums.campaign import write_pendulum_campaign
 from rfca_rig.exam.pendulums.cases import PENDULUM_NOTHING, torque_scale_Nm
+from rfca_rig.exam.pendulums.world import PendulumWorld
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.executors.cores import cores
 from rfca_rig.executors.mapping import TaskFailure, map_unordered, process_executor
@@ -145,13 +146,30 @@ def write_leg(effect_id: str, parameter: str, size: float, seed: int, folder: Pa
     write_campaign(replace(case, design=cases.PAPER_CONDITIONS, effects=effects), folder)
 
 
-def write_pendulum(size: float, seed: int, folder: Path) -> None:
-    """Three runs of a single pendulum with dry friction, a share of the weight's largest torque."""
+def write_pendulum(
+    effect_id: str,
+    parameter: str,
+    unit_of: Callable[[PendulumWorld], float],
+    size: float,
+    seed: int,
+    folder: Path,
+) -> None:
+    """Three runs of a single pendulum with an effect; `size` counts `unit_of` the true rig."""
     drawn = cases.draw_cases(seed, {PENDULUM_NOTHING: DRAWN_PENDULUMS})
     # the answer about two links takes four times as long
     case = next(case for case in drawn if case.nominal.joints == 1)
-    friction = {"torque_Nm": size * torque_scale_Nm(case.world)}
-    write_pendulum_campaign(replace(case, effects={"joint_friction": friction}), folder)
+    effects = {effect_id: {parameter: size * unit_of(case.world)}}
+    write_pendulum_campaign(replace(case, effects=effects), folder)
+
+
+def mass_of_links_kg(world: PendulumWorld) -> float:
+    """Unit of a weight at the tip."""
+    return sum(world.mass_kg)
+
+
+def one_second(world: PendulumWorld) -> float:
+    """Unit of a delay, whatever the rig."""
+    return 1.0
 
 
 def diagnose_experiment(folder: Path) -> Diagnosis:
@@ -228,15 +246,28 @@ def make_arm_ladder(
 
 
 def make_leg_ladder(
-    effect_id: str,
+    right: Sequence[str],
     parameter: str,
     smallest: float,
     largest: float,
     unit: str,
 ) -> Ladder:
-    """A ladder of the simulated leg."""
-    write = partial(write_leg, effect_id, parameter)
-    return Ladder((effect_id,), smallest, largest, unit, write, diagnose_leg)
+    """A ladder of the simulated leg; the first of `right` is concealed."""
+    write = partial(write_leg, right[0], parameter)
+    return Ladder(tuple(right), smallest, largest, unit, write, diagnose_leg)
+
+
+def make_pendulum_ladder(
+    right: Sequence[str],
+    parameter: str,
+    unit_of: Callable[[PendulumWorld], float],
+    smallest: float,
+    largest: float,
+    unit: str = "",
+) -> Ladder:
+    """A ladder of the simulated pendulum; the first of `right` is concealed."""
+    write = partial(write_pendulum, right[0], parameter, unit_of)
+    return Ladder(tuple(right), smallest, largest, unit, write, diagnose_swings)
 
 
 LADDERS = {
@@ -270,16 +301,47 @@ LADDERS = {
         diagnose=diagnose_experiment,
     ),
     # heights are known to 0.2 mm
-    "height": make_leg_ladder("height_offset", "offset_mm", 0.05, 5.0, "mm"),
-    "sensor-drift": make_leg_ladder("sensor_drift", "rate_N_per_s", 0.01, 4.0, "N/s"),
-    "hinge-friction": make_leg_ladder("hinge_coulomb_friction", "torque_Nm", 0.001, 0.3, "N m"),
-    "pendulum-friction": Ladder(
-        right=("joint_friction", "joint_stribeck"),
-        smallest=0.00005,
-        largest=0.1,
-        unit="",
-        write=write_pendulum,
-        diagnose=diagnose_swings,
+    "height": make_leg_ladder(("height_offset",), "offset_mm", 0.05, 5.0, "mm"),
+    "sensor-drift": make_leg_ladder(("sensor_drift",), "rate_N_per_s", 0.01, 4.0, "N/s"),
+    "hinge-friction": make_leg_ladder(
+        ("hinge_coulomb_friction",),
+        "torque_Nm",
+        0.001,
+        0.3,
+        "N m",
+    ),
+    "hinge-damping": make_leg_ladder(
+        ("hinge_viscous_damping",),
+        "coefficient_Nm_s_per_rad",
+        0.001,
+        0.4,
+        "N m s/rad",
+    ),
+    "late-sensor": make_leg_ladder(("clock_offset", "sensor_lag"), "offset_s", 0.0001, 0.02, "s"),
+    "crosstalk": make_leg_ladder(("sensor_crosstalk",), "fz_per_fy", 0.0005, 0.1, ""),
+    "tip-mass": make_leg_ladder(("tip_mass",), "mass_g", 0.3, 60.0, "g"),
+    "pendulum-friction": make_pendulum_ladder(
+        ("joint_friction", "joint_stribeck"),
+        "torque_Nm",
+        torque_scale_Nm,
+        0.00005,
+        0.1,
+    ),
+    # masses are known to 2 %
+    "pendulum-weight": make_pendulum_ladder(
+        ("added_mass",),
+        "mass_kg",
+        mass_of_links_kg,
+        0.002,
+        0.5,
+    ),
+    "pendulum-late-torque": make_pendulum_ladder(
+        ("torque_delay", "torque_lag"),
+        "delay_s",
+        one_second,
+        0.0005,
+        0.03,
+        "s",
     ),
 }
 
