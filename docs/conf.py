@@ -1,8 +1,8 @@
 """Sphinx configuration of the documentation site.
 
-`python -m sphinx -W --keep-going docs OUT` builds it, with the extra `docs` and without network. The pages are Markdown; those of the
-reference are filled from the code by `reference_pages`, and notebooks are executed.
-"""
+`python -m sphinx -W --keep-going docs OUT` builds it, with the extra `docs` and without network.
+The pages are Markdown; those of the reference are filled from the code by `reference_pages`, and
+notebooks are executed."""
 
 import sys
 from pathlib import Path
@@ -20,12 +20,14 @@ exclude_patterns = ["examples"]
 
 # Links to headings, as in mechanisms.md#files.
 myst_heading_anchors = 4
-# Each build executes the notebooks, since their results depend on the package; -D nb_execution_mode=off builds the rest quickly.
+# Each build executes the notebooks, since their results depend on the package; -D
+# nb_execution_mode=off builds the rest quickly.
 nb_execution_mode = "force"
 # A diagnosis takes a minute of CPU time; machines of CI are slow and shared.
 nb_execution_timeout = 1800
 nb_execution_raise_on_error = nb_execution_in_temp = True
-# `-t without_diagnosis` leaves out the longest notebook, whose cells have a test of their own. Sphinx provides `tags`.
+# `-t without_diagnosis` leaves out the longest notebook, whose cells have a test of their own.
+# Sphinx provides `tags`.
 if tags.has("without_diagnosis"):  # type: ignore[name-defined]  # noqa: F821
     nb_execution_excludepatterns = ["notebooks/first-run*"]
     # Only the kernel tells the language of the cells.
@@ -48,7 +50,9 @@ def setup(app: Sphinx) -> None:
 
 
 def complete_html(app: Sphinx, failure: Exception | None) -> None:
-    """Adds what assistive software needs and Sphinx leaves out: the level of captions, and keyboard access to what scrolls."""
+    """Adds what assistive software needs and Sphinx leaves out: the level of captions, and
+    keyboard access to what scrolls.
+    """
     missing = {
         'role="heading">': 'role="heading" aria-level="2">',
         "<pre>": '<pre tabindex="0">',

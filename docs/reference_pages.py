@@ -1,13 +1,15 @@
 """Sphinx extension: fills the pages of the reference from the code.
 
-A page has a mark such as `<!-- commands -->`, which is replaced by Markdown before the page is read:
+A page has a mark such as `<!-- commands -->`, which is replaced by Markdown before the page is
+read:
 
 - `<!-- commands -->`: every command with usage, options and defaults, from the command line itself
-- `<!-- file NAME -->`: the tables and keys of one file format, from its pydantic model; its JSON schema is written beside the page
+- `<!-- file NAME -->`: the tables and keys of one file format, from its pydantic model; its JSON
+  schema is written beside the page
 - `<!-- effects -->`: the catalogue of effects
 
-The glossary is written as tables; here each term becomes an entry of Sphinx's glossary, which the search knows.
-"""
+The glossary is written as tables; here each term becomes an entry of Sphinx's glossary, which the
+search knows."""
 
 import json
 import re
@@ -51,13 +53,23 @@ FILES: dict[str, type[BaseModel]] = {
 }
 MARK = re.compile(r"<!-- (commands|effects|file ([a-z-]+)) -->")
 # What Typer appends to a name, in words; the type of an argument says nothing.
-TYPES = {"<int range>": "INTEGER", "<float range>": "NUMBER", "<list[Path]>": "", "<list[str]>": "", "<path>": "", "<str>": ""}
+TYPES = {
+    "<int range>": "INTEGER",
+    "<float range>": "NUMBER",
+    "<list[Path]>": "",
+    "<list[str]>": "",
+    "<path>": "",
+    "<str>": "",
+}
 Schema = Mapping[str, Any]
 
 
 def setup(app: Sphinx) -> ExtensionMetadata:
     # Sphinx sees when a page has changed, not when the code has.
-    app.connect("env-get-outdated", lambda _app, env, *_: [page for page in env.found_docs if page.startswith("reference/")])
+    app.connect(
+        "env-get-outdated",
+        lambda _app, env, *_: [page for page in env.found_docs if page.startswith("reference/")],
+    )
     app.connect("source-read", fill_page)
     app.connect("build-finished", write_schemas)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
@@ -83,7 +95,9 @@ def list_terms(text: str) -> str:
 
     def list_rows(table: re.Match[str]) -> str:
         rows = [row.strip("| ").split(" | ") for row in table[1].splitlines()]
-        entries = [line for term, meaning in rows for line in (*term.split(", "), f"  {meaning}", "")]
+        entries = [
+            line for term, meaning in rows for line in (*term.split(", "), f"  {meaning}", "")
+        ]
         return "\n".join(("```{glossary}", *entries[:-1], "```", ""))
 
     return re.sub(r"\| term \| meaning \|\n\|[-|]+\|\n((?:\|.*\|\n)+)", list_rows, text)
@@ -96,7 +110,10 @@ def describe_commands() -> Iterator[str]:
     """Markdown of all commands, in the order of `rfca-rig --help`."""
     root = typer.main.get_command(command_line)
     commands = list(_walk(root, root.context_class(root, info_name="rfca-rig")))
-    yield from _table(("command", "what it does"), [(f"[`{path}`](#{_anchor(path)})", summary) for path, summary, _ in commands])
+    yield from _table(
+        ("command", "what it does"),
+        [(f"[`{path}`](#{_anchor(path)})", summary) for path, summary, _ in commands],
+    )
     for path, _, lines in commands:
         yield from (f"## {path}", "", *lines)
 
@@ -109,7 +126,14 @@ def _walk(command: Any, context: Any) -> Iterator[tuple[str, str, list[str]]]:
                 yield from _walk(inner, inner.context_class(inner, info_name=name, parent=context))
         return
     summary, *paragraphs = (command.help or "").split("\n\n")
-    lines = [_prose(summary), "", "```text", command.get_usage(context).removeprefix("Usage: "), "```", ""]
+    lines = [
+        _prose(summary),
+        "",
+        "```text",
+        command.get_usage(context).removeprefix("Usage: "),
+        "```",
+        "",
+    ]
     for paragraph in paragraphs:
         example = paragraph.partition("Example: ")[2]
         lines += ["```sh", example, "```", ""] if example else [_prose(paragraph), ""]
@@ -119,15 +143,27 @@ def _walk(command: Any, context: Any) -> Iterator[tuple[str, str, list[str]]]:
             text, _, notes = record[1].partition("  [")
             names, _, value = record[0].partition(" ")
             # Typer appends type and requirement to arguments, and range and default to options.
-            rows.append((_code(f"{names} {TYPES.get(value, value)}"), _prose(text), _prose(notes.rstrip("]"))))
-    yield context.command_path, _prose(summary), [*lines, *_table(("argument or option", "what it does", "default, range"), rows)]
+            rows.append(
+                (
+                    _code(f"{names} {TYPES.get(value, value)}"),
+                    _prose(text),
+                    _prose(notes.rstrip("]")),
+                )
+            )
+    yield (
+        context.command_path,
+        _prose(summary),
+        [*lines, *_table(("argument or option", "what it does", "default, range"), rows)],
+    )
 
 
 # Files
 
 
 def describe_file(name: str) -> Iterator[str]:
-    """Markdown of one format: a link to its JSON schema, its own keys, and those of each table in it."""
+    """Markdown of one format: a link to its JSON schema, its own keys, and those of each table
+    in it.
+    """
     schema = FILES[name].model_json_schema()
     yield f'JSON schema: <a href="schemas/{name}.json">{name}.json</a>'
     yield ""
@@ -142,13 +178,25 @@ def _describe_object(header: str, schema: Schema, known: Mapping[str, Schema]) -
         tables = _tables_in(value, known)
         if tables:
             full = f"{path}.{key}" if path else key
-            inner += [(f"[[{full}]]" if is_list else f"[{full}]", table) for table, is_list in tables]
+            inner += [
+                (f"[[{full}]]" if is_list else f"[{full}]", table) for table, is_list in tables
+            ]
         else:
             required = key in schema.get("required", ())
-            rows.append((f"`{key}`", _type_of(value), words_and_unit(key)[1], _limits(value), _default(value, required),
-                         _prose(value.get("description", ""))))  # fmt: skip
+            rows.append(
+                (
+                    f"`{key}`",
+                    _type_of(value),
+                    words_and_unit(key)[1],
+                    _limits(value),
+                    _default(value, required),
+                    _prose(value.get("description", "")),
+                )
+            )
     if header:
-        variant = next((value["const"] for value in schema["properties"].values() if "const" in value), None)
+        variant = next(
+            (value["const"] for value in schema["properties"].values() if "const" in value), None
+        )
         yield f"### {_prose(header)}" + (f", {variant}" if variant else "")
         yield ""
     if "description" in schema:
@@ -162,7 +210,9 @@ def _describe_object(header: str, schema: Schema, known: Mapping[str, Schema]) -
         yield from _describe_object(each, table, known)
 
 
-def _tables_in(value: Schema, known: Mapping[str, Schema], is_list: bool = False) -> list[tuple[Schema, bool]]:
+def _tables_in(
+    value: Schema, known: Mapping[str, Schema], is_list: bool = False
+) -> list[tuple[Schema, bool]]:
     """The TOML tables that a key may hold, each with whether it is an array of tables."""
     if "$ref" in value:
         return [(known[value["$ref"].rpartition("/")[2]], is_list)]
@@ -176,7 +226,13 @@ def _choices(value: Schema) -> list[Schema]:
 
 
 def _type_of(value: Schema) -> str:
-    words = {"string": "text", "boolean": "true or false", "object": "table", "number": "number", "integer": "integer"}
+    words = {
+        "string": "text",
+        "boolean": "true or false",
+        "object": "table",
+        "number": "number",
+        "integer": "integer",
+    }
     types = []
     for choice in _choices(value):
         if "const" in choice or "enum" in choice:
@@ -222,7 +278,10 @@ def describe_effects() -> Iterator[str]:
     effects = sorted(catalogue().values(), key=lambda effect: (effect.where, effect.id))
     yield f"{len(effects)} effects:"
     yield ""
-    rows = [(f"[`{effect.id}`](#{_anchor(effect.id)})", effect.where, _prose(effect.left_out)) for effect in effects]
+    rows = [
+        (f"[`{effect.id}`](#{_anchor(effect.id)})", effect.where, _prose(effect.left_out))
+        for effect in effects
+    ]
     yield from _table(("effect", "place", "what the model lacks"), rows)
     for effect in effects:
         yield from _describe_effect(effect)
@@ -235,7 +294,10 @@ def _describe_effect(effect: Effect) -> Iterator[str]:
     yield ""
     yield from ("```text", effect.law, "```", "")
     if families := families_of(effect.id):
-        yield f"- Family: {'; '.join(f'`{family.id}`, {_prose(family.words)}' for family in families)}."
+        yield (
+            "- Family: "
+            f"{'; '.join(f'`{family.id}`, {_prose(family.words)}' for family in families)}."
+        )
     if effect.variant_of:
         yield f"- Special case of [`{effect.variant_of}`](#{_anchor(effect.variant_of)})."
     if effect.same_as:
@@ -244,14 +306,26 @@ def _describe_effect(effect: Effect) -> Iterator[str]:
         yield f"- Cannot be distinguished from `{limit.other}` in a limit: {_prose(limit.words)}."
     yield f"- Source: {_prose(effect.source)}."
     yield ""
-    rows = [_describe_parameter(parameter, role) for parameters, role in (
-        (effect.parameters, "size"), (effect.shape, "shape"), (effect.begins, "initial state")) for parameter in parameters]  # fmt: skip
+    rows = [
+        _describe_parameter(parameter, role)
+        for parameters, role in (
+            (effect.parameters, "size"),
+            (effect.shape, "shape"),
+            (effect.begins, "initial state"),
+        )
+        for parameter in parameters
+    ]
     yield from _table(("parameter", "unit", "plausible range", "role"), rows)
 
 
 def _describe_parameter(parameter: Parameter, role: str) -> tuple[str, ...]:
     neutral = f", {parameter.neutral:.3g} if not given" if role != "size" else ""
-    return f"`{parameter.name}`", words_and_unit(parameter.name)[1], f"{parameter.low:g} to {parameter.high:g}", role + neutral
+    return (
+        f"`{parameter.name}`",
+        words_and_unit(parameter.name)[1],
+        f"{parameter.low:g} to {parameter.high:g}",
+        role + neutral,
+    )
 
 
 # Markdown
@@ -265,7 +339,9 @@ def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> Iterator[str]
 
 
 def _prose(text: str) -> str:
-    """Text of the code as Markdown: without emphasis by chance, and with references to pages as links."""
+    """Text of the code as Markdown: without emphasis by chance, and with references to pages as
+    links.
+    """
     pieces = text.split("`")
     # Every second piece stands in backticks and stays as it is.
     pieces[::2] = [re.sub(r"([*\[\]<>|_])", r"\\\1", piece) for piece in pieces[::2]]

@@ -1,7 +1,8 @@
-"""Runs the static and flapping experiments of a flexible leg, and compares them with a rigid-flexible multibody model.
+"""Runs the static and flapping experiments of a flexible leg, and compares them with a
+rigid-flexible multibody model.
 
-As a library: `import rfca_rig as rr`. The names of `__all__` are stable; they are imported when they are first used.
-"""
+As a library: `import rfca_rig as rr`. The names of `__all__` are stable; they are imported when
+they are first used."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -32,7 +33,18 @@ _PLACES = {
     "run": "rfca_rig.notebook.experiments",
     "simulate": "rfca_rig.notebook.rig",
 }
-__all__ = ["Rig", "diagnose", "effects", "fit", "mechanics", "open", "plan", "report", "run", "simulate"]
+__all__ = [
+    "Rig",
+    "diagnose",
+    "effects",
+    "fit",
+    "mechanics",
+    "open",
+    "plan",
+    "report",
+    "run",
+    "simulate",
+]
 
 
 def __getattr__(name: str) -> object:

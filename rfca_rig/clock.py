@@ -1,4 +1,6 @@
-"""Clocks: real time and simulated time. They are passed in; nothing else in the package sleeps or reads a clock."""
+"""Clocks: real time and simulated time. They are passed in; nothing else in the package sleeps
+or reads a clock.
+"""
 
 import time
 from collections.abc import Callable
@@ -18,7 +20,9 @@ class Clock(Protocol):
         ...
 
     def wall_time(self) -> datetime:
-        """Date and time now, with time zone. The system may set it while `now_s` runs on; comparing the two shows by how much."""
+        """Date and time now, with time zone. The system may set it while `now_s` runs on;
+        comparing the two shows by how much.
+        """
         ...
 
     def wait_until(self, t_s: float) -> None:
@@ -85,7 +89,9 @@ MAX_CATCH_UP_S = 0.1
 
 
 class WatchedTwinClock(TwinClock):
-    """`TwinClock` for a live view: rig time passes at no more than `pace` times real time. The results are the same to the last bit."""
+    """`TwinClock` for a live view: rig time passes at no more than `pace` times real time. The
+    results are the same to the last bit.
+    """
 
     def __init__(self, pace: float = 1.0) -> None:
         super().__init__()
@@ -94,7 +100,9 @@ class WatchedTwinClock(TwinClock):
         self._behind_s = 0.0
 
     def wait_until(self, t_s: float) -> None:
-        """Advances, then waits for real time. A delayed simulation makes up at most 0.1 s, and stays late by the rest."""
+        """Advances, then waits for real time. A delayed simulation makes up at most 0.1 s, and
+        stays late by the rest.
+        """
         super().wait_until(t_s)
         due_s = t_s / self._pace
         self._behind_s = max(self._behind_s, self._wall.now_s() - due_s - MAX_CATCH_UP_S)

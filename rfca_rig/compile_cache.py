@@ -1,9 +1,9 @@
 """Compiled code on disk for the next process.
 
-The compiler's own cache trusts its files: one that is empty, cut or exchanged raises an error wherever the function is first called, or
-runs the wrong code. Here each entry is a file that begins with a hash of what it is for and of its content. An entry that does not
-match, or cannot be read, counts as none: the function is compiled again and the entry replaced.
-"""
+The compiler's own cache trusts its files: one that is empty, cut or exchanged raises an error
+wherever the function is first called, or runs the wrong code. Here each entry is a file that begins
+with a hash of what it is for and of its content. An entry that does not match, or cannot be read,
+counts as none: the function is compiled again and the entry replaced."""
 
 import hashlib
 import logging
@@ -28,17 +28,23 @@ from numba.core.serialize import dumps
 
 SUFFIX = ".nbc"
 SEAL_BYTES = hashlib.sha256().digest_size
-# The largest entry of the package has 3 MB. Anything above is no entry, and is not read into memory.
+# The largest entry of the package has 3 MB. Anything above is no entry, and is not read into
+# memory.
 MAX_ENTRY_BYTES = 64 * 2**20
 # Code of another version may fit the function, but not the library that it calls.
-VERSIONS = f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__} numpy {np.__version__}"
+VERSIONS = (
+    f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__} numpy "
+    f"{np.__version__}"
+)
 
 _log = logging.getLogger(__name__)
 _was_reported = Event()
 
 
 class CodeCache(NullCache):
-    """Compiled code of one function, in a file for each signature. It replaces `_cache` of a function that numba compiles."""
+    """Compiled code of one function, in a file for each signature. It replaces `_cache` of a
+    function that numba compiles.
+    """
 
     def __init__(self, function: Callable[..., object], folder: Path) -> None:
         self._function = function
@@ -49,12 +55,17 @@ class CodeCache(NullCache):
         return str(self._folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        # What the code of functions with arrays of their own refers to. The compiler's own library of functions, which takes 0.2 s to
-        # import, is not needed before something must be compiled.
+        # What the code of functions with arrays of their own refers to. The compiler's own library
+        # of functions, which takes 0.2 s to import, is not needed before something must be
+        # compiled.
         cast(Any, rtsys).initialize(target_context)
         path, purpose = self._entry_of(sig, target_context.codegen())
         content = _read_entry(path, purpose)
-        return None if content is None else cast(Any, CompileResult)._rebuild(target_context, *pickle.loads(content))
+        return (
+            None
+            if content is None
+            else cast(Any, CompileResult)._rebuild(target_context, *pickle.loads(content))
+        )
 
     def save_overload(self, sig: Any, cres: Any) -> None:
         # Such code refers to addresses of this process.
@@ -65,7 +76,10 @@ class CodeCache(NullCache):
         try:
             _write_entry(path, _seal(purpose, content) + content)
         except OSError as error:
-            _report_once(f"compiled code cannot be kept, so the next program compiles it again: {path.parent}: {error.strerror}")
+            _report_once(
+                "compiled code cannot be kept, so the next program compiles it again: "
+                f"{path.parent}: {error.strerror}"
+            )
 
     def _entry_of(self, sig: Any, codegen: Any) -> tuple[Path, bytes]:
         """The file of the entry, and all that its code depends on."""
@@ -80,7 +94,9 @@ class CodeCache(NullCache):
                 cast(bytes, cast(Any, dumps)(values)) if values else b"",
             )
         )
-        name = f"{self._function.__module__}.{self._function.__qualname__}".removeprefix("rfca_rig.").replace("<locals>", "locals")
+        name = f"{self._function.__module__}.{self._function.__qualname__}".removeprefix(
+            "rfca_rig."
+        ).replace("<locals>", "locals")
         return self._folder / f"{name}-{hashlib.sha256(purpose).hexdigest()[:16]}{SUFFIX}", purpose
 
 
@@ -106,7 +122,9 @@ def _read_entry(path: Path, purpose: bytes) -> bytes | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        _report_once(f"compiled code cannot be read and is compiled again: {path}: {error.strerror}")
+        _report_once(
+            f"compiled code cannot be read and is compiled again: {path}: {error.strerror}"
+        )
         return None
     _report_once(f"compiled code was damaged and is compiled again: {path}")
     return None

@@ -1,11 +1,11 @@
 """Every error a user can meet. One line each: what, where, the limit, what to do next.
 
 RigError                    exit code 1: the work could not be done
-├── BadInput                exit code 2: a file, an option or a plan is not usable; nothing was changed
+├── BadInput                exit code 2: a file, option or plan is not usable; nothing was changed
 ├── DeviceError             exit code 1: a motor or sensor did not do what was asked
 │   └── BadReading          a device reports numbers that cannot be true
 ├── SimulationFailed        exit code 1: the model could not be computed for these values
-├── DiskFull                exit code 1: the disk takes no more; what was acknowledged before is safe
+├── DiskFull                exit code 1: the disk is full; what was acknowledged before is safe
 ├── Tripped                 exit code 3: a limit stopped the motion
 ├── WornOut                 exit code 4: the leg's stiffness drifted beyond what the protocol allows
 └── Stopped                 exit code 130: the operator stopped the run
@@ -16,9 +16,15 @@ from enum import StrEnum
 TRIP = "TRIP "  # what a trip's text begins with, by which it is known again in a recording
 
 # Of a process or thread that the system refuses to start, in one text wherever that happens.
-NO_MORE_PROCESSES = "the system allows no further process or thread; end other programs, or raise the limit (ulimit -u)"
+NO_MORE_PROCESSES = (
+    "the system allows no further process or thread; end other programs, or raise the limit "
+    "(ulimit -u)"
+)
 # Of a computer on which only IPv6 is set up.
-NO_SUCH_ADDRESS = "this computer has no such address; for 127.0.0.1 set up its loopback interface: sudo ip addr add 127.0.0.1/8 dev lo"
+NO_SUCH_ADDRESS = (
+    "this computer has no such address; for 127.0.0.1 set up its loopback interface: sudo ip "
+    "addr add 127.0.0.1/8 dev lo"
+)
 
 
 class Trip(StrEnum):
@@ -60,7 +66,9 @@ class RigError(Exception):
 
 
 class BadInput(RigError):
-    """Something the user wrote cannot be used. Names the file, line and column where there are any."""
+    """Something the user wrote cannot be used. Names the file, line and column where there are
+    any.
+    """
 
     exit_code = 2
 
@@ -70,7 +78,9 @@ class DeviceError(RigError):
 
 
 class BadReading(DeviceError):
-    """A device reports numbers that cannot be true, several times in a row. Within a run this is a trip with a code of its own."""
+    """A device reports numbers that cannot be true, several times in a row. Within a run this is
+    a trip with a code of its own.
+    """
 
 
 class SimulationFailed(RigError):
@@ -78,11 +88,15 @@ class SimulationFailed(RigError):
 
 
 class DiskFull(RigError):
-    """The disk takes no more. A run that meets it has its motor off; what was recorded until then is kept."""
+    """The disk takes no more. A run that meets it has its motor off; what was recorded until
+    then is kept.
+    """
 
 
 class Tripped(RigError):
-    """Something measured passed its limit. The motor is off; what was recorded until then is kept."""
+    """Something measured passed its limit. The motor is off; what was recorded until then is
+    kept.
+    """
 
     exit_code = 3
 
@@ -93,7 +107,9 @@ class Tripped(RigError):
 
 
 class WornOut(RigError):
-    """A fatigue run came to its end: the leg is no longer as stiff as it was. The motor is off; what was recorded is kept."""
+    """A fatigue run came to its end: the leg is no longer as stiff as it was. The motor is off;
+    what was recorded is kept.
+    """
 
     exit_code = 4
 

@@ -1,13 +1,14 @@
 """The paper's mechanics, equation by equation: (1) to (19).
 
-Plain functions of numpy arrays in SI units. Angles count from the horizontal downwards, the first coordinate runs along the floor and the
-second down. Where the simulation uses an equation, the function here calls the same code. Misprints of the
-paper are corrected, and each docstring says so. `docs/mechanics.md` has an example of each.
+Plain functions of numpy arrays in SI units. Angles count from the horizontal downwards, the first
+coordinate runs along the floor and the second down. Where the simulation uses an equation, the
+function here calls the same code. Misprints of the paper are corrected, and each docstring says so.
+`docs/mechanics.md` has an example of each.
 
 References
 ----------
-"A Type of Actuator with Large Deformation and Load Capacity: Design and Modeling", equations (1) to (19).
-"""
+"A Type of Actuator with Large Deformation and Load Capacity: Design and Modeling", equations (1) to
+(19)."""
 
 from collections.abc import Callable
 
@@ -109,7 +110,8 @@ def curvature_per_m(slope: Floats, second_derivative_per_m: Floats) -> Floats:
 
 
 def small_slope_error(angle_rad: Floats) -> Floats:
-    """Relative error of |y''| as an estimate of the curvature, where the line has this angle: sec^3 - 1.
+    """Relative error of |y''| as an estimate of the curvature, where the line has this angle: sec^3
+    - 1.
 
     Parameters
     ----------
@@ -130,7 +132,8 @@ def small_slope_error(angle_rad: Floats) -> Floats:
 def small_slope_limit_rad(share: float = 0.1) -> float:
     """Angle beyond which |y''| exceeds the curvature by more than a share of it.
 
-    For a tenth this is 0.251 rad; where the error is counted as a share of |y''| it is 0.263 rad. The paper says 0.27 rad.
+    For a tenth this is 0.251 rad; where the error is counted as a share of |y''| it is 0.263 rad.
+    The paper says 0.27 rad.
 
     Parameters
     ----------
@@ -192,7 +195,9 @@ def spring_energy_J(stiffness_Nm_per_rad: Floats, phi_rad: Floats) -> float:
     return float(0.5 * np.sum(np.asarray(stiffness_Nm_per_rad) * np.asarray(phi_rad) ** 2))
 
 
-def bend_held_strip(EI_Nm2: float, length_m: float, stations_m: Floats, angles_rad: Floats, elements: int = 400) -> Bent:
+def bend_held_strip(
+    EI_Nm2: float, length_m: float, stations_m: Floats, angles_rad: Floats, elements: int = 400
+) -> Bent:
     """Shape of least energy (7) of a strip whose tangent angles are prescribed at some stations.
 
     Parameters
@@ -220,7 +225,8 @@ def bend_held_strip(EI_Nm2: float, length_m: float, stations_m: Floats, angles_r
     """
     mesh, nodes = mesh_through(EI_Nm2, length_m, np.asarray(stations_m), elements)
     angles = np.asarray(angles_rad, dtype=np.float64)
-    # No force on the free end. Between stations the exact angles are near linear, and beyond them constant.
+    # No force on the free end. Between stations the exact angles are near linear, and beyond them
+    # constant.
     return bend(mesh, Holds(nodes, angles), np.zeros(2), np.interp(mesh.s_m, stations_m, angles))
 
 
@@ -246,8 +252,11 @@ def discrete_bending_energy_J(EI_Nm2: float, length_m: float, theta_rad: Floats)
     return float(0.5 * theta @ (even_mesh(EI_Nm2, length_m, theta.size - 1).stiffness @ theta))
 
 
-def second_difference(energy_J: Callable[[Floats], float], phi_rad: Floats, step_rad: float = 1e-2) -> Floats:
-    """Equivalent stiffness of each hinge: central second differences of an energy, an error of second order in the step.
+def second_difference(
+    energy_J: Callable[[Floats], float], phi_rad: Floats, step_rad: float = 1e-2
+) -> Floats:
+    """Equivalent stiffness of each hinge: central second differences of an energy, an error of
+    second order in the step.
 
     Parameters
     ----------
@@ -269,10 +278,15 @@ def second_difference(energy_J: Callable[[Floats], float], phi_rad: Floats, step
     phi = np.asarray(phi_rad, dtype=np.float64)
     middle, steps = energy_J(phi), step_rad * np.eye(phi.size)
     # One hinge at a time: the diagonal of the stiffness matrix, as the paper defines K_i.
-    return np.array([energy_J(phi + step) - 2.0 * middle + energy_J(phi - step) for step in steps]) / step_rad**2
+    return (
+        np.array([energy_J(phi + step) - 2.0 * middle + energy_J(phi - step) for step in steps])
+        / step_rad**2
+    )
 
 
-def solve_held_contact(mass: Floats, force: Floats, jacobian: Floats, jacobian_rate_times_speed: Floats) -> tuple[Floats, Floats]:
+def solve_held_contact(
+    mass: Floats, force: Floats, jacobian: Floats, jacobian_rate_times_speed: Floats
+) -> tuple[Floats, Floats]:
     """Accelerations and contact forces of a mechanism whose ends are held on a rigid floor.
 
     Parameters
@@ -285,8 +299,8 @@ def solve_held_contact(mass: Floats, force: Floats, jacobian: Floats, jacobian_r
     Returns
     -------
     tuple
-        Accelerations (n,), and lambda (c,) as in (15), M q'' + J_y^T lambda = F. Where J_y counts downwards, the floor would have to pull
-        for a lambda below 0.
+        Accelerations (n,), and lambda (c,) as in (15), M q'' + J_y^T lambda = F. Where J_y counts
+        downwards, the floor would have to pull for a lambda below 0.
 
     References
     ----------
@@ -296,7 +310,9 @@ def solve_held_contact(mass: Floats, force: Floats, jacobian: Floats, jacobian_r
     n, held = M.shape[0], J.shape[0]
     # The saddle-point matrix is symmetric but not definite, so a general solver is needed.
     matrix = np.block([[M, J.T], [J, np.zeros((held, held))]])
-    z = np.linalg.solve(matrix, np.concatenate([np.asarray(force), -np.atleast_1d(jacobian_rate_times_speed)]))
+    z = np.linalg.solve(
+        matrix, np.concatenate([np.asarray(force), -np.atleast_1d(jacobian_rate_times_speed)])
+    )
     return z[:n], z[n:]
 
 
@@ -328,13 +344,15 @@ def effective_modulus_Pa(E1_Pa: float, nu1: float, E2_Pa: float, nu2: float) -> 
     for name, nu in (("nu1", nu1), ("nu2", nu2)):
         if not -1.0 < nu <= 0.5:
             raise BadInput(
-                f"{name} {nu:g}: Poisson's ratio of an isotropic body is above -1 and at most 0.5; most plastics have 0.3 to 0.45"
+                f"{name} {nu:g}: Poisson's ratio of an isotropic body is above -1 and at "
+                "most 0.5; most plastics have 0.3 to 0.45"
             )
     return 1.0 / ((1.0 - nu1**2) / E1_Pa + (1.0 - nu2**2) / E2_Pa)
 
 
 def effective_radius_m(R1_m: float, R2_m: float = np.inf) -> float:
-    """Effective radius R of two spheres in contact; a plane has the radius infinity, a hollow a negative radius.
+    """Effective radius R of two spheres in contact; a plane has the radius infinity, a hollow a
+    negative radius.
 
     Parameters
     ----------
@@ -351,9 +369,13 @@ def effective_radius_m(R1_m: float, R2_m: float = np.inf) -> float:
         For a first radius that is not above 0, or a hollow that is not wider than the sphere in it.
     """
     _check_positive("R1_m", R1_m)
-    # A hollow must be wider than the sphere in it, or it touches along a rim instead of a point. `not` also catches NaN.
+    # A hollow must be wider than the sphere in it, or it touches along a rim instead of a point.
+    # `not` also catches NaN.
     if R2_m == 0.0 or not 1.0 / R1_m + 1.0 / R2_m > 0.0:
-        raise BadInput(f"R2_m {R2_m:g}: must be above 0, or below -R1_m = {-R1_m:g} for a hollow that is wider than the sphere")
+        raise BadInput(
+            f"R2_m {R2_m:g}: must be above 0, or below -R1_m = {-R1_m:g} for a hollow "
+            "that is wider than the sphere"
+        )
     return 1.0 / (1.0 / R1_m + 1.0 / R2_m)
 
 
@@ -365,7 +387,8 @@ def contact_radius_m(radius_m: float, depth_m: float) -> float:
     Parameters
     ----------
     radius_m, depth_m
-        R from `effective_radius_m`, and the approach of the bodies; 0 or less where they do not touch.
+        R from `effective_radius_m`, and the approach of the bodies; 0 or less where they do not
+        touch.
 
     Returns
     -------
@@ -382,7 +405,10 @@ def contact_radius_m(radius_m: float, depth_m: float) -> float:
     """
     _check_positive("radius_m", radius_m)
     if not depth_m <= radius_m:
-        raise BadInput(f"depth_m {depth_m:g}: is above the radius, {radius_m:g} m; Hertz's law holds for depths well below it")
+        raise BadInput(
+            f"depth_m {depth_m:g}: is above the radius, {radius_m:g} m; Hertz's law holds "
+            "for depths well below it"
+        )
     return float(np.sqrt(radius_m * max(depth_m, 0.0)))
 
 
@@ -413,7 +439,8 @@ def contact_stiffness_N_per_m1p5(modulus_Pa: float, radius_m: float) -> float:
 
 
 def contact_pressure_Pa(r_m: Floats, modulus_Pa: float, radius_m: float, depth_m: float) -> Floats:
-    """Pressure at distances from the middle of the contact: p_0 sqrt(1 - r^2 / a^2), p_0 = 2 E' a / (pi R), and 0 beyond a.
+    """Pressure at distances from the middle of the contact: p_0 sqrt(1 - r^2 / a^2), p_0 = 2 E' a /
+    (pi R), and 0 beyond a.
 
     Parameters
     ----------
@@ -444,7 +471,8 @@ def contact_pressure_Pa(r_m: Floats, modulus_Pa: float, radius_m: float, depth_m
 
 
 def coulomb_friction_N(speed_m_s: Floats, normal_N: Floats, coefficient: float) -> Floats:
-    """Friction of a sliding contact in the direction of the speed; it acts against it. 0 at rest, where (19) applies.
+    """Friction of a sliding contact in the direction of the speed; it acts against it. 0 at rest,
+    where (19) applies.
 
     Parameters
     ----------
@@ -464,7 +492,9 @@ def coulomb_friction_N(speed_m_s: Floats, normal_N: Floats, coefficient: float) 
     return np.asarray(coefficient * np.abs(normal_N) * np.sign(speed_m_s))
 
 
-def stick_friction_N(speed_m_s: float, applied_N: float, static_N: float, kinetic_N: float) -> float:
+def stick_friction_N(
+    speed_m_s: float, applied_N: float, static_N: float, kinetic_N: float
+) -> float:
     """Friction of a contact that sticks as long as the applied force stays below `static_N`.
 
     Parameters
@@ -480,9 +510,10 @@ def stick_friction_N(speed_m_s: float, applied_N: float, static_N: float, kineti
 
     References
     ----------
-    Equation (19). The simulation treats stick as a state, with a compliant tie: `rfca_rig.model.kernel.contact.tangential_force`.
-    """
-    # Exactly zero, as in (19): this function evaluates the equation and is no law for an integrator.
+    Equation (19). The simulation treats stick as a state, with a compliant tie:
+    `rfca_rig.model.kernel.contact.tangential_force`."""
+    # Exactly zero, as in (19): this function evaluates the equation and is no law for an
+    # integrator.
     if speed_m_s != 0.0:
         return float(kinetic_N * np.sign(speed_m_s))
     return applied_N if abs(applied_N) < static_N else float(static_N * np.sign(applied_N))

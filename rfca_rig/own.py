@@ -1,4 +1,6 @@
-"""Plug-in API: what device files and device packages of a lab import. See docs/add-a-motor.md and docs/add-a-force-sensor.md."""
+"""Plug-in API: what device files and device packages of a lab import. See docs/add-a-motor.md
+and docs/add-a-force-sensor.md.
+"""
 
 from rfca_rig.devices import MotorMake, SensorMake
 from rfca_rig.devices.sections import ForceSensorKeys, MotorKeys, SerialSensorKeys, SpeedDriveKeys

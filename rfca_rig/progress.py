@@ -21,7 +21,9 @@ def ignore_progress(_done: int, _of: int) -> None:
 
 
 def iterate_with_progress(items: Sequence[T], report_progress: ProgressCount) -> Iterator[T]:
-    """Yields the items. Before each, and after the last, `report_progress` is called with the number done and the total."""
+    """Yields the items. Before each, and after the last, `report_progress` is called with the
+    number done and the total.
+    """
     for number, item in enumerate(items):
         report_progress(number, len(items))
         yield item

@@ -1,11 +1,12 @@
 """Helper processes beside the one that runs a rig.
 
-`multiprocessing` would import the main program's file again in the new process. A script that moves a rig without a `__main__` guard
-would then open the rig twice. Therefore a new interpreter is started, connected to this one by a socket pair.
+`multiprocessing` would import the main program's file again in the new process. A script that moves
+a rig without a `__main__` guard would then open the rig twice. Therefore a new interpreter is
+started, connected to this one by a socket pair.
 
-With `-m` or `-c` alone, Python would search the current folder before its own library: a `numpy.py` in a stranger's folder would run. Every
-interpreter is started with `python_command`, or within `safe_path` where another library starts it.
-"""
+With `-m` or `-c` alone, Python would search the current folder before its own library: a `numpy.py`
+in a stranger's folder would run. Every interpreter is started with `python_command`, or within
+`safe_path` where another library starts it."""
 
 import os
 import select
@@ -27,13 +28,17 @@ def can_be_started() -> bool:
 
 
 def python_command(*arguments: str, python: str = sys.executable) -> list[str]:
-    """The command that runs Python with these arguments, and imports nothing from the current folder."""
+    """The command that runs Python with these arguments, and imports nothing from the current
+    folder.
+    """
     return [python, "-P", *arguments]
 
 
 @contextmanager
 def safe_path() -> Iterator[None]:
-    """Within it, interpreters that other libraries start import nothing from the current folder: workers, and multiprocessing's tracker."""
+    """Within it, interpreters that other libraries start import nothing from the current folder:
+    workers, and multiprocessing's tracker.
+    """
     before = os.environ.get(SAFE_PATH_VARIABLE)
     os.environ[SAFE_PATH_VARIABLE] = "1"
     try:
@@ -52,13 +57,15 @@ Helper = tuple[subprocess.Popen[bytes], Connection]
 def start(module: str) -> Helper:
     """Starts a helper process, which waits for its assignment.
 
-    The process has its own session, so that neither ^C nor a closed terminal reaches it. `module` runs as a program; its argument is
-    the number of its socket, over which it receives the assignment. Not on Windows, where processes cannot inherit a socket.
-    """
+    The process has its own session, so that neither ^C nor a closed terminal reaches it. `module`
+    runs as a program; its argument is the number of its socket, over which it receives the
+    assignment. Not on Windows, where processes cannot inherit a socket."""
     own_end, child_end = socket.socketpair()
     with child_end:
         command = python_command("-m", module, str(child_end.fileno()))
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[child_end.fileno()], start_new_session=True)
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, pass_fds=[child_end.fileno()], start_new_session=True
+        )
     return process, Connection(own_end.detach())
 
 
@@ -72,13 +79,13 @@ def spawn(module: str, assignment: object) -> Helper:
 class HelperWatch:
     """Notices at every tick of the control loop that a helper process has ended, however it ended.
 
-    The system closes the sockets of a process that ends, and reports that of the other end as hung up. Looking costs about a
-    microsecond and receives nothing.
-    """
+    The system closes the sockets of a process that ends, and reports that of the other end as hung
+    up. Looking costs about a microsecond and receives nothing."""
 
     def __init__(self) -> None:
         self._poll: select.poll | None = None
-        # With the connections, which must stay open: their numbers would be those of other files otherwise.
+        # With the connections, which must stay open: their numbers would be those of other files
+        # otherwise.
         self._watched: dict[int, tuple[Connection, str]] = {}
 
     def add(self, connection: Connection, reason: str) -> None:

@@ -6,14 +6,20 @@ from pathlib import Path
 
 from rfca_rig.escaping import printable
 
-# Characters of a message, ten rows of a terminal, and of a word in it: a path in a deep folder is whole, a cell of 100 kB is not.
+# Characters of a message, ten rows of a terminal, and of a word in it: a path in a deep folder is
+# whole, a cell of 100 kB is not.
 LONGEST_LINE = 800
 LONGEST_WORD = 200
 
 
 def in_one_line(text: str) -> str:
-    """The text as one printable line: what a file or an option holds, however long, does not hide the message about it."""
-    words = (word if len(word) <= LONGEST_WORD else f"{word[:80]}...{word[-40:]}" for word in printable(text).split())
+    """The text as one printable line: what a file or an option holds, however long, does not
+    hide the message about it.
+    """
+    words = (
+        word if len(word) <= LONGEST_WORD else f"{word[:80]}...{word[-40:]}"
+        for word in printable(text).split()
+    )
     line = " ".join(words)
     return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 3]}..."
 
@@ -26,10 +32,18 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 
 def not_there(path: Path) -> str:
-    """That there is no such file or folder, and what is called nearly so; else the command that lists runs."""
-    siblings = [one.name for one in path.absolute().parent.iterdir()] if path.absolute().parent.is_dir() else []
+    """That there is no such file or folder, and what is called nearly so; else the command that
+    lists runs.
+    """
+    siblings = (
+        [one.name for one in path.absolute().parent.iterdir()]
+        if path.absolute().parent.is_dir()
+        else []
+    )
     near = _near(path.name, siblings)
-    return f"{path}: is not there; " + (f"did you mean {path.parent / near}?" if near else "rfca-rig runs lists what was recorded")
+    return f"{path}: is not there; " + (
+        f"did you mean {path.parent / near}?" if near else "rfca-rig runs lists what was recorded"
+    )
 
 
 def _near(name: str, known: Iterable[str]) -> str:

@@ -1,4 +1,5 @@
-"""Reads a TOML file into a pydantic model, and turns any fault into a message of one line. `Section` is the base class of its tables.
+"""Reads a TOML file into a pydantic model, and turns any fault into a message of one line.
+`Section` is the base class of its tables.
 
 Also writes TOML that people can read: tables of plain values. `escaping` writes its comments.
 """
@@ -15,7 +16,16 @@ from stat import S_ISDIR, S_ISREG
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import CoreSchema, ErrorDetails
 
 from rfca_rig.errors import BadInput
@@ -26,27 +36,35 @@ if TYPE_CHECKING:
 
 Key = tuple[str | int, ...]
 
-# A full parser is not needed: the text was read by tomllib before, and a wrong line only makes a message less precise.
+# A full parser is not needed: the text was read by tomllib before, and a wrong line only makes a
+# message less precise.
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]")
-_ASSIGNMENT = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_ASSIGNMENT = re.compile(
+    r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*="""
+)
 
 Model = TypeVar("Model", bound=BaseModel)
 Dataclass = TypeVar("Dataclass", bound="DataclassInstance")
 
-# Of a file that people write. The largest one in use, a laboratory's own effect with tables, has some 100 kB.
+# Of a file that people write. The largest one in use, a laboratory's own effect with tables, has
+# some 100 kB.
 MOST_BYTES = 4_000_000
-# The deepest of our files has four. For each level of a dotted key, tomllib keeps the whole way to it.
+# The deepest of our files has four. For each level of a dotted key, tomllib keeps the whole way to
+# it.
 MOST_LEVELS = 32
 _KEY_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-_DEEP_KEY = re.compile(rf"(?:^|[{{,\[])\s*+(?:{_KEY_PART}[ \t]*+\.[ \t]*+){{{MOST_LEVELS}}}", re.MULTILINE)
+_DEEP_KEY = re.compile(
+    rf"(?:^|[{{,\[])\s*+(?:{_KEY_PART}[ \t]*+\.[ \t]*+){{{MOST_LEVELS}}}", re.MULTILINE
+)
 # Of faults in one file that are put into words; only the first is reported.
 MOST_FAULTS = 200
 
 # Digits after the point; the error of any fitted value is far larger.
 DECIMALS = 7
 
-# In the unit of the key. The largest of a rig is a contact stiffness, 1e5 to 1e10 N/m^1.5. The smallest that must be above 0 is an inertia,
-# 1e-9 kg m^2 of a needle. Squares, products and quotients of a few such numbers stay finite.
+# In the unit of the key. The largest of a rig is a contact stiffness, 1e5 to 1e10 N/m^1.5. The
+# smallest that must be above 0 is an inertia, 1e-9 kg m^2 of a needle. Squares, products and
+# quotients of a few such numbers stay finite.
 SMALLEST, LARGEST = 1e-30, 1e15
 
 
@@ -61,7 +79,8 @@ NotNegative = Annotated[float, Field(ge=0)]
 
 
 def line_of(text: str, key: Key) -> int | None:
-    """Line, from 1, of the key, or of the nearest enclosing table that has a line of its own; None for the whole file.
+    """Line, from 1, of the key, or of the nearest enclosing table that has a line of its own; None
+    for the whole file.
 
     `key` counts entries of `[[...]]` from 0: ("runs", 3, "height_mm").
     """
@@ -90,7 +109,9 @@ def _parts(dotted: str) -> Key:
 
 
 def _table(parts: Key, is_entry: bool, entries: dict[Key, int]) -> Key:
-    """The header's key with the index of each `[[...]]` that contains it; `entries` holds the latest index of each and is updated."""
+    """The header's key with the index of each `[[...]]` that contains it; `entries` holds the
+    latest index of each and is updated.
+    """
     table: Key = ()
     for place, part in enumerate(parts):
         table += (part,)
@@ -102,20 +123,34 @@ def _table(parts: Key, is_entry: bool, entries: dict[Key, int]) -> Key:
 
 
 def degrees_key(key: str) -> str | None:
-    """The key in which the same angle may be written in degrees: start_angle_deg for start_angle_rad. None for other keys."""
+    """The key in which the same angle may be written in degrees: start_angle_deg for
+    start_angle_rad. None for other keys.
+    """
     stem = key.removesuffix("_rad")
     # N m/rad and the like are no angles.
     return None if stem == key or stem.endswith("_per") else f"{stem}_deg"
 
 
 def degrees_keys(model: type[BaseModel]) -> dict[str, str]:
-    """Each key of `model` that holds an angle in radians, with its key in degrees, unless that has a meaning of its own."""
-    pairs = {key: degrees_key(key) for key, field in model.model_fields.items() if _is_number(field.annotation)}
-    return {key: twin for key, twin in pairs.items() if twin is not None and twin not in model.model_fields}
+    """Each key of `model` that holds an angle in radians, with its key in degrees, unless that
+    has a meaning of its own.
+    """
+    pairs = {
+        key: degrees_key(key)
+        for key, field in model.model_fields.items()
+        if _is_number(field.annotation)
+    }
+    return {
+        key: twin
+        for key, twin in pairs.items()
+        if twin is not None and twin not in model.model_fields
+    }
 
 
 def _is_number(annotation: Any) -> bool:
-    """Whether a field holds one number, which may be absent; the name of a column, as angle1_rad, is none."""
+    """Whether a field holds one number, which may be absent; the name of a column, as
+    angle1_rad, is none.
+    """
     if typing.get_origin(annotation) is tuple:
         return False
     return annotation is float or any(_is_number(each) for each in typing.get_args(annotation))
@@ -124,8 +159,8 @@ def _is_number(annotation: Any) -> bool:
 class Section(BaseModel):
     """A table in a file: no unknown keys, no text where a number is expected, no NaN.
 
-    An angle whose key ends in `_rad` may be written in degrees, under the same key with `_deg`; recordings hold radians.
-    """
+    An angle whose key ends in `_rad` may be written in degrees, under the same key with `_deg`;
+    recordings hold radians."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -139,7 +174,9 @@ class Section(BaseModel):
             if in_degrees not in data:
                 continue
             if key in data:
-                raise ValueError(f"{key} and {in_degrees} both state one angle; leave one of them out")
+                raise ValueError(
+                    f"{key} and {in_degrees} both state one angle; leave one of them out"
+                )
             value = converted.pop(in_degrees)
             # Anything else is refused under its own key as no number.
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -147,12 +184,20 @@ class Section(BaseModel):
         return converted
 
     def to_dataclass(self, kind: type[Dataclass], **others: Any) -> Dataclass:
-        """An object of `kind`: `others`, and the values of the fields that the table has under the same names."""
-        same = {one.name: getattr(self, one.name) for one in fields(kind) if one.name in type(self).model_fields}
+        """An object of `kind`: `others`, and the values of the fields that the table has under
+        the same names.
+        """
+        same = {
+            one.name: getattr(self, one.name)
+            for one in fields(kind)
+            if one.name in type(self).model_fields
+        }
         return kind(**(same | others))
 
     @classmethod
-    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
         """The schema for editors, with the keys in degrees beside those in radians."""
         schema = handler(core_schema)
         table = handler.resolve_ref_schema(schema)
@@ -188,8 +233,8 @@ def _floats_in(value: Any) -> Iterator[float]:
 def read_toml(path: Path, model: type[Model]) -> Model:
     """Read the file as `model`.
 
-    Raises BadInput `FILE:LINE: key: what is wrong` for a file that is missing, not UTF-8, not TOML, or not valid for `model`.
-    """
+    Raises BadInput `FILE:LINE: key: what is wrong` for a file that is missing, not UTF-8, not TOML,
+    or not valid for `model`."""
     return model_of(read_text(path), model, path)
 
 
@@ -199,7 +244,9 @@ def read_data(path: Path) -> dict[str, Any]:
 
 
 def model_of(text: str, model: type[Model], path: Path) -> Model:
-    """Validate a text that was, or might have been, at `path`. Raises BadInput as `read_toml` does."""
+    """Validate a text that was, or might have been, at `path`. Raises BadInput as `read_toml`
+    does.
+    """
     data = _parse(text, path)
     try:
         return model.model_validate(data)
@@ -209,14 +256,18 @@ def model_of(text: str, model: type[Model], path: Path) -> Model:
 
 
 def section_of(text: str, name: str, model: type[Model], path: Path) -> Model:
-    """Validate the table `name` of a text from `path`, which was read before, as a `model` of its own, with the same messages."""
+    """Validate the table `name` of a text from `path`, which was read before, as a `model` of
+    its own, with the same messages.
+    """
     data = _parse(text, path)[name]
     try:
         return model.model_validate(data)
     except ValidationError as error:
         fault, more = _first_fault(error, model, data)
         shown = f"{name}.{fault.text}" if fault.key else f"{name}: {fault.text}"
-        raise BadInput(f"{_place(path, line_of(text, (name, *fault.key)))}: {shown}{more}") from None
+        raise BadInput(
+            f"{_place(path, line_of(text, (name, *fault.key)))}: {shown}{more}"
+        ) from None
 
 
 def validate(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
@@ -229,21 +280,28 @@ def validate(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
 
 
 def place_of(path: Path, key: Key) -> str:
-    """FILE:LINE of a key in a file that was read before; for faults that only show in comparison with other files."""
+    """FILE:LINE of a key in a file that was read before; for faults that only show in comparison
+    with other files.
+    """
     return _place(path, line_of(read_text(path), key))
 
 
-def read_text(path: Path, most_bytes: int = MOST_BYTES, way_out: str = "give a smaller file") -> str:
+def read_text(
+    path: Path, most_bytes: int = MOST_BYTES, way_out: str = "give a smaller file"
+) -> str:
     """Read the file as UTF-8 text without a byte-order mark.
 
-    Raises BadInput where there is no such file or text, for devices and pipes, which may never end, and for more than `most_bytes`.
-    """
+    Raises BadInput where there is no such file or text, for devices and pipes, which may never end,
+    and for more than `most_bytes`."""
     try:
         found = path.stat()
         if not (S_ISREG(found.st_mode) or S_ISDIR(found.st_mode)):
             raise BadInput(f"{path}: is a device or a pipe; give a file")
         if found.st_size > most_bytes:
-            raise BadInput(f"{path}: has {found.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:.0f} MB are the most; {way_out}")
+            raise BadInput(
+                f"{path}: has {found.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:.0f} "
+                f"MB are the most; {way_out}"
+            )
         content = path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
@@ -252,26 +310,38 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES, way_out: str = "give a s
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise BadInput(f"{path}:{line}: byte 0x{content[error.start]:02x} is not UTF-8 text; save the file as UTF-8") from None
+        raise BadInput(
+            f"{path}:{line}: byte 0x{content[error.start]:02x} is not UTF-8 text; save "
+            "the file as UTF-8"
+        ) from None
 
 
 def _parse(text: str, path: Path) -> dict[str, Any]:
     if deep := _DEEP_KEY.search(text):
         line = text.count("\n", 0, deep.end()) + 1
-        raise BadInput(f"{path}:{line}: a key has more than {MOST_LEVELS} parts; no key of these files needs more than a few levels")
+        raise BadInput(
+            f"{path}:{line}: a key has more than {MOST_LEVELS} parts; no key of these "
+            "files needs more than a few levels"
+        )
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise BadInput(f"{path}: is nested too deeply; no key of these files needs more than a few levels") from None
+        raise BadInput(
+            f"{path}: is nested too deeply; no key of these files needs more than a few levels"
+        ) from None
     except tomllib.TOMLDecodeError as error:
         located = re.match(r"(.*) \(at line (\d+), column (\d+)\)$", str(error))
         if located:
-            raise BadInput(f"{path}:{located[2]}: not TOML at column {located[3]}: {_lower(located[1])}") from None
+            raise BadInput(
+                f"{path}:{located[2]}: not TOML at column {located[3]}: {_lower(located[1])}"
+            ) from None
         # Without a position in its message, the fault is at the end of the text.
         raise BadInput(f"{path}:{len(text.splitlines())}: not TOML: {_lower(str(error))}") from None
     # Python's own limit, of the digits of a whole number.
     except ValueError as error:
-        raise BadInput(f"{path}: holds a number that cannot be read: {_lower(str(error).partition(';')[0])}") from None
+        raise BadInput(
+            f"{path}: holds a number that cannot be read: {_lower(str(error).partition(';')[0])}"
+        ) from None
 
 
 def _place(path: Path, line: int | None) -> str:
@@ -291,7 +361,11 @@ class _Fault:
             known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]}, data)
             close = difflib.get_close_matches(str(self.key[-1]), known, n=1, cutoff=0.7)
             self.likely = close[0] if close else None
-            message = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {', '.join(known) or 'none'}"
+            message = (
+                f"unknown key; did you mean {self.likely}?"
+                if self.likely
+                else f"unknown key; known are {', '.join(known) or 'none'}"
+            )
         self.text = f"{_format_key(self.key)}: {message}" if self.key else message
 
 
@@ -311,7 +385,8 @@ _IN_WORDS = {
 
 
 def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> tuple[_Fault, str]:
-    """The fault to report, and the number of others. An unknown key comes before all others, because it often explains them.
+    """The fault to report, and the number of others. An unknown key comes before all others,
+    because it often explains them.
 
     A key that is missing only because it was misspelt counts as one fault, not two.
     """
@@ -357,13 +432,25 @@ def _plain(error: ErrorDetails) -> str:
     if error["type"] in _IN_WORDS:
         message = _IN_WORDS[error["type"]].format(**error.get("ctx", {}))
     else:
-        message = _lower(error["msg"].removeprefix("Value error, ").replace("Input should be", "should be"))
-    return f"{message}, not {error['input']!r}" if isinstance(error["input"], str | int | float) else message
+        message = _lower(
+            error["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
+        )
+    return (
+        f"{message}, not {error['input']!r}"
+        if isinstance(error["input"], str | int | float)
+        else message
+    )
 
 
 def _to_degrees(error: ErrorDetails) -> ErrorDetails:
-    """The error of an angle that was written in degrees and checked in radians, with its limits and the value as in the file."""
-    limits = {name: f"{math.degrees(limit):.4g}" for name, limit in error.get("ctx", {}).items() if isinstance(limit, int | float)}
+    """The error of an angle that was written in degrees and checked in radians, with its limits
+    and the value as in the file.
+    """
+    limits = {
+        name: f"{math.degrees(limit):.4g}"
+        for name, limit in error.get("ctx", {}).items()
+        if isinstance(limit, int | float)
+    }
     if not limits:
         return error
     message = error["msg"]
@@ -377,7 +464,9 @@ def _lower(text: str) -> str:
 
 
 class SelectedByData:
-    """Base class of an annotation of a table whose section its own content selects, without being a union."""
+    """Base class of an annotation of a table whose section its own content selects, without
+    being a union.
+    """
 
     def section_of(self, data: Mapping[str, Any]) -> type[BaseModel] | None:
         """The class of the section that `data` selects, None where it selects none."""
@@ -385,23 +474,39 @@ class SelectedByData:
 
 
 def _keys_at(table: Key, model: type[BaseModel], tags: set[str], data: Any) -> list[str]:
-    """Keys that `model` has in that table of `data`, in the order of declaration; for a union those of the member that `tags` select."""
+    """Keys that `model` has in that table of `data`, in the order of declaration; for a union
+    those of the member that `tags` select.
+    """
     here = [model]
     for part in table:
         data = data[part]
         if isinstance(part, str):
             fields = [outer.model_fields[part] for outer in here if part in outer.model_fields]
-            selected = [mark.section_of(data) for field in fields for mark in field.metadata if isinstance(mark, SelectedByData)]
-            inner = [one for one in selected if one] or [one for field in fields for one in _models_in(field.annotation)]
+            selected = [
+                mark.section_of(data)
+                for field in fields
+                for mark in field.metadata
+                if isinstance(mark, SelectedByData)
+            ]
+            inner = [one for one in selected if one] or [
+                one for field in fields for one in _models_in(field.annotation)
+            ]
             # Of a union such as [force_sensor], only the keys of the chosen device are suggested.
             here = [member for member in inner if tags & _tags_of(member)] or inner
     keys = (field.alias or name for found in here for name, field in found.model_fields.items())
-    return list(dict.fromkeys((*keys, *(key for found in here for key in degrees_keys(found).values()))))
+    return list(
+        dict.fromkeys((*keys, *(key for found in here for key in degrees_keys(found).values())))
+    )
 
 
 def _tags_of(model: type[BaseModel]) -> set[str]:
     """The words by which a union may select the model."""
-    return {str(word) for field in model.model_fields.values() for word in typing.get_args(field.annotation) if isinstance(word, str)}
+    return {
+        str(word)
+        for field in model.model_fields.values()
+        for word in typing.get_args(field.annotation)
+        if isinstance(word, str)
+    }
 
 
 def _models_in(annotation: Any) -> Iterable[type[BaseModel]]:
@@ -413,13 +518,25 @@ def _models_in(annotation: Any) -> Iterable[type[BaseModel]]:
 
 def table(name: str, keys: Mapping[str, Any]) -> str:
     """[name] with its keys; keys with the value None are omitted."""
-    return f"[{name}]\n" + "".join(f"{toml_key(key)} = {format_value(value)}\n" for key, value in keys.items() if value is not None)
+    return f"[{name}]\n" + "".join(
+        f"{toml_key(key)} = {format_value(value)}\n"
+        for key, value in keys.items()
+        if value is not None
+    )
 
 
 def format_value(value: Any) -> str:
     """A value in TOML syntax; mappings become inline tables."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{toml_key(key)} = {format_value(inner)}" for key, inner in value.items() if inner is not None) + " }"
+        return (
+            "{ "
+            + ", ".join(
+                f"{toml_key(key)} = {format_value(inner)}"
+                for key, inner in value.items()
+                if inner is not None
+            )
+            + " }"
+        )
     if isinstance(value, list | tuple):
         return "[" + ", ".join(format_value(inner) for inner in value) + "]"
     # Before int: a bool is an int in Python.
@@ -431,6 +548,12 @@ def format_value(value: Any) -> str:
 
 
 def _number(value: float) -> str:
-    """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
+    """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy
+    gives.
+    """
     is_scientific = value != 0.0 and not 1e-3 <= abs(value) < 1e5
-    return str(np.format_float_scientific(value, DECIMALS, trim="0") if is_scientific else round(value, DECIMALS))
+    return str(
+        np.format_float_scientific(value, DECIMALS, trim="0")
+        if is_scientific
+        else round(value, DECIMALS)
+    )

@@ -1,4 +1,6 @@
-"""A damaged entry of the compile cache is compiled again; it neither stops a program nor runs other code."""
+"""A damaged entry of the compile cache is compiled again; it neither stops a program nor runs
+other code.
+"""
 
 import os
 import pickle
@@ -124,15 +126,22 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
     **{f"cut at {percent} %": cut(percent / 100) for percent in range(3, 100, 3)},
     **{f"a bit flipped at {percent} %": flip_bit(percent / 100) for percent in range(0, 101, 4)},
     **{f"zeros at {percent} %": blank(percent / 100) for percent in range(0, 100, 5)},
-    **{f"{size} random bytes": write(random.Random(size).randbytes(size)) for size in (1, 2, 31, 32, 33, 100, 512, 4096, 65536, 1_000_000)},
+    **{
+        f"{size} random bytes": write(random.Random(size).randbytes(size))
+        for size in (1, 2, 31, 32, 33, 100, 512, 4096, 65536, 1_000_000)
+    },
     "bytes added": lambda entry: entry.write_bytes(entry.read_bytes() + b"\0"),
     "twice its content": lambda entry: entry.write_bytes(2 * entry.read_bytes()),
     "text": write(b"not compiled code\n"),
     "zeros alone": write(bytes(5000)),
     "a pickle that runs code": write(pickle.dumps(Executing())),
     "a pickle that ends at once": write(b"\x80\x05."),
-    "a pickle behind a wrong seal": lambda entry: entry.write_bytes(bytes(32) + entry.read_bytes()[32:]),
-    "the code of another function": lambda entry: shutil.copyfile(entry_in(entry.parent, add_two), entry),
+    "a pickle behind a wrong seal": lambda entry: entry.write_bytes(
+        bytes(32) + entry.read_bytes()[32:]
+    ),
+    "the code of another function": lambda entry: shutil.copyfile(
+        entry_in(entry.parent, add_two), entry
+    ),
     "the code of another version": write_as_of_another_version,
     "too large": lambda entry: os.truncate(entry, 300 * 2**30),
     "a folder": replace(Path.mkdir),
@@ -199,7 +208,9 @@ def link_to_itself(folder: Path) -> None:
     folder.symlink_to(folder.name)
 
 
-@pytest.mark.parametrize("make", [make_file, link_to_itself, os.mkfifo], ids=["file", "link to itself", "pipe"])
+@pytest.mark.parametrize(
+    "make", [make_file, link_to_itself, os.mkfifo], ids=["file", "link to itself", "pipe"]
+)
 def test_a_folder_that_cannot_be_one_costs_a_compilation_and_a_line(tmp_path, make, caplog):
     folder = tmp_path / "cache"
     make(folder)
@@ -208,7 +219,9 @@ def test_a_folder_that_cannot_be_one_costs_a_compilation_and_a_line(tmp_path, ma
 
 
 @pytest.mark.parametrize("refused", ["stat", "read_bytes", "mkdir", "write_bytes"])
-def test_a_cache_without_permission_costs_a_compilation_and_a_line(intact, tmp_path, refused, monkeypatch, caplog):
+def test_a_cache_without_permission_costs_a_compilation_and_a_line(
+    intact, tmp_path, refused, monkeypatch, caplog
+):
     folder = tmp_path / "cache"
     shutil.copytree(intact, folder)
     if refused == "write_bytes":
@@ -245,28 +258,43 @@ def test_a_program_goes_on_over_a_damaged_cache(tmp_path):
     (entry,) = tmp_path.rglob("*.nbc")
     for damage in (cut(0.0), cut(0.5), write(b"text"), replace(Path.mkdir), replace(os.mkfifo)):
         damage(entry)
-        done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=300)
+        done = subprocess.run(
+            command, env=environment, check=True, capture_output=True, text=True, timeout=300
+        )
         assert done.stdout == ""
         assert done.stderr.count("\n") == 1
         assert "compiled again" in done.stderr
-    assert subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stderr == ""
+    assert (
+        subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stderr
+        == ""
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not is_warm(), reason="a copy of a folder with the compiled model is damaged, and none is compiled yet")
-@pytest.mark.parametrize("damage", [cut(0.0), cut(0.5), replace(Path.mkdir)], ids=["emptied", "cut in half", "folder"])
+@pytest.mark.skipif(
+    not is_warm(),
+    reason="a copy of a folder with the compiled model is damaged, and none is compiled yet",
+)
+@pytest.mark.parametrize(
+    "damage", [cut(0.0), cut(0.5), replace(Path.mkdir)], ids=["emptied", "cut in half", "folder"]
+)
 def test_a_command_goes_on_over_a_damaged_cache(tmp_path, damage):
     copied = tmp_path / Path(CACHE_FOLDER).name
     shutil.copytree(CACHE_FOLDER, copied, ignore=shutil.ignore_patterns("laws", "*.tmp"))
     command = [sys.executable, "-m", "rfca_rig", "predict", "--height", "215", "--speed", "2.433"]
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    expected = subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+    expected = subprocess.run(
+        command, env=environment, check=True, capture_output=True, text=True
+    ).stdout
     (entry,) = copied.glob("model.kernel.forces.measure-*.nbc")
     damage(entry)
     done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
     assert done.stdout == expected
     assert done.stderr.splitlines() == [f"compiled code was damaged and is compiled again: {entry}"]
-    assert subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stderr == ""
+    assert (
+        subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stderr
+        == ""
+    )
 
 
 def test_a_file_that_ends_too_early_is_not_taken_for_an_operator(monkeypatch, capsys):

@@ -1,4 +1,6 @@
-"""Whatever a name is, it stays a name in every language that is written: property tests over the writers."""
+"""Whatever a name is, it stays a name in every language that is written: property tests over the
+writers.
+"""
 
 import ast
 import csv
@@ -62,7 +64,10 @@ HOSTILE = (
     "a\rb",
 )
 # Half of a surrogate pair can be in no file of UTF-8, so that no reader gives one.
-ANY_NAME = st.one_of(st.sampled_from(HOSTILE), st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=40))
+ANY_NAME = st.one_of(
+    st.sampled_from(HOSTILE),
+    st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=40),
+)
 ONE_LINE = ANY_NAME.map(lambda name: " ".join(name.split()) or "x")
 
 
@@ -82,7 +87,10 @@ def test_python_reads_the_same_from_a_docstring(name):
 
 @hostile_names
 def test_toml_reads_the_same(name):
-    assert tomllib.loads(f"a = {toml_string(name)}\n{toml_key(name)} = 1\n") == {"a": name, **{name: 1}}
+    assert tomllib.loads(f"a = {toml_string(name)}\n{toml_key(name)} = 1\n") == {
+        "a": name,
+        **{name: 1},
+    }
     nested = {"names": [name, {name: name}]}
     assert tomllib.loads(table("all", nested))["all"] == nested
     assert tomllib.loads(f"{toml_comment(name)}a = {format_value([name])}\n") == {"a": [name]}
@@ -116,9 +124,17 @@ def plant(tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "model.xml"
     path.write_text(MODEL.format(joint="hinge", actuator="motor"), encoding="utf-8")
     plant = make_plant(load_mechanism(path), 1e-3)
-    law = JointLaw(0, by_speed=True, knots=np.array([-1.0, 1.0]), values=np.array([0.1, 0.2]), branches=np.zeros(2))
+    law = JointLaw(
+        0,
+        by_speed=True,
+        knots=np.array([-1.0, 1.0]),
+        values=np.array([0.1, 0.2]),
+        branches=np.zeros(2),
+    )
     one = np.array([0.1])
-    return replace(plant, laws=(law,), stribeck=(one, one, one), hysteresis=(one, one), load_loss=one)
+    return replace(
+        plant, laws=(law,), stribeck=(one, one, one), hysteresis=(one, one), load_loss=one
+    )
 
 
 BEYOND = (
@@ -132,7 +148,13 @@ BEYOND = (
 
 def _laws(plant, folder: Path, name: str) -> str:
     mechanism = replace(plant.mechanism, joints=(name,), actuators=(name,))
-    write_laws(replace(plant, mechanism=mechanism), BEYOND, folder / "laws.py", [f"found in {name}"], "model.xml")
+    write_laws(
+        replace(plant, mechanism=mechanism),
+        BEYOND,
+        folder / "laws.py",
+        [f"found in {name}"],
+        "model.xml",
+    )
     return (folder / "laws.py").read_bytes().decode("utf-8")
 
 
@@ -163,7 +185,9 @@ def test_a_draft_names_columns_and_joints(plant, tmp_path_factory, time, name):
         rows = csv.writer(file)
         rows.writerow([time, name])
         rows.writerows([[k, 1.0] for k in range(30)])
-    mechanism = replace(plant.mechanism, joints=(name,), actuators=(name,), path=folder / "model.xml")
+    mechanism = replace(
+        plant.mechanism, joints=(name,), actuators=(name,), path=folder / "model.xml"
+    )
     try:
         text = make_draft(mechanism, folder, {"CSV": [folder / "a.csv"]})
     except BadInput:
@@ -171,14 +195,29 @@ def test_a_draft_names_columns_and_joints(plant, tmp_path_factory, time, name):
     written = tomllib.loads(text)
     assert [signal["joint"] for signal in written["signals"] if "joint" in signal] == [name, name]
     assert [command["actuator"] for command in written["commands"]] == [name]
-    assert set(written) == {"format", "title", "model", "time", "signals", "commands", "known_to", "recordings"}
+    assert set(written) == {
+        "format",
+        "title",
+        "model",
+        "time",
+        "signals",
+        "commands",
+        "known_to",
+        "recordings",
+    }
     assert set(written["known_to"]) == {"mass_relative", "zero_offset_deg", "torque_error_relative"}
 
 
 @hostile_names
 def test_model_files_keep_comments_and_texts(tmp_path_factory, name):
     path = tmp_path_factory.getbasetemp() / "pendulum.toml"
-    link = PendulumLink(length_m=0.5, mass_kg=1.0, centre_of_mass_m=0.3, inertia_kg_m2=0.1, joint_damping_Nm_s_per_rad=0.01)
+    link = PendulumLink(
+        length_m=0.5,
+        mass_kg=1.0,
+        centre_of_mass_m=0.3,
+        inertia_kg_m2=0.1,
+        joint_damping_Nm_s_per_rad=0.01,
+    )
     write_pendulum_model(path, Pendulum((link,)), {}, [name])
     assert set(tomllib.loads(path.read_bytes().decode())) == {"format", "link1", "known_to"}
     sections = {"leg": {"title": name}, "ground": {}, "sensor": {}, "drive": {}}
@@ -229,7 +268,10 @@ def _elements(text: str) -> list[str]:
 @pytest.mark.parametrize("sign", ['"', "'", "`", "\n", "\t", "\x7f", "\x85", "\u202e", "\u2028"])
 def test_a_model_with_unusable_names_is_refused(tmp_path, kind, sign):
     names = {"joint": "hinge", "actuator": "motor", kind: f"left{sign}knee"}
-    quoted = {key: "".join(f"&#{ord(one)};" if not one.isalnum() else one for one in name) for key, name in names.items()}
+    quoted = {
+        key: "".join(f"&#{ord(one)};" if not one.isalnum() else one for one in name)
+        for key, name in names.items()
+    }
     (tmp_path / "model.xml").write_text(MODEL.format(**quoted), encoding="utf-8")
     with pytest.raises(BadInput) as refused:
         load_mechanism(tmp_path / "model.xml")

@@ -14,7 +14,9 @@ from tests.trip_pages import form
 
 ROOT = Path(__file__).parents[1]
 RIG, MECHANISM = "from-your-rig-to-a-diagnosis", "from-a-model-file-to-a-diagnosis"
-GUIDES = {name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in (RIG, MECHANISM)}
+GUIDES = {
+    name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in (RIG, MECHANISM)
+}
 GUIDE = GUIDES[RIG]
 BLOCK = re.compile(
     r"(?:<!-- file: (?P<file>\S+) -->\n```toml\n(?P<content>.*?)```)"
@@ -25,7 +27,9 @@ BLOCK = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """Commands that stand together, and what is shown of what they print; or a file with its content."""
+    """Commands that stand together, and what is shown of what they print; or a file with its
+    content.
+    """
 
     commands: Sequence[str]
     shown: Sequence[str]
@@ -80,7 +84,9 @@ def plain(text: str) -> str:
 
 @pytest.mark.parametrize(("name", "short", "long"), [(RIG, 6, 5), (MECHANISM, 4, 2)])
 def test_a_tutorial_has_blocks_of_both_kinds(name, short, long):
-    assert [sum(block.is_long is kind for block in read_blocks(GUIDES[name])) for kind in (False, True)] == [short, long]
+    assert [
+        sum(block.is_long is kind for block in read_blocks(GUIDES[name])) for kind in (False, True)
+    ] == [short, long]
 
 
 @pytest.mark.parametrize("name", [RIG, pytest.param(MECHANISM, marks=pytest.mark.slow)])
@@ -101,5 +107,12 @@ def test_the_pages_that_it_leads_to_are_there():
 
 
 def test_every_verdict_has_its_line():
-    for verdict in ("IDENTIFIED", "MOSTLY", "FAMILY", "NOTHING MISSING", "UNEXPLAINED", "NOT ENOUGH DATA"):
+    for verdict in (
+        "IDENTIFIED",
+        "MOSTLY",
+        "FAMILY",
+        "NOTHING MISSING",
+        "UNEXPLAINED",
+        "NOT ENOUGH DATA",
+    ):
         assert f"| `{verdict}` |" in GUIDE

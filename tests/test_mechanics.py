@@ -1,4 +1,6 @@
-"""The examples of docs/mechanics.md, and what they do not show: limits, and equations against each other."""
+"""The examples of docs/mechanics.md, and what they do not show: limits, and equations against
+each other.
+"""
 
 import doctest
 import inspect
@@ -19,16 +21,23 @@ PAGE = Path(__file__).parents[1] / "docs" / "mechanics.md"
 
 
 def test_the_examples_of_the_page_run():
-    found = doctest.testfile(str(PAGE), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE)
+    found = doctest.testfile(
+        str(PAGE), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE
+    )
     assert found.attempted > 40
     assert found.failed == 0
 
 
 @pytest.mark.parametrize("number", range(1, 20))
 def test_every_equation_has_a_function_and_an_example(number):
-    assert any(number in equations_of(inspect.getdoc(getattr(mechanics, name)) or "") for name in mechanics.__all__)
+    assert any(
+        number in equations_of(inspect.getdoc(getattr(mechanics, name)) or "")
+        for name in mechanics.__all__
+    )
     # Beside the headings, which name ranges
-    assert f"({number})" in "\n".join(line for line in PAGE.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+    assert f"({number})" in "\n".join(
+        line for line in PAGE.read_text(encoding="utf-8").splitlines() if not line.startswith("#")
+    )
 
 
 def equations_of(docstring):
@@ -51,7 +60,9 @@ def test_the_small_slope_error_is_that_of_the_curvature():
 
 
 def test_a_shape_under_a_tip_force_has_the_least_energy():
-    """Springs, weight and the force's potential, minimised by scipy without the statics' own equations."""
+    """Springs, weight and the force's potential, minimised by scipy without the statics' own
+    equations.
+    """
     chain, shaft, force = mechanics.tip_chain_of(PAPER.leg), 0.4, np.array([3.0, -25.0])
     found = mechanics.equilibrium_under_tip_force(chain, shaft, force)
 
@@ -59,10 +70,16 @@ def test_a_shape_under_a_tip_force_has_the_least_energy():
         phi = np.append(shaft, hinges)
         angles = np.cumsum(phi)
         middles = np.cumsum(chain.L * np.sin(angles)) - 0.5 * chain.L * np.sin(angles)
-        springs = 0.5 * PAPER.leg.k0_Nm_per_rad * np.sum(hinges**2 + 0.5 * PAPER.leg.k2_per_rad2 * hinges**4)
+        springs = (
+            0.5
+            * PAPER.leg.k0_Nm_per_rad
+            * np.sum(hinges**2 + 0.5 * PAPER.leg.k2_per_rad2 * hinges**4)
+        )
         end = np.array([np.sum(chain.L * np.cos(angles)), np.sum(chain.L * np.sin(angles))])
         end[1] += chain.tip_radius_m
-        turned = -chain.tip_radius_m * angles[-1]  # the force acts on the lowest point of a round end
+        turned = (
+            -chain.tip_radius_m * angles[-1]
+        )  # the force acts on the lowest point of a round end
         return springs - 9.81 * chain.mass @ middles - force @ end - force[0] * turned
 
     least = minimize(potential, np.zeros(6), method="BFGS", options={"gtol": 1e-9})
@@ -70,14 +87,21 @@ def test_a_shape_under_a_tip_force_has_the_least_energy():
 
 
 def test_a_held_contact_is_that_of_the_rigid_floor():
-    """(15) as printed, without friction, against the floor of the constrained stroke, whose shaft is free here."""
+    """(15) as printed, without friction, against the floor of the constrained stroke, whose
+    shaft is free here.
+    """
     links = mechanics.link_chain_of(PAPER.leg)
     floor = RigidFloor(DrivenChain(links, (KnownTorque(lambda _: 0.0),) * 7), 0.2, 0.0, 0.0)
     x = np.concatenate([np.linspace(0.4, 0.1, 7), np.zeros(7)])
     phi = x[:7]
     accelerations, normal = floor.touching(0.0, x, 0.0)
-    drift = -(300.0**2) * floor.depths(phi)[-1]  # Baumgarte's term, which the equation does not have
-    M, F = mechanics.mass_matrix(links, phi), mechanics.right_side_Nm(links, phi, np.zeros(7), np.zeros(7), mechanics.no_loads(7))
+    drift = (
+        -(300.0**2) * floor.depths(phi)[-1]
+    )  # Baumgarte's term, which the equation does not have
+    M, F = (
+        mechanics.mass_matrix(links, phi),
+        mechanics.right_side_Nm(links, phi, np.zeros(7), np.zeros(7), mechanics.no_loads(7)),
+    )
     mine, contact = mechanics.solve_held_contact(M, F, floor.J_y(phi), [-drift])
     assert mine == pytest.approx(accelerations, rel=1e-9)
     assert contact[0] == pytest.approx(normal, rel=1e-9)
@@ -85,7 +109,10 @@ def test_a_held_contact_is_that_of_the_rigid_floor():
 
 @pytest.mark.parametrize("depth", [1e-5, 1e-4])
 def test_the_pressure_carries_the_normal_force(depth):
-    E, R = mechanics.effective_modulus_Pa(2.75e9, 0.38, 3.2e9, 0.37), mechanics.effective_radius_m(3e-3, 0.02)
+    E, R = (
+        mechanics.effective_modulus_Pa(2.75e9, 0.38, 3.2e9, 0.37),
+        mechanics.effective_radius_m(3e-3, 0.02),
+    )
     r = np.linspace(0.0, 2.0 * mechanics.contact_radius_m(R, depth), 40001)
     carried = np.trapezoid(2.0 * np.pi * r * mechanics.contact_pressure_Pa(r, E, R, depth), r)
     stiffness = mechanics.contact_stiffness_N_per_m1p5(E, R)

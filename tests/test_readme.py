@@ -1,4 +1,6 @@
-"""What README, commands, model and library pages say is so: commands run, snippets run, figures are the model's."""
+"""What README, commands, model and library pages say is so: commands run, snippets run, figures
+are the model's.
+"""
 
 import json
 import os
@@ -19,7 +21,9 @@ if sys.platform != "win32":
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-COMMANDS, MODEL, LIBRARY = ((ROOT / "docs" / name).read_text() for name in ("commands.md", "model.md", "library.md"))
+COMMANDS, MODEL, LIBRARY = (
+    (ROOT / "docs" / name).read_text() for name in ("commands.md", "model.md", "library.md")
+)
 
 
 def block(mark: str, text: str = README) -> str:
@@ -50,14 +54,19 @@ def test_the_commands_run_as_written(clone, monkeypatch, capsys):
 def test_the_next_five_minutes_are_as_shown(clone, monkeypatch, capsys):
     """All but the view, which goes on until somebody ends it."""
     exit_codes = {"doctor": (0, 1), "dynamic": (3,)}
-    shown = " ".join(re.search(r"```text\n(SIM flap .*?TRIP.*?)\n```", README, re.DOTALL)[1].split())
+    shown = " ".join(
+        re.search(r"```text\n(SIM flap .*?TRIP.*?)\n```", README, re.DOTALL)[1].split()
+    )
     for line in block("minutes").splitlines():
         program, *words = shlex.split(line)
         if program == "rfca-rig" and words[0] != "view":
             said = typed(monkeypatch, capsys, *words)
             assert said.exit_code in exit_codes.get(words[0], (0,)), line
             if words[0] == "dynamic":
-                assert all(" ".join(told.split()) in " ".join(said.err.split()) for told in shown.split(" ... "))
+                assert all(
+                    " ".join(told.split()) in " ".join(said.err.split())
+                    for told in shown.split(" ... ")
+                )
 
 
 @dataclass(frozen=True)
@@ -70,7 +79,9 @@ class WholeJob:
 
 
 def do_whole_job(tmp_path_factory) -> WholeJob:
-    """Does the README's job, once for all tests of a session, in whichever process; its diagnosis takes a minute."""
+    """Does the README's job, once for all tests of a session, in whichever process; its
+    diagnosis takes a minute.
+    """
     place = tmp_path_factory.getbasetemp()
     # The folder of each process of pytest-xdist stands in that of the session.
     folder = (place.parent if "PYTEST_XDIST_WORKER" in os.environ else place) / "whole-job"
@@ -81,23 +92,40 @@ def do_whole_job(tmp_path_factory) -> WholeJob:
         if not said.is_file():
             run, diagnose = (shlex.split(part) for part in block("job").split("&&")[-2:])
             assert run[0] == diagnose[0] == ".venv/bin/rfca-rig"
-            said.write_text(json.dumps([asdict(typed_in(folder, *words)) for words in (run[1:], diagnose[1:])]))
+            said.write_text(
+                json.dumps([asdict(typed_in(folder, *words)) for words in (run[1:], diagnose[1:])])
+            )
     return WholeJob(folder, *(Said(**one) for one in json.loads(said.read_text())))
 
 
 @pytest.mark.slow
-def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(tmp_path_factory, monkeypatch, capsys):
+def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(
+    tmp_path_factory, monkeypatch, capsys
+):
     job = do_whole_job(tmp_path_factory)
     monkeypatch.chdir(job.folder)
     assert job.ran.exit_code == 0
     assert Path("report", "report.html").stat().st_size > 100_000
-    shown = re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", README).groups()
-    assert re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", job.ran.err).groups() == shown
+    shown = re.search(
+        r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", README
+    ).groups()
+    assert (
+        re.search(
+            r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", job.ran.err
+        ).groups()
+        == shown
+    )
     assert job.diagnosed.exit_code == 0
-    assert job.diagnosed.out.splitlines()[:2] == re.search(r"```text\n(IDENTIFIED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
+    assert (
+        job.diagnosed.out.splitlines()[:2]
+        == re.search(r"```text\n(IDENTIFIED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
+    )
     (effect,) = json.loads(Path("diagnosis", "diagnosis.json").read_text())["effects"]
     assert effect["id"] == "motor_speed_droop"
-    assert typed(monkeypatch, capsys, "runs", "--verdict", "motor_speed_droop", "--paths").out == "runs/SIM-table-ii-001\n"
+    assert (
+        typed(monkeypatch, capsys, "runs", "--verdict", "motor_speed_droop", "--paths").out
+        == "runs/SIM-table-ii-001\n"
+    )
     for name, true in (("kp_Nm_s_per_rad", 8.0), ("ki_Nm_per_rad", 60.0)):
         found = effect["parameters"][name]
         assert found["value"] == pytest.approx(true, rel=0.06)
@@ -111,7 +139,11 @@ def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(tmp_
 def test_the_snippet_of_the_library_runs(clone):
     names: dict[str, object] = {}
     exec(snippet(LIBRARY), names)
-    assert len(names["measured"]) > 1000 and len(names["table"]) == 1 and (clone / "report" / "report.html").is_file()
+    assert (
+        len(names["measured"]) > 1000
+        and len(names["table"]) == 1
+        and (clone / "report" / "report.html").is_file()
+    )
 
 
 def test_the_readme_is_short_and_its_sentences_are_too():
@@ -129,7 +161,9 @@ def test_every_link_of_the_readme_leads_somewhere():
 
 def test_both_set_up_commands_start_from_nothing_but_python():
     for mark in ("job", "test"):
-        assert block(mark).startswith("python3 -m venv .venv && .venv/bin/pip install -q --no-compile -c constraints.txt -e ")
+        assert block(mark).startswith(
+            "python3 -m venv .venv && .venv/bin/pip install -q --no-compile -c constraints.txt -e "
+        )
 
 
 def test_the_model_s_column_of_table_2_is_what_the_model_says():
@@ -146,6 +180,8 @@ def test_constraints_name_no_host_and_pin_every_dependency():
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     assert all(re.fullmatch(r"[A-Za-z0-9_.-]+==[A-Za-z0-9_.+!-]+", line) for line in lines)
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines}
-    wanted = re.findall(r'^    "([A-Za-z0-9-]+)[><=]', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    wanted = re.findall(
+        r'^    "([A-Za-z0-9-]+)[><=]', (ROOT / "pyproject.toml").read_text(), re.MULTILINE
+    )
     assert wanted
     assert {name.lower() for name in wanted} <= pinned

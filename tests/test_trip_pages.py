@@ -41,7 +41,9 @@ def test_a_page_is_short_and_the_index_leads_to_it(code):
 
 @pytest.mark.parametrize("code", sorted(set(CODES) - BY_HAND))
 def test_an_example_is_made_by_a_fault_that_ends_so(code):
-    """That the line is what the program says then, `runner_faults.test_fault_table` sees, which runs every fault."""
+    """That the line is what the program says then, `runner_faults.test_fault_table` sees, which
+    runs every fault.
+    """
     assert CAUSES[page_of(code).fault].ends == code
 
 
@@ -74,24 +76,38 @@ class LosingItsMind(Sensor):
 def said_of_a_sensor_without_numbers(_tmp_path):
     clock = TwinClock()
     motor, plan = Motor(clock), one_condition(twin_rig())
-    run_plan(plan, Bench(motor, LosingItsMind(clock), motor, clock, is_real=False), Nowhere(), lambda _: None)
+    run_plan(
+        plan,
+        Bench(motor, LosingItsMind(clock), motor, clock, is_real=False),
+        Nowhere(),
+        lambda _: None,
+    )
 
 
-OTHERS = [("L-05", said_of_full_speed), ("C-02", said_of_a_slow_disk), ("S-07", said_of_a_sensor_without_numbers)]
+OTHERS = [
+    ("L-05", said_of_full_speed),
+    ("C-02", said_of_a_slow_disk),
+    ("S-07", said_of_a_sensor_without_numbers),
+]
 
 
 @pytest.mark.parametrize(("code", "act"), OTHERS)
 def test_the_other_examples_are_what_the_program_says(code, act, tmp_path):
     with pytest.raises(Tripped) as tripped:
         act(tmp_path)
-    said, shown = (re.sub(r"under \S+ is", "under FOLDER is", text) for text in (str(tripped.value), page_of(code).line))
+    said, shown = (
+        re.sub(r"under \S+ is", "under FOLDER is", text)
+        for text in (str(tripped.value), page_of(code).line)
+    )
     assert form(said) == form(shown)
 
 
 def test_the_keys_that_a_page_names_are_keys_of_a_rig_file():
     limits = set(twin_rig().limits.model_dump())
     for code in CODES:
-        named = set(re.findall(r"`(\w+_(?:N|Nm|ms|deg|degC|rad_s|s_per_rad))\b", page_of(code).text))
+        named = set(
+            re.findall(r"`(\w+_(?:N|Nm|ms|deg|degC|rad_s|s_per_rad))\b", page_of(code).text)
+        )
         others = {
             "tx_Nm",
             "encoder_msg_rate_ms",

@@ -1,4 +1,6 @@
-"""README and documents are read in a second language, at a bench: short sentences, and no words of our own."""
+"""README and documents are read in a second language, at a bench: short sentences, and no words
+of our own.
+"""
 
 import re
 from collections.abc import Iterator
@@ -10,7 +12,9 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted({*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")})
 MOST_WORDS = 25
 # What is no prose: front matter, code, comments, tables, quotes, addresses of links.
-NO_PROSE = re.compile(r"\A---\n(?s:.*?)\n---\n|```(?s:.*?)```|<!--(?s:.*?)-->|^ *[|>].*$|\]\([^)]*\)", re.MULTILINE)
+NO_PROSE = re.compile(
+    r"\A---\n(?s:.*?)\n---\n|```(?s:.*?)```|<!--(?s:.*?)-->|^ *[|>].*$|\]\([^)]*\)", re.MULTILINE
+)
 TABLES = re.compile(r"^ *\|.*$", re.MULTILINE)
 NEXT_BLOCK = re.compile(r"\n\s*\n|\n(?=\s*[-*] )|\n(?=\s*\d+\. )|\n(?=#)")
 # A colon and a semicolon end what a reader has to hold in mind.
@@ -65,10 +69,16 @@ def test_no_sentence_is_long(path):
 def test_words_are_those_of_the_field(path):
     text = path.read_text(encoding="utf-8")
     text = CODE.sub("", "\n".join((prose(text), *TABLES.findall(text))))
-    assert [(found[0], plain) for own, plain in OUR_OWN.items() for found in re.finditer(rf"\b(?:{own})\b", text, re.IGNORECASE)] == []
+    assert [
+        (found[0], plain)
+        for own, plain in OUR_OWN.items()
+        for found in re.finditer(rf"\b(?:{own})\b", text, re.IGNORECASE)
+    ] == []
 
 
 def test_what_is_counted_as_a_long_sentence():
     long = "word " * 26
-    assert [words(each) for each in sentences(prose(f"{long}. Short one: {long}\n\n- {long}\n- a\n"))] == [26, 2, 26, 26, 1]
+    assert [
+        words(each) for each in sentences(prose(f"{long}. Short one: {long}\n\n- {long}\n- a\n"))
+    ] == [26, 2, 26, 26, 1]
     assert [*sentences(prose(f"| {long} |\n> {long}\n```\n{long}\n```\n"))] == []

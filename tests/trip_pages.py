@@ -10,7 +10,9 @@ NUMBER = r"-?\d+(\.\d+)?"
 
 @dataclass(frozen=True)
 class Page:
-    """`line` is its example of what the program says, `fault` that of the fault table by which it was made; "" for none."""
+    """`line` is its example of what the program says, `fault` that of the fault table by which
+    it was made; "" for none.
+    """
 
     text: str
     line: str

@@ -1,4 +1,6 @@
-"""Waits for what another thread or process does, with patience for a machine that is busy with something else."""
+"""Waits for what another thread or process does, with patience for a machine that is busy with
+something else.
+"""
 
 import time
 from collections.abc import Callable

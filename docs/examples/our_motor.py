@@ -1,9 +1,10 @@
-"""A drive that speaks CANopen's profile for drives, CiA 402, as maxon, Nanotec, Faulhaber and others make them.
+"""A drive that speaks CANopen's profile for drives, CiA 402, as maxon, Nanotec, Faulhaber and
+others make them.
 
-Set in the drive, with its own tool: a velocity mode (3 or 9), speeds in 0.001 rpm (object 60A9h), heartbeats of node 127 watched
-(1016h: 127, 100 ms; the reaction to their loss, 6007h, a fault), and three messages: RPDO1 6040h 60FFh; TPDO1, every
-report_period_ms, 6041h 6064h 6077h; TPDO2, at the same rate, 606Ch 603Fh.
-"""
+Set in the drive, with its own tool: a velocity mode (3 or 9), speeds in 0.001 rpm (object 60A9h),
+heartbeats of node 127 watched (1016h: 127, 100 ms; the reaction to their loss, 6007h, a fault), and
+three messages: RPDO1 6040h 60FFh; TPDO1, every report_period_ms, 6041h 6064h 6077h; TPDO2, at the
+same rate, 606Ch 603Fh."""
 
 import struct
 from typing import Annotated
@@ -15,10 +16,25 @@ from rfca_rig.own import MotorKeys, Positive, Report, SpeedDrive
 
 HEARTBEAT_OF_THIS_COMPUTER = can.Message(arbitration_id=0x77F, data=[5], is_extended_id=False)
 MILLI_RPM = 60e3  # in a turn per second
-STATES = {0x40: "switch on disabled", 0x21: "ready to switch on", 0x23: "switched on", 0x27: "operation enabled", 0x07: "quick stop"}
+STATES = {
+    0x40: "switch on disabled",
+    0x21: "ready to switch on",
+    0x23: "switched on",
+    0x27: "operation enabled",
+    0x07: "quick stop",
+}
 STEPS = {0x40: 0x06, 0x21: 0x07, 0x23: 0x0F}  # from each state towards operation enabled
-ERRORS = {0x2310: "current too high", 0x3210: "supply voltage too high", 0x3220: "supply voltage too low"}
-ERRORS |= {0x4210: "drive too hot", 0x4310: "motor too hot", 0x7320: "position sensor", 0x8130: "heartbeat of this computer lost"}
+ERRORS = {
+    0x2310: "current too high",
+    0x3210: "supply voltage too high",
+    0x3220: "supply voltage too low",
+}
+ERRORS |= {
+    0x4210: "drive too hot",
+    0x4310: "motor too hot",
+    0x7320: "position sensor",
+    0x8130: "heartbeat of this computer lost",
+}
 
 
 class OurKeys(MotorKeys):
@@ -50,10 +66,15 @@ class OurMotor(SpeedDrive[OurKeys]):
         return self.control(0x00)
 
     def control(self, word, turns_s=0.0):
-        return [HEARTBEAT_OF_THIS_COMPUTER, self.frame(0x200 + self.keys.node_id, "<Hi", word, round(turns_s * MILLI_RPM))]
+        return [
+            HEARTBEAT_OF_THIS_COMPUTER,
+            self.frame(0x200 + self.keys.node_id, "<Hi", word, round(turns_s * MILLI_RPM)),
+        ]
 
     def frame(self, identifier, form, *values):
-        return can.Message(arbitration_id=identifier, data=struct.pack(form, *values), is_extended_id=False)
+        return can.Message(
+            arbitration_id=identifier, data=struct.pack(form, *values), is_extended_id=False
+        )
 
     def hear(self, message):
         kind, node = message.arbitration_id & 0x780, message.arbitration_id & 0x7F
@@ -68,10 +89,25 @@ class OurMotor(SpeedDrive[OurKeys]):
         return None
 
     def report(self, status, position, per_mille):
-        fault = f"error 0x{self.error:04X} ({ERRORS.get(self.error, 'see its manual')})" if status & 0x08 else None
-        state = "fault" if fault else STATES.get(status & 0x6F if status & 0x20 else status & 0x4F, f"0x{status:04x}")
+        fault = (
+            f"error 0x{self.error:04X} ({ERRORS.get(self.error, 'see its manual')})"
+            if status & 0x08
+            else None
+        )
+        state = (
+            "fault"
+            if fault
+            else STATES.get(status & 0x6F if status & 0x20 else status & 0x4F, f"0x{status:04x}")
+        )
         torque_Nm = 1e-3 * per_mille * self.keys.rated_torque_Nm
-        return Report(position / self.keys.counts_per_turn, self.speed / MILLI_RPM, torque_Nm, state == STATES[0x27], state, fault)
+        return Report(
+            position / self.keys.counts_per_turn,
+            self.speed / MILLI_RPM,
+            torque_Nm,
+            state == STATES[0x27],
+            state,
+            fault,
+        )
 
 
 MOTOR = OurKeys

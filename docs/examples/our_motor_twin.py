@@ -51,7 +51,9 @@ class OurTwin(SpeedDriveTwin):
         node, per_mille = self.keys.node_id, round(1e3 * torque_Nm / self.keys.rated_torque_Nm)
         limited = max(-32768, min(32767, per_mille))
         speed = struct.pack("<iH", round(60e3 * turns_s), self.fault)
-        position = struct.pack("<Hih", 0x0200 | self.state, round(turns * self.keys.counts_per_turn), limited)
+        position = struct.pack(
+            "<Hih", 0x0200 | self.state, round(turns * self.keys.counts_per_turn), limited
+        )
         return [self.frame(0x280 + node, speed), self.frame(0x180 + node, position)]
 
     def reboot(self):

@@ -1,8 +1,8 @@
 """A Bota Systems force-torque sensor (Rokubi, SensONE; serial, 460 800 bit/s).
 
-It measures 51 200 / n times a second, where n, the length of its filter, is 64 for 800 Hz. A record is 37 bytes: 0xAA, status,
-six values in N and N m, its clock in microseconds, its temperature, and a checksum (CRC-16/X-25).
-"""
+It measures 51 200 / n times a second, where n, the length of its filter, is 64 for 800 Hz. A record
+is 37 bytes: 0xAA, status, six values in N and N m, its clock in microseconds, its temperature, and
+a checksum (CRC-16/X-25)."""
 
 import struct
 from binascii import crc_hqx
@@ -31,8 +31,15 @@ class OurSensor(RecordStream[OurKeys]):
     clock_wraps_s = 2**32 * 1e-6
 
     def to_start(self):
-        filters = f"f,{self.keys.filter_length},0,0,1".encode()  # no chopping, no fast settling, no further filter
-        return [(b"C", b"r,0,C,0"), (b"c,0,1,0,4", b"r,0,c,0"), (filters, b"r,0,f,0"), (b"R", b"r,0,R,0")]
+        filters = (
+            f"f,{self.keys.filter_length},0,0,1".encode()
+        )  # no chopping, no fast settling, no further filter
+        return [
+            (b"C", b"r,0,C,0"),
+            (b"c,0,1,0,4", b"r,0,c,0"),
+            (filters, b"r,0,f,0"),
+            (b"R", b"r,0,R,0"),
+        ]
 
     def to_stop(self):
         return b"C"

@@ -1,7 +1,7 @@
 """Datagrams of a sensor, received by a separate process; a replacement for `UdpDatagrams`.
 
-`run_acquisition` is the main function of that process: it only copies records from the sensor's socket into the ring.
-"""
+`run_acquisition` is the main function of that process: it only copies records from the sensor's
+socket into the ring."""
 
 import signal
 import subprocess
@@ -36,7 +36,9 @@ MAX_REFUSED_PER_READ = 100
 
 @dataclass(frozen=True)
 class RecordSource:
-    """Address of the sensor; each datagram holds 1..`most_records` records of `record_bytes` bytes."""
+    """Address of the sensor; each datagram holds 1..`most_records` records of `record_bytes`
+    bytes.
+    """
 
     host: str
     port: int
@@ -46,7 +48,9 @@ class RecordSource:
 
 @dataclass(frozen=True)
 class AcquisitionAssignment:
-    """Source and destination of the records. `clock` is the parent's; its time is the same in both processes."""
+    """Source and destination of the records. `clock` is the parent's; its time is the same in
+    both processes.
+    """
 
     source: RecordSource
     ring_name: str
@@ -56,9 +60,9 @@ class AcquisitionAssignment:
 def run_acquisition(parent: Connection) -> None:
     """Receives its assignment from the parent, and runs until the parent sends None, or has ended.
 
-    Its first message is the granted receive buffer in bytes, or a text on why the sensor cannot be reached. Afterwards it forwards
-    the bytes that it is given, and reports an error as text, once until the next command. ^C is left to the parent.
-    """
+    Its first message is the granted receive buffer in bytes, or a text on why the sensor cannot be
+    reached. Afterwards it forwards the bytes that it is given, and reports an error as text, once
+    until the next command. ^C is left to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     assignment: AcquisitionAssignment = parent.recv()
     try:
@@ -78,7 +82,14 @@ def run_acquisition(parent: Connection) -> None:
 class RecordCopier:
     """Copies records from the socket to the ring, and commands of the parent to the socket."""
 
-    def __init__(self, source: RecordSource, datagrams: UdpDatagrams, ring: Ring, clock: WallClock, parent: Connection) -> None:
+    def __init__(
+        self,
+        source: RecordSource,
+        datagrams: UdpDatagrams,
+        ring: Ring,
+        clock: WallClock,
+        parent: Connection,
+    ) -> None:
         self._source = source
         self._datagrams = datagrams
         self._ring = ring
@@ -128,7 +139,9 @@ class RecordCopier:
             return False
         whole = [datagram for datagram in arrived if self._is_whole(datagram)]
         if whole:
-            records = np.frombuffer(b"".join(whole), np.uint8).reshape(-1, self._source.record_bytes)
+            records = np.frombuffer(b"".join(whole), np.uint8).reshape(
+                -1, self._source.record_bytes
+            )
             self._ring.write(self._clock.now_s(), records)
         return bool(arrived)
 
@@ -140,22 +153,28 @@ class RecordCopier:
         return False
 
 
-def start_acquisition(assignment: AcquisitionAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
+def start_acquisition(
+    assignment: AcquisitionAssignment,
+) -> tuple[subprocess.Popen[bytes], Connection]:
     """Starts the acquisition process; returns it and a connection to it."""
     return subprocesses.spawn(MODULE, assignment)
 
 
 class AcquiredDatagrams:
-    """Implements `drivers.datagrams.Datagrams` for one sensor. No record is lost, whatever this process does meanwhile.
+    """Implements `drivers.datagrams.Datagrams` for one sensor. No record is lost, whatever this
+    process does meanwhile.
 
-    `receive_all` returns the records in order, but not in their original datagrams: each returned one holds as many records as fit.
-    A datagram that was not whole records is replaced by zero bytes of the length of the latest such datagram. Views and recorders in
-    other processes attach to the ring by `ring_name`. The process ends with `close`, and by itself when this one dies.
+    `receive_all` returns the records in order, but not in their original datagrams: each returned
+    one holds as many records as fit. A datagram that was not whole records is replaced by zero
+    bytes of the length of the latest such datagram. Views and recorders in other processes attach
+    to the ring by `ring_name`. The process ends with `close`, and by itself when this one dies.
 
     Raises DeviceError if the host cannot be addressed.
     """
 
-    def __init__(self, source: RecordSource, clock: WallClock, ring_records: int = RING_RECORDS) -> None:
+    def __init__(
+        self, source: RecordSource, clock: WallClock, ring_records: int = RING_RECORDS
+    ) -> None:
         self._source = source
         self._peer = f"{source.host}:{source.port}"
         self._ring = Ring.create(ring_records, source.record_bytes)
@@ -163,16 +182,24 @@ class AcquiredDatagrams:
         self._refused = 0
         self.ring_name = self._ring.name
         try:
-            self._process, self._child = start_acquisition(AcquisitionAssignment(source, self.ring_name, clock))
+            self._process, self._child = start_acquisition(
+                AcquisitionAssignment(source, self.ring_name, clock)
+            )
         except OSError as error:
             self._ring.remove()
-            raise DeviceError(f"acquisition of {self._peer}: no process can be started: {error}") from error
+            raise DeviceError(
+                f"acquisition of {self._peer}: no process can be started: {error}"
+            ) from error
         self.receive_buffer_bytes = self._await_started()
 
     def _await_started(self) -> int:
         """Receive buffer in bytes that the process was granted: its first message."""
         try:
-            message = self._child.recv() if self._child.poll(STARTED_WITHIN_S) else f"it did not start within {STARTED_WITHIN_S:g} s"
+            message = (
+                self._child.recv()
+                if self._child.poll(STARTED_WITHIN_S)
+                else f"it did not start within {STARTED_WITHIN_S:g} s"
+            )
         except EOFError:
             message = "it ended before it began"
         if isinstance(message, int):
@@ -187,14 +214,18 @@ class AcquiredDatagrams:
 
     @property
     def overrun(self) -> int:
-        """Number of records overwritten before this side read them; they also appear as gaps in the record numbers."""
+        """Number of records overwritten before this side read them; they also appear as gaps in
+        the record numbers.
+        """
         return self._reader.overrun
 
     def send(self, datagram: bytes) -> None:
         try:
             self._child.send(datagram)
         except OSError as error:
-            raise DeviceError(f"acquisition of {self._peer} has ended: {error}; start the run again") from error
+            raise DeviceError(
+                f"acquisition of {self._peer} has ended: {error}; start the run again"
+            ) from error
 
     def receive_all(self) -> list[bytes]:
         self._check()
@@ -212,7 +243,9 @@ class AcquiredDatagrams:
             if self._child.poll():
                 raise DeviceError(self._child.recv())
         except (EOFError, OSError) as error:
-            raise DeviceError(f"acquisition of {self._peer} has ended by itself; start the run again") from error
+            raise DeviceError(
+                f"acquisition of {self._peer} has ended by itself; start the run again"
+            ) from error
 
     def close(self) -> None:
         """Ends the process, which takes a few milliseconds, and removes the ring."""

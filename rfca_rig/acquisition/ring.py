@@ -1,7 +1,8 @@
-"""Lock-free ring buffer of records in shared memory: one writer, any number of readers, none of which waits.
+"""Lock-free ring buffer of records in shared memory: one writer, any number of readers, none of
+which waits.
 
-Shared memory is created with all its pages, and attached by name without the attaching process removing it at its end.
-"""
+Shared memory is created with all its pages, and attached by name without the attaching process
+removing it at its end."""
 
 import errno
 import multiprocessing
@@ -28,16 +29,20 @@ _MARK, _CAPACITY, _RECORD_BYTES, _CLAIMED, _PUBLISHED, _REFUSED, _REFUSED_BYTES 
 
 
 def create_shared_memory(size_bytes: int) -> SharedMemory:
-    """New shared memory with all its pages reserved; the creator unlinks it. Raises DeviceError where the system has no room for it."""
+    """New shared memory with all its pages reserved; the creator unlinks it. Raises DeviceError
+    where the system has no room for it.
+    """
     try:
-        # Its tracker is a process. Where that cannot be started after the memory is there, nobody removes the memory.
+        # Its tracker is a process. Where that cannot be started after the memory is there, nobody
+        # removes the memory.
         with safe_path():
             resource_tracker.ensure_running()
         memory = SharedMemory(create=True, size=size_bytes)
     except OSError as error:
         raise DeviceError(_describe_no_room(size_bytes, error)) from error
     try:
-        # Without it a full file system of shared memory kills the process at the first write, with the motor on.
+        # Without it a full file system of shared memory kills the process at the first write, with
+        # the motor on.
         if hasattr(os, "posix_fallocate"):
             os.posix_fallocate(memory._fd, 0, size_bytes)  # type: ignore[attr-defined]
     except OSError as error:
@@ -51,23 +56,28 @@ def _describe_no_room(size_bytes: int, error: OSError) -> str:
     if error.errno == errno.EAGAIN:
         return NO_MORE_PROCESSES
     needed = f"rfca-rig needs {max(size_bytes / 1e6, 0.1):.1f} MB of shared memory (/dev/shm)"
-    return f"{needed}, which the system refuses: {error.strerror}; in a container start it with --shm-size=256m"
+    return (
+        f"{needed}, which the system refuses: {error.strerror}; in a container start it with "
+        "--shm-size=256m"
+    )
 
 
 def attach_shared_memory(name: str) -> SharedMemory:
     """Opens the shared memory `name` of another process, which stays its owner.
 
-    Before Python 3.13 an attaching process is registered as an owner too: when it ends, its resource tracker removes the memory
-    although others use it (python/cpython#82300). Children of the owner share its tracker and must not unregister it. Raises
-    DeviceError if there is no such memory.
-    """
+    Before Python 3.13 an attaching process is registered as an owner too: when it ends, its
+    resource tracker removes the memory although others use it (python/cpython#82300). Children of
+    the owner share its tracker and must not unregister it. Raises DeviceError if there is no such
+    memory."""
     try:
         if sys.version_info >= (3, 13):
             return SharedMemory(name, track=False)
         with safe_path():
             memory = SharedMemory(name)
     except FileNotFoundError as error:
-        raise DeviceError(f"there is no shared memory called {name}; has the acquisition ended?") from error
+        raise DeviceError(
+            f"there is no shared memory called {name}; has the acquisition ended?"
+        ) from error
     except OSError as error:
         reason = NO_MORE_PROCESSES if error.errno == errno.EAGAIN else error.strerror
         raise DeviceError(f"shared memory {name} cannot be opened: {reason}") from error
@@ -81,8 +91,8 @@ def attach_shared_memory(name: str) -> SharedMemory:
 class RingBlock:
     """New records.
 
-    `records` (m, bytes of a record), `t_s` (m,) when each was read from the wire, `overrun` how many were lost unread before them.
-    """
+    `records` (m, bytes of a record), `t_s` (m,) when each was read from the wire, `overrun` how
+    many were lost unread before them."""
 
     t_s: Floats
     records: Bytes
@@ -90,12 +100,13 @@ class RingBlock:
 
 
 class Ring:
-    """The shared memory and its counters: a header of 64 bit words, one time stamp per record, the records.
+    """The shared memory and its counters: a header of 64 bit words, one time stamp per record, the
+    records.
 
-    Record n is in slot n modulo capacity. The writer first claims numbers, then fills their slots, then publishes them. A reader
-    copies published records, and afterwards drops those whose slots the writer has claimed in the meantime. A slow reader therefore
-    loses the oldest records, knows how many, and never sees a half-written one.
-    """
+    Record n is in slot n modulo capacity. The writer first claims numbers, then fills their slots,
+    then publishes them. A reader copies published records, and afterwards drops those whose slots
+    the writer has claimed in the meantime. A slow reader therefore loses the oldest records, knows
+    how many, and never sees a half-written one."""
 
     def __init__(self, memory: SharedMemory) -> None:
         self._memory = memory
@@ -108,12 +119,19 @@ class Ring:
         self.name = memory.name
         self.capacity, self.record_bytes = self._header[_CAPACITY], self._header[_RECORD_BYTES]
         self._t_s: Floats = np.frombuffer(everything, np.float64, self.capacity, HEADER_BYTES)
-        slots = np.frombuffer(everything, np.uint8, self.capacity * self.record_bytes, HEADER_BYTES + 8 * self.capacity)
+        slots = np.frombuffer(
+            everything,
+            np.uint8,
+            self.capacity * self.record_bytes,
+            HEADER_BYTES + 8 * self.capacity,
+        )
         self._slots: Bytes = slots.reshape(self.capacity, self.record_bytes)
 
     @staticmethod
     def create(capacity: int, record_bytes: int) -> "Ring":
-        """Creates an empty ring; the creator calls `remove` in the end. Raises DeviceError where the system has no room for it."""
+        """Creates an empty ring; the creator calls `remove` in the end. Raises DeviceError where
+        the system has no room for it.
+        """
         memory = create_shared_memory(HEADER_BYTES + capacity * (8 + record_bytes))
         header = _everything(memory)[:HEADER_BYTES].cast("Q")
         # The mark is written last: a process that sees it also sees the sizes.
@@ -133,18 +151,23 @@ class Ring:
 
     @property
     def refused(self) -> tuple[int, int]:
-        """Number of datagrams that were not whole records, and the length of the last one in bytes."""
+        """Number of datagrams that were not whole records, and the length of the last one in
+        bytes.
+        """
         return int(self._header[_REFUSED]), int(self._header[_REFUSED_BYTES])
 
     def write(self, t_s: float, records: Bytes) -> None:
-        """Adds `records` (m, bytes of a record), all read at time `t_s`. Only for the single writer."""
+        """Adds `records` (m, bytes of a record), all read at time `t_s`. Only for the single
+        writer.
+        """
         # In pieces of at most one capacity, so that a piece never overwrites itself.
         for begin in range(0, len(records), self.capacity):
             self._write(t_s, records[begin : begin + self.capacity])
 
     def _write(self, t_s: float, records: Bytes) -> None:
         first, end = self.published, self.published + len(records)
-        # Claim before writing, publish after it: a reader can thus detect which of its copies are stale.
+        # Claim before writing, publish after it: a reader can thus detect which of its copies are
+        # stale.
         self._header[_CLAIMED] = end
         at = first % self.capacity
         before_wrap = min(len(records), self.capacity - at)
@@ -155,7 +178,9 @@ class Ring:
         self._header[_PUBLISHED] = end
 
     def refuse(self, size: int) -> None:
-        """Counts a datagram of `size` bytes that was not whole records. Only for the single writer."""
+        """Counts a datagram of `size` bytes that was not whole records. Only for the single
+        writer.
+        """
         self._header[_REFUSED_BYTES] = size
         self._header[_REFUSED] += 1
 
@@ -186,7 +211,9 @@ class Ring:
             self._memory.close()
 
     def remove(self) -> None:
-        """For the creator: closes and removes the memory. Processes that are attached can use it until they close it."""
+        """For the creator: closes and removes the memory. Processes that are attached can use it
+        until they close it.
+        """
         self.close()
         self._memory.unlink()
 
@@ -198,7 +225,9 @@ def _everything(memory: SharedMemory) -> memoryview:
 
 
 class RingReader:
-    """Read position of one reader. It starts at the next record written, or at the oldest one still there."""
+    """Read position of one reader. It starts at the next record written, or at the oldest one
+    still there.
+    """
 
     def __init__(self, ring: Ring, from_oldest: bool = False) -> None:
         self._ring = ring

@@ -1,4 +1,6 @@
-"""Measured and simulated strokes compared: residuals of fz, their phases and their valleys, and Table II of the paper."""
+"""Measured and simulated strokes compared: residuals of fz, their phases and their valleys, and
+Table II of the paper.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.matched_simulation import MatchedSimulation, Shaft, simulate_matching
-from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, phases_of_simulation, valley_and_phases
+from rfca_rig.analysis.phases import (
+    PHASES,
+    StrokePhases,
+    Undetermined,
+    Valley,
+    phases_of_simulation,
+    valley_and_phases,
+)
 from rfca_rig.analysis.repeats import Condition, Spread, compute_spread
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.model import Stroke
@@ -20,10 +29,11 @@ PAPER_AVERAGE_ERROR_PCT = (3.2, 2.7)
 
 @dataclass(frozen=True)
 class ComparedRepeat:
-    """One measured stroke with its residual, measured minus simulated fz, on the measured time base; arrays (m,).
+    """One measured stroke with its residual, measured minus simulated fz, on the measured time
+    base; arrays (m,).
 
-    The residual is NaN where the simulation has ended. All arrays are empty where fz was not recorded. Phases are the measured stroke's.
-    """
+    The residual is NaN where the simulation has ended. All arrays are empty where fz was not
+    recorded. Phases are the measured stroke's."""
 
     repeat: int
     t_s: Floats
@@ -35,7 +45,9 @@ class ComparedRepeat:
 
 @dataclass(frozen=True)
 class ComparedCondition:
-    """All repeats of a condition with the matched simulation: one stroke, or one for each repeat."""
+    """All repeats of a condition with the matched simulation: one stroke, or one for each
+    repeat.
+    """
 
     condition: Condition
     repeats: tuple[ComparedRepeat, ...]
@@ -47,15 +59,24 @@ class ComparedCondition:
         return any(np.isfinite(r.phases.touchdown_s) for r in self.repeats)
 
     def mean_phases(self) -> StrokePhases:
-        """Mean of each border over the repeats that reached it; of the simulated strokes where no repeat has a measurable contact."""
+        """Mean of each border over the repeats that reached it; of the simulated strokes where
+        no repeat has a measurable contact.
+        """
         if self.contact_is_measured:
             return _mean_phases([r.phases for r in self.repeats])
         return _mean_phases(
-            [phases_of_simulation(one.stroke, one.valley.time_s if isinstance(one.valley, Valley) else np.inf) for one in self.simulated]
+            [
+                phases_of_simulation(
+                    one.stroke, one.valley.time_s if isinstance(one.valley, Valley) else np.inf
+                )
+                for one in self.simulated
+            ]
         )
 
     def rms_N(self) -> dict[str, float]:
-        """Root mean square of the residual over all repeats, by phase; phases without samples are omitted."""
+        """Root mean square of the residual over all repeats, by phase; phases without samples
+        are omitted.
+        """
         residual = np.concatenate([r.residual_N for r in self.repeats])
         phase = np.concatenate([r.phases.number(r.t_s) for r in self.repeats])
         # The residual is NaN after the end of the simulation.
@@ -67,7 +88,9 @@ class ComparedCondition:
         }
 
 
-def compare_condition(rig: RigModel, condition: Condition, shaft: Shaft = "average") -> ComparedCondition:
+def compare_condition(
+    rig: RigModel, condition: Condition, shaft: Shaft = "average"
+) -> ComparedCondition:
     """Simulate the condition and compare every repeat with it.
 
     Parameters
@@ -86,8 +109,15 @@ def compare_condition(rig: RigModel, condition: Condition, shaft: Shaft = "avera
     """
     simulated = simulate_matching(rig, condition, shaft)
     # One simulated stroke serves all repeats, unless each repeat has its own.
-    of_each = simulated if len(simulated) == len(condition.strokes) else simulated * len(condition.strokes)
-    repeats = tuple(_compare_stroke(stroke, model) for stroke, model in zip(condition.strokes, of_each, strict=True))
+    of_each = (
+        simulated
+        if len(simulated) == len(condition.strokes)
+        else simulated * len(condition.strokes)
+    )
+    repeats = tuple(
+        _compare_stroke(stroke, model)
+        for stroke, model in zip(condition.strokes, of_each, strict=True)
+    )
     return ComparedCondition(condition, repeats, simulated)
 
 
@@ -95,7 +125,14 @@ def _compare_stroke(stroke: Stroke, model: MatchedSimulation) -> ComparedRepeat:
     trace = stroke.channel("fz_N")
     if trace is None:
         nothing = np.empty(0)
-        return ComparedRepeat(stroke.repeat, nothing, nothing, nothing, Undetermined("fz was not recorded"), StrokePhases())
+        return ComparedRepeat(
+            stroke.repeat,
+            nothing,
+            nothing,
+            nothing,
+            Undetermined("fz was not recorded"),
+            StrokePhases(),
+        )
     t_s, fz_N = trace
     valley, phases = valley_and_phases(t_s, fz_N)
     # Before its grid the model is at rest; after it the force is unknown, NaN.
@@ -118,7 +155,8 @@ def _mean_of_finite(times_s: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class Table2Row:
-    """One condition. `time` and `fz` are mean and spread of the measured valleys, `simulated_*` the model's mean valley, None without one.
+    """One condition. `time` and `fz` are mean and spread of the measured valleys, `simulated_*` the
+    model's mean valley, None without one.
 
     `refused` lists the strokes without a valley and the reasons; `repeats` counts those with one.
     """
@@ -139,12 +177,16 @@ class Table2Row:
 
     @property
     def signed_time_error_pct(self) -> float | None:
-        """Simulated minus measured, in percent of the measured value's magnitude; negative where the model is early."""
+        """Simulated minus measured, in percent of the measured value's magnitude; negative where
+        the model is early.
+        """
         return _percent(self.simulated_time_s, self.time.mean)
 
     @property
     def signed_force_error_pct(self) -> float | None:
-        """Simulated minus measured, in percent of the measured value's magnitude; negative where the model's force is larger."""
+        """Simulated minus measured, in percent of the measured value's magnitude; negative where
+        the model's force is larger.
+        """
         return _percent(self.simulated_fz_N, self.fz.mean)
 
     @property
@@ -195,8 +237,16 @@ def make_table2_row(compared: ComparedCondition, source: str) -> Table2Row:
 
 
 def _refusals(compared: ComparedCondition) -> tuple[str, ...]:
-    measured = [f"repeat {r.repeat}: {r.valley.reason}" for r in compared.repeats if not isinstance(r.valley, Valley)]
-    simulated = [f"simulated: {s.valley.reason}" for s in compared.simulated if not isinstance(s.valley, Valley)]
+    measured = [
+        f"repeat {r.repeat}: {r.valley.reason}"
+        for r in compared.repeats
+        if not isinstance(r.valley, Valley)
+    ]
+    simulated = [
+        f"simulated: {s.valley.reason}"
+        for s in compared.simulated
+        if not isinstance(s.valley, Valley)
+    ]
     return (*measured, *simulated)
 
 

@@ -1,4 +1,6 @@
-"""Simulation that matches a measured stroke: same height, and the same shaft motion as far as it is known."""
+"""Simulation that matches a measured stroke: same height, and the same shaft motion as far as it
+is known.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -24,7 +26,8 @@ Shaft = Literal["commanded", "average", "recorded"]
 # Samples of the simulated stroke, and how much of the rest before it is shown.
 GRID_S = 5e-4
 REST_BEFORE_S = 0.1
-# Simulated over measured duration: a model that reaches its valley later than the leg did needs the time to.
+# Simulated over measured duration: a model that reaches its valley later than the leg did needs the
+# time to.
 DURATION_FACTOR = 1.3
 
 
@@ -37,7 +40,8 @@ class AverageSpeed:
 
 
 def average_speed(stroke: Stroke, ramp_s: float) -> AverageSpeed:
-    """Turned angle from the end of the drive's ramp to the end of the motion, divided by the time it took.
+    """Turned angle from the end of the drive's ramp to the end of the motion, divided by the time
+    it took.
 
     Falls back to the mean recorded shaft speed, then to the commanded speed.
     """
@@ -58,9 +62,12 @@ def _from_angle(stroke: Stroke, ramp_s: float) -> float | None:
     # Both ends need their own samples to average over.
     if len(t_s) < 2 or t_s[-1] - t_s[0] < 2.0 * END_MEAN_S:
         return None
-    # Angle and time are averaged over the same samples, so that a steady turn gives its exact speed.
+    # Angle and time are averaged over the same samples, so that a steady turn gives its exact
+    # speed.
     first, last = t_s <= t_s[0] + END_MEAN_S, t_s >= t_s[-1] - END_MEAN_S
-    return float((angle_rad[last].mean() - angle_rad[first].mean()) / (t_s[last].mean() - t_s[first].mean()))
+    return float(
+        (angle_rad[last].mean() - angle_rad[first].mean()) / (t_s[last].mean() - t_s[first].mean())
+    )
 
 
 def _moving_part(t_s: Floats, angle_rad: Floats, ramp_s: float) -> tuple[Floats, Floats]:
@@ -75,8 +82,8 @@ def _moving_part(t_s: Floats, angle_rad: Floats, ramp_s: float) -> tuple[Floats,
 
 
 def _from_speed(stroke: Stroke, ramp_s: float) -> float | None:
-    """Mean of the recorded speed while the shaft runs. Without an angle, a standing shaft is recognised by less than half the commanded
-    speed.
+    """Mean of the recorded speed while the shaft runs. Without an angle, a standing shaft is
+    recognised by less than half the commanded speed.
     """
     trace = stroke.channel("shaft_speed_rad_s")
     if trace is None:
@@ -88,7 +95,9 @@ def _from_speed(stroke: Stroke, ramp_s: float) -> float | None:
 
 @dataclass(frozen=True)
 class MatchedSimulation:
-    """One simulated stroke and its valley, with its shaft speed (the mean where a recorded turn was followed) and where that came from."""
+    """One simulated stroke and its valley, with its shaft speed (the mean where a recorded turn
+    was followed) and where that came from.
+    """
 
     shaft_speed_rad_s: float
     shaft_taken_from: str
@@ -96,8 +105,11 @@ class MatchedSimulation:
     valley: Valley | Undetermined
 
 
-def simulate_matching(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[MatchedSimulation, ...]:
-    """Simulate one stroke for all repeats; with `shaft` "recorded" one for each repeat, in their order.
+def simulate_matching(
+    rig: RigModel, condition: Condition, shaft: Shaft
+) -> tuple[MatchedSimulation, ...]:
+    """Simulate one stroke for all repeats; with `shaft` "recorded" one for each repeat, in their
+    order.
 
     Parameters
     ----------
@@ -106,8 +118,9 @@ def simulate_matching(rig: RigModel, condition: Condition, shaft: Shaft) -> tupl
     condition
         Measured strokes of one height and one commanded speed.
     shaft
-        "commanded": the condition's speed. "average": the mean of the repeats' average speeds, as in the paper. Both begin at the nominal
-        start angle. "recorded": each repeat's own shaft angle.
+        "commanded": the condition's speed. "average": the mean of the repeats' average speeds, as
+        in the paper. Both begin at the nominal start angle. "recorded": each repeat's own shaft
+        angle.
 
     Raises
     ------
@@ -122,7 +135,9 @@ def simulate_matching(rig: RigModel, condition: Condition, shaft: Shaft) -> tupl
         speed_rad_s = float(np.mean([a.speed_rad_s for a in averages]))
         taken_from = " and ".join(sorted({a.taken_from for a in averages}))
     end_s = DURATION_FACTOR * max(_last_moment_s(stroke) for stroke in condition.strokes)
-    simulated = simulate_stroke_at_speed(rig, condition.height_m, speed_rad_s, _grid(end_s), strokes_before=condition.strokes_before)
+    simulated = simulate_stroke_at_speed(
+        rig, condition.height_m, speed_rad_s, _grid(end_s), strokes_before=condition.strokes_before
+    )
     return (_counterpart(speed_rad_s, taken_from, simulated),)
 
 
@@ -131,26 +146,42 @@ def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> MatchedSi
     motion = _motion_from_recording(rig, stroke)
     # The motion is unknown after the last recorded shaft angle.
     end_s = min(float(motion.breaks_s[-1]), _last_moment_s(stroke))
-    simulated = simulate_stroke(rig, condition.height_m, motion, _grid(end_s), strokes_before=collect_strokes_before((stroke,)))
+    simulated = simulate_stroke(
+        rig,
+        condition.height_m,
+        motion,
+        _grid(end_s),
+        strokes_before=collect_strokes_before((stroke,)),
+    )
     return _counterpart(average.speed_rad_s, average.taken_from, simulated)
 
 
 def _motion_from_recording(rig: RigModel, stroke: Stroke) -> ShaftMotion:
-    """Motion from the recorded shaft angle; else from the recorded speed, integrated from the nominal start angle; else as commanded."""
+    """Motion from the recorded shaft angle; else from the recorded speed, integrated from the
+    nominal start angle; else as commanded.
+    """
     angle, speed = stroke.channel("shaft_angle_rad"), stroke.channel("shaft_speed_rad_s")
     if angle is not None:
         return follow(*angle)
     start_rad = rig.leg.start_angle_rad
     if speed is None:
-        return ramp_to_speed(start_rad, stroke.speed_rad_s, rig.drive.ramp_s, _last_moment_s(stroke))
+        return ramp_to_speed(
+            start_rad, stroke.speed_rad_s, rig.drive.ramp_s, _last_moment_s(stroke)
+        )
     t_s, speed_rad_s = speed
     # Trapezoidal rule; the turn is then shifted so that it is zero at the commanded start.
-    turned = np.concatenate([[0.0], np.cumsum(0.5 * (speed_rad_s[1:] + speed_rad_s[:-1]) * np.diff(t_s))])
+    turned = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (speed_rad_s[1:] + speed_rad_s[:-1]) * np.diff(t_s))]
+    )
     return follow(t_s, start_rad + turned - float(np.interp(0.0, t_s, turned)))
 
 
-def _counterpart(speed_rad_s: float, taken_from: str, simulated: SimulatedStroke) -> MatchedSimulation:
-    return MatchedSimulation(speed_rad_s, taken_from, simulated, find_valley(simulated.t_s, simulated.fz_N))
+def _counterpart(
+    speed_rad_s: float, taken_from: str, simulated: SimulatedStroke
+) -> MatchedSimulation:
+    return MatchedSimulation(
+        speed_rad_s, taken_from, simulated, find_valley(simulated.t_s, simulated.fz_N)
+    )
 
 
 def _last_moment_s(stroke: Stroke) -> float:
@@ -158,4 +189,6 @@ def _last_moment_s(stroke: Stroke) -> float:
 
 
 def _grid(end_s: float) -> Floats:
-    return GRID_S * np.arange(-round(REST_BEFORE_S / GRID_S), int(end_s / GRID_S) + 1, dtype=np.float64)
+    return GRID_S * np.arange(
+        -round(REST_BEFORE_S / GRID_S), int(end_s / GRID_S) + 1, dtype=np.float64
+    )

@@ -1,15 +1,18 @@
-"""The leg of a rig as a MuJoCo model, and one stroke of it, with the nominal ground law or with MuJoCo's own contact.
+"""The leg of a rig as a MuJoCo model, and one stroke of it, with the nominal ground law or with
+MuJoCo's own contact.
 
-The leg of a rig as a MuJoCo model: MuJoCo's own kinematics, inertia, weight and hinge springs, on a shaft with a prescribed motion.
+The leg of a rig as a MuJoCo model: MuJoCo's own kinematics, inertia, weight and hinge springs, on a
+shaft with a prescribed motion.
 
-The plane of motion is x-z, with hinges around +y, so that MuJoCo's hinge angles are positive downwards as in the model. Needs MuJoCo 3.7,
-the first version whose joints have polynomial springs (MJCF reference, joint/stiffness).
+The plane of motion is x-z, with hinges around +y, so that MuJoCo's hinge angles are positive
+downwards as in the model. Needs MuJoCo 3.7, the first version whose joints have polynomial springs
+(MJCF reference, joint/stiffness).
 
 Independent second implementation of the ground law, for MuJoCo.
 
-It computes forces on bodies in space from MuJoCo's positions and velocities of the link ends. It shares no code with the model, which works
-in link angles. MuJoCo itself transforms the forces to its joints.
-"""
+It computes forces on bodies in space from MuJoCo's positions and velocities of the link ends. It
+shares no code with the model, which works in link angles. MuJoCo itself transforms the forces to
+its joints."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,16 +31,16 @@ from rfca_rig.subprocesses import safe_path
 
 Floats = NDArray[np.float64]
 
-# Prescribes the shaft's motion without a constraint: the leg slows it by parts in 1e9 only. At the root of the tree, so heavy a pivot costs
-# the other joints no digits.
+# Prescribes the shaft's motion without a constraint: the leg slows it by parts in 1e9 only. At the
+# root of the tree, so heavy a pivot costs the other joints no digits.
 FLYWHEEL_KG_M2 = 1e9
 # Only the contact pairs that are listed explicitly collide.
 NEVER_COLLIDES = 'contype="0" conaffinity="0"'
 
 # With RK4, half of this step changes the contact force by less than 1e-5.
 STEP_S = 2e-5
-# MuJoCo has no static friction: a contact below its friction limit creeps, here by 2 mm/s under 24 N. A tenth of this viscosity changes the
-# loading by less than 1e-4.
+# MuJoCo has no static friction: a contact below its friction limit creeps, here by 2 mm/s under 24
+# N. A tenth of this viscosity changes the loading by less than 1e-4.
 CREEP_N_S_PER_M = 1.2e4
 # Damping [1/s] of the friction constraint, in MuJoCo's direct format of solref.
 CREEP_DAMPING = 6.0
@@ -55,25 +58,34 @@ class MujocoLeg:
 
 
 def load_mujoco() -> Any:
-    """Import and return the module. Raises BadInput, naming the extra, where MuJoCo is not installed."""
+    """Import and return the module. Raises BadInput, naming the extra, where MuJoCo is not
+    installed.
+    """
     try:
         # To find its window library, MuJoCo's import starts an interpreter.
         with safe_path():
             import mujoco  # noqa: PLC0415  (an extra that most labs do not need)
     except ImportError:
-        raise BadInput('the cross-check needs MuJoCo, which is not installed: pip install "rfca-rig[crosscheck]"') from None
+        raise BadInput(
+            "the cross-check needs MuJoCo, which is not installed: pip install "
+            '"rfca-rig[crosscheck]"'
+        ) from None
     return mujoco
 
 
 def mujoco_leg(rig: RigModel, height_m: float, floor: bool, integrator: str) -> MujocoLeg:
-    """The leg with its shaft `height_m` above the ground; `floor` gives MuJoCo's own contact under every link end."""
+    """The leg with its shaft `height_m` above the ground; `floor` gives MuJoCo's own contact
+    under every link end.
+    """
     mujoco = load_mujoco()
     model = mujoco.MjModel.from_xml_string(leg_xml(rig, height_m, floor, integrator))
     return MujocoLeg(mujoco, model, mujoco.MjData(model))
 
 
 def settle_at_rest(leg: MujocoLeg, start_angle_rad: float) -> None:
-    """Put the leg at rest under its weight with the shaft held, at MuJoCo's own equilibrium of forces."""
+    """Put the leg at rest under its weight with the shaft held, at MuJoCo's own equilibrium of
+    forces.
+    """
 
     def residual_Nm(hinges_rad: Floats) -> Floats:
         leg.data.qpos[0], leg.data.qpos[1:] = start_angle_rad, hinges_rad
@@ -84,38 +96,66 @@ def settle_at_rest(leg: MujocoLeg, start_angle_rad: float) -> None:
         from scipy.optimize import root  # noqa: PLC0415 - every page imports this module, few ask for a rest pose
 
         solution = root(residual_Nm, np.zeros(leg.model.nq - 1), tol=1e-13)
-        # Written with `not`, so that NaN counts as a failure too. The call also leaves the pose in `data`.
+        # Written with `not`, so that NaN counts as a failure too. The call also leaves the pose in
+        # `data`.
         if not np.abs(residual_Nm(solution.x)).max() < 1e-8:
-            raise SimulationFailed(f"MuJoCo finds no rest pose with the shaft at {np.degrees(start_angle_rad):.1f} degrees")
+            raise SimulationFailed(
+                "MuJoCo finds no rest pose with the shaft at "
+                f"{np.degrees(start_angle_rad):.1f} degrees"
+            )
     # A leg of a single link has no hinge to solve for, but its pose must still be evaluated.
     else:
         residual_Nm(np.zeros(0))
 
 
 def leg_xml(rig: RigModel, height_m: float, floor: bool, integrator: str) -> str:
-    """The model in MuJoCo's language (MJCF). Sites `end1`, `end2` .. are the link ends; with `floor` each carries a sphere."""
+    """The model in MuJoCo's language (MJCF). Sites `end1`, `end2` .. are the link ends; with
+    `floor` each carries a sphere.
+    """
     links = len(rig.leg.link_lengths_m)
     bodies = ""
     # Bodies are nested, so the innermost one, the tip, is written first.
     for i in reversed(range(links)):
         bodies = _link_xml(rig, i, floor, bodies)
-    plane = f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" {NEVER_COLLIDES}/>' if floor else ""
-    pairs = "".join(_pair_xml(i, rig.ground.friction_coefficient) for i in range(links)) if floor else ""
-    # Numbers are written with repr, which keeps all digits. Automatic resets are off: a failed simulation must be seen, not restarted.
+    plane = (
+        f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" {NEVER_COLLIDES}/>'
+        if floor
+        else ""
+    )
+    pairs = (
+        "".join(_pair_xml(i, rig.ground.friction_coefficient) for i in range(links))
+        if floor
+        else ""
+    )
+    # Numbers are written with repr, which keeps all digits. Automatic resets are off: a failed
+    # simulation must be seen, not restarted.
     return (
-        f'<mujoco><compiler angle="radian"/><option gravity="0 0 {-GRAVITY_M_S2!r}" integrator="{integrator}" cone="elliptic">'
-        f'<flag autoreset="disable"/></option><worldbody>{plane}{bodies}</worldbody><contact>{pairs}</contact></mujoco>'
+        f'<mujoco><compiler angle="radian"/><option gravity="0 0 {-GRAVITY_M_S2!r}" '
+        f'integrator="{integrator}" cone="elliptic">'
+        "<flag "
+        f'autoreset="disable"/></option><worldbody>{plane}{bodies}</worldbody><contact>{pairs}</contact></mujoco>'
     )
 
 
 def _link_xml(rig: RigModel, i: int, ball: bool, further_links: str) -> str:
-    """Link i, a thin uniform rod along its own x axis. Its inertia about x is a thousandth, which planar motion never uses."""
+    """Link i, a thin uniform rod along its own x axis. Its inertia about x is a thousandth,
+    which planar motion never uses.
+    """
     length, mass = rig.leg.link_lengths_m[i], rig.leg.link_masses_kg[i]
     inertia = mass * length**2 / 12.0
-    geom = f'<geom name="ball{i}" size="{rig.leg.link_radius_m!r}" pos="{length!r} 0 0" mass="0" {NEVER_COLLIDES}/>' if ball else ""
+    geom = (
+        (
+            f'<geom name="ball{i}" size="{rig.leg.link_radius_m!r}" pos="{length!r} 0 0" '
+            f'mass="0" {NEVER_COLLIDES}/>'
+        )
+        if ball
+        else ""
+    )
     return (
-        f'<body pos="{rig.leg.link_lengths_m[i - 1] if i else 0.0!r} 0 0"><joint type="hinge" axis="0 1 0" {_joint_xml(rig, i)}/>'
-        f'<inertial pos="{length / 2.0!r} 0 0" mass="{mass!r}" diaginertia="{1e-3 * inertia!r} {inertia!r} {inertia!r}"/>'
+        f'<body pos="{rig.leg.link_lengths_m[i - 1] if i else 0.0!r} 0 0"><joint '
+        f'type="hinge" axis="0 1 0" {_joint_xml(rig, i)}/>'
+        f'<inertial pos="{length / 2.0!r} 0 0" mass="{mass!r}" '
+        f'diaginertia="{1e-3 * inertia!r} {inertia!r} {inertia!r}"/>'
         f'<site name="end{i + 1}" pos="{length!r} 0 0"/>{geom}{further_links}</body>'
     )
 
@@ -127,15 +167,23 @@ def _joint_xml(rig: RigModel, i: int) -> str:
     leg = rig.leg
     rest = f' springref="{leg.rest_angles_rad[i - 1]!r}"' if leg.rest_angles_rad else ""
     first, second, third = polynomial_springs(leg, "MuJoCo")
-    return f'stiffness="{first!r} {second:g} {third!r}" damping="{leg.hinge_damping_Nm_s_per_rad!r}"{rest}'
+    return (
+        f'stiffness="{first!r} {second:g} {third!r}" '
+        f'damping="{leg.hinge_damping_Nm_s_per_rad!r}"{rest}'
+    )
 
 
 def _pair_xml(i: int, mu: float) -> str:
-    return f'<pair geom1="floor" geom2="ball{i}" condim="3" friction="{mu!r} {mu!r} 0 0 0" solimp="1e-4 1e-4 .001 .5 2"/>'
+    return (
+        f'<pair geom1="floor" geom2="ball{i}" condim="3" friction="{mu!r} {mu!r} 0 0 0" '
+        'solimp="1e-4 1e-4 .001 .5 2"/>'
+    )
 
 
 class GroundLaw(NamedTuple):
-    """Hertz contact with damping, Coulomb friction with anchors, and viscous drag, for a floor `depth` below the shaft. SI units."""
+    """Hertz contact with damping, Coulomb friction with anchors, and viscous drag, for a floor
+    `depth` below the shaft. SI units.
+    """
 
     stiffness: float
     damping: float
@@ -150,7 +198,9 @@ class GroundLaw(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """MuJoCo's arrays, by body with the world first: centres of mass, velocities about `origin`, wrenches; `place` of the ends (n, 3)."""
+    """MuJoCo's arrays, by body with the world first: centres of mass, velocities about `origin`,
+    wrenches; `place` of the ends (n, 3).
+    """
 
     place: Floats
     mass_centre: Floats
@@ -179,18 +229,19 @@ def ground_law(rig: RigModel, height_m: float) -> GroundLaw:
 
 @jit
 def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: Floats) -> None:
-    """Write the ground's force into `ends.wrench` (force, torque about the centre of mass) and `contact` (2, n) = N, F.
+    """Write the ground's force into `ends.wrench` (force, torque about the centre of mass) and
+    `contact` (2, n) = N, F.
 
-    `ties` (n, 5) holds for each end the anchor, and from the begin of the step the link angle, the indentation, the stretch and mu N. At
-    the begin of a step, anchors of sliding ends follow, and those of ends in the air move below them. While mu N grows, a tie keeps its
-    force.
-    """
+    `ties` (n, 5) holds for each end the anchor, and from the begin of the step the link angle, the
+    indentation, the stretch and mu N. At the begin of a step, anchors of sliding ends follow, and
+    those of ends in the air move below them. While mu N grows, a tie keeps its force."""
     angle = 0.0
     for k in range(ends.hinge_angle.size):
         angle += ends.hinge_angle[k]
         x, z = ends.place[k, 0], ends.place[k, 2]
         turning = ends.velocity[k + 1, 1]
-        # MuJoCo states velocities at the centre of mass of the whole tree; this moves them to the link end.
+        # MuJoCo states velocities at the centre of mass of the whole tree; this moves them to the
+        # link end.
         v_x = ends.velocity[k + 1, 3] + turning * (z - ends.origin[2])
         v_z = ends.velocity[k + 1, 5] - turning * (x - ends.origin[0])
         indentation = max(law.radius - z - law.depth, 0.0)
@@ -198,10 +249,12 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
         # Damping in proportion to the elastic force (Hunt and Crossley); the ground never pulls.
         N = law.stiffness * indentation**1.5 * max(1.0 - damping * v_z, 0.0)
         arm = law.lever - law.lever_rise * indentation
-        # The lever shrinks with indentation: this is its mean shrinkage over the step times the turn of the link.
+        # The lever shrinks with indentation: this is its mean shrinkage over the step times the
+        # turn of the link.
         less = 0.5 * law.lever_rise * (ties[k, 2] + indentation) * (angle - ties[k, 1])
         off = x - law.lever * angle + less - ties[k, 0]
-        # Share of the friction limit that the stretch of the presliding spring mobilises, between -1 and 1.
+        # Share of the friction limit that the stretch of the presliding spring mobilises, between
+        # -1 and 1.
         limit, share = law.mu * N, 0.0
         if limit > 0.0:
             # Share of the stretch at the begin of the step that remains under the new limit.
@@ -210,7 +263,11 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
             share = min(max(share / law.presliding, -1.0), 1.0)
         if step_begins:
             stretch = law.presliding * share
-            ties[k, 0], ties[k, 1], ties[k, 2] = ties[k, 0] + off - stretch - less, angle, indentation
+            ties[k, 0], ties[k, 1], ties[k, 2] = (
+                ties[k, 0] + off - stretch - less,
+                angle,
+                indentation,
+            )
             ties[k, 3], ties[k, 4] = stretch, limit
         F = 0.0
         if indentation > 0.0:
@@ -219,13 +276,15 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
         contact[0, k], contact[1, k] = N, F
         wrench, centre = ends.wrench[k + 1], ends.mass_centre[k + 1]
         wrench[0], wrench[2] = F, N
-        # Torque about +y of the contact force at its point of action, a lever below the end, about the centre of mass.
+        # Torque about +y of the contact force at its point of action, a lever below the end, about
+        # the centre of mass.
         wrench[4] = (z - arm - centre[2]) * F - (x - centre[0]) * N
 
 
 @dataclass(frozen=True)
 class MujocoStroke:
-    """One simulated stroke. `normal_N`, `tangential_N` (m,) are sums over the link ends; `fz_N` (m,) is at the mount, in the sensor's sign.
+    """One simulated stroke. `normal_N`, `tangential_N` (m,) are sums over the link ends; `fz_N`
+    (m,) is at the mount, in the sensor's sign.
 
     `speed_error` is the relative error of the shaft speed at the end.
     """
@@ -239,19 +298,26 @@ class MujocoStroke:
 
 
 def stroke_in_mujoco(
-    rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, step_s: float = STEP_S, integrator: str = "RK4"
+    rig: RigModel,
+    height_m: float,
+    speed_rad_s: float,
+    t_s: Floats,
+    step_s: float = STEP_S,
+    integrator: str = "RK4",
 ) -> MujocoStroke:
-    """MuJoCo's mechanics with the nominal ground law, which is implemented separately from the model and applied as external forces.
+    """MuJoCo's mechanics with the nominal ground law, which is implemented separately from the
+    model and applied as external forces.
 
-    `t_s` (m,) is ascending, in s. At times up to 0 the leg is at rest and must hang clear of the ground. Raises SimulationFailed, BadInput.
-    """
+    `t_s` (m,) is ascending, in s. At times up to 0 the leg is at rest and must hang clear of the
+    ground. Raises SimulationFailed, BadInput."""
     leg = mujoco_leg(rig, height_m, floor=False, integrator=integrator)
     settle_at_rest(leg, rig.leg.start_angle_rad)
     contact = np.zeros((2, leg.model.nq))
     with _apply_ground_law(rig, height_m, leg, contact) as begin_step:
 
         def steps(count: int) -> None:
-            # Steps are taken one by one, because the friction state may change only between steps, not at the stages of RK4.
+            # Steps are taken one by one, because the friction state may change only between steps,
+            # not at the stages of RK4.
             for _ in range(count):
                 begin_step()
                 leg.mujoco.mj_step(leg.model, leg.data)
@@ -260,9 +326,15 @@ def stroke_in_mujoco(
 
 
 def stroke_on_springs(
-    rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, stiffness_N_per_m: float, step_s: float = STEP_S
+    rig: RigModel,
+    height_m: float,
+    speed_rad_s: float,
+    t_s: Floats,
+    stiffness_N_per_m: float,
+    step_s: float = STEP_S,
 ) -> MujocoStroke:
-    """The stroke (m samples at `t_s` (m,)) with MuJoCo's own contact: an undamped linear spring under each end, and MuJoCo's friction.
+    """The stroke (m samples at `t_s` (m,)) with MuJoCo's own contact: an undamped linear spring
+    under each end, and MuJoCo's friction.
 
     Of the nominal ground only the friction coefficient counts. Raises SimulationFailed, BadInput.
     """
@@ -277,17 +349,27 @@ def stroke_on_springs(
             total += one[0], np.hypot(one[1], one[2])
         return total
 
-    return _follow(rig, leg, speed_rad_s, t_s, step_s, lambda count: leg.mujoco.mj_step(leg.model, leg.data, count), contact)
+    return _follow(
+        rig,
+        leg,
+        speed_rad_s,
+        t_s,
+        step_s,
+        lambda count: leg.mujoco.mj_step(leg.model, leg.data, count),
+        contact,
+    )
 
 
 def leg_on_springs(rig: RigModel, height_m: float, stiffness_N_per_m: float) -> MujocoLeg:
-    """The leg over a floor whose soft constraints are set up to act as springs of a physical stiffness.
+    """The leg over a floor whose soft constraints are set up to act as springs of a physical
+    stiffness.
 
     Notes
     -----
-    MuJoCo: force = (reference - acceleration) / (A + R), R = w (1 - d) / d with impedance d. At d = 1e-4 R is ten thousand times A, and
-    with reference = k w indentation the force is k indentation to 1e-4. Friction: R / impratio and damping alone, hence a viscous slope of
-    impratio * damping / w.
+    MuJoCo: force = (reference - acceleration) / (A + R), R = w (1 - d) / d with impedance d. At d =
+    1e-4 R is ten thousand times A, and with reference = k w indentation the force is k indentation
+    to 1e-4. Friction: R / impratio and damping alone, hence a viscous slope of impratio * damping /
+    w.
 
     References
     ----------
@@ -302,11 +384,17 @@ def leg_on_springs(rig: RigModel, height_m: float, stiffness_N_per_m: float) -> 
 
 
 @contextmanager
-def _apply_ground_law(rig: RigModel, height_m: float, leg: MujocoLeg, contact: Floats) -> Iterator[Callable[[], None]]:
-    """Within, MuJoCo calls the ground law at every evaluation of its equations. Yields the function to call before each step."""
+def _apply_ground_law(
+    rig: RigModel, height_m: float, leg: MujocoLeg, contact: Floats
+) -> Iterator[Callable[[], None]]:
+    """Within, MuJoCo calls the ground law at every evaluation of its equations. Yields the
+    function to call before each step.
+    """
     data = leg.data
     # These are views of MuJoCo's own memory: they follow every step without a copy.
-    ends = Ends(data.site_xpos, data.xipos, data.subtree_com[1], data.cvel, data.qpos, data.xfrc_applied)
+    ends = Ends(
+        data.site_xpos, data.xipos, data.subtree_com[1], data.cvel, data.qpos, data.xfrc_applied
+    )
     law = ground_law(rig, height_m)
     angle = np.cumsum(data.qpos)
     zeros = np.zeros_like(angle)
@@ -341,16 +429,22 @@ def _follow(
     steps: Callable[[int], None],
     contact: Callable[[], Floats],
 ) -> MujocoStroke:
-    """Steps from sample to sample, none longer than `step_s`. One step ends exactly with the ramp, where the shaft torque jumps."""
+    """Steps from sample to sample, none longer than `step_s`. One step ends exactly with the
+    ramp, where the shaft torque jumps.
+    """
     rows, now_s, taken = np.empty((len(t_s), 3)), 0.0, 0
     with _silence_warnings(leg.mujoco):
         for row, sample_s in zip(rows, t_s, strict=True):
-            # Splitting at the end of the ramp keeps the order of the integrator, which a jump within a step would spoil.
+            # Splitting at the end of the ramp keeps the order of the integrator, which a jump
+            # within a step would spoil.
             for stop_s in (min(rig.drive.ramp_s, sample_s), sample_s):
                 if stop_s > now_s:
                     ramping = stop_s <= rig.drive.ramp_s
-                    # The flywheel is so heavy that this torque alone gives the commanded acceleration.
-                    leg.data.qfrc_applied[0] = FLYWHEEL_KG_M2 * speed_rad_s / rig.drive.ramp_s if ramping else 0.0
+                    # The flywheel is so heavy that this torque alone gives the commanded
+                    # acceleration.
+                    leg.data.qfrc_applied[0] = (
+                        FLYWHEEL_KG_M2 * speed_rad_s / rig.drive.ramp_s if ramping else 0.0
+                    )
                     count = ceil((stop_s - now_s) / step_s - 1e-6)
                     leg.model.opt.timestep = (stop_s - now_s) / count
                     steps(count)
@@ -360,18 +454,29 @@ def _follow(
             leg.mujoco.mj_rnePostConstraint(leg.model, leg.data)
             row[:2], row[2] = contact(), leg.data.cfrc_int[1, 5]
             # MuJoCo only warns where it loses a simulation, and goes on.
-            bad = (leg.mujoco.mjtWarning.mjWARN_BADQPOS, leg.mujoco.mjtWarning.mjWARN_BADQVEL, leg.mujoco.mjtWarning.mjWARN_BADQACC)
-            if any(leg.data.warning[one].number for one in bad) or not np.isfinite(leg.data.qacc).all():
+            bad = (
+                leg.mujoco.mjtWarning.mjWARN_BADQPOS,
+                leg.mujoco.mjtWarning.mjWARN_BADQVEL,
+                leg.mujoco.mjtWarning.mjWARN_BADQACC,
+            )
+            if (
+                any(leg.data.warning[one].number for one in bad)
+                or not np.isfinite(leg.data.qacc).all()
+            ):
                 raise SimulationFailed(
                     f"MuJoCo lost the leg at {sample_s:.3f} s with steps of {1e6 * step_s:g} us; "
                     "look for a slipped decimal point in the leg or ground"
                 )
-    return MujocoStroke(t_s, rows[:, 0], rows[:, 1], rows[:, 2], float(leg.data.qvel[0] / speed_rad_s - 1.0), taken)
+    return MujocoStroke(
+        t_s, rows[:, 0], rows[:, 1], rows[:, 2], float(leg.data.qvel[0] / speed_rad_s - 1.0), taken
+    )
 
 
 @contextmanager
 def _silence_warnings(mujoco: Any) -> Iterator[None]:
-    """Within the context, MuJoCo counts its warnings but neither prints them nor writes a log file into the user's folder."""
+    """Within the context, MuJoCo counts its warnings but neither prints them nor writes a log
+    file into the user's folder.
+    """
     previous = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda *_: None)
     try:

@@ -1,8 +1,9 @@
-"""The peak of a stroke: the sample with the largest force on the sensor in the plane of motion, as in the paper's impact test.
+"""The peak of a stroke: the sample with the largest force on the sensor in the plane of motion, as
+in the paper's impact test.
 
-The paper gives fy and fz "at the peak test point", so both belong to one instant; their own extremes may lie elsewhere in the stroke. The
-peak is a single sample and may be the touchdown spike. A parabola over 20 ms, as used for the valley, would flatten a spike of 1 ms.
-"""
+The paper gives fy and fz "at the peak test point", so both belong to one instant; their own
+extremes may lie elsewhere in the stroke. The peak is a single sample and may be the touchdown
+spike. A parabola over 20 ms, as used for the valley, would flatten a spike of 1 ms."""
 
 from dataclasses import dataclass
 
@@ -20,7 +21,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PeakForce:
-    """The largest |F| = sqrt(fy^2 + fz^2) of a stroke, its time from the commanded start, and fy and fz at that instant."""
+    """The largest |F| = sqrt(fy^2 + fz^2) of a stroke, its time from the commanded start, and fy
+    and fz at that instant.
+    """
 
     time_s: float
     force_N: float
@@ -40,7 +43,8 @@ class PeakSpread:
 
 @dataclass(frozen=True)
 class PeakForceRow:
-    """One condition. `simulated_touching`: whether the model's leg has ground contact at its peak, None where it has no peak.
+    """One condition. `simulated_touching`: whether the model's leg has ground contact at its peak,
+    None where it has no peak.
 
     `refused` lists the strokes without a peak and the reasons; `repeats` counts those with one.
     """
@@ -76,24 +80,32 @@ def find_peak(t_s: Floats, fy_N: Floats, fz_N: Floats) -> PeakForce | Undetermin
     if not len(moving):
         return Undetermined("no sample of fy and fz after the start")
     at = int(moving[np.hypot(fy_N[moving], fz_N[moving]).argmax()])
-    return PeakForce(float(t_s[at]), float(np.hypot(fy_N[at], fz_N[at])), float(fy_N[at]), float(fz_N[at]))
+    return PeakForce(
+        float(t_s[at]), float(np.hypot(fy_N[at], fz_N[at])), float(fy_N[at]), float(fz_N[at])
+    )
 
 
 def stroke_peak(stroke: Stroke) -> PeakForce | Undetermined:
     """The peak of a recorded stroke. Needs fy and fz on one time base."""
     for stream in stroke.streams.values():
         if "fy_N" in stream.columns and "fz_N" in stream.columns:
-            return find_peak(stream.t_s, stream.columns["fy_N"].values, stream.columns["fz_N"].values)
+            return find_peak(
+                stream.t_s, stream.columns["fy_N"].values, stream.columns["fz_N"].values
+            )
     # fy and fz must be of one instant, so they are not interpolated between time bases.
     missing = [name for name in ("fy", "fz") if stroke.channel(f"{name}_N") is None]
-    return Undetermined(f"{' and '.join(missing)} not recorded" if missing else "fy and fz have different time bases")
+    return Undetermined(
+        f"{' and '.join(missing)} not recorded"
+        if missing
+        else "fy and fz have different time bases"
+    )
 
 
 def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
     """The row of one condition; `source` names the recording.
 
-    The simulation lasts longer than the recording, so its peak is searched up to the end of the longest recorded stroke.
-    """
+    The simulation lasts longer than the recording, so its peak is searched up to the end of the
+    longest recorded stroke."""
     strokes = compared.condition.strokes
     end_s = max(float(stream.t_s[-1]) for stroke in strokes for stream in stroke.streams.values())
     measured = [stroke_peak(stroke) for stroke in strokes]

@@ -1,19 +1,21 @@
 """Phases of a stroke: touchdown, lift-off, and the valley between them.
 
-In a measured stroke the contact is found from the force alone. The leg presses while the smoothed fz stays below its level at rest by more
-than a tenth of its greatest depth, with an impulse that free swinging cannot have. Touchdown is searched before it, where fz leaves its
-previous course.
+In a measured stroke the contact is found from the force alone. The leg presses while the smoothed
+fz stays below its level at rest by more than a tenth of its greatest depth, with an impulse that
+free swinging cannot have. Touchdown is searched before it, where fz leaves its previous course.
 
-Valid for one stroke per recording at up to about 5 rad/s, sampled at 500 Hz or faster. Touchdown is then accurate to about 10 ms for a firm
-touch. It is up to 30 ms late for a touch that begins as softly as the leg swings. Lift-off is the moment when the ground no longer pushes,
-not that of the last contact. A simulated stroke has known contact forces and uses them.
+Valid for one stroke per recording at up to about 5 rad/s, sampled at 500 Hz or faster. Touchdown is
+then accurate to about 10 ms for a firm touch. It is up to 30 ms late for a touch that begins as
+softly as the leg swings. Lift-off is the moment when the ground no longer pushes, not that of the
+last contact. A simulated stroke has known contact forces and uses them.
 
-Touchdown and lift-off are found by `local_quadratic`, a local quadratic least squares over a window in time.
+Touchdown and lift-off are found by `local_quadratic`, a local quadratic least squares over a window
+in time.
 
-The valley is the most negative fz of the contact, after touchdown and before lift-off, and its time. A plain minimum over the recording
-would be wrong: the spike of touchdown and the whip after lift-off can be deeper. Measured and simulated strokes are evaluated by the same
-estimator, so that smoothing affects both alike.
-"""
+The valley is the most negative fz of the contact, after touchdown and before lift-off, and its
+time. A plain minimum over the recording would be wrong: the spike of touchdown and the whip after
+lift-off can be deeper. Measured and simulated strokes are evaluated by the same estimator, so that
+smoothing affects both alike."""
 
 from dataclasses import dataclass
 
@@ -37,11 +39,14 @@ SMOOTHING_S = 0.020
 GRID_S = 0.001
 # Share of the greatest depth of fz below its level at rest, from which on the leg presses.
 PRESSING_DEPTH = 0.1
-# 2 m v of a leg of 0.32 kg whose middle moves at 0.15 m * 5 rad/s: free swinging cannot have a larger impulse.
+# 2 m v of a leg of 0.32 kg whose middle moves at 0.15 m * 5 rad/s: free swinging cannot have a
+# larger impulse.
 FREE_IMPULSE_NS = 0.5
-# The first stretch with this share of the largest impulse is the contact: a later rebound may be as strong.
+# The first stretch with this share of the largest impulse is the contact: a later rebound may be as
+# strong.
 CONTACT_IMPULSE_SHARE = 0.5
-# Touchdown: a line through this much of the past is extrapolated, and compared with a short stretch ahead.
+# Touchdown: a line through this much of the past is extrapolated, and compared with a short stretch
+# ahead.
 COURSE_WINDOW_S = 0.020
 LOOKAHEAD_S = 0.004
 # Fall of fz below the extrapolated line that counts as a touch.
@@ -52,10 +57,11 @@ MIN_RECORDED_S = 2.0 * SMOOTHING_S
 
 @dataclass(frozen=True)
 class LocalFit:
-    """Parabolas fitted around each of `t_s` (m,): value, slope per second, curvature per second squared; NaN with too few samples.
+    """Parabolas fitted around each of `t_s` (m,): value, slope per second, curvature per second
+    squared; NaN with too few samples.
 
-    `mean` of the same samples is less sharp. Beside a jump it stays within the range of the samples, which a parabola does not.
-    """
+    `mean` of the same samples is less sharp. Beside a jump it stays within the range of the
+    samples, which a parabola does not."""
 
     t_s: Floats
     mean: Floats
@@ -87,8 +93,9 @@ def local_quadratic(t_s: Floats, values: Floats, at_s: Floats, width_s: float) -
     """
     first = np.searchsorted(t_s, at_s - 0.5 * width_s, side="left")
     count = np.searchsorted(t_s, at_s + 0.5 * width_s, side="right") - first
-    # Windows hold different numbers of samples. They are padded to the longest one, so that all parabolas are solved in one batch.
-    # A window is a column: sums down the columns add whole rows, which is several times faster.
+    # Windows hold different numbers of samples. They are padded to the longest one, so that all
+    # parabolas are solved in one batch. A window is a column: sums down the columns add whole rows,
+    # which is several times faster.
     row = np.arange(max(int(count.max(initial=0)), 1))[:, None]
     inside = row < count
     pick = np.minimum(first + row, len(t_s) - 1)
@@ -97,19 +104,30 @@ def local_quadratic(t_s: Floats, values: Floats, at_s: Floats, width_s: float) -
     y = np.where(inside, values[pick], 0.0)
     value, slope, curvature = _parabolas(x, y, count)
     mean = np.where(np.isnan(value), np.nan, y.sum(0) / np.maximum(count, 1))
-    return LocalFit(at_s, mean, value, slope / (0.5 * width_s), 2.0 * curvature / (0.5 * width_s) ** 2)
+    return LocalFit(
+        at_s, mean, value, slope / (0.5 * width_s), 2.0 * curvature / (0.5 * width_s) ** 2
+    )
 
 
 def _parabolas(x: Floats, y: Floats, count: NDArray[np.intp]) -> tuple[Floats, Floats, Floats]:
-    """Three coefficients (m,) of each column of x and y (n, m), by the normal equations; x in -1 .. 1 keeps them well conditioned."""
+    """Three coefficients (m,) of each column of x and y (n, m), by the normal equations; x in -1
+    .. 1 keeps them well conditioned.
+    """
     x2 = x * x
-    s0, s1, s2, s3, s4 = count.astype(np.float64), x.sum(0), x2.sum(0), (x2 * x).sum(0), (x2 * x2).sum(0)
+    s0, s1, s2, s3, s4 = (
+        count.astype(np.float64),
+        x.sum(0),
+        x2.sum(0),
+        (x2 * x).sum(0),
+        (x2 * x2).sum(0),
+    )
     r0, r1, r2 = y.sum(0), (x * y).sum(0), (x2 * y).sum(0)
     # The cofactors of the matrix of the normal equations, s0 s1 s2, s1 s2 s3, s2 s3 s4.
     c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
     c11, c12, c22 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3, s0 * s2 - s1 * s1
     determinant = s0 * c00 + s1 * c01 + s2 * c02
-    # Samples at fewer than three distinct times leave the matrix singular, although there are enough of them.
+    # Samples at fewer than three distinct times leave the matrix singular, although there are
+    # enough of them.
     solvable = (count >= MIN_SAMPLES) & (determinant > 1e-6)
     scale = np.divide(1.0, determinant, out=np.full(len(count), np.nan), where=solvable)
     return (
@@ -137,7 +155,9 @@ class Undetermined:
 
 @dataclass(frozen=True)
 class Contact:
-    """The one contact of a stroke. `lift_off_s` is infinite where the recording ends first. `rest_N` is fz before the start."""
+    """The one contact of a stroke. `lift_off_s` is infinite where the recording ends first.
+    `rest_N` is fz before the start.
+    """
 
     touchdown_s: float
     lift_off_s: float
@@ -146,7 +166,9 @@ class Contact:
 
 @dataclass(frozen=True)
 class StrokePhases:
-    """Borders between the phases of a stroke, in seconds from the commanded start; infinite where the phase was not reached."""
+    """Borders between the phases of a stroke, in seconds from the commanded start; infinite
+    where the phase was not reached.
+    """
 
     touchdown_s: float = np.inf
     valley_s: float = np.inf
@@ -155,23 +177,32 @@ class StrokePhases:
     def number(self, t_s: Floats) -> NDArray[np.intp]:
         """Index into PHASES of each moment, same shape as `t_s`."""
         valley_s = min(self.valley_s, self.lift_off_s)
-        borders = np.array([0.0, self.touchdown_s, self.touchdown_s + TOUCHDOWN_LASTS_S, valley_s, self.lift_off_s])
+        borders = np.array(
+            [0.0, self.touchdown_s, self.touchdown_s + TOUCHDOWN_LASTS_S, valley_s, self.lift_off_s]
+        )
         # Borders must ascend, also where the valley follows touchdown at once or was not reached.
         return np.searchsorted(np.maximum.accumulate(borders), t_s, side="right")
 
     def regions(self, end_s: float) -> tuple[StrokeRegion, ...]:
-        """Those of the regions I to III that begin before `end_s`, where the last is cut: free swing, loading, release.
+        """Those of the regions I to III that begin before `end_s`, where the last is cut: free
+        swing, loading, release.
 
-        The paper compares lead and lag of the model in them (section IV.B). Its text names them and leaves their borders to Fig. 7.
-        Without a valley the loading lasts to lift-off, as in `number`.
-        """
+        The paper compares lead and lag of the model in them (section IV.B). Its text names them and
+        leaves their borders to Fig. 7. Without a valley the loading lasts to lift-off, as in
+        `number`."""
         borders = (0.0, self.touchdown_s, min(self.valley_s, self.lift_off_s), self.lift_off_s)
         pairs = zip(REGIONS, borders[:-1], borders[1:], strict=True)
-        return tuple(StrokeRegion(name, begin_s, min(to_s, end_s)) for name, begin_s, to_s in pairs if begin_s < min(to_s, end_s))
+        return tuple(
+            StrokeRegion(name, begin_s, min(to_s, end_s))
+            for name, begin_s, to_s in pairs
+            if begin_s < min(to_s, end_s)
+        )
 
 
 def smooth_trace(t_s: Floats, fz_N: Floats) -> LocalFit:
-    """Smooth the trace (m,) by local parabolas over 20 ms, on a 1 ms grid that ends where half a window still fits."""
+    """Smooth the trace (m,) by local parabolas over 20 ms, on a 1 ms grid that ends where half a
+    window still fits.
+    """
     start, end = float(t_s[0]) + 0.5 * SMOOTHING_S, float(t_s[-1]) - 0.5 * SMOOTHING_S
     grid = GRID_S * np.arange(np.ceil(start / GRID_S), np.floor(end / GRID_S) + 1)
     return local_quadratic(t_s, fz_N, grid, SMOOTHING_S)
@@ -188,13 +219,17 @@ def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Undet
     if not np.isfinite(smooth.value).all():
         where = float(smooth.t_s[~np.isfinite(smooth.value)][0])
         return Undetermined(
-            f"fz has fewer than 5 samples within {1e3 * SMOOTHING_S:.0f} ms at {where:.3f} s: a gap, or a rate under 250 Hz"
+            f"fz has fewer than 5 samples within {1e3 * SMOOTHING_S:.0f} ms at "
+            f"{where:.3f} s: a gap, or a rate under 250 Hz"
         )
     # Mean of fz before the start; of the first 20 ms where a recording begins with the motion.
     rest_N = float(fz_N[t_s <= max(0.0, float(t_s[0]) + SMOOTHING_S)].mean())
     pressing = _pressing(smooth, rest_N)
     if pressing is None:
-        return Undetermined(f"no contact: fz never presses below its level at rest, {rest_N:.1f} N, with more than {FREE_IMPULSE_NS:g} N s")
+        return Undetermined(
+            f"no contact: fz never presses below its level at rest, {rest_N:.1f} N, with "
+            f"more than {FREE_IMPULSE_NS:g} N s"
+        )
     start_s = float(smooth.t_s[pressing.start])
     # A recording that ends under load has no lift-off; infinity keeps all later comparisons valid.
     reaches_end = pressing.stop == len(smooth.t_s)
@@ -203,7 +238,9 @@ def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Undet
 
 
 def phases_of_simulation(stroke: SimulatedStroke, valley_s: float) -> StrokePhases:
-    """Phases of a simulated stroke from its contact forces; `valley_s` from `find_valley`, infinite where refused."""
+    """Phases of a simulated stroke from its contact forces; `valley_s` from `find_valley`,
+    infinite where refused.
+    """
     touching = (stroke.normal_N > 0.0).any(axis=1)
     moments = stroke.t_s[touching & (stroke.t_s >= 0.0)]
     if not len(moments):
@@ -214,28 +251,39 @@ def phases_of_simulation(stroke: SimulatedStroke, valley_s: float) -> StrokePhas
 
 
 def _pressing(smooth: LocalFit, rest_N: float) -> slice | None:
-    """Grid stretch of the first long push. Spike, whip and rebound may be deeper, but carry only a fraction of its impulse."""
+    """Grid stretch of the first long push. Spike, whip and rebound may be deeper, but carry only
+    a fraction of its impulse.
+    """
     below_N = rest_N - smooth.mean
     inside = (below_N > PRESSING_DEPTH * below_N.max()) & (smooth.t_s > 0.0)
     turns = np.diff(np.concatenate([[0], inside.astype(np.int8), [0]]))
-    stretches = [slice(int(a), int(b)) for a, b in zip(np.flatnonzero(turns > 0), np.flatnonzero(turns < 0), strict=True)]
+    stretches = [
+        slice(int(a), int(b))
+        for a, b in zip(np.flatnonzero(turns > 0), np.flatnonzero(turns < 0), strict=True)
+    ]
     impulses = [GRID_S * float(below_N[s].sum()) for s in stretches]
     if not impulses or max(impulses) < FREE_IMPULSE_NS:
         return None
-    return next(s for s, impulse in zip(stretches, impulses, strict=True) if impulse >= CONTACT_IMPULSE_SHARE * max(impulses))
+    return next(
+        s
+        for s, impulse in zip(stretches, impulses, strict=True)
+        if impulse >= CONTACT_IMPULSE_SHARE * max(impulses)
+    )
 
 
 def _touchdown(t_s: Floats, fz_N: Floats, smooth: LocalFit, pressing_s: float) -> float:
-    """Where fz first falls off the straight course of the last 20 ms, between the maximum of the free swing and the push.
+    """Where fz first falls off the straight course of the last 20 ms, between the maximum of the
+    free swing and the push.
 
-    Before this maximum, the drive's ramp bends the trace much like a soft touch, so nothing is searched there.
-    """
+    Before this maximum, the drive's ramp bends the trace much like a soft touch, so nothing is
+    searched there."""
     free = (smooth.t_s >= 0.0) & (smooth.t_s <= pressing_s)
     if not free.any():
         return pressing_s
     crest_s = float(smooth.t_s[free][smooth.value[free].argmax()])
     at_s = np.arange(max(crest_s, COURSE_WINDOW_S), pressing_s, GRID_S)
-    # The line is fitted to the past window and extrapolated to the centre of the short stretch ahead.
+    # The line is fitted to the past window and extrapolated to the centre of the short stretch
+    # ahead.
     course = local_quadratic(t_s, fz_N, at_s - 0.5 * COURSE_WINDOW_S, COURSE_WINDOW_S)
     ahead = local_quadratic(t_s, fz_N, at_s + 0.5 * LOOKAHEAD_S, 1.5 * LOOKAHEAD_S)
     expected_N = course.value + course.slope * 0.5 * (COURSE_WINDOW_S + LOOKAHEAD_S)
@@ -245,7 +293,9 @@ def _touchdown(t_s: Floats, fz_N: Floats, smooth: LocalFit, pressing_s: float) -
 
 @dataclass(frozen=True)
 class Valley:
-    """Time from the commanded start and fz, which is negative where the ground pushes the leg up."""
+    """Time from the commanded start and fz, which is negative where the ground pushes the leg
+    up.
+    """
 
     time_s: float
     fz_N: float
@@ -261,8 +311,9 @@ def find_valley(t_s: Floats, fz_N: Floats) -> Valley | Undetermined:
 
     Notes
     -----
-    The time is where the slope of a parabola over 20 ms vanishes, the force is the parabola's value there. With 0.15 N of noise at 1 kHz
-    and a valley as sharp as the paper's leg has, the time is good to about 1 ms and the force to 0.05 N.
+    The time is where the slope of a parabola over 20 ms vanishes, the force is the parabola's value
+    there. With 0.15 N of noise at 1 kHz and a valley as sharp as the paper's leg has, the time is
+    good to about 1 ms and the force to 0.05 N.
 
     References
     ----------
@@ -278,8 +329,12 @@ def stroke_valley(stroke: Stroke) -> Valley | Undetermined:
     return Undetermined("fz was not recorded") if trace is None else find_valley(*trace)
 
 
-def describe_stroke(stroke: Stroke, valley: Valley | Undetermined | None = None) -> dict[str, float | None]:
-    """A row of numbers: the condition, and time and force of the valley, None where there is none; a caller may know the valley."""
+def describe_stroke(
+    stroke: Stroke, valley: Valley | Undetermined | None = None
+) -> dict[str, float | None]:
+    """A row of numbers: the condition, and time and force of the valley, None where there is
+    none; a caller may know the valley.
+    """
     valley = valley or stroke_valley(stroke)
     found = valley if isinstance(valley, Valley) else None
     return {
@@ -292,10 +347,15 @@ def describe_stroke(stroke: Stroke, valley: Valley | Undetermined | None = None)
 
 
 def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Undetermined, StrokePhases]:
-    """The valley and the phases that it separates, from times and forces (m,); a phase that was not reached begins at infinity."""
+    """The valley and the phases that it separates, from times and forces (m,); a phase that was
+    not reached begins at infinity.
+    """
     recorded_s = float(t_s[-1] - t_s[0]) if len(t_s) else 0.0
     if recorded_s < MIN_RECORDED_S:
-        return Undetermined(f"fz was recorded for {recorded_s:.3f} s only; a stroke needs {MIN_RECORDED_S:g} s at least"), StrokePhases()
+        return Undetermined(
+            f"fz was recorded for {recorded_s:.3f} s only; a stroke needs "
+            f"{MIN_RECORDED_S:g} s at least"
+        ), StrokePhases()
     smooth = smooth_trace(t_s, fz_N)
     contact = find_contact(t_s, fz_N, smooth)
     if isinstance(contact, Undetermined):
@@ -305,33 +365,49 @@ def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Undetermined,
     return valley, StrokePhases(contact.touchdown_s, valley_s, contact.lift_off_s)
 
 
-def _valley_within(t_s: Floats, fz_N: Floats, smooth: LocalFit, contact: Contact) -> Valley | Undetermined:
+def _valley_within(
+    t_s: Floats, fz_N: Floats, smooth: LocalFit, contact: Contact
+) -> Valley | Undetermined:
     # The spike of touchdown may be deeper than the valley, so its time is left out of the search.
     begin_s = contact.touchdown_s + TOUCHDOWN_LASTS_S
     window = np.flatnonzero((smooth.t_s >= begin_s) & (smooth.t_s < contact.lift_off_s))
     if len(window) < 3:
-        return Undetermined(f"contact at {contact.touchdown_s:.3f} s lasts less than touchdown, {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
+        return Undetermined(
+            f"contact at {contact.touchdown_s:.3f} s lasts less than touchdown, "
+            f"{1e3 * TOUCHDOWN_LASTS_S:.0f} ms"
+        )
     # The mean is searched, not the parabola: beside the jumps of the contact a parabola overshoots.
     lowest = int(window[smooth.mean[window].argmin()])
     refusal = _at_an_edge(smooth, window, lowest, contact)
     return refusal or _where_slope_vanishes(t_s, fz_N, smooth, lowest)
 
 
-def _at_an_edge(smooth: LocalFit, window: NDArray[np.intp], lowest: int, contact: Contact) -> Undetermined | None:
-    """Refuses a minimum that comes from a border of the window. Towards the end, the force must have risen visibly again."""
+def _at_an_edge(
+    smooth: LocalFit, window: NDArray[np.intp], lowest: int, contact: Contact
+) -> Undetermined | None:
+    """Refuses a minimum that comes from a border of the window. Towards the end, the force must
+    have risen visibly again.
+    """
     time_s, fz_N = smooth.t_s[lowest], smooth.mean[lowest]
     if time_s - smooth.t_s[window[0]] < 0.5 * SMOOTHING_S:
         return Undetermined(
-            f"fz is lowest, {fz_N:.1f} N, right after touchdown at {contact.touchdown_s:.3f} s: the spike outweighs the loading"
+            f"fz is lowest, {fz_N:.1f} N, right after touchdown at "
+            f"{contact.touchdown_s:.3f} s: the spike outweighs the loading"
         )
     risen_N = smooth.mean[window[-1]] - fz_N
     if not np.isfinite(contact.lift_off_s) and risen_N < PRESSING_DEPTH * (contact.rest_N - fz_N):
-        return Undetermined(f"fz still falls, {fz_N:.1f} N at {time_s:.3f} s, where the recording ends: record longer")
+        return Undetermined(
+            f"fz still falls, {fz_N:.1f} N at {time_s:.3f} s, where the recording ends: "
+            "record longer"
+        )
     return None
 
 
-def _where_slope_vanishes(t_s: Floats, fz_N: Floats, smooth: LocalFit, lowest: int) -> Valley | Undetermined:
-    # About 15 ms to either side on the 1 ms grid: the zero of the slope may differ a little from the minimum of the mean.
+def _where_slope_vanishes(
+    t_s: Floats, fz_N: Floats, smooth: LocalFit, lowest: int
+) -> Valley | Undetermined:
+    # About 15 ms to either side on the 1 ms grid: the zero of the slope may differ a little from
+    # the minimum of the mean.
     near = slice(max(lowest - 15, 0), lowest + 17)
     time, slope = smooth.t_s[near], smooth.slope[near]
     rising = np.flatnonzero((slope[:-1] <= 0.0) & (slope[1:] > 0.0))

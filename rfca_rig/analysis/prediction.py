@@ -39,7 +39,9 @@ class Prediction:
             "peak_force_N": round(float(force.max()), 3),
             "peak_force_time_s": round(float(stroke.t_s[force.argmax()]), 4),
             "peak_shaft_torque_Nm": round(float(np.abs(stroke.shaft_torque_Nm).max()), 4),
-            "touches_from_s": round(float(stroke.t_s[touching.argmax()]), 4) if touching.any() else None,
+            "touches_from_s": round(float(stroke.t_s[touching.argmax()]), 4)
+            if touching.any()
+            else None,
         }
 
     def lines(self) -> list[str]:
@@ -50,7 +52,11 @@ class Prediction:
             if figures["no_valley"]
             else f"valley at {figures['valley_time_s']:.3f} s, fz {figures['valley_fz_N']:.2f} N"
         )
-        touch = "never touches the ground" if figures["touches_from_s"] is None else f"touches from {figures['touches_from_s']:.3f} s"
+        touch = (
+            "never touches the ground"
+            if figures["touches_from_s"] is None
+            else f"touches from {figures['touches_from_s']:.3f} s"
+        )
         return [
             f"{figures['height_mm']:g} mm, {self.speed_rad_s:g} rad/s: {touch}, {valley}",
             f"peak force {figures['peak_force_N']:.1f} N at {figures['peak_force_time_s']:.3f} s, "
@@ -58,19 +64,39 @@ class Prediction:
         ]
 
 
-def predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float) -> Prediction:
-    """Predict a stroke from the start angle over `sweep_deg` at constant speed, sampled at 1 kHz."""
+def predict_stroke(
+    rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float
+) -> Prediction:
+    """Predict a stroke from the start angle over `sweep_deg` at constant speed, sampled at 1
+    kHz.
+    """
     # The ramp covers half the angle of a turn at full speed, so the sweep takes half a ramp longer.
     end_s = float(np.radians(sweep_deg)) / speed_rad_s + 0.5 * rig.drive.ramp_s
-    t_s = np.arange(-round(BEFORE_S / SAMPLE_S), max(int(end_s / SAMPLE_S), 1) + 1, dtype=np.float64) * SAMPLE_S
-    return Prediction(height_m, speed_rad_s, simulate_stroke_at_speed(rig, height_m, speed_rad_s, t_s))
+    t_s = (
+        np.arange(-round(BEFORE_S / SAMPLE_S), max(int(end_s / SAMPLE_S), 1) + 1, dtype=np.float64)
+        * SAMPLE_S
+    )
+    return Prediction(
+        height_m, speed_rad_s, simulate_stroke_at_speed(rig, height_m, speed_rad_s, t_s)
+    )
 
 
 def write_csv(stroke: SimulatedStroke, path: Path) -> None:
-    """Write the stroke with the column names of a campaign's dynamic CSV, so that it can be imported as a campaign."""
+    """Write the stroke with the column names of a campaign's dynamic CSV, so that it can be
+    imported as a campaign.
+    """
     names = "t_s,shaft_angle_rad,motor_torque_Nm,fy_N,fz_N,tx_Nm"
-    columns = [stroke.t_s, stroke.shaft_angle_rad, stroke.shaft_torque_Nm, stroke.fy_N, stroke.fz_N, stroke.tx_Nm]
+    columns = [
+        stroke.t_s,
+        stroke.shaft_angle_rad,
+        stroke.shaft_torque_Nm,
+        stroke.fy_N,
+        stroke.fz_N,
+        stroke.tx_Nm,
+    ]
     try:
-        np.savetxt(path, np.column_stack(columns), fmt="%.6g", delimiter=",", header=names, comments="")
+        np.savetxt(
+            path, np.column_stack(columns), fmt="%.6g", delimiter=",", header=names, comments=""
+        )
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror}") from None

@@ -23,13 +23,17 @@ class Condition:
 
     @property
     def strokes_before(self) -> tuple[int, ...]:
-        """How many strokes the leg had made before each of these; () where that is not known for all of them."""
+        """How many strokes the leg had made before each of these; () where that is not known for
+        all of them.
+        """
         return collect_strokes_before(self.strokes)
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean and sample standard deviation (n - 1) of `count` values; None where there are too few."""
+    """Mean and sample standard deviation (n - 1) of `count` values; None where there are too
+    few.
+    """
 
     mean: float | None
     std: float | None
@@ -44,7 +48,9 @@ def group_by_condition(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
     groups: dict[tuple[float, float], list[Stroke]] = {}
     for stroke in strokes:
         # Rounding makes equal what differs in the last digits alone.
-        groups.setdefault((round(stroke.height_m, 4), round(stroke.speed_rad_s, 3)), []).append(stroke)
+        groups.setdefault((round(stroke.height_m, 4), round(stroke.speed_rad_s, 3)), []).append(
+            stroke
+        )
     return tuple(
         Condition(height_m, speed_rad_s, tuple(sorted(group, key=lambda s: s.repeat)))
         for (height_m, speed_rad_s), group in sorted(groups.items())

@@ -1,12 +1,13 @@
 """Forces of a leg at rest: under a force on its tip, and as a measure of how its stiffness drifts.
 
-`load_tip` gives the shape for a force, `find_tip_force` the force for a shape. Section III.B of the paper: a leg that grasps or holds.
-There is no floor contact, effects are ignored, and the weight of the links counts.
+`load_tip` gives the shape for a force, `find_tip_force` the force for a shape. Section III.B of the
+paper: a leg that grasps or holds. There is no floor contact, effects are ignored, and the weight of
+the links counts.
 
-`stiffness_drift` compares forces at the same shaft angles with those of the first check. At a given height and shaft angle, a leg of
-springs pushes in proportion to their stiffness. One factor between two checks therefore measures the change. The residual of that factor
-contains the weight, and friction that differs from touchdown to touchdown.
-"""
+`stiffness_drift` compares forces at the same shaft angles with those of the first check. At a given
+height and shaft angle, a leg of springs pushes in proportion to their stiffness. One factor between
+two checks therefore measures the change. The residual of that factor contains the weight, and
+friction that differs from touchdown to touchdown."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.paper.statics import equilibrium_under_tip_force, tip_chain_of, tip_force_weighing_angles
+from rfca_rig.model.paper.statics import (
+    equilibrium_under_tip_force,
+    tip_chain_of,
+    tip_force_weighing_angles,
+)
 from rfca_rig.model.parameters import Leg
 from rfca_rig.recording.model import StaticStage
 
@@ -35,7 +40,8 @@ class LoadedShape:
     torques_Nm
         (n,) what holds the shaft, then the springs' torques.
     ends_mm, unloaded_mm
-        (n + 1, 2) along and down, from the shaft to the tip, under the force and under the weight alone.
+        (n + 1, 2) along and down, from the shaft to the tip, under the force and under the weight
+        alone.
     is_stable
         Whether the leg would return to this shape when pushed.
     """
@@ -50,12 +56,20 @@ class LoadedShape:
     def lines(self) -> Iterator[str]:
         """The result as lines for a terminal."""
         along_N, down_N = self.force_N
-        yield f"force at the tip: {along_N:+.2f} N along, {down_N:+.2f} N down; torque of the shaft {self.torques_Nm[0]:+.3f} N m"
-        for hinge, (angle, torque) in enumerate(zip(np.degrees(self.angles_rad[1:]), self.torques_Nm[1:], strict=True), start=2):
+        yield (
+            f"force at the tip: {along_N:+.2f} N along, {down_N:+.2f} N down; torque of the "
+            f"shaft {self.torques_Nm[0]:+.3f} N m"
+        )
+        for hinge, (angle, torque) in enumerate(
+            zip(np.degrees(self.angles_rad[1:]), self.torques_Nm[1:], strict=True), start=2
+        ):
             yield f"hinge {hinge}: {angle:+7.2f} deg  {torque:+7.3f} N m"
         along_mm, down_mm = self.ends_mm[-1]
         moved_mm = float(np.hypot(*(self.ends_mm[-1] - self.unloaded_mm[-1])))
-        yield f"tip at {along_mm:.1f} mm along, {down_mm:.1f} mm down; the force moves it by {moved_mm:.1f} mm"
+        yield (
+            f"tip at {along_mm:.1f} mm along, {down_mm:.1f} mm down; the force moves it by "
+            f"{moved_mm:.1f} mm"
+        )
         if not self.is_stable:
             yield "this shape is not stable: the leg snaps into another one when pushed"
 
@@ -73,7 +87,9 @@ class LoadedShape:
 
 @dataclass(frozen=True)
 class FoundTipForce:
-    """A tip force and its standard errors (2,), along and down, and the largest hinge moment that the solution leaves unbalanced."""
+    """A tip force and its standard errors (2,), along and down, and the largest hinge moment
+    that the solution leaves unbalanced.
+    """
 
     force_N: Floats
     std_N: Floats
@@ -94,14 +110,25 @@ def load_tip(leg: Leg, shaft_rad: float, force_N: Floats) -> LoadedShape:
     """
     chain = tip_chain_of(leg)
     # The second equilibrium, without the force, shows what the weight alone does.
-    found, alone = equilibrium_under_tip_force(chain, shaft_rad, force_N), equilibrium_under_tip_force(chain, shaft_rad, np.zeros(2))
+    found, alone = (
+        equilibrium_under_tip_force(chain, shaft_rad, force_N),
+        equilibrium_under_tip_force(chain, shaft_rad, np.zeros(2)),
+    )
     # The first angle is the shaft's, which has no spring: its torque is that of the drive.
     torques = np.append(found.shaft_torque_Nm, chain.springs.torque_Nm(found.phi)[1:])
-    return LoadedShape(force_N, found.phi, torques, _ends_mm(chain.L, found.phi), _ends_mm(chain.L, alone.phi), found.stable)
+    return LoadedShape(
+        force_N,
+        found.phi,
+        torques,
+        _ends_mm(chain.L, found.phi),
+        _ends_mm(chain.L, alone.phi),
+        found.stable,
+    )
 
 
 def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) -> FoundTipForce:
-    """The force at the tip that bends the leg into this shape, by least squares weighted with the errors of the angles.
+    """The force at the tip that bends the leg into this shape, by least squares weighted with the
+    errors of the angles.
 
     Parameters
     ----------
@@ -115,7 +142,8 @@ def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) 
     Raises
     ------
     BadInput
-        Where the number of angles differs from that of the links, or the angles do not determine the force.
+        Where the number of angles differs from that of the links, or the angles do not determine
+        the force.
 
     References
     ----------
@@ -124,10 +152,14 @@ def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) 
     chain, links = tip_chain_of(leg), len(leg.link_lengths_m)
     if len(angles_rad) != links:
         raise BadInput(
-            f"{len(angles_rad)} angles: this leg has {links}, of the shaft and of {links - 1} hinges; give all of them in degrees"
+            f"{len(angles_rad)} angles: this leg has {links}, of the shaft and of "
+            f"{links - 1} hinges; give all of them in degrees"
         )
     if angle_std_rad <= 0.0:
-        raise BadInput(f"a standard deviation of {np.degrees(angle_std_rad):g} deg for the angles: it must be above 0")
+        raise BadInput(
+            f"a standard deviation of {np.degrees(angle_std_rad):g} deg for the angles: "
+            "it must be above 0"
+        )
     found = tip_force_weighing_angles(chain, np.array(angles_rad, dtype=np.float64), angle_std_rad)
     residual = found.residual_Nm
     return FoundTipForce(found.force_N, found.standard_errors_N, float(np.abs(residual).max()))
@@ -135,13 +167,17 @@ def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) 
 
 def _ends_mm(lengths_m: Floats, phi: Floats) -> Floats:
     angles = np.cumsum(phi)
-    ends = 1e3 * np.cumsum(lengths_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0)
+    ends = 1e3 * np.cumsum(
+        lengths_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0
+    )
     return np.vstack([np.zeros(2), ends])
 
 
 @dataclass(frozen=True)
 class StiffnessDrift:
-    """Relative change of the forces since the first check, and its standard error (nan from a single force)."""
+    """Relative change of the forces since the first check, and its standard error (nan from a
+    single force).
+    """
 
     relative: float
     std: float
@@ -164,8 +200,8 @@ def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> St
 
     Notes
     -----
-    Least squares of fy and fz at all angles on those of the first check; the standard error comes from the residual.
-    """
+    Least squares of fy and fz at all angles on those of the first check; the standard error comes
+    from the residual."""
     by_number = {stage.stage: stage for stage in stages}
     first, now = _forces(by_number, holds, 1), _forces(by_number, holds, check)
     if first is None or now is None:
@@ -183,4 +219,6 @@ def _forces(stages: Mapping[int, StaticStage], holds: int, check: int) -> np.nda
     numbers = range((check - 1) * holds + 1, check * holds + 1)
     if not all(number in stages for number in numbers):
         return None
-    return np.array([force for number in numbers for force in (stages[number].fy_N, stages[number].fz_N)])
+    return np.array(
+        [force for number in numbers for force in (stages[number].fy_N, stages[number].fz_N)]
+    )

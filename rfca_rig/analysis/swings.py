@@ -1,9 +1,10 @@
-"""Residuals between recorded and simulated swings of a pendulum: the data of a diagnosis of omitted physics.
+"""Residuals between recorded and simulated swings of a pendulum: the data of a diagnosis of omitted
+physics.
 
-A long free simulation of a pendulum near its upright position cannot be compared with data: a tiny difference grows hundredfold within a
-second. A recording is therefore cut into windows, and the model starts each window from the measured, smoothed state. Angles and speeds are
-compared as means over short bins.
-"""
+A long free simulation of a pendulum near its upright position cannot be compared with data: a tiny
+difference grows hundredfold within a second. A recording is therefore cut into windows, and the
+model starts each window from the measured, smoothed state. Angles and speeds are compared as means
+over short bins."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,22 +22,27 @@ from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, PendulumLink, make
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Half width of the stretch around a window's start from which its state is estimated, and that of the next narrower one that is tried.
+# Half width of the stretch around a window's start from which its state is estimated, and that of
+# the next narrower one that is tried.
 SMOOTHING_HALF_WIDTH_S, NARROWER = 0.06, 0.7
 # A cubic is too stiff for the second link of a double pendulum.
 POLYNOMIAL_DEGREE = 5
 BIN_S = 0.02
-# Torque before and after a window: twice the longest plausible delay, and two of the longest plausible lags.
+# Torque before and after a window: twice the longest plausible delay, and two of the longest
+# plausible lags.
 MARGIN_S = 0.1
 
 
-# Usual error of joint torques where [known_to] has no torque_error_relative: that of a torque sensor.
+# Usual error of joint torques where [known_to] has no torque_error_relative: that of a torque
+# sensor.
 TORQUE_ERROR = 0.01
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """A nominal value that may be off: `std` is its prior standard deviation, and 0 stands for the nominal value."""
+    """A nominal value that may be off: `std` is its prior standard deviation, and 0 stands for
+    the nominal value.
+    """
 
     name: str
     std: float
@@ -44,12 +50,15 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class SwingWindow:
-    """One window of a run: the torques, the smoothed start state (n,) of n joints, and the measured bins.
+    """One window of a run: the torques, the smoothed start state (n,) of n joints, and the measured
+    bins.
 
-    Times `t_s` (k,) count from the start. `bins` (b,) holds the index of the first sample of each bin. `measured` is (2, n, b), or (1, n,
-    b) without speeds: bin means of angle [rad] and speed [rad/s]. `sensor_std` has the same shape. `start_effect` (2 n, ...) is the change
-    of these means for an error of one standard deviation in each start angle and speed, computed with the nominal pendulum.
-    """
+    Times `t_s` (k,) count from the start. `bins` (b,) holds the index of the first sample of each
+    bin. `measured` is (2, n, b), or (1, n,
+    b) without speeds: bin means of angle [rad] and speed [rad/s]. `sensor_std` has the same shape.
+       `start_effect` (2 n, ...) is the change
+    of these means for an error of one standard deviation in each start angle and speed, computed
+    with the nominal pendulum."""
 
     run: int
     start_s: float
@@ -64,8 +73,8 @@ class SwingWindow:
 
     @property
     def noise_std(self) -> Floats:
-        """Standard deviation, shape of `measured`, of sensor noise and start error together. The start error is common to all rows of a
-        window.
+        """Standard deviation, shape of `measured`, of sensor noise and start error together. The
+        start error is common to all rows of a window.
         """
         return np.asarray(np.sqrt(self.sensor_std**2 + (self.start_effect**2).sum(axis=0)))
 
@@ -85,11 +94,11 @@ class SwingWindow:
 class SwingProblem:
     """All windows of a campaign as one data vector of m rows.
 
-    `conditions` names the groups of rows, one per run; `groups` (m,) is the index of a row's run. Rows of one group share their systematic
-    errors, rows of different groups do not. `windows_of_row` (m,), `signals`, `signal_of_row` (m,) and `t_s` (m,) locate a row in the runs.
-    `measured` and `noise_std` are (m,), angles in rad and speeds in rad/s. `torque_error` is the usual relative error of the recorded or
-    modelled torque in a joint.
-    """
+    `conditions` names the groups of rows, one per run; `groups` (m,) is the index of a row's run.
+    Rows of one group share their systematic errors, rows of different groups do not.
+    `windows_of_row` (m,), `signals`, `signal_of_row` (m,) and `t_s` (m,) locate a row in the runs.
+    `measured` and `noise_std` are (m,), angles in rad and speeds in rad/s. `torque_error` is the
+    usual relative error of the recorded or modelled torque in a joint."""
 
     pendulum: Pendulum
     nuisances: tuple[Nuisance, ...]
@@ -116,20 +125,34 @@ class SwingProblem:
     @property
     def signals(self) -> tuple[str, ...]:
         joints = range(1, len(self.pendulum.links) + 1)
-        return tuple(name for unit in ("angle{}_rad", "speed{}_rad_s") for name in (unit.format(joint) for joint in joints))
+        return tuple(
+            name
+            for unit in ("angle{}_rad", "speed{}_rad_s")
+            for name in (unit.format(joint) for joint in joints)
+        )
 
     @property
     def signal_of_row(self) -> Indices:
         """Index of each row's signal in `signals`, (m,)."""
-        return np.concatenate([np.repeat(np.arange(w.measured[:, :, 0].size), w.measured.shape[2]) for w in self.windows])
+        return np.concatenate(
+            [
+                np.repeat(np.arange(w.measured[:, :, 0].size), w.measured.shape[2])
+                for w in self.windows
+            ]
+        )
 
     @property
     def t_s(self) -> Floats:
         """Times of the rows in their runs, at the centres of their bins, (m,) in s."""
-        return np.concatenate([np.tile(w.start_s + w.middles_s, w.measured[:, :, 0].size) for w in self.windows])
+        return np.concatenate(
+            [np.tile(w.start_s + w.middles_s, w.measured[:, :, 0].size) for w in self.windows]
+        )
 
-    def predicted(self, nuisances: Mapping[str, float], effects: Sequence[PresentEffect] = ()) -> Floats:
-        """Predict all rows, (m,), with nominal values shifted by `nuisances` and with the given effects.
+    def predicted(
+        self, nuisances: Mapping[str, float], effects: Sequence[PresentEffect] = ()
+    ) -> Floats:
+        """Predict all rows, (m,), with nominal values shifted by `nuisances` and with the given
+        effects.
 
         Parameters
         ----------
@@ -152,8 +175,11 @@ class SwingProblem:
         return [window.measured.size for window in self.windows]
 
 
-def make_swing_problem(campaign: PendulumCampaign, window_s: float | Sequence[float] = 0.5, bin_s: float = BIN_S) -> SwingProblem:
-    """Cut all runs of a campaign into bins and windows, all of one length or those of each run of its own.
+def make_swing_problem(
+    campaign: PendulumCampaign, window_s: float | Sequence[float] = 0.5, bin_s: float = BIN_S
+) -> SwingProblem:
+    """Cut all runs of a campaign into bins and windows, all of one length or those of each run of
+    its own.
 
     Raises BadInput where no run is long enough for one window.
     """
@@ -163,8 +189,10 @@ def make_swing_problem(campaign: PendulumCampaign, window_s: float | Sequence[fl
         Nuisance(f"link{place}.{key}", std)
         for place, link in enumerate(campaign.pendulum.links, start=1)
         for key, std in campaign.known_to.items()
-        # The torque error belongs to the whole problem, not to one link. Drive values change nothing without a driven run.
-        if key != "torque_error_relative" and (key not in DRIVE_NUISANCES or (link.driven and powered))
+        # The torque error belongs to the whole problem, not to one link. Drive values change
+        # nothing without a driven run.
+        if key != "torque_error_relative"
+        and (key not in DRIVE_NUISANCES or (link.driven and powered))
     )
     ready = make_driven_pendulum(campaign.pendulum)
     windows = tuple(
@@ -174,38 +202,55 @@ def make_swing_problem(campaign: PendulumCampaign, window_s: float | Sequence[fl
     )
     if not windows:
         raise BadInput(
-            f"no run of {campaign.title} is longer than {min(lengths_s) + 2 * SMOOTHING_HALF_WIDTH_S:g} s, "
+            f"no run of {campaign.title} is longer than "
+            f"{min(lengths_s) + 2 * SMOOTHING_HALF_WIDTH_S:g} s, "
             f"which a window of {min(lengths_s):g} s needs"
         )
     torque_error = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
-    return SwingProblem(campaign.pendulum, nuisances, tuple(run.label for run in campaign.runs), windows, torque_error)
+    return SwingProblem(
+        campaign.pendulum,
+        nuisances,
+        tuple(run.label for run in campaign.runs),
+        windows,
+        torque_error,
+    )
 
 
 def apply_nuisances(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendulum:
-    """The pendulum with shifted nominal values; keys are `link1.mass_relative` and so on, as in [known_to].
+    """The pendulum with shifted nominal values; keys are `link1.mass_relative` and so on, as in
+    [known_to].
 
-    Damping, friction and rotor inertia are cut off at 0. Raises BadInput for an unknown key, and for values that no pendulum can have.
-    """
+    Damping, friction and rotor inertia are cut off at 0. Raises BadInput for an unknown key, and
+    for values that no pendulum can have."""
     links = list(pendulum.links)
     for name, value in nuisances.items():
         link, _, key = name.partition(".")
         place = int(link.removeprefix("link")) - 1 if link.removeprefix("link").isdecimal() else -1
         if key not in _SHIFTS or not 0 <= place < len(links):
-            raise BadInput(f"{name!r} is no nuisance of a pendulum of {len(links)}; there are link1. and so on with {', '.join(_SHIFTS)}")
+            raise BadInput(
+                f"{name!r} is no nuisance of a pendulum of {len(links)}; there are link1. "
+                f"and so on with {', '.join(_SHIFTS)}"
+            )
         links[place] = _SHIFTS[key](links[place], value)
     return Pendulum(tuple(links))
 
 
 def _mass(link: PendulumLink, share: float) -> PendulumLink:
     # A heavier link of the same shape: its inertia grows in proportion.
-    return replace(link, mass_kg=link.mass_kg * (1.0 + share), inertia_kg_m2=link.inertia_kg_m2 * (1.0 + share))
+    return replace(
+        link, mass_kg=link.mass_kg * (1.0 + share), inertia_kg_m2=link.inertia_kg_m2 * (1.0 + share)
+    )
 
 
 def _centre(link: PendulumLink, by_m: float) -> PendulumLink:
     """Shifts the centre of mass; the inertia about the centre of mass stays."""
     # Steiner's theorem: inertia_kg_m2 is about the joint, so it changes by m (c_new^2 - c_old^2).
     centre = link.centre_of_mass_m + by_m
-    return replace(link, centre_of_mass_m=centre, inertia_kg_m2=link.inertia_kg_m2 + link.mass_kg * (centre**2 - link.centre_of_mass_m**2))
+    return replace(
+        link,
+        centre_of_mass_m=centre,
+        inertia_kg_m2=link.inertia_kg_m2 + link.mass_kg * (centre**2 - link.centre_of_mass_m**2),
+    )
 
 
 # Without a driven run these change nothing.
@@ -214,25 +259,44 @@ DRIVE_NUISANCES = ("torque_offset_Nm", "torque_delay_s")
 _SHIFTS: Mapping[str, Callable[[PendulumLink, float], PendulumLink]] = {
     "mass_relative": _mass,
     "centre_of_mass_m": _centre,
-    "inertia_relative": lambda link, share: replace(link, inertia_kg_m2=link.inertia_kg_m2 * (1.0 + share)),
-    "joint_damping_Nm_s_per_rad": lambda link, by: replace(link, joint_damping_Nm_s_per_rad=max(0.0, link.joint_damping_Nm_s_per_rad + by)),
-    "joint_friction_Nm": lambda link, by: replace(link, joint_friction_Nm=max(0.0, link.joint_friction_Nm + by)),
+    "inertia_relative": lambda link, share: replace(
+        link, inertia_kg_m2=link.inertia_kg_m2 * (1.0 + share)
+    ),
+    "joint_damping_Nm_s_per_rad": lambda link, by: replace(
+        link, joint_damping_Nm_s_per_rad=max(0.0, link.joint_damping_Nm_s_per_rad + by)
+    ),
+    "joint_friction_Nm": lambda link, by: replace(
+        link, joint_friction_Nm=max(0.0, link.joint_friction_Nm + by)
+    ),
     "torque_offset_Nm": lambda link, by: replace(link, torque_offset_Nm=link.torque_offset_Nm + by),
     "zero_offset_rad": lambda link, by: replace(link, zero_offset_rad=link.zero_offset_rad + by),
     "torque_delay_s": lambda link, by: replace(link, torque_delay_s=link.torque_delay_s + by),
-    "rotor_inertia_kg_m2": lambda link, by: replace(link, rotor_inertia_kg_m2=max(0.0, link.rotor_inertia_kg_m2 + by)),
+    "rotor_inertia_kg_m2": lambda link, by: replace(
+        link, rotor_inertia_kg_m2=max(0.0, link.rotor_inertia_kg_m2 + by)
+    ),
 }
 
 
 def sample_noise(run: PendulumRun, noise_std: Mapping[str, float]) -> Floats:
-    """Standard deviation of one sample, (1, n) for angles or (2, n) with speeds: as stated in the campaign, or estimated from the run."""
+    """Standard deviation of one sample, (1, n) for angles or (2, n) with speeds: as stated in
+    the campaign, or estimated from the run.
+    """
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
-    return np.stack([np.full(c.shape[1], s) if s else sample_std(c) for c, s in zip(channels, stated, strict=False)])
+    return np.stack(
+        [
+            np.full(c.shape[1], s) if s else sample_std(c)
+            for c, s in zip(channels, stated, strict=False)
+        ]
+    )
 
 
 def _windows(
-    place: int, run: PendulumRun, noise_std: Mapping[str, float], cut_s: tuple[float, float], ready: DrivenPendulum
+    place: int,
+    run: PendulumRun,
+    noise_std: Mapping[str, float],
+    cut_s: tuple[float, float],
+    ready: DrivenPendulum,
 ) -> list[SwingWindow]:
     window_s, _ = cut_s
     noise = sample_noise(run, noise_std)
@@ -240,11 +304,19 @@ def _windows(
     # The tolerance keeps the last window of a run that is divided evenly.
     starts = np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - window_s + 1e-9, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
-    return [_window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts]
+    return [
+        _window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts
+    ]
 
 
 def _window(
-    place: int, run: PendulumRun, start_s: float, cut_s: tuple[float, float], channels: list[Floats], noise: Floats, ready: DrivenPendulum
+    place: int,
+    run: PendulumRun,
+    start_s: float,
+    cut_s: tuple[float, float],
+    channels: list[Floats],
+    noise: Floats,
+    ready: DrivenPendulum,
 ) -> SwingWindow:
     window_s, bin_s = cut_s
     inside = (run.t_s > start_s) & (run.t_s <= start_s + window_s)
@@ -270,8 +342,13 @@ def _window(
 
 
 def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
-    """Torques of the window with a margin on both sides, as far as the run has one, so that a drive may act late or early."""
-    begin_s, end_s = max(run.t_s[0], start_s - MARGIN_S), min(run.t_s[-1], start_s + window_s + MARGIN_S)
+    """Torques of the window with a margin on both sides, as far as the run has one, so that a
+    drive may act late or early.
+    """
+    begin_s, end_s = (
+        max(run.t_s[0], start_s - MARGIN_S),
+        min(run.t_s[-1], start_s + window_s + MARGIN_S),
+    )
     between = (run.t_s > begin_s) & (run.t_s < end_s)
     t_s = np.concatenate([[begin_s], run.t_s[between], [end_s]])
     torque = np.column_stack([np.interp(t_s, run.t_s, column) for column in run.torque_Nm.T])
@@ -282,9 +359,8 @@ def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
 class LocalPolynomial:
     """Positions near one moment as a polynomial in the time from that moment, divided by `half_s`.
 
-    `coefficients` (POLYNOMIAL_DEGREE + 1, n) have standard deviations `std` (POLYNOMIAL_DEGREE + 1,) per unit of noise. `missed` (n,) is
-    the standard deviation of the misfit.
-    """
+    `coefficients` (POLYNOMIAL_DEGREE + 1, n) have standard deviations `std` (POLYNOMIAL_DEGREE +
+    1,) per unit of noise. `missed` (n,) is the standard deviation of the misfit."""
 
     coefficients: Floats
     std: Floats
@@ -292,16 +368,21 @@ class LocalPolynomial:
     half_s: float
 
     def derivative(self, order: int) -> Floats:
-        """Derivative (n,) at the moment itself: position, speed and acceleration for `order` 0, 1 and 2."""
+        """Derivative (n,) at the moment itself: position, speed and acceleration for `order` 0,
+        1 and 2.
+        """
         return np.asarray(factorial(order) * self.coefficients[order] / self.half_s**order)
 
 
 def local_polynomial(t_s: Floats, position: Floats, at_s: float) -> LocalPolynomial:
-    """Least-squares polynomial through the positions (m, n) around `at_s`, for ascending times `t_s` (m,).
+    """Least-squares polynomial through the positions (m, n) around `at_s`, for ascending times
+    `t_s` (m,).
 
     The stretch is widened where fewer samples lie in it than the polynomial needs.
     """
-    return _fit_polynomial(t_s, position, at_s, max(SMOOTHING_HALF_WIDTH_S, _narrowest_half_width(t_s)))
+    return _fit_polynomial(
+        t_s, position, at_s, max(SMOOTHING_HALF_WIDTH_S, _narrowest_half_width(t_s))
+    )
 
 
 def _fit_polynomial(t_s: Floats, position: Floats, at_s: float, half_s: float) -> LocalPolynomial:
@@ -321,8 +402,11 @@ def _narrowest_half_width(t_s: Floats) -> float:
     return 0.5 * (POLYNOMIAL_DEGREE + 2) * float(np.median(np.diff(t_s)))
 
 
-def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Position and speed at `start_s` from a local polynomial, each with its standard deviation: four arrays (n,).
+def estimate_start(
+    t_s: Floats, position: Floats, start_s: float, noise: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Position and speed at `start_s` from a local polynomial, each with its standard deviation:
+    four arrays (n,).
 
     Parameters
     ----------
@@ -333,30 +417,46 @@ def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats)
 
     Notes
     -----
-    The misfit of the polynomial counts as noise too, for instance where dry friction reverses. Of several half widths, each joint takes
-    the one with the least standard deviation of the speed: the widest one in smooth motion, a narrower one near an impact.
-    """
-    # A stretch needs twice the samples of the narrowest one; with fewer, the misfit itself is hardly known.
+    The misfit of the polynomial counts as noise too, for instance where dry friction reverses. Of
+    several half widths, each joint takes the one with the least standard deviation of the speed:
+    the widest one in smooth motion, a narrower one near an impact."""
+    # A stretch needs twice the samples of the narrowest one; with fewer, the misfit itself is
+    # hardly known.
     narrowest_s = _narrowest_half_width(t_s)
     halves_s = [max(SMOOTHING_HALF_WIDTH_S, narrowest_s)]
     while (half_s := NARROWER * halves_s[-1]) >= 2.0 * narrowest_s:
         halves_s.append(half_s)
     fits = [_fit_polynomial(t_s, position, start_s, half_s) for half_s in halves_s]
     # (widths, 2, n): of position and of speed.
-    std = np.array([fit.std[:2, None] * np.maximum(noise, fit.missed) / np.array([[1.0], [fit.half_s]]) for fit in fits])
+    std = np.array(
+        [
+            fit.std[:2, None] * np.maximum(noise, fit.missed) / np.array([[1.0], [fit.half_s]])
+            for fit in fits
+        ]
+    )
     best, joints = std[:, 1].argmin(axis=0), np.arange(position.shape[1])
-    at, speed = (np.array([fit.derivative(order) for fit in fits])[best, joints] for order in (0, 1))
+    at, speed = (
+        np.array([fit.derivative(order) for fit in fits])[best, joints] for order in (0, 1)
+    )
     return at, speed, std[best, 0, joints], std[best, 1, joints]
 
 
-def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats) -> Floats:
-    """Change of `measured` for one standard deviation of each start angle and speed, by central differences with the nominal pendulum."""
+def _start_effect(
+    window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats
+) -> Floats:
+    """Change of `measured` for one standard deviation of each start angle and speed, by central
+    differences with the nominal pendulum.
+    """
     effects = []
     for joint in range(len(angle_std)):
         angle, speed = (std * np.eye(len(std))[joint] for std in (angle_std, speed_std))
         for by_angle, by_speed in ((angle, 0.0 * speed), (0.0 * angle, speed)):
             ahead, behind = (
-                replace(window, angle_rad=window.angle_rad + sign * by_angle, speed_rad_s=window.speed_rad_s + sign * by_speed)
+                replace(
+                    window,
+                    angle_rad=window.angle_rad + sign * by_angle,
+                    speed_rad_s=window.speed_rad_s + sign * by_speed,
+                )
                 for sign in (1.0, -1.0)
             )
             effects.append(0.5 * (ahead.predicted(ready) - behind.predicted(ready)))
@@ -364,8 +464,11 @@ def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats,
 
 
 def bin_starts(t_s: Floats, bin_s: float) -> Indices:
-    """Index of the first sample of each bin, (b,), for sample times (k,) above zero; a sample on an edge ends its bin."""
-    # The small offset puts a sample on a bin's edge into the bin that ends there, in spite of rounding.
+    """Index of the first sample of each bin, (b,), for sample times (k,) above zero; a sample on
+    an edge ends its bin.
+    """
+    # The small offset puts a sample on a bin's edge into the bin that ends there, in spite of
+    # rounding.
     return np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))
 
 
@@ -380,15 +483,19 @@ def sample_std(values: Floats) -> Floats:
 
     The larger of two estimates: from second differences, and from the smallest step of an encoder.
     """
-    # A second difference 1, -2, 1 of white noise has sqrt(6) times its deviation, and a smooth motion leaves it small.
+    # A second difference 1, -2, 1 of white noise has sqrt(6) times its deviation, and a smooth
+    # motion leaves it small.
     from_neighbours = np.sqrt(np.mean(np.diff(values, 2, axis=0) ** 2, axis=0) / 6.0)
     steps = np.array([smallest_step(column) for column in values.T])
-    # A uniform rounding error over one step has the deviation step / sqrt(12). The floor keeps weights finite for simulated data.
+    # A uniform rounding error over one step has the deviation step / sqrt(12). The floor keeps
+    # weights finite for simulated data.
     return np.asarray(np.maximum(np.maximum(from_neighbours, steps / np.sqrt(12.0)), 1e-9))
 
 
 def smallest_step(values: Floats) -> float:
-    """The smallest step between neighbouring samples (m,), which is the resolution of an encoder; 0 where the value never changes."""
+    """The smallest step between neighbouring samples (m,), which is the resolution of an
+    encoder; 0 where the value never changes.
+    """
     steps = np.abs(np.diff(values))
     moved = steps[steps > 0.0]
     return float(moved.min()) if moved.size else 0.0

@@ -1,4 +1,5 @@
-"""Loads that the nominal model predicts: for a plan, its check and its printout, and for whole turns of the shaft.
+"""Loads that the nominal model predicts: for a plan, its check and its printout, and for whole
+turns of the shaft.
 
 Whole turns are cycles, and the way home after a stop.
 """
@@ -16,7 +17,18 @@ from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.plan import TURN_RAD, Approach, Cycles, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, turn_to
+from rfca_rig.protocol.plan import (
+    TURN_RAD,
+    Approach,
+    Cycles,
+    Flap,
+    Hold,
+    MoveShaft,
+    Plan,
+    SetHeight,
+    Stage,
+    turn_to,
+)
 
 SAMPLE_S = 1e-3
 
@@ -34,21 +46,28 @@ PARKED_UPRIGHT_DEG = -90
 
 
 def check_parked_leg(plan: Plan, rig: RigModel, parked_angle_rad: float) -> None:
-    """Raises BadInput where the leg, parked without torque while the rack moves, would reach the plate at a height of the plan.
+    """Raises BadInput where the leg, parked without torque while the rack moves, would reach the
+    plate at a height of the plan.
 
     A leg that stands on the plate is pushed back to its start angle by the first move, and wedges.
     """
-    height_m = min((stage.height_m for stage in plan.stages if isinstance(stage, SetHeight)), default=math.inf)
+    height_m = min(
+        (stage.height_m for stage in plan.stages if isinstance(stage, SetHeight)), default=math.inf
+    )
     reach_m = predict_reach(rig, parked_angle_rad)
     if reach_m < height_m:
         return
     parked_deg = round(math.degrees(parked_angle_rad), 1)
     clear_deg = math.ceil(parked_deg) - 1
-    while clear_deg > PARKED_UPRIGHT_DEG and predict_reach(rig, math.radians(clear_deg)) >= height_m:
+    while (
+        clear_deg > PARKED_UPRIGHT_DEG and predict_reach(rig, math.radians(clear_deg)) >= height_m
+    ):
         clear_deg -= 1
     raise BadInput(
-        f"{plan.title}: the leg parked at {parked_deg:g} deg hangs {1e3 * reach_m:.0f} mm below the shaft and reaches the plate, which is "
-        f"{1e3 * height_m:.1f} mm below it; set [rig] parked_angle_deg in the rig file to {clear_deg} or less, or raise the rack"
+        f"{plan.title}: the leg parked at {parked_deg:g} deg hangs {1e3 * reach_m:.0f} mm "
+        "below the shaft and reaches the plate, which is "
+        f"{1e3 * height_m:.1f} mm below it; set [rig] parked_angle_deg in the rig file to "
+        f"{clear_deg} or less, or raise the rack"
     )
 
 
@@ -58,25 +77,34 @@ def predict_reach(rig: RigModel, shaft_angle_rad: float) -> float:
     times_s = np.array([0.0, HOLD_S])
     standing = ShaftMotion(times_s, np.array([[shaft_angle_rad, 0.0, 0.0, 0.0]]), times_s[:1])
     # Above any plate, and without what only moves or measures.
-    hanging = simulate_stroke(replace(rig, effects=(), swing=None), 2.0 * float(lengths_m.sum()), standing, times_s[:1])
+    hanging = simulate_stroke(
+        replace(rig, effects=(), swing=None), 2.0 * float(lengths_m.sum()), standing, times_s[:1]
+    )
     ends_m = np.cumsum(lengths_m * np.sin(hanging.q_rad[0]))
     return float(ends_m.max()) + rig.leg.link_radius_m
 
 
 @dataclass(frozen=True)
 class Bending:
-    """The largest angle between the last link and the first in one turn, and the shaft angle there; in rad."""
+    """The largest angle between the last link and the first in one turn, and the shaft angle
+    there; in rad.
+    """
 
     bending_rad: float
     shaft_rad: float
 
     def text(self) -> str:
         bending_deg, shaft_deg = math.degrees(self.bending_rad), math.degrees(self.shaft_rad)
-        return f"{bending_deg:.1f} deg between first and last link, with the shaft at {shaft_deg:.0f} deg"
+        return (
+            f"{bending_deg:.1f} deg between first and last link, with the shaft at "
+            f"{shaft_deg:.0f} deg"
+        )
 
 
 def predict_bending(rig: RigModel, height_m: float, speed_rad_s: float) -> Bending:
-    """Bending over one turn on the ground, which bends the leg backwards; swinging in the air is not counted."""
+    """Bending over one turn on the ground, which bends the leg backwards; swinging in the air is
+    not counted.
+    """
     turn = _turn(rig, height_m, speed_rad_s)
     # Positive where the tip lags behind the first link, which is how the ground bends the leg.
     back_rad = turn.q_rad[:, 0] - turn.q_rad[:, -1]
@@ -85,12 +113,16 @@ def predict_bending(rig: RigModel, height_m: float, speed_rad_s: float) -> Bendi
 
 
 def turn_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
-    """Load of each stage of cycles, and of moves forwards directly after the rack, which may begin anywhere in a turn."""
+    """Load of each stage of cycles, and of moves forwards directly after the rack, which may
+    begin anywhere in a turn.
+    """
     found: dict[tuple[float, float], Load] = {}
     conditions = dict(_turns(plan))
     for condition in set(conditions.values()):
         turn = _turn(rig, *condition)
-        found[condition] = Load(float(np.hypot(turn.fy_N, turn.fz_N).max()), float(np.abs(turn.tx_Nm).max()))
+        found[condition] = Load(
+            float(np.hypot(turn.fy_N, turn.fz_N).max()), float(np.abs(turn.tx_Nm).max())
+        )
     return {stage: found[condition] for stage, condition in conditions.items()}
 
 
@@ -100,23 +132,25 @@ def _turns(plan: Plan) -> Iterator[tuple[Stage, tuple[float, float]]]:
     for stage in plan.stages:
         if isinstance(stage, Cycles):
             yield stage, (stage.height_m, stage.speed_rad_s)
-        # Only a resumed plan has such a move: the shaft may stand anywhere, even on the ground, so a whole turn is
-        # assumed.
+        # Only a resumed plan has such a move: the shaft may stand anywhere, even on the ground, so
+        # a whole turn is assumed.
         elif isinstance(stage, MoveShaft) and stage.forwards and isinstance(before, SetHeight):
             yield stage, (before.height_m, stage.speed_rad_s)
         before = stage
 
 
 def _turn(rig: RigModel, height_m: float, speed_rad_s: float) -> SimulatedStroke:
-    return simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, TURN_RAD / speed_rad_s, SAMPLE_S))
+    return simulate_stroke_at_speed(
+        rig, height_m, speed_rad_s, np.arange(0.0, TURN_RAD / speed_rad_s, SAMPLE_S)
+    )
 
 
 def predict_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     """The predicted load of each stroke, of each hold of a static sequence, and of its other moves.
 
-    A static sequence is simulated height by height, as the plan moves the shaft, so that a leg which wedges when it is pushed back is found
-    beforehand. Which link ends touch is part of the model's solution. A hold's load is the largest on the way to it and at it.
-    """
+    A static sequence is simulated height by height, as the plan moves the shaft, so that a leg
+    which wedges when it is pushed back is found beforehand. Which link ends touch is part of the
+    model's solution. A hold's load is the largest on the way to it and at it."""
     return {**_flaps(plan, rig), **turn_loads(plan, rig), **_holds(plan, rig)}
 
 
@@ -138,7 +172,10 @@ def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     # Equal sequences, for example the checks of a fatigue run, are simulated once.
     known: dict[Motion, Loads] = {}
     for height_m, stages in _sequences(plan):
-        motion = height_m, tuple(stage if isinstance(stage, MoveShaft) else None for stage in stages)
+        motion = (
+            height_m,
+            tuple(stage if isinstance(stage, MoveShaft) else None for stage in stages),
+        )
         if motion not in known:
             known[motion] = _along(height_m, stages, rig)
         for place, load in known[motion]:
@@ -147,37 +184,67 @@ def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
 
 
 def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
-    """Moves and holds between two settings of the rack. Strokes and cycles divide them, because each ends at the start angle."""
+    """Moves and holds between two settings of the rack. Strokes and cycles divide them, because
+    each ends at the start angle.
+    """
     found: list[tuple[float, list[MoveShaft | Hold]]] = []
     for stage in plan.stages:
         if isinstance(stage, SetHeight | Approach | Flap | Cycles):
             found.append((stage.height_m, []))
         elif found and isinstance(stage, MoveShaft | Hold):
             found[-1][1].append(stage)
-    return [(height_m, stages) for height_m, stages in found if any(isinstance(stage, Hold) for stage in stages)]
+    return [
+        (height_m, stages)
+        for height_m, stages in found
+        if any(isinstance(stage, Hold) for stage in stages)
+    ]
 
 
 def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Loads:
-    """Simulates moves at their speeds and short holds; returns the load of each hold, its way included, and of other moves."""
+    """Simulates moves at their speeds and short holds; returns the load of each hold, its way
+    included, and of other moves.
+    """
     angles, times = [rig.leg.start_angle_rad], [0.0]
     for stage in stages:
-        way_rad = turn_to(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
+        way_rad = (
+            turn_to(stage.angle_rad, angles[-1], stage.forwards)
+            if isinstance(stage, MoveShaft)
+            else 0.0
+        )
         # A move of no length still takes one sample: a piece of zero duration has no speed.
-        times.append(times[-1] + (max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S) if isinstance(stage, MoveShaft) else HOLD_S))
+        times.append(
+            times[-1]
+            + (
+                max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S)
+                if isinstance(stage, MoveShaft)
+                else HOLD_S
+            )
+        )
         angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
     times_s, angles_rad = np.array(times), np.array(angles)
     speeds = np.diff(angles_rad) / np.diff(times_s)
     # Cubic pieces of a motion with constant speed: angle, speed, and two coefficients of zero.
-    pieces = np.column_stack([angles_rad[:-1], speeds, np.zeros_like(speeds), np.zeros_like(speeds)])
+    pieces = np.column_stack(
+        [angles_rad[:-1], speeds, np.zeros_like(speeds), np.zeros_like(speeds)]
+    )
     simulated = simulate_stroke(rig, height_m, ShaftMotion(times_s, pieces, times_s[:-1]), t_s)
     parts = enumerate(pairwise(times))
-    return [(_stage_that_counts(place, stages), _load(simulated, (t_s >= begin_s) & (t_s <= end_s))) for place, (begin_s, end_s) in parts]
+    return [
+        (_stage_that_counts(place, stages), _load(simulated, (t_s >= begin_s) & (t_s <= end_s)))
+        for place, (begin_s, end_s) in parts
+    ]
 
 
 def _stage_that_counts(place: int, stages: list[MoveShaft | Hold]) -> int:
     """Index of the hold that this move leads to directly, else of the stage itself."""
-    return place + 1 if place + 1 < len(stages) and isinstance(stages[place + 1], Hold) and isinstance(stages[place], MoveShaft) else place
+    return (
+        place + 1
+        if place + 1 < len(stages)
+        and isinstance(stages[place + 1], Hold)
+        and isinstance(stages[place], MoveShaft)
+        else place
+    )
 
 
 def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:

@@ -12,7 +12,13 @@ import numpy as np
 
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
-from rfca_rig.bench.sensors import make_camera, make_force_sensor, make_sensor_pair, make_twin_camera, sensor_twin_maker
+from rfca_rig.bench.sensors import (
+    make_camera,
+    make_force_sensor,
+    make_sensor_pair,
+    make_twin_camera,
+    sensor_twin_maker,
+)
 from rfca_rig.clock import Clock, TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection, TwinSection
 from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
@@ -41,10 +47,14 @@ class HandRack:
     def set_height(self, height_m: float) -> None:
         """Returns when Enter was pressed. Raises BadInput where the input ended without it."""
         try:
-            input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
+            input(
+                f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, "
+                "then press Enter "
+            )
         except EOFError:
             raise BadInput(
-                f"the input ended before the rack was confirmed to stand at {1e3 * height_m:.1f} mm; run it from a terminal, "
+                "the input ended before the rack was confirmed to stand at "
+                f"{1e3 * height_m:.1f} mm; run it from a terminal, "
                 "where a person can press Enter"
             ) from None
 
@@ -69,9 +79,13 @@ def open_commanding_bus(rig: RigFile, clock: WallClock) -> can.BusABC:
     # A drive without such frames has a watchdog of its own, which is nearer to the motor.
     if torque_off is None or not motor.is_guarded:
         return motor.open()
-    # Refused, not ignored: a drive without a watchdog must not run without the guardian that its rig file wants.
+    # Refused, not ignored: a drive without a watchdog must not run without the guardian that its
+    # rig file wants.
     if not can_be_started():
-        raise BadInput(f"{rig.rig.title}: motor.guardian: this system has none; use Linux, or see docs/guardian.md on going without")
+        raise BadInput(
+            f"{rig.rig.title}: motor.guardian: this system has none; use Linux, or see "
+            "docs/guardian.md on going without"
+        )
     settings = CanBusSettings(motor.interface, motor.channel, motor.bitrate, motor.fd_bitrate)
     frames: TorqueOffFrames = load_object(torque_off)(motor, rig.limits.drive_silent_ms / 1e3)
     return GuardedBus(settings, frames, motor.guardian_silence_ms / 1e3, clock)
@@ -81,7 +95,9 @@ def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
     """The driver that [motor] names, on its end of the bus."""
     motor = rig.motor
     if isinstance(motor, OwnMotorSection) and not isinstance(motor, MotorKeys):
-        raise BadInput(f"{rig.rig.title}: {motor.file} was not loaded; read the rig file from where it stands")
+        raise BadInput(
+            f"{rig.rig.title}: {motor.file} was not loaded; read the rig file from where it stands"
+        )
     return find_motor(motor.device).make_driver(motor, bus, clock, rig.limits.drive_silent_ms / 1e3)
 
 
@@ -95,12 +111,18 @@ def _make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> 
         torque_limit_Nm=drive.torque_limit_Nm,
     )
     # A drive that a guardian can switch off has no watchdog of its own.
-    return make.make_twin(rig.motor, bus, gains, USUAL_WATCHDOG_S if make.torque_off is None else None)
+    return make.make_twin(
+        rig.motor, bus, gains, USUAL_WATCHDOG_S if make.torque_off is None else None
+    )
 
 
 @contextmanager
 def open_bench(
-    rig: RigFile, seed: int | None, eye: PhotoSetup | None = None, twin_clock: TwinClock | None = None, faults: Sequence[FaultEvent] = ()
+    rig: RigFile,
+    seed: int | None,
+    eye: PhotoSetup | None = None,
+    twin_clock: TwinClock | None = None,
+    faults: Sequence[FaultEvent] = (),
 ) -> Iterator[Bench]:
     """Opens the devices for the length of the block.
 
@@ -128,7 +150,15 @@ def open_bench(
         if rig.is_real:
             yield _real_bench(rig, eye, stack)
         elif rig.twin is not None and seed is not None:
-            yield _twin_bench(rig, rig.twin, seed, eye, twin_clock or TwinClock(), FaultInjection(rig, faults), stack)
+            yield _twin_bench(
+                rig,
+                rig.twin,
+                seed,
+                eye,
+                twin_clock or TwinClock(),
+                FaultInjection(rig, faults),
+                stack,
+            )
         else:
             raise BadInput(f"{rig.rig.title}: a twin needs a [twin] section and a seed")
 
@@ -140,25 +170,51 @@ def _real_bench(rig: RigFile, eye: PhotoSetup | None, stack: ExitStack) -> Bench
     # python-can raises any of these, depending on the interface.
     except (can.CanError, OSError, ValueError) as error:
         raise DeviceError(
-            f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] in the rig file, "
+            f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check "
+            "[motor] in the rig file, "
             "rfca-rig doctor --rig FILE says more"
         ) from error
     camera = make_camera(rig.camera, eye, clock, stack) if rig.camera and eye else None
-    return Bench(make_motor(rig, bus, clock), make_force_sensor(rig, clock, stack), HandRack(), clock, True, camera)
+    return Bench(
+        make_motor(rig, bus, clock),
+        make_force_sensor(rig, clock, stack),
+        HandRack(),
+        clock,
+        True,
+        camera,
+    )
 
 
 def _twin_bench(
-    rig: RigFile, twin: TwinSection, seed: int, eye: PhotoSetup | None, clock: TwinClock, faults: FaultInjection, stack: ExitStack
+    rig: RigFile,
+    twin: TwinSection,
+    seed: int,
+    eye: PhotoSetup | None,
+    clock: TwinClock,
+    faults: FaultInjection,
+    stack: ExitStack,
 ) -> Bench:
     drivers_end, twins_end = stack.enter_context(can_wire())
-    # Separate generators: a different number of sensor records then changes nothing in the friction of a touchdown.
+    # Separate generators: a different number of sensor records then changes nothing in the friction
+    # of a touchdown.
     noise, chance = _randomness(seed)
     pair = make_sensor_pair(rig, sensor_twin_maker(rig, twin, noise), faults.panel)
     twins = _put_together(rig, twin, chance, faults.on_bus(twins_end), pair.twin)
     clock.carry(faults.with_faults(twins.world.process, twins.motor))
     # A third generator, so that photos change neither the sensor's noise nor the scatter.
-    camera = make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock) if eye else None
-    return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, False, camera)
+    camera = (
+        make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock)
+        if eye
+        else None
+    )
+    return Bench(
+        make_motor(rig, drivers_end, clock),
+        pair.driver(clock),
+        TwinRack(twins.plant),
+        clock,
+        False,
+        camera,
+    )
 
 
 @dataclass(frozen=True)
@@ -171,8 +227,16 @@ class Twins:
     world: TwinWorld
 
 
-def make_twins(rig: RigFile, twin: TwinSection, seed: int, bus: can.BusABC, put_on_ports: Callable[[TwinMaker], SensorTwin]) -> Twins:
-    """The twins of a rig on their ends of the wires; `put_on_ports` makes the sensor's on its wire. `seed` decides all their randomness."""
+def make_twins(
+    rig: RigFile,
+    twin: TwinSection,
+    seed: int,
+    bus: can.BusABC,
+    put_on_ports: Callable[[TwinMaker], SensorTwin],
+) -> Twins:
+    """The twins of a rig on their ends of the wires; `put_on_ports` makes the sensor's on its
+    wire. `seed` decides all their randomness.
+    """
     noise, chance = _randomness(seed)
     return _put_together(rig, twin, chance, bus, put_on_ports(sensor_twin_maker(rig, twin, noise)))
 
@@ -182,7 +246,13 @@ def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:
     return np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
 
 
-def _put_together(rig: RigFile, twin: TwinSection, chance: np.random.Generator, bus: can.BusABC, sensor: SensorTwin) -> Twins:
+def _put_together(
+    rig: RigFile,
+    twin: TwinSection,
+    chance: np.random.Generator,
+    bus: can.BusABC,
+    sensor: SensorTwin,
+) -> Twins:
     plant = _plant(rig, twin, chance)
     motor = _make_motor_twin(rig, twin.drive, bus)
     return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor))

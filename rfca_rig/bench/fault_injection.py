@@ -1,4 +1,6 @@
-"""Faults that can be injected into the devices of a rig file, and their injection into a twin in this process."""
+"""Faults that can be injected into the devices of a rig file, and their injection into a twin in
+this process.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -38,7 +40,9 @@ def drive_faults_of(rig: RigFile) -> DriveFaults:
 
 
 class FaultInjection:
-    """Faults of a twin in this process, switched by the rig's own clock. Without orders it changes nothing."""
+    """Faults of a twin in this process, switched by the rig's own clock. Without orders it
+    changes nothing.
+    """
 
     def __init__(self, rig: RigFile, orders: Sequence[FaultEvent]) -> None:
         """Raises BadInput for an order that names no fault of this rig."""
@@ -50,21 +54,30 @@ class FaultInjection:
 
     def on_bus(self, end: can.BusABC) -> can.BusABC:
         """The drive's end of the wire."""
-        return end if self._is_idle else TamperedBus(end, self._panel, drive_faults_of(self._rig).dialect)
+        return (
+            end
+            if self._is_idle
+            else TamperedBus(end, self._panel, drive_faults_of(self._rig).dialect)
+        )
 
     @property
     def panel(self) -> FaultPanel | None:
         """The switches of the sensor's faults; None where nothing is ordered."""
         return None if self._is_idle else self._panel
 
-    def with_faults(self, process: Callable[[float], None], motor: MotorTwin) -> Callable[[float], None]:
-        """`process`, which advances the twins to a time, preceded by the faults that are due until then."""
+    def with_faults(
+        self, process: Callable[[float], None], motor: MotorTwin
+    ) -> Callable[[float], None]:
+        """`process`, which advances the twins to a time, preceded by the faults that are due
+        until then.
+        """
         if self._is_idle:
             return process
         events = drive_faults_of(self._rig).events(motor)
 
         def process_with_faults(to_s: float) -> None:
-            # Switched before the step, so that a fault acts from its time on and not one step later.
+            # Switched before the step, so that a fault acts from its time on and not one step
+            # later.
             self._agenda.pass_to(to_s)
             self._panel.run_pending(events)
             process(to_s)

@@ -1,4 +1,6 @@
-"""Mechanics of the twins: the model's chain, with the shaft driven by the torque of the motor twin."""
+"""Mechanics of the twins: the model's chain, with the shaft driven by the torque of the motor
+twin.
+"""
 
 from dataclasses import dataclass, field
 from itertools import accumulate
@@ -11,7 +13,14 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect, set_up
-from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state, resolve_integrator
+from rfca_rig.model.chain import (
+    HELD_SHAFT,
+    Tolerance,
+    advance,
+    allocate_samples,
+    find_rest_state,
+    resolve_integrator,
+)
 from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.kernel.state import Chain, Laws, Samples, Shaft, State, Work
 from rfca_rig.model.motion import ramp_to_speed
@@ -30,7 +39,9 @@ NO_WRENCH = np.empty((0, 6))
 
 @dataclass(frozen=True)
 class TwinScatter:
-    """Standard deviations between repeats: floor friction at each touchdown, height at each setting."""
+    """Standard deviations between repeats: floor friction at each touchdown, height at each
+    setting.
+    """
 
     friction: float = 0.0
     height_m: float = 0.0
@@ -65,15 +76,24 @@ class LegPlant:
         self._stand(self.shaft_angle_rad, self.height_m)
 
     def _stand(self, shaft_angle_rad: float, height_m: float) -> None:
-        """Resets the leg: hanging at rest, at this height. Where it has no rest pose there, it stays as it is."""
+        """Resets the leg: hanging at rest, at this height. Where it has no rest pose there, it
+        stays as it is.
+        """
         still = ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0)
         setup = set_up(self.rig, height_m, still)
-        # The twins simulate drive and sensor themselves, so effects that act there have no place in this model.
+        # The twins simulate drive and sensor themselves, so effects that act there have no place in
+        # this model.
         if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
-            raise BadInput("the twin has a drive and a sensor of its own; leave effects that act there out of its rig file")
+            raise BadInput(
+                "the twin has a drive and a sensor of its own; leave effects that act "
+                "there out of its rig file"
+            )
         for effect, _ in map(resolve_effect, self.rig.effects):
             if effect.needs_order:
-                raise BadInput(f"effect {effect.id}: the twin does not count its strokes; leave it out of its rig file")
+                raise BadInput(
+                    f"effect {effect.id}: the twin does not count its strokes; leave it "
+                    "out of its rig file"
+                )
         chain = setup.chain()
         laws = setup.compile_laws(chain)
         self._state = find_rest_state(chain, shaft_angle_rad, laws)
@@ -84,7 +104,14 @@ class LegPlant:
         self._work = allocate_workspace(self._state.q.size, self._state.anchor.size)
         self._samples = {}
         # The types stay until the next setting, so they are looked at here and not at every step.
-        arguments = self._chain, self._laws, self._shaft(ShaftDrive()), self._state, self._work, self._outputs(np.empty(0))
+        arguments = (
+            self._chain,
+            self._laws,
+            self._shaft(ShaftDrive()),
+            self._state,
+            self._work,
+            self._outputs(np.empty(0)),
+        )
         self._integrator = resolve_integrator(*arguments)
         self._shaft_state = self._read_shaft()
 
@@ -107,15 +134,30 @@ class LegPlant:
         """
         samples, span_s = self._outputs(force_times_s), (self._now_s, to_s)
         shaft = self._shaft(drive)
-        cost = advance(self._chain, shaft, self._state, span_s, self._step_s, TOLERANCE, samples, self._laws, self._work, self._integrator)
+        cost = advance(
+            self._chain,
+            shaft,
+            self._state,
+            span_s,
+            self._step_s,
+            TOLERANCE,
+            samples,
+            self._laws,
+            self._work,
+            self._integrator,
+        )
         # The integrator's last step width is the best guess for the next call.
         self._step_s = cost.next_s
         if self._deepest_m() < self._chain.ground_depth:
             self._airborne_s += to_s - self._now_s
         elif self._airborne_s > IN_THE_AIR_S:
             self._airborne_s = 0.0
-            friction = self.rig.ground.friction_coefficient + self.scatter.friction * self.random.standard_normal()
-            # Cut off at zero: with a large scatter, the normal distribution reaches negative friction.
+            friction = (
+                self.rig.ground.friction_coefficient
+                + self.scatter.friction * self.random.standard_normal()
+            )
+            # Cut off at zero: with a large scatter, the normal distribution reaches negative
+            # friction.
             self._chain = self._chain._replace(mu=max(friction, 0.0))
         self._now_s = to_s
         # At the end of the step: what the drive reports until the next one.
@@ -127,12 +169,22 @@ class LegPlant:
         """Arrays for the samples at these times, used again by every step with as many."""
         samples = self._samples.get(len(times_s))
         if samples is None:
-            samples = self._samples[len(times_s)] = allocate_samples(times_s, self._state.q.size, self._state.anchor.size)
+            samples = self._samples[len(times_s)] = allocate_samples(
+                times_s, self._state.q.size, self._state.anchor.size
+            )
         return Samples(times_s, *samples[1:])
 
     def _shaft(self, drive: ShaftDrive) -> Shaft:
-        # Both have feed, gain and value of the angle, gain and value of the speed, in this order; names would take twice the time.
-        return Shaft(HELD_SHAFT.breaks, HELD_SHAFT.coefficient, HELD_SHAFT.landings, True, self.rotor_inertia_kg_m2, *drive)
+        # Both have feed, gain and value of the angle, gain and value of the speed, in this order;
+        # names would take twice the time.
+        return Shaft(
+            HELD_SHAFT.breaks,
+            HELD_SHAFT.coefficient,
+            HELD_SHAFT.landings,
+            True,
+            self.rotor_inertia_kg_m2,
+            *drive,
+        )
 
     def _wrench(self, force: Floats) -> Floats:
         wrench = np.zeros((len(force), 6))
@@ -142,7 +194,9 @@ class LegPlant:
         return wrench
 
     def _deepest_m(self) -> float:
-        depths_m = accumulate(map(mul, self.rig.leg.link_lengths_m, map(sin, self._state.q.tolist())))
+        depths_m = accumulate(
+            map(mul, self.rig.leg.link_lengths_m, map(sin, self._state.q.tolist()))
+        )
         return float(max(0.0, *depths_m)) + self.rig.leg.link_radius_m
 
     def shaft(self) -> ShaftState:

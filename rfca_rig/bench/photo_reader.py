@@ -1,8 +1,7 @@
 """The process that finds the marks in the photos of a twin's run while the run goes on.
 
-A process and not a thread: measuring marks holds the interpreter as long as the run does. Not beside real hardware, whose control loop
-needs the cores.
-"""
+A process and not a thread: measuring marks holds the interpreter as long as the run does. Not
+beside real hardware, whose control loop needs the cores."""
 
 import signal
 import subprocess
@@ -52,29 +51,47 @@ class PhotoReader:
         self._child: Connection | None = None
         self._process: subprocess.Popen[bytes] | None = None
         with suppress(OSError):
-            self._process, self._child = subprocesses.spawn(MODULE, PhotoReaderAssignment(folder, eye))
+            self._process, self._child = subprocesses.spawn(
+                MODULE, PhotoReaderAssignment(folder, eye)
+            )
 
     def __enter__(self) -> "PhotoReader":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def watch(self, helpers: HelperWatch) -> None:
-        """Has the process watched during the run: one that ends by itself was killed, as the system does where memory is short."""
+        """Has the process watched during the run: one that ends by itself was killed, as the
+        system does where memory is short.
+        """
         if self._child is not None:
-            helpers.add(self._child, "the process that reads the photos has ended by itself; is there enough memory?")
+            helpers.add(
+                self._child,
+                "the process that reads the photos has ended by itself; is there enough memory?",
+            )
 
     def expect(self, photo: str) -> None:
         """Announces a photo by its path in the run's folder, which it may reach later."""
         self._send(photo)
 
     def collect(self) -> Mapping[str, IdentifiedMarks]:
-        """Waits for the marks of all photos that are on disk, and ends the process. Photos that cannot be read are missing."""
+        """Waits for the marks of all photos that are on disk, and ends the process. Photos that
+        cannot be read are missing.
+        """
         self._send("")
         found: dict[str, IdentifiedMarks] = {}
         with suppress(EOFError, OSError):
-            while self._child is not None and self._child.poll(SILENT_S) and (answer := self._child.recv()) is not None:
+            while (
+                self._child is not None
+                and self._child.poll(SILENT_S)
+                and (answer := self._child.recv()) is not None
+            ):
                 found |= answer
         self.close()
         return found
@@ -96,7 +113,9 @@ class PhotoReader:
 
 
 def read_photos(parent: Connection) -> None:
-    """Receives its assignment and the photos' paths, "" as the last one; then sends the marks of the photos by their paths, and None."""
+    """Receives its assignment and the photos' paths, "" as the last one; then sends the marks of
+    the photos by their paths, and None.
+    """
     # ^C stops the run, which the control process does in its own order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # The other cores have the run and its recorder.
@@ -112,10 +131,12 @@ def read_photos(parent: Connection) -> None:
             waiting.extend([photo] if photo else [])
         if waiting and (is_complete or (assignment.folder / waiting[0]).is_file()):
             name = waiting.popleft()
-            # Those that cannot be read are read again by the control process, which reports what is wrong.
+            # Those that cannot be read are read again by the control process, which reports what is
+            # wrong.
             with suppress(BadInput):
                 found[name] = read_marks(read_picture(assignment.folder / name), assignment.eye)
-        # Not before: until then the control process sends and does not receive, and each would wait for the other.
+        # Not before: until then the control process sends and does not receive, and each would wait
+        # for the other.
         if is_complete:
             parent.send(found)
             found = {}

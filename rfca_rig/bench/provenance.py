@@ -1,10 +1,10 @@
 """Provenance of a recording: versions, files and their hashes, the plan, the devices, the clocks.
 
-A simulated run is the same to the last byte when it is repeated with the same seed, machine, source and person. So everything stated here
-is either one of these, or a time by the rig's own clock.
+A simulated run is the same to the last byte when it is repeated with the same seed, machine, source
+and person. So everything stated here is either one of these, or a time by the rig's own clock.
 
-Also the state of the source that this program runs from, and how a run ended, in words for people and in codes for sorting runs.
-"""
+Also the state of the source that this program runs from, and how a run ended, in words for people
+and in codes for sorting runs."""
 
 import getpass
 import hashlib
@@ -36,25 +36,39 @@ DONE = "done"
 
 
 def source_state(package: Path = PACKAGE) -> dict[str, str]:
-    """Git revision, and whether tracked files were changed since; plain words where there is no checkout, or git fails.
+    """Git revision, and whether tracked files were changed since; plain words where there is no
+    checkout, or git fails.
 
-    Takes some hundredths of a second, so it is called when a run begins and not when the program starts.
-    """
+    Takes some hundredths of a second, so it is called when a run begins and not when the program
+    starts."""
     root = package.parent
     if not (root / ".git").exists():
         return {"git_revision": NOT_A_CHECKOUT, "git_dirty": NOT_A_CHECKOUT}
     lines = _status_lines(root)
-    revision = next((line.removeprefix(_REVISION) for line in lines if line.startswith(_REVISION)), UNKNOWN)
+    revision = next(
+        (line.removeprefix(_REVISION) for line in lines if line.startswith(_REVISION)), UNKNOWN
+    )
     changed = "yes" if any(not line.startswith("#") for line in lines) else "no"
     return {"git_revision": revision, "git_dirty": changed if lines else UNKNOWN}
 
 
 def _status_lines(root: Path) -> list[str]:
-    """Lines of git status; none where git is missing, slow, or mistrusts another user's folder. The run goes on without."""
-    # Without optional locks git status only reads: it does not disturb a git command that runs meanwhile.
+    """Lines of git status; none where git is missing, slow, or mistrusts another user's folder.
+    The run goes on without.
+    """
+    # Without optional locks git status only reads: it does not disturb a git command that runs
+    # meanwhile.
     environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0"}
     try:
-        finished = subprocess.run(_STATUS, cwd=root, env=environment, capture_output=True, text=True, timeout=WITHIN_S, check=False)
+        finished = subprocess.run(
+            _STATUS,
+            cwd=root,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=WITHIN_S,
+            check=False,
+        )
     except (OSError, subprocess.TimeoutExpired):
         return []
     return finished.stdout.splitlines()
@@ -62,7 +76,9 @@ def _status_lines(root: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """`why` in words, the exit status of the command, and a reason code: that of a trip, else the kind of error, or `done`."""
+    """`why` in words, the exit status of the command, and a reason code: that of a trip, else
+    the kind of error, or `done`.
+    """
 
     why: str
     exit_status: int
@@ -75,7 +91,9 @@ class Outcome:
             return Outcome(DONE, 0, DONE)
         # The class name in lower case with hyphens: DiskFull becomes disk-full.
         kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(error).__name__).lower()
-        return Outcome(str(error), error.exit_code, str(error.code) if isinstance(error, Tripped) else kind)
+        return Outcome(
+            str(error), error.exit_code, str(error.code) if isinstance(error, Tripped) else kind
+        )
 
 
 def software_and_host(bench: Bench) -> dict[str, str]:
@@ -109,7 +127,9 @@ def operator(name: str) -> str:
 
 def files(texts: Mapping[str, str]) -> dict[str, str]:
     """The text of each file by its name, and its SHA-256."""
-    hashes = {f"{name}_sha256": hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
+    hashes = {
+        f"{name}_sha256": hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()
+    }
     return {**texts, **hashes}
 
 
@@ -120,19 +140,38 @@ def plan_fields(plan: Plan) -> dict[str, str]:
 
 def devices(bench: Bench) -> dict[str, str]:
     """What the devices say of themselves, each with whether it is real."""
-    parts: dict[str, Mapping[str, str]] = {"motor": bench.motor.identity(), "sensor": bench.sensor.identity()}
-    named = {f"{device}_{name}": text for device, identity in parts.items() for name, text in identity.items()}
+    parts: dict[str, Mapping[str, str]] = {
+        "motor": bench.motor.identity(),
+        "sensor": bench.sensor.identity(),
+    }
+    named = {
+        f"{device}_{name}": text
+        for device, identity in parts.items()
+        for name, text in identity.items()
+    }
     source = "REAL" if bench.is_real else "SIM"
     if bench.camera is None:
         return {**named, "motor_source": source, "sensor_source": source}
-    return {**named, **bench.camera.identity(), "motor_source": source, "sensor_source": source, "camera_source": source}
+    return {
+        **named,
+        **bench.camera.identity(),
+        "motor_source": source,
+        "sensor_source": source,
+        "camera_source": source,
+    }
 
 
 def streams(bench: Bench) -> dict[str, str]:
     """Completeness of the sensor's stream, as counts."""
     health = bench.sensor.health()
-    counted = f"{health.received} received, {health.lost} lost, {health.duplicate} twice, {health.out_of_order} out of order"
-    bad = f"{health.malformed} malformed, {health.faulty_status} with a bad status, {health.saturated} saturated, {health.stalled} stalled"
+    counted = (
+        f"{health.received} received, {health.lost} lost, {health.duplicate} twice, "
+        f"{health.out_of_order} out of order"
+    )
+    bad = (
+        f"{health.malformed} malformed, {health.faulty_status} with a bad status, "
+        f"{health.saturated} saturated, {health.stalled} stalled"
+    )
     return {"sensor_records": f"{counted}, {bad}"}
 
 

@@ -1,4 +1,6 @@
-"""Receives what the engine records: passes it on as blocks, and makes strokes and static stages of it."""
+"""Receives what the engine records: passes it on as blocks, and makes strokes and static stages
+of it.
+"""
 
 from collections import deque
 from collections.abc import Mapping
@@ -17,8 +19,23 @@ from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold
 from rfca_rig.recording.backend import RunBackend
-from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
-from rfca_rig.recording.journal import Begin, End, StrokeCondition, event_block, samples_block, start_block
+from rfca_rig.recording.columns import (
+    DEVICE_TIME,
+    HOST_TIME,
+    ColumnForm,
+    CommandedStart,
+    Rows,
+    StreamForm,
+    make_stream_from_rows,
+)
+from rfca_rig.recording.journal import (
+    Begin,
+    End,
+    StrokeCondition,
+    event_block,
+    samples_block,
+    start_block,
+)
 from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.recording.model import StaticStage, Stroke
 from rfca_rig.recording.tables import CYCLE_FORM, cycle_row
@@ -26,14 +43,16 @@ from rfca_rig.vision.leg_photo import PhotoSetup
 
 Floats = NDArray[np.float64]
 
-# Run clock and wall clock are recorded together at least this often: the wall clock may be set while the other goes
-# on.
+# Run clock and wall clock are recorded together at least this often: the wall clock may be set
+# while the other goes on.
 CLOCK_PAIR_EVERY_S = 10.0
 
 
 _CLOCKS = (ColumnForm(HOST_TIME, "<f8", "s"), ColumnForm(DEVICE_TIME, "<f8", "s"))
 
-SHAFT_FORM = StreamForm("shaft", (*(ColumnForm(name, "<f8", UNITS[name]) for name in SHAFT), *_CLOCKS))
+SHAFT_FORM = StreamForm(
+    "shaft", (*(ColumnForm(name, "<f8", UNITS[name]) for name in SHAFT), *_CLOCKS)
+)
 _SHAFT_DTYPE = SHAFT_FORM.dtype
 
 
@@ -41,19 +60,33 @@ def force_form(scale: SensorScale) -> StreamForm:
     """Layout of the force stream: counts, with their conversion to N and N m."""
     # Channel names end with their unit, which decides the scale.
     per_unit = {"N": scale.counts_per_N, "Nm": scale.counts_per_Nm}
-    wrench = (ColumnForm(name, "<i4", UNITS[name], 1.0 / per_unit[name.split("_")[1]]) for name in WRENCH)
-    return StreamForm("force", (*wrench, ColumnForm("rdt_sequence", "<i8", ""), ColumnForm("status", "<u4", ""), *_CLOCKS))
+    wrench = (
+        ColumnForm(name, "<i4", UNITS[name], 1.0 / per_unit[name.split("_")[1]]) for name in WRENCH
+    )
+    return StreamForm(
+        "force",
+        (*wrench, ColumnForm("rdt_sequence", "<i8", ""), ColumnForm("status", "<u4", ""), *_CLOCKS),
+    )
 
 
 _FORCE_DTYPE = force_form(SensorScale(1.0, 1.0, 1.0)).dtype
 # The same bytes with the six channels as one field, which is filled at once.
-_FORCE_BLOCK_DTYPE = np.dtype([("counts", "<i4", (len(WRENCH),)), ("rdt_sequence", "<i8"), ("status", "<u4"), *_SHAFT_DTYPE.descr[-2:]])
+_FORCE_BLOCK_DTYPE = np.dtype(
+    [
+        ("counts", "<i4", (len(WRENCH),)),
+        ("rdt_sequence", "<i8"),
+        ("status", "<u4"),
+        *_SHAFT_DTYPE.descr[-2:],
+    ]
+)
 
 
 def shaft_rows(samples: ShaftSamples) -> Rows:
     """Packed records (m,) of the shaft, laid out as `SHAFT_FORM`."""
     rows = np.empty(len(samples.host_s), _SHAFT_DTYPE)
-    for name, values in zip(SHAFT, (samples.angle_rad, samples.speed_rad_s, samples.torque_Nm), strict=True):
+    for name, values in zip(
+        SHAFT, (samples.angle_rad, samples.speed_rad_s, samples.torque_Nm), strict=True
+    ):
         rows[name] = values
     rows[HOST_TIME], rows[DEVICE_TIME] = samples.host_s, samples.device_s
     return rows
@@ -69,19 +102,28 @@ def force_rows(samples: ForceSamples) -> Rows:
 
 
 def make_commanded_start(start_s: float, turns_rad: float) -> CommandedStart:
-    """Offsets that make the host's time zero at the start, and bring the shaft angle within one turn of the stage's own."""
+    """Offsets that make the host's time zero at the start, and bring the shaft angle within one
+    turn of the stage's own.
+    """
     return CommandedStart(start_s, {"shaft_angle_rad": -turns_rad, HOST_TIME: -start_s})
 
 
 class Recorder:
-    """The engine's sink: hands every tick's samples over, so that a crash costs none that were taken.
+    """The engine's sink: hands every tick's samples over, so that a crash costs none that were
+    taken.
 
-    A stage is safe when the keeper has acknowledged it, possibly a moment after it is done. `stages` are the completed static stages;
-    `strokes` has only the last stroke, because an hour of them is gigabytes. `where` says in or after which stage the run is, `refused` how
-    many of the `samples` the keeper did not take, `ended` how many stages were handed over to their end.
-    """
+    A stage is safe when the keeper has acknowledged it, possibly a moment after it is done.
+    `stages` are the completed static stages; `strokes` has only the last stroke, because an hour of
+    them is gigabytes. `where` says in or after which stage the run is, `refused` how many of the
+    `samples` the keeper did not take, `ended` how many stages were handed over to their end."""
 
-    def __init__(self, keeper: RunBackend, scale: SensorScale, clock: Clock, reader: PhotoReader | None = None) -> None:
+    def __init__(
+        self,
+        keeper: RunBackend,
+        scale: SensorScale,
+        clock: Clock,
+        reader: PhotoReader | None = None,
+    ) -> None:
         """`reader` reads the photos while the run goes on; without it they are read afterwards."""
         self._keeper = keeper
         self._reader = reader
@@ -135,7 +177,9 @@ class Recorder:
         self.samples += 1
         self.cycles_done = cycle.number
         values = cycle.peak_force_N, cycle.peak_moment_Nm, cycle.min_fz_N, cycle.mean_speed_rad_s
-        self._keeper.give(samples_block((cycle_row(cycle.number, values, cycle.host_s, cycle.device_s),)))
+        self._keeper.give(
+            samples_block((cycle_row(cycle.number, values, cycle.host_s, cycle.device_s),))
+        )
         self._note_clocks()
 
     def cycles(self, stage: Cycles) -> None:
@@ -152,19 +196,32 @@ class Recorder:
             self.note("clocks")
 
     def take_tare(self, wrench: Floats) -> None:
-        """Records the sensor's zero: `wrench` (6,) in N and N m of a leg that hangs still. Its drift shows over a run."""
+        """Records the sensor's zero: `wrench` (6,) in N and N m of a leg that hangs still. Its
+        drift shows over a run.
+        """
         self.tares.append(wrench)
-        self.note("tare", **{name: round(float(value), 5) for name, value in zip(WRENCH, wrench, strict=True)})
+        self.note(
+            "tare",
+            **{name: round(float(value), 5) for name, value in zip(WRENCH, wrench, strict=True)},
+        )
 
     def tare_drift(self) -> str:
         """Change of the sensor's zero from the first rest to the last, in words."""
         if not self.tares:
             return "unknown: the leg was never seen at rest in the air"
         drift = self.tares[-1] - self.tares[0]
-        return f"{np.linalg.norm(drift[:3]):.3f} N, {np.linalg.norm(drift[3:]):.4f} N m from the first rest in the air to the last"
+        return (
+            f"{np.linalg.norm(drift[:3]):.3f} N, {np.linalg.norm(drift[3:]):.4f} N m from the "
+            "first rest in the air to the last"
+        )
 
     def take_first_stroke(self, stage: Approach, peak: Load) -> None:
-        self.note("first stroke", stage=stage.label, force_N=round(peak.force_N, 3), torque_Nm=round(peak.torque_Nm, 4))
+        self.note(
+            "first stroke",
+            stage=stage.label,
+            force_N=round(peak.force_N, 3),
+            torque_Nm=round(peak.torque_Nm, 4),
+        )
 
     def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
         self.worst_gap_s, self.standstill, self.bad_samples = worst_gap_s, standstill, bad_samples
@@ -177,8 +234,12 @@ class Recorder:
     def _clocks(self) -> Mapping[str, str | float]:
         return {"t_s": round(self._paired_s, 6), "utc": self._clock.wall_time().isoformat()}
 
-    def read_photos(self, run_folder: Path, eye: PhotoSetup, report_progress: ProgressCount = ignore_progress) -> None:
-        """Adds the angles from the photos to `stages`. To be called when nothing moves and the keeper has finished."""
+    def read_photos(
+        self, run_folder: Path, eye: PhotoSetup, report_progress: ProgressCount = ignore_progress
+    ) -> None:
+        """Adds the angles from the photos to `stages`. To be called when nothing moves and the
+        keeper has finished.
+        """
         known = self._reader.collect() if self._reader is not None else {}
         self.stages = list(read_stage_photos(self.stages, run_folder, eye, report_progress, known))
 
@@ -194,11 +255,18 @@ def stroke_of(stage: Flap, recorded: RecordedSamples, scale: SensorScale) -> Str
 
 
 def static_stage_of(stage: Hold, recorded: RecordedSamples, scale: SensorScale) -> StaticStage:
-    """Means over the averaging time, with the standard deviation of a single sample. Hinge angles follow from the photo later."""
+    """Means over the averaging time, with the standard deviation of a single sample. Hinge
+    angles follow from the photo later.
+    """
     counts = recorded.force.counts.astype(np.float64)
     wrench = dict(zip(WRENCH, (counts / _counts_per_unit(scale)).T, strict=True))
     angle_rad = recorded.shaft.angle_rad - recorded.turns_rad
-    channels = {"shaft_angle_rad": angle_rad, "fy_N": wrench["fy_N"], "fz_N": wrench["fz_N"], "tx_Nm": wrench["tx_Nm"]}
+    channels = {
+        "shaft_angle_rad": angle_rad,
+        "fy_N": wrench["fy_N"],
+        "fz_N": wrench["fz_N"],
+        "tx_Nm": wrench["tx_Nm"],
+    }
     return StaticStage(
         height_m=stage.height_m,
         stage=stage.number,

@@ -1,4 +1,6 @@
-"""Continues an interrupted run in its own folder: as it stands on disk, its rig compared key by key, and both parts joined."""
+"""Continues an interrupted run in its own folder: as it stands on disk, its rig compared key by
+key, and both parts joined.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -46,11 +48,11 @@ FIXED = (*(f"{section}." for section in NOMINAL_SECTIONS), "rig.kind")
 
 @dataclass(frozen=True)
 class InterruptedRun:
-    """A run that may be continued: `header` as it began, the whole `plan`, and `static` with the stages so far and their photos' angles.
+    """A run that may be continued: `header` as it began, the whole `plan`, and `static` with the
+    stages so far and their photos' angles.
 
-    `why` is the last reason to stop. `last_seen` has both clocks of the last event that states them. `ending` is what its end states,
-    `resumed` how often it was continued before.
-    """
+    `why` is the last reason to stop. `last_seen` has both clocks of the last event that states
+    them. `ending` is what its end states, `resumed` how often it was continued before."""
 
     folder: Path
     header: Recording
@@ -67,27 +69,35 @@ class InterruptedRun:
         return self.why.startswith(TRIP)
 
     def seed(self) -> int | None:
-        """Seed for a continued twin, from its first seed and the number of continuations; None on a real rig."""
-        # Another seed than before, or the noise of the first part would repeat; the same every time, so that runs are
-        # reproducible.
+        """Seed for a continued twin, from its first seed and the number of continuations; None
+        on a real rig.
+        """
+        # Another seed than before, or the noise of the first part would repeat; the same every
+        # time, so that runs are reproducible.
         first = self.header.provenance.get("seed")
-        return None if first is None else int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
+        return (
+            None
+            if first is None
+            else int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
+        )
 
 
 def read_interrupted_run(folder: Path) -> InterruptedRun:
     """Reads an interrupted run; its journals are made into stage files first, as `recover` does.
 
-    Raises BadInput where there is no run, where it still goes on or is done, where a file is damaged, or where its stages are not those of
-    its plan.
-    """
+    Raises BadInput where there is no run, where it still goes on or is done, where a file is
+    damaged, or where its stages are not those of its plan."""
     if not run_folder.is_run(folder):
         message = (
-            f"{folder}: holds no run that could go on; rfca-rig runs --ended stopped lists some" if folder.exists() else not_there(folder)
+            f"{folder}: holds no run that could go on; rfca-rig runs --ended stopped lists some"
+            if folder.exists()
+            else not_there(folder)
         )
         raise BadInput(message)
     refuse_links(folder)
     header = read_header(folder)
-    # A stage in progress becomes a stage file of its own, cut short, and is repeated by the rest of the plan.
+    # A stage in progress becomes a stage file of its own, cut short, and is repeated by the rest of
+    # the plan.
     run_folder.close_journals(folder)
     events, outlines = events_of(folder), [outline_of(file) for file in stage_files(folder)]
     why = _why(events)
@@ -96,25 +106,37 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
     plan = _plan(folder, header)
     strokes = [stroke for part in outlines for stroke in part.strokes]
     ending = read_ending(folder)
-    static = run_folder.with_photo_angles(tuple(stage for part in outlines for stage in part.static), ending)
+    static = run_folder.with_photo_angles(
+        tuple(stage for part in outlines for stage in part.static), ending
+    )
     flaps = [(flap.height_m, flap.speed_rad_s, flap.repeat) for flap in plan.flaps][: len(strokes)]
     holds = [(hold.height_m, hold.number) for hold in plan.holds][: len(static)]
     # Files hold mm and plans m; see `height_mm` of `recording.strokes` for the exact round trip.
     flapped = [(height_mm / 1e3, *speed_and_repeat) for height_mm, *speed_and_repeat in strokes]
     if flapped != flaps or [(stage.height_m, stage.stage) for stage in static] != holds:
-        raise BadInput(f"{folder}: its stage files are not what its plan begins with; type rfca-rig check {folder}")
+        raise BadInput(
+            f"{folder}: its stage files are not what its plan begins with; type rfca-rig "
+            f"check {folder}"
+        )
     last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
     return InterruptedRun(
         folder=folder,
         header=header,
         plan=plan,
-        # Cycles are numbered over the whole run, so the largest number counts, not the number of rows.
-        done=PlanProgress(len(strokes), len(static), max((part.last_cycle for part in outlines), default=0)),
+        # Cycles are numbered over the whole run, so the largest number counts, not the number of
+        # rows.
+        done=PlanProgress(
+            len(strokes), len(static), max((part.last_cycle for part in outlines), default=0)
+        ),
         static=static,
         why=why,
         last_seen={name: last[name] for name in ("t_s", "utc") if name in last},
         # Without the photos, which are listed again.
-        ending={} if ending is None else {name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS},
+        ending={}
+        if ending is None
+        else {
+            name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS
+        },
         resumed=sum(event["event"] == RESUMED for event in events),
     )
 
@@ -127,23 +149,43 @@ def _plan(folder: Path, header: Recording) -> Plan:
 
 
 def _why(events: list[dict[str, Any]]) -> str:
-    """The reason of the end, from the events since the run began or was last continued; a trip takes precedence."""
-    since = next((place for place in reversed(range(len(events))) if events[place]["event"] == RESUMED), 0)
-    reasons = [str(event["why"]) for event in events[since:] if event["event"] in ("motor off", "run ends") and "why" in event]
+    """The reason of the end, from the events since the run began or was last continued; a trip
+    takes precedence.
+    """
+    since = next(
+        (place for place in reversed(range(len(events))) if events[place]["event"] == RESUMED), 0
+    )
+    reasons = [
+        str(event["why"])
+        for event in events[since:]
+        if event["event"] in ("motor off", "run ends") and "why" in event
+    ]
     # A trip takes precedence: it is the cause of whatever ended the run after it.
     tripped = [why for why in reasons if why.startswith(TRIP)]
     return (tripped or reasons or [NO_REASON_RECORDED])[-1]
 
 
-def reopen_run(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
-    """Reopens the run's folder; records when and why it had stopped, who continues it, and what has changed."""
+def reopen_run(
+    begun: InterruptedRun,
+    clock: Clock,
+    operator: str,
+    seed: int | None,
+    rig_changes: Mapping[str, str],
+) -> None:
+    """Reopens the run's folder; records when and why it had stopped, who continues it, and what
+    has changed.
+    """
     event = {
         "event": RESUMED,
         "t_s": round(clock.now_s(), 6),
         "utc": clock.wall_time().isoformat(),
         "stopped": begun.why,
         "stopped_at": dict(begun.last_seen),
-        "done": {"strokes": begun.done.strokes, "static_stages": begun.done.holds, "last_cycle": begun.done.cycle},
+        "done": {
+            "strokes": begun.done.strokes,
+            "static_stages": begun.done.holds,
+            "last_cycle": begun.done.cycle,
+        },
         "ending": dict(begun.ending),
         "operator": operator,
         **({} if seed is None else {"seed": seed}),
@@ -153,16 +195,29 @@ def reopen_run(begun: InterruptedRun, clock: Clock, operator: str, seed: int | N
 
 
 def ending_of(
-    folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: InterruptedRun | None, eye: PhotoSetup | None
+    folder: Path,
+    known: Mapping[str, str],
+    stages: Sequence[StaticStage],
+    begun: InterruptedRun | None,
+    eye: PhotoSetup | None,
 ) -> Ending:
-    """The run's end with the static stages of all its parts; photos of earlier parts that were not read are read now."""
+    """The run's end with the static stages of all its parts; photos of earlier parts that were
+    not read are read now.
+    """
     earlier = () if begun is None else _with_photos_read(begun.static, folder, eye)
     if begun is not None:
-        known = {**known, "resumed": json.dumps([one for one in events_of(folder) if one["event"] == RESUMED], ensure_ascii=False)}
+        known = {
+            **known,
+            "resumed": json.dumps(
+                [one for one in events_of(folder) if one["event"] == RESUMED], ensure_ascii=False
+            ),
+        }
     return Ending({**known, **photo_hashes(folder)}, (*earlier, *stages))
 
 
-def _with_photos_read(stages: Sequence[StaticStage], folder: Path, eye: PhotoSetup | None) -> tuple[StaticStage, ...]:
+def _with_photos_read(
+    stages: Sequence[StaticStage], folder: Path, eye: PhotoSetup | None
+) -> tuple[StaticStage, ...]:
     if eye is None:
         return tuple(stages)
     # A stage with an overlay has been read already.
@@ -180,25 +235,39 @@ class PresentRig:
 
 
 def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -> PresentRig:
-    """The rig file in `path`. Raises BadInput, naming the keys, where it differs from the run's and `deliberately` is False.
+    """The rig file in `path`. Raises BadInput, naming the keys, where it differs from the run's and
+    `deliberately` is False.
 
-    The nominal model of leg and surroundings may never change within a run: one recording has one nominal model.
-    """
+    The nominal model of leg and surroundings may never change within a run: one recording has one
+    nominal model."""
     now, text = read_rig(path), read_text(path)
     before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
-    # A lab's driver or a curve may change while the rig file that names it stays the same.
-    # Compared as validated models, so that comments, order and defaults of the text make no difference.
-    old, new = (dict(_flat(rig.model_dump(mode="json"), "")) for rig in (before, model_of(text, RigFile, path)))
+    # A lab's driver or a curve may change while the rig file that names it stays the same. Compared
+    # as validated models, so that comments, order and defaults of the text make no difference.
+    old, new = (
+        dict(_flat(rig.model_dump(mode="json"), ""))
+        for rig in (before, model_of(text, RigFile, path))
+    )
     changes = {
-        **{key: str(new.get(key, "gone")) for key in sorted({*old, *new}) if old.get(key) != new.get(key)},
+        **{
+            key: str(new.get(key, "gone"))
+            for key in sorted({*old, *new})
+            if old.get(key) != new.get(key)
+        },
         **_other_drivers(begun, now),
         **_other_curve(begun, before, now),
     }
     fixed = [key for key in changes if key.startswith(FIXED)]
     if fixed:
-        raise BadInput(f"{path}: {_list_keys(fixed)} not as the run began with; one run has one belief, so begin a new one")
+        raise BadInput(
+            f"{path}: {_list_keys(fixed)} not as the run began with; one run has one "
+            "belief, so begin a new one"
+        )
     if changes and not deliberately:
-        raise BadInput(f"{path}: {_list_keys(list(changes))} not as the run began with; to go on with it as it stands, say --rig {path}")
+        raise BadInput(
+            f"{path}: {_list_keys(list(changes))} not as the run began with; to go on "
+            f"with it as it stands, say --rig {path}"
+        )
     return PresentRig(now, text, changes)
 
 
@@ -208,18 +277,24 @@ def _list_keys(keys: list[str]) -> str:
 
 
 def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
-    """Files of a lab's own devices whose text has changed, and an installed package whose version has, as they are now."""
+    """Files of a lab's own devices whose text has changed, and an installed package whose
+    version has, as they are now.
+    """
     before = begun.header.provenance
     present = {**texts_of(now.motor, now.force_sensor), **packages_of(now.motor, now.force_sensor)}
     return {name: text for name, text in present.items() if before.get(name, text) != text}
 
 
 def _other_curve(begun: InterruptedRun, before: RigFile, now: RigFile) -> dict[str, str]:
-    """The file of a torque-rotation curve, if its values have changed. A run with a model file does not use the rig file's curve."""
+    """The file of a torque-rotation curve, if its values have changed. A run with a model file
+    does not use the rig file's curve.
+    """
     section = before.leg.torque_rotation
     if section is None or section.curve is None or "model_file" in begun.header.provenance:
         return {}
-    old, new = (model["leg"].get("torque_rotation") for model in (begun.header.nominal, now.nominal()))
+    old, new = (
+        model["leg"].get("torque_rotation") for model in (begun.header.nominal, now.nominal())
+    )
     return {} if old == new else {"leg.torque_rotation.curve": section.curve}
 
 

@@ -1,4 +1,6 @@
-"""Makes drivers and twins of the force sensor and the camera that a rig file names. The make of a sensor is asked of the registry."""
+"""Makes drivers and twins of the force sensor and the camera that a rig file names. The make of
+a sensor is asked of the registry.
+"""
 
 import sys
 from collections.abc import Callable
@@ -9,7 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.description.camera_file import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
+from rfca_rig.description.camera_file import (
+    CameraSection,
+    OpenCvCameraSection,
+    PhotoFolderSection,
+    TwinCameraSection,
+)
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.devices import find_sensor
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
@@ -22,7 +29,9 @@ from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:
-    """The driver that [force_sensor] names, on the real device; what it opened is closed with the stack."""
+    """The driver that [force_sensor] names, on the real device; what it opened is closed with
+    the stack.
+    """
     keys = rig.force_sensor
     make = find_sensor(keys.device)
     way = make.open_way(keys, clock)
@@ -31,7 +40,9 @@ def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> Force
 
 
 def sensor_twin_maker(rig: RigFile, twin: TwinSection, random: np.random.Generator) -> TwinMaker:
-    """Makes the twin that [force_sensor] names, on its end of a wire. `random` is the sensor's noise."""
+    """Makes the twin that [force_sensor] names, on its end of a wire. `random` is the sensor's
+    noise.
+    """
     keys = rig.force_sensor
     # One value for the three forces, one for the three moments.
     noise_std = (twin.noise_N,) * 3 + (twin.noise_Nm,) * 3
@@ -47,7 +58,9 @@ class SensorPair:
 
 
 def make_sensor_pair(rig: RigFile, make_twin: TwinMaker, panel: FaultPanel | None) -> SensorPair:
-    """The twin that [force_sensor] names, on a wire of its own in this process; `panel` switches the faults of that wire."""
+    """The twin that [force_sensor] names, on a wire of its own in this process; `panel` switches
+    the faults of that wire.
+    """
     keys = rig.force_sensor
     make = find_sensor(keys.device)
     wire = make.find_wire()
@@ -82,7 +95,8 @@ class TwinCamera:
 
 
 class DelayedCamera:
-    """Implements `Photographer` with a camera that takes no time: exposes on request, and delivers the photo `takes_s` later.
+    """Implements `Photographer` with a camera that takes no time: exposes on request, and delivers
+    the photo `takes_s` later.
 
     All on the caller's thread, so that a run on a twin's clock is the same every time.
     """
@@ -127,8 +141,12 @@ class AnnouncingCamera:
         return self._camera.identity()
 
 
-def make_camera(section: CameraSection, eye: PhotoSetup, clock: Clock, stack: ExitStack) -> Photographer:
-    """The camera that [camera] names, closed with the stack. Raises DeviceError or BadInput where it cannot be opened."""
+def make_camera(
+    section: CameraSection, eye: PhotoSetup, clock: Clock, stack: ExitStack
+) -> Photographer:
+    """The camera that [camera] names, closed with the stack. Raises DeviceError or BadInput
+    where it cannot be opened.
+    """
     camera: Camera
     match section:
         case OpenCvCameraSection():
@@ -142,7 +160,13 @@ def make_camera(section: CameraSection, eye: PhotoSetup, clock: Clock, stack: Ex
     return threaded
 
 
-def make_twin_camera(eye: PhotoSetup, leg: StandingLeg, twin: TwinCameraSection, random: np.random.Generator, clock: Clock) -> Photographer:
+def make_twin_camera(
+    eye: PhotoSetup,
+    leg: StandingLeg,
+    twin: TwinCameraSection,
+    random: np.random.Generator,
+    clock: Clock,
+) -> Photographer:
     """The twin of any camera: renders `leg` as it stands when a photo is requested."""
     rendered = CameraTwin(leg, eye.plan, eye.camera, twin.disturbance(), random)
     return DelayedCamera(TwinCamera(rendered, clock), clock, TWIN_PHOTO_S)

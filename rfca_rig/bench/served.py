@@ -1,4 +1,6 @@
-"""A twin rig behind network sockets and serial lines, run in real time by one loop in one thread."""
+"""A twin rig behind network sockets and serial lines, run in real time by one loop in one
+thread.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -10,7 +12,13 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.devices import find_sensor
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.can_ports import FdcanusbPort, SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twin_server.faults import ControlPort, FaultEvent, FaultPanel, FaultSchedule, TamperedBus
+from rfca_rig.twin_server.faults import (
+    ControlPort,
+    FaultEvent,
+    FaultPanel,
+    FaultSchedule,
+    TamperedBus,
+)
 from rfca_rig.twin_server.open_ports import Openings, OpenPorts, Port
 
 # Period of the loop, and longest step of the twins after a delay, in s.
@@ -22,11 +30,12 @@ WARM_UP_S = 2e-3
 
 
 class RealTimeLoop:
-    """Every millisecond the ports receive, `process` advances the twins to now, starting at 0, and the ports send.
+    """Every millisecond the ports receive, `process` advances the twins to now, starting at 0, and
+    the ports send.
 
-    If the machine is too slow, the twins lose time instead of falling further behind. A step is at most 50 ms, and the excess is added
-    to `slipped_s`. To their clients they then seem slow, like a device with a bad crystal.
-    """
+    If the machine is too slow, the twins lose time instead of falling further behind. A step is at
+    most 50 ms, and the excess is added to `slipped_s`. To their clients they then seem slow, like a
+    device with a bad crystal."""
 
     def __init__(self, process: Callable[[float], None], clock: Clock) -> None:
         self._process = process
@@ -36,10 +45,15 @@ class RealTimeLoop:
 
     def status(self) -> str:
         """State of the loop in one line."""
-        return f"running for {self._twins_s:.2f} s of the twins' time, {self.slipped_s:.2f} s behind the clock"
+        return (
+            f"running for {self._twins_s:.2f} s of the twins' time, {self.slipped_s:.2f} s "
+            "behind the clock"
+        )
 
     def run(self, ports: Sequence[Port], step: Callable[[float], None], seconds: float) -> None:
-        """Runs for `seconds`; call it once only. `step(running_s)` is called in every cycle, and may end the loop by raising."""
+        """Runs for `seconds`; call it once only. `step(running_s)` is called in every cycle, and
+        may end the loop by raising.
+        """
         began_s = due_s = self._clock.now_s()
         while (now_s := self._clock.now_s()) < began_s + seconds:
             step(now_s - began_s)
@@ -69,14 +83,23 @@ def _poll(ports: Sequence[Port], now_s: float) -> None:
 class ServedRig:
     """A twin rig, open to clients while `serve` runs; `reached` has its addresses."""
 
-    def __init__(self, events: Mapping[str, Callable[[], None]], panel: FaultPanel, loop: RealTimeLoop, reached: OpenPorts) -> None:
+    def __init__(
+        self,
+        events: Mapping[str, Callable[[], None]],
+        panel: FaultPanel,
+        loop: RealTimeLoop,
+        reached: OpenPorts,
+    ) -> None:
         self._events = events
         self._panel = panel
         self._loop = loop
         self.reached = reached
 
-    def serve(self, orders: Sequence[FaultEvent], seconds: float, switched: Callable[[FaultEvent], None]) -> None:
-        """Runs for that long; `switched` is called with every order of the schedule as it is carried out.
+    def serve(
+        self, orders: Sequence[FaultEvent], seconds: float, switched: Callable[[FaultEvent], None]
+    ) -> None:
+        """Runs for that long; `switched` is called with every order of the schedule as it is
+        carried out.
 
         Raises BadInput at once for an order that names no fault.
         """
@@ -100,18 +123,25 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
     Raises BadInput for a rig without twins, and for ports that cannot be opened.
     """
     if rig.twin is None or rig.is_real:
-        raise BadInput(f"{rig.rig.title}: only a rig of kind 'twin' with a [twin] section can be served")
+        raise BadInput(
+            f"{rig.rig.title}: only a rig of kind 'twin' with a [twin] section can be served"
+        )
     panel, wire = FaultPanel(faults_of_served_rig(rig)), SharedWire("twin CAN wire")
     sensor = rig.force_sensor
     make = find_sensor(sensor.device)
     sensor_wire = make.find_wire()
     if sensor_wire is None:
-        raise BadInput(f"{rig.rig.title}: a {sensor.device} has no wire that others could read; it works in this process only")
+        raise BadInput(
+            f"{rig.rig.title}: a {sensor.device} has no wire that others could read; it "
+            "works in this process only"
+        )
     with ExitStack() as stack:
         reached = OpenPorts(openings, stack)
         # Ports first: an occupied one must be found before anything is computed.
         put_on_ports = sensor_wire.open(sensor, panel, reached)
-        socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
+        socketcand = SocketcandPort(
+            wire, openings.host, openings.can_port, clock.start_time().timestamp()
+        )
         reached.add(socketcand, can_port=socketcand.port)
         if openings.slcan:
             slcan = SlcanPort(wire)

@@ -1,4 +1,6 @@
-"""Reads the photos of static stages: those of a run once the rig stands still, and those taken by hand."""
+"""Reads the photos of static stages: those of a run once the rig stands still, and those taken
+by hand.
+"""
 
 import shutil
 from collections.abc import Mapping, Sequence
@@ -25,9 +27,11 @@ from rfca_rig.vision.leg_marks import MarkPlan
 from rfca_rig.vision.leg_photo import PhotoSetup, draw_overlay, read_marks
 
 OVERLAY_QUALITY = 90
-# More difference between photo and drive means a photo of another stage, or different zeros of drive and camera.
+# More difference between photo and drive means a photo of another stage, or different zeros of
+# drive and camera.
 SHAFT_APART_DEG = 2.0
-# Distance from the plane of the marks that is reported, and how many standard deviations it must be.
+# Distance from the plane of the marks that is reported, and how many standard deviations it must
+# be.
 REPORTED_OFFSET_M, OFFSET_SIGMAS = 0.3e-3, 4.0
 
 
@@ -40,10 +44,10 @@ def read_stage_photos(
 ) -> tuple[StaticStage, ...]:
     """The stages with the angles from their photos; `report_progress` is called with the progress.
 
-    All photos are of one leg, so they are fitted together: what one pose leaves open about the marks, others determine. A photo that
-    cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged. `known` are the marks of
-    photos that are read already, by their path in the run's folder.
-    """
+    All photos are of one leg, so they are fitted together: what one pose leaves open about the
+    marks, others determine. A photo that cannot be read leaves its stage without angles, with the
+    reason. Stages without a photo stay unchanged. `known` are the marks of photos that are read
+    already, by their path in the run's folder."""
     marks = [
         known.get(stage.photo) or _read_marks(stage, run_folder, eye) if stage.photo else stage
         for stage in iterate_with_progress(stages, report_progress)
@@ -51,17 +55,32 @@ def read_stage_photos(
     found = [one for one in marks if isinstance(one, IdentifiedMarks)]
     fit = fit_leg(found, eye.camera, eye.plan, eye.link_lengths_m)
     angles = iter(fit.angles)
-    read = [(stage, one, next(angles)) for stage, one in zip(stages, marks, strict=True) if isinstance(one, IdentifiedMarks)]
+    read = [
+        (stage, one, next(angles))
+        for stage, one in zip(stages, marks, strict=True)
+        if isinstance(one, IdentifiedMarks)
+    ]
     # In threads: decoding, drawing and encoding are OpenCV's, which releases the interpreter.
-    with_angles = iter(map_in_threads(lambda each: _with_angles(each[0], run_folder, eye, each[1], each[2], fit), read))
+    with_angles = iter(
+        map_in_threads(
+            lambda each: _with_angles(each[0], run_folder, eye, each[1], each[2], fit), read
+        )
+    )
     return tuple(next(with_angles) if isinstance(one, IdentifiedMarks) else one for one in marks)
 
 
-def _read_marks(stage: StaticStage, run_folder: Path, eye: PhotoSetup) -> IdentifiedMarks | StaticStage:
+def _read_marks(
+    stage: StaticStage, run_folder: Path, eye: PhotoSetup
+) -> IdentifiedMarks | StaticStage:
     """The marks of a stage's photo, or the stage with the reason why there are none."""
-    # A photo may be lost, for example where the disk refused it; its stage is then kept but not acknowledged.
+    # A photo may be lost, for example where the disk refused it; its stage is then kept but not
+    # acknowledged.
     if not (run_folder / stage.photo).is_file():
-        return replace(stage, photo="", photo_doubts=f"the photo was lost: {stage.photo} did not reach the disk")
+        return replace(
+            stage,
+            photo="",
+            photo_doubts=f"the photo was lost: {stage.photo} did not reach the disk",
+        )
     try:
         return read_marks(read_picture(run_folder / stage.photo), eye)
     except BadInput as error:
@@ -69,16 +88,27 @@ def _read_marks(stage: StaticStage, run_folder: Path, eye: PhotoSetup) -> Identi
 
 
 def _with_angles(
-    stage: StaticStage, run_folder: Path, eye: PhotoSetup, identified: IdentifiedMarks, angles: HingeAngles, fit: LegFit
+    stage: StaticStage,
+    run_folder: Path,
+    eye: PhotoSetup,
+    identified: IdentifiedMarks,
+    angles: HingeAngles,
+    fit: LegFit,
 ) -> StaticStage:
     # Read a second time: the photos of a whole run may not fit into memory.
-    picture = draw_overlay(read_picture(run_folder / stage.photo), identified, eye.camera, eye.plan, angles)
+    picture = draw_overlay(
+        read_picture(run_folder / stage.photo), identified, eye.camera, eye.plan, angles
+    )
     name = f"{OVERLAYS}/{Path(stage.photo).stem}.jpg"
     (run_folder / OVERLAYS).mkdir(exist_ok=True)
     encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, OVERLAY_QUALITY])[1]
     write_atomically(run_folder / name, encoded.tobytes())
     stage = replace(stage, overlay=name)
-    doubts = [*([fit.refused] if fit.refused else []), *(doubt.words for doubt in identified.doubts), *_marks_out_of_plane(fit, eye.plan)]
+    doubts = [
+        *([fit.refused] if fit.refused else []),
+        *(doubt.words for doubt in identified.doubts),
+        *_marks_out_of_plane(fit, eye.plan),
+    ]
     # Angles of another stage would be worse than none, so this doubt discards them all.
     if other := _another_shaft_angle(stage, angles):
         return replace(stage, photo_doubts="; ".join([other, *doubts]))
@@ -101,21 +131,43 @@ def _marks_out_of_plane(fit: LegFit, plan: MarkPlan) -> list[str]:
 
 
 def _describe_hinges(identified: IdentifiedMarks, angles: HingeAngles, plan: MarkPlan) -> list[str]:
-    """Messages with the numbers of hinges without an angle, and of those whose angle needed the lengths of the links."""
-    known = [(number, angle is not None) for number, angle in enumerate(angles.hinge_rad, start=1) if number > 1]
+    """Messages with the numbers of hinges without an angle, and of those whose angle needed the
+    lengths of the links.
+    """
+    known = [
+        (number, angle is not None)
+        for number, angle in enumerate(angles.hinge_rad, start=1)
+        if number > 1
+    ]
     unknown = [str(number) for number, has_angle in known if not has_angle]
-    hidden = {plan.marks[i].link for i, mark in enumerate(identified.marks) if mark is None and plan.marks[i].along_m == 0.0}
+    hidden = {
+        plan.marks[i].link
+        for i, mark in enumerate(identified.marks)
+        if mark is None and plan.marks[i].along_m == 0.0
+    }
     by_lengths = [str(number) for number, has_angle in known if has_angle and number in hidden]
-    words = [f"hinge {', '.join(by_lengths)} without its mark, from the lengths of its links"] if by_lengths else []
+    words = (
+        [f"hinge {', '.join(by_lengths)} without its mark, from the lengths of its links"]
+        if by_lengths
+        else []
+    )
     if unknown:
-        why = f", known to worse than {np.degrees(MAX_REPORTED_STD_RAD):.1f} deg" if identified.is_complete else ""
+        why = (
+            f", known to worse than {np.degrees(MAX_REPORTED_STD_RAD):.1f} deg"
+            if identified.is_complete
+            else ""
+        )
         words.append(f"hinge {', '.join(unknown)} left out{why}")
     return words
 
 
 def _degrees(angles_rad: Sequence[float | None]) -> tuple[float, ...]:
-    """Hinge angles in degrees, NaN where unknown; the first angle, which is the shaft's, is left out."""
-    return tuple(float("nan") if angle is None else float(np.degrees(angle)) for angle in angles_rad[1:])
+    """Hinge angles in degrees, NaN where unknown; the first angle, which is the shaft's, is left
+    out.
+    """
+    return tuple(
+        float("nan") if angle is None else float(np.degrees(angle)) for angle in angles_rad[1:]
+    )
 
 
 def _another_shaft_angle(stage: StaticStage, angles: HingeAngles) -> str:
@@ -127,13 +179,15 @@ def _another_shaft_angle(stage: StaticStage, angles: HingeAngles) -> str:
     if abs((shown_deg - drive_deg + 180.0) % 360.0 - 180.0) <= SHAFT_APART_DEG:
         return ""
     return (
-        f"the photo shows the shaft at {shown_deg:.1f} deg, the drive says {drive_deg:.1f} deg: not this stage's photo, or a zero is "
+        f"the photo shows the shaft at {shown_deg:.1f} deg, the drive says "
+        f"{drive_deg:.1f} deg: not this stage's photo, or a zero is "
         "wrong; no angles taken"
     )
 
 
 def read_missing_photos(recording: Recording, run_folder: Path) -> Recording:
-    """The recording of a run that ended before its photos were read, with their angles; any other recording unchanged.
+    """The recording of a run that ended before its photos were read, with their angles; any other
+    recording unchanged.
 
     Raises BadInput where the rig and camera files that the run stored cannot be used.
     """
@@ -147,28 +201,44 @@ def read_missing_photos(recording: Recording, run_folder: Path) -> Recording:
     if eye is None:
         return recording
     static = read_stage_photos(recording.static, run_folder, eye)
-    return replace(recording, static=static, provenance={**provenance_texts, **photo_hashes(run_folder)})
+    return replace(
+        recording, static=static, provenance={**provenance_texts, **photo_hashes(run_folder)}
+    )
 
 
 def photo_hashes(run_folder: Path) -> dict[str, str]:
-    """For a run's provenance: SHA-256 of each photo and overlay, a line each in the format of sha256sum; empty without any."""
-    files = [file for folder in (PHOTOS, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))]
-    return {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)} if files else {}
+    """For a run's provenance: SHA-256 of each photo and overlay, a line each in the format of
+    sha256sum; empty without any.
+    """
+    files = [
+        file for folder in (PHOTOS, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))
+    ]
+    return (
+        {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)} if files else {}
+    )
 
 
 def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | None) -> PhotoSetup:
-    """Camera and marks for photos of the recording's leg: marks as its rig file had them, else at every hinge axis and the tip.
+    """Camera and marks for photos of the recording's leg: marks as its rig file had them, else at
+    every hinge axis and the tip.
 
-    Raises BadInput where the camera file cannot be used, or the recording does not state the lengths of the links.
-    """
+    Raises BadInput where the camera file cannot be used, or the recording does not state the
+    lengths of the links."""
     leg = recording.nominal.get("leg")
     if not leg:
-        raise BadInput(f"{recording.title}: the recording does not say how long the leg's links are; no photo can be read without")
+        raise BadInput(
+            f"{recording.title}: the recording does not say how long the leg's links are; "
+            "no photo can be read without"
+        )
     lengths_m = tuple(length_mm / 1e3 for length_mm in leg["link_lengths_mm"])
     marks = _marks(recording)
     if mark_diameter_mm is not None:
         marks = marks.model_copy(update={"diameter_mm": mark_diameter_mm})
-    return PhotoSetup(model_of(read_text(camera_path), CameraFile, camera_path).model(), marks.plan(lengths_m), lengths_m)
+    return PhotoSetup(
+        model_of(read_text(camera_path), CameraFile, camera_path).model(),
+        marks.plan(lengths_m),
+        lengths_m,
+    )
 
 
 def _marks(recording: Recording) -> MarksSection:
@@ -179,14 +249,22 @@ def _marks(recording: Recording) -> MarksSection:
 
 
 def with_hand_photos(
-    recording: Recording, photos: Sequence[Path], eye: PhotoSetup, run_folder: Path, report_progress: ProgressCount = ignore_progress
+    recording: Recording,
+    photos: Sequence[Path],
+    eye: PhotoSetup,
+    run_folder: Path,
+    report_progress: ProgressCount = ignore_progress,
 ) -> Recording:
-    """The recording with hinge angles from the photos, in the stages' order; copies and overlays go into `run_folder`.
+    """The recording with hinge angles from the photos, in the stages' order; copies and overlays go
+    into `run_folder`.
 
     Raises BadInput where there is not exactly one photo for each stage.
     """
     if len(photos) != len(recording.static):
-        raise BadInput(f"{len(photos)} photos for {len(recording.static)} static stages; give one for each, named in their order")
+        raise BadInput(
+            f"{len(photos)} photos for {len(recording.static)} static stages; give one "
+            "for each, named in their order"
+        )
     # Without exist_ok: photos of another recording must not mix with these.
     (run_folder / PHOTOS).mkdir(parents=True)
     stages = []
@@ -195,6 +273,12 @@ def with_hand_photos(
         shutil.copyfile(photo, run_folder / name)
         # Angles of an earlier reading must not survive where the new photo shows none.
         unread = (float("nan"),) * len(stage.hinge_deg)
-        stages.append(replace(stage, hinge_deg=unread, hinge_std_deg=(), photo=name, overlay="", photo_doubts=""))
+        stages.append(
+            replace(
+                stage, hinge_deg=unread, hinge_std_deg=(), photo=name, overlay="", photo_doubts=""
+            )
+        )
     read = read_stage_photos(stages, run_folder, eye, report_progress)
-    return replace(recording, static=read, provenance={**recording.provenance, **photo_hashes(run_folder)})
+    return replace(
+        recording, static=read, provenance={**recording.provenance, **photo_hashes(run_folder)}
+    )

@@ -1,8 +1,8 @@
 """Columns of a bag, `topic:field`, on one time base: the times of the messages of the first signal.
 
-Other columns are interpolated linearly to these times. Times outside the range of any column are omitted. So are times in a gap of a
-column, where two of its samples are further apart than a bin. The cutting of windows then finds the gap.
-"""
+Other columns are interpolated linearly to these times. Times outside the range of any column are
+omitted. So are times in a gap of a column, where two of its samples are further apart than a bin.
+The cutting of windows then finds the gap."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -60,8 +60,8 @@ def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
     Raises
     ------
     BadInput
-        Where the bag cannot be read, a topic or field is missing or holds no numbers, time does not run forwards, or the columns share too
-        few samples.
+        Where the bag cannot be read, a topic or field is missing or holds no numbers, time does not
+        run forwards, or the columns share too few samples.
     """
     with open_bag(path) as bag:
         columns = [_find_column(bag, name, meaning) for name, meaning in request.holds.items()]
@@ -72,7 +72,8 @@ def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         covered &= _reaches(one.t_s, base.t_s, request.longest_gap_s)
     if covered.sum() < FEWEST_SAMPLES:
         raise BadInput(
-            f"{path}: {covered.sum()} samples of {columns[0].name} lie where all columns were recorded without a gap above "
+            f"{path}: {covered.sum()} samples of {columns[0].name} lie where all columns "
+            "were recorded without a gap above "
             f"{request.longest_gap_s:g} s, which is windows.bin_s; needs {FEWEST_SAMPLES} or more"
         )
     t_s = base.t_s[covered]
@@ -103,10 +104,14 @@ def list_bag_columns(path: Path) -> ColumnList:
             f"topic {topic}: {name}, {bag.unreadable.get(topic, f'{messages[topic]} messages')}"
             for topic, name in sorted(bag.types.items())
         ]
-    values = {name: np.array(numbers) for of_topic in found.values() for name, numbers in of_topic.items()}
+    values = {
+        name: np.array(numbers) for of_topic in found.values() for name, numbers in of_topic.items()
+    }
     with_numbers = [topic for topic in readable if found[topic]]
     # Stamps serve as the time only if every message has one.
-    has_headers = bool(with_numbers) and all(stamped[topic] == messages[topic] for topic in with_numbers)
+    has_headers = bool(with_numbers) and all(
+        stamped[topic] == messages[topic] for topic in with_numbers
+    )
     return ColumnList(
         {name: column if np.isfinite(column).all() else None for name, column in values.items()},
         (HEADER_STAMP,) if has_headers else (),
@@ -117,14 +122,20 @@ def list_bag_columns(path: Path) -> ColumnList:
 
 
 def _find_column(bag: Bag, name: str, meaning: str) -> _Column:
-    """Locate a column. The name of a topic may contain a colon itself, so the longest matching topic is taken."""
+    """Locate a column. The name of a topic may contain a colon itself, so the longest matching
+    topic is taken.
+    """
     start = f"{bag.path}: column {name}, which is to hold {meaning}"
     topics = [topic for topic in bag.types if name.startswith(f"{topic}:")]
     if not topics:
         topic, colon, _ = name.partition(":")
         if not colon:
-            raise BadInput(f"{start}, names no field; write it as topic:field, as in /joint_states:position[0]")
-        raise BadInput(f"{start}: there is no topic {topic}; {suggestion(topic, sorted(bag.types))}")
+            raise BadInput(
+                f"{start}, names no field; write it as topic:field, as in /joint_states:position[0]"
+            )
+        raise BadInput(
+            f"{start}: there is no topic {topic}; {suggestion(topic, sorted(bag.types))}"
+        )
     topic = max(topics, key=len)
     try:
         return _Column(name, topic, parse_field(name[len(topic) + 1 :]))
@@ -155,19 +166,33 @@ def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> di
             for column in of_topic[topic]:
                 _append(column, message, at_ns, times_ns, values)
         except ValueError as error:
-            raise BadInput(f"{bag.path}: message {messages[topic]} of topic {topic}: {error}") from None
+            raise BadInput(
+                f"{bag.path}: message {messages[topic]} of topic {topic}: {error}"
+            ) from None
     for column in columns:
         if not messages[column.topic]:
             raise BadInput(f"{bag.path}: topic {column.topic} holds no messages")
         if not values[column.name]:
-            raise BadInput(f"{bag.path}: column {column.name}: no message names it; {_suggest_name(bag, column)}")
+            raise BadInput(
+                f"{bag.path}: column {column.name}: no message names it; "
+                f"{_suggest_name(bag, column)}"
+            )
         _check_times(bag.path, column.name, np.array(times_ns[column.name]), request)
     # Subtracted as integers: a float of seconds since 1970 resolves only 0.2 us.
     zero_ns = times_ns[columns[0].name][0]
-    return {name: _Series((np.array(times_ns[name]) - zero_ns) / NS_PER_S, np.array(values[name])) for name in values}
+    return {
+        name: _Series((np.array(times_ns[name]) - zero_ns) / NS_PER_S, np.array(values[name]))
+        for name in values
+    }
 
 
-def _append(column: _Column, message: object, at_ns: int, times_ns: Mapping[str, list[int]], values: Mapping[str, list[float]]) -> None:
+def _append(
+    column: _Column,
+    message: object,
+    at_ns: int,
+    times_ns: Mapping[str, list[int]],
+    values: Mapping[str, list[float]],
+) -> None:
     """Appends a column's number from a message; a message that names other joints holds none."""
     try:
         value = read_number(message, column.field)
@@ -189,7 +214,9 @@ def _suggest_name(bag: Bag, column: _Column) -> str:
     return suggestion(asked, names) if names else "the list of names is empty"
 
 
-def _check_times(path: Path, name: str, times_ns: NDArray[np.int64], request: ColumnRequest) -> None:
+def _check_times(
+    path: Path, name: str, times_ns: NDArray[np.int64], request: ColumnRequest
+) -> None:
     """Raises BadInput where time does not run forwards, or the median step is longer than a bin."""
     steps_s = np.diff(times_ns) / NS_PER_S
     backwards = np.flatnonzero(steps_s <= 0.0)
@@ -197,18 +224,22 @@ def _check_times(path: Path, name: str, times_ns: NDArray[np.int64], request: Co
         row = int(backwards[0]) + 1
         other = HEADER_STAMP if request.time.column == LOG_TIME else LOG_TIME
         raise BadInput(
-            f"{path}: column {name}, sample {row + 1}: time does not run forwards: it comes {-steps_s[row - 1]:g} s before sample {row}; "
+            f"{path}: column {name}, sample {row + 1}: time does not run forwards: it "
+            f"comes {-steps_s[row - 1]:g} s before sample {row}; "
             f'are the times of [time] column = "{other}" better?'
         )
     if steps_s.size and np.median(steps_s) > request.longest_gap_s:
         raise BadInput(
-            f"{path}: column {name}: samples come {np.median(steps_s):.3g} s apart, more than windows.bin_s = {request.longest_gap_s:g} s; "
+            f"{path}: column {name}: samples come {np.median(steps_s):.3g} s apart, more "
+            f"than windows.bin_s = {request.longest_gap_s:g} s; "
             "lengthen bin_s"
         )
 
 
 def _reaches(t_s: Floats, base_s: Floats, longest_gap_s: float) -> NDArray[np.bool_]:
-    """Which times of the base have a sample of the series, or two neighbouring samples that are close enough to interpolate."""
+    """Which times of the base have a sample of the series, or two neighbouring samples that are
+    close enough to interpolate.
+    """
     after = np.searchsorted(t_s, base_s)
     inside = (after > 0) & (after < len(t_s))
     # Clipped indices keep the lookup valid; `inside` rejects them afterwards.

@@ -1,9 +1,11 @@
-"""Opens bags: MCAP files, folders that `ros2 bag record` wrote, and their .db3 files. Messages are decoded, in the order of the log.
+"""Opens bags: MCAP files, folders that `ros2 bag record` wrote, and their .db3 files. Messages are
+decoded, in the order of the log.
 
-ROS messages (CDR) are decoded by the definitions in the bag. Bags from before ROS 2 Iron have no definitions; those of ROS 2 itself are
-used.
+ROS messages (CDR) are decoded by the definitions in the bag. Bags from before ROS 2 Iron have no
+definitions; those of ROS 2 itself are used.
 
-Fields of decoded messages by name: `wrench.force.z`, `data[2]`, and `position[shoulder]` where a list `name` accompanies `position`.
+Fields of decoded messages by name: `wrench.force.z`, `data[2]`, and `position[shoulder]` where a
+list `name` accompanies `position`.
 
 A message has the form that its decoder gives it: a JSON object, or a dataclass of a ROS message.
 """
@@ -74,12 +76,15 @@ class Bag:
     open_log: Callable[[Collection[str]], Iterator[LoggedMessage]]
 
     def messages(self, topics: Collection[str]) -> Iterator[LoggedMessage]:
-        """Iterate over the messages of these topics. Raises BadInput where a topic cannot be decoded, or the file is damaged."""
+        """Iterate over the messages of these topics. Raises BadInput where a topic cannot be
+        decoded, or the file is damaged.
+        """
         for topic in topics:
             if topic in self.unreadable:
                 raise BadInput(f"{self.path}: topic {topic}: {self.unreadable[topic]}")
         read_messages = self.open_log(topics)
-        # Errors of the reader are translated, those of the caller that consumes the messages are not; a plain for loop would cover both.
+        # Errors of the reader are translated, those of the caller that consumes the messages are
+        # not; a plain for loop would cover both.
         while True:
             with _refuse_damage(self.path):
                 found = next(read_messages, None)
@@ -105,7 +110,9 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 @contextmanager
 def _refuse_damage(path: Path) -> Iterator[None]:
-    """Turns any exception of a bag reader into BadInput, because damaged bytes may cause any exception."""
+    """Turns any exception of a bag reader into BadInput, because damaged bytes may cause any
+    exception.
+    """
     try:
         yield
     except BadInput:
@@ -129,8 +136,11 @@ class _Topics:
     unreadable: dict[str, str] = field(default_factory=dict)
     decoders: dict[int, Decoder] = field(default_factory=dict)
 
-    def add(self, channel: int, topic: str, type_name: str, encoding: str, definition: MessageDefinition) -> None:
-        # A topic that cannot be decoded is noted and refused only when it is used; others remain readable.
+    def add(
+        self, channel: int, topic: str, type_name: str, encoding: str, definition: MessageDefinition
+    ) -> None:
+        # A topic that cannot be decoded is noted and refused only when it is used; others remain
+        # readable.
         self.types[topic] = type_name
         try:
             self.decoders[channel] = _make_decoder(type_name, encoding, definition)
@@ -148,7 +158,13 @@ def _open_mcap(path: Path) -> Iterator[Bag]:
             # Damage must be noticed here; changed bytes would otherwise become wrong numbers.
             reader = make_reader(file, validate_crcs=True)
             for schema, channel in _mcap_channels(reader):
-                topics.add(channel.id, channel.topic, schema.name if schema else "no schema", channel.message_encoding, _definition(schema))
+                topics.add(
+                    channel.id,
+                    channel.topic,
+                    schema.name if schema else "no schema",
+                    channel.message_encoding,
+                    _definition(schema),
+                )
 
         def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
             for _, channel, message in reader.iter_messages(wanted):
@@ -168,8 +184,13 @@ def _mcap_channels(reader: McapReader) -> list[tuple[Schema | None, Channel]]:
     # A recording that was cut off has no summary.
     summary = reader.get_summary()
     if summary is not None and summary.channels:
-        return [(summary.schemas.get(channel.schema_id), channel) for channel in summary.channels.values()]
-    return list({channel.id: (schema, channel) for schema, channel, _ in reader.iter_messages()}.values())
+        return [
+            (summary.schemas.get(channel.schema_id), channel)
+            for channel in summary.channels.values()
+        ]
+    return list(
+        {channel.id: (schema, channel) for schema, channel, _ in reader.iter_messages()}.values()
+    )
 
 
 @contextmanager
@@ -180,11 +201,23 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
     try:
         topics = _Topics()
         for connection in reader.connections:
-            serialization = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else ""
-            topics.add(connection.id, connection.topic, connection.msgtype, serialization, connection.msgdef)
+            serialization = (
+                connection.ext.serialization_format
+                if isinstance(connection.ext, ConnectionExtRosbag2)
+                else ""
+            )
+            topics.add(
+                connection.id,
+                connection.topic,
+                connection.msgtype,
+                serialization,
+                connection.msgdef,
+            )
 
         def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
-            connections = [connection for connection in reader.connections if connection.topic in wanted]
+            connections = [
+                connection for connection in reader.connections if connection.topic in wanted
+            ]
             for connection, ns, data in reader.messages(connections):
                 yield connection.topic, ns, topics.decoders[connection.id](data)
 
@@ -198,25 +231,38 @@ def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) 
     if encoding == "json":
         return json.loads
     if encoding != "cdr":
-        raise ValueError(f"its messages are encoded as {encoding or 'nothing known'}; json and cdr can be read")
+        raise ValueError(
+            f"its messages are encoded as {encoding or 'nothing known'}; json and cdr can be read"
+        )
     try:
-        # Definitions in the bag describe its messages exactly; types of another ROS release may differ in their fields.
-        store = get_typestore(Stores.LATEST if definition.format == MessageDefinitionFormat.NONE else Stores.EMPTY)
+        # Definitions in the bag describe its messages exactly; types of another ROS release may
+        # differ in their fields.
+        store = get_typestore(
+            Stores.LATEST if definition.format == MessageDefinitionFormat.NONE else Stores.EMPTY
+        )
         if definition.format == MessageDefinitionFormat.MSG:
             store.register(get_types_from_msg(definition.data, type_name))
         elif definition.format == MessageDefinitionFormat.IDL:
-            # A definition holds one file, or several with a rule and a line with the file's name before each.
+            # A definition holds one file, or several with a rule and a line with the file's name
+            # before each.
             files = (
                 [part.partition("\n")[2] for part in definition.data.split(_IDL_RULE)[1:]]
                 if definition.data.startswith(_IDL_RULE)
                 else [definition.data]
             )
-            store.register({name: type_ for file in files for name, type_ in get_types_from_idl(file).items()})
+            store.register(
+                {name: type_ for file in files for name, type_ in get_types_from_idl(file).items()}
+            )
     # A definition that the parser does not know may raise any exception.
     except Exception as error:
-        raise ValueError(f"the definition of {type_name} cannot be read: {_shorten(error)}") from None
+        raise ValueError(
+            f"the definition of {type_name} cannot be read: {_shorten(error)}"
+        ) from None
     if type_name not in store.fielddefs:
-        raise ValueError(f"the bag does not define {type_name}; record it with mcap storage, which keeps definitions")
+        raise ValueError(
+            f"the bag does not define {type_name}; record it with mcap storage, which "
+            "keeps definitions"
+        )
     return lambda data: store.deserialize_cdr(data, type_name)
 
 
@@ -226,7 +272,9 @@ class JointNotNamed(LookupError):
 
 @dataclass(frozen=True)
 class MessageField:
-    """Location of a field in a message: names from the outside inwards, each with the keys in brackets after it."""
+    """Location of a field in a message: names from the outside inwards, each with the keys in
+    brackets after it.
+    """
 
     text: str
     parts: tuple[tuple[str, tuple[str, ...]], ...]
@@ -235,7 +283,9 @@ class MessageField:
 def parse_field(text: str) -> MessageField:
     """Parse the name of a field. Raises ValueError where the text is no such name."""
     if not _FIELD.fullmatch(text):
-        raise ValueError(f"{text!r} is no field; write it as position[0], position[shoulder] or wrench.force.z")
+        raise ValueError(
+            f"{text!r} is no field; write it as position[0], position[shoulder] or wrench.force.z"
+        )
     parts = []
     for part in re.findall(_PART, text):
         name, *keys = re.split(r"[\[\]]+", part.rstrip("]"))
@@ -262,7 +312,8 @@ def read_number(message: Any, field: MessageField) -> float:
 
 
 def read_time_ns(message: Any, field: MessageField, unit_ns: int) -> int:
-    """The time in a field in ns: a stamp of seconds and nanoseconds, or a number in a unit of `unit_ns`.
+    """The time in a field in ns: a stamp of seconds and nanoseconds, or a number in a unit of
+    `unit_ns`.
 
     Raises ValueError as `read_number` does, and for a stamp whose unit is not stated as s.
     """
@@ -279,7 +330,9 @@ def read_time_ns(message: Any, field: MessageField, unit_ns: int) -> int:
 
 
 def list_numbers(message: Any, before: str = "") -> Iterator[tuple[str, float]]:
-    """Name and value of each number in a message, without stamps and without the content of long arrays."""
+    """Name and value of each number in a message, without stamps and without the content of long
+    arrays.
+    """
     for name in _field_names(message):
         value = _child(message, name)
         yield from _numbers_in(f"{before}{name}", value, _names_beside(message, value))
@@ -299,7 +352,10 @@ def _value(message: Any, field: MessageField) -> Any:
     for name, keys in field.parts:
         if not _has(at, name):
             known = _field_names(at)
-            raise ValueError(f"{place} has no field {name}; {suggestion(name, known) if known else 'it has no fields at all'}")
+            raise ValueError(
+                f"{place} has no field {name}; "
+                f"{suggestion(name, known) if known else 'it has no fields at all'}"
+            )
         holder, at, place = at, _child(at, name), name
         for key in keys:
             at = _entry(holder, at, place, key)
@@ -315,20 +371,32 @@ def _entry(holder: Any, array: Any, place: str, key: str) -> Any:
     else:
         names = _names_beside(holder, array)
         if names is None:
-            raise ValueError(f"{place} has {len(array)} entries without names; write {place}[0] for the first")
+            raise ValueError(
+                f"{place} has {len(array)} entries without names; write {place}[0] for the first"
+            )
         if key not in names:
             raise JointNotNamed(*names)
         index = names.index(key)
     if index >= len(array):
-        raise ValueError(f"{place}[{key}] is out of range: {place} has {len(array)} entries, the first is {place}[0]")
+        raise ValueError(
+            f"{place}[{key}] is out of range: {place} has {len(array)} entries, the first "
+            f"is {place}[0]"
+        )
     return array[index]
 
 
 def _names_beside(holder: Any, array: Any) -> list[str] | None:
-    """The names of an array's entries, where the enclosing message has them. An array may be empty if it was not measured."""
+    """The names of an array's entries, where the enclosing message has them. An array may be
+    empty if it was not measured.
+    """
     names = _child(holder, _NAMES) if _has(holder, _NAMES) else None
     # An array next to `name` belongs to it only if both have the same length.
-    if array is names or not _is_array(array) or not isinstance(names, list) or len(array) not in (0, len(names)):
+    if (
+        array is names
+        or not _is_array(array)
+        or not isinstance(names, list)
+        or len(array) not in (0, len(names))
+    ):
         return None
     return names if all(isinstance(name, str) for name in names) else None
 
@@ -354,16 +422,22 @@ def _stamp_ns(value: Any) -> int | None:
 
 
 def _field_names(value: Any) -> list[str]:
-    """The fields of a message, none for anything else. A ROS message also has its type as a field, in double underscores, which is
-    skipped.
+    """The fields of a message, none for anything else. A ROS message also has its type as a field,
+    in double underscores, which is skipped.
     """
     if isinstance(value, dict):
         return list(value)
-    return [field.name for field in fields(value) if not field.name.startswith("__")] if is_dataclass(value) else []
+    return (
+        [field.name for field in fields(value) if not field.name.startswith("__")]
+        if is_dataclass(value)
+        else []
+    )
 
 
 def _has(value: Any, name: str) -> bool:
-    return name in (value if isinstance(value, dict) else getattr(value, "__dataclass_fields__", ()))
+    return name in (
+        value if isinstance(value, dict) else getattr(value, "__dataclass_fields__", ())
+    )
 
 
 def _child(holder: Any, name: str) -> Any:

@@ -1,9 +1,11 @@
-"""Reads recordings of any mechanism: a folder with experiment.toml, a model file, and CSV files, HDF5 files or bags.
+"""Reads recordings of any mechanism: a folder with experiment.toml, a model file, and CSV files,
+HDF5 files or bags.
 
-docs/mechanisms.md shows an experiment.toml. All values from this module are in SI units: rad or m, rad/s or m/s, N m, N, A or V.
+docs/mechanisms.md shows an experiment.toml. All values from this module are in SI units: rad or m,
+rad/s or m/s, N m, N, A or V.
 
-`write_draft` makes a draft of it from a model file and a folder of recordings, with a "?" for everything that they do not state.
-"""
+`write_draft` makes a draft of it from a model file and a folder of recordings, with a "?" for
+everything that they do not state."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -47,7 +49,8 @@ PLACEHOLDER = '"?"'
 
 @dataclass(frozen=True)
 class RecordedSignal:
-    """Content of one column: `quantity` is position or speed of the joint `name`, or sensor, of which `name` is then the name.
+    """Content of one column: `quantity` is position or speed of the joint `name`, or sensor, of
+    which `name` is then the name.
 
     `unit` and `noise_std` are in SI; `noise_std` is None where it is estimated from the samples.
     """
@@ -60,10 +63,11 @@ class RecordedSignal:
 
 @dataclass(frozen=True)
 class PrescribedJoint:
-    """A joint whose motion is given. `smoothed_s` is the distance of the knots of the spline through its column, 0 for all samples.
+    """A joint whose motion is given. `smoothed_s` is the distance of the knots of the spline
+    through its column, 0 for all samples.
 
-    `scatter_std` is the deviation of its position from repeat to repeat, in SI, None where its column shows that.
-    """
+    `scatter_std` is the deviation of its position from repeat to repeat, in SI, None where its
+    column shows that."""
 
     name: str
     unit: str
@@ -73,7 +77,8 @@ class PrescribedJoint:
 
 @dataclass(frozen=True)
 class MechanismRun:
-    """One recording: times `t_s` (m,) from its beginning, `signals` (m, s) and `commands` (m, u), all zero where it was not driven.
+    """One recording: times `t_s` (m,) from its beginning, `signals` (m, s) and `commands` (m, u),
+    all zero where it was not driven.
 
     `prescribed` (m, p) are the positions of the prescribed joints.
     """
@@ -89,13 +94,15 @@ class MechanismRun:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The model file, its recordings, the standard uncertainties of [known_to], and the length of windows and bins.
+    """The model file, its recordings, the standard uncertainties of [known_to], and the length of
+    windows and bins.
 
-    With `chooses_windows`, a diagnosis chooses the length of the windows, from `window_s` on. `most_windows` limits the number of windows.
-    `prescribed` joints follow their columns, `contacts` have laws of their own. `alike` groups joints, bodies or actuators of one make:
-    their names by the name of the group. With `starts_at_rest` a motion begins in equilibrium; otherwise windows start from the measured
-    state. The model may name files in the `model_folders` and in its own, anywhere if `allow_outside`.
-    """
+    With `chooses_windows`, a diagnosis chooses the length of the windows, from `window_s` on.
+    `most_windows` limits the number of windows. `prescribed` joints follow their columns,
+    `contacts` have laws of their own. `alike` groups joints, bodies or actuators of one make: their
+    names by the name of the group. With `starts_at_rest` a motion begins in equilibrium; otherwise
+    windows start from the measured state. The model may name files in the `model_folders` and in
+    its own, anywhere if `allow_outside`."""
 
     title: str
     path: Path
@@ -118,10 +125,11 @@ class Experiment:
 
 
 def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
-    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault.
+    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for
+    the first fault.
 
-    Links that lead out of the folder are refused, unless `allow_outside`. Its model may be anywhere, where experiment.toml states the path.
-    """
+    Links that lead out of the folder are refused, unless `allow_outside`. Its model may be
+    anywhere, where experiment.toml states the path."""
     path = folder / EXPERIMENT
     if not allow_outside:
         refuse_outside([path], [folder])
@@ -131,7 +139,10 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
     if not allow_outside:
         inside = [model] if is_inside(described.model) else []
         recordings = (folder / run.file for run in described.recordings)
-        refuse_outside([*inside, *(file for recording in recordings for file in list_files(recording))], [folder])
+        refuse_outside(
+            [*inside, *(file for recording in recordings for file in list_files(recording))],
+            [folder],
+        )
     signals = tuple(
         RecordedSignal(
             # A sign of -1 belongs to the values; a standard deviation has none.
@@ -155,13 +166,28 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
         chooses_windows=described.windows.length_s is None and described.start.state != "at rest",
         bin_s=described.windows.bin_s,
         most_windows=described.windows.at_most,
-        runs=tuple(_read_run(folder, described, place) for place in range(len(described.recordings))),
+        runs=tuple(
+            _read_run(folder, described, place) for place in range(len(described.recordings))
+        ),
         prescribed=tuple(
-            PrescribedJoint(p.joint, p.si_unit, p.smoothed_s, None if p.scatter_std is None else abs(p.scatter_std * p.factor))
+            PrescribedJoint(
+                p.joint,
+                p.si_unit,
+                p.smoothed_s,
+                None if p.scatter_std is None else abs(p.scatter_std * p.factor),
+            )
             for p in described.prescribed
         ),
         contacts=tuple(
-            SphereOnPlane(sphere, c.plane, c.stiffness_N_per_m1p5, c.damping_s_per_m, c.friction, c.presliding_mm / 1e3, c.drag_N_s_per_m)
+            SphereOnPlane(
+                sphere,
+                c.plane,
+                c.stiffness_N_per_m1p5,
+                c.damping_s_per_m,
+                c.friction,
+                c.presliding_mm / 1e3,
+                c.drag_N_s_per_m,
+            )
             for c in described.contacts
             for sphere in c.spheres
         ),
@@ -182,7 +208,13 @@ def measure_seconds(folder: Path) -> float | None:
 def _check_unique(path: Path, described: ExperimentFile) -> None:
     """Refuses a joint's quantity, actuator, file or repeat of a condition that appears twice."""
     keys: list[tuple[str, list[tuple[str, ...]]]] = [
-        ("signals", [(signal.joint or signal.sensor or "", signal.quantity or "sensor") for signal in described.signals]),
+        (
+            "signals",
+            [
+                (signal.joint or signal.sensor or "", signal.quantity or "sensor")
+                for signal in described.signals
+            ],
+        ),
         ("commands", [(command.actuator,) for command in described.commands]),
         ("prescribed", [(prescribed.joint,) for prescribed in described.prescribed]),
         ("recordings", [(run.file,) for run in described.recordings]),
@@ -192,7 +224,10 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
         for place, key in enumerate(found):
             if key in found[:place]:
                 first = found.index(key) + 1
-                raise BadInput(f"{place_of(path, (table, place))}: {table}[{place + 1}]: {', '.join(key)} is already {table}[{first}]")
+                raise BadInput(
+                    f"{place_of(path, (table, place))}: {table}[{place + 1}]: "
+                    f"{', '.join(key)} is already {table}[{first}]"
+                )
 
 
 def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismRun:
@@ -205,25 +240,42 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     # Words for the message about a missing column.
     holds = {signal.column: signal.words for signal in signals}
     holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
-    holds |= {prescribed.column: f"the motion of joint {prescribed.joint}" for prescribed in described.prescribed}
-    recording = read_columns(folder / run.file, ColumnRequest(described.time, holds, described.windows.bin_s))
+    holds |= {
+        prescribed.column: f"the motion of joint {prescribed.joint}"
+        for prescribed in described.prescribed
+    }
+    recording = read_columns(
+        folder / run.file, ColumnRequest(described.time, holds, described.windows.bin_s)
+    )
     t_s, values = recording.t_s, recording.values
     inside = select_samples(recording, t_s, run.from_s, run.to_s)
     recorded = np.column_stack([signal.factor * values[signal.column] for signal in signals])
     commanded = np.zeros((len(t_s), len(described.commands)))
     for number, command in enumerate(commands):
         column = command.factor * values[command.column]
-        # straight lines through these means push as steps do, to second order in the time between rows
-        commanded[:, number] = 0.5 * (column + np.append(column[:1], column[:-1])) if command.held else column
+        # straight lines through these means push as steps do, to second order in the time between
+        # rows
+        commanded[:, number] = (
+            0.5 * (column + np.append(column[:1], column[:-1])) if command.held else column
+        )
     prescribed = np.empty((len(t_s), len(described.prescribed)))
     for number, given in enumerate(described.prescribed):
         prescribed[:, number] = given.factor * values[given.column]
     label = f"{run.condition}, repeat {run.repeat}"
-    return MechanismRun(label, run.condition, t_s[inside], recorded[inside], commanded[inside], bool(commands), prescribed[inside])
+    return MechanismRun(
+        label,
+        run.condition,
+        t_s[inside],
+        recorded[inside],
+        commanded[inside],
+        bool(commands),
+        prescribed[inside],
+    )
 
 
 def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False) -> Path:
-    """Write the draft into `folder` and return its path. Links to recordings elsewhere are refused, unless `allow_outside`.
+    """Write the draft into `folder` and return its path. Links to recordings elsewhere are refused,
+    unless `allow_outside`.
 
     Raises
     ------
@@ -234,20 +286,39 @@ def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False)
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
     if not found:
-        raise BadInput(f"{folder}: holds no recording (.csv, .h5, .hdf5, .mcap, or a ROS 2 bag); --data names the folder of the recordings")
+        raise BadInput(
+            f"{folder}: holds no recording (.csv, .h5, .hdf5, .mcap, or a ROS 2 bag); "
+            "--data names the folder of the recordings"
+        )
     if not allow_outside:
-        refuse_outside([file for files in found.values() for recording in files for file in list_files(recording)], [folder])
+        refuse_outside(
+            [
+                file
+                for files in found.values()
+                for recording in files
+                for file in list_files(recording)
+            ],
+            [folder],
+        )
     write_atomically(path, make_draft(mechanism, folder, found).encode("utf-8"))
     return path
 
 
 def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[Path]]) -> str:
-    """The text of the draft, for the first kind of recordings in `found`; all files share the names of their columns."""
+    """The text of the draft, for the first kind of recordings in `found`; all files share the
+    names of their columns.
+    """
     # One experiment has one set of columns, hence one kind of file.
     kind, *others = found
     files = found[kind]
     columns = list_columns(files[0])
     times = columns.times
+    time_column = format_value(times[0]) if len(times) == 1 else PLACEHOLDER
+    if not times:
+        time_column += f"  {_comment(columns.no_time)}"
+    time_unit = f"{PLACEHOLDER}  # {_any_of(TIME_UNITS)}"
+    if columns.time_unit:
+        time_unit = format_value(columns.time_unit)
     lines = [
         _comment(f'Replace every "?". Then: rfca-rig check {folder.name}'),
         f"format = {format_value(EXPERIMENT_FORMAT)}",
@@ -257,48 +328,95 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         "# For the head of every page; remove the signs # in front.",
         *(f'# about.{name} = ""' for name in AboutSection.model_fields),
         "",
-        _comment(f"Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:"),
+        _comment(
+            f"Columns of {files[0].relative_to(folder).as_posix()}, with their smallest "
+            "and largest values:"
+        ),
         *(_comment(f"  {note}") for note in columns.notes),
         *(_comment(f"  {name}: {_extent(values)}") for name, values in columns.values.items()),
         "",
         "[time]",
-        f"column = {format_value(times[0]) if len(times) == 1 else PLACEHOLDER}{'' if times else f'  {_comment(columns.no_time)}'}",
-        f"unit = {format_value(columns.time_unit) if columns.time_unit else f'{PLACEHOLDER}  # {_any_of(TIME_UNITS)}'}",
+        f"column = {time_column}",
+        f"unit = {time_unit}",
     ]
     for place, joint in enumerate(mechanism.joints):
         slides = bool(mechanism.is_slide[place])
-        position, speed = (LENGTH_UNITS, SPEED_UNITS) if slides else ({**ANGLE_UNITS, COUNTS: 0.0}, ANGLE_SPEED_UNITS)
+        position, speed = (
+            (LENGTH_UNITS, SPEED_UNITS)
+            if slides
+            else ({**ANGLE_UNITS, COUNTS: 0.0}, ANGLE_SPEED_UNITS)
+        )
         hint = "" if slides else "; a count needs counts_per_turn"
-        lines += _table("signals", {"joint": format_value(joint), "quantity": format_value("position")}, f"{_any_of(position)}{hint}")
         lines += _table(
-            "signals", {"joint": format_value(joint), "quantity": format_value("speed")}, _any_of(speed), "if speeds were not recorded"
+            "signals",
+            {"joint": format_value(joint), "quantity": format_value("position")},
+            f"{_any_of(position)}{hint}",
+        )
+        lines += _table(
+            "signals",
+            {"joint": format_value(joint), "quantity": format_value("speed")},
+            _any_of(speed),
+            "if speeds were not recorded",
         )
     for sensor, (_, unit) in mechanism.sensor_values.items():
-        lines += _table("signals", {"sensor": format_value(sensor)}, _any_of(SIGNAL_UNITS[unit]), "if it was not recorded")
+        lines += _table(
+            "signals",
+            {"sensor": format_value(sensor)},
+            _any_of(SIGNAL_UNITS[unit]),
+            "if it was not recorded",
+        )
     for actuator in mechanism.actuators:
         lines += _table(
-            "commands", {"actuator": format_value(actuator)}, f"{_any_of(COMMAND_UNITS)}; measured, or else commanded", "if it was off"
+            "commands",
+            {"actuator": format_value(actuator)},
+            f"{_any_of(COMMAND_UNITS)}; measured, or else commanded",
+            "if it was off",
         )
-        lines.append("# held = true  # where it was commanded, and acts until the next row; a measured one runs straight from row to row")
+        lines.append(
+            "# held = true  # where it was commanded, and acts until the next row; a "
+            "measured one runs straight from row to row"
+        )
     lines += [
         "",
-        "# How well the values of the model file are known: one standard deviation. What is not listed counts as exact.",
-        "# docs/mechanisms.md lists all keys. A prior that is too narrow distorts the answer; one that is too wide can hide an effect.",
+        (
+            "# How well the values of the model file are known: one standard deviation. What "
+            "is not listed counts as exact."
+        ),
+        (
+            "# docs/mechanisms.md lists all keys. A prior that is too narrow distorts the "
+            "answer; one that is too wide can hide an effect."
+        ),
         "[known_to]",
         f"mass_relative = {PLACEHOLDER}  # 0.01 for bodies that were weighed, 0.05 from drawings",
         *(
             ()
             if mechanism.is_slide.all()
-            else (f"zero_offset_deg = {PLACEHOLDER}  # of the encoders, 0.3 for joints that were set by hand",)
+            else (
+                (
+                    f"zero_offset_deg = {PLACEHOLDER}  # of the encoders, 0.3 for joints that "
+                    "were set by hand"
+                ),
+            )
         ),
-        f"torque_error_relative = {PLACEHOLDER}  # of the torques: 0.01 from a sensor or torque control, 0.03 from a motor current",
+        (
+            f"torque_error_relative = {PLACEHOLDER}  # of the torques: 0.01 from a sensor or "
+            "torque control, 0.03 from a motor current"
+        ),
         "# Often uncertain too; remove the sign # in front.",
         "# centre_of_mass_m = 0.002",
         "# command_delay_s = 0.002",
     ]
-    lines += [f"\n# Left out, as they are of another kind: {len(found[other])} x {other}" for other in others]
+    lines += [
+        f"\n# Left out, as they are of another kind: {len(found[other])} x {other}"
+        for other in others
+    ]
     for number, file in enumerate(files, start=1):
-        lines += ["", "[[recordings]]", f"file = {format_value(file.relative_to(folder).as_posix())}", f'condition = "recording {number}"']
+        lines += [
+            "",
+            "[[recordings]]",
+            f"file = {format_value(file.relative_to(folder).as_posix())}",
+            f'condition = "recording {number}"',
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -1,4 +1,6 @@
-"""Layouts of campaign.toml, `rfca-campaign/1`, for recordings of a leg, and of experiment.toml, `rfca-experiment/1`, for any mechanism."""
+"""Layouts of campaign.toml, `rfca-campaign/1`, for recordings of a leg, and of experiment.toml,
+`rfca-experiment/1`, for any mechanism.
+"""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
@@ -6,7 +8,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.campaign.pendulum import RunSection, Text
-from rfca_rig.description.sections import AboutSection, DriveSection, GroundSection, KnownToSection, LegSection, SensorSection
+from rfca_rig.description.sections import (
+    AboutSection,
+    DriveSection,
+    GroundSection,
+    KnownToSection,
+    LegSection,
+    SensorSection,
+)
 from rfca_rig.toml import NotNegative, Positive, Section
 
 CAMPAIGN_FORMAT = "rfca-campaign/1"
@@ -14,8 +23,8 @@ CAMPAIGN = "campaign.toml"
 
 
 class _Run(Section):
-    """`strokes_before` is the number of strokes that the leg had made in the campaign before this run; needed only to detect slow
-    changes.
+    """`strokes_before` is the number of strokes that the leg had made in the campaign before this
+    run; needed only to detect slow changes.
     """
 
     file: Annotated[str, Field(min_length=1)]
@@ -46,8 +55,8 @@ class DynamicRun(_Run):
 
 
 class StaticRun(_Run):
-    """A table of settled stages. `held_s` is how long the shaft had been held at the middle of each reading; needed only for legs that
-    creep.
+    """A table of settled stages. `held_s` is how long the shaft had been held at the middle of each
+    reading; needed only for legs that creep.
     """
 
     experiment: Literal["static"]
@@ -58,7 +67,9 @@ Run = Annotated[DynamicRun | StaticRun, Field(discriminator="experiment")]
 
 
 class CampaignFile(Section):
-    """campaign.toml: the nominal model before the campaign, the uncertainties of its values, and the runs."""
+    """campaign.toml: the nominal model before the campaign, the uncertainties of its values, and
+    the runs.
+    """
 
     format: Literal["rfca-campaign/1"]
     title: Annotated[str, Field(max_length=1000)]
@@ -82,16 +93,31 @@ class CampaignFile(Section):
 EXPERIMENT_FORMAT = "rfca-experiment/1"
 
 
-# Factor to SI of each unit that a column may have, by what it measures. Nothing is guessed from a column's name.
+# Factor to SI of each unit that a column may have, by what it measures. Nothing is guessed from a
+# column's name.
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": 0.017453292519943295, "turn": 6.283185307179586}
 LENGTH_UNITS = {"m": 1.0, "mm": 1e-3}
-ANGLE_SPEED_UNITS = {"rad/s": 1.0, "deg/s": 0.017453292519943295, "rpm": 0.10471975511965977, "turn/s": 6.283185307179586}
+ANGLE_SPEED_UNITS = {
+    "rad/s": 1.0,
+    "deg/s": 0.017453292519943295,
+    "rpm": 0.10471975511965977,
+    "turn/s": 6.283185307179586,
+}
 SPEED_UNITS = {"m/s": 1.0, "mm/s": 1e-3}
 FORCE_UNITS = {"N": 1.0}
 TORQUE_UNITS = {"N m": 1.0, "mN m": 1e-3}
 ACCELERATION_UNITS = {"m/s2": 1.0, "g0": 9.80665}
-COMMAND_UNITS = {"N m": 1.0, "mN m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3, "1": 1.0}
+COMMAND_UNITS = {
+    "N m": 1.0,
+    "mN m": 1e-3,
+    "N": 1.0,
+    "A": 1.0,
+    "mA": 1e-3,
+    "V": 1.0,
+    "mV": 1e-3,
+    "1": 1.0,
+}
 COUNTS = "count"
 
 # What a signal may be, by the SI unit that MuJoCo has it in
@@ -127,29 +153,47 @@ class TimeSection(Section):
 
 
 class SignalSection(Section):
-    """[[signals]]: a column with the position or speed of a joint, or a value of one of the model's sensors.
+    """[[signals]]: a column with the position or speed of a joint, or a value of one of the model's
+    sensors.
 
-    A sensor with three values needs the component in its name, as in `plate_z`. A position in counts needs `counts_per_turn`. `sign` is -1
-    where the column counts in the direction opposite to the model.
-    """
+    A sensor with three values needs the component in its name, as in `plate_z`. A position in
+    counts needs `counts_per_turn`. `sign` is -1 where the column counts in the direction opposite
+    to the model."""
 
     joint: Text | None = Field(default=None, description="joint of the model")
-    quantity: Literal["position", "speed"] | None = Field(default=None, description="what is measured of the joint")
-    sensor: Text | None = Field(default=None, description="sensor of the model, in place of a joint")
+    quantity: Literal["position", "speed"] | None = Field(
+        default=None, description="what is measured of the joint"
+    )
+    sensor: Text | None = Field(
+        default=None, description="sensor of the model, in place of a joint"
+    )
     column: Text = Field(description="column of the recordings")
     unit: str = Field(description="unit of the column")
-    sign: Literal[1, -1] = Field(default=1, description="-1 where the column counts in the opposite direction")
+    sign: Literal[1, -1] = Field(
+        default=1, description="-1 where the column counts in the opposite direction"
+    )
     counts_per_turn: Positive | None = Field(default=None, description="for the unit count")
-    noise_std: Positive | None = Field(default=None, description="in the unit of the column; estimated if not given")
+    noise_std: Positive | None = Field(
+        default=None, description="in the unit of the column; estimated if not given"
+    )
 
     @model_validator(mode="after")
     def _unit_suits(self) -> Self:
-        if (self.joint is None) == (self.sensor is None) or (self.joint is None) != (self.quantity is None):
-            raise ValueError("a signal has a joint with a quantity, position or speed, or else a sensor")
+        if (self.joint is None) == (self.sensor is None) or (self.joint is None) != (
+            self.quantity is None
+        ):
+            raise ValueError(
+                "a signal has a joint with a quantity, position or speed, or else a sensor"
+            )
         known = [unit for si in OF_QUANTITY[self.quantity] for unit in SIGNAL_UNITS[si]]
-        if self.unit not in (*known, COUNTS) or (self.unit == COUNTS and self.quantity != "position"):
+        if self.unit not in (*known, COUNTS) or (
+            self.unit == COUNTS and self.quantity != "position"
+        ):
             counts = (COUNTS,) if self.quantity == "position" else ()
-            raise ValueError(f"unit {self.unit!r} of a {self.quantity or 'sensor'} should be one of {', '.join((*known, *counts))}")
+            raise ValueError(
+                f"unit {self.unit!r} of a {self.quantity or 'sensor'} should be one of "
+                f"{', '.join((*known, *counts))}"
+            )
         if (self.unit == COUNTS) != (self.counts_per_turn is not None):
             raise ValueError("counts_per_turn belongs to the unit 'count': give both or none")
         return self
@@ -157,12 +201,20 @@ class SignalSection(Section):
     @property
     def words(self) -> str:
         """Description of the column's content."""
-        return f"sensor {self.sensor}" if self.joint is None else f"the {self.quantity} of joint {self.joint}"
+        return (
+            f"sensor {self.sensor}"
+            if self.joint is None
+            else f"the {self.quantity} of joint {self.joint}"
+        )
 
     @property
     def si_unit(self) -> str:
         """Its unit in MuJoCo."""
-        return "rad" if self.unit == COUNTS else next(si for si, units in SIGNAL_UNITS.items() if self.unit in units)
+        return (
+            "rad"
+            if self.unit == COUNTS
+            else next(si for si, units in SIGNAL_UNITS.items() if self.unit in units)
+        )
 
     @property
     def factor(self) -> float:
@@ -173,19 +225,26 @@ class SignalSection(Section):
 
 
 class PrescribedSection(Section):
-    """[[prescribed]]: a joint whose motion is given by a column, measured or commanded, and not simulated.
+    """[[prescribed]]: a joint whose motion is given by a column, measured or commanded, and not
+    simulated.
 
-    Its column is smoothed by a cubic spline with knots `smoothed_s` apart; 0 interpolates every sample, for a column without noise.
-    `scatter_std` is the deviation of the joint's position from repeat to repeat that the column does not show, in the column's unit.
-    """
+    Its column is smoothed by a cubic spline with knots `smoothed_s` apart; 0 interpolates every
+    sample, for a column without noise. `scatter_std` is the deviation of the joint's position from
+    repeat to repeat that the column does not show, in the column's unit."""
 
     joint: Text = Field(description="joint of the model")
     column: Text = Field(description="column of the position")
     unit: str = Field(description="unit of the column")
-    sign: Literal[1, -1] = Field(default=1, description="-1 where the column counts in the opposite direction")
+    sign: Literal[1, -1] = Field(
+        default=1, description="-1 where the column counts in the opposite direction"
+    )
     counts_per_turn: Positive | None = Field(default=None, description="for the unit count")
-    smoothed_s: NotNegative = Field(default=0.02, description="distance of the knots of the smoothing spline; 0 for none")
-    scatter_std: Positive | None = Field(default=None, description="deviation from repeat to repeat, in the unit of the column")
+    smoothed_s: NotNegative = Field(
+        default=0.02, description="distance of the knots of the smoothing spline; 0 for none"
+    )
+    scatter_std: Positive | None = Field(
+        default=None, description="deviation from repeat to repeat, in the unit of the column"
+    )
 
     @model_validator(mode="after")
     def _is_position(self) -> Self:
@@ -195,7 +254,12 @@ class PrescribedSection(Section):
     def _as_signal(self) -> SignalSection:
         """The same column as a measured position, which has the same units."""
         return SignalSection(
-            joint=self.joint, quantity="position", column=self.column, unit=self.unit, sign=self.sign, counts_per_turn=self.counts_per_turn
+            joint=self.joint,
+            quantity="position",
+            column=self.column,
+            unit=self.unit,
+            sign=self.sign,
+            counts_per_turn=self.counts_per_turn,
         )
 
     @property
@@ -210,41 +274,53 @@ class PrescribedSection(Section):
 
 
 class ContactSection(Section):
-    """[[contacts]]: a sphere on a plane with its own stiffness and damping, in place of MuJoCo's contact between the two geoms.
+    """[[contacts]]: a sphere on a plane with its own stiffness and damping, in place of MuJoCo's
+    contact between the two geoms.
 
-    The normal force is stiffness depth^1.5 (1 + damping depth'). Friction sticks, yields by `presliding_mm` at mu N, and then slides.
-    """
+    The normal force is stiffness depth^1.5 (1 + damping depth'). Friction sticks, yields by
+    `presliding_mm` at mu N, and then slides."""
 
-    spheres: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = Field(description="geoms of the model")
+    spheres: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = Field(
+        description="geoms of the model"
+    )
     plane: Text = Field(description="geom of the model")
     stiffness_N_per_m1p5: Positive = Field(description="normal force over depth^1.5")
-    damping_s_per_m: NotNegative = Field(default=0.0, description="share of the normal force per approach speed")
+    damping_s_per_m: NotNegative = Field(
+        default=0.0, description="share of the normal force per approach speed"
+    )
     friction: NotNegative = Field(default=0.0, description="Coulomb friction coefficient")
-    presliding_mm: Positive = Field(default=0.1, description="elastic deflection of a sticking point before it slides")
-    drag_N_s_per_m: NotNegative = Field(default=0.0, description="force over sliding speed, beside friction")
+    presliding_mm: Positive = Field(
+        default=0.1, description="elastic deflection of a sticking point before it slides"
+    )
+    drag_N_s_per_m: NotNegative = Field(
+        default=0.0, description="force over sliding speed, beside friction"
+    )
 
 
 class StartSection(Section):
     """[start]: "estimated" cuts a recording into windows, each starting from the measured state.
 
-    "at rest" makes it one window that begins in static equilibrium. Recordings of one condition are then repeats of one motion, whose mean
-    is compared.
-    """
+    "at rest" makes it one window that begins in static equilibrium. Recordings of one condition are
+    then repeats of one motion, whose mean is compared."""
 
-    state: Literal["estimated", "at rest"] = Field(default="estimated", description="state at the start of a window")
+    state: Literal["estimated", "at rest"] = Field(
+        default="estimated", description="state at the start of a window"
+    )
 
 
 class CommandSection(Section):
     """[[commands]]: a column with the command of an actuator or, better, with its measured value.
 
-    The model's actuator converts the SI value of this unit into a torque: `gear` in N m/A for a column in A. A command that is `held` acts
-    from its row to the next. Others are linear between rows, as measured values are.
-    """
+    The model's actuator converts the SI value of this unit into a torque: `gear` in N m/A for a
+    column in A. A command that is `held` acts from its row to the next. Others are linear between
+    rows, as measured values are."""
 
     actuator: Text = Field(description="actuator of the model")
     column: Text = Field(description="column of the recordings")
     unit: str = Field(description="unit of the column")
-    sign: Literal[1, -1] = Field(default=1, description="-1 where the column counts in the opposite direction")
+    sign: Literal[1, -1] = Field(
+        default=1, description="-1 where the column counts in the opposite direction"
+    )
     held: bool = Field(default=False, description="a command acts until the next row")
 
     @field_validator("unit")
@@ -259,63 +335,114 @@ class CommandSection(Section):
 
 
 class KnownToMechanism(Section):
-    """[known_to]: the standard uncertainty of each nominal value, for each body, joint or actuator independently.
+    """[known_to]: the standard uncertainty of each nominal value, for each body, joint or actuator
+    independently.
 
     Values without a key count as exact. `torque_error_relative` is the usual error of the torques.
     """
 
-    mass_relative: Positive | None = Field(default=None, description="mass of a body; its inertia changes with it")
-    inertia_relative: Positive | None = Field(default=None, description="inertia of a body about its centre of mass")
-    centre_of_mass_m: Positive | None = Field(default=None, description="distance of the centre of mass from the body's frame")
+    mass_relative: Positive | None = Field(
+        default=None, description="mass of a body; its inertia changes with it"
+    )
+    inertia_relative: Positive | None = Field(
+        default=None, description="inertia of a body about its centre of mass"
+    )
+    centre_of_mass_m: Positive | None = Field(
+        default=None, description="distance of the centre of mass from the body's frame"
+    )
     joint_stiffness_relative: Positive | None = Field(default=None, description="spring of a joint")
-    joint_damping_Nm_s_per_rad: Positive | None = Field(default=None, description="viscous damping of a hinge; never below 0")
-    joint_damping_N_s_per_m: Positive | None = Field(default=None, description="viscous damping of a slide; never below 0")
-    joint_friction_Nm: Positive | None = Field(default=None, description="dry friction of a hinge; never below 0")
-    joint_friction_N: Positive | None = Field(default=None, description="dry friction of a slide; never below 0")
-    rotor_inertia_kg_m2: Positive | None = Field(default=None, description="rotor inertia behind the gear of a hinge; never below 0")
-    rotor_inertia_kg: Positive | None = Field(default=None, description="rotor inertia behind the gear of a slide; never below 0")
-    torque_offset_Nm: Positive | None = Field(default=None, description="steady torque in hinges with an actuator")
-    force_offset_N: Positive | None = Field(default=None, description="steady force in slides with an actuator")
-    zero_offset_rad: Positive | None = Field(default=None, description="offset of a hinge's reading")
+    joint_damping_Nm_s_per_rad: Positive | None = Field(
+        default=None, description="viscous damping of a hinge; never below 0"
+    )
+    joint_damping_N_s_per_m: Positive | None = Field(
+        default=None, description="viscous damping of a slide; never below 0"
+    )
+    joint_friction_Nm: Positive | None = Field(
+        default=None, description="dry friction of a hinge; never below 0"
+    )
+    joint_friction_N: Positive | None = Field(
+        default=None, description="dry friction of a slide; never below 0"
+    )
+    rotor_inertia_kg_m2: Positive | None = Field(
+        default=None, description="rotor inertia behind the gear of a hinge; never below 0"
+    )
+    rotor_inertia_kg: Positive | None = Field(
+        default=None, description="rotor inertia behind the gear of a slide; never below 0"
+    )
+    torque_offset_Nm: Positive | None = Field(
+        default=None, description="steady torque in hinges with an actuator"
+    )
+    force_offset_N: Positive | None = Field(
+        default=None, description="steady force in slides with an actuator"
+    )
+    zero_offset_rad: Positive | None = Field(
+        default=None, description="offset of a hinge's reading"
+    )
     zero_offset_m: Positive | None = Field(default=None, description="offset of a slide's reading")
-    command_gain_relative: Positive | None = Field(default=None, description="torque constant of an actuator")
+    command_gain_relative: Positive | None = Field(
+        default=None, description="torque constant of an actuator"
+    )
     command_delay_s: Annotated[float, Field(gt=0.0, le=0.025)] | None = Field(
         default=None, description="delay of all commands behind the recording"
     )
     sensor_offset_N: Positive | None = Field(default=None, description="offset of a force sensor")
     sensor_offset_Nm: Positive | None = Field(default=None, description="offset of a torque sensor")
-    contact_stiffness_relative: Positive | None = Field(default=None, description="stiffness of all contacts")
-    contact_damping_relative: Positive | None = Field(default=None, description="damping of all contacts")
-    contact_friction_relative: Positive | None = Field(default=None, description="friction of all contacts")
-    contact_presliding_relative: Positive | None = Field(default=None, description="presliding of all [[contacts]]")
-    contact_drag_relative: Positive | None = Field(default=None, description="drag of all [[contacts]]")
-    start_swing_relative: Positive | None = Field(default=None, description="of motions from rest: distance of the start from equilibrium")
-    start_swing_rate_per_s: Positive | None = Field(default=None, description="of motions from rest: rate of that distance")
+    contact_stiffness_relative: Positive | None = Field(
+        default=None, description="stiffness of all contacts"
+    )
+    contact_damping_relative: Positive | None = Field(
+        default=None, description="damping of all contacts"
+    )
+    contact_friction_relative: Positive | None = Field(
+        default=None, description="friction of all contacts"
+    )
+    contact_presliding_relative: Positive | None = Field(
+        default=None, description="presliding of all [[contacts]]"
+    )
+    contact_drag_relative: Positive | None = Field(
+        default=None, description="drag of all [[contacts]]"
+    )
+    start_swing_relative: Positive | None = Field(
+        default=None, description="of motions from rest: distance of the start from equilibrium"
+    )
+    start_swing_rate_per_s: Positive | None = Field(
+        default=None, description="of motions from rest: rate of that distance"
+    )
     torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = Field(
         default=None, description="usual error of the torques; 0.01 if not given"
     )
 
 
-SHORTEST_WINDOW_S = 0.5  # a mechanism of laboratory size moves visibly within it, and the error of its start does not grow much
+# a mechanism of laboratory size moves visibly within it, and the error of its start does not grow
+# much
+SHORTEST_WINDOW_S = 0.5
 
 
 class WindowsSection(Section):
-    """[windows]: recordings are cut into windows, which are simulated from the measured state, and into bins, which are compared.
+    """[windows]: recordings are cut into windows, which are simulated from the measured state, and
+    into bins, which are compared.
 
-    Without `length_s`, a diagnosis makes the windows of each recording as long as the model allows, from SHORTEST_WINDOW_S on; `check`,
-    `fit` and `report` take that shortest length. Of more windows than `at_most`, only that many are used, evenly spread. More of them take
-    more time, and the model's own error limits their gain.
-    """
+    Without `length_s`, a diagnosis makes the windows of each recording as long as the model allows,
+    from SHORTEST_WINDOW_S on; `check`, `fit` and `report` take that shortest length. Of more
+    windows than `at_most`, only that many are used, evenly spread. More of them take more time, and
+    the model's own error limits their gain."""
 
-    length_s: Positive | None = Field(default=None, description="length of a window; as long as the model allows if not given")
+    length_s: Positive | None = Field(
+        default=None, description="length of a window; as long as the model allows if not given"
+    )
     bin_s: Positive = Field(default=0.05, description="length of a bin, whose mean is compared")
     # Number of windows over all recordings.
-    at_most: Annotated[int, Field(ge=3)] = Field(default=48, description="number of windows over all recordings")
+    at_most: Annotated[int, Field(ge=3)] = Field(
+        default=48, description="number of windows over all recordings"
+    )
 
     @model_validator(mode="after")
     def _holds_bins(self) -> Self:
         if self.bin_s > self.shortest_s / 2.0:
-            raise ValueError(f"bin_s = {self.bin_s:g} is more than half of length_s, {self.shortest_s:g}; a window needs several bins")
+            raise ValueError(
+                f"bin_s = {self.bin_s:g} is more than half of length_s, "
+                f"{self.shortest_s:g}; a window needs several bins"
+            )
         return self
 
     @property
@@ -325,14 +452,16 @@ class WindowsSection(Section):
 
 
 class RecordingSection(RunSection):
-    """[[recordings]]: with `driven` false the actuators were off, and the file needs no columns for them."""
+    """[[recordings]]: with `driven` false the actuators were off, and the file needs no columns
+    for them.
+    """
 
     driven: bool = Field(default=True, description="false where the actuators were off")
 
 
 class ExperimentFile(Section):
-    """experiment.toml: a model file, the meaning of the recordings' columns, the uncertainties of the model's values, and the
-    recordings.
+    """experiment.toml: a model file, the meaning of the recordings' columns, the uncertainties of
+    the model's values, and the recordings.
     """
 
     format: Literal["rfca-experiment/1"]

@@ -1,4 +1,6 @@
-"""Opens any kind of recording: a campaign, an imported campaign, a run, or a recording file; imports a campaign as a recording."""
+"""Opens any kind of recording: a campaign, an imported campaign, a run, or a recording file;
+imports a campaign as a recording.
+"""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -39,8 +41,8 @@ ALWAYS_MEASURED = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
 def pendulum_among(paths: Sequence[Path]) -> Path | None:
     """The campaign of a pendulum in `paths`, None where there is none.
 
-    Raises BadInput where it is not the only path, because its model differs from that of all other paths.
-    """
+    Raises BadInput where it is not the only path, because its model differs from that of all other
+    paths."""
     return _alone_among(paths, PENDULUM, "is a campaign of a pendulum, whose model is its own")
 
 
@@ -56,13 +58,16 @@ def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path 
     return found[0] if found else None
 
 
-def open_recordings(paths: Sequence[Path], as_is: bool = True, allow_outside: bool = False) -> list[Recording]:
-    """Open the recordings at `paths`, in their order. Values of a campaign that are probably in another unit are taken `as_is` or refused.
+def open_recordings(
+    paths: Sequence[Path], as_is: bool = True, allow_outside: bool = False
+) -> list[Recording]:
+    """Open the recordings at `paths`, in their order. Values of a campaign that are probably in
+    another unit are taken `as_is` or refused.
 
-    Each path is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file. Strokes of
-    a run are numbered in the order in which it made them. Of a campaign, links to files elsewhere are refused, unless `allow_outside`.
-    Raises BadInput for anything else.
-    """
+    Each path is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left
+    unfinished), or an .h5 file. Strokes of a run are numbered in the order in which it made them.
+    Of a campaign, links to files elsewhere are refused, unless `allow_outside`. Raises BadInput for
+    anything else."""
     recordings = []
     for path in paths:
         recording = _open(path, allow_outside)
@@ -80,10 +85,15 @@ def _check_strokes(path: Path, recording: Recording) -> None:
         for name, stream in stroke.streams.items():
             where, t_s = f"{path}: stroke {number}, {name}", stream.t_s
             if len(t_s) < FEWEST_SAMPLES:
-                raise BadInput(f"{where}: {len(t_s)} samples, where {FEWEST_SAMPLES} are the fewest")
+                raise BadInput(
+                    f"{where}: {len(t_s)} samples, where {FEWEST_SAMPLES} are the fewest"
+                )
             if not 0.0 < t_s[-1] - t_s[0] < LONGEST_STROKE_S:
                 span = f"goes from {t_s[0]:g} s to {t_s[-1]:g} s"
-                raise BadInput(f"{where}: time {span}, where it should run forwards for {LONGEST_STROKE_S:g} s at most")
+                raise BadInput(
+                    f"{where}: time {span}, where it should run forwards for "
+                    f"{LONGEST_STROKE_S:g} s at most"
+                )
             _check_stream(where, stream)
 
 
@@ -91,33 +101,54 @@ def _check_stream(where: str, stream: Stream) -> None:
     # Since the latest record before: a series of small steps backwards is no network's disorder.
     behind_s = (np.maximum.accumulate(stream.t_s) - stream.t_s).max(initial=0.0)
     if behind_s > MOST_DISORDER_S:
-        raise BadInput(f"{where}: time runs backwards, by up to {behind_s:g} s, where {MOST_DISORDER_S:g} s are the most")
+        raise BadInput(
+            f"{where}: time runs backwards, by up to {behind_s:g} s, where "
+            f"{MOST_DISORDER_S:g} s are the most"
+        )
     for column, values in ((key, one.values) for key, one in stream.columns.items()):
         # NaN stands for a value that a device did not give.
         if (np.abs(values) > MOST_VALUE).any():
-            raise BadInput(f"{where}: {column} reaches {np.nanmax(np.abs(values)):g}, which no sensor gives")
+            raise BadInput(
+                f"{where}: {column} reaches {np.nanmax(np.abs(values)):g}, which no sensor gives"
+            )
 
 
 def open_unsealed(path: Path) -> Recording:
-    """Open a file without a seal, of which no checksum shows whether it is as a run wrote it: every value and the model are checked.
+    """Open a file without a seal, of which no checksum shows whether it is as a run wrote it: every
+    value and the model are checked.
 
     Raises BadInput for what no run writes.
     """
     (recording,) = open_with_nominal_model([path])
-    stages = [(f"stroke {number}", stroke.streams) for number, stroke in enumerate(recording.strokes, start=1)]
-    stages += [(f"raw stage {number}", stage.streams) for number, stage in enumerate(recording.raw, start=1)]
+    stages = [
+        (f"stroke {number}", stroke.streams)
+        for number, stroke in enumerate(recording.strokes, start=1)
+    ]
+    stages += [
+        (f"raw stage {number}", stage.streams)
+        for number, stage in enumerate(recording.raw, start=1)
+    ]
     for stage, streams in stages:
         for name, stream in streams.items():
             where = f"{path}: {stage}, {name}"
             _check_stream(where, stream)
             for column in ALWAYS_MEASURED:
-                if column in stream.columns and not np.isfinite(stream.columns[column].values).all():
-                    raise BadInput(f"{where}: {column} holds a value that is no number; a run always measures it")
+                if (
+                    column in stream.columns
+                    and not np.isfinite(stream.columns[column].values).all()
+                ):
+                    raise BadInput(
+                        f"{where}: {column} holds a value that is no number; a run always "
+                        "measures it"
+                    )
     return recording
 
 
-def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True, allow_outside: bool = False) -> list[Recording]:
-    """The same where the nominal model is needed: raises BadInput, naming the path, where its values form no valid model.
+def open_with_nominal_model(
+    paths: Sequence[Path], as_is: bool = True, allow_outside: bool = False
+) -> list[Recording]:
+    """The same where the nominal model is needed: raises BadInput, naming the path, where its
+    values form no valid model.
 
     Recordings with static stages alone need no nominal model.
     """
@@ -145,26 +176,44 @@ def _open(path: Path, allow_outside: bool) -> Recording:
         if partial_of(recording).is_dir():
             return read_partial(recording)
         if (path / PENDULUM).is_file():
-            # These forms are known, but this command has no use for them; the message names the commands that have.
-            raise BadInput(f"{path}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
+            # These forms are known, but this command has no use for them; the message names the
+            # commands that have.
+            raise BadInput(
+                f"{path}: is a campaign of a pendulum, which this command does not take; "
+                "import, report, fit and diagnose do"
+            )
         if (path / EXPERIMENT).is_file():
-            raise BadInput(f"{path}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")
-        raise BadInput(f"{path}: holds neither {CAMPAIGN} nor {RECORDING_NAME}, so it is no campaign and no run")
+            raise BadInput(
+                f"{path}: holds recordings of a mechanism, which this command does not "
+                "take; check, report, fit and diagnose do"
+            )
+        raise BadInput(
+            f"{path}: holds neither {CAMPAIGN} nor {RECORDING_NAME}, so it is no campaign "
+            "and no run"
+        )
     if not path.exists():
         raise BadInput(not_there(path))
     if path.suffix != ".h5":
-        raise BadInput(f"{path}: is not a recording; give a folder with {CAMPAIGN} or {RECORDING_NAME}, or an .h5 file")
+        raise BadInput(
+            f"{path}: is not a recording; give a folder with {CAMPAIGN} or "
+            f"{RECORDING_NAME}, or an .h5 file"
+        )
     return read_recording(path)
 
 
 def import_campaign(
-    folder: Path, out_folder: Path, report_progress: ProgressCount = ignore_progress, as_is: bool = False, allow_outside: bool = False
+    folder: Path,
+    out_folder: Path,
+    report_progress: ProgressCount = ignore_progress,
+    as_is: bool = False,
+    allow_outside: bool = False,
 ) -> Path:
-    """Read the campaign in `folder` and write `out_folder`/run.h5, all or nothing. Returns the file's path.
+    """Read the campaign in `folder` and write `out_folder`/run.h5, all or nothing. Returns the
+    file's path.
 
-    `report_progress` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used,
-    `out_folder` exists, or a value is probably in another unit, unless it is to be taken `as_is`. Raises RigError where the disk refuses.
-    """
+    `report_progress` receives how many of its files have been read. Raises BadInput, one line,
+    where the campaign cannot be used, `out_folder` exists, or a value is probably in another unit,
+    unless it is to be taken `as_is`. Raises RigError where the disk refuses."""
     _check_new(out_folder)
     recording = read_campaign(folder, report_progress, allow_outside)
     if not as_is:
@@ -173,16 +222,23 @@ def import_campaign(
     return out_folder / RECORDING_NAME
 
 
-def import_pendulum(folder: Path, out_folder: Path, allow_outside: bool = False) -> PendulumCampaign:
-    """Check the campaign of a pendulum in `folder` and copy it to `out_folder`, all or nothing: description, runs, licences.
+def import_pendulum(
+    folder: Path, out_folder: Path, allow_outside: bool = False
+) -> PendulumCampaign:
+    """Check the campaign of a pendulum in `folder` and copy it to `out_folder`, all or nothing:
+    description, runs, licences.
 
-    Every command reads such a folder directly, so the copy has the same form. Raises BadInput, one line, where the campaign cannot be used
-    or `out_folder` exists. Raises RigError where the disk refuses.
-    """
+    Every command reads such a folder directly, so the copy has the same form. Raises BadInput, one
+    line, where the campaign cannot be used or `out_folder` exists. Raises RigError where the disk
+    refuses."""
     _check_new(out_folder)
     campaign = read_pendulum_campaign(folder, allow_outside)
     # Licence and read-me files stay with the data.
-    licences = [path.name for path in folder.iterdir() if path.is_file() and path.name.upper().startswith(("LICEN", "README"))]
+    licences = [
+        path.name
+        for path in folder.iterdir()
+        if path.is_file() and path.name.upper().startswith(("LICEN", "README"))
+    ]
     names = [PENDULUM, *run_files(folder), *sorted(licences)]
     if not allow_outside:
         refuse_outside((folder / name for name in names), [folder])
@@ -198,13 +254,19 @@ def import_pendulum(folder: Path, out_folder: Path, allow_outside: bool = False)
 
 def _check_new(out_folder: Path) -> None:
     if out_folder.exists():
-        raise BadInput(f"{out_folder}: is there already; name a folder that does not exist yet, or take this one away")
+        raise BadInput(
+            f"{out_folder}: is there already; name a folder that does not exist yet, or "
+            "take this one away"
+        )
 
 
 def _make(out_folder: Path, write: Callable[[Path], object]) -> None:
     try:
         make_folder_atomically(out_folder, write)
     except (FileExistsError, NotADirectoryError):
-        raise BadInput(f"{out_folder}: cannot be made: there is a file in its way; name another folder with --out") from None
+        raise BadInput(
+            f"{out_folder}: cannot be made: there is a file in its way; name another "
+            "folder with --out"
+        ) from None
     except OSError as error:
         raise RigError(f"{out_folder}: cannot be made: {error.strerror}") from None

@@ -1,26 +1,27 @@
-"""Reads a folder of recordings of a pendulum: one or two links without ground, their joints driven by recorded torques.
+"""Reads a folder of recordings of a pendulum: one or two links without ground, their joints driven
+by recorded torques.
 
 The folder holds pendulum.toml and a CSV file per run:
 
     format = "rfca-pendulum/1"
     title = "..."
-    [link1]                                # from the fixed joint; [link2] hangs on its end, or is left out
+    [link1]                                # from the fixed joint; [link2], if any, on its end
     length_m = 0.5                         # to the next joint, or to the tip
     mass_kg = 0.6
     centre_of_mass_m = 0.4                 # from the joint
     inertia_kg_m2 = 0.11                   # about the joint
-    joint_damping_Nm_s_per_rad = 0.0       # this and the next six may be left out: 0, and true for `driven`
+    joint_damping_Nm_s_per_rad = 0.0       # this and the next five: 0 if left out
     joint_friction_Nm = 0.0
     rotor_inertia_kg_m2 = 0.0              # of the motor's rotor, times the gear ratio squared
     torque_offset_Nm = 0.0                 # added to the recorded torque
     torque_delay_s = 0.0                   # the torque acts so much later than recorded
     zero_offset_rad = 0.0                  # the angle is read so much larger than it is
-    driven = true                          # false: the joint has no motor
-    [known_to]                             # standard uncertainty of the nominal values; a key that is missing counts as exact
-    mass_relative = 0.02                   # the inertia changes with the mass; docs/pendulums.md lists all keys
-    [columns]                              # what the columns of the CSV files are called; angles from hanging straight,
+    driven = true                          # false: the joint has no motor; true if left out
+    [known_to]                             # standard uncertainties; a missing key counts as exact
+    mass_relative = 0.02                   # inertia changes with mass; keys: docs/pendulums.md
+    [columns]                              # names in the CSV files; angles from hanging straight,
     t_s = "time"                           # angle2 from the straight line of link 1
-    angle1_rad = "pos1"                    # angle2_rad, speed1_rad_s, speed2_rad_s, torque1_Nm, torque2_Nm alike
+    angle1_rad = "pos1"                    # angle2_rad, speed1_rad_s, torque1_Nm ... alike
     [noise_std]                            # optional: angle_rad, speed_rad_s of one sample
     [[runs]]
     file = "runs/a.csv"
@@ -28,7 +29,7 @@ The folder holds pendulum.toml and a CSV file per run:
     repeat = 1
     from_s = 0.0                           # the part that counts; optional
     to_s = 5.0
-    driven = false                         # the motors were off; optional: otherwise they were unless all torques are 0
+    driven = false                         # the motors were off; default: if all torques are 0
 """
 
 from collections.abc import Iterable, Mapping
@@ -63,13 +64,19 @@ Floats = NDArray[np.float64]
 
 
 class LinkSection(Section):
-    """[link1], [link2]: nominal values of one link and the joint that carries it; see `model.pendulum.PendulumLink`."""
+    """[link1], [link2]: nominal values of one link and the joint that carries it; see
+    `model.pendulum.PendulumLink`.
+    """
 
     length_m: Positive = Field(description="from joint to joint")
     mass_kg: Positive = Field(description="mass")
-    centre_of_mass_m: NotNegative = Field(description="distance of the centre of mass from the joint")
+    centre_of_mass_m: NotNegative = Field(
+        description="distance of the centre of mass from the joint"
+    )
     inertia_kg_m2: Positive = Field(description="inertia about the joint")
-    joint_damping_Nm_s_per_rad: NotNegative = Field(default=0.0, description="viscous damping of the joint")
+    joint_damping_Nm_s_per_rad: NotNegative = Field(
+        default=0.0, description="viscous damping of the joint"
+    )
     joint_friction_Nm: NotNegative = Field(default=0.0, description="dry friction of the joint")
     torque_offset_Nm: float = Field(default=0.0, description="added to the recorded torque")
     driven: bool = Field(default=True, description="whether the joint has a motor")
@@ -77,38 +84,62 @@ class LinkSection(Section):
     torque_delay_s: Annotated[float, Field(ge=-LONGEST_DELAY_S, le=LONGEST_DELAY_S)] = Field(
         default=0.0, description="delay of the torque behind the recording"
     )
-    rotor_inertia_kg_m2: NotNegative = Field(default=0.0, description="rotor inertia times the gear ratio squared")
+    rotor_inertia_kg_m2: NotNegative = Field(
+        default=0.0, description="rotor inertia times the gear ratio squared"
+    )
 
     @model_validator(mode="after")
     def _turns_heavily_enough(self) -> Self:
         least = self.mass_kg * self.centre_of_mass_m**2
-        # Steiner: the inertia about the joint cannot be below that of a point mass at the centre of mass.
+        # Steiner: the inertia about the joint cannot be below that of a point mass at the centre of
+        # mass.
         if self.inertia_kg_m2 < least * (1.0 - 1e-9):
-            raise ValueError(f"inertia_kg_m2 is about the joint and so at least {least:.4g}, mass times centre of mass squared")
+            raise ValueError(
+                f"inertia_kg_m2 is about the joint and so at least {least:.4g}, mass "
+                "times centre of mass squared"
+            )
         return self
 
 
 class KnownToPendulum(Section):
-    """[known_to]: the standard uncertainty of each nominal value, for each link independently. Values without a key count as exact."""
+    """[known_to]: the standard uncertainty of each nominal value, for each link independently.
+    Values without a key count as exact.
+    """
 
-    mass_relative: Positive | None = Field(default=None, description="mass of a link; its inertia changes with it")
-    centre_of_mass_m: Positive | None = Field(default=None, description="distance of the centre of mass from the joint")
+    mass_relative: Positive | None = Field(
+        default=None, description="mass of a link; its inertia changes with it"
+    )
+    centre_of_mass_m: Positive | None = Field(
+        default=None, description="distance of the centre of mass from the joint"
+    )
     inertia_relative: Positive | None = Field(default=None, description="inertia about the joint")
-    joint_damping_Nm_s_per_rad: Positive | None = Field(default=None, description="viscous damping; never below 0")
-    joint_friction_Nm: Positive | None = Field(default=None, description="dry friction; never below 0")
-    torque_offset_Nm: Positive | None = Field(default=None, description="added to the recorded torque")
-    zero_offset_rad: Positive | None = Field(default=None, description="offset of the recorded angle")
+    joint_damping_Nm_s_per_rad: Positive | None = Field(
+        default=None, description="viscous damping; never below 0"
+    )
+    joint_friction_Nm: Positive | None = Field(
+        default=None, description="dry friction; never below 0"
+    )
+    torque_offset_Nm: Positive | None = Field(
+        default=None, description="added to the recorded torque"
+    )
+    zero_offset_rad: Positive | None = Field(
+        default=None, description="offset of the recorded angle"
+    )
     torque_delay_s: Annotated[float, Field(gt=0.0, le=LONGEST_DELAY_S / 2)] | None = Field(
         default=None, description="delay of the torque behind the recording"
     )
-    rotor_inertia_kg_m2: Positive | None = Field(default=None, description="rotor inertia times the gear ratio squared; never below 0")
+    rotor_inertia_kg_m2: Positive | None = Field(
+        default=None, description="rotor inertia times the gear ratio squared; never below 0"
+    )
     torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = Field(
         default=None, description="usual error of the torques; 0.01 if not given"
     )
 
 
 class ColumnsSection(Section):
-    """[columns]: the column of each quantity in the CSV files. Speeds may be absent, and torques of joints without a motor."""
+    """[columns]: the column of each quantity in the CSV files. Speeds may be absent, and torques
+    of joints without a motor.
+    """
 
     t_s: Text
     angle1_rad: Text
@@ -125,14 +156,18 @@ class ColumnsSection(Section):
 
 
 class NoiseSection(Section):
-    """[noise_std]: noise of one sample. Where it is not given, it is estimated from neighbouring samples."""
+    """[noise_std]: noise of one sample. Where it is not given, it is estimated from neighbouring
+    samples.
+    """
 
     angle_rad: Positive | None = None
     speed_rad_s: Positive | None = None
 
 
 class RunSection(Section):
-    """One recording: its file, its condition in words, its repeat, and the part of it that counts."""
+    """One recording: its file, its condition in words, its repeat, and the part of it that
+    counts.
+    """
 
     file: Text = Field(description="recording, relative to this folder")
     condition: Text = Field(description="recordings of one condition are repeats")
@@ -155,7 +190,9 @@ class RunSection(Section):
 
 
 class PendulumRunSection(RunSection):
-    """`driven` false: the motors were off. Without the key, this is assumed for a run whose torques are all zero."""
+    """`driven` false: the motors were off. Without the key, this is assumed for a run whose
+    torques are all zero.
+    """
 
     driven: bool | None = None
 
@@ -197,7 +234,9 @@ class PendulumRun:
 
 @dataclass(frozen=True)
 class PendulumCampaign:
-    """The nominal pendulum, one standard deviation per key of [known_to] and of [noise_std], and the runs."""
+    """The nominal pendulum, one standard deviation per key of [known_to] and of [noise_std], and
+    the runs.
+    """
 
     title: str
     pendulum: Pendulum
@@ -208,13 +247,17 @@ class PendulumCampaign:
 
 
 def read_pendulum_campaign(folder: Path, allow_outside: bool = False) -> PendulumCampaign:
-    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault.
+    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for
+    the first fault.
 
     Links that lead out of the folder are refused, unless `allow_outside`.
     """
     path = folder / FILE_NAME
     if not path.is_file():
-        raise BadInput(f"{path}: is not there; recordings of a pendulum are a folder with {FILE_NAME} and CSV files")
+        raise BadInput(
+            f"{path}: is not there; recordings of a pendulum are a folder with "
+            f"{FILE_NAME} and CSV files"
+        )
     if not allow_outside:
         refuse_outside([path], [folder])
     described = read_toml(path, PendulumFile)
@@ -233,27 +276,46 @@ def read_pendulum_campaign(folder: Path, allow_outside: bool = False) -> Pendulu
 
 
 def run_files(folder: Path) -> tuple[str, ...]:
-    """The CSV files of the campaign in `folder`, as paths relative to it. Raises BadInput where its description cannot be used."""
+    """The CSV files of the campaign in `folder`, as paths relative to it. Raises BadInput where
+    its description cannot be used.
+    """
     return tuple(run.file for run in read_toml(folder / FILE_NAME, PendulumFile).runs)
 
 
 def make_pendulum(*links: LinkSection | None) -> Pendulum:
-    """The pendulum of these sections, from the fixed joint outwards; None stands for an absent link."""
+    """The pendulum of these sections, from the fixed joint outwards; None stands for an absent
+    link.
+    """
     return Pendulum(tuple(PendulumLink(**link.model_dump()) for link in links if link is not None))
 
 
 def _check_columns(path: Path, described: PendulumFile) -> None:
-    """Every joint has its angle, every driven one its torque, and no column belongs to an absent joint."""
+    """Every joint has its angle, every driven one its torque, and no column belongs to an absent
+    joint.
+    """
     columns, powered = described.columns, any(run.driven is not False for run in described.runs)
     for joint, link in enumerate(described.links, start=1):
-        for quantity, needed in ((f"angle{joint}_rad", True), (f"torque{joint}_Nm", link.driven and powered)):
+        for quantity, needed in (
+            (f"angle{joint}_rad", True),
+            (f"torque{joint}_Nm", link.driven and powered),
+        ):
             if needed and columns.of(quantity) is None:
-                hint = ", or give driven = false for runs with the motors off" if quantity.startswith("torque") else ""
-                raise BadInput(f"{place_of(path, ('columns',))}: columns.{quantity}: missing; name the CSV column that holds it{hint}")
+                hint = (
+                    ", or give driven = false for runs with the motors off"
+                    if quantity.startswith("torque")
+                    else ""
+                )
+                raise BadInput(
+                    f"{place_of(path, ('columns',))}: columns.{quantity}: missing; name "
+                    f"the CSV column that holds it{hint}"
+                )
     if described.link2 is None:
         for quantity in ("angle2_rad", "speed2_rad_s", "torque2_Nm"):
             if columns.of(quantity) is not None:
-                raise BadInput(f"{place_of(path, ('columns', quantity))}: columns.{quantity}: there is no [link2] it could belong to")
+                raise BadInput(
+                    f"{place_of(path, ('columns', quantity))}: columns.{quantity}: there "
+                    "is no [link2] it could belong to"
+                )
 
 
 def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
@@ -263,12 +325,17 @@ def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
     for place, run in enumerate(described.runs):
         where = f"{place_of(path, ('runs', place, 'file'))}: runs[{place + 1}]"
         if run.file in files:
-            raise BadInput(f"{where}.file: {run.file} is already the file of runs[{files[run.file] + 1}]")
+            raise BadInput(
+                f"{where}.file: {run.file} is already the file of runs[{files[run.file] + 1}]"
+            )
         if not (folder / run.file).is_file():
             raise BadInput(f"{where}.file: {folder / run.file} is not there")
         if (run.condition, run.repeat) in repeats:
             first = repeats[run.condition, run.repeat] + 1
-            raise BadInput(f"{where}.repeat: {run.condition}, repeat {run.repeat} is already runs[{first}]; count the repeats up")
+            raise BadInput(
+                f"{where}.repeat: {run.condition}, repeat {run.repeat} is already "
+                f"runs[{first}]; count the repeats up"
+            )
         files[run.file] = repeats[run.condition, run.repeat] = place
 
 
@@ -281,7 +348,9 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
     speeds = [f"speed{joint}_rad_s" for joint in joints]
     # Undriven joints need no column of torques.
     torques = [
-        _column(table, values, columns, f"torque{joint}_Nm") if link.driven and run.driven is not False else np.zeros(len(t_s))
+        _column(table, values, columns, f"torque{joint}_Nm")
+        if link.driven and run.driven is not False
+        else np.zeros(len(t_s))
         for joint, link in zip(joints, described.links, strict=True)
     ]
     torque_Nm = np.column_stack(torques)[inside]
@@ -294,7 +363,11 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
         repeat=run.repeat,
         t_s=t_s[inside],
         angle_rad=np.column_stack(angles)[inside],
-        speed_rad_s=np.column_stack([_column(table, values, columns, speed) for speed in speeds])[inside] if has_speeds else None,
+        speed_rad_s=np.column_stack([_column(table, values, columns, speed) for speed in speeds])[
+            inside
+        ]
+        if has_speeds
+        else None,
         torque_Nm=torque_Nm,
         # Without a statement, torques that are zero throughout mean that the motors were off.
         powered=bool(torque_Nm.any()) if run.driven is None else run.driven,
@@ -304,9 +377,14 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
 def _column(table: CsvTable, values: Floats, columns: ColumnsSection, quantity: str) -> Floats:
     name = columns.of(quantity)
     if name not in table.names:
-        hint = "; if the motors were off, give driven = false for this run" if quantity.startswith("torque") else ""
+        hint = (
+            "; if the motors were off, give driven = false for this run"
+            if quantity.startswith("torque")
+            else ""
+        )
         raise BadInput(
-            f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the file has {', '.join(table.names)}{hint}"
+            f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the "
+            f"file has {', '.join(table.names)}{hint}"
         )
     # A contiguous copy, which does not keep the whole table in memory.
     return np.ascontiguousarray(values[:, table.names.index(name)])
@@ -322,19 +400,32 @@ class PendulumModelFile(Section):
 
 
 def with_model_file(campaign: PendulumCampaign, path: Path) -> PendulumCampaign:
-    """The campaign with the nominal values of the model file at `path`. Raises BadInput where it cannot be used or has other links."""
+    """The campaign with the nominal values of the model file at `path`. Raises BadInput where it
+    cannot be used or has other links.
+    """
     described = read_toml(path, PendulumModelFile)
     pendulum = make_pendulum(described.link1, described.link2)
     ours, theirs = len(campaign.pendulum.links), len(pendulum.links)
     # [known_to] is replaced too, so both must describe the same pendulum.
     if ours != theirs:
-        raise BadInput(f"{path}: a model of {theirs} links, but {campaign.title!r} has {ours}; give the model file of this pendulum")
-    return replace(campaign, pendulum=pendulum, known_to=described.known_to.model_dump(exclude_none=True))
+        raise BadInput(
+            f"{path}: a model of {theirs} links, but {campaign.title!r} has {ours}; give "
+            "the model file of this pendulum"
+        )
+    return replace(
+        campaign, pendulum=pendulum, known_to=described.known_to.model_dump(exclude_none=True)
+    )
 
 
-def write_pendulum_model(path: Path, pendulum: Pendulum, known_to: Mapping[str, float], comments: Iterable[str]) -> None:
-    """Write a model file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
+def write_pendulum_model(
+    path: Path, pendulum: Pendulum, known_to: Mapping[str, float], comments: Iterable[str]
+) -> None:
+    """Write a model file, all or nothing, with `comments` at its head. Raises RigError where the
+    disk refuses.
+    """
     head = f"format = {format_value(MODEL_FORMAT)}\n"
-    links = [table(f"link{place}", asdict(link)) for place, link in enumerate(pendulum.links, start=1)]
+    links = [
+        table(f"link{place}", asdict(link)) for place, link in enumerate(pendulum.links, start=1)
+    ]
     parts = ["".join(map(toml_comment, comments)) + head, *links, table("known_to", known_to)]
     write_atomically(path, "\n".join(parts).encode("utf-8"))

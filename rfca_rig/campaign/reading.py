@@ -28,12 +28,50 @@ STATIC_NEEDED = ("height_mm", "stage", "direction", "shaft_angle_rad", "fy_N", "
 STATIC = (*STATIC_NEEDED, *HINGES)
 
 _SUFFIXES = {
-    "rad_s2": "rad/s^2", "rad_s": "rad/s", "deg_s": "deg/s", "m_s2": "m/s^2", "m_s": "m/s", "mm_s": "mm/s", "rev_s": "rev/s",
-    "rad": "rad", "mrad": "mrad", "deg": "deg", "rpm": "rpm", "s": "s", "ms": "ms", "us": "us", "min": "min",
-    "N": "N", "kN": "kN", "mN": "mN", "lbf": "lbf", "g": "g", "kg": "kg", "Nm": "N m", "Nmm": "N mm", "mNm": "mN m", "kNm": "kN m",
-    "m": "m", "mm": "mm", "cm": "cm", "um": "um", "A": "A", "mA": "mA", "V": "V", "mV": "mV", "W": "W", "C": "degC", "K": "K",
-    "Hz": "Hz", "kHz": "kHz", "Pa": "Pa", "kPa": "kPa", "bar": "bar", "pct": "%", "counts": "counts",
-}  # fmt: skip
+    "rad_s2": "rad/s^2",
+    "rad_s": "rad/s",
+    "deg_s": "deg/s",
+    "m_s2": "m/s^2",
+    "m_s": "m/s",
+    "mm_s": "mm/s",
+    "rev_s": "rev/s",
+    "rad": "rad",
+    "mrad": "mrad",
+    "deg": "deg",
+    "rpm": "rpm",
+    "s": "s",
+    "ms": "ms",
+    "us": "us",
+    "min": "min",
+    "N": "N",
+    "kN": "kN",
+    "mN": "mN",
+    "lbf": "lbf",
+    "g": "g",
+    "kg": "kg",
+    "Nm": "N m",
+    "Nmm": "N mm",
+    "mNm": "mN m",
+    "kNm": "kN m",
+    "m": "m",
+    "mm": "mm",
+    "cm": "cm",
+    "um": "um",
+    "A": "A",
+    "mA": "mA",
+    "V": "V",
+    "mV": "mV",
+    "W": "W",
+    "C": "degC",
+    "K": "K",
+    "Hz": "Hz",
+    "kHz": "kHz",
+    "Pa": "Pa",
+    "kPa": "kPa",
+    "bar": "bar",
+    "pct": "%",
+    "counts": "counts",
+}
 # For comparison without case and signs, as in "FZ [kn]".
 _IN_ANY_CASE = {re.sub("[^a-z0-9]", "", suffix.lower()): suffix for suffix in _SUFFIXES}
 _OTHER_WORDS = {"time": "t", "sec": "s", "degrees": "deg", "radians": "rad"}
@@ -51,7 +89,9 @@ Extra = dict[str, list[str]]
 
 
 def unit_of(name: str) -> str:
-    """Unit of a column: that of the known channel, else from the end of the name, else "" for none."""
+    """Unit of a column: that of the known channel, else from the end of the name, else "" for
+    none.
+    """
     if name in UNITS:
         return UNITS[name]
     ends = [suffix for suffix in _SUFFIXES if name.endswith("_" + suffix)]
@@ -59,13 +99,17 @@ def unit_of(name: str) -> str:
     return _SUFFIXES[max(ends, key=len)] if ends else ""
 
 
-def find_name_fault(names: Sequence[str], known: Sequence[str], needed: Sequence[str]) -> str | None:
+def find_name_fault(
+    names: Sequence[str], known: Sequence[str], needed: Sequence[str]
+) -> str | None:
     """The fault in a table's column names, or None.
 
-    `known` names may be present, `needed` must be. Other names are extra columns and allowed. Exception: an extra column that is a known
-    quantity in another unit or spelling, while the table lacks that quantity. Keeping it as an extra would lose the channel silently.
-    """
-    return _nameless(names) or _twice(names) or _find_misnamed(names, known) or _missing(names, needed)
+    `known` names may be present, `needed` must be. Other names are extra columns and allowed.
+    Exception: an extra column that is a known quantity in another unit or spelling, while the table
+    lacks that quantity. Keeping it as an extra would lose the channel silently."""
+    return (
+        _nameless(names) or _twice(names) or _find_misnamed(names, known) or _missing(names, needed)
+    )
 
 
 def _nameless(names: Sequence[str]) -> str | None:
@@ -89,7 +133,10 @@ def _is_number(name: str) -> bool:
 def _twice(names: Sequence[str]) -> str | None:
     for place, name in enumerate(names):
         if name in names[:place]:
-            return f"column {name} is there twice, as column {names.index(name) + 1} and as column {place + 1}"
+            return (
+                f"column {name} is there twice, as column {names.index(name) + 1} and as "
+                f"column {place + 1}"
+            )
     return None
 
 
@@ -110,14 +157,24 @@ def _find_misnamed(names: Sequence[str], known: Sequence[str]) -> str | None:
         if unit == _quantity(right)[1]:
             return f"column {name}: write it {right}"
         if unit:
-            return f"column {name}: this quantity is known in {UNITS.get(right, 'mm')}, as {right}; convert it and rename the column"
-        return f"column {name}: its name says no unit; write {right} if that is its unit, else convert it first"
+            return (
+                f"column {name}: this quantity is known in {UNITS.get(right, 'mm')}, as "
+                f"{right}; convert it and rename the column"
+            )
+        return (
+            f"column {name}: its name says no unit; write {right} if that is its unit, else "
+            "convert it first"
+        )
     return None
 
 
 def _quantity(name: str) -> tuple[str, str]:
-    """("fz", "kN") from "fz_kN", "Fz (kN)" or "FZ [kn]"; the unit is "" where the name ends in none."""
-    words = [_OTHER_WORDS.get(word, word) for word in re.sub("[^a-z0-9]+", " ", name.lower()).split()]
+    """("fz", "kN") from "fz_kN", "Fz (kN)" or "FZ [kn]"; the unit is "" where the name ends in
+    none.
+    """
+    words = [
+        _OTHER_WORDS.get(word, word) for word in re.sub("[^a-z0-9]+", " ", name.lower()).split()
+    ]
     for start in range(1, len(words)):
         unit = _IN_ANY_CASE.get("".join(words[start:]))
         if unit is not None:
@@ -125,23 +182,31 @@ def _quantity(name: str) -> tuple[str, str]:
     return "_".join(words), ""
 
 
-def read_stages(path: Path, strokes_before: int | None = None, held_s: float | None = None) -> tuple[tuple[StaticStage, ...], Extra]:
+def read_stages(
+    path: Path, strokes_before: int | None = None, held_s: float | None = None
+) -> tuple[tuple[StaticStage, ...], Extra]:
     """Read the stages in the file, in its order, and its extra columns as text by name.
 
-    `strokes_before` and `held_s` apply to all stages. Hinge columns may be absent; their angles are then NaN. Raises BadInput, naming file,
-    line and column, for the first fault.
-    """
+    `strokes_before` and `held_s` apply to all stages. Hinge columns may be absent; their angles are
+    then NaN. Raises BadInput, naming file, line and column, for the first fault."""
     table = read_table(path)
     if fault := find_name_fault(table.names, known=STATIC, needed=STATIC_NEEDED):
         raise BadInput(f"{table.path}:1: {fault}")
     lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
     extra = {name: [cells[name] for cells in lines] for name in table.names if name not in STATIC}
-    stages = tuple(replace(_stage(table, row, cells), strokes_before=strokes_before, held_s=held_s) for row, cells in enumerate(lines))
+    stages = tuple(
+        replace(_stage(table, row, cells), strokes_before=strokes_before, held_s=held_s)
+        for row, cells in enumerate(lines)
+    )
     return stages, extra
 
 
 def _stage(table: CsvTable, row: int, cells: Mapping[str, str]) -> StaticStage:
-    value = {name: number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
+    value = {
+        name: number(table, row, name, cells[name])
+        for name in STATIC
+        if name in cells and name != "direction"
+    }
     cell = cells["direction"]
     if cell not in DIRECTIONS:
         raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
@@ -172,42 +237,67 @@ def _whole(table: CsvTable, row: int, name: str, value: float) -> int:
 def read_stroke(path: Path, run: DynamicRun) -> Stroke:
     """Read the stroke in the file, with all its columns in one stream "table".
 
-    A channel may be absent, and extra columns are kept. Raises BadInput, naming file, line and column, for the first fault.
-    """
+    A channel may be absent, and extra columns are kept. Raises BadInput, naming file, line and
+    column, for the first fault."""
     table = read_table(path)
     _check_names(table)
     values = numbers(table)
     time = table.names.index("t_s")
     _check_time(table, values[:, time])
-    columns = {name: Column(np.ascontiguousarray(values[:, i]), unit_of(name)) for i, name in enumerate(table.names) if i != time}
+    columns = {
+        name: Column(np.ascontiguousarray(values[:, i]), unit_of(name))
+        for i, name in enumerate(table.names)
+        if i != time
+    }
     stream = Stream(np.ascontiguousarray(values[:, time]), columns)
-    return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM_NAME: stream}, run.strokes_before)
+    return Stroke(
+        run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM_NAME: stream}, run.strokes_before
+    )
 
 
 def _check_names(table: CsvTable) -> None:
     fault = find_name_fault(table.names, known=DYNAMIC, needed=("t_s",))
     if fault is None and len(table.names) == 1:
-        fault = f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
+        fault = (
+            f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
+        )
     if fault:
         raise BadInput(f"{table.path}:1: {fault}")
 
 
 def _check_time(table: CsvTable, t_s: Floats) -> None:
-    """Time must run forwards, start at least 0.1 s before the motion, and reach it. Otherwise the level at rest is unknown."""
+    """Time must run forwards, start at least 0.1 s before the motion, and reach it. Otherwise
+    the level at rest is unknown.
+    """
     # Repeated times are refused as well: they leave derivatives undefined.
     backwards = np.flatnonzero(np.diff(t_s) <= 0)
     if backwards.size:
         row = int(backwards[0]) + 1
-        how = "stands still at" if t_s[row] == t_s[row - 1] else f"runs backwards, from {t_s[row - 1]:g} s to"
+        how = (
+            "stands still at"
+            if t_s[row] == t_s[row - 1]
+            else f"runs backwards, from {t_s[row - 1]:g} s to"
+        )
         raise table.fault(row, f"column t_s: time {how} {t_s[row]:g} s")
     if t_s[0] > -REST_S + _ROUNDING_S:
-        raise table.fault(0, f"column t_s: begins at {t_s[0]:g} s; needs {REST_S:g} s or more before the motion starts at t_s = 0")
+        raise table.fault(
+            0,
+            (
+                f"column t_s: begins at {t_s[0]:g} s; needs {REST_S:g} s or more before the "
+                "motion starts at t_s = 0"
+            ),
+        )
     if t_s[-1] <= 0:
-        raise table.fault(len(t_s) - 1, f"column t_s: ends at {t_s[-1]:g} s, before the motion starts at 0")
+        raise table.fault(
+            len(t_s) - 1, f"column t_s: ends at {t_s[-1]:g} s, before the motion starts at 0"
+        )
 
 
-def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress, allow_outside: bool = False) -> Recording:
-    """Read the campaign in `folder`, with strokes and stages in the order of campaign.toml. Nothing is written.
+def read_campaign(
+    folder: Path, report_progress: ProgressCount = ignore_progress, allow_outside: bool = False
+) -> Recording:
+    """Read the campaign in `folder`, with strokes and stages in the order of campaign.toml. Nothing
+    is written.
 
     Links that lead out of the folder, and a curve elsewhere, are refused, unless `allow_outside`.
 
@@ -215,13 +305,17 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
     """
     path = folder / CAMPAIGN
     if not path.is_file():
-        raise BadInput(f"{path}: is not there; a campaign is a folder with {CAMPAIGN} and CSV files")
+        raise BadInput(
+            f"{path}: is not there; a campaign is a folder with {CAMPAIGN} and CSV files"
+        )
     if not allow_outside:
         refuse_outside([path], [folder])
     described = read_toml(path, CampaignFile)
     if not allow_outside:
         section = described.leg.torque_rotation
-        named = [run.file for run in described.runs] + ([section.curve] if section is not None and section.curve is not None else [])
+        named = [run.file for run in described.runs] + (
+            [section.curve] if section is not None and section.curve is not None else []
+        )
         refuse_outside((folder / name for name in named), [folder])
     campaign = read_named_curve(described, folder)
     _check_files(folder, campaign)
@@ -230,9 +324,18 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
     # Before the hashes, because it says which file cannot be read.
     strokes = _strokes(folder, campaign, report_progress)
     hashes = {run.file: sha256_of(folder / run.file) for run in campaign.runs}
-    found = {"format": CAMPAIGN_FORMAT, CAMPAIGN: read_text(folder / CAMPAIGN), "sha256": json.dumps(hashes)}
+    found = {
+        "format": CAMPAIGN_FORMAT,
+        CAMPAIGN: read_text(folder / CAMPAIGN),
+        "sha256": json.dumps(hashes),
+    }
     about = campaign.about
-    stated = {"started_at": about.date, "operator": about.operator, "sample": about.specimen, "rig": about.rig}
+    stated = {
+        "started_at": about.date,
+        "operator": about.operator,
+        "sample": about.specimen,
+        "rig": about.rig,
+    }
     found |= {name: text for name, text in stated.items() if text}
     if extra:
         found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
@@ -247,12 +350,22 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
     )
 
 
-def _strokes(folder: Path, campaign: CampaignFile, report_progress: ProgressCount) -> tuple[Stroke, ...]:
-    return tuple(read_stroke(folder / run.file, run) for _, run in iterate_with_progress(list(campaign.dynamic()), report_progress))
+def _strokes(
+    folder: Path, campaign: CampaignFile, report_progress: ProgressCount
+) -> tuple[Stroke, ...]:
+    return tuple(
+        read_stroke(folder / run.file, run)
+        for _, run in iterate_with_progress(list(campaign.dynamic()), report_progress)
+    )
 
 
-def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:
-    tables = {run.file: read_stages(folder / run.file, run.strokes_before, run.held_s) for _, run in campaign.static()}
+def _stages(
+    folder: Path, campaign: CampaignFile
+) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:
+    tables = {
+        run.file: read_stages(folder / run.file, run.strokes_before, run.held_s)
+        for _, run in campaign.static()
+    }
     stages = tuple(stage for found, _ in tables.values() for stage in found)
     return stages, {file: extra for file, (_, extra) in tables.items() if extra}
 
@@ -264,18 +377,29 @@ def _nominal(campaign: CampaignFile) -> dict[str, Any]:
 
 
 def _check_files(folder: Path, campaign: CampaignFile) -> None:
-    """Every run has a file of its own, and every CSV in their folders has a run. Otherwise a file would be ignored silently."""
+    """Every run has a file of its own, and every CSV in their folders has a run. Otherwise a
+    file would be ignored silently.
+    """
     named: dict[str, int] = {}
     for place, run in enumerate(campaign.runs):
         if run.file in named:
-            raise BadInput(f"{_entry(folder, place, 'file')}: {run.file} is already the file of runs[{named[run.file] + 1}]")
+            raise BadInput(
+                f"{_entry(folder, place, 'file')}: {run.file} is already the file of "
+                f"runs[{named[run.file] + 1}]"
+            )
         if not (folder / run.file).is_file():
-            raise BadInput(f"{_entry(folder, place, 'file')}: {folder / run.file} is not there{_hint(folder, campaign, run.file)}")
+            raise BadInput(
+                f"{_entry(folder, place, 'file')}: {folder / run.file} is not "
+                f"there{_hint(folder, campaign, run.file)}"
+            )
         named[run.file] = place
     left_out = sorted(found for found in _csv_files(folder, campaign) if found not in named)
     if left_out:
         more = f" (nor {len(left_out) - 1} more)" if len(left_out) > 1 else ""
-        raise BadInput(f"{folder / left_out[0]}: no run in {CAMPAIGN} names it{more}; add a [[runs]] entry or take it away")
+        raise BadInput(
+            f"{folder / left_out[0]}: no run in {CAMPAIGN} names it{more}; add a [[runs]] "
+            "entry or take it away"
+        )
 
 
 def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
@@ -283,7 +407,11 @@ def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
     folders = {folder / "runs"} | {(folder / run.file).parent for run in campaign.runs}
     for place in sorted(folders - {folder}):
         if place.is_dir():
-            yield from (found.relative_to(folder).as_posix() for found in place.iterdir() if found.suffix.lower() == ".csv")
+            yield from (
+                found.relative_to(folder).as_posix()
+                for found in place.iterdir()
+                if found.suffix.lower() == ".csv"
+            )
 
 
 def _hint(folder: Path, campaign: CampaignFile, file: str) -> str:
@@ -301,11 +429,17 @@ def _check_conditions(path: Path, campaign: CampaignFile) -> None:
             first = counted_at.setdefault(run.strokes_before, place)
             if first != place:
                 where = _entry(path.parent, place, "strokes_before")
-                raise BadInput(f"{where}: {run.strokes_before} strokes were before runs[{first + 1}] already; count each stroke once")
+                raise BadInput(
+                    f"{where}: {run.strokes_before} strokes were before runs[{first + 1}] "
+                    "already; count each stroke once"
+                )
         key = (run.height_mm, run.speed_rad_s, run.repeat)
         if key in first_of:
             before, other = first_of[key]
-            raise BadInput(f"{_entry(path.parent, place, 'repeat')}: {run.condition} is already runs[{before + 1}] ({other.file})")
+            raise BadInput(
+                f"{_entry(path.parent, place, 'repeat')}: {run.condition} is already "
+                f"runs[{before + 1}] ({other.file})"
+            )
         first_of[key] = (place, run)
 
 

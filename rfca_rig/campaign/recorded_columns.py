@@ -22,7 +22,8 @@ class ColumnRequest:
     time
         The column of the time, and its unit.
     holds
-        Content of each other column, in words, by the column's name. The first is that of the first signal.
+        Content of each other column, in words, by the column's name. The first is that of the first
+        signal.
     longest_gap_s
         The longest time between two samples that interpolation may bridge.
     """
@@ -96,4 +97,8 @@ class ColumnList:
 
 def find_rising(values: Mapping[str, Floats | None]) -> tuple[str, ...]:
     """Names of the columns (m,) whose values rise from each sample to the next."""
-    return tuple(name for name, column in values.items() if column is not None and (np.diff(column) > 0.0).all())
+    return tuple(
+        name
+        for name, column in values.items()
+        if column is not None and (np.diff(column) > 0.0).all()
+    )

@@ -1,4 +1,6 @@
-"""Reads any kind of recording, CSV, HDF5, MCAP or ROS 2 bag, into named columns on one time base."""
+"""Reads any kind of recording, CSV, HDF5, MCAP or ROS 2 bag, into named columns on one time
+base.
+"""
 
 import re
 from collections.abc import Iterator
@@ -11,7 +13,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns, find_rising
+from rfca_rig.campaign.recorded_columns import (
+    ColumnList,
+    ColumnRequest,
+    RecordedColumns,
+    find_rising,
+)
 from rfca_rig.campaign.table import FEWEST_SAMPLES, columns, numeric_columns, read_table
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.reading import read_within_limits
@@ -42,24 +49,35 @@ def read_hdf5_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
     Raises
     ------
     BadInput
-        Where the file cannot be read, a dataset is missing, holds no numbers or differs in length from the others, or a value is not
-        finite.
+        Where the file cannot be read, a dataset is missing, holds no numbers or differs in length
+        from the others, or a value is not finite.
     """
     with _open(path) as file:
-        values = {name: _read_column(path, file, name, meaning) for name, meaning in request.with_time.items()}
+        values = {
+            name: _read_column(path, file, name, meaning)
+            for name, meaning in request.with_time.items()
+        }
     samples = len(values[request.time.column])
     for name, column in values.items():
         if len(column) != samples:
-            raise BadInput(f"{path}: column {name} has {len(column)} samples and {request.time.column} has {samples}; they must be as many")
+            raise BadInput(
+                f"{path}: column {name} has {len(column)} samples and "
+                f"{request.time.column} has {samples}; they must be as many"
+            )
         faulty = np.flatnonzero(~np.isfinite(column))
         if faulty.size:
             row = int(faulty[0])
-            raise BadInput(f"{path}: column {name}: sample {row + 1} is {column[row]:g}; every sample needs a finite number")
+            raise BadInput(
+                f"{path}: column {name}: sample {row + 1} is {column[row]:g}; every "
+                "sample needs a finite number"
+            )
     return RecordedColumns(path, request.time_of(values), values)
 
 
 def list_hdf5_columns(path: Path) -> ColumnList:
-    """List all columns of the file with enough samples for a recording. Raises BadInput where it cannot be read."""
+    """List all columns of the file with enough samples for a recording. Raises BadInput where it
+    cannot be read.
+    """
     values: dict[str, Floats | None] = {}
     notes = []
     with _open(path) as file:
@@ -103,7 +121,9 @@ def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats
         dataset, index = _dataset(file, of_2d[1]), int(of_2d[2])
     if dataset is None:
         known = sorted(_datasets(file))
-        there = suggestion(of_2d[1] if of_2d else name, known) if known else "the file has no datasets"
+        there = (
+            suggestion(of_2d[1] if of_2d else name, known) if known else "the file has no datasets"
+        )
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}, is missing; {there}")
     if fault := _fault_in_column(dataset, index):
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}: {fault}")
@@ -130,11 +150,16 @@ def _fault_in_column(dataset: h5py.Dataset, index: int | None) -> str | None:
 
 
 def _list_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Floats | None]:
-    names = [name] if dataset.ndim == 1 else [f"{name}[{index}]" for index in range(dataset.shape[1])]
+    names = (
+        [name] if dataset.ndim == 1 else [f"{name}[{index}]" for index in range(dataset.shape[1])]
+    )
     if dataset.dtype.kind not in _NUMBERS:
         return dict.fromkeys(names)
     columns = np.asarray(dataset[:], dtype=np.float64).reshape(len(dataset), len(names)).T
-    return {name: column if np.isfinite(column).all() else None for name, column in zip(names, columns, strict=True)}
+    return {
+        name: column if np.isfinite(column).all() else None
+        for name, column in zip(names, columns, strict=True)
+    }
 
 
 def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
@@ -143,14 +168,16 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
     Parameters
     ----------
     path
-        The recording: a file or, for a ROS 2 bag, a folder. A file of an unknown kind is read as CSV.
+        The recording: a file or, for a ROS 2 bag, a folder. A file of an unknown kind is read as
+        CSV.
     request
         The columns of experiment.toml.
 
     Raises
     ------
     BadInput
-        Where the recording cannot be read, a package for it is not installed, or a column is missing or holds anything but numbers.
+        Where the recording cannot be read, a package for it is not installed, or a column is
+        missing or holds anything but numbers.
     """
     if _is_bag(path):
         _require_bag_packages(path)
@@ -162,7 +189,10 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
     table = read_table(path)
     for name, meaning in request.with_time.items():
         if name not in table.names:
-            raise BadInput(f"{table.path}:1: column {name}, which is to hold {meaning}, is missing; the file has {', '.join(table.names)}")
+            raise BadInput(
+                f"{table.path}:1: column {name}, which is to hold {meaning}, is missing; "
+                f"the file has {', '.join(table.names)}"
+            )
     values = dict(zip(request.with_time, columns(table, list(request.with_time)).T, strict=True))
     return RecordedColumns(path, request.time_of(values), values, first_line=2)
 
@@ -181,10 +211,16 @@ def list_columns(path: Path) -> ColumnList:
 
 
 def find_recordings(folder: Path) -> dict[str, list[Path]]:
-    """All recordings below a folder by their kind, ordered by name. Files in the folder of a bag belong to that bag."""
+    """All recordings below a folder by their kind, ordered by name. Files in the folder of a bag
+    belong to that bag.
+    """
     # The .db3 files of a bag must not count as recordings of their own.
     bags = [file.parent for file in folder.rglob(_METADATA) if _is_rosbag_folder(file.parent)]
-    files = sorted(file for file in folder.rglob("*") if file.is_file() and not any(bag in file.parents for bag in bags))
+    files = sorted(
+        file
+        for file in folder.rglob("*")
+        if file.is_file() and not any(bag in file.parents for bag in bags)
+    )
     found = {
         "CSV": [file for file in files if file.suffix.lower() == CSV],
         "HDF5": [file for file in files if file.suffix.lower() in HDF5],
@@ -203,7 +239,10 @@ def _is_bag(path: Path) -> bool:
     if path.exists() and not (path.is_dir() or path.is_file()):
         raise BadInput(f"{path}: is a device or a pipe; give a file")
     if path.is_dir() and not _is_rosbag_folder(path):
-        raise BadInput(f"{path}: is a folder without the {_METADATA} of a ROS 2 bag; `ros2 bag reindex` writes it")
+        raise BadInput(
+            f"{path}: is a folder without the {_METADATA} of a ROS 2 bag; `ros2 bag "
+            "reindex` writes it"
+        )
     return path.is_dir() or path.suffix.lower() in BAG_SUFFIXES
 
 
@@ -218,4 +257,7 @@ def _is_rosbag_folder(path: Path) -> bool:
 
 def _require_bag_packages(path: Path) -> None:
     if any(find_spec(name) is None for name in ("mcap", "rosbags")):
-        raise BadInput(f"{path}: bags are read by packages that are not installed: pip install 'rfca-rig[bags]'")
+        raise BadInput(
+            f"{path}: bags are read by packages that are not installed: pip install "
+            "'rfca-rig[bags]'"
+        )

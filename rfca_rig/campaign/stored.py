@@ -1,7 +1,7 @@
 """Opens a recording stage by stage, so that hours of it need only the memory of the part in use.
 
-Samples of a stage are in memory or still in their file, from which they are read in blocks of some thousands.
-"""
+Samples of a stage are in memory or still in their file, from which they are read in blocks of some
+thousands."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -21,7 +21,17 @@ from rfca_rig.recording.hdf5_file import SEALED
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage, Stream
 from rfca_rig.recording.store import open_sealed, report_damage, texts_of
-from rfca_rig.recording.strokes import RAW, STROKES, TIME, check_times, height_mm, read_condition, read_height_mm, read_streams, streams_in
+from rfca_rig.recording.strokes import (
+    RAW,
+    STROKES,
+    TIME,
+    check_times,
+    height_mm,
+    read_condition,
+    read_height_mm,
+    read_streams,
+    streams_in,
+)
 from rfca_rig.recording.tables import CYCLES, read_static
 
 Rows = NDArray[Any]
@@ -51,14 +61,20 @@ class StoredColumn:
 
     @property
     def is_count(self) -> bool:
-        """Whether it is a whole number without a scale, for instance a sequence number or a status word."""
+        """Whether it is a whole number without a scale, for instance a sequence number or a
+        status word.
+        """
         return self.raw.dtype.kind in "iu" and self.conversion == 1.0 and self.offset == 0.0
 
     def values(self, rows: slice) -> Rows:
         """Values (k,) of these rows in the column's unit; a count stays a whole number."""
         raw = self.raw[rows]
         # A count as a float would lose digits and its meaning.
-        return raw.astype(np.int64) if self.is_count else raw.astype(np.float64) * self.conversion + self.offset
+        return (
+            raw.astype(np.int64)
+            if self.is_count
+            else raw.astype(np.float64) * self.conversion + self.offset
+        )
 
 
 @dataclass(frozen=True)
@@ -78,7 +94,9 @@ class StoredStream:
 
 @dataclass(frozen=True)
 class DatasetInFile:
-    """Implements Sliceable for a dataset. Damage in what is read raises BadInput that names the file."""
+    """Implements Sliceable for a dataset. Damage in what is read raises BadInput that names the
+    file.
+    """
 
     path: Path
     dataset: h5py.Dataset
@@ -102,13 +120,18 @@ class DatasetInFile:
 
 
 def streams_in_file(path: Path, stage: h5py.Group, source: Source) -> tuple[StoredStream, ...]:
-    """Streams of a stage's group, valid while the file at `path` is open. Raises BadInput where they are damaged."""
+    """Streams of a stage's group, valid while the file at `path` is open. Raises BadInput where
+    they are damaged.
+    """
     with report_damage(path):
         return tuple(
             StoredStream(
                 name,
                 DatasetInFile(path, group[TIME], is_time=True),
-                {column: _column_in(path, group[link_name(column)]) for column in read_names(group.attrs["order"])},
+                {
+                    column: _column_in(path, group[link_name(column)])
+                    for column in read_names(group.attrs["order"])
+                },
             )
             for name, group in streams_in(stage, source)
         )
@@ -122,14 +145,21 @@ def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]
     """The same for streams in memory."""
     return tuple(
         StoredStream(
-            name, stream.t_s, {key: StoredColumn(one.raw, one.unit, one.conversion, one.offset) for key, one in stream.columns.items()}
+            name,
+            stream.t_s,
+            {
+                key: StoredColumn(one.raw, one.unit, one.conversion, one.offset)
+                for key, one in stream.columns.items()
+            },
         )
         for name, stream in streams.items()
     )
 
 
 class StoredSamples(Protocol):
-    """Access to a stage's samples. `names` are those of its streams, `span_s` its first and last time, both 0 without samples."""
+    """Access to a stage's samples. `names` are those of its streams, `span_s` its first and last
+    time, both 0 without samples.
+    """
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -158,7 +188,13 @@ class SamplesInMemory:
 
     @property
     def span_s(self) -> tuple[float, float]:
-        return _span([(float(stream.t_s.min()), float(stream.t_s.max())) for stream in self.streams.values() if len(stream.t_s)])
+        return _span(
+            [
+                (float(stream.t_s.min()), float(stream.t_s.max()))
+                for stream in self.streams.values()
+                if len(stream.t_s)
+            ]
+        )
 
     def whole(self) -> Streams:
         return self.streams
@@ -169,7 +205,9 @@ class SamplesInMemory:
 
 @dataclass(frozen=True)
 class SamplesInFile:
-    """Implements StoredSamples for a group of a file, whose seal was verified when the file was first opened."""
+    """Implements StoredSamples for a group of a file, whose seal was verified when the file was
+    first opened.
+    """
 
     path: Path
     group: str
@@ -178,7 +216,9 @@ class SamplesInFile:
 
     @classmethod
     def of(cls, path: Path, file: h5py.File, group: str) -> "SamplesInFile":
-        """The samples of a group. Raises ValueError where one of its streams is not of the recording's source, or has no times."""
+        """The samples of a group. Raises ValueError where one of its streams is not of the
+        recording's source, or has no times.
+        """
         streams = dict(streams_in(file[group], file.attrs["source"]))
         spans = []
         for stream in streams.values():
@@ -195,18 +235,23 @@ class SamplesInFile:
 
     @contextmanager
     def open_streams(self) -> Iterator[tuple[StoredStream, ...]]:
-        # Damage shows where a block is read. The caller's own errors, for instance of a full disk, are not the recording's.
+        # Damage shows where a block is read. The caller's own errors, for instance of a full disk,
+        # are not the recording's.
         with h5py.File(self.path, "r") as file:
             yield streams_in_file(self.path, file[self.group], file.attrs["source"])
 
 
 def _span(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    return min((first_s for first_s, _ in spans), default=0.0), max((last_s for _, last_s in spans), default=0.0)
+    return min((first_s for first_s, _ in spans), default=0.0), max(
+        (last_s for _, last_s in spans), default=0.0
+    )
 
 
 @dataclass(frozen=True)
 class StoredStage:
-    """A stroke, or the raw samples of another stage. `about` describes it for people; `speed_rad_s` applies to a stroke."""
+    """A stroke, or the raw samples of another stage. `about` describes it for people;
+    `speed_rad_s` applies to a stroke.
+    """
 
     label: str
     about: Mapping[str, Any]
@@ -223,7 +268,9 @@ class StoredStage:
 
 @dataclass(frozen=True)
 class StoredRecording:
-    """A recording whose samples are still in their files. The paths of its photos are relative to `folder`."""
+    """A recording whose samples are still in their files. The paths of its photos are relative
+    to `folder`.
+    """
 
     folder: Path
     title: str
@@ -236,7 +283,8 @@ class StoredRecording:
 
 
 def open_stored(path: Path) -> StoredRecording:
-    """Open the recording at `path`: a run's folder, also of a running or interrupted run, a recording file, or a campaign.
+    """Open the recording at `path`: a run's folder, also of a running or interrupted run, a
+    recording file, or a campaign.
 
     Raises BadInput for anything else, and for damaged files.
     """
@@ -254,8 +302,14 @@ def open_stored(path: Path) -> StoredRecording:
 
 def store_in_memory(folder: Path, recording: Recording) -> StoredRecording:
     """A recording that is read already."""
-    strokes = tuple(_stroke(SamplesInMemory(one.streams), one.height_m, one.speed_rad_s, one.repeat) for one in recording.strokes)
-    raw = tuple(_raw(SamplesInMemory(one.streams), one.label, one.height_m, one.cut_short) for one in recording.raw)
+    strokes = tuple(
+        _stroke(SamplesInMemory(one.streams), one.height_m, one.speed_rad_s, one.repeat)
+        for one in recording.strokes
+    )
+    raw = tuple(
+        _raw(SamplesInMemory(one.streams), one.label, one.height_m, one.cut_short)
+        for one in recording.raw
+    )
     return _make_stored(folder, recording, recording.static, strokes, raw)
 
 
@@ -263,7 +317,13 @@ def _in_one_file(folder: Path, path: Path) -> StoredRecording:
     with open_sealed(path) as (file, source):
         if not file.attrs.get(SEALED, False):
             return store_in_memory(folder, open_unsealed(path))
-        return _make_stored(folder, texts_of(file, source), read_static(file), tuple(_strokes_in(file, path)), tuple(_raw_in(file, path)))
+        return _make_stored(
+            folder,
+            texts_of(file, source),
+            read_static(file),
+            tuple(_strokes_in(file, path)),
+            tuple(_raw_in(file, path)),
+        )
 
 
 def _in_stage_files(folder: Path) -> StoredRecording:
@@ -279,16 +339,24 @@ def _in_stage_files(folder: Path) -> StoredRecording:
 
 
 def _make_stored(
-    folder: Path, known: Recording, static: tuple[StaticStage, ...], strokes: tuple[StoredStage, ...], raw: tuple[StoredStage, ...]
+    folder: Path,
+    known: Recording,
+    static: tuple[StaticStage, ...],
+    strokes: tuple[StoredStage, ...],
+    raw: tuple[StoredStage, ...],
 ) -> StoredRecording:
-    return StoredRecording(folder, known.title, known.source, known.nominal, known.provenance, static, strokes, raw)
+    return StoredRecording(
+        folder, known.title, known.source, known.nominal, known.provenance, static, strokes, raw
+    )
 
 
 def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
     # Groups are numbered, and HDF5 lists them as text: 10 before 2.
     for name in sorted(file[STROKES], key=int):
         height, speed_rad_s, repeat = read_condition(file[STROKES][name])
-        yield _stroke(SamplesInFile.of(path, file, f"{STROKES}/{name}"), height / 1e3, speed_rad_s, repeat)
+        yield _stroke(
+            SamplesInFile.of(path, file, f"{STROKES}/{name}"), height / 1e3, speed_rad_s, repeat
+        )
 
 
 def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
@@ -296,13 +364,28 @@ def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
     for name in sorted(groups, key=int):
         about = groups[name].attrs
         height_m = read_height_mm(groups[name]) / 1e3
-        yield _raw(SamplesInFile.of(path, file, f"{RAW}/{name}"), str(about["label"]), height_m, str(about["cut_short"]))
+        yield _raw(
+            SamplesInFile.of(path, file, f"{RAW}/{name}"),
+            str(about["label"]),
+            height_m,
+            str(about["cut_short"]),
+        )
 
 
-def _stroke(samples: StoredSamples, height_m: float, speed_rad_s: float, repeat: int) -> StoredStage:
+def _stroke(
+    samples: StoredSamples, height_m: float, speed_rad_s: float, repeat: int
+) -> StoredStage:
     about = {"height_mm": height_mm(height_m), "speed_rad_s": speed_rad_s, "repeat": repeat}
-    return StoredStage(flap_label(height_m, speed_rad_s, repeat), about, height_m, samples, speed_rad_s)
+    return StoredStage(
+        flap_label(height_m, speed_rad_s, repeat), about, height_m, samples, speed_rad_s
+    )
 
 
 def _raw(samples: StoredSamples, label: str, height_m: float, cut_short: str) -> StoredStage:
-    return StoredStage(label, {"height_mm": height_mm(height_m), "cut_short": cut_short}, height_m, samples, cut_short=cut_short)
+    return StoredStage(
+        label,
+        {"height_mm": height_mm(height_m), "cut_short": cut_short},
+        height_m,
+        samples,
+        cut_short=cut_short,
+    )

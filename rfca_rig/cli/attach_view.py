@@ -21,8 +21,14 @@ def parse_viewing(is_asked: bool, port: int | None, pace: float) -> Viewing | No
 
 
 def twin_clock(config: RunConfig) -> TwinClock:
-    """Real time, or a multiple of it, for a twin that is watched; otherwise a twin is as fast as it can be."""
-    return WatchedTwinClock(config.viewing.pace) if config.viewing and config.viewing.pace else TwinClock()
+    """Real time, or a multiple of it, for a twin that is watched; otherwise a twin is as fast as
+    it can be.
+    """
+    return (
+        WatchedTwinClock(config.viewing.pace)
+        if config.viewing and config.viewing.pace
+        else TwinClock()
+    )
 
 
 class ViewSession:
@@ -36,8 +42,12 @@ class ViewSession:
         self._say: Say | None = None
         self._view: LiveView | None = None
         if config.viewing is not None:
-            facts = run_facts(config.plan, config.mark, bench.sensor.scale(), config.nominal_source.nominal())
-            self._view = LiveView(facts, config.plan, stop_request, self._vitals, self._tell, config.viewing.port)
+            facts = run_facts(
+                config.plan, config.mark, bench.sensor.scale(), config.nominal_source.nominal()
+            )
+            self._view = LiveView(
+                facts, config.plan, stop_request, self._vitals, self._tell, config.viewing.port
+            )
             echo(f"{config.mark} watch the run, and stop it, at {self._view.url}", err=True)
 
     @property
@@ -46,14 +56,19 @@ class ViewSession:
 
     def _vitals(self) -> tuple[StreamHealth, int]:
         # The view begins before the recorder does.
-        return self._bench.sensor.health(), 0 if self._keeper is None else self._keeper.backlog_bytes
+        return (
+            self._bench.sensor.health(),
+            0 if self._keeper is None else self._keeper.backlog_bytes,
+        )
 
     def _tell(self, line: str) -> None:
         if self._say is not None:
             self._say(line)
 
     def begin(self, keeper: RunBackend, say: Say) -> Say:
-        """Connects the recorder. Lines printed through the returned function are also shown on the page."""
+        """Connects the recorder. Lines printed through the returned function are also shown on
+        the page.
+        """
         self._keeper, self._say = keeper, self._aloud(say)
         return self._say
 
@@ -72,10 +87,18 @@ class ViewSession:
         """The motor is off, because of the error, or because the run is complete."""
         if self._view is None:
             return
-        self._view.run_queue.end(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
+        self._view.run_queue.end(
+            Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else ""
+        )
         # A view that failed must not fail the run; it is reported only now.
         if not self._view.is_alive:
-            echo(f"{self._mark} the view had ended by itself, which the run did not notice; RFCA_RIG_DEBUG=1 shows why", err=True)
+            echo(
+                (
+                    f"{self._mark} the view had ended by itself, which the run did not "
+                    "notice; RFCA_RIG_DEBUG=1 shows why"
+                ),
+                err=True,
+            )
 
     def close(self) -> None:
         """Sends nothing any more; the page stays for as long as it is open."""
@@ -84,7 +107,9 @@ class ViewSession:
 
 
 @contextmanager
-def attach_view(config: RunConfig, bench: Bench, stop_request: StopRequest) -> Iterator[ViewSession]:
+def attach_view(
+    config: RunConfig, bench: Bench, stop_request: StopRequest
+) -> Iterator[ViewSession]:
     """The view for the length of the block. Raises as ViewSession does."""
     session = ViewSession(config, bench, stop_request)
     try:

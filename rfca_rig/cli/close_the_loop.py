@@ -1,4 +1,6 @@
-"""The rounds of `rfca-rig diagnose --close-the-loop`: run the proposed experiment, diagnose old and new together, repeat."""
+"""The rounds of `rfca-rig diagnose --close-the-loop`: run the proposed experiment, diagnose old
+and new together, repeat.
+"""
 
 import json
 from collections.abc import Callable, Sequence
@@ -26,7 +28,9 @@ Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """The options: the rig, the largest number of rounds, where new runs go, and the folder of the diagnosis."""
+    """The options: the rig, the largest number of rounds, where new runs go, and the folder of
+    the diagnosis.
+    """
 
     rig_path: Path
     rounds: int
@@ -36,11 +40,13 @@ class ClosedLoop:
     quiet: bool
 
 
-def close_the_loop(loop: ClosedLoop, recordings: Sequence[Recording], diagnosis: Diagnosis, diagnosed: Diagnosing) -> Diagnosis:
+def close_the_loop(
+    loop: ClosedLoop, recordings: Sequence[Recording], diagnosis: Diagnosis, diagnosed: Diagnosing
+) -> Diagnosis:
     """Runs the rounds and returns the last diagnosis.
 
-    It ends when nothing is open, nothing more would help, only a person could do the next test, or the rounds are used up. A real rig must
-    be armed in every round.
+    It ends when nothing is open, nothing more would help, only a person could do the next test, or
+    the rounds are used up. A real rig must be armed in every round.
 
     Parameters
     ----------
@@ -51,7 +57,8 @@ def close_the_loop(loop: ClosedLoop, recordings: Sequence[Recording], diagnosis:
     diagnosis : Diagnosis
         Their diagnosis.
     diagnosed : callable
-        Diagnoses a sequence of recordings and writes the result, with the next protocol, into `loop.out`.
+        Diagnoses a sequence of recordings and writes the result, with the next protocol, into
+        `loop.out`.
 
     Raises
     ------
@@ -79,12 +86,16 @@ def _ending(diagnosis: Diagnosis) -> str:
         return f"the next experiment is not one for the rig: {proposal['kind']}, {proposal['why']}"
     if proposal is not None:
         return f"the rounds are used up; next: {proposal['why']}"
-    settled = diagnosis.verdict in ("named", "nothing missing") and not any(effect.cannot_tell_from for effect in diagnosis.effects)
+    settled = diagnosis.verdict in ("named", "nothing missing") and not any(
+        effect.cannot_tell_from for effect in diagnosis.effects
+    )
     return "nothing is left open" if settled else "nothing more that this rig can do would help"
 
 
 def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
-    """Runs the proposed protocol like the run commands: plan printed and checked, a real rig armed by typing."""
+    """Runs the proposed protocol like the run commands: plan printed and checked, a real rig
+    armed by typing.
+    """
     path = loop.out / NEXT_PROTOCOL
     model, model_text = nominal_model_of(rig, first)
     config = RunConfig(
@@ -93,7 +104,9 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
         protocol_text=read_text(path),
         plan=read_plan(path, rig.facts()),
         # Differs from round to round: equal noise would make a repeat look exact.
-        seed=None if rig.is_real or rig.twin is None else (rig.twin.seed if loop.seed is None else loop.seed) + number,
+        seed=None
+        if rig.is_real or rig.twin is None
+        else (rig.twin.seed if loop.seed is None else loop.seed) + number,
         runs=loop.runs,
         quiet=loop.quiet,
         dry=False,
@@ -111,13 +124,22 @@ def _print_nothing(stage: Stage, recorder: Recorder, say: Say) -> None:
 
 
 def nominal_model_of(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
-    """The recordings' nominal model, where it differs from the rig file's: only recordings of one nominal model go together."""
+    """The recordings' nominal model, where it differs from the rig file's: only recordings of
+    one nominal model go together.
+    """
     known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
     if rig.nominal() == first.nominal and known_to == first.known_to:
         return None, ""
     stated = {key: value for key, value in first.known_to.items() if value is not None}
     model = validate({**first.nominal, "known_to": stated}, ModelFile, first.title)
-    # A file of another version may lose values on the way; a new recording must state the very same model.
-    if model.nominal() != first.nominal or model.known_to.model_dump(exclude_none=True) != first.known_to:
-        raise BadInput(f"{first.title}: its nominal values cannot be taken over for new runs; run the proposed protocol by hand")
+    # A file of another version may lose values on the way; a new recording must state the very same
+    # model.
+    if (
+        model.nominal() != first.nominal
+        or model.known_to.model_dump(exclude_none=True) != first.known_to
+    ):
+        raise BadInput(
+            f"{first.title}: its nominal values cannot be taken over for new runs; run "
+            "the proposed protocol by hand"
+        )
     return model, json.dumps({**first.nominal, "known_to": first.known_to})

@@ -1,4 +1,5 @@
-"""Completes a run when the motor is off: the recording as a whole, also of a run that was cut short.
+"""Completes a run when the motor is off: the recording as a whole, also of a run that was cut
+short.
 
 Lines about a stage are held back until the recorder has acknowledged that the stage is on disk.
 """
@@ -29,18 +30,27 @@ from rfca_rig.recording.run_text import write_ending
 from rfca_rig.recording.store import summarize
 from rfca_rig.recording.tables import CYCLES
 
-# Half of the time for which the queue takes everything that a 15 kHz sensor sends: what the stop takes still fits.
+# Half of the time for which the queue takes everything that a 15 kHz sensor sends: what the stop
+# takes still fits.
 STOP_S = 10.0
 
 
 class AcknowledgedLines:
-    """A power cut must not cost a stage that was announced, so no line comes before the acknowledgement of its stage.
+    """A power cut must not cost a stage that was announced, so no line comes before the
+    acknowledgement of its stage.
 
-    A recorder that acknowledges nothing for `SILENT_S` is reported; after `STOP_S` the run stops at the next safe point. Both are looked at
-    between stages, because printing may block and the control loop must not.
-    """
+    A recorder that acknowledges nothing for `SILENT_S` is reported; after `STOP_S` the run stops at
+    the next safe point. Both are looked at between stages, because printing may block and the
+    control loop must not."""
 
-    def __init__(self, say: Say, keeper: RunBackend, recorder: Recorder, stop_request: StopRequest, clock: Clock) -> None:
+    def __init__(
+        self,
+        say: Say,
+        keeper: RunBackend,
+        recorder: Recorder,
+        stop_request: StopRequest,
+        clock: Clock,
+    ) -> None:
         self._say, self._keeper, self._recorder = say, keeper, recorder
         self._stop_request, self._clock = stop_request, clock
         self._waiting: deque[tuple[int, float, str]] = deque()
@@ -60,15 +70,23 @@ class AcknowledgedLines:
         silent_s, stages = self._clock.now_s() - since_s, self._recorder.ended - number + 1
         if silent_s > SILENT_S and not self._is_silent:
             self._is_silent = True
-            self._say(f"the disk is silent: {stages} stage{'s' * (stages > 1)} done, not on disk since {silent_s:.0f} s")
+            self._say(
+                f"the disk is silent: {stages} stage{'s' * (stages > 1)} done, not on "
+                f"disk since {silent_s:.0f} s"
+            )
         if silent_s > STOP_S:
-            self._stop_request.ask(StopLevel.SAFE_POINT, f"the disk has acknowledged nothing for {silent_s:.0f} s")
+            self._stop_request.ask(
+                StopLevel.SAFE_POINT, f"the disk has acknowledged nothing for {silent_s:.0f} s"
+            )
 
     def close(self) -> None:
         """Print what is acknowledged once the recorder has ended, and count what is not."""
         self._print_acknowledged()
         if self._waiting:
-            self._say(f"{self._recorder.ended - self._waiting[0][0] + 1} stages were done and are not on disk: the recorder failed")
+            self._say(
+                f"{self._recorder.ended - self._waiting[0][0] + 1} stages were done and "
+                "are not on disk: the recorder failed"
+            )
             self._waiting.clear()
 
     def _print_acknowledged(self) -> None:
@@ -80,7 +98,13 @@ def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
     if config.begun is None:
         run_folder.create(folder, _header(config, bench))
     else:
-        reopen_run(config.begun, bench.clock, provenance.operator(config.operator), config.twin_seed, config.rig_changes)
+        reopen_run(
+            config.begun,
+            bench.clock,
+            provenance.operator(config.operator),
+            config.twin_seed,
+            config.rig_changes,
+        )
 
 
 def note_end(recorder: Recorder, why: str) -> None:
@@ -109,12 +133,14 @@ class FinishedRun:
 
 
 def finish(config: RunConfig, run: FinishedRun, quiet: bool = False) -> None:
-    """Completes the recording, with the angles from the photos. Raises RigError with the remedy where the disk has no room for it.
+    """Completes the recording, with the angles from the photos. Raises RigError with the remedy
+    where the disk has no room for it.
 
     Shows its progress unless `quiet`, for example below another progress bar.
     """
     try:
-        # Order: all blocks on disk, then photos, then `run.h5`. Each needs the result of the one before.
+        # Order: all blocks on disk, then photos, then `run.h5`. Each needs the result of the one
+        # before.
         try:
             run.keeper.finish(run.outcome.why)
         finally:
@@ -125,7 +151,10 @@ def finish(config: RunConfig, run: FinishedRun, quiet: bool = False) -> None:
     except RigError as error:
         safe = f"{run.keeper.acknowledged} stages are safe in {run.folder}"
         kind = DiskFull if isinstance(error, DiskFull) else RigError
-        raise kind(f"{error}; {safe}, type rfca-rig recover {run.folder} (where the disk is full, make room first)") from error
+        raise kind(
+            f"{error}; {safe}, type rfca-rig recover {run.folder} (where the disk is "
+            "full, make room first)"
+        ) from error
 
 
 def _put_together(config: RunConfig, run: FinishedRun, report_progress: ProgressCount) -> None:
@@ -140,27 +169,36 @@ def _put_together(config: RunConfig, run: FinishedRun, report_progress: Progress
         "bad_samples": recorder.bad_samples,
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
     }
-    write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, config.begun, config.eye))
+    write_ending(
+        run.folder, ending_of(run.folder, known, run.recorder.stages, config.begun, config.eye)
+    )
     run_folder.build_recording(run.folder, report_progress)
 
 
 def _read_photos(config: RunConfig, run: FinishedRun, report_progress: ProgressCount) -> None:
     if config.eye is not None:
         make_marked_say(config.mark, config.quiet)(
-            f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ..."
+            "motor off; reading "
+            f"{sum(bool(stage.photo) for stage in run.recorder.stages)} photos ..."
         )
         run.recorder.read_photos(run.folder, config.eye, report_progress)
 
 
 def finish_cut_short(config: RunConfig, run: FinishedRun, say: Say) -> None:
-    """Completes a run that was cut short; one that recorded nothing leaves no folder, except after a trip."""
+    """Completes a run that was cut short; one that recorded nothing leaves no folder, except
+    after a trip.
+    """
     is_tripped = run.outcome.exit_status == Tripped.exit_code
     try:
-        # A trip must be on record, also one on the way to the first stage. The folder of a continued run has earlier stages.
+        # A trip must be on record, also one on the way to the first stage. The folder of a
+        # continued run has earlier stages.
         if run.recorder.samples or config.begun or is_tripped:
             finish(config, run, quiet=True)
             after = " --after-trip" if is_tripped else ""
-            say(f"kept {describe_contents(run.folder)} in {run.folder}; rfca-rig resume {run.folder}{after} goes on")
+            say(
+                f"kept {describe_contents(run.folder)} in {run.folder}; rfca-rig resume "
+                f"{run.folder}{after} goes on"
+            )
         else:
             run.keeper.finish(run.outcome.why)
             _read_photos(config, run, ignore_progress)
@@ -179,18 +217,31 @@ def describe_contents(folder: Path) -> str:
 
 
 def _header(config: RunConfig, bench: Bench) -> Recording:
-    known_to = config.nominal_source.known_to.model_dump(exclude_none=True) if config.nominal_source.known_to else {}
+    known_to = (
+        config.nominal_source.known_to.model_dump(exclude_none=True)
+        if config.nominal_source.known_to
+        else {}
+    )
     seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
     named = {"rig": config.rig_name} if config.rig_name else {}
     if config.faults:
-        named["twin_faults"] = ", ".join(f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s" for fault in config.faults)
+        named["twin_faults"] = ", ".join(
+            f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"
+            for fault in config.faults
+        )
     # The driver of an installed package is no text of the rig: its version says what ran.
     named |= packages_of(config.rig.motor, config.rig.force_sensor)
     texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}
-    texts |= ({"model_file": config.model_text} if config.model else {}) | ({"camera_file": config.camera_text} if config.eye else {})
-    # A lab's own drivers and effects are part of the rig: without their text the recording could not be explained.
+    texts |= ({"model_file": config.model_text} if config.model else {}) | (
+        {"camera_file": config.camera_text} if config.eye else {}
+    )
+    # A lab's own drivers and effects are part of the rig: without their text the recording could
+    # not be explained.
     texts |= texts_of(config.rig.motor, config.rig.force_sensor)
-    texts |= {f"effect_{name}_file": text for name, text in lab_texts([one.id for one in config.nominal_source.effects]).items()}
+    texts |= {
+        f"effect_{name}_file": text
+        for name, text in lab_texts([one.id for one in config.nominal_source.effects]).items()
+    }
     return Recording(
         title=config.plan.title,
         source="REAL" if config.rig.is_real else "SIM",

@@ -1,4 +1,6 @@
-"""The command line: one app, heavy imports inside the commands, one place that turns errors into a line and an exit code."""
+"""The command line: one app, heavy imports inside the commands, one place that turns errors into
+a line and an exit code.
+"""
 
 import atexit
 import errno
@@ -43,18 +45,29 @@ from rfca_rig.suggestions import in_one_line
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 LINK_TO_ITSELF = "Symlink loop from "
-# What the system says of a path that somebody wrote, in a file or an option, and that leads nowhere.
-UNUSABLE_PATHS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR)
+# What the system says of a path that somebody wrote, in a file or an option, and that leads
+# nowhere.
+UNUSABLE_PATHS = (
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOTDIR,
+    errno.EISDIR,
+)
 
 app = typer.Typer(
     name="rfca-rig",
     cls=ProgramGroup,
-    help="Run the static and flapping experiments of a flexible leg, on the real rig or on its twin, and compare them with the model.",
+    help=(
+        "Run the static and flapping experiments of a flexible leg, on the real rig or on "
+        "its twin, and compare them with the model."
+    ),
     epilog="First time here? Try: rfca-rig dynamic run --height 215 --speed 2.433",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    # Plain help: the framed one imports rich with a highlighter and a Markdown parser, two fifths of the time of --help; it also takes
-    # [mcap] for markup and leaves it out.
+    # Plain help: the framed one imports rich with a highlighter and a Markdown parser, two fifths
+    # of the time of --help; it also takes [mcap] for markup and leaves it out.
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -86,7 +99,8 @@ app.command("trip", cls=Command)(runs.trip)
 app.command("schema", cls=Command)(check.schema)
 
 
-# Once: tests and notebooks call `run` again and again, and all commands with their options take longer than many a command.
+# Once: tests and notebooks call `run` again and again, and all commands with their options take
+# longer than many a command.
 _get_command = cache(typer.main.get_command)
 
 
@@ -99,16 +113,22 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and leave."
+        ),
     ] = False,
 ) -> None:
     del version
 
 
 def run() -> None:
-    """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
-    # The imports of a command make several hundred thousand objects. The interpreter would look for unused circles among them every 700
-    # new objects, and once more as it ends: together 0.35 s of a run.
+    """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130
+    stopped.
+    """
+    # The imports of a command make several hundred thousand objects. The interpreter would look for
+    # unused circles among them every 700 new objects, and once more as it ends: together 0.35 s of
+    # a run.
     gc.set_threshold(10_000)
     atexit.register(gc.freeze)
     use_ascii_fallback()
@@ -124,7 +144,8 @@ def run() -> None:
     try:
         # Also for interpreters that a library starts, as MuJoCo's import does.
         with safe_path():
-            # The name by which help, messages and the shell's completion call it, also as python -m rfca_rig.
+            # The name by which help, messages and the shell's completion call it, also as python -m
+            # rfca_rig.
             exit_code = _command()(prog_name="rfca-rig", standalone_mode=False) or 0
         # Here, where a full disk or a closed pipe can still be reported.
         sys.stdout.flush()
@@ -135,21 +156,32 @@ def run() -> None:
         # One line; empty where the help has been printed already, because no command was given.
         text = " ".join(error.format_message().split())
         context = getattr(error, "ctx", None)
-        plain = text.replace("Input should be", "should be").replace("Value error, ", "").rstrip(".")
-        _leave(f"{plain}; see {context.command_path} --help" if text and context is not None else plain, BadInput.exit_code)
+        plain = (
+            text.replace("Input should be", "should be").replace("Value error, ", "").rstrip(".")
+        )
+        _leave(
+            f"{plain}; see {context.command_path} --help"
+            if text and context is not None
+            else plain,
+            BadInput.exit_code,
+        )
     except Tripped as error:
         _leave(f"{error}; more: rfca-rig trip {error.code}", error.exit_code)
     except RigError as error:
         _leave(str(error), error.exit_code)
     except (KeyboardInterrupt, Abort) as error:
         _leave(*_describe_interruption(error))
-    # The reader, for example `head`, has gone. Streams that take all prevent a second error at exit.
+    # The reader, for example `head`, has gone. Streams that take all prevent a second error at
+    # exit.
     except BrokenPipeError:
         sys.stdout = sys.stderr = open_null()
         sys.exit(1)
     except OSError as error:
         if error.errno == errno.ENOENT and _is_folder_gone():
-            _leave("the folder that you are in has been deleted; change to another one", BadInput.exit_code)
+            _leave(
+                "the folder that you are in has been deleted; change to another one",
+                BadInput.exit_code,
+            )
         if error.filename and error.errno in UNUSABLE_PATHS:
             _leave(f"{error.filename}: {error.strerror}; give another path", BadInput.exit_code)
         if os.environ.get(DEBUG_VARIABLE):
@@ -158,7 +190,9 @@ def run() -> None:
         with suppress(OSError):
             sys.stdout.close()
         where = f" ({error.filename})" if error.filename else ""
-        refused = f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where"
+        refused = (
+            f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where"
+        )
         _leave(NO_MORE_PROCESSES if error.errno == errno.EAGAIN else refused, 1)
     # Users see one line. The traceback is for developers, who set the variable.
     except Exception as error:
@@ -184,10 +218,17 @@ def _describe_unexpected(error: Exception) -> tuple[str, int]:
     if isinstance(error, RuntimeError) and text.startswith(LINK_TO_ITSELF):
         path = text.removeprefix(LINK_TO_ITSELF).strip("'")
         return f"{path}: {os.strerror(errno.ELOOP)}; give another path", BadInput.exit_code
-    # A damaged environment, for example a system library that OpenCV needs; a name that is missing here is a mistake of ours.
+    # A damaged environment, for example a system library that OpenCV needs; a name that is missing
+    # here is a mistake of ours.
     if isinstance(error, ImportError) and not (error.name or "").startswith("rfca_rig"):
         return f"a library cannot be loaded: {text}; install rfca-rig again in a new environment", 1
-    return f"this is a mistake in rfca-rig, not yours: {type(error).__name__}: {text}; {DEBUG_VARIABLE}=1 shows where", 1
+    return (
+        (
+            f"this is a mistake in rfca-rig, not yours: {type(error).__name__}: {text}; "
+            f"{DEBUG_VARIABLE}=1 shows where"
+        ),
+        1,
+    )
 
 
 def _command() -> Callable[..., int | None]:
@@ -215,7 +256,9 @@ def _leave(message: str, exit_code: int) -> None:
 
 
 def _drop_broken_error_stream() -> None:
-    """Replaces an error stream that takes nothing: the interpreter would try it again at its end, and end with code 120."""
+    """Replaces an error stream that takes nothing: the interpreter would try it again at its
+    end, and end with code 120.
+    """
     try:
         sys.stderr.flush()
     except (OSError, ValueError):

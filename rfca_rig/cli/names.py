@@ -1,7 +1,8 @@
-"""Names that can be typed on the command line, found without loading anything heavy: for completion and suggestions.
+"""Names that can be typed on the command line, found without loading anything heavy: for completion
+and suggestions.
 
-Shell completion offers names and folders for every command, by the names of its options and arguments.
-"""
+Shell completion offers names and folders for every command, by the names of its options and
+arguments."""
 
 import os
 import re
@@ -115,9 +116,18 @@ Offer = Callable[[str], Iterable[str]]
 
 
 def effect_names() -> list[str]:
-    """Effects of the package, by their ids in its files, and of the lab's own folder, where an effect's file has its name."""
-    text = "".join(file.read_text(encoding="utf-8") for file in (PACKAGE / "model" / "effects").glob("*.py"))
-    return sorted({*EFFECT_ID.findall(text), *_stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py")})
+    """Effects of the package, by their ids in its files, and of the lab's own folder, where an
+    effect's file has its name.
+    """
+    text = "".join(
+        file.read_text(encoding="utf-8") for file in (PACKAGE / "model" / "effects").glob("*.py")
+    )
+    return sorted(
+        {
+            *EFFECT_ID.findall(text),
+            *_stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py"),
+        }
+    )
 
 
 def file_names(kind: str) -> list[str]:
@@ -127,12 +137,22 @@ def file_names(kind: str) -> list[str]:
 
 def rig_names() -> list[str]:
     """Rig files; camera files lie in the same folder and are left out."""
-    files = {file.stem: file for folder in folders_of("calibration") for file in Path(folder).glob("*.toml")}
-    return sorted(name for name, file in files.items() if "\n[rig]" in file.read_text(encoding="utf-8", errors="replace"))
+    files = {
+        file.stem: file
+        for folder in folders_of("calibration")
+        for file in Path(folder).glob("*.toml")
+    }
+    return sorted(
+        name
+        for name, file in files.items()
+        if "\n[rig]" in file.read_text(encoding="utf-8", errors="replace")
+    )
 
 
 def list_recorded_folders(begun: str) -> list[str]:
-    """Folders of runs and campaigns whose path begins with `begun`, newest first; those in runs/ where nothing is typed yet."""
+    """Folders of runs and campaigns whose path begins with `begun`, newest first; those in runs/
+    where nothing is typed yet.
+    """
     parent, slash, _ = begun.rpartition("/")
     places = [parent or "/"] if slash else [".", "runs"]
     newest = sorted((one for place in places for one in _folders_in(place, begun)), reverse=True)
@@ -156,7 +176,14 @@ def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:
 
 
 def _stems(folders: Iterable[str | Path], pattern: str) -> list[str]:
-    return sorted({file.stem for folder in folders for file in Path(folder).glob(pattern) if not file.stem.startswith("_")})
+    return sorted(
+        {
+            file.stem
+            for folder in folders
+            for file in Path(folder).glob(pattern)
+            if not file.stem.startswith("_")
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -182,7 +209,11 @@ def _add(command: Any, path: str) -> None:
         typed = path.partition(" ")[2]
         option = next((one for one in parameter.opts if one.startswith("--")), "")
         # The more specific wins: by command, then by option, then by metavar.
-        offers = {**_BY_METAVAR, **_BY_OPTION, **{key: offer for (where, key), offer in _BY_COMMAND.items() if where == typed}}
+        offers = {
+            **_BY_METAVAR,
+            **_BY_OPTION,
+            **{key: offer for (where, key), offer in _BY_COMMAND.items() if where == typed},
+        }
         offer = offers.get(option) or offers.get(parameter.metavar or "")
         if offer is not None:
             parameter.shell_complete = _answer(offer)
@@ -190,7 +221,9 @@ def _add(command: Any, path: str) -> None:
 
 def _answer(offer: Offer) -> Callable[[object, str], list[Offered]]:
     """Where nothing matches, the shell offers files."""
-    return lambda _context, begun: [Offered(word) for word in offer(begun) if word.startswith(begun)]
+    return lambda _context, begun: [
+        Offered(word) for word in offer(begun) if word.startswith(begun)
+    ]
 
 
 def _each_of(words: Iterable[str]) -> Offer:

@@ -1,9 +1,8 @@
-"""Options that several commands share, and the checks of their values before the work; and the executor that --workers and
---cluster select.
+"""Options that several commands share, and the checks of their values before the work; and the
+executor that --workers and --cluster select.
 
-The help is plain: commands in groups by the work they are for, each summary whole, no types of Python. Rich would do the groups, at two
-fifths more time of every --help.
-"""
+The help is plain: commands in groups by the work they are for, each summary whole, no types of
+Python. Rich would do the groups, at two fifths more time of every --help."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -24,38 +23,114 @@ if TYPE_CHECKING:
     from rfca_rig.executors.mapping import TaskExecutor
 
 
-Rig = Annotated[str, typer.Option("--rig", metavar="NAME|FILE", help="The rig: a name in calibration/ (plan --list), or a .toml file.")]
-Protocol = Annotated[
-    str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/ (plan --list), or a .toml file.")
+Rig = Annotated[
+    str,
+    typer.Option(
+        "--rig",
+        metavar="NAME|FILE",
+        help="The rig: a name in calibration/ (plan --list), or a .toml file.",
+    ),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of the twin's noise; the rig file's own if not given.")]
+Protocol = Annotated[
+    str,
+    typer.Option(
+        "--protocol",
+        metavar="NAME|FILE",
+        help="The protocol: a name in protocols/ (plan --list), or a .toml file.",
+    ),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(
+        "--seed",
+        metavar="N",
+        min=0,
+        help="Seed of the twin's noise; the rig file's own if not given.",
+    ),
+]
 Model = Annotated[
     Path | None,
-    typer.Option("--model", metavar="FILE", help="A model file, as fit --out writes it, in place of the nominal model."),
+    typer.Option(
+        "--model",
+        metavar="FILE",
+        help="A model file, as fit --out writes it, in place of the nominal model.",
+    ),
 ]
-Operator = Annotated[str, typer.Option("--operator", metavar="NAME", help="Who runs the rig; the login name if not given.")]
-Sample = Annotated[str, typer.Option("--sample", metavar="NAME", help="Which specimen is on the rig, as it is labelled.")]
+Operator = Annotated[
+    str,
+    typer.Option(
+        "--operator", metavar="NAME", help="Who runs the rig; the login name if not given."
+    ),
+]
+Sample = Annotated[
+    str,
+    typer.Option(
+        "--sample", metavar="NAME", help="Which specimen is on the rig, as it is labelled."
+    ),
+]
 Fault = Annotated[
     list[str] | None,
     typer.Option(
         "--fault",
         metavar="NAME@SECONDS",
-        help="Let a twin's device fail then, or NAME@FROM-TO; may be repeated. twin serve --list prints the names.",
+        help=(
+            "Let a twin's device fail then, or NAME@FROM-TO; may be repeated. twin serve "
+            "--list prints the names."
+        ),
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")]
-AsIs = Annotated[bool, typer.Option("--as-is", help="Take values of a campaign that are probably in another unit, too.")]
-AllowOutside = Annotated[
-    bool, typer.Option("--allow-outside", help="Read files outside a folder of recordings, too, to which its links or its model lead.")
+Json = Annotated[
+    bool,
+    typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output."),
 ]
-Pdf = Annotated[bool, typer.Option("--pdf", help="Print the pages as PDF too, with the Chromium, Chrome or Edge of this machine.")]
+AsIs = Annotated[
+    bool,
+    typer.Option(
+        "--as-is", help="Take values of a campaign that are probably in another unit, too."
+    ),
+]
+AllowOutside = Annotated[
+    bool,
+    typer.Option(
+        "--allow-outside",
+        help=(
+            "Read files outside a folder of recordings, too, to which its links or its model lead."
+        ),
+    ),
+]
+Pdf = Annotated[
+    bool,
+    typer.Option(
+        "--pdf",
+        help="Print the pages as PDF too, with the Chromium, Chrome or Edge of this machine.",
+    ),
+]
 Dry = Annotated[bool, typer.Option("--dry-run", help="Print and check the plan, move nothing.")]
-View = Annotated[bool, typer.Option("--view", help="Watch the run in the browser, and stop it from there; the address is printed.")]
+View = Annotated[
+    bool,
+    typer.Option(
+        "--view",
+        help="Watch the run in the browser, and stop it from there; the address is printed.",
+    ),
+]
 ViewPort = Annotated[
-    int | None, typer.Option("--view-port", metavar="PORT", min=0, max=65535, help="The port of --view; any free one if not given.")
+    int | None,
+    typer.Option(
+        "--view-port",
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="The port of --view; any free one if not given.",
+    ),
 ]
 Pace = Annotated[
-    float, typer.Option("--pace", metavar="X", min=0.0, help="With --view, a twin runs at X times real time at most; 0 is full speed.")
+    float,
+    typer.Option(
+        "--pace",
+        metavar="X",
+        min=0.0,
+        help="With --view, a twin runs at X times real time at most; 0 is full speed.",
+    ),
 ]
 
 # Every command stands in one group; the order is that of the help.
@@ -73,12 +148,19 @@ def out_folder(folder: Path | None) -> Path | None:
     """The folder unchanged, if it exists and is writable, or can be made. Raises BadInput."""
     if folder is None:
         return None
-    # A folder that does not exist yet is made below its nearest existing parent, which must be writable.
+    # A folder that does not exist yet is made below its nearest existing parent, which must be
+    # writable.
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not nearest.is_dir():
-        raise BadInput(f"{folder}: {'is' if nearest == folder else f'{nearest} is'} a file, where a folder is needed; name another")
+        raise BadInput(
+            f"{folder}: {'is' if nearest == folder else f'{nearest} is'} a file, where a "
+            "folder is needed; name another"
+        )
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise BadInput(f"{folder}: nothing may be written into {nearest}; name another folder, or make that one yours")
+        raise BadInput(
+            f"{folder}: nothing may be written into {nearest}; name another folder, or "
+            "make that one yours"
+        )
     return folder
 
 
@@ -96,7 +178,15 @@ def out_file(file: Path | None) -> Path | None:
     return file
 
 
-Runs = Annotated[Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help="Folder that receives the new run folder.")]
+Runs = Annotated[
+    Path,
+    typer.Option(
+        "--runs",
+        metavar="DIR",
+        callback=out_folder,
+        help="Folder that receives the new run folder.",
+    ),
+]
 
 
 class Printing:
@@ -123,11 +213,17 @@ class Command(TyperCommand):
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         # Braces around a required argument are in no other program's usage line.
-        return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+        return [
+            piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)
+        ]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         for title, kind in (("Arguments", "argument"), ("Options", "option")):
-            records = [one.get_help_record(ctx) for one in self.get_params(ctx) if one.param_type_name == kind]
+            records = [
+                one.get_help_record(ctx)
+                for one in self.get_params(ctx)
+                if one.param_type_name == kind
+            ]
             # Behind an argument's name stands its type, as in "RUN <path>".
             rows = [(name.partition(" <")[0], text) for name, text in filter(None, records)]
             if rows:
@@ -136,14 +232,18 @@ class Command(TyperCommand):
 
 
 class CommandGroup(TyperGroup):
-    """A group whose help shows the whole summary of each command, where plain help would cut it after half a line."""
+    """A group whose help shows the whole summary of each command, where plain help would cut it
+    after half a line.
+    """
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         self._write_section(formatter, "Commands", self.commands)
 
     def _write_section(self, formatter: Any, title: str, names: Any) -> None:
         with formatter.section(title):
-            formatter.write_dl([(name, self.commands[name].get_short_help_str(limit=1000)) for name in names])
+            formatter.write_dl(
+                [(name, self.commands[name].get_short_help_str(limit=1000)) for name in names]
+            )
 
 
 class ProgramGroup(CommandGroup):
@@ -155,11 +255,22 @@ class ProgramGroup(CommandGroup):
 
 
 Workers = Annotated[
-    int | None, typer.Option("--workers", metavar="N", min=1, max=1024, help="Processes of one thread each; one per core if not given.")
+    int | None,
+    typer.Option(
+        "--workers",
+        metavar="N",
+        min=1,
+        max=1024,
+        help="Processes of one thread each; one per core if not given.",
+    ),
 ]
 Cluster = Annotated[
     str | None,
-    typer.Option("--cluster", metavar="WHERE", help="Have it done by tcp://HOST:PORT, a Dask scheduler, or slurm:FILE, a file for SLURM."),
+    typer.Option(
+        "--cluster",
+        metavar="WHERE",
+        help="Have it done by tcp://HOST:PORT, a Dask scheduler, or slurm:FILE, a file for SLURM.",
+    ),
 ]
 
 SLURM, ADDRESSES = "slurm:", ("tcp://", "tls://")
@@ -167,7 +278,10 @@ SLURM, ADDRESSES = "slurm:", ("tcp://", "tls://")
 
 @contextmanager
 def open_executor(
-    workers: int | None, cluster: str | None, report_progress: ProgressReport, results: Path | None = None
+    workers: int | None,
+    cluster: str | None,
+    report_progress: ProgressReport,
+    results: Path | None = None,
 ) -> "Iterator[TaskExecutor]":
     """The executor that `--workers` and `--cluster` ask for.
 
@@ -192,7 +306,10 @@ def open_executor(
     from rfca_rig.executors.mapping import process_executor
 
     if cluster is not None and workers is not None:
-        raise BadInput("--workers counts processes of this computer; how many --cluster has is decided where they are started")
+        raise BadInput(
+            "--workers counts processes of this computer; how many --cluster has is "
+            "decided where they are started"
+        )
     if cluster is None:
         with process_executor(workers or machine_cores()) as here:
             yield here
@@ -201,13 +318,20 @@ def open_executor(
 
         shared = _find_shared_folder(results)
         with slurm_workers(
-            read_cluster_file(Path(cluster.removeprefix(SLURM))), shared or Path(), shared, collect_facts, report_progress, _notice
+            read_cluster_file(Path(cluster.removeprefix(SLURM))),
+            shared or Path(),
+            shared,
+            collect_facts,
+            report_progress,
+            _notice,
         ) as there:
             yield there
     elif cluster.startswith(ADDRESSES):
         from rfca_rig.executors.cluster import connect_to_scheduler
 
-        with connect_to_scheduler(cluster, _find_shared_folder(results), collect_facts, report_progress, _notice) as there:
+        with connect_to_scheduler(
+            cluster, _find_shared_folder(results), collect_facts, report_progress, _notice
+        ) as there:
             yield there
     else:
         raise BadInput(f"--cluster {cluster}: should be tcp://HOST:PORT or slurm:FILE")
@@ -215,7 +339,11 @@ def open_executor(
 
 def _find_shared_folder(results: Path | None) -> Path | None:
     """An existing folder on the disk of the results: the results' own may still have to be made."""
-    return None if results is None else next(folder for folder in results.resolve().parents if folder.is_dir())
+    return (
+        None
+        if results is None
+        else next(folder for folder in results.resolve().parents if folder.is_dir())
+    )
 
 
 def _notice(line: str) -> None:

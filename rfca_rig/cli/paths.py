@@ -1,10 +1,11 @@
 """Locations of protocol and rig files, and of new runs.
 
-Python files of own devices may run if this command line leads to them, or if they drove a run on this computer before.
+Python files of own devices may run if this command line leads to them, or if they drove a run on
+this computer before.
 
-A rig file names Python files, and reading the rig executes them. A recording from elsewhere names a rig file, and a folder from elsewhere
-may hold `calibration/twin.toml`, which a bare name finds before the shipped one. Neither may execute a file that the user did not choose.
-"""
+A rig file names Python files, and reading the rig executes them. A recording from elsewhere names a
+rig file, and a folder from elsewhere may hold `calibration/twin.toml`, which a bare name finds
+before the shipped one. Neither may execute a file that the user did not choose."""
 
 import hashlib
 import re
@@ -25,7 +26,8 @@ FILE_KEYS = ("file", "twin_file")
 
 
 def find_file(kind: str, name: str) -> Path:
-    """The TOML file called `name`: a path as given, else `kind`/name.toml here, else the one that came with the package.
+    """The TOML file called `name`: a path as given, else `kind`/name.toml here, else the one that
+    came with the package.
 
     `kind` is "protocols" or "calibration".
     """
@@ -35,9 +37,14 @@ def find_file(kind: str, name: str) -> Path:
     for folder in folders:
         if (folder / f"{name}.toml").is_file():
             return folder / f"{name}.toml"
-    known = sorted({file.stem for folder in folders if folder.is_dir() for file in folder.glob("*.toml")})
+    known = sorted(
+        {file.stem for folder in folders if folder.is_dir() for file in folder.glob("*.toml")}
+    )
     meant = suggestion(name, known)
-    raise BadInput(f"{kind}/{name}.toml: no such file; {meant}{'' if meant.endswith('?') else ', or give a path to a .toml file'}")
+    raise BadInput(
+        f"{kind}/{name}.toml: no such file; "
+        f"{meant}{'' if meant.endswith('?') else ', or give a path to a .toml file'}"
+    )
 
 
 def folders_of(kind: str) -> list[Path]:
@@ -61,11 +68,15 @@ def make_run_folder(parent: Path, mark: str, title: str) -> Path:
             except FileExistsError:
                 continue
         return folder
-    raise BadInput(f"{parent}: holds a million runs called {mark}-{slug}; choose another folder with --runs")
+    raise BadInput(
+        f"{parent}: holds a million runs called {mark}-{slug}; choose another folder with --runs"
+    )
 
 
 def find_rig(name: str) -> Path:
-    """The rig file called `name`. Raises BadInput where a bare name leads to code in the current folder that never ran here."""
+    """The rig file called `name`. Raises BadInput where a bare name leads to code in the current
+    folder that never ran here.
+    """
     path = find_file("calibration", name)
     if path.parent == Path("calibration") and path != Path(name):
         check_trusted(path, f"--rig {path}")
@@ -73,15 +84,22 @@ def find_rig(name: str) -> Path:
 
 
 def check_trusted(rig_path: Path, remedy: str) -> None:
-    """Raises BadInput, with what to type instead, where a rig file names code that is not trusted."""
+    """Raises BadInput, with what to type instead, where a rig file names code that is not
+    trusted.
+    """
     trusted = _read_trusted_hashes()
     for file in _code_of(rig_path):
         if _hash(file) not in trusted:
-            raise BadInput(f"{rig_path}: would execute {file}, which never drove a run on this computer; read it, then give {remedy}")
+            raise BadInput(
+                f"{rig_path}: would execute {file}, which never drove a run on this "
+                f"computer; read it, then give {remedy}"
+            )
 
 
 def trust(rig_path: Path) -> None:
-    """Adds the code of a rig file that drives a run. A folder that takes no file only means that `resume` asks for --rig."""
+    """Adds the code of a rig file that drives a run. A folder that takes no file only means that
+    `resume` asks for --rig.
+    """
     new = {_hash(file) for file in _code_of(rig_path)} - _read_trusted_hashes()
     if new:
         with suppress(OSError):
@@ -91,7 +109,9 @@ def trust(rig_path: Path) -> None:
 
 
 def _read_trusted_hashes() -> set[str]:
-    return set(_list_file().read_text(encoding="utf-8").split()) if _list_file().is_file() else set()
+    return (
+        set(_list_file().read_text(encoding="utf-8").split()) if _list_file().is_file() else set()
+    )
 
 
 def _list_file() -> Path:

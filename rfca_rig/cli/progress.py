@@ -1,8 +1,7 @@
 """Progress of work that takes more than a moment: a line on the error stream, only on a terminal.
 
-Silent when piped, and where a command prints JSON. The remaining time is estimated from all work so far. Where the amount of work is
-unknown, the line shows the elapsed time instead.
-"""
+Silent when piped, and where a command prints JSON. The remaining time is estimated from all work so
+far. Where the amount of work is unknown, the line shows the elapsed time instead."""
 
 import os
 import pickle
@@ -14,7 +13,16 @@ from datetime import timedelta
 from typing import IO, TYPE_CHECKING, cast
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 from rfca_rig.cli.terminal import Say, echo
@@ -26,7 +34,8 @@ from rfca_rig.subprocesses import python_command
 if TYPE_CHECKING:
     from rfca_rig.model.parameters import RigModel
 
-# Parts differ in length, so the remaining time is estimated from all of them and not from the last half minute.
+# Parts differ in length, so the remaining time is estimated from all of them and not from the last
+# half minute.
 LONG_S = 1e4
 BAR_WIDTH = 20
 WIDEST = 34
@@ -41,15 +50,20 @@ COMPILE_NOTICE = "compiling the model, once on this machine, ten seconds to a mi
 
 
 class ErrorConsole(Console):
-    """A console whose reader may leave: it is silent from then on, where rich would end the process."""
+    """A console whose reader may leave: it is silent from then on, where rich would end the
+    process.
+    """
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
 
 
 @contextmanager
-def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Callable[[str, float], None], Say]]:
-    """Yields (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say` prints a line above it.
+def progress_bar(
+    mark: str, total_s: float, quiet: bool
+) -> Iterator[tuple[Callable[[str, float], None], Say]]:
+    """Yields (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say`
+    prints a line above it.
 
     The bar shows only on a terminal; `quiet` silences both.
     """
@@ -61,7 +75,9 @@ def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Calla
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as progress:
+    with Progress(
+        *columns, console=console, disable=quiet or not console.is_terminal, transient=True
+    ) as progress:
         task = progress.add_task("", total=total_s)
 
         def advance(label: str, rig_s: float) -> None:
@@ -74,13 +90,17 @@ def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Calla
 
 
 def make_marked_say(mark: str, quiet: bool) -> Say:
-    """A function that prints lines with the mark in front, on the error stream, because --json owns the output."""
+    """A function that prints lines with the mark in front, on the error stream, because --json
+    owns the output.
+    """
     console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
     return lambda line: _print(console, mark, line)
 
 
 def _print(console: Console, mark: str, line: str) -> None:
-    """A closed terminal must not keep a motor from stopping, nor a recording from being completed."""
+    """A closed terminal must not keep a motor from stopping, nor a recording from being
+    completed.
+    """
     with suppress(OSError):
         # No markup: rich would take bracketed words of a message, for example [limits], for styles.
         console.print(f"{mark} {printable(line)}", markup=False, soft_wrap=True)
@@ -92,7 +112,11 @@ class _Done(ProgressColumn):
     def render(self, task: Task) -> Text:
         if task.total is None:
             return Text(task.fields["note"]())
-        return Text(f"{task.percentage:3.0f} %" if task.total <= 1 else f"{task.completed:g} of {task.total:g}")
+        return Text(
+            f"{task.percentage:3.0f} %"
+            if task.total <= 1
+            else f"{task.completed:g} of {task.total:g}"
+        )
 
 
 class _Left(ProgressColumn):
@@ -117,7 +141,9 @@ class ProgressLines:
         self._without_end: list[TaskID] = []
 
     def report(self, what: str, done: float, of: float) -> None:
-        """Updates the line of `what`, which is added when first named. Progress on it ends the lines of work without a known end."""
+        """Updates the line of `what`, which is added when first named. Progress on it ends the
+        lines of work without a known end.
+        """
         if what not in self._tasks:
             self._tasks[what] = self._bars.add_task(_short(what), total=of, completed=int(done))
         self._bars.update(self._tasks[what], completed=done, total=of)
@@ -129,11 +155,15 @@ class ProgressLines:
         return lambda done, of: self.report(what, done, of)
 
     def show_unbounded(self, what: str, note: Callable[[], str]) -> None:
-        """A line for work of unknown amount; `note` is called again and again for the text to show."""
+        """A line for work of unknown amount; `note` is called again and again for the text to
+        show.
+        """
         self._without_end.append(self._bars.add_task(_short(what), total=None, note=note))
 
     def share(self, part: str, share: float) -> None:
-        """One line for work whose parts follow each other: shows the current part, and the share of the whole."""
+        """One line for work whose parts follow each other: shows the current part, and the share
+        of the whole.
+        """
         if "" not in self._tasks:
             self._tasks[""] = self._bars.add_task(_short(part), total=1.0)
         self._bars.update(self._tasks[""], completed=share, description=_short(part))
@@ -143,7 +173,13 @@ class ProgressLines:
 def progress(quiet: bool) -> Iterator[ProgressLines]:
     """Lines that disappear when the work is done."""
     console = ErrorConsole(stderr=True, quiet=quiet, highlight=False)
-    columns = (SpinnerColumn("line"), TextColumn("{task.description}"), BarColumn(BAR_WIDTH), _Done(), _Left())
+    columns = (
+        SpinnerColumn("line"),
+        TextColumn("{task.description}"),
+        BarColumn(BAR_WIDTH),
+        _Done(),
+        _Left(),
+    )
     bars = Progress(
         *columns,
         console=console,
@@ -161,8 +197,12 @@ def _short(what: str) -> str:
     return what if len(what) <= WIDEST else what[: WIDEST - 2] + ".."
 
 
-def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda line: echo(line, err=True)) -> None:
-    """To be called before the first computation of a command; prints nothing where the model is compiled already."""
+def announce_first_compile(
+    bars: ProgressLines, quiet: bool, say: Say = lambda line: echo(line, err=True)
+) -> None:
+    """To be called before the first computation of a command; prints nothing where the model is
+    compiled already.
+    """
     # numba takes half a second to import, which commands without a model need not wait for.
     from rfca_rig.model.kernel.compiled import count_compiled, is_warm
 
@@ -172,7 +212,8 @@ def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda l
 
 
 def compile_ahead(rig: "RigModel") -> None:
-    """Compiles what only a diagnosis needs in a process of its own, while this one compiles what a run needs; nothing waits for it.
+    """Compiles what only a diagnosis needs in a process of its own, while this one compiles what a
+    run needs; nothing waits for it.
 
     It does nothing where the model is compiled already, or where one core would have to do both.
     """
@@ -185,7 +226,9 @@ def compile_ahead(rig: "RigModel") -> None:
     with suppress(OSError):
         # In a session of its own: ^C ends the run, and the compiled code serves the next one.
         command = python_command("-c", COMPILE_AHEAD)
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, start_new_session=True)
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, start_new_session=True
+        )
         pipe = cast(IO[bytes], process.stdin)
         with pipe:
             pickle.dump(rig, pipe)

@@ -19,7 +19,8 @@ from rfca_rig.vision.leg_photo import PhotoSetup
 
 @dataclass(frozen=True)
 class Viewing:
-    """The live view: its port, 0 for any free one, and the multiple of real time at which a twin runs.
+    """The live view: its port, 0 for any free one, and the multiple of real time at which a twin
+    runs.
 
     A pace of 0 leaves a twin as fast as it can be.
     """
@@ -30,13 +31,15 @@ class Viewing:
 
 @dataclass(frozen=True)
 class RunConfig:
-    """The options of a run command, resolved: files as read, their text for the recording, where runs go, how much to print.
+    """The options of a run command, resolved: files as read, their text for the recording, where
+    runs go, how much to print.
 
-    A `model` replaces the nominal model of the rig file; a twin stays as its rig file describes it. `eye` is set where photos are to be
-    taken, with the text of the camera's calibration. `rig_name` is the name of the rig as typed, for finding its file again.
+    A `model` replaces the nominal model of the rig file; a twin stays as its rig file describes it.
+    `eye` is set where photos are to be taken, with the text of the camera's calibration. `rig_name`
+    is the name of the rig as typed, for finding its file again.
 
-    `begun` is set where a stopped run is continued. `plan` is then the rest of its plan, and `rig_changes` are the changes of the rig file.
-    """
+    `begun` is set where a stopped run is continued. `plan` is then the rest of its plan, and
+    `rig_changes` are the changes of the rig file."""
 
     rig: RigFile
     rig_text: str
@@ -78,7 +81,9 @@ class RunConfig:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The options as typed: names or paths of rig and protocol, a model in place of the nominal one, folder of runs, and so on."""
+    """The options as typed: names or paths of rig and protocol, a model in place of the nominal
+    one, folder of runs, and so on.
+    """
 
     rig: str
     protocol: str
@@ -94,7 +99,9 @@ class RunOptions:
 
 
 def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
-    """The configuration; `plan_of` reads a protocol's file into a plan of the rig. Raises BadInput for anything unusable."""
+    """The configuration; `plan_of` reads a protocol's file into a plan of the rig. Raises
+    BadInput for anything unusable.
+    """
     rig_path, protocol_path = find_rig(asked.rig), find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)
     plan = plan_of(protocol_path, rig.facts())
@@ -125,9 +132,13 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
 
 
 def _faults(rig: RigFile, words: Sequence[str]) -> tuple[FaultEvent, ...]:
-    """The faults to be injected into a twin. Raises BadInput for faults that this rig cannot have."""
+    """The faults to be injected into a twin. Raises BadInput for faults that this rig cannot
+    have.
+    """
     if words and rig.is_real:
-        raise BadInput(f"{rig.rig.title}: --fault is for twins; nothing is broken on purpose on a real rig")
+        raise BadInput(
+            f"{rig.rig.title}: --fault is for twins; nothing is broken on purpose on a real rig"
+        )
     orders = parse_fault_events(words)
     # Made only for its check: an unknown fault must be refused before the run begins.
     FaultInjection(rig, orders)

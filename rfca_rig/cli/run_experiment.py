@@ -1,4 +1,6 @@
-"""The steps that all experiments share: plan checked against limits and printed, rig armed, run, recording completed."""
+"""The steps that all experiments share: plan checked against limits and printed, rig armed, run,
+recording completed.
+"""
 
 import signal
 import sys
@@ -18,9 +20,22 @@ from rfca_rig.bench.photo_reader import PhotoReader, can_read_beside
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.attach_view import attach_view, twin_clock
-from rfca_rig.cli.finalize_run import AcknowledgedLines, FinishedRun, finish, finish_cut_short, note_end, open_folder
+from rfca_rig.cli.finalize_run import (
+    AcknowledgedLines,
+    FinishedRun,
+    finish,
+    finish_cut_short,
+    note_end,
+    open_folder,
+)
 from rfca_rig.cli.paths import find_file, make_run_folder, trust
-from rfca_rig.cli.progress import announce_first_compile, compile_ahead, make_marked_say, progress, progress_bar
+from rfca_rig.cli.progress import (
+    announce_first_compile,
+    compile_ahead,
+    make_marked_say,
+    progress,
+    progress_bar,
+)
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say, echo
 from rfca_rig.clock import WallClock
@@ -36,7 +51,8 @@ from rfca_rig.recording.run_writer import check_room
 from rfca_rig.subprocesses import Helper, can_be_started
 from rfca_rig.view.run_queue import check_live_view
 
-# Standard deviations of floor friction above its prior value with which a static plan must pass too.
+# Standard deviations of floor friction above its prior value with which a static plan must pass
+# too.
 ROUGHER_STDS = 2.0
 
 
@@ -45,16 +61,25 @@ def condition_lines(plan: Plan, expected: Mapping[Stage, Load]) -> list[str]:
     lines: dict[str, int] = {}
     for stage in plan.stages:
         load = expected.get(stage)
-        force = "" if load is None else f", model expects up to {load.force_N:.0f} N and {load.torque_Nm:.1f} N m"
+        force = (
+            ""
+            if load is None
+            else f", model expects up to {load.force_N:.0f} N and {load.torque_Nm:.1f} N m"
+        )
         match stage:
             case Flap():
                 line = f"{1e3 * stage.height_m:.1f} mm, {stage.speed_rad_s:g} rad/s{force}"
             case Hold() if plan.experiment == "fatigue":
-                line = f"check at {degrees(stage.angle_rad):.1f} deg, {1e3 * stage.height_m:.1f} mm{force}"
+                line = (
+                    f"check at {degrees(stage.angle_rad):.1f} deg, {1e3 * stage.height_m:.1f} "
+                    f"mm{force}"
+                )
             case Hold():
                 line = f"{stage.label}{force}"
             case Cycles():
-                line = f"{1e3 * stage.height_m:.1f} mm, {stage.speed_rad_s:g} rad/s on and on{force}"
+                line = (
+                    f"{1e3 * stage.height_m:.1f} mm, {stage.speed_rad_s:g} rad/s on and on{force}"
+                )
             case _:
                 continue
         lines[line] = lines.get(line, 0) + getattr(stage, "count", 1)
@@ -62,7 +87,9 @@ def condition_lines(plan: Plan, expected: Mapping[Stage, Load]) -> list[str]:
 
 
 def check_before_run(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
-    """Predicted load of each stage. Raises BadInput where a load, or the plan itself, passes a limit."""
+    """Predicted load of each stage. Raises BadInput where a load, or the plan itself, passes a
+    limit.
+    """
     with progress(config.quiet) as bars:
         announce_first_compile(bars, config.quiet, say)
         # Not beside real hardware: nothing may take time from its loop.
@@ -70,38 +97,53 @@ def check_before_run(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
             compile_ahead(config.nominal_source.model())
         expected = predict_loads(config.plan, config.nominal_source.model())
     check_plan(config.plan, expected)
-    check_parked_leg(config.plan, config.nominal_source.model(), config.rig.facts().parked_angle_rad)
+    check_parked_leg(
+        config.plan, config.nominal_source.model(), config.rig.facts().parked_angle_rad
+    )
     _check_on_rougher_floor(config)
     return expected
 
 
 def _check_on_rougher_floor(config: RunConfig) -> None:
-    """Whether a leg that is turned back slides or wedges depends on little friction: the plan must pass with more of it, too."""
+    """Whether a leg that is turned back slides or wedges depends on little friction: the plan
+    must pass with more of it, too.
+    """
     known_to, rig = config.nominal_source.known_to, config.nominal_source.model()
     if not config.plan.holds or known_to is None or not known_to.friction_coefficient:
         return
     friction = rig.ground.friction_coefficient + ROUGHER_STDS * known_to.friction_coefficient
     rougher = replace(rig, ground=replace(rig.ground, friction_coefficient=friction))
-    supposing = f" with a friction of {friction:.2f}, which is {ROUGHER_STDS:g} standard deviations above the nominal one"
+    supposing = (
+        f" with a friction of {friction:.2f}, which is {ROUGHER_STDS:g} standard deviations "
+        "above the nominal one"
+    )
     check_plan(config.plan, predict_loads(config.plan, rougher), supposing)
 
 
 def print_plan(config: RunConfig, expected: Mapping[Stage, Load], say: Say) -> None:
     plan, limits = config.plan, config.plan.limits
-    counts = f"{len(plan.flaps)} strokes, {len(plan.holds)} static stages, {len(plan.stages)} steps in all"
+    counts = (
+        f"{len(plan.flaps)} strokes, {len(plan.holds)} static stages, {len(plan.stages)} "
+        "steps in all"
+    )
     say(f"{config.rig.rig.title}: {plan.title}, {counts}")
     for line in condition_lines(plan, expected):
         say(f"  {line}")
     say(
         f"  limits {limits.force_N:g} N, {limits.torque_Nm:g} N m, {limits.speed_rad_s:g} rad/s; "
-        f"at most {plan.duration_s / 60:.1f} min on the rig, {recording_size(config) / 1e6:.1f} MB before compression"
+        f"at most {plan.duration_s / 60:.1f} min on the rig, "
+        f"{recording_size(config) / 1e6:.1f} MB before compression"
     )
 
 
 def recording_size(config: RunConfig) -> int:
     """Size of the recording in bytes, before compression."""
     width, height = config.eye.camera.image_size_px if config.eye else (0, 0)
-    return config.plan.recorded_bytes + cycle_bytes(config.plan) + 3 * width * height * config.plan.photos
+    return (
+        config.plan.recorded_bytes
+        + cycle_bytes(config.plan)
+        + 3 * width * height * config.plan.photos
+    )
 
 
 OUTSIDE = {signal.SIGTERM: "ended by SIGTERM"}
@@ -116,8 +158,8 @@ if sys.platform != "win32":  # which has no SIGHUP
 class SignalHandler:
     """Turns a signal into a stop request.
 
-    Where the loop does not tick, the run waits for a person with its motor off; it is then interrupted at once.
-    """
+    Where the loop does not tick, the run waits for a person with its motor off; it is then
+    interrupted at once."""
 
     def __init__(self, stop_request: StopRequest, say: Say) -> None:
         self._stop_request = stop_request
@@ -132,11 +174,15 @@ class SignalHandler:
     def key(self, _number: int, _frame: FrameType | None) -> None:
         """^C: once for the next safe point, twice for now, three times where a device hangs."""
         if self._is_closing:
-            # The motor is off and everything is handed over: the second ^C leaves the rest to `rfca-rig recover`.
+            # The motor is off and everything is handed over: the second ^C leaves the rest to
+            # `rfca-rig recover`.
             self._presses += 1
             if self._presses > 1:
                 raise KeyboardInterrupt
-            self._say("the recording is being finished; ^C again ends here and leaves the rest to rfca-rig recover")
+            self._say(
+                "the recording is being finished; ^C again ends here and leaves the rest "
+                "to rfca-rig recover"
+            )
             return
         # The stop is under way: an interruption now could skip the torque-off.
         if self._stop_request.is_over:
@@ -148,7 +194,8 @@ class SignalHandler:
             return
         self._stop_request.ask(StopLevel.TORQUE_OFF, "stopped at once by the operator")
         if self._presses > 2 or not self._stop_request.is_ticking:
-            # The loop sees no request: it waits for a person, or hangs in a device. Only an exception gets through.
+            # The loop sees no request: it waits for a person, or hangs in a device. Only an
+            # exception gets through.
             raise KeyboardInterrupt
 
     def from_outside(self, number: int, _frame: FrameType | None) -> None:
@@ -165,9 +212,14 @@ class SignalHandler:
 
 @contextmanager
 def handle_signals(stop_request: StopRequest, say: Say) -> Iterator[SignalHandler]:
-    """Within the block, signals become stop requests; afterwards the earlier handlers are restored."""
+    """Within the block, signals become stop requests; afterwards the earlier handlers are
+    restored.
+    """
     handler_of_run = SignalHandler(stop_request, say)
-    handlers = {signal.SIGINT: handler_of_run.key, **dict.fromkeys(OUTSIDE, handler_of_run.from_outside)}
+    handlers = {
+        signal.SIGINT: handler_of_run.key,
+        **dict.fromkeys(OUTSIDE, handler_of_run.from_outside),
+    }
     # Installed only around the run: elsewhere ^C keeps its usual meaning.
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
@@ -178,10 +230,20 @@ def handle_signals(stop_request: StopRequest, say: Say) -> Iterator[SignalHandle
 
 
 def ask_operator(config: RunConfig) -> None:
-    """Real hardware moves only after the operator has typed the force limit; pressing a key by habit is not enough."""
+    """Real hardware moves only after the operator has typed the force limit; pressing a key by
+    habit is not enough.
+    """
     limit = f"{config.plan.limits.force_N:g}"
     echo(f"REAL the motor will turn. {CHECKLIST}", err=True)
-    if typer.prompt("REAL type the force limit in newtons to go on", default="", show_default=False, err=True).strip() != limit:
+    if (
+        typer.prompt(
+            "REAL type the force limit in newtons to go on",
+            default="",
+            show_default=False,
+            err=True,
+        ).strip()
+        != limit
+    ):
         raise BadInput(f"not armed: the force limit is {limit} N; nothing has moved")
 
 
@@ -189,12 +251,20 @@ def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
     """Results of the arming for the run's events: the confirmation, and the drive's own stop."""
     watchdog_s = prove_stop(bench)
     is_guarded = bench.motor.identity().get("guardian", "none") != "none"
-    who = "the guardian disables the motor" if is_guarded else "the drive's watchdog stops the motor"
+    who = (
+        "the guardian disables the motor" if is_guarded else "the drive's watchdog stops the motor"
+    )
     make_marked_say(config.mark, config.quiet)(f"{who} after {watchdog_s:.2f} s of silence")
-    return {"confirmed": CHECKLIST, "by_typing_N": config.plan.limits.force_N, "watchdog_s": round(watchdog_s, 3)}
+    return {
+        "confirmed": CHECKLIST,
+        "by_typing_N": config.plan.limits.force_N,
+        "watchdog_s": round(watchdog_s, 3),
+    }
 
 
-def run_and_record(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:
+def run_and_record(
+    config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None]
+) -> tuple[Path | None, Recorder | None]:
     """From the printed plan to the finished recording; (None, None) after a dry run.
 
     Parameters
@@ -228,9 +298,12 @@ def run_and_record(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say],
 
 @contextmanager
 def _start_recorder(config: RunConfig) -> Iterator[Helper | None]:
-    """Within the block, a recorder process that imports its modules while the plan is checked; it ends where it gets nothing to record."""
+    """Within the block, a recorder process that imports its modules while the plan is checked;
+    it ends where it gets nothing to record.
+    """
     started = None
-    # A system that refuses the process now is asked again, and its answer reported, when there is something to record.
+    # A system that refuses the process now is asked again, and its answer reported, when there is
+    # something to record.
     with suppress(OSError):
         started = start_recorder() if can_be_started() and not config.dry else None
     try:
@@ -241,10 +314,15 @@ def _start_recorder(config: RunConfig) -> Iterator[Helper | None]:
 
 
 def _record(
-    config: RunConfig, started: Helper | None, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]
+    config: RunConfig,
+    started: Helper | None,
+    supervision: Supervision,
+    on_stage: Callable[[Stage, Recorder, Say], None],
 ) -> tuple[Path, Recorder]:
     with (
-        open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
+        open_bench(
+            config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults
+        ) as bench,
         attach_view(config, bench, supervision.stop_request) as view,
         ExitStack() as signals,
         ExitStack() as helpers,
@@ -257,7 +335,10 @@ def _record(
         if reader is not None:
             reader.watch(supervision.helpers)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock, reader)
-        with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
+        with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (
+            advance,
+            say_in_terminal,
+        ):
             say = view.begin(keeper, say_in_terminal)
 
             handlers = signals.enter_context(handle_signals(supervision.stop_request, say))
@@ -274,7 +355,13 @@ def _record(
                     recorder.note("run begins", title=config.plan.title, source=config.mark)
                 if armed:
                     recorder.note("armed", **armed)
-                run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=view.observer))
+                run_plan(
+                    config.plan,
+                    bench,
+                    recorder,
+                    progress,
+                    replace(supervision, observer=view.observer),
+                )
                 handlers.begin_closing()
                 # Only now: `run_plan` has returned, so the motor is without torque.
                 view.over(None)
@@ -287,7 +374,8 @@ def _record(
                 # A trip or a stop still gives a recording, which `resume` continues.
                 finish_cut_short(config, run(Outcome.of(error)), say)
                 raise
-            # A defect of this program: the files are closed in order, and the error passes on unchanged.
+            # A defect of this program: the files are closed in order, and the error passes on
+            # unchanged.
             except BaseException as mistake:
                 keeper.finish(f"ended by {type(mistake).__name__}")
                 raise
@@ -296,14 +384,20 @@ def _record(
 
 
 def _start_photo_reader(config: RunConfig, folder: Path, helpers: ExitStack) -> PhotoReader | None:
-    """On a twin, a process that reads the photos during the run; a real rig leaves its cores to the control loop."""
+    """On a twin, a process that reads the photos during the run; a real rig leaves its cores to
+    the control loop.
+    """
     if config.eye is None or config.rig.is_real or not config.plan.photos or not can_read_beside():
         return None
     return helpers.enter_context(PhotoReader(folder, config.eye))
 
 
-def _begin_recording(config: RunConfig, bench: Bench, started: Helper | None) -> tuple[Path, RunBackend]:
-    """The run's folder, and what records into it. Where that cannot begin, the folders that were made for it are removed again."""
+def _begin_recording(
+    config: RunConfig, bench: Bench, started: Helper | None
+) -> tuple[Path, RunBackend]:
+    """The run's folder, and what records into it. Where that cannot begin, the folders that were
+    made for it are removed again.
+    """
     say = make_marked_say(config.mark, config.quiet)
     if config.begun:
         open_folder(config, config.begun.folder, bench)
@@ -322,7 +416,9 @@ def _begin_recording(config: RunConfig, bench: Bench, started: Helper | None) ->
 
 
 def _keeper(folder: Path, bench: Bench, warn: Say, started: Helper | None) -> RunBackend:
-    """On a twin the recorder may let the loop wait, as the twin's time stands still meanwhile; a real rig must not wait."""
+    """On a twin the recorder may let the loop wait, as the twin's time stands still meanwhile; a
+    real rig must not wait.
+    """
     if not can_be_started():
         return InProcessRecorder(folder)
     return RecorderClient(folder, patient=not bench.is_real, warn=warn, started=started)

@@ -36,16 +36,18 @@ ASCII = {
 
 
 def echo(text: str, nl: bool = True, err: bool = False, coloured: str = "") -> None:
-    """Prints the text on standard output or the error stream: the one way in which a command prints.
+    """Prints the text on standard output or the error stream: the one way in which a command
+    prints.
 
-    Texts of files and names of folders are in it, so it is printed without control characters. `coloured` is printed before it as it is: a
-    word of this program, with the codes of its colour.
+    Texts of files and names of folders are in it, so it is printed without control characters.
+    `coloured` is printed before it as it is: a word of this program, with the codes of its colour.
     """
     typer.echo(coloured + printable(text), nl=nl, err=err)
 
 
 def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
-    """Prints lines wrapped between words to the width of the terminal; 80 columns where there is none.
+    """Prints lines wrapped between words to the width of the terminal; 80 columns where there is
+    none.
 
     Tables are made to fit 80 columns, so that only prose is ever wrapped.
     """
@@ -56,10 +58,14 @@ def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
 
 
 def wrap_line(line: str, width: int = WIDTH, indent: str = "  ") -> list[str]:
-    """The line in pieces of at most that many columns; a path or a command too long for one stays whole."""
+    """The line in pieces of at most that many columns; a path or a command too long for one
+    stays whole.
+    """
     if len(line) <= width:
         return [line]
-    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return textwrap.wrap(
+        line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def open_null() -> TextIO:
@@ -68,7 +74,9 @@ def open_null() -> TextIO:
 
 
 def use_ascii_fallback() -> None:
-    """For standard output and the error stream of this process; streams of another kind, as in tests, stay unchanged."""
+    """For standard output and the error stream of this process; streams of another kind, as in
+    tests, stay unchanged.
+    """
     codecs.register_error(NAME, _in_ascii)
     # Python has no streams where the shell closed them (>&-): what is printed goes nowhere then.
     sys.stdout = sys.stdout or open_null()
@@ -79,7 +87,9 @@ def use_ascii_fallback() -> None:
 
 
 def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    """ASCII text for characters that cannot be encoded. Where no sign is similar, JSON's escape, so that JSON stays JSON."""
+    """ASCII text for characters that cannot be encoded. Where no sign is similar, JSON's escape,
+    so that JSON stays JSON.
+    """
     if not isinstance(error, UnicodeEncodeError):
         raise error
     return "".join(map(_sign, error.object[error.start : error.end])), error.end

@@ -1,4 +1,5 @@
-"""Encoders and decoders of the devices' protocols: pure functions between bytes and values, in both directions.
+"""Encoders and decoders of the devices' protocols: pure functions between bytes and values, in both
+directions.
 
 Those of one make are in `devices`; here is what several share.
 """

@@ -1,11 +1,12 @@
-"""Frames of classic CAN as text: lines of a serial adapter (SLCAN), and messages of socketcand over TCP in raw mode; pure.
+"""Frames of classic CAN as text: lines of a serial adapter (SLCAN), and messages of socketcand over
+TCP in raw mode; pure.
 
-SLCAN: tIIILDD.. standard, TIIIIIIIILDD.. extended, r and R the same as remote frames; each line ends in a carriage return. Source: LAWICEL
-CAN232 manual, version 3, section 4.
+SLCAN: tIIILDD.. standard, TIIIIIIIILDD.. extended, r and R the same as remote frames; each line
+ends in a carriage return. Source: LAWICEL CAN232 manual, version 3, section 4.
 
-socketcand: source linux-can/socketcand, doc/protocol.md. Messages are between "<" and ">". The protocol carries no remote frames. An
-identifier of three digits is a standard one, of eight an extended one.
-"""
+socketcand: source linux-can/socketcand, doc/protocol.md. Messages are between "<" and ">". The
+protocol carries no remote frames. An identifier of three digits is a standard one, of eight an
+extended one."""
 
 from dataclasses import dataclass
 
@@ -28,7 +29,9 @@ LONGEST_MESSAGE = 512
 
 @dataclass(frozen=True, slots=True)
 class ClassicFrame:
-    """A frame. `remote` frames carry no data, only the `length` that they request. Raises MalformedFrame for an impossible frame."""
+    """A frame. `remote` frames carry no data, only the `length` that they request. Raises
+    MalformedFrame for an impossible frame.
+    """
 
     can_id: int
     data: bytes = b""
@@ -41,13 +44,20 @@ class ClassicFrame:
         if self.length < 0:
             object.__setattr__(self, "length", len(self.data))
         if not 0 <= self.can_id < (EXTENDED_IDS if self.extended else STANDARD_IDS):
-            raise MalformedFrame(f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits")
+            raise MalformedFrame(
+                f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits"
+            )
         if self.length > MAX_BYTES or len(self.data) != (0 if self.remote else self.length):
-            raise MalformedFrame(f"CAN frame of length {self.length} with {len(self.data)} data bytes, limit {MAX_BYTES}")
+            raise MalformedFrame(
+                f"CAN frame of length {self.length} with {len(self.data)} data bytes, "
+                f"limit {MAX_BYTES}"
+            )
 
 
 def split_slcan(received: bytes) -> tuple[list[str], bytes]:
-    """Complete lines without their ends, and the remaining bytes. Raises MalformedFrame where a line has no end."""
+    """Complete lines without their ends, and the remaining bytes. Raises MalformedFrame where a
+    line has no end.
+    """
     *whole, rest = received.split(END)
     if len(rest) > LONGEST_LINE:
         raise MalformedFrame(f"serial CAN line of more than {LONGEST_LINE} bytes without an end")
@@ -55,7 +65,9 @@ def split_slcan(received: bytes) -> tuple[list[str], bytes]:
 
 
 def decode_frame(line: str) -> ClassicFrame:
-    """The frame in a line that begins with one of `FRAME_LETTERS`. Raises MalformedFrame for anything else."""
+    """The frame in a line that begins with one of `FRAME_LETTERS`. Raises MalformedFrame for
+    anything else.
+    """
     if not line or line[0] not in FRAME_LETTERS:
         raise MalformedFrame(f"not a frame of a serial CAN adapter: {line[:40]!r}")
     extended, remote = line[0] in "TR", line[0] in "rR"
@@ -65,7 +77,9 @@ def decode_frame(line: str) -> ClassicFrame:
         raise MalformedFrame(f"serial CAN frame cannot be read: {line[:40]!r}")
     # Remote frames state a length and carry no data.
     if len(data) != (0 if remote else 2 * int(length, 16)):
-        raise MalformedFrame(f"serial CAN frame of length {length} carries {len(data) / 2:g} bytes: {line[:40]!r}")
+        raise MalformedFrame(
+            f"serial CAN frame of length {length} carries {len(data) / 2:g} bytes: {line[:40]!r}"
+        )
     return ClassicFrame(int(can_id, 16), bytes.fromhex(data), extended, remote, int(length, 16))
 
 
@@ -81,7 +95,9 @@ def _all_hex(text: str) -> bool:
 
 
 def split_socketcand(received: bytes) -> tuple[list[list[str]], bytes]:
-    """The words of each complete message, and the remaining bytes. Raises MalformedFrame where a message has no end."""
+    """The words of each complete message, and the remaining bytes. Raises MalformedFrame where a
+    message has no end.
+    """
     messages = []
     *whole, rest = received.split(b">")
     for text in whole:
@@ -90,12 +106,16 @@ def split_socketcand(received: bytes) -> tuple[list[list[str]], bytes]:
         if found:
             messages.append([word.decode("ascii", "replace") for word in inside.split()])
     if len(rest) > LONGEST_MESSAGE:
-        raise MalformedFrame(f"socketcand message of more than {LONGEST_MESSAGE} bytes without an end")
+        raise MalformedFrame(
+            f"socketcand message of more than {LONGEST_MESSAGE} bytes without an end"
+        )
     return messages, rest
 
 
 def decode_send(words: list[str]) -> ClassicFrame:
-    """The frame in the words of a `send ID LENGTH BYTE ...`. Raises MalformedFrame for anything else."""
+    """The frame in the words of a `send ID LENGTH BYTE ...`. Raises MalformedFrame for anything
+    else.
+    """
     if len(words) < 3 or words[0] != "send":
         raise MalformedFrame(f"not a socketcand send: {' '.join(words)[:60]!r}")
     can_id, length, *data = (_hex(word) for word in words[1:])
@@ -105,7 +125,9 @@ def decode_send(words: list[str]) -> ClassicFrame:
 
 
 def encode_socketcand(frame: ClassicFrame, t_s: float) -> bytes:
-    """A received frame, as the server reports it; `t_s` since the epoch. Raises MalformedFrame for a remote frame."""
+    """A received frame, as the server reports it; `t_s` since the epoch. Raises MalformedFrame
+    for a remote frame.
+    """
     if frame.remote:
         raise MalformedFrame(f"socketcand carries no remote frames; {frame.can_id:#x} is one")
     can_id = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"

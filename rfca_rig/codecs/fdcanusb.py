@@ -1,9 +1,9 @@
-"""The ASCII lines of a fdcanusb, a serial adapter for CAN-FD; some drives use the same protocol on their own UART. Pure.
+"""The ASCII lines of a fdcanusb, a serial adapter for CAN-FD; some drives use the same protocol on
+their own UART. Pure.
 
-Sources: mjbots fdcanusb README, "Protocol", and the reference of the drives of mjbots, "UART" (checksums). A client sends
-`can send ID DATA [flags]` and receives `OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of
-everything before the star.
-"""
+Sources: mjbots fdcanusb README, "Protocol", and the reference of the drives of mjbots, "UART"
+(checksums). A client sends `can send ID DATA [flags]` and receives `OK` or `ERR ...`; a frame from
+the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of everything before the star."""
 
 from dataclasses import dataclass
 
@@ -29,9 +29,13 @@ class FdFrame:
 
     def __post_init__(self) -> None:
         if not 0 <= self.can_id < (EXTENDED_IDS if self.extended else STANDARD_IDS):
-            raise MalformedFrame(f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits")
+            raise MalformedFrame(
+                f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits"
+            )
         if len(self.data) not in FD_LENGTHS:
-            raise MalformedFrame(f"CAN-FD frame of {len(self.data)} bytes, which CAN-FD does not have")
+            raise MalformedFrame(
+                f"CAN-FD frame of {len(self.data)} bytes, which CAN-FD does not have"
+            )
 
 
 def crc8(data: bytes) -> int:
@@ -51,7 +55,9 @@ def encode_line(text: str) -> bytes:
 
 
 def split(received: bytes) -> tuple[list[bytes], bytes]:
-    """Complete lines without their ends, none empty, and the remaining bytes. Raises MalformedFrame where a line has no end."""
+    """Complete lines without their ends, none empty, and the remaining bytes. Raises
+    MalformedFrame where a line has no end.
+    """
     # Either character ends a line; the empty lines between CR and LF are dropped.
     *whole, rest = received.replace(b"\r", b"\n").split(b"\n")
     if len(rest) > LONGEST_LINE:
@@ -60,12 +66,16 @@ def split(received: bytes) -> tuple[list[bytes], bytes]:
 
 
 def parse_line(line: bytes) -> tuple[str, bool]:
-    """The text of a line, and whether it carried a checksum. Raises MalformedFrame for a wrong checksum."""
+    """The text of a line, and whether it carried a checksum. Raises MalformedFrame for a wrong
+    checksum.
+    """
     guarded, star, digits = line.rpartition(b"*")
     # Two hexadecimal digits after the star; any other star is part of the text.
     has_checksum = bool(star) and len(digits) == 2 and _all_hex(digits.decode("latin1"))
     if has_checksum and int(digits, 16) != crc8(guarded):
-        raise MalformedFrame(f"checksum mismatch, {digits.decode('ascii')} where {crc8(guarded):02X} was due")
+        raise MalformedFrame(
+            f"checksum mismatch, {digits.decode('ascii')} where {crc8(guarded):02X} was due"
+        )
     return (guarded if has_checksum else line).decode("latin1").strip(" \t"), has_checksum
 
 
@@ -106,9 +116,16 @@ def _flags(frame: FdFrame) -> str:
 
 
 def _frame(words: list[str], text: str) -> FdFrame:
-    """A frame from its words. Without flags, an identifier is extended if it needs to be, and bit rates are switched."""
+    """A frame from its words. Without flags, an identifier is extended if it needs to be, and
+    bit rates are switched.
+    """
     flags = "".join(words[2:])
-    if len(words) < 2 or not all(map(_all_hex, words[:2])) or len(words[0]) > 8 or len(words[1]) % 2:
+    if (
+        len(words) < 2
+        or not all(map(_all_hex, words[:2]))
+        or len(words[0]) > 8
+        or len(words[1]) % 2
+    ):
         raise MalformedFrame(f"frame cannot be read: {text[:40]!r}")
     can_id = int(words[0], 16)
     extended = "E" in flags or ("e" not in flags and can_id >= STANDARD_IDS)

@@ -1,4 +1,6 @@
-"""What force sensors of several makes share: the status word that every driver gives, and the units that ATI names; pure."""
+"""What force sensors of several makes share: the status word that every driver gives, and the
+units that ATI names; pure.
+"""
 
 from rfca_rig.errors import MalformedFrame
 
@@ -50,7 +52,14 @@ _INCH_M = 0.0254
 _FORCE_CODES = ("lbf", "N", "klbf", "kN", "kgf", "gf")
 _TORQUE_CODES = ("lbf-in", "lbf-ft", "Nm", "Nmm", "kgf-cm", "kNm")
 
-_NEWTONS = {"lbf": _LBF_N, "N": 1.0, "klbf": 1e3 * _LBF_N, "kN": 1e3, "kgf": 9.80665, "gf": 9.80665e-3}
+_NEWTONS = {
+    "lbf": _LBF_N,
+    "N": 1.0,
+    "klbf": 1e3 * _LBF_N,
+    "kN": 1e3,
+    "kgf": 9.80665,
+    "gf": 9.80665e-3,
+}
 _NEWTON_METRES = {
     "lbf-in": _LBF_N * _INCH_M,
     "lbf-ft": 12.0 * _LBF_N * _INCH_M,
@@ -75,14 +84,20 @@ _OTHER_NAMES = {
 
 
 def status_text(word: int) -> str:
-    """The status word in hexadecimal with the meaning of every bit that is set, except the summary bit."""
+    """The status word in hexadecimal with the meaning of every bit that is set, except the
+    summary bit.
+    """
     bits = [bit for bit in range(30, -1, -1) if word >> bit & 1]
-    meanings = [STATUS_BITS.get(bit, f"bit {bit}, not documented") for bit in bits] or [STATUS_BITS[31] if word else "healthy"]
+    meanings = [STATUS_BITS.get(bit, f"bit {bit}, not documented") for bit in bits] or [
+        STATUS_BITS[31] if word else "healthy"
+    ]
     return f"status 0x{word:08x} ({'; '.join(meanings)})"
 
 
 def newtons_per(unit: str) -> float:
-    """Newtons in one unit. Raises MalformedFrame for an unknown unit: a guess would scale every force wrongly."""
+    """Newtons in one unit. Raises MalformedFrame for an unknown unit: a guess would scale every
+    force wrongly.
+    """
     return _size(unit, _NEWTONS, "force")
 
 
@@ -95,17 +110,23 @@ def _size(unit: str, sizes: dict[str, float], of_what: str) -> float:
     name = unit.strip()
     name = _OTHER_NAMES.get(name, name)
     if name not in sizes:
-        raise MalformedFrame(f"{unit!r} is no known unit of {of_what}; known are {', '.join(sizes)}")
+        raise MalformedFrame(
+            f"{unit!r} is no known unit of {of_what}; known are {', '.join(sizes)}"
+        )
     return sizes[name]
 
 
 def force_unit(code: int) -> str:
-    """The unit behind a code of `cfgfu` or of the command interface. Raises MalformedFrame for any other number."""
+    """The unit behind a code of `cfgfu` or of the command interface. Raises MalformedFrame for
+    any other number.
+    """
     return _unit_of(code, _FORCE_CODES, "force")
 
 
 def torque_unit(code: int) -> str:
-    """The unit behind a code of `cfgtu` or of the command interface. Raises MalformedFrame for any other number."""
+    """The unit behind a code of `cfgtu` or of the command interface. Raises MalformedFrame for
+    any other number.
+    """
     return _unit_of(code, _TORQUE_CODES, "torque")
 
 
@@ -121,5 +142,7 @@ def torque_code(unit: str) -> int:
 
 def _unit_of(code: int, names: tuple[str, ...], of_what: str) -> str:
     if not 1 <= code <= len(names):
-        raise MalformedFrame(f"{code} is no known code of a unit of {of_what}, expected 1..{len(names)}")
+        raise MalformedFrame(
+            f"{code} is no known code of a unit of {of_what}, expected 1..{len(names)}"
+        )
     return names[code - 1]

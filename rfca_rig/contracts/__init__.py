@@ -2,5 +2,8 @@
 
 import pytest
 
-# Assertions outside of test files show their values only if the modules are registered before their import.
-pytest.register_assert_rewrite(*(f"{__name__}.{module}" for module in ("force_sensor", "motor", "motor_rig")))
+# Assertions outside of test files show their values only if the modules are registered before their
+# import.
+pytest.register_assert_rewrite(
+    *(f"{__name__}.{module}" for module in ("force_sensor", "motor", "motor_rig"))
+)

@@ -1,4 +1,5 @@
-"""Conformance tests for force sensors of any make, and their test rig; the test of each device inherits them.
+"""Conformance tests for force sensors of any make, and their test rig; the test of each device
+inherits them.
 
 The rig has clock, driver, twin, and a prescribed wrench in place of a plant.
 """
@@ -34,7 +35,9 @@ FLIPPED_BITS = 0x5A
 
 
 def swinging(times_s: Floats) -> Floats:
-    """Wrench (m, 6) at times (m,): amplitudes (1, 2, ... 6) / 2 N and N m at different frequencies, so that no two records are equal."""
+    """Wrench (m, 6) at times (m,): amplitudes (1, 2, ... 6) / 2 N and N m at different
+    frequencies, so that no two records are equal.
+    """
     axes: Floats = np.arange(1.0, 7.0)
     return 0.5 * axes * np.sin(2.0 * np.pi * (3.0 + 0.7 * axes) * times_s[:, None])
 
@@ -48,10 +51,10 @@ def constant(*wrench: float) -> Wrench:
 class ForceSensorRig:
     """One sensor with its twin and its faults.
 
-    `latency_s` is the largest delay of the newest record. `resolution` (6,) is one count of the device in N and N m, `time_step_s`
-    one step of its clock if it reports time. `saturating` is a wrench beyond the range.
-    Each fault starts when it is called; it is None if the wire cannot have it.
-    """
+    `latency_s` is the largest delay of the newest record. `resolution` (6,) is one count of the
+    device in N and N m, `time_step_s` one step of its clock if it reports time. `saturating` is a
+    wrench beyond the range. Each fault starts when it is called; it is None if the wire cannot have
+    it."""
 
     clock: TwinClock
     sensor: ForceSensor
@@ -104,7 +107,9 @@ class ForceSensorRig:
 
 def concatenate_samples(blocks: list[ForceSamples]) -> ForceSamples:
     """Concatenates blocks of records along the first axis, columns (m,) and (m, 6)."""
-    return ForceSamples(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))
+    return ForceSamples(
+        *(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0]))
+    )
 
 
 class ForceSensorContract:
@@ -119,13 +124,19 @@ class ForceSensorContract:
         samples = rig.run(2.0)
         assert rig.sensor.scale().rate_Hz == pytest.approx(rig.rate_Hz)
         # Two records of tolerance: the stream starts and ends between two records.
-        assert (2.0 - rig.latency_s) * rig.rate_Hz - 2 <= len(samples.sequence) <= 2.0 * rig.rate_Hz + 2
+        assert (
+            (2.0 - rig.latency_s) * rig.rate_Hz - 2
+            <= len(samples.sequence)
+            <= 2.0 * rig.rate_Hz + 2
+        )
         assert samples.sequence.tolist() == list(range(1, len(samples.sequence) + 1))
 
     def test_time_is_counted_from_the_first_record(self, rig: ForceSensorRig) -> None:
         rig.sensor.start()
         samples = rig.run(1.0)
-        assert samples.device_s == pytest.approx((samples.sequence - 1) / rig.rate_Hz, abs=rig.time_step_s)
+        assert samples.device_s == pytest.approx(
+            (samples.sequence - 1) / rig.rate_Hz, abs=rig.time_step_s
+        )
         assert np.all(np.diff(samples.host_s) >= 0.0)
         # Two record periods and two ticks of the reading loop, besides the latency.
         assert np.ptp(samples.host_s - samples.device_s) < rig.latency_s + 2.0 / rig.rate_Hz + 4e-3
@@ -140,7 +151,9 @@ class ForceSensorContract:
             assert samples.status.dtype == np.uint32
             assert samples.sequence.dtype == np.int64
 
-    def test_a_known_wrench_comes_out_as_that_wrench_to_a_step_of_the_device(self, rig: ForceSensorRig) -> None:
+    def test_a_known_wrench_comes_out_as_that_wrench_to_a_step_of_the_device(
+        self, rig: ForceSensorRig
+    ) -> None:
         rig.wrench = constant(*KNOWN_WRENCH)
         rig.sensor.start()
         measured = rig.in_units(rig.run(0.5))
@@ -215,7 +228,9 @@ class ForceSensorContract:
         assert (rig.sensor.health().duplicate > 0) == (rig.repeat is not None)
         assert rig.sensor.health().lost == 0
 
-    def test_records_that_overtook_each_other_are_handed_over_in_order(self, rig: ForceSensorRig) -> None:
+    def test_records_that_overtook_each_other_are_handed_over_in_order(
+        self, rig: ForceSensorRig
+    ) -> None:
         rig.sensor.start()
         rig.run(0.3)
         if rig.swap is not None:
@@ -233,14 +248,18 @@ class ForceSensorContract:
         assert rig.sensor.health().stalled > 0.9 * rig.rate_Hz
         assert any("stood still" in note for note in rig.sensor.health().notes)
 
-    def test_damaged_bytes_are_counted_and_the_stream_is_found_again(self, rig: ForceSensorRig) -> None:
+    def test_damaged_bytes_are_counted_and_the_stream_is_found_again(
+        self, rig: ForceSensorRig
+    ) -> None:
         rig.sensor.start()
         rig.run(1.2)
         rig.damage()
         rig.run(0.3)
         malformed = rig.sensor.health().malformed
         assert malformed > 0
-        assert any("thrown away" in note or "no records" in note for note in rig.sensor.health().notes)
+        assert any(
+            "thrown away" in note or "no records" in note for note in rig.sensor.health().notes
+        )
         after = rig.run(1.0)
         assert rig.sensor.health().malformed == malformed
         assert len(after.sequence) > 0.9 * rig.rate_Hz - 5
@@ -256,7 +275,9 @@ class ForceSensorContract:
 
     def test_the_identity_is_given_in_words(self, rig: ForceSensorRig) -> None:
         identity = rig.sensor.identity()
-        assert {"make", "serial_number", "counts_per_N", "counts_per_Nm", "rate_Hz"} <= set(identity)
+        assert {"make", "serial_number", "counts_per_N", "counts_per_Nm", "rate_Hz"} <= set(
+            identity
+        )
         assert all(isinstance(value, str) for value in identity.values())
         assert float(identity["rate_Hz"]) == pytest.approx(rig.rate_Hz, rel=1e-4)
 
@@ -274,7 +295,8 @@ def _assert_time_is_right(rig: ForceSensorRig, samples: ForceSamples) -> None:
 
 @dataclass
 class NoisyPort:
-    """The driver's end of the line with faults: the next `drop` bytes are lost, the `spoil` bytes after them are changed.
+    """The driver's end of the line with faults: the next `drop` bytes are lost, the `spoil` bytes
+    after them are changed.
 
     At most `most` bytes are reported as waiting at once.
     """

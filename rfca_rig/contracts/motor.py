@@ -1,7 +1,8 @@
-"""Conformance tests for drivers of shaft motors; each device inherits them and runs them on its own twin.
+"""Conformance tests for drivers of shaft motors; each device inherits them and runs them on its own
+twin.
 
-The test file of a device defines how to create its driver and twin. It also defines how to leave a stale set-point in the drive and how
-to make it fail, and adds tests of its special features:
+The test file of a device defines how to create its driver and twin. It also defines how to leave a
+stale set-point in the drive and how to make it fail, and adds tests of its special features:
 
     class TestMyDrive(MotorContract):
         def driver(self, bus, clock): ...
@@ -25,7 +26,8 @@ NOT_FINITE = [float("nan"), float("inf"), -float("inf")]
 class MotorMoves(MotorHooks):
     """Tests of enabling, commanding and reading."""
 
-    # -- enabling ------------------------------------------------------------------------------------------------------------
+    # -- enabling
+    # ----------------------------------------------------------------------------------------------
 
     def test_enabling_moves_nothing_even_where_a_stale_set_point_waits_in_the_drive(self) -> None:
         with self.rig(Rotor(angle_rad=1.2)) as rig:
@@ -42,7 +44,9 @@ class MotorMoves(MotorHooks):
 
     # Beyond 12.5 rad (MIT mode) and many turns, where positions in a protocol wrap.
     @pytest.mark.parametrize("angle_rad", [-11.0, 14.0, 200.0])
-    def test_enabling_moves_nothing_however_often_the_shaft_had_turned_before(self, angle_rad: float) -> None:
+    def test_enabling_moves_nothing_however_often_the_shaft_had_turned_before(
+        self, angle_rad: float
+    ) -> None:
         angle_rad = min(angle_rad, self.LARGEST_ANGLE_RAD)
         with self.rig(Rotor(angle_rad=angle_rad)) as rig:
             rig.motor.enable()
@@ -93,15 +97,20 @@ class MotorMoves(MotorHooks):
             self.driver(here, clock).enable()
         assert clock.now_s() <= 2.0
 
-    # -- commanding ----------------------------------------------------------------------------------------------------------
+    # -- commanding
+    # ----------------------------------------------------------------------------------------------
 
     @pytest.mark.parametrize("speed_rad_s", [3.2, -1.7])
     def test_a_commanded_speed_is_reached(self, speed_rad_s: float) -> None:
         with self.rig() as rig:
             rig.motor.enable()
             shaft = rig.run(1.0, speed_rad_s=speed_rad_s)
-            assert rig.rotor.speed_rad_s == pytest.approx(speed_rad_s, abs=self.SPEED_TOLERANCE_RAD_S)
-            assert shaft.speed_rad_s[-20:].mean() == pytest.approx(speed_rad_s, abs=2.0 * self.SPEED_TOLERANCE_RAD_S)
+            assert rig.rotor.speed_rad_s == pytest.approx(
+                speed_rad_s, abs=self.SPEED_TOLERANCE_RAD_S
+            )
+            assert shaft.speed_rad_s[-20:].mean() == pytest.approx(
+                speed_rad_s, abs=2.0 * self.SPEED_TOLERANCE_RAD_S
+            )
             assert rig.motor.status().fault is None
 
     def test_a_commanded_angle_is_reached_and_held(self) -> None:
@@ -146,7 +155,8 @@ class MotorMoves(MotorHooks):
                     act(value)
             assert drain(rig.observer) == []
 
-    # -- reading -------------------------------------------------------------------------------------------------------------
+    # -- reading
+    # ----------------------------------------------------------------------------------------------
 
     @pytest.mark.parametrize("speed_rad_s", [14.0, -14.0])
     def test_the_angle_goes_on_over_many_turns(self, speed_rad_s: float) -> None:
@@ -156,7 +166,9 @@ class MotorMoves(MotorHooks):
             # Twelve turns: more than the nine that the status frame of the servo mode covers.
             assert abs(rig.rotor.angle_rad) > 75.0
             assert np.abs(np.diff(shaft.angle_rad)).max() < 0.1
-            assert shaft.angle_rad[-1] == pytest.approx(rig.rotor.angle_rad, abs=abs(speed_rad_s) * 3e-3 + self.ANGLE_TOLERANCE_RAD)
+            assert shaft.angle_rad[-1] == pytest.approx(
+                rig.rotor.angle_rad, abs=abs(speed_rad_s) * 3e-3 + self.ANGLE_TOLERANCE_RAD
+            )
             stop_rad = rig.rotor.angle_rad
             rig.run(2.0, angle_rad=stop_rad)
             assert rig.rotor.angle_rad == pytest.approx(stop_rad, abs=self.ANGLE_TOLERANCE_RAD)
@@ -181,7 +193,10 @@ class MotorMoves(MotorHooks):
             shaft = rig.run(1.0, speed_rad_s=3.0)
             slope, offset = np.polyfit(shaft.device_s, shaft.angle_rad, 1)
             assert slope == pytest.approx(3.0, abs=self.SPEED_TOLERANCE_RAD_S)
-            assert np.abs(shaft.angle_rad - slope * shaft.device_s - offset).max() < 2.0 * self.ANGLE_TOLERANCE_RAD
+            assert (
+                np.abs(shaft.angle_rad - slope * shaft.device_s - offset).max()
+                < 2.0 * self.ANGLE_TOLERANCE_RAD
+            )
 
     def test_reading_never_waits_and_is_empty_where_nothing_came(self) -> None:
         with self.rig() as rig:
@@ -229,7 +244,8 @@ class BusFullFor(can.BusABC):
 class MotorStops(MotorHooks):
     """Tests of stopping, faults and bus failures."""
 
-    # -- stopping ------------------------------------------------------------------------------------------------------------
+    # -- stopping
+    # ----------------------------------------------------------------------------------------------
 
     def test_disabling_takes_the_torque_away_and_may_be_repeated(self) -> None:
         with self.rig() as rig:
@@ -277,7 +293,9 @@ class MotorStops(MotorHooks):
             assert rig.motor.status().fault is None
 
     @pytest.mark.parametrize("load_Nm", [0.0, 0.5])
-    def test_a_drive_without_watchdog_is_found_out_and_left_without_torque(self, load_Nm: float) -> None:
+    def test_a_drive_without_watchdog_is_found_out_and_left_without_torque(
+        self, load_Nm: float
+    ) -> None:
         with self.rig(watchdog_s=None) as rig:
             rig.motor.enable()
             rig.rotor.load_Nm = load_Nm
@@ -293,7 +311,11 @@ class MotorStops(MotorHooks):
             rig.run(0.6, angle_rad=0.3)
             reported_C = rig.motor.status().temperature_C
             # The twin's air has 30 or 31 degrees C; the motor has hardly warmed up.
-            assert reported_C == pytest.approx(30.5, abs=1.0) if self.TELLS_TEMPERATURE else reported_C is None
+            assert (
+                reported_C == pytest.approx(30.5, abs=1.0)
+                if self.TELLS_TEMPERATURE
+                else reported_C is None
+            )
 
     def test_a_motor_that_warms_up_is_reported(self) -> None:
         with self.rig() as rig:
@@ -303,8 +325,12 @@ class MotorStops(MotorHooks):
             reported_C = rig.motor.status().temperature_C
             assert reported_C is None or reported_C == pytest.approx(70.0, abs=12.0)
 
-    def test_what_dammed_up_while_nobody_looked_and_has_holes_is_neither_a_leap_nor_handed_out(self) -> None:
-        """The system's full buffer drops frames while the shaft is turned by hand, as at every change of the rack's height."""
+    def test_what_dammed_up_while_nobody_looked_and_has_holes_is_neither_a_leap_nor_handed_out(
+        self,
+    ) -> None:
+        """The system's full buffer drops frames while the shaft is turned by hand, as at every
+        change of the rack's height.
+        """
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.2, angle_rad=0.3)
@@ -323,7 +349,9 @@ class MotorStops(MotorHooks):
             assert rig.motor.status().fault is None
             assert np.abs(np.diff(shaft.angle_rad)).max() < 0.1
 
-    def test_a_drive_that_restarts_in_motion_is_a_fault_and_not_enabled_again_as_its_zero_is_lost(self) -> None:
+    def test_a_drive_that_restarts_in_motion_is_a_fault_and_not_enabled_again_as_its_zero_is_lost(
+        self,
+    ) -> None:
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.5, speed_rad_s=3.0)
@@ -332,14 +360,20 @@ class MotorStops(MotorHooks):
             assert re.search("leapt|restarted", rig.motor.status().fault or "")
             if rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) != 0.0:
                 rig.motor.disable()
-            with pytest.raises(DeviceError, match=r"not enabled: .*find its zero again, then start again"):
+            with pytest.raises(
+                DeviceError, match=r"not enabled: .*find its zero again, then start again"
+            ):
                 rig.motor.enable()
 
-    # -- the bus -------------------------------------------------------------------------------------------------------------
+    # -- the bus
+    # ----------------------------------------------------------------------------------------------
 
     @pytest.mark.parametrize("act", ["enable", "disable"])
     def test_a_frame_that_cannot_be_sent_is_an_error(self, act: str) -> None:
-        with UnpluggedBus() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
+        with (
+            UnpluggedBus() as bus,
+            pytest.raises(DeviceError, match="not sent: transmit buffer full"),
+        ):
             getattr(self.driver(bus, TwinClock()), act)()
 
     def test_disabling_tries_again_while_the_transmit_queue_is_full(self) -> None:
@@ -359,11 +393,26 @@ class MotorStops(MotorHooks):
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.1, angle_rad=0.3)
-            # Error-passive at 136 transmit errors, then error-active again at 90, as SocketCAN reports it.
-            for data, passive in (([0, 0x20, 0, 0, 0, 0, 136, 0], True), ([0, 0x40, 0, 0, 0, 0, 90, 0], False)):
-                rig.observer.send(can.Message(arbitration_id=0x204, data=data, is_error_frame=True, is_extended_id=False))
+            # Error-passive at 136 transmit errors, then error-active again at 90, as SocketCAN
+            # reports it.
+            for data, passive in (
+                ([0, 0x20, 0, 0, 0, 0, 136, 0], True),
+                ([0, 0x40, 0, 0, 0, 0, 90, 0], False),
+            ):
+                rig.observer.send(
+                    can.Message(
+                        arbitration_id=0x204, data=data, is_error_frame=True, is_extended_id=False
+                    )
+                )
                 rig.run(0.01, angle_rad=0.3)
-                assert bool(re.search("error-passive, .* counters 136 and 0", rig.motor.status().fault or "")) == passive
+                assert (
+                    bool(
+                        re.search(
+                            "error-passive, .* counters 136 and 0", rig.motor.status().fault or ""
+                        )
+                    )
+                    == passive
+                )
             assert rig.motor.identity()["can_error_frames"] == "2"
 
     def test_a_failing_bus_is_an_error_when_reading(self) -> None:

@@ -1,7 +1,7 @@
 """Test rig for one motor driver: driver, twin, and a rotor with a known motion; no sensor.
 
-The rotor has inertia and a constant load, and gives a wrench that is a known function of time. `MotorHooks` create driver and twin.
-"""
+The rotor has inertia and a constant load, and gives a wrench that is a known function of time.
+`MotorHooks` create driver and twin."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -24,7 +24,9 @@ TICK_S = 2e-3
 
 @dataclass
 class Rotor:
-    """Rotor integrated by the implicit midpoint rule at 0.1 ms. The wrench is (1, 2, ... 6) * `swing` * sin(2 pi 5 Hz t)."""
+    """Rotor integrated by the implicit midpoint rule at 0.1 ms. The wrench is (1, 2, ... 6) *
+    `swing` * sin(2 pi 5 Hz t).
+    """
 
     inertia_kg_m2: float = 0.02
     load_Nm: float = 0.0
@@ -36,7 +38,9 @@ class Rotor:
     drives: list[tuple[float, ShaftDrive]] = field(default_factory=list)
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
-        """Advances to `to_s` under `drive`; returns the wrench (m, 6) in N and N m at `force_times_s` (m,)."""
+        """Advances to `to_s` under `drive`; returns the wrench (m, 6) in N and N m at
+        `force_times_s` (m,).
+        """
         assert np.all(force_times_s <= to_s)
         assert np.all(force_times_s > self.now_s - 1e-8)
         self.drives.append((to_s, drive))
@@ -46,13 +50,23 @@ class Rotor:
             self._step(drive, h)
         self.now_s = to_s
         self.torque_Nm = drive.torque_Nm(self.angle_rad, self.speed_rad_s)
-        wrench: Floats = self.swing * np.sin(10.0 * np.pi * force_times_s)[:, None] * np.arange(1.0, 7.0)
+        wrench: Floats = (
+            self.swing * np.sin(10.0 * np.pi * force_times_s)[:, None] * np.arange(1.0, 7.0)
+        )
         return wrench
 
     def _step(self, drive: ShaftDrive, h: float) -> None:
-        # Implicit midpoint for a linear law: the gains act like added inertia, so stiff loops stay stable.
-        stiff = self.inertia_kg_m2 + 0.5 * h * drive.speed_gain_Nm_s_per_rad + 0.25 * h * h * drive.angle_gain_Nm_per_rad
-        now_Nm = drive.torque_Nm(self.angle_rad + 0.5 * h * self.speed_rad_s, self.speed_rad_s) + self.load_Nm
+        # Implicit midpoint for a linear law: the gains act like added inertia, so stiff loops stay
+        # stable.
+        stiff = (
+            self.inertia_kg_m2
+            + 0.5 * h * drive.speed_gain_Nm_s_per_rad
+            + 0.25 * h * h * drive.angle_gain_Nm_per_rad
+        )
+        now_Nm = (
+            drive.torque_Nm(self.angle_rad + 0.5 * h * self.speed_rad_s, self.speed_rad_s)
+            + self.load_Nm
+        )
         gained_rad_s = h * now_Nm / stiff
         self.angle_rad += h * (self.speed_rad_s + 0.5 * gained_rad_s)
         self.speed_rad_s += gained_rad_s
@@ -94,9 +108,16 @@ class MotorRig:
     turned: list[tuple[float, float, float]] = field(default_factory=list)
 
     def run(
-        self, seconds: float, speed_rad_s: float | None = None, angle_rad: float | None = None, deaf: bool = False, tick_s: float = TICK_S
+        self,
+        seconds: float,
+        speed_rad_s: float | None = None,
+        angle_rad: float | None = None,
+        deaf: bool = False,
+        tick_s: float = TICK_S,
     ) -> ShaftSamples:
-        """Runs ticks like a control loop with the given command; returns all samples (m,). With `deaf` the drive's frames are lost."""
+        """Runs ticks like a control loop with the given command; returns all samples (m,). With
+        `deaf` the drive's frames are lost.
+        """
         read = [self.motor.read()]
         for _ in range(round(seconds / tick_s)):
             if speed_rad_s is not None:
@@ -117,7 +138,9 @@ class MotorRig:
 
 def concatenate_samples(blocks: list[ShaftSamples]) -> ShaftSamples:
     """Concatenates blocks of samples, columns (m,)."""
-    return ShaftSamples(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))
+    return ShaftSamples(
+        *(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0]))
+    )
 
 
 def drain(bus: can.BusABC) -> list[can.Message]:
@@ -127,7 +150,9 @@ def drain(bus: can.BusABC) -> list[can.Message]:
 
 @contextmanager
 def motor_rig(
-    driver: Callable[[can.BusABC, Clock], ShaftMotor], twin: Callable[[can.BusABC], Any], rotor: Rotor | None = None
+    driver: Callable[[can.BusABC, Clock], ShaftMotor],
+    twin: Callable[[can.BusABC], Any],
+    rotor: Rotor | None = None,
 ) -> Iterator[MotorRig]:
     rotor, clock = rotor or Rotor(), TwinClock()
     # The third end lets a test observe the bus, and act as another program on it.
@@ -166,12 +191,18 @@ class MotorHooks:
         raise NotImplementedError
 
     def fail(self, twin: Any) -> str:
-        """Puts the drive into an error; returns the regular expression that the driver's text must match: code and meaning."""
+        """Puts the drive into an error; returns the regular expression that the driver's text
+        must match: code and meaning.
+        """
         raise NotImplementedError
 
     def refuse(self, twin: Any) -> str:
-        """Makes every attempt to enable the drive end in an error; returns the regular expression of the driver's text."""
+        """Makes every attempt to enable the drive end in an error; returns the regular
+        expression of the driver's text.
+        """
         raise NotImplementedError
 
-    def rig(self, rotor: Rotor | None = None, watchdog_s: float | None = 0.1) -> AbstractContextManager[MotorRig]:
+    def rig(
+        self, rotor: Rotor | None = None, watchdog_s: float | None = 0.1
+    ) -> AbstractContextManager[MotorRig]:
         return motor_rig(self.driver, lambda bus: self.twin(bus, watchdog_s), rotor)

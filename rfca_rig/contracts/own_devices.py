@@ -1,4 +1,5 @@
-"""Conformance tests on the plug-in drive and force sensor of a rig file, and their twins; `MotorOfAMake` also tests the built-in drives.
+"""Conformance tests on the plug-in drive and force sensor of a rig file, and their twins;
+`MotorOfAMake` also tests the built-in drives.
 
 The module itself is the plug-in of pytest with the option --rig.
 """
@@ -39,7 +40,9 @@ class TestOurForceSensor(ForceSensorContract):
 
     @pytest.fixture
     def rig(self, own_rig: RigFile) -> ForceSensorRig:
-        assert is_plug_in_sensor(own_rig.force_sensor), "[force_sensor] is neither of a file of its own nor of an installed package"
+        assert is_plug_in_sensor(own_rig.force_sensor), (
+            "[force_sensor] is neither of a file of its own nor of an installed package"
+        )
         keys: Any = own_rig.force_sensor
         make, clock, (host, device) = find_sensor(keys.device), TwinClock(), serial_line()
         port = NoisyPort(host)
@@ -57,8 +60,11 @@ class TestOurForceSensor(ForceSensorContract):
             + SINGLE_PRECISION_RESOLUTION * np.array(twin.full_scale),
             saturating=(0.0, 0.0, 1.5 * twin.full_scale[2], 0.0, 0.0, 0.0),
             silence=lambda: setattr(port, "silent", True),
-            lose=lambda: setattr(port, "drop", max(20, round(LOST_S * keys.rate_Hz)) * record_bytes),
-            # Five records and three bytes: the damage ends inside a record, so the driver must resynchronise.
+            lose=lambda: setattr(
+                port, "drop", max(20, round(LOST_S * keys.rate_Hz)) * record_bytes
+            ),
+            # Five records and three bytes: the damage ends inside a record, so the driver must
+            # resynchronise.
             damage=lambda: setattr(port, "spoil", 5 * record_bytes + 3),
             freeze=lambda: setattr(rig, "wrench", constant(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
             time_step_s=2e-6,
@@ -67,7 +73,9 @@ class TestOurForceSensor(ForceSensorContract):
 
 
 class MotorOfAMake(MotorContract):
-    """The tests on the motor of `keys`, with driver and twin as its make has them. The twin may widen tolerances (`tolerances`)."""
+    """The tests on the motor of `keys`, with driver and twin as its make has them. The twin may
+    widen tolerances (`tolerances`).
+    """
 
     keys: MotorSection
 
@@ -102,7 +110,9 @@ class TestOurMotor(MotorOfAMake):
 
     @pytest.fixture(autouse=True)
     def _of_the_rig_file(self, own_rig: RigFile) -> None:
-        assert is_plug_in(own_rig.motor), "[motor] is neither of a file of its own nor of an installed package"
+        assert is_plug_in(own_rig.motor), (
+            "[motor] is neither of a file of its own nor of an installed package"
+        )
         self.use(own_rig.motor)
 
 
@@ -117,11 +127,16 @@ def is_plug_in_sensor(keys: ForceSensorSection) -> bool:
 
 
 def find_conformance_tests(rig: RigFile) -> list[str]:
-    """Test classes for the plug-in devices of a rig. Raises BadInput for a rig without any, and for a device without a twin."""
+    """Test classes for the plug-in devices of a rig. Raises BadInput for a rig without any, and
+    for a device without a twin.
+    """
     own: list[type] = [TestOurMotor] if is_plug_in(rig.motor) else []
     own += [TestOurForceSensor] if is_plug_in_sensor(rig.force_sensor) else []
     if not own:
-        raise BadInput(f'{rig.rig.title}: names no device = "own"; for the others the package keeps the contracts with tests of its own')
+        raise BadInput(
+            f'{rig.rig.title}: names no device = "own"; for the others the package keeps '
+            "the contracts with tests of its own"
+        )
     for keys in (rig.motor, rig.force_sensor):
         if isinstance(keys, MotorKeys | ForceSensorKeys):
             twin_of(keys)
@@ -130,9 +145,28 @@ def find_conformance_tests(rig: RigFile) -> list[str]:
 
 def run_conformance_tests(rig: RigFile, path: Path) -> bool:
     """Runs the tests; returns whether all passed. pytest prints the results."""
-    # Neither a configuration nor a cache of the folder where the command is called must have an influence.
-    options = ["-q", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-c", os.devnull, "-o", "python_files=*.py"]
-    return int(pytest.main([*options, "--rig", str(path), *find_conformance_tests(rig)], plugins=[sys.modules[__name__]])) == 0
+    # Neither a configuration nor a cache of the folder where the command is called must have an
+    # influence.
+    options = [
+        "-q",
+        "--tb=short",
+        "--no-header",
+        "-p",
+        "no:cacheprovider",
+        "-c",
+        os.devnull,
+        "-o",
+        "python_files=*.py",
+    ]
+    return (
+        int(
+            pytest.main(
+                [*options, "--rig", str(path), *find_conformance_tests(rig)],
+                plugins=[sys.modules[__name__]],
+            )
+        )
+        == 0
+    )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -1,4 +1,6 @@
-"""The camera: [camera] in a rig file, one section per kind, and camera.toml, a calibrated camera with its pose before the plane."""
+"""The camera: [camera] in a rig file, one section per kind, and camera.toml, a calibrated camera
+with its pose before the plane.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,7 +37,8 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class LensSection(Section):
-    """[camera]: pinhole and lens. `distortion` is k1, k2, p1, p2, k3 in OpenCV's order; standard deviations are one each.
+    """[camera]: pinhole and lens. `distortion` is k1, k2, p1, p2, k3 in OpenCV's order; standard
+    deviations are one each.
 
     `covered_px` is left, top, right, bottom of the part of the image in which the board was seen.
     """
@@ -52,7 +55,8 @@ class LensSection(Section):
 
 
 class PlaneSection(Section):
-    """[plane]: a point (x, y, z) of the plane frame is seen from the camera at `rotation` times it plus `translation_mm`.
+    """[plane]: a point (x, y, z) of the plane frame is seen from the camera at `rotation` times it
+    plus `translation_mm`.
 
     The plane frame's origin is the shaft axis; x completes the right-handed frame.
     """
@@ -71,13 +75,20 @@ class PlaneSection(Section):
     def _is_a_turn(cls, rows: Matrix) -> Matrix:
         rotation = np.array(rows)
         # The digits in the file allow errors below 1e-5.
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5) or np.linalg.det(rotation) < 0:
-            raise ValueError("should be three rows of a rotation, perpendicular and of length 1; calibrate again")
+        if (
+            not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5)
+            or np.linalg.det(rotation) < 0
+        ):
+            raise ValueError(
+                "should be three rows of a rotation, perpendicular and of length 1; calibrate again"
+            )
         return rows
 
 
 class PhotoSection(Section):
-    """[[photos]]: a photo that was used; the width of its edges, 10 % to 90 %, measures its sharpness."""
+    """[[photos]]: a photo that was used; the width of its edges, 10 % to 90 %, measures its
+    sharpness.
+    """
 
     name: str
     corners: Annotated[int, Field(ge=1)]
@@ -93,7 +104,9 @@ class RefusedSection(Section):
 
 
 class CameraFile(Section):
-    """A camera as `calibrate camera` writes it. Without [plane] the lens is known, but not the camera's pose."""
+    """A camera as `calibrate camera` writes it. Without [plane] the lens is known, but not the
+    camera's pose.
+    """
 
     camera: LensSection
     plane: PlaneSection | None = None
@@ -110,15 +123,22 @@ class CameraFile(Section):
         return np.array(self.camera.distortion)
 
     def model(self) -> CameraModel:
-        """The camera with its pose before the plane of motion. Raises BadInput where the file has no [plane]."""
+        """The camera with its pose before the plane of motion. Raises BadInput where the file
+        has no [plane].
+        """
         if self.plane is None:
-            raise BadInput("the camera file has no [plane]: where the camera stands is unknown; calibrate camera --plane PHOTO adds it")
+            raise BadInput(
+                "the camera file has no [plane]: where the camera stands is unknown; "
+                "calibrate camera --plane PHOTO adds it"
+            )
         translation_m = np.array(self.plane.translation_mm) / 1e3
         # The numbers of the file are rounded.
         # Orthogonal Procrustes: dropping the singular values gives the nearest orthogonal matrix.
         left, _, right = np.linalg.svd(np.array(self.plane.rotation))
         turn: Floats = left @ right
-        return CameraModel(self.matrix(), self.distortion(), self.camera.image_size_px, turn, translation_m)
+        return CameraModel(
+            self.matrix(), self.distortion(), self.camera.image_size_px, turn, translation_m
+        )
 
 
 def read_camera_file(path: Path) -> CameraFile:
@@ -126,8 +146,12 @@ def read_camera_file(path: Path) -> CameraFile:
     return read_toml(path, CameraFile)
 
 
-def camera_file(calibration: CameraCalibration, board: str, plane: PlaneSection | None) -> CameraFile:
-    """The content of a camera file from a calibration; `board` is the description that the user gave."""
+def camera_file(
+    calibration: CameraCalibration, board: str, plane: PlaneSection | None
+) -> CameraFile:
+    """The content of a camera file from a calibration; `board` is the description that the user
+    gave.
+    """
     matrix = calibration.matrix
     covered_px = calibration.covered_px().tolist()
     lens = LensSection(
@@ -142,7 +166,12 @@ def camera_file(calibration: CameraCalibration, board: str, plane: PlaneSection 
         reprojection_error_px=calibration.error_px,
     )
     photos = tuple(
-        PhotoSection(name=photo.name, corners=len(photo.px), edge_px=photo.edge_px, reprojection_error_px=error_px)
+        PhotoSection(
+            name=photo.name,
+            corners=len(photo.px),
+            edge_px=photo.edge_px,
+            reprojection_error_px=error_px,
+        )
         for photo, error_px in zip(calibration.photos, calibration.errors_px.tolist(), strict=True)
     )
     refused = tuple(RefusedSection(name=photo.name, why=photo.why) for photo in calibration.refused)
@@ -170,7 +199,9 @@ def _pair(values: Sequence[float]) -> tuple[float, float]:
 
 
 def write_camera_file(path: Path, file: CameraFile, comments: Sequence[str]) -> None:
-    """Write the file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
+    """Write the file, all or nothing, with `comments` at its head. Raises RigError where the
+    disk refuses.
+    """
     plain = file.model_dump(mode="json", exclude_none=True)
     parts = ["".join(toml_comment(line) for line in comments), table("camera", plain["camera"])]
     parts += [table("plane", plain["plane"])] if file.plane else []
@@ -180,12 +211,14 @@ def write_camera_file(path: Path, file: CameraFile, comments: Sequence[str]) -> 
 
 
 def _entry(name: str, keys: dict[str, object]) -> str:
-    return f"[[{name}]]\n" + "".join(f"{key} = {format_value(value)}\n" for key, value in keys.items())
+    return f"[[{name}]]\n" + "".join(
+        f"{key} = {format_value(value)}\n" for key, value in keys.items()
+    )
 
 
 class MarkSection(Section):
-    """A mark on a link, counted from 1 at the shaft: its place along the link from the hinge, and across, positive towards growing
-    angles.
+    """A mark on a link, counted from 1 at the shaft: its place along the link from the hinge, and
+    across, positive towards growing angles.
     """
 
     link: Annotated[int, Field(ge=1)]
@@ -194,21 +227,29 @@ class MarkSection(Section):
 
 
 class MarksSection(Section):
-    """[camera.marks]: red discs on black. Without `places`: one at every hinge axis including the shaft's, and one at the tip."""
+    """[camera.marks]: red discs on black. Without `places`: one at every hinge axis including
+    the shaft's, and one at the tip.
+    """
 
     diameter_mm: Positive = 8.0
     places: Annotated[tuple[MarkSection, ...], Field(strict=False)] = ()
 
     def plan(self, link_lengths_m: Sequence[float]) -> MarkPlan:
-        """The marks of the leg. Raises BadInput where the places are not in their order from the shaft outwards."""
+        """The marks of the leg. Raises BadInput where the places are not in their order from the
+        shaft outwards.
+        """
         if not self.places:
             return MarkPlan.at_hinges(link_lengths_m, self.diameter_mm / 1e3)
-        marks = tuple(PlannedMark(place.link, place.along_mm / 1e3, place.across_mm / 1e3) for place in self.places)
+        marks = tuple(
+            PlannedMark(place.link, place.along_mm / 1e3, place.across_mm / 1e3)
+            for place in self.places
+        )
         return MarkPlan(marks, self.diameter_mm / 1e3)
 
 
 class OpenCvCameraSection(Section):
-    """A camera that OpenCV can open. `calibration_file`, relative to the rig file's folder, was written by `calibrate camera`.
+    """A camera that OpenCV can open. `calibration_file`, relative to the rig file's folder, was
+    written by `calibrate camera`.
 
     A stage has no photo if none arrives within `photo_limit_s` after the request.
     """
@@ -221,7 +262,8 @@ class OpenCvCameraSection(Section):
 
 
 class PhotoFolderSection(Section):
-    """A camera that stores its photos in a folder by itself. Each stage takes the first photo that arrives there after the request.
+    """A camera that stores its photos in a folder by itself. Each stage takes the first photo that
+    arrives there after the request.
 
     Paths are relative to the rig file's folder. Photos that were in the folder before are ignored.
     """
@@ -237,7 +279,9 @@ CameraSection = Annotated[OpenCvCameraSection | PhotoFolderSection, Field(discri
 
 
 class TwinCameraSection(Section):
-    """[twin.camera]: degradation of the twin's photos; the keys are explained in `twins.image_noise.ImageDisturbance`."""
+    """[twin.camera]: degradation of the twin's photos; the keys are explained in
+    `twins.image_noise.ImageDisturbance`.
+    """
 
     defocus_px: NotNegative = 0.7
     noise_counts: NotNegative = 2.0

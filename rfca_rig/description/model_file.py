@@ -1,15 +1,20 @@
-"""model.toml: a model in the sections of the rig file, with the uncertainty and source of each value.
+"""model.toml: a model in the sections of the rig file, with the uncertainty and source of each
+value.
 
-Sections of a file, in the files' units, are converted to the model's parameters in SI. A measured torque-rotation curve stands in the
-section itself:
+Sections of a file, in the files' units, are converted to the model's parameters in SI. A measured
+torque-rotation curve stands in the section itself:
 
     [leg.torque_rotation]
-    angles_deg = [3.0, 8.0, 14.0, 20.0]                  # from rest, where the torque is 0; that point belongs to every curve
-    torques_Nm = [0.58, 1.67, 3.37, 5.80]                # of all hinges; or torques_by_hinge_Nm = [[...], ...]
-    standard_deviations_Nm = [0.01, 0.01, 0.02, 0.04]    # may be left out; or covariance_Nm2 = [[...], ...]
+    angles_deg = [3.0, 8.0, 14.0, 20.0]
+    torques_Nm = [0.58, 1.67, 3.37, 5.80]
+    standard_deviations_Nm = [0.01, 0.01, 0.02, 0.04]
 
-or `curve = "file.csv"`, relative to the folder of the file that names it, with the columns angle_deg, torque_Nm and, if known,
-torque_std_Nm. Angles that all lie on one side of rest hold for the other side too.
+Angles count from rest, where the torque is 0; that point belongs to every curve. The torques are
+those of all hinges; torques_by_hinge_Nm = [[...], ...] gives each hinge its own. The standard
+deviations may be left out, or replaced by covariance_Nm2 = [[...], ...]. The curve may also
+be `curve = "file.csv"`, relative to the folder of the file that names it, with the columns
+angle_deg, torque_Nm and, if known, torque_std_Nm. Angles that all lie on one side of rest hold for
+the other side too.
 """
 
 import csv
@@ -33,13 +38,25 @@ from rfca_rig.description.sections import (
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import toml_comment
 from rfca_rig.model.hinge_springs import slope_at_rest
-from rfca_rig.model.parameters import Drive, Ground, LawTable, Leg, RigModel, SensorMount, TorqueSpline
+from rfca_rig.model.parameters import (
+    Drive,
+    Ground,
+    LawTable,
+    Leg,
+    RigModel,
+    SensorMount,
+    TorqueSpline,
+)
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.toml import Section, format_value, read_text, read_toml, table, validate
 
 File = TypeVar("File", bound=Section)
 
-COLUMNS = {"angle_deg": "angles_deg", "torque_Nm": "torques_Nm", "torque_std_Nm": "standard_deviations_Nm"}
+COLUMNS = {
+    "angle_deg": "angles_deg",
+    "torque_Nm": "torques_Nm",
+    "torque_std_Nm": "standard_deviations_Nm",
+}
 
 
 def splines_of(section: TorqueRotationSection) -> tuple[float, tuple[TorqueSpline, ...]]:
@@ -54,14 +71,29 @@ def splines_of(section: TorqueRotationSection) -> tuple[float, tuple[TorqueSplin
 
 
 def scale_keys(keys: Mapping[str, Any], k0_Nm_per_rad: float) -> dict[str, Any]:
-    """The keys of a section, with torques and their errors scaled to the given stiffness at rest."""
-    factor = k0_Nm_per_rad / splines_of(validate(keys, TorqueRotationSection, "leg.torque_rotation"))[0]
+    """The keys of a section, with torques and their errors scaled to the given stiffness at
+    rest.
+    """
+    factor = (
+        k0_Nm_per_rad / splines_of(validate(keys, TorqueRotationSection, "leg.torque_rotation"))[0]
+    )
     # A covariance scales with the square.
-    powers = {"torques_Nm": 1, "torques_by_hinge_Nm": 1, "standard_deviations_Nm": 1, "covariance_Nm2": 2}
-    return {key: _times(factor ** powers.get(key, 0), value) for key, value in keys.items() if value is not None}
+    powers = {
+        "torques_Nm": 1,
+        "torques_by_hinge_Nm": 1,
+        "standard_deviations_Nm": 1,
+        "covariance_Nm2": 2,
+    }
+    return {
+        key: _times(factor ** powers.get(key, 0), value)
+        for key, value in keys.items()
+        if value is not None
+    }
 
 
-def replace_by_law(leg: Mapping[str, Any], k0_Nm_per_rad: float, k2_per_rad2: float) -> dict[str, Any]:
+def replace_by_law(
+    leg: Mapping[str, Any], k0_Nm_per_rad: float, k2_per_rad2: float
+) -> dict[str, Any]:
     """The keys of [leg] with the law k0 phi + k0 k2 phi^3, without a curve."""
     others = {key: value for key, value in leg.items() if key != "torque_rotation"}
     return {**others, **dict(zip(LAW_KEYS, (HINGE_LAW, k0_Nm_per_rad, k2_per_rad2), strict=True))}
@@ -69,18 +101,25 @@ def replace_by_law(leg: Mapping[str, Any], k0_Nm_per_rad: float, k2_per_rad2: fl
 
 def replace_by_curve(leg: Mapping[str, Any], curve: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of [leg] with the curve, without a law."""
-    return {**{key: value for key, value in leg.items() if key not in LAW_KEYS}, "torque_rotation": dict(curve)}
+    return {
+        **{key: value for key, value in leg.items() if key not in LAW_KEYS},
+        "torque_rotation": dict(curve),
+    }
 
 
 def _times(factor: float, value: Any) -> Any:
-    return [_times(factor, each) for each in value] if isinstance(value, list | tuple) else factor * value
+    return (
+        [_times(factor, each) for each in value]
+        if isinstance(value, list | tuple)
+        else factor * value
+    )
 
 
 def read_named_curve(file: File, folder: Path) -> File:
     """The sections of a file with the curve that they name read from `folder`.
 
-    Where [known_to] states no `k0_relative`, it becomes the curve's own band. Raises BadInput, naming file and line, for an invalid curve.
-    """
+    Where [known_to] states no `k0_relative`, it becomes the curve's own band. Raises BadInput,
+    naming file and line, for an invalid curve."""
     leg: LegSection = getattr(file, "leg")  # noqa: B009  (rig, model and campaign files all have one)
     if leg.torque_rotation is None:
         return file
@@ -96,15 +135,21 @@ def read_named_curve(file: File, folder: Path) -> File:
 
 
 def relative_std(section: TorqueRotationSection) -> float | None:
-    """Uncertainty of a factor on the curve: rms of its band over rms of its torques; None without a band."""
+    """Uncertainty of a factor on the curve: rms of its band over rms of its torques; None
+    without a band.
+    """
     std = section.standard_deviations_Nm
-    variance = [each**2 for each in std or ()] or [row[i] for i, row in enumerate(section.covariance_Nm2 or ())]
+    variance = [each**2 for each in std or ()] or [
+        row[i] for i, row in enumerate(section.covariance_Nm2 or ())
+    ]
     square = sum(torque**2 for torque in section.torques_Nm or ())
     return math.sqrt(sum(variance) / square) or None if variance and square else None
 
 
 def read_curve(path: Path) -> TorqueRotationSection:
-    """Read the curve in a CSV file. Raises BadInput, naming file and line, where it cannot be used."""
+    """Read the curve in a CSV file. Raises BadInput, naming file and line, where it cannot be
+    used.
+    """
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     try:
         rows = list(csv.reader(lines, skipinitialspace=True))
@@ -114,10 +159,14 @@ def read_curve(path: Path) -> TorqueRotationSection:
     # The band is optional.
     missing = [name for name in ("angle_deg", "torque_Nm") if name not in names]
     if missing:
-        raise BadInput(f"{path}:1: column {missing[0]} is missing; a curve has angle_deg, torque_Nm and, if known, torque_std_Nm")
+        raise BadInput(
+            f"{path}:1: column {missing[0]} is missing; a curve has angle_deg, torque_Nm "
+            "and, if known, torque_std_Nm"
+        )
     places = {key: names.index(name) for name, key in COLUMNS.items() if name in names}
     columns: dict[str, list[float]] = {
-        key: [_number(path, line, row, place) for line, row in enumerate(rows[1:], start=2)] for key, place in places.items()
+        key: [_number(path, line, row, place) for line, row in enumerate(rows[1:], start=2)]
+        for key, place in places.items()
     }
     # A curve that was bent to the negative side is written from rest on, with falling angles.
     if columns["angles_deg"] and columns["angles_deg"][0] > columns["angles_deg"][-1]:
@@ -130,7 +179,9 @@ def _number(path: Path, line: int, row: list[str], place: int) -> float:
         return float(row[place])
     except (ValueError, IndexError):
         cell = repr(row[place].strip()) if place < len(row) else "nothing"
-        raise BadInput(f"{path}:{line}: column {place + 1} should hold a number, not {cell}") from None
+        raise BadInput(
+            f"{path}:{line}: column {place + 1} should hold a number, not {cell}"
+        ) from None
 
 
 SECTIONS = ("leg", "ground", "sensor", "drive")
@@ -139,16 +190,21 @@ SECTIONS = ("leg", "ground", "sensor", "drive")
 def nominal_model(sections: Mapping[str, Any]) -> RigModel:
     """The model that the sections leg, ground, sensor and drive describe.
 
-    `sections` is plain data in the file's own units, as in `Recording.nominal`. Raises BadInput, naming the key, where something is
-    missing, unknown or out of range.
-    """
+    `sections` is plain data in the file's own units, as in `Recording.nominal`. Raises BadInput,
+    naming the key, where something is missing, unknown or out of range."""
     return model_of(validate(sections, RigSections, "the nominal model"))
 
 
 def model_of(sections: RigSections) -> RigModel:
     """The model from sections that were validated before."""
     effects = tuple(effect.present() for effect in sections.effects)
-    return RigModel(_leg(sections.leg), _ground(sections.ground), _sensor(sections.sensor), _drive(sections.drive), effects)
+    return RigModel(
+        _leg(sections.leg),
+        _ground(sections.ground),
+        _sensor(sections.sensor),
+        _drive(sections.drive),
+        effects,
+    )
 
 
 def _leg(leg: LegSection) -> Leg:
@@ -181,7 +237,9 @@ def _ground(ground: GroundSection) -> Ground:
         friction_coefficient=ground.friction_coefficient,
         presliding_m=ground.presliding_mm / 1e3,
         drag_N_s_per_m=ground.tangential_damping_N_s_per_m,
-        friction_lever_m=None if ground.friction_lever_mm is None else ground.friction_lever_mm / 1e3,
+        friction_lever_m=None
+        if ground.friction_lever_mm is None
+        else ground.friction_lever_mm / 1e3,
         friction_rise_share=ground.friction_rise_share,
         leaving_damping_share=ground.leaving_damping_share,
     )
@@ -196,7 +254,9 @@ def _drive(drive: DriveSection) -> Drive:
 
 
 class ModelFile(RigSections):
-    """A model file: the four sections, effects, and one standard deviation of each value that was fitted or nominal."""
+    """A model file: the four sections, effects, and one standard deviation of each value that
+    was fitted or nominal.
+    """
 
     known_to: KnownToSection = KnownToSection()
 
@@ -212,7 +272,9 @@ class ModelFile(RigSections):
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An identified effect: its parameters by name, or its `table`, and standard deviations by name where known."""
+    """An identified effect: its parameters by name, or its `table`, and standard deviations by
+    name where known.
+    """
 
     id: str
     parameters: Mapping[str, float]
@@ -226,7 +288,11 @@ def read_model_file(path: Path) -> ModelFile:
 
 
 def write_model(
-    path: Path, sections: Mapping[str, Any], known_to: Mapping[str, Any], comments: Iterable[str], found: Sequence[FoundEffect] = ()
+    path: Path,
+    sections: Mapping[str, Any],
+    known_to: Mapping[str, Any],
+    comments: Iterable[str],
+    found: Sequence[FoundEffect] = (),
 ) -> None:
     """Write a model file, all or nothing.
 
@@ -235,7 +301,8 @@ def write_model(
     path
         File to write.
     sections
-        leg, ground, sensor and drive as plain data in the file's units, and the effects of the nominal model.
+        leg, ground, sensor and drive as plain data in the file's units, and the effects of the
+        nominal model.
     known_to
         Standard deviations by key.
     comments
@@ -249,24 +316,41 @@ def write_model(
         Where the disk refuses.
     """
     nominal = [_nominal(effect) for effect in sections.get("effects", ())]
-    # A table inside [leg] must follow all plain keys of [leg], so it is written as a table of its own.
+    # A table inside [leg] must follow all plain keys of [leg], so it is written as a table of its
+    # own.
     curve = sections["leg"].get("torque_rotation")
     leg = {key: value for key, value in sections["leg"].items() if key != "torque_rotation"}
     curves = {} if curve is None else {"leg.torque_rotation": curve}
-    named = {"leg": leg, **curves, **{name: sections[name] for name in SECTIONS if name != "leg"}, "known_to": known_to}
+    named = {
+        "leg": leg,
+        **curves,
+        **{name: sections[name] for name in SECTIONS if name != "leg"},
+        "known_to": known_to,
+    }
     tables = [table(name, keys) for name, keys in named.items()]
-    parts = ["".join(toml_comment(line) for line in comments), *tables, *(_effect(effect) for effect in (*nominal, *found))]
+    parts = [
+        "".join(toml_comment(line) for line in comments),
+        *tables,
+        *(_effect(effect) for effect in (*nominal, *found)),
+    ]
     write_atomically(path, "\n".join(parts).encode("utf-8"))
 
 
 def _nominal(effect: Mapping[str, Any]) -> FoundEffect:
     if "knots" not in effect:
         return FoundEffect(effect["id"], effect["parameters"])
-    table = LawTable(effect["place"], effect["argument"], tuple(effect["knots"]), tuple(effect["values"]))
+    table = LawTable(
+        effect["place"], effect["argument"], tuple(effect["knots"]), tuple(effect["values"])
+    )
     return FoundEffect(effect["id"], {}, table=table)
 
 
 def _effect(effect: FoundEffect) -> str:
     keys = {"parameters": effect.parameters} if effect.table is None else asdict(effect.table)
-    lines = ["[[effects]]\n", *(f"{key} = {format_value(value)}\n" for key, value in {"id": effect.id, **keys}.items())]
-    return "".join(lines + [toml_comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])
+    lines = [
+        "[[effects]]\n",
+        *(f"{key} = {format_value(value)}\n" for key, value in {"id": effect.id, **keys}.items()),
+    ]
+    return "".join(
+        lines + [toml_comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()]
+    )

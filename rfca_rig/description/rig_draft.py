@@ -1,4 +1,6 @@
-"""Draft of a rig file: ten answers, usual values of everything else, and beside each key its meaning and its allowed values."""
+"""Draft of a rig file: ten answers, usual values of everything else, and beside each key its
+meaning and its allowed values.
+"""
 
 import json
 import math
@@ -34,9 +36,11 @@ class RigAnswers:
     force_N, torque_Nm
         Limits of the load on the sensor.
     drive, interface, channel, drive_number
-        The make of the drive, one of `devices.list_motors`; its bus, as python-can names it; its number on the bus.
+        The make of the drive, one of `devices.list_motors`; its bus, as python-can names it; its
+        number on the bus.
     sensor, address
-        The make of the force sensor, one of `devices.list_sensors`, and its host, port or calibration file.
+        The make of the force sensor, one of `devices.list_sensors`, and its host, port or
+        calibration file.
     counts
         Counts per N and per N m, where the sensor itself stated them.
     """
@@ -100,7 +104,9 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
         "twin": dict(usual["twin"]),
     }
     if answers.counts is not None and "counts_per_N" in sensor_values:
-        asked["force_sensor"].update(zip(("counts_per_N", "counts_per_Nm"), answers.counts, strict=True))
+        asked["force_sensor"].update(
+            zip(("counts_per_N", "counts_per_Nm"), answers.counts, strict=True)
+        )
     others: dict[str, Mapping[str, Any]] = {
         **usual,
         "ground": {key: value for key, value in usual["ground"].items() if key not in NOT_COULOMB},
@@ -114,7 +120,10 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     else:
         asked["twin"].pop("camera", None)
     schema = RigFile.model_json_schema()
-    for table, kind, place in (("motor", answers.drive, make.section), ("force_sensor", answers.sensor, sensor_make.section)):
+    for table, kind, place in (
+        ("motor", answers.drive, make.section),
+        ("force_sensor", answers.sensor, sensor_make.section),
+    ):
         makes: dict[str, str] = schema["properties"][table]["discriminator"]["mapping"]
         if kind not in makes:
             # The schema of the file has the built-in kinds only.
@@ -122,30 +131,57 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
             schema["$defs"][section.__name__] = section.model_json_schema()
             makes[kind] = f"#/$defs/{section.__name__}"
     lines = [
-        toml_comment(f"Rig file of {title}. A line that ends in '{USUAL}' holds a value of the paper's leg or of a usual device."),
-        toml_comment("Replace it by what you weigh, measure or read off. Then set kind to real, and run rfca-rig doctor with this file."),
+        toml_comment(
+            f"Rig file of {title}. A line that ends in '{USUAL}' holds a value of the "
+            "paper's leg or of a usual device."
+        ),
+        toml_comment(
+            "Replace it by what you weigh, measure or read off. Then set kind to real, "
+            "and run rfca-rig doctor with this file."
+        ),
     ]
     for name, values in asked.items():
-        lines += ["\n", *_lines_of_table(name, schema["properties"][name], schema["$defs"], values, {**others[name], **values})]
+        lines += [
+            "\n",
+            *_lines_of_table(
+                name,
+                schema["properties"][name],
+                schema["$defs"],
+                values,
+                {**others[name], **values},
+            ),
+        ]
     return "".join(lines)
 
 
 def _lines_of_table(
-    name: str, schema: Mapping[str, Any], known: Mapping[str, Any], asked: Mapping[str, Any], values: Mapping[str, Any]
+    name: str,
+    schema: Mapping[str, Any],
+    known: Mapping[str, Any],
+    asked: Mapping[str, Any],
+    values: Mapping[str, Any],
 ) -> Iterator[str]:
-    """The lines of one table: its meaning, its keys in the order of the schema, and the tables in it."""
+    """The lines of one table: its meaning, its keys in the order of the schema, and the tables
+    in it.
+    """
     # A table that may be absent is the one choice beside null.
-    schema = next((choice for choice in schema.get("anyOf", ()) if choice.get("type") != "null"), schema)
+    schema = next(
+        (choice for choice in schema.get("anyOf", ()) if choice.get("type") != "null"), schema
+    )
     makes: dict[str, str] = schema.get("discriminator", {}).get("mapping", {})
     table = known[(makes[values["device"]] if makes else schema["$ref"]).rpartition("/")[2]]
     # The first paragraph, without the name of the table, which follows.
-    meaning = " ".join(table.get("description", "").partition("\n\n")[0].split()).removeprefix(f"[{name}]: ")
+    meaning = " ".join(table.get("description", "").partition("\n\n")[0].split()).removeprefix(
+        f"[{name}]: "
+    )
     for line in wrap(meaning[:1].upper() + meaning[1:], WIDTH):
         yield toml_comment(line)
     yield f"[{name}]\n"
     inner: list[tuple[str, Any]] = []
     # The make of a device decides which other keys there are, so it comes first.
-    for key, value_schema in sorted(table["properties"].items(), key=lambda item: item[0] != "device"):
+    for key, value_schema in sorted(
+        table["properties"].items(), key=lambda item: item[0] != "device"
+    ):
         written, value = _in_degrees(key, values, table["properties"])
         if isinstance(value, Mapping):
             inner.append((key, value_schema))
@@ -153,17 +189,31 @@ def _lines_of_table(
             described = {**value_schema, **({"enum": [*makes]} if key == "device" else {})}
             if written != key:
                 # Limits of an angle in degrees.
-                described |= {limit: round(math.degrees(schema_value)) for limit, schema_value in described.items() if limit in LIMITS}
-            yield _line(f"{written} = {format_value(value)}", described, [] if key in asked else [USUAL])
+                described |= {
+                    limit: round(math.degrees(schema_value))
+                    for limit, schema_value in described.items()
+                    if limit in LIMITS
+                }
+            yield _line(
+                f"{written} = {format_value(value)}", described, [] if key in asked else [USUAL]
+            )
         elif "default" in value_schema and not _holds_table(value_schema):
             default = value_schema["default"]
-            yield _line(f"# {key} ={'' if default is None else f' {format_value(default)}'}", value_schema, ["optional"])
+            yield _line(
+                f"# {key} ={'' if default is None else f' {format_value(default)}'}",
+                value_schema,
+                ["optional"],
+            )
     for key, value_schema in inner:
         yield "\n"
-        yield from _lines_of_table(f"{name}.{key}", value_schema, known, asked.get(key, {}), values[key])
+        yield from _lines_of_table(
+            f"{name}.{key}", value_schema, known, asked.get(key, {}), values[key]
+        )
 
 
-def _in_degrees(key: str, values: Mapping[str, Any], properties: Mapping[str, Any]) -> tuple[str, Any]:
+def _in_degrees(
+    key: str, values: Mapping[str, Any], properties: Mapping[str, Any]
+) -> tuple[str, Any]:
     """Name and value of a key; an angle in radians is written in degrees."""
     twin = degrees_key(key)
     if twin is None or twin not in properties:
@@ -175,7 +225,10 @@ def _in_degrees(key: str, values: Mapping[str, Any], properties: Mapping[str, An
 
 def _holds_table(schema: Mapping[str, Any]) -> bool:
     choices = [schema, *schema.get("anyOf", ()), *schema.get("oneOf", ()), schema.get("items", {})]
-    return any("$ref" in choice or "discriminator" in choice for choice in choices) or schema.get("type") == "object"
+    return (
+        any("$ref" in choice or "discriminator" in choice for choice in choices)
+        or schema.get("type") == "object"
+    )
 
 
 def _line(start: str, schema: Mapping[str, Any], notes: list[str]) -> str:
@@ -185,7 +238,9 @@ def _line(start: str, schema: Mapping[str, Any], notes: list[str]) -> str:
 
 
 def list_limits(schema: Mapping[str, Any]) -> list[str]:
-    """What a JSON schema allows for a value, as texts: words in quotes, and limits of numbers and of lists."""
+    """What a JSON schema allows for a value, as texts: words in quotes, and limits of numbers
+    and of lists.
+    """
     found: list[str] = []
     for choice in schema.get("anyOf", [schema]):
         if "const" in choice or "enum" in choice:
@@ -195,5 +250,9 @@ def list_limits(schema: Mapping[str, Any]) -> list[str]:
             found.append("true, false")
         if choice.get("type") == "array":
             found += [f"each {limit}" for limit in list_limits(choice.get("items", {}))]
-            found += [f"{choice[key]} or {word}" for key, word in (("minItems", "more"), ("maxItems", "fewer")) if key in choice]
+            found += [
+                f"{choice[key]} or {word}"
+                for key, word in (("minItems", "more"), ("maxItems", "fewer"))
+                if key in choice
+            ]
     return found

@@ -1,4 +1,6 @@
-"""A rig file (calibration/*.toml): nominal leg, ground, sensor and drive; devices; limits; and for a twin, its true properties."""
+"""A rig file (calibration/*.toml): nominal leg, ground, sensor and drive; devices; limits; and
+for a twin, its true properties.
+"""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -6,11 +8,28 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from rfca_rig.description.camera_file import CameraFile, CameraSection, PhotoFolderSection, TwinCameraSection
+from rfca_rig.description.camera_file import (
+    CameraFile,
+    CameraSection,
+    PhotoFolderSection,
+    TwinCameraSection,
+)
 from rfca_rig.description.model_file import nominal_model, read_named_curve
-from rfca_rig.description.sections import DriveSection, Effects, GroundSection, KnownToSection, LegSection, SensorSection
+from rfca_rig.description.sections import (
+    DriveSection,
+    Effects,
+    GroundSection,
+    KnownToSection,
+    LegSection,
+    SensorSection,
+)
 from rfca_rig.devices.own import load_own
-from rfca_rig.devices.sections import ForceSensorChoice, Motor, OwnForceSensorSection, OwnMotorSection
+from rfca_rig.devices.sections import (
+    ForceSensorChoice,
+    Motor,
+    OwnForceSensorSection,
+    OwnMotorSection,
+)
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
@@ -21,7 +40,9 @@ from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 class RigSection(Section):
-    """`kind` determines whether the devices are twins; every line of output says SIM or REAL accordingly."""
+    """`kind` determines whether the devices are twins; every line of output says SIM or REAL
+    accordingly.
+    """
 
     title: str = Field(description="name of the rig, printed on reports")
     kind: Literal["twin", "real"] = Field(description="'twin' simulates the devices")
@@ -37,37 +58,53 @@ FIRST_STROKES = (0.5, 0.75)
 
 # As long as a drive with the usual watchdog would go on without a command.
 READING_AGE_MS = 100.0
-# Periods of the reports that may pass without one: a report may be lost, and the next one come late.
+# Periods of the reports that may pass without one: a report may be lost, and the next one come
+# late.
 MIN_PERIODS = 3.0
 
 
 class LimitsSection(Section):
     """Limits that stop the motion at once; every one but `reading_age_ms` must be set.
 
-    `first_strokes` are the shares of a condition's speed for its first strokes, from which the force at full speed is predicted before it
-    is applied. Without the key, a real rig runs them at 0.5 and 0.75, a twin none.
-    """
+    `first_strokes` are the shares of a condition's speed for its first strokes, from which the
+    force at full speed is predicted before it is applied. Without the key, a real rig runs them at
+    0.5 and 0.75, a twin none."""
 
     force_N: Positive = Field(description="largest force on the sensor")
     torque_Nm: Positive = Field(description="largest moment on the sensor")
     speed_rad_s: Positive = Field(description="largest speed of the shaft")
-    following_error_deg: Positive = Field(description="largest difference between commanded and measured shaft angle")
-    following_error_deg_s_per_rad: NotNegative = Field(description="added to that limit per commanded speed")
-    sensor_silent_ms: Positive = Field(description="longest time without a record of the force sensor")
+    following_error_deg: Positive = Field(
+        description="largest difference between commanded and measured shaft angle"
+    )
+    following_error_deg_s_per_rad: NotNegative = Field(
+        description="added to that limit per commanded speed"
+    )
+    sensor_silent_ms: Positive = Field(
+        description="longest time without a record of the force sensor"
+    )
     drive_silent_ms: Positive = Field(description="longest time without a report of the drive")
-    sensor_frozen_ms: Positive = Field(description="longest time with unchanged values of the force sensor")
-    above_expected: Annotated[float, Field(ge=1)] = Field(description="largest ratio of the load to the model's prediction")
+    sensor_frozen_ms: Positive = Field(
+        description="longest time with unchanged values of the force sensor"
+    )
+    above_expected: Annotated[float, Field(ge=1)] = Field(
+        description="largest ratio of the load to the model's prediction"
+    )
     above_expected_ms: Positive = Field(description="longest time above that ratio")
     temperature_degC: Positive = Field(description="highest temperature of drive and motor")
     late_ms: Positive = Field(description="largest delay of a cycle of the control loop")
-    reading_age_ms: Positive = Field(default=READING_AGE_MS, description="largest age of the angle and torque that the drive reports")
+    reading_age_ms: Positive = Field(
+        default=READING_AGE_MS,
+        description="largest age of the angle and torque that the drive reports",
+    )
     first_strokes: Annotated[tuple[Share, ...], Field(strict=False)] | None = Field(
         default=None, description="shares of the speed for the first strokes of a condition"
     )
 
 
 class TwinDriveSection(Section):
-    """The twin's drive, at the shaft: a PI speed loop on a rotor. With low gains the speed sags and surges under load."""
+    """The twin's drive, at the shaft: a PI speed loop on a rotor. With low gains the speed sags
+    and surges under load.
+    """
 
     rotor_inertia_kg_m2: Positive = Field(description="inertia of the rotor at the shaft")
     speed_gain_Nm_s_per_rad: Positive = Field(description="proportional gain of the speed loop")
@@ -121,8 +158,10 @@ class RigFile(Section):
         period_ms = 1e3 / self.motor.reports_Hz
         if self.limits.reading_age_ms < MIN_PERIODS * period_ms:
             raise ValueError(
-                f"limits.reading_age_ms is {self.limits.reading_age_ms:g}, and the drive reports every {period_ms:g} ms; give at least "
-                f"{MIN_PERIODS:g} periods, {MIN_PERIODS * period_ms:g} ms, or set the drive to report more often"
+                f"limits.reading_age_ms is {self.limits.reading_age_ms:g}, and the drive "
+                f"reports every {period_ms:g} ms; give at least "
+                f"{MIN_PERIODS:g} periods, {MIN_PERIODS * period_ms:g} ms, or set the "
+                "drive to report more often"
             )
         return self
 
@@ -161,15 +200,24 @@ class RigFile(Section):
     def _first_strokes(self) -> tuple[float, ...]:
         default = FIRST_STROKES if self.is_real else ()
         # Ascending, so that each stroke is the next small step towards full speed.
-        return default if self.limits.first_strokes is None else tuple(sorted(self.limits.first_strokes))
+        return (
+            default
+            if self.limits.first_strokes is None
+            else tuple(sorted(self.limits.first_strokes))
+        )
 
     def eye(self) -> PhotoSetup | None:
-        """Evaluates the camera's photos; None without [camera]. Raises BadInput where its calibration cannot be used."""
+        """Evaluates the camera's photos; None without [camera]. Raises BadInput where its
+        calibration cannot be used.
+        """
         if self.camera is None:
             return None
         path = Path(self.camera.calibration_file)
         if not path.is_file():
-            raise BadInput(f"{path}: not there; [camera] of the rig file names it as calibration_file; rfca-rig calibrate camera makes it")
+            raise BadInput(
+                f"{path}: not there; [camera] of the rig file names it as "
+                "calibration_file; rfca-rig calibrate camera makes it"
+            )
         return self.eye_behind(read_text(path), path)
 
     def eye_behind(self, camera_text: str, path: Path) -> PhotoSetup | None:
@@ -177,7 +225,11 @@ class RigFile(Section):
         if self.camera is None:
             return None
         lengths_m = tuple(length_mm / 1e3 for length_mm in self.leg.link_lengths_mm)
-        return PhotoSetup(_camera_before_the_plane(camera_text, path), self.camera.marks.plan(lengths_m), lengths_m)
+        return PhotoSetup(
+            _camera_before_the_plane(camera_text, path),
+            self.camera.marks.plan(lengths_m),
+            lengths_m,
+        )
 
     def _limits(self) -> Limits:
         limits = self.limits
@@ -220,7 +272,11 @@ def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
     if sensor.file_keys:
         rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, *sensor.file_keys)})
     if camera is not None:
-        paths = ("calibration_file", "folder") if isinstance(camera, PhotoFolderSection) else ("calibration_file",)
+        paths = (
+            ("calibration_file", "folder")
+            if isinstance(camera, PhotoFolderSection)
+            else ("calibration_file",)
+        )
         rig = rig.model_copy(update={"camera": _from(folder, camera, *paths)})
     return rig
 

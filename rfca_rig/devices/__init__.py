@@ -1,12 +1,15 @@
 """Devices, each kind with all that belongs to it in a folder, and the registry of their kinds.
 
-A rig file names the kind of a device by `device` in [motor] and [force_sensor]. `find_motor` and `find_sensor` map that word to a
-`MotorMake` or `SensorMake`. Built-in makes are in two tables, those of installed packages are entry points of the group
-`rfca_rig.devices`. A make names its parts, which are imported when they are first used. So reading a rig file imports no driver, and no
+A rig file names the kind of a device by `device` in [motor] and [force_sensor]. `find_motor` and
+`find_sensor` map that word to a `MotorMake` or `SensorMake`. Built-in makes are in two tables,
+those of installed packages are entry points of the group `rfca_rig.devices`. A make names its
+parts, which are imported when they are first used. So reading a rig file imports no driver, and no
 installed package that the file does not name.
 
-1. `sections` has the base classes of the sections; `own` loads a lab's own device from the file that a section names.
-2. A folder has the `codec`, `driver` and `twin` (with its faults) of one make, its `section`, and the doctor's `checks`.
+1. `sections` has the base classes of the sections; `own` loads a lab's own device from the file
+   that a section names.
+2. A folder has the `codec`, `driver` and `twin` (with its faults) of one make, its `section`, and
+   the doctor's `checks`.
 3. `checks` is what the checks of all makes use: findings, a listener on the bus, ports.
 """
 
@@ -50,7 +53,8 @@ USUAL_WATCHDOG_S = 0.1
 
 @dataclass(frozen=True)
 class MotorMake:
-    """One kind of motor: where its parts are. Each part is "module:name", which is imported when it is first used.
+    """One kind of motor: where its parts are. Each part is "module:name", which is imported when it
+    is first used.
 
     Parameters
     ----------
@@ -59,17 +63,21 @@ class MotorMake:
     twin
         Makes the simulated drive: (bus, keys, gains, watchdog_s) -> MotorTwin.
     driver
-        Makes the driver: (keys, bus, clock, silent_s) -> ShaftMotor. Without it, the section's own method `driver` does.
+        Makes the driver: (keys, bus, clock, silent_s) -> ShaftMotor. Without it, the section's own
+        method `driver` does.
     check
-        The doctor's check: (keys, listener) -> findings. Without it, the doctor reads the drive by its driver.
+        The doctor's check: (keys, listener) -> findings. Without it, the doctor reads the drive by
+        its driver.
     faults
         A `DriveFaults`: the faults that can be injected into the twin. Without it there are none.
     torque_off
-        For a drive without a watchdog: (keys, silent_s) -> TorqueOffFrames, which the guardian sends.
+        For a drive without a watchdog: (keys, silent_s) -> TorqueOffFrames, which the guardian
+        sends.
     watchdog_key
         The key in milliseconds that states the drive's watchdog, where the rig file has one.
     number
-        For `rfca-rig init`: the key of the drive's number on the bus, and the number of a new drive.
+        For `rfca-rig init`: the key of the drive's number on the bus, and the number of a new
+        drive.
     usual
         For `rfca-rig init`: usual values of the other keys that have no default.
     example
@@ -87,13 +95,21 @@ class MotorMake:
     usual: Mapping[str, Any] = field(default_factory=dict)
     example: Mapping[str, Any] = field(default_factory=dict)
 
-    def make_driver(self, keys: Any, bus: "can.BusABC", clock: "Clock", silent_s: float) -> "ShaftMotor":
+    def make_driver(
+        self, keys: Any, bus: "can.BusABC", clock: "Clock", silent_s: float
+    ) -> "ShaftMotor":
         """The driver on that bus; no report for `silent_s` is a fault."""
         driver: ShaftMotor
-        driver = keys.driver(bus, clock, silent_s) if self.driver is None else load_object(self.driver)(keys, bus, clock, silent_s)
+        driver = (
+            keys.driver(bus, clock, silent_s)
+            if self.driver is None
+            else load_object(self.driver)(keys, bus, clock, silent_s)
+        )
         return driver
 
-    def make_twin(self, keys: Any, bus: "can.BusABC", gains: "LoopGains", watchdog_s: float | None) -> "MotorTwin":
+    def make_twin(
+        self, keys: Any, bus: "can.BusABC", gains: "LoopGains", watchdog_s: float | None
+    ) -> "MotorTwin":
         """The simulated drive on its end of the bus; `watchdog_s` None: without a watchdog."""
         twin: MotorTwin = load_object(self.twin)(bus, keys, gains, watchdog_s)
         return twin
@@ -103,23 +119,29 @@ class MotorMake:
 class SensorMake:
     """One kind of force sensor: where its parts are, as in `MotorMake`.
 
-    The way to a sensor is what its driver reads and writes: a serial port, a socket, a card. It has a method `close`.
+    The way to a sensor is what its driver reads and writes: a serial port, a socket, a card. It has
+    a method `close`.
 
     Parameters
     ----------
     section
         The keys of [force_sensor], a subclass of `sections.ForceSensorSection`.
     twin
-        Makes the simulated sensor on its end of the wire: (end, keys, noise_std, random) -> SensorTwin.
+        Makes the simulated sensor on its end of the wire: (end, keys, noise_std, random) ->
+        SensorTwin.
     driver
-        Makes the driver: (keys, way, clock) -> ForceSensor. Without it, the section's own method `driver` does.
+        Makes the driver: (keys, way, clock) -> ForceSensor. Without it, the section's own method
+        `driver` does.
     open
-        Opens the way to the real sensor: (keys, clock) -> way. Without it, the section's own method `open` does.
+        Opens the way to the real sensor: (keys, clock) -> way. Without it, the section's own method
+        `open` does.
     wire
-        A `SensorWire`: what is between driver and twin, with its faults. A serial line where nothing else is stated. With None the
-        driver reads the twin itself, by calls, so that no other program can.
+        A `SensorWire`: what is between driver and twin, with its faults. A serial line where
+        nothing else is stated. With None the driver reads the twin itself, by calls, so that no
+        other program can.
     check
-        The doctor's check: (keys, clock) -> iterator of findings. Without it, the doctor reads the sensor by its driver.
+        The doctor's check: (keys, clock) -> iterator of findings. Without it, the doctor reads the
+        sensor by its driver.
     find
         Searches for the sensor without a rig file: () -> FoundSensor.
     address
@@ -148,10 +170,16 @@ class SensorMake:
     def make_driver(self, keys: Any, way: Any, clock: "Clock") -> "ForceSensor":
         """The driver on that way."""
         driver: ForceSensor
-        driver = keys.driver(way, clock) if self.driver is None else load_object(self.driver)(keys, way, clock)
+        driver = (
+            keys.driver(way, clock)
+            if self.driver is None
+            else load_object(self.driver)(keys, way, clock)
+        )
         return driver
 
-    def make_twin(self, end: Any, keys: Any, noise_std: tuple[float, ...], random: "np.random.Generator") -> "SensorTwin":
+    def make_twin(
+        self, end: Any, keys: Any, noise_std: tuple[float, ...], random: "np.random.Generator"
+    ) -> "SensorTwin":
         """The simulated sensor on its end of the wire."""
         twin: SensorTwin = load_object(self.twin)(end, keys, noise_std, random)
         return twin
@@ -172,16 +200,22 @@ def load_object(place: str) -> Any:
         return getattr(import_module(module), name)
     # Another package's code may raise anything.
     except Exception as error:
-        raise BadInput(f"{place} cannot be loaded: {' '.join(f'{type(error).__name__}: {error}'.split())}") from error
+        raise BadInput(
+            f"{place} cannot be loaded: {' '.join(f'{type(error).__name__}: {error}'.split())}"
+        ) from error
 
 
 def list_motors() -> tuple[str, ...]:
-    """The words that [motor] may name, without importing any: the built-in kinds, then those of installed packages."""
+    """The words that [motor] may name, without importing any: the built-in kinds, then those of
+    installed packages.
+    """
     return (*MOTORS, *_list_packaged())
 
 
 def list_sensors() -> tuple[str, ...]:
-    """The same for [force_sensor]. Which kind of device a package offers shows only when it is loaded, so both lists have all."""
+    """The same for [force_sensor]. Which kind of device a package offers shows only when it is
+    loaded, so both lists have all.
+    """
     return (*FORCE_SENSORS, *_list_packaged())
 
 
@@ -215,7 +249,10 @@ def _find(kind: str, built_in: Mapping[str, str], make_class: type[Make]) -> Mak
     if not points:
         raise KeyError(kind)
     if len(points) > 1:
-        raise BadInput(f"device {kind!r} is offered by several installed packages: {package_of(kind)}; remove all but one")
+        raise BadInput(
+            f"device {kind!r} is offered by several installed packages: "
+            f"{package_of(kind)}; remove all but one"
+        )
     what = f"device {kind!r} of the installed package {package_of(kind)}"
     try:
         offered = load_object(points[0].value)
@@ -230,9 +267,22 @@ def _find(kind: str, built_in: Mapping[str, str], make_class: type[Make]) -> Mak
 
 def package_of(kind: str) -> str | None:
     """The installed package that offers the kind, with its version; None for a built-in kind."""
-    return ", ".join(sorted(f"{point.dist.name} {point.dist.version}" for point in _points_of(kind) if point.dist is not None)) or None
+    return (
+        ", ".join(
+            sorted(
+                f"{point.dist.name} {point.dist.version}"
+                for point in _points_of(kind)
+                if point.dist is not None
+            )
+        )
+        or None
+    )
 
 
 def _points_of(kind: str) -> tuple[EntryPoint, ...]:
     # The word of a built-in kind is taken in both tables.
-    return () if kind in MOTORS or kind in FORCE_SENSORS else tuple(entry_points(group=GROUP, name=kind))
+    return (
+        ()
+        if kind in MOTORS or kind in FORCE_SENSORS
+        else tuple(entry_points(group=GROUP, name=kind))
+    )

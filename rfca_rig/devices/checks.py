@@ -1,4 +1,5 @@
-"""What the doctor's checks of all devices use: the result of a check, a listener on a CAN bus, serial ports, the receive buffer.
+"""What the doctor's checks of all devices use: the result of a check, a listener on a CAN bus,
+serial ports, the receive buffer.
 
 A result is a colour, the observation, and the fix.
 """
@@ -36,7 +37,9 @@ class Colour(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check: `subject` in a few words, `fix` is what to do, `commands` are lines to be typed unchanged."""
+    """Result of one check: `subject` in a few words, `fix` is what to do, `commands` are lines
+    to be typed unchanged.
+    """
 
     subject: str
     colour: Colour
@@ -47,10 +50,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class FoundSensor:
-    """Result of a search for a force sensor without a rig file; `name` is empty where there is none.
+    """Result of a search for a force sensor without a rig file; `name` is empty where there is
+    none.
 
-    `address` is what the rig file says of it, `counts` are counts per N and per N m where the sensor states them.
-    """
+    `address` is what the rig file says of it, `counts` are counts per N and per N m where the
+    sensor states them."""
 
     findings: tuple[Finding, ...]
     name: str = ""
@@ -77,7 +81,8 @@ def join_ids(numbers: tuple[int, ...]) -> str:
 
 @dataclass(frozen=True)
 class CanBusObservation:
-    """Observed bus. `error` is None for a bus that opened. Counts of frames and error frames, and whether it went bus-off.
+    """Observed bus. `error` is None for a bus that opened. Counts of frames and error frames, and
+    whether it went bus-off.
 
     `failed` is how the bus failed while it was open, None if it did not.
     """
@@ -98,7 +103,9 @@ class ReceivedFrame:
 
 
 class Listener:
-    """Collects frames, oldest first, and counts error frames. A bus failure is noted, not raised, as it is a finding."""
+    """Collects frames, oldest first, and counts error frames. A bus failure is noted, not
+    raised, as it is a finding.
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
         self._bus = bus
@@ -142,11 +149,15 @@ class Listener:
             self.failed = f"a question was not sent: {shorten_error(error)}"
 
     def observe(self) -> CanBusObservation:
-        return CanBusObservation(None, len(self.frames), self.error_frames, self.went_off, self.failed)
+        return CanBusObservation(
+            None, len(self.frames), self.error_frames, self.went_off, self.failed
+        )
 
 
 def mean_period_s(frames: Sequence[ReceivedFrame]) -> float | None:
-    """Mean time between frames in s; None for fewer than two, and for frames received at the same time."""
+    """Mean time between frames in s; None for fewer than two, and for frames received at the
+    same time.
+    """
     if len(frames) < 2 or frames[-1].at_s <= frames[0].at_s:
         return None
     return (frames[-1].at_s - frames[0].at_s) / (len(frames) - 1)
@@ -159,7 +170,9 @@ def shorten_error(error: Exception) -> str:
 
 @dataclass(frozen=True)
 class SerialPortSeen:
-    """Observed port. `group` is its owner group, None if the system has no groups; `others` are the other serial ports."""
+    """Observed port. `group` is its owner group, None if the system has no groups; `others` are
+    the other serial ports.
+    """
 
     path: str
     exists: bool
@@ -172,17 +185,31 @@ class SerialPortSeen:
 def judge_serial_port(seen: SerialPortSeen, section: str) -> Finding:
     """Finding on a port that the rig file names under `section`."""
     if not seen.exists:
-        existing = f"there is {', '.join(seen.others)}" if seen.others else "there is no serial port at all"
-        return red(PORT_SUBJECT, f"there is no {seen.path}; {existing}", f"plug the cable in, or name the right port under {section}")
+        existing = (
+            f"there is {', '.join(seen.others)}"
+            if seen.others
+            else "there is no serial port at all"
+        )
+        return red(
+            PORT_SUBJECT,
+            f"there is no {seen.path}; {existing}",
+            f"plug the cable in, or name the right port under {section}",
+        )
     if not seen.may_open:
-        return red(PORT_SUBJECT, f"{seen.path} is not open to you{_owner_text(seen)}", *_permission(seen))
+        return red(
+            PORT_SUBJECT, f"{seen.path} is not open to you{_owner_text(seen)}", *_permission(seen)
+        )
     return green(PORT_SUBJECT, f"{seen.path} {seen.product}".strip())
 
 
 def judge_found_port(seen: SerialPortSeen) -> Finding:
     """Finding on a port that was found by a scan; a missing permission may not matter."""
     if not seen.may_open:
-        return yellow(PORT_SUBJECT, f"{seen.path} {seen.product}".strip() + f", not open to you{_owner_text(seen)}", *_permission(seen))
+        return yellow(
+            PORT_SUBJECT,
+            f"{seen.path} {seen.product}".strip() + f", not open to you{_owner_text(seen)}",
+            *_permission(seen),
+        )
     return green(PORT_SUBJECT, f"{seen.path} {seen.product}".strip())
 
 
@@ -191,7 +218,9 @@ def _owner_text(seen: SerialPortSeen) -> str:
 
 
 def _permission(seen: SerialPortSeen) -> tuple[str, ...]:
-    """Fix for a missing permission. For a port of root the mode is changed: joining root's group would grant too much."""
+    """Fix for a missing permission. For a port of root the mode is changed: joining root's group
+    would grant too much.
+    """
     if seen.group is None or seen.group == "root":
         return "let yourself in until the next restart:", f"sudo chmod a+rw {seen.path}"
     return "join the group, then log out and in again:", f"sudo usermod -aG {seen.group} $USER"
@@ -209,10 +238,16 @@ def look_for_serial_ports() -> tuple[SerialPortSeen, ...]:
 
 
 def _list_ports() -> dict[str, str]:
-    """Ports found by pyserial, with the product name. Ports of the mainboard without a connector are left out."""
+    """Ports found by pyserial, with the product name. Ports of the mainboard without a connector
+    are left out.
+    """
     from serial.tools import list_ports  # noqa: PLC0415 (little else needs it)
 
-    return {port.device: port.product or "" for port in list_ports.comports() if not port.device.startswith("/dev/ttyS")}
+    return {
+        port.device: port.product or ""
+        for port in list_ports.comports()
+        if not port.device.startswith("/dev/ttyS")
+    }
 
 
 def _observe(path: str, product: str, others: tuple[str, ...]) -> SerialPortSeen:
@@ -220,7 +255,14 @@ def _observe(path: str, product: str, others: tuple[str, ...]) -> SerialPortSeen
     if os.name == "nt":
         return SerialPortSeen(path, path in _list_ports(), True, None, others, product)
     exists = Path(path).exists()
-    return SerialPortSeen(path, exists, os.access(path, os.R_OK | os.W_OK), _group(path) if exists else None, others, product)
+    return SerialPortSeen(
+        path,
+        exists,
+        os.access(path, os.R_OK | os.W_OK),
+        _group(path) if exists else None,
+        others,
+        product,
+    )
 
 
 def _group(path: str) -> str | None:
@@ -232,7 +274,9 @@ def _group(path: str) -> str | None:
 
 
 def probe_receive_buffer() -> int:
-    """Receive buffer in bytes that the system grants to a request like the driver's; nothing is sent."""
+    """Receive buffer in bytes that the system grants to a request like the driver's; nothing is
+    sent.
+    """
     # Not connected: a computer without an IPv4 loopback interface has no way even to itself.
     opened, granted_bytes = open_udp()
     opened.close()
@@ -240,10 +284,20 @@ def probe_receive_buffer() -> int:
 
 
 def judge_receive_buffer(granted_bytes: int, asked_bytes: int, rate_Hz: float) -> Finding:
-    """Finding on the receive buffer. `rate_Hz` is the record rate; in the worst case each record has its own datagram."""
+    """Finding on the receive buffer. `rate_Hz` is the record rate; in the worst case each record
+    has its own datagram.
+    """
     if granted_bytes >= asked_bytes:
-        return green(RECEIVE_BUFFER_SUBJECT, f"{granted_bytes >> 10} KiB granted, {asked_bytes >> 10} asked for")
+        return green(
+            RECEIVE_BUFFER_SUBJECT,
+            f"{granted_bytes >> 10} KiB granted, {asked_bytes >> 10} asked for",
+        )
     holds_ms = 1e3 * granted_bytes / KERNEL_BYTES_PER_DATAGRAM / rate_Hz
-    summary = f"{granted_bytes >> 10} KiB granted of {asked_bytes >> 10} asked for: {holds_ms:.0f} ms of single records at {rate_Hz:g} Hz"
+    summary = (
+        f"{granted_bytes >> 10} KiB granted of {asked_bytes >> 10} asked for: {holds_ms:.0f} "
+        f"ms of single records at {rate_Hz:g} Hz"
+    )
     fix = "allow more; a file in /etc/sysctl.d makes it last over a restart:"
-    return yellow(RECEIVE_BUFFER_SUBJECT, summary, fix, f"sudo sysctl -w net.core.rmem_max={asked_bytes}")
+    return yellow(
+        RECEIVE_BUFFER_SUBJECT, summary, fix, f"sudo sysctl -w net.core.rmem_max={asked_bytes}"
+    )

@@ -1,7 +1,8 @@
-"""A lab's own motors and force sensors: a rig file names a Python file, which defines the keys of its section and makes the driver.
+"""A lab's own motors and force sensors: a rig file names a Python file, which defines the keys of
+its section and makes the driver.
 
-The section is validated by the class in that file, so that a wrong key is refused with its line, as for any other device.
-"""
+The section is validated by the class in that file, so that a wrong key is refused with its line, as
+for any other device."""
 
 import hashlib
 import linecache
@@ -15,15 +16,26 @@ import can
 import numpy as np
 
 from rfca_rig.devices import MotorMake, SensorMake, package_of
-from rfca_rig.devices.sections import ForceSensorKeys, ForceSensorSection, MotorKeys, MotorSection, OwnForceSensorSection, OwnMotorSection
+from rfca_rig.devices.sections import (
+    ForceSensorKeys,
+    ForceSensorSection,
+    MotorKeys,
+    MotorSection,
+    OwnForceSensorSection,
+    OwnMotorSection,
+)
 from rfca_rig.errors import BadInput
 from rfca_rig.toml import read_text, section_of
 from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.wires import SerialLine
 from rfca_rig.twins.world import MotorTwin, SensorTwin
 
-MOTOR = MotorMake(section="rfca_rig.devices.sections:OwnMotorSection", twin=f"{__name__}:make_motor_twin")
-FORCE_SENSOR = SensorMake(section="rfca_rig.devices.sections:OwnForceSensorSection", twin=f"{__name__}:make_sensor_twin")
+MOTOR = MotorMake(
+    section="rfca_rig.devices.sections:OwnMotorSection", twin=f"{__name__}:make_motor_twin"
+)
+FORCE_SENSOR = SensorMake(
+    section="rfca_rig.devices.sections:OwnForceSensorSection", twin=f"{__name__}:make_sensor_twin"
+)
 
 # By table: the name of the class in a lab's file, its base class, and the page that explains it.
 OWN_CLASSES: dict[str, tuple[str, type[MotorKeys] | type[ForceSensorKeys], str]] = {
@@ -35,10 +47,11 @@ SOURCE_ATTRIBUTE = "__source__"
 
 
 def find_class(path: Path, name: str, page: str) -> type:
-    """The class that the file defines under `name`; `page` of docs explains how. Raises BadInput where there is none.
+    """The class that the file defines under `name`; `page` of docs explains how. Raises BadInput
+    where there is none.
 
-    A class from another file is refused, because the recording keeps this file, and it must contain the code that ran.
-    """
+    A class from another file is refused, because the recording keeps this file, and it must contain
+    the code that ran."""
     module = _load(path, read_text(path))
     found = getattr(module, name, None)
     if not isinstance(found, type) or found.__module__ != module.__name__:
@@ -53,13 +66,15 @@ def source_of(found: type) -> str:
 
 @cache
 def _load(path: Path, text: str) -> ModuleType:
-    """Loads the module once per text, so that a class stays the same object however often its rig file is read.
+    """Loads the module once per text, so that a class stays the same object however often its rig
+    file is read.
 
-    The module is registered because pydantic looks up annotations there. Its folder is not searched for imports, so that the whole driver
-    is in the file that the recording keeps.
-    """
+    The module is registered because pydantic looks up annotations there. Its folder is not searched
+    for imports, so that the whole driver is in the file that the recording keeps."""
     # The hash keeps two files of the same name, or two versions of one file, apart.
-    module = ModuleType(f"rfca_rig_own_{path.stem}_{hashlib.sha256(f'{path}{text}'.encode()).hexdigest()[:12]}")
+    module = ModuleType(
+        f"rfca_rig_own_{path.stem}_{hashlib.sha256(f'{path}{text}'.encode()).hexdigest()[:12]}"
+    )
     module.__file__ = str(path)
     setattr(module, SOURCE_ATTRIBUTE, text)
     sys.modules[module.__name__] = module
@@ -71,7 +86,9 @@ def _load(path: Path, text: str) -> ModuleType:
         raise BadInput(f"{path}:{error.lineno}: {error.msg}") from None
     # A lab's file may raise anything.
     except Exception as error:
-        raise BadInput(f"{path}{_line(error, path)}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+        raise BadInput(
+            f"{path}{_line(error, path)}: {type(error).__name__}: {' '.join(str(error).split())}"
+        ) from error
     return module
 
 
@@ -85,8 +102,11 @@ def _line(error: BaseException, path: Path) -> str:
     return f":{lines[-1]}" if lines else ""
 
 
-def load_own(table: str, section: OwnMotorSection | OwnForceSensorSection, rig_text: str, rig_path: Path) -> MotorKeys | ForceSensorKeys:
-    """The section of that table, validated by its own class, with paths relative to the rig file resolved.
+def load_own(
+    table: str, section: OwnMotorSection | OwnForceSensorSection, rig_text: str, rig_path: Path
+) -> MotorKeys | ForceSensorKeys:
+    """The section of that table, validated by its own class, with paths relative to the rig file
+    resolved.
 
     Raises BadInput FILE:LINE: key: what is wrong.
     """
@@ -96,7 +116,9 @@ def load_own(table: str, section: OwnMotorSection | OwnForceSensorSection, rig_t
     if not issubclass(found, base):
         raise BadInput(f"{path}: {name} does not inherit {base.__name__}; see docs/{page}")
     keys = section_of(rig_text, table, found, rig_path)
-    twin = {"twin_file": str((rig_path.parent / keys.twin_file).resolve())} if keys.twin_file else {}
+    twin = (
+        {"twin_file": str((rig_path.parent / keys.twin_file).resolve())} if keys.twin_file else {}
+    )
     return keys.model_copy(update={"file": str(path), **twin})
 
 
@@ -106,20 +128,26 @@ def twin_of(keys: OwnMotorSection | OwnForceSensorSection) -> type:
     *_, page = OWN_CLASSES[table]
     if keys.twin_file is None:
         raise BadInput(
-            f"[{table}] {Path(keys.file).name} has no twin: name one in twin_file (docs/{page}), or take another device for runs without "
+            f"[{table}] {Path(keys.file).name} has no twin: name one in twin_file "
+            f"(docs/{page}), or take another device for runs without "
             "the rig"
         )
     return find_class(Path(keys.twin_file), "TWIN", page)
 
 
-def make_motor_twin(bus: can.BusABC, keys: OwnMotorSection, gains: LoopGains, watchdog_s: float | None) -> MotorTwin:
+def make_motor_twin(
+    bus: can.BusABC, keys: OwnMotorSection, gains: LoopGains, watchdog_s: float | None
+) -> MotorTwin:
     """The twin of a lab's own motor, of the class TWIN in its file."""
     twin: MotorTwin = twin_of(keys)(bus, keys, gains, watchdog_s)
     return twin
 
 
 def make_sensor_twin(
-    line: SerialLine, keys: OwnForceSensorSection, noise_std: tuple[float, ...], random: np.random.Generator
+    line: SerialLine,
+    keys: OwnForceSensorSection,
+    noise_std: tuple[float, ...],
+    random: np.random.Generator,
 ) -> SensorTwin:
     """The twin of a lab's own sensor, of the class TWIN in its file."""
     twin: SensorTwin = twin_of(keys)(line, keys, noise_std, random)
@@ -137,6 +165,8 @@ def texts_of(motor: object, force_sensor: object) -> Mapping[str, str]:
 
 
 def packages_of(motor: MotorSection, force_sensor: ForceSensorSection) -> Mapping[str, str]:
-    """Installed packages that offer the devices, with their versions, by name, for the recording."""
+    """Installed packages that offer the devices, with their versions, by name, for the
+    recording.
+    """
     named = {"motor": package_of(motor.device), "force_sensor": package_of(force_sensor.device)}
     return {f"{table}_package": package for table, package in named.items() if package is not None}

@@ -1,4 +1,6 @@
-"""[motor] and [force_sensor] in a rig file: base classes of their sections, and the section that `device` selects from the registry."""
+"""[motor] and [force_sensor] in a rig file: base classes of their sections, and the section that
+`device` selects from the registry.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,7 +12,17 @@ from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandl
 from pydantic_core import CoreSchema, PydanticCustomError, PydanticKnownError, core_schema
 
 from rfca_rig.clock import Clock
-from rfca_rig.devices import FORCE_SENSORS, MOTORS, MotorMake, SensorMake, find_motor, find_sensor, list_motors, list_sensors, load_object
+from rfca_rig.devices import (
+    FORCE_SENSORS,
+    MOTORS,
+    MotorMake,
+    SensorMake,
+    find_motor,
+    find_sensor,
+    list_motors,
+    list_sensors,
+    load_object,
+)
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.ports import SerialPort, open_port
 from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
@@ -24,9 +36,8 @@ LOOP_RATE_HZ = 500.0
 class MotorSection(Section):
     """Keys of every drive on CAN: the bus, and the direction in which it turns the shaft.
 
-    On a real rig a `guardian` owns the bus of a drive that has no watchdog. It is a process that removes the torque when no command arrives
-    for `guardian_silence_ms`.
-    """
+    On a real rig a `guardian` owns the bus of a drive that has no watchdog. It is a process that
+    removes the torque when no command arrives for `guardian_silence_ms`."""
 
     needs_guardian: ClassVar[bool] = False
 
@@ -34,13 +45,19 @@ class MotorSection(Section):
         # Each section states its own word.
         device: str
 
-    direction: Literal[1, -1] = Field(description="-1 where the drive counts up while the leg turns up")
+    direction: Literal[1, -1] = Field(
+        description="-1 where the drive counts up while the leg turns up"
+    )
     interface: str = Field(default="socketcan", description="interface of python-can")
     channel: str = Field(default="can0", description="channel of that interface")
     bitrate: Annotated[int, Field(gt=0)] = Field(default=1_000_000, description="bits/s of the bus")
-    guardian: bool | None = Field(default=None, description="for drives without a watchdog: whether a guardian owns the bus of a real rig")
+    guardian: bool | None = Field(
+        default=None,
+        description="for drives without a watchdog: whether a guardian owns the bus of a real rig",
+    )
     guardian_silence_ms: Annotated[float, Field(ge=20, le=300)] = Field(
-        default=100.0, description="time without a command after which the guardian removes the torque"
+        default=100.0,
+        description="time without a command after which the guardian removes the torque",
     )
 
     @field_validator("guardian")
@@ -48,7 +65,10 @@ class MotorSection(Section):
     def _only_where_it_is_needed(cls, guardian: bool | None) -> bool | None:
         # A drive's own watchdog is tested before a run; a guardian beside it has no purpose.
         if guardian and not cls.needs_guardian:
-            raise ValueError("is for drives without a watchdog; this one has its own, which is proven before a run: leave the key out")
+            raise ValueError(
+                "is for drives without a watchdog; this one has its own, which is proven "
+                "before a run: leave the key out"
+            )
         return guardian
 
     @property
@@ -73,16 +93,21 @@ class MotorSection(Section):
         return None
 
     def open(self) -> can.BusABC:
-        """Open the bus, to be shut down by the caller. Override it for a drive without a CAN bus. Raises the errors of python-can."""
+        """Open the bus, to be shut down by the caller. Override it for a drive without a CAN
+        bus. Raises the errors of python-can.
+        """
         return CanBusSettings(self.interface, self.channel, self.bitrate, self.fd_bitrate).open()
 
     def driver(self, bus: can.BusABC, clock: Clock, silent_s: float) -> ShaftMotor:
-        """The driver on that bus; no report for `silent_s` is a fault. The make of a built-in drive makes it instead."""
+        """The driver on that bus; no report for `silent_s` is a fault. The make of a built-in
+        drive makes it instead.
+        """
         raise NotImplementedError(f"{type(self).__name__} defines no driver(bus, clock, silent_s)")
 
 
 class OwnMotorSection(MotorSection):
-    """A lab's own drive, driven by the class MOTOR in `file`; `twin_file` defines its TWIN. Both are relative to the rig file's folder.
+    """A lab's own drive, driven by the class MOTOR in `file`; `twin_file` defines its TWIN. Both
+    are relative to the rig file's folder.
 
     Other keys are only passed on here. MOTOR validates them when the rig file is read.
     """
@@ -100,11 +125,12 @@ class OwnMotorSection(MotorSection):
 
 
 class SpeedDriveKeys(MotorSection):
-    """Base class of the keys of a drive with speed commands (`SpeedDrive`), and of the driver that is made from them.
+    """Base class of the keys of a drive with speed commands (`SpeedDrive`), and of the driver that
+    is made from them.
 
-    `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal. A drive that reports only on request has no
-    `report_period_ms`. `angle_gain_per_s` converts an angle error into a speed.
-    """
+    `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal. A drive that
+    reports only on request has no `report_period_ms`. `angle_gain_per_s` converts an angle error
+    into a speed."""
 
     gear_ratio: Positive = 1.0
     zero_turns: float
@@ -154,7 +180,8 @@ class SerialSensorKeys(ForceSensorSection):
     bits_per_s: Annotated[int, Field(gt=0)] = 115_200
 
     def open(self) -> SerialPort:
-        """Open the connection to the sensor, to be closed by the caller. Override it for a sensor that is not on a serial port.
+        """Open the connection to the sensor, to be closed by the caller. Override it for a sensor
+        that is not on a serial port.
 
         Raises DeviceError.
         """
@@ -162,8 +189,9 @@ class SerialSensorKeys(ForceSensorSection):
 
 
 class OwnForceSensorSection(ForceSensorSection):
-    """A lab's own sensor, read by the class FORCE_SENSOR in `file`; `twin_file` defines its TWIN. Both are relative to the rig file's
-    folder. Other keys are only passed on here. FORCE_SENSOR validates them when the rig file is read.
+    """A lab's own sensor, read by the class FORCE_SENSOR in `file`; `twin_file` defines its TWIN.
+    Both are relative to the rig file's folder. Other keys are only passed on here. FORCE_SENSOR
+    validates them when the rig file is read.
     """
 
     # A lab's class defines keys that are unknown here.
@@ -179,12 +207,15 @@ class OwnForceSensorSection(ForceSensorSection):
         return Path(self.file).name
 
     def open(self) -> SerialPort:
-        # Own devices are loaded relative to the rig file; a section made without a file has no driver.
+        # Own devices are loaded relative to the rig file; a section made without a file has no
+        # driver.
         raise BadInput(f"{self.file} was not loaded; read the rig file from where it stands")
 
 
 class ForceSensorKeys(SerialSensorKeys, OwnForceSensorSection):
-    """Base class of a lab's FORCE_SENSOR: the keys of [force_sensor], and the driver that is made from them."""
+    """Base class of a lab's FORCE_SENSOR: the keys of [force_sensor], and the driver that is
+    made from them.
+    """
 
     # A wrong key is refused again, now that the lab's class states all of them.
     model_config = ConfigDict(extra="forbid")
@@ -198,7 +229,8 @@ class ForceSensorKeys(SerialSensorKeys, OwnForceSensorSection):
 
 @dataclass(frozen=True)
 class SelectedByDevice(SelectedByData):
-    """Annotation of a section that `device` selects from the registry. Only the section of that kind is imported.
+    """Annotation of a section that `device` selects from the registry. Only the section of that
+    kind is imported.
 
     Parameters
     ----------
@@ -215,24 +247,39 @@ class SelectedByDevice(SelectedByData):
     list_kinds: Callable[[], tuple[str, ...]]
     built_in: Mapping[str, str]
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(self.validate)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
         """The schema of all built-in kinds."""
-        sections = {kind: load_object(self.find(kind).section).__pydantic_core_schema__ for kind in self.built_in}
+        sections = {
+            kind: load_object(self.find(kind).section).__pydantic_core_schema__
+            for kind in self.built_in
+        }
         return handler(core_schema.tagged_union_schema(sections, "device"))
 
     def validate(self, data: Any) -> Section:
-        """The section of the kind that `data` names. Faults have the types that pydantic gives a union of sections."""
+        """The section of the kind that `data` names. Faults have the types that pydantic gives a
+        union of sections.
+        """
         if isinstance(data, self.base):
             return data
         if not isinstance(data, Mapping):
             raise PydanticKnownError("model_attributes_type")
         section = self.section_of(data)
         if section is None:
-            words = {"discriminator": "'device'", "tag": str(data.get("device")), "expected_tags": ", ".join(map(repr, self.list_kinds()))}
-            raise PydanticKnownError("union_tag_invalid" if "device" in data else "union_tag_not_found", words)
+            words = {
+                "discriminator": "'device'",
+                "tag": str(data.get("device")),
+                "expected_tags": ", ".join(map(repr, self.list_kinds())),
+            }
+            raise PydanticKnownError(
+                "union_tag_invalid" if "device" in data else "union_tag_not_found", words
+            )
         return section.model_validate(data)
 
     def section_of(self, data: Mapping[str, Any]) -> type[Section] | None:
@@ -242,13 +289,19 @@ class SelectedByDevice(SelectedByData):
         except KeyError:
             return None
         except BadInput as error:
-            raise PydanticCustomError("device_not_loaded", "{reason}", {"reason": str(error)}) from None
+            raise PydanticCustomError(
+                "device_not_loaded", "{reason}", {"reason": str(error)}
+            ) from None
         if not (isinstance(section, type) and issubclass(section, self.base)):
             raise PydanticCustomError(
-                "device_not_loaded", f"the section of device {data['device']!r} does not inherit {self.base.__name__}"
+                "device_not_loaded",
+                f"the section of device {data['device']!r} does not inherit {self.base.__name__}",
             )
         return section
 
 
 Motor = Annotated[MotorSection, SelectedByDevice(MotorSection, find_motor, list_motors, MOTORS)]
-ForceSensorChoice = Annotated[ForceSensorSection, SelectedByDevice(ForceSensorSection, find_sensor, list_sensors, FORCE_SENSORS)]
+ForceSensorChoice = Annotated[
+    ForceSensorSection,
+    SelectedByDevice(ForceSensorSection, find_sensor, list_sensors, FORCE_SENSORS),
+]

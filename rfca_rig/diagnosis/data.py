@@ -1,11 +1,13 @@
-"""Recordings as one vector of observations: means over short bins and over repeats, of every signal; and recordings cut into windows.
+"""Recordings as one vector of observations: means over short bins and over repeats, of every
+signal; and recordings cut into windows.
 
-Bins are short enough to resolve the motion, for example 10 to 25 ms in a stroke. Each value is the mean over the samples of a bin and over
-the repeats. Readings of static stages follow as they were recorded.
+Bins are short enough to resolve the motion, for example 10 to 25 ms in a stroke. Each value is the
+mean over the samples of a bin and over the repeats. Readings of static stages follow as they were
+recorded.
 
-Each window is simulated from the measured state at its beginning. Every hypothesis may move that start, within its uncertainty, to where
-the window fits best. So an error of the start does not appear in all rows of a window as if they were independent.
-"""
+Each window is simulated from the measured state at its beginning. Every hypothesis may move that
+start, within its uncertainty, to where the window fits best. So an error of the start does not
+appear in all rows of a window as if they were independent."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +38,8 @@ class Label:
     errs_by_phase
         Whether the model errs independently in each phase.
     recording
-        The recording that the condition is a part of, in words; "" where it is not one of several parts.
+        The recording that the condition is a part of, in words; "" where it is not one of several
+        parts.
     starts_s
         Times in the recording at which its windows start.
     """
@@ -61,11 +64,14 @@ class Observations:
     noise
         Standard deviation from the sensor alone, in that unit.
     scale
-        Size of the signal that a relative model error refers to: 1 % of it is the effect of a generalised force that is wrong by 1 %.
+        Size of the signal that a relative model error refers to: 1 % of it is the effect of a
+        generalised force that is wrong by 1 %.
     transient_scale
-        Size of a model error that is independent from row to row; it is multiplied by the discrepancy scale like `scale`.
+        Size of a model error that is independent from row to row; it is multiplied by the
+        discrepancy scale like `scale`.
     progress
-        Position along the condition over which the model error is smooth, in the unit of the label's `correlation_length`.
+        Position along the condition over which the model error is smooth, in the unit of the
+        label's `correlation_length`.
     t_s
         Time; for static stages the shaft angle in rad.
     phase
@@ -101,20 +107,28 @@ class Observations:
 
     @property
     def recording(self) -> Integers:
-        """Number of the recording of each row; a condition that is no part of one counts as a recording."""
-        names = np.array([label.recording or f"{label.experiment}, {label.condition}" for label in self.labels])[self.label]
+        """Number of the recording of each row; a condition that is no part of one counts as a
+        recording.
+        """
+        names = np.array(
+            [label.recording or f"{label.experiment}, {label.condition}" for label in self.labels]
+        )[self.label]
         return np.unique(names, return_inverse=True)[1].astype(np.intp)
 
     def names(self) -> tuple[str, ...]:
         """The conditions in words, in the order in which `condition` counts them."""
         found: dict[int, str] = {}
         for label, condition in zip(self.label, self.condition, strict=True):
-            found.setdefault(int(condition), f"{self.labels[label].experiment}, {self.labels[label].condition}")
+            found.setdefault(
+                int(condition), f"{self.labels[label].experiment}, {self.labels[label].condition}"
+            )
         return tuple(found[number] for number in sorted(found))
 
 
 def stack_observations(parts: list[Observations]) -> Observations:
-    """The observations of several conditions as one; their condition numbers and label indices are shifted to stay unique."""
+    """The observations of several conditions as one; their condition numbers and label indices
+    are shifted to stay unique.
+    """
     labels: list[Label] = []
     label, condition, conditions = [], [], 0
     for part in parts:
@@ -123,7 +137,12 @@ def stack_observations(parts: list[Observations]) -> Observations:
         labels += part.labels
         conditions += int(part.condition.max()) + 1
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _PLAIN}
-    return Observations(**columns, label=np.concatenate(label), condition=np.concatenate(condition), labels=tuple(labels))
+    return Observations(
+        **columns,
+        label=np.concatenate(label),
+        condition=np.concatenate(condition),
+        labels=tuple(labels),
+    )
 
 
 # Columns that are only concatenated; `label` and `condition` need an offset.
@@ -137,7 +156,9 @@ def rms(values: Floats) -> float:
 
 W = TypeVar("W")
 
-CONDITION_S = 2.0  # length of a condition of several windows: a stretch that errs as a whole, and one of several in most recordings
+# length of a condition of several windows: a stretch that errs as a whole, and one of several in
+# most recordings
+CONDITION_S = 2.0
 WINDOWS_OF_CONDITION = 4  # at most, so that short recordings have several conditions
 TRANSIENT_SHARE = 0.3  # share of the model's error that is not smooth
 
@@ -146,9 +167,9 @@ TRANSIENT_SHARE = 0.3  # share of the model's error that is not smooth
 class WindowRows:
     """Measured values of one window with s signals in b bins.
 
-    `t_s` (b,) are times in the run; `measured`, `noise`, `scale` and `transient_scale` are (s, b), as in `Observations`. Without a
-    `transient_scale`, the errors that differ from bin to bin are TRANSIENT_SHARE times `scale`.
-    """
+    `t_s` (b,) are times in the run; `measured`, `noise`, `scale` and `transient_scale` are (s, b),
+    as in `Observations`. Without a `transient_scale`, the errors that differ from bin to bin are
+    TRANSIENT_SHARE times `scale`."""
 
     t_s: Floats
     measured: Floats
@@ -158,14 +179,20 @@ class WindowRows:
 
 
 def group_windows(windows: Sequence[W], length_s: float) -> list[Sequence[W]]:
-    """The windows of one run in groups of about CONDITION_S, in their order; `length_s` is the length of a window."""
-    of_condition = min(max(round(CONDITION_S / length_s), 1), WINDOWS_OF_CONDITION) if windows else 1
+    """The windows of one run in groups of about CONDITION_S, in their order; `length_s` is the
+    length of a window.
+    """
+    of_condition = (
+        min(max(round(CONDITION_S / length_s), 1), WINDOWS_OF_CONDITION) if windows else 1
+    )
     count = max(1, round(len(windows) / of_condition)) if windows else 0
     bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
     return [windows[a:b] for a, b in pairwise(bounds)]
 
 
-def observe(windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, smooth_over_s: float) -> Observations:
+def observe(
+    windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, smooth_over_s: float
+) -> Observations:
     """The windows of one condition as rows, signal by signal within window by window.
 
     Parameters
@@ -187,7 +214,12 @@ def observe(windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, 
         noise=np.concatenate([w.noise.ravel() for w in windows]),
         scale=scale,
         transient_scale=np.concatenate(
-            [(TRANSIENT_SHARE * w.scale if w.transient_scale is None else w.transient_scale).ravel() for w in windows]
+            [
+                (
+                    TRANSIENT_SHARE * w.scale if w.transient_scale is None else w.transient_scale
+                ).ravel()
+                for w in windows
+            ]
         ),
         progress=t_s / smooth_over_s,
         t_s=t_s,
@@ -199,7 +231,8 @@ def observe(windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, 
 
 
 def start_gain(start_effect: Floats, variance: Floats) -> Floats:
-    """Matrix (k, m) that estimates the errors of a window's start from its residual, in standard deviations.
+    """Matrix (k, m) that estimates the errors of a window's start from its residual, in standard
+    deviations.
 
     Parameters
     ----------
@@ -211,7 +244,9 @@ def start_gain(start_effect: Floats, variance: Floats) -> Floats:
     effect = start_effect.reshape(len(start_effect), -1)
     weighted = effect / variance.ravel()
     # Linear Bayesian estimate; the identity is the prior of start errors in standard deviations.
-    return np.asarray(np.linalg.solve(weighted @ effect.T + np.eye(len(effect)), weighted), dtype=np.float64)
+    return np.asarray(
+        np.linalg.solve(weighted @ effect.T + np.eye(len(effect)), weighted), dtype=np.float64
+    )
 
 
 UNITS = {"_rad_s": "rad/s", "_Nm": "N m", "_N": "N", "_deg": "deg", "_rad": "rad"}

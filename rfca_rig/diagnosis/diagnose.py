@@ -18,11 +18,27 @@ from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.inference.screening import fit_most_promising, grid_points, probe_effects, terms_of
+from rfca_rig.diagnosis.inference.screening import (
+    fit_most_promising,
+    grid_points,
+    probe_effects,
+    terms_of,
+)
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.result import build_leg_result
-from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracking_error, tracks_command
-from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset, nuisances_of, nuisances_of_drive
+from rfca_rig.diagnosis.leg.shaft_observations import (
+    ShaftCondition,
+    estimate_delay_s,
+    make_shaft_condition,
+    tracking_error,
+    tracks_command,
+)
+from rfca_rig.diagnosis.leg.simulator import (
+    infer_approach,
+    make_leg_dataset,
+    nuisances_of,
+    nuisances_of_drive,
+)
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, NotSeen, join_not_seen
@@ -41,26 +57,51 @@ from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before
 Floats = NDArray[np.float64]
 
 # With a recorded shaft angle these drives are judged by the motion of the shaft, not by the forces.
-SEEN_ON_THE_SHAFT = ("motor_cogging", "motor_speed_droop", "motor_speed_ripple", "motor_torque_limit")
-# A twist or play behind the motor shows in the recorded angle where the encoder is on the leg's side, else in the forces alone.
+SEEN_ON_THE_SHAFT = (
+    "motor_cogging",
+    "motor_speed_droop",
+    "motor_speed_ripple",
+    "motor_torque_limit",
+)
+# A twist or play behind the motor shows in the recorded angle where the encoder is on the leg's
+# side, else in the forces alone.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
 
 
-def find_excluded_sizes(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
-    """For each of these drive effects that the nominal rig lacks, the size from which on the shaft would not have tracked its command.
+def find_excluded_sizes(
+    shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]
+) -> tuple[NotSeen, ...]:
+    """For each of these drive effects that the nominal rig lacks, the size from which on the shaft
+    would not have tracked its command.
 
     Only a few conditions are simulated. The others could only lower the limit.
     """
-    candidates = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
+    candidates = [
+        effect for effect in effects if effect.id not in {present.id for present in rig.effects}
+    ]
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
-    dataset, coordinates = make_leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, ModelPoint(rig), {}))
+    dataset, coordinates = (
+        make_leg_dataset(shafts),
+        Parameterization(nuisances_of_drive(rig, ModelPoint(rig), {})),
+    )
     base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
-    probes = [] if base is None else probe_effects(dataset, base, grid_points(term for effect in candidates for term in terms_of(effect)))
+    probes = (
+        []
+        if base is None
+        else probe_effects(
+            dataset, base, grid_points(term for effect in candidates for term in terms_of(effect))
+        )
+    )
     ends = np.cumsum([shaft.deviation_rad.size for shaft in shafts])[:-1]
 
     def power_of(signature: NDArray[np.float64]) -> float:
-        """Largest squared tracking error over all shafts, if each moved otherwise by its part of the signature (m,)."""
-        deviating = [replace(shaft, repeats=away[None]) for shaft, away in zip(shafts, np.split(signature, ends), strict=True)]
+        """Largest squared tracking error over all shafts, if each moved otherwise by its part of
+        the signature (m,).
+        """
+        deviating = [
+            replace(shaft, repeats=away[None])
+            for shaft, away in zip(shafts, np.split(signature, ends), strict=True)
+        ]
         return max(tracking_error(shaft, rig.drive.ramp_s) for shaft in deviating) ** 2
 
     # A tracking error of 1 is the limit of `tracks_command`, so this is the power that is needed.
@@ -69,7 +110,11 @@ def find_excluded_sizes(shafts: Sequence[ShaftCondition], rig: RigModel, effects
 
 @single_threaded_blas()
 def diagnose(
-    recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None, without: Collection[str] = (), law_at: str = ""
+    recordings: Sequence[Recording],
+    progress: Progress,
+    limits: Limits | None = None,
+    without: Collection[str] = (),
+    law_at: str = "",
 ) -> Diagnosis:
     """The diagnosis of recordings of one rig.
 
@@ -94,8 +139,13 @@ def diagnose(
         Where the nominal model cannot be simulated.
     """
     if law_at:
-        # Few diagnoses measure a law, which needs fifty modules more, among them those of mechanisms.
-        from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law  # noqa: PLC0415
+        # Few diagnoses measure a law, which needs fifty modules more, among them those of
+        # mechanisms.
+        from rfca_rig.diagnosis.residual_force.stated_law import (  # noqa: PLC0415
+            OF_LEG,
+            check_place,
+            measure_stated_law,
+        )
 
         check_place(law_at, OF_LEG)
     progress("reading", 0.0)
@@ -107,13 +157,25 @@ def diagnose(
         found = replace(found, not_seen=join_not_seen(found.not_seen, tracked))
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
-        found = replace(found, stated_law=measure_stated_law(findings.leg, findings.leg_decision.explanation, law_at))
-    identified = tuple(Diagnosed(one.title, one.source, identity_of(one.title, one.source, one.provenance)) for one in recordings)
-    return replace(found, recordings=identified, remarks=(*found.remarks, *describe_exclusions(without)))
+        found = replace(
+            found,
+            stated_law=measure_stated_law(findings.leg, findings.leg_decision.explanation, law_at),
+        )
+    identified = tuple(
+        Diagnosed(one.title, one.source, identity_of(one.title, one.source, one.provenance))
+        for one in recordings
+    )
+    return replace(
+        found, recordings=identified, remarks=(*found.remarks, *describe_exclusions(without))
+    )
 
 
-def find_omissions(recordings: Sequence[Recording], progress: Progress, without: Collection[str] = ()) -> tuple[PreparedData, Findings]:
-    """The searches and their decisions, before wording, localisation and the next experiment. Parameters and errors as in `diagnose`."""
+def find_omissions(
+    recordings: Sequence[Recording], progress: Progress, without: Collection[str] = ()
+) -> tuple[PreparedData, Findings]:
+    """The searches and their decisions, before wording, localisation and the next experiment.
+    Parameters and errors as in `diagnose`.
+    """
     body, tables = prepare_data(recordings)
     dataset = make_leg_dataset([*body.flaps, *tables], body.as_commanded)
     effects = select_candidates(_candidates(body), without)
@@ -121,56 +183,84 @@ def find_omissions(recordings: Sequence[Recording], progress: Progress, without:
     leg = search_models(dataset, body.coordinates, effects, progress)
     # Where the shaft follows its command, the drive needs no search of its own.
     drive = search_drive(body, leg, of_drive, progress) if not body.as_commanded else None
-    return body, Findings(effects, of_drive, leg, decide(leg), drive, None if drive is None else decide(drive))
+    return body, Findings(
+        effects, of_drive, leg, decide(leg), drive, None if drive is None else decide(drive)
+    )
 
 
 @single_threaded_blas()
 def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSelectionResult:
-    """The fit without effects alone, as the base of a measured law; no effect of the catalogue is looked for.
+    """The fit without effects alone, as the base of a measured law; no effect of the catalogue is
+    looked for.
 
-    Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where the model cannot be simulated.
-    """
+    Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where
+    the model cannot be simulated."""
     body, tables = prepare_data(recordings)
-    return search_models(make_leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress)
+    return search_models(
+        make_leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress
+    )
 
 
 def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[StageTable, ...]]:
-    """Cut the recordings into conditions, with the nominal rig and its nuisance parameters, and the tables of static stages.
+    """Cut the recordings into conditions, with the nominal rig and its nuisance parameters, and the
+    tables of static stages.
 
     Raises BadInput where the recordings have different nominal models.
     """
     first = recordings[0]
     for other in recordings[1:]:
         if other.nominal != first.nominal or other.known_to != first.known_to:
-            raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; diagnose them one by one")
+            raise BadInput(
+                f"{other.title!r} believes other values of the rig than {first.title!r}; "
+                "diagnose them one by one"
+            )
     rig = nominal_model(first.nominal)
     noise_std = first.nominal["sensor"].get("noise_std") or {}
-    conditions = group_by_condition(stroke for recording in recordings for stroke in recording.strokes)
-    # Two passes: whether the shaft follows its command must be known before the final turn of each condition is chosen.
-    probed = [make_dynamic_condition(condition, noise_std, make_turn(condition, False)) for condition in conditions]
+    conditions = group_by_condition(
+        stroke for recording in recordings for stroke in recording.strokes
+    )
+    # Two passes: whether the shaft follows its command must be known before the final turn of each
+    # condition is chosen.
+    probed = [
+        make_dynamic_condition(condition, noise_std, make_turn(condition, False))
+        for condition in conditions
+    ]
     remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Undetermined))
-    usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Undetermined)]
-    shafts = tuple(s for c, f in usable if (s := make_shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
+    usable = [
+        (c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Undetermined)
+    ]
+    shafts = tuple(
+        s
+        for c, f in usable
+        if (s := make_shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None
+    )
     as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
     # A drive cannot be early: a negative delay is noise.
     late = {shaft.label: max(estimate_delay_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
-    flaps = tuple(replace(flap, turn=make_turn(condition, not as_commanded, late.get(flap.label, 0.0))) for condition, flap in usable)
+    flaps = tuple(
+        replace(flap, turn=make_turn(condition, not as_commanded, late.get(flap.label, 0.0)))
+        for condition, flap in usable
+    )
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
     before_s = _before_start_s(condition for condition, _ in usable)
     coordinates = Parameterization(nuisances_of(rig, known_to, before_s))
     stages = [stage for recording in recordings for stage in recording.static]
     tables = make_stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
     if tables:
-        # The approach of static stages is not recorded. The first guess is made at the prior means; the search improves it.
+        # The approach of static stages is not recorded. The first guess is made at the prior means;
+        # the search improves it.
         moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
         tables = tuple(replace(table, moves=moves) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
     made = _strokes_made(recordings)
-    return PreparedData(title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks, made), tables
+    return PreparedData(
+        title, rig, known_to, noise_std, flaps, shafts, as_commanded, coordinates, remarks, made
+    ), tables
 
 
 def _strokes_made(recordings: Sequence[Recording]) -> int | None:
-    """How many strokes were made up to the last one; None where the order of strokes and stages is not known.
+    """How many strokes were made up to the last one; None where the order of strokes and stages is
+    not known.
 
     Each recording counts its own strokes, so the order of two recordings is not known.
     """
@@ -183,7 +273,9 @@ def _strokes_made(recordings: Sequence[Recording]) -> int | None:
 
 
 def _before_start_s(conditions: Iterable[Condition]) -> float:
-    """Time before the start that all recordings cover, to the millisecond; 0 where one begins with the motion."""
+    """Time before the start that all recordings cover, to the millisecond; 0 where one begins
+    with the motion.
+    """
     begins = [_first_s(stroke) for condition in conditions for stroke in condition.strokes]
     # Rounded down, so that every recording covers the whole interval.
     return max(0.0, float(np.floor(-1e3 * max(begins)) / 1e3)) if begins else 0.0
@@ -194,27 +286,47 @@ def _first_s(stroke: Stroke) -> float:
 
 
 def _candidates(body: PreparedData) -> list[Effect]:
-    """Effects that the leg and its surroundings may lack; where the shaft was recorded, the drive is judged by its motion."""
+    """Effects that the leg and its surroundings may lack; where the shaft was recorded, the
+    drive is judged by its motion.
+    """
     nominal = {present.id for present in body.rig.effects}
     judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
     known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
     has_curve = bool(body.rig.leg.torque_splines)
-    candidates = [e for e in known if e.id not in nominal and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
+    candidates = [
+        e
+        for e in known
+        if e.id not in nominal and e.id not in judged_apart and not (e.needs_k2 and has_curve)
+    ]
     return [e for e in candidates if body.strokes_made is not None or not e.needs_order]
 
 
-def search_drive(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:
-    """Search for effects of the drive in the motion of the shaft, with the leg as the best hypothesis has it.
+def search_drive(
+    body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress
+) -> ModelSelectionResult:
+    """Search for effects of the drive in the motion of the shaft, with the leg as the best
+    hypothesis has it.
 
-    A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A compliant drive may start in two ways. The
-    search is made for the one that suits a single compliant drive better. Only if its result then suits the other one, it is made again.
-    """
-    stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
+    A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A
+    compliant drive may start in two ways. The search is made for the one that suits a single
+    compliant drive better. Only if its result then suits the other one, it is made again."""
+    stiff = [
+        h
+        for h in leg.named
+        if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)
+    ]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     dataset = make_leg_dataset(body.shafts)
-    ways = [Parameterization(_space_of_drive(supposed, holds, body.known_to)) for holds in (False, True)]
-    points = grid_points(term for effect in effects if effect.id in members_of("drive_yields") for term in terms_of(effect))
+    ways = [
+        Parameterization(_space_of_drive(supposed, holds, body.known_to)) for holds in (False, True)
+    ]
+    points = grid_points(
+        term
+        for effect in effects
+        if effect.id in members_of("drive_yields")
+        for term in terms_of(effect)
+    )
 
     def fit_compliant(way: Parameterization) -> float:
         optimizer = without_scatter(dataset)
@@ -226,17 +338,26 @@ def search_drive(body: PreparedData, leg: ModelSelectionResult, effects: Sequenc
     first, second = ways if sagging >= holding else reversed(ways)
 
     def search(way: Parameterization) -> ModelSelectionResult:
-        return search_models(dataset, way, effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share))
+        return search_models(
+            dataset,
+            way,
+            effects,
+            lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
+        )
 
     found = search(first)
     if not found.named:
         return found
     optimizer, one = GaussNewton(dataset, found.likelihood), found.named[0].fitted
     other = optimizer.at(second.with_terms(one.coordinates.choices), one.x, one.jacobian)
-    suits = other is not None and optimizer.log_evidence(optimizer.refine(other)) > optimizer.log_evidence(one)
+    suits = other is not None and optimizer.log_evidence(
+        optimizer.refine(other)
+    ) > optimizer.log_evidence(one)
     return search(second) if suits else found
 
 
-def _space_of_drive(supposed: ModelPoint, holds_start: bool, known_to: Mapping[str, float]) -> Prior[ModelPoint]:
+def _space_of_drive(
+    supposed: ModelPoint, holds_start: bool, known_to: Mapping[str, float]
+) -> Prior[ModelPoint]:
     rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
     return nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0), known_to)

@@ -1,4 +1,6 @@
-"""The answer of a diagnosis as plain values, which the report, the JSON file and the terminal read."""
+"""The answer of a diagnosis as plain values, which the report, the JSON file and the terminal
+read.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,12 +14,15 @@ from rfca_rig.model.parameters import PresentEffect, RigModel
 
 Floats = NDArray[np.float64]
 Verdict = Literal["nothing missing", "named", "unexplained", "not enough data"]
-Grade = Literal["identified", "mostly", "family", "nothing missing", "unexplained", "not enough data"]
+Grade = Literal[
+    "identified", "mostly", "family", "nothing missing", "unexplained", "not enough data"
+]
 
 
 @dataclass(frozen=True)
 class Located:
-    """One place where model and recordings differ: a signal in a phase, over the conditions where it shows.
+    """One place where model and recordings differ: a signal in a phase, over the conditions where
+    it shows.
 
     Parameters
     ----------
@@ -43,7 +48,9 @@ class Located:
 
 @dataclass(frozen=True)
 class MapCell:
-    """One cell of the map: rms difference of one signal, phase and condition, and the same relative to what was expected."""
+    """One cell of the map: rms difference of one signal, phase and condition, and the same
+    relative to what was expected.
+    """
 
     signal: str
     experiment: str
@@ -63,7 +70,8 @@ class Value:
 
 @dataclass(frozen=True)
 class Criterion:
-    """One of the conditions that an identified effect must meet, with the value that was found in words.
+    """One of the conditions that an identified effect must meet, with the value that was found in
+    words.
 
     `required` is the limit in words; where `found` states it too, it is at the end of `found`.
     """
@@ -76,10 +84,11 @@ class Criterion:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect that the model lacks. `cannot_tell_from` are effects that explain these data as well.
+    """An effect that the model lacks. `cannot_tell_from` are effects that explain these data as
+    well.
 
-    `shape` holds the fitted shape parameters of its law: nuisance parameters, which a prediction needs to reproduce the fit.
-    """
+    `shape` holds the fitted shape parameters of its law: nuisance parameters, which a prediction
+    needs to reproduce the fit."""
 
     id: str
     left_out: str
@@ -92,7 +101,9 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class StatedFamily:
-    """A family of effects: its id, `words` for what is missing, `place` where it acts, its probability, and the ids of its members."""
+    """A family of effects: its id, `words` for what is missing, `place` where it acts, its
+    probability, and the ids of its members.
+    """
 
     id: str
     words: str
@@ -103,7 +114,9 @@ class StatedFamily:
 
 @dataclass(frozen=True)
 class StatedPlace:
-    """Where something unlisted acts: hinges, ground, drive, shaft or sensor, in `words`, with its probability."""
+    """Where something unlisted acts: hinges, ground, drive, shaft or sensor, in `words`, with
+    its probability.
+    """
 
     id: str
     words: str
@@ -114,8 +127,8 @@ class StatedPlace:
 class MovedPrior:
     """A nuisance parameter that had to move by more than two prior standard deviations.
 
-    `prior` and `now` are values with standard deviations in `unit`; `deviations` is the distance in prior standard deviations.
-    """
+    `prior` and `now` are values with standard deviations in `unit`; `deviations` is the distance in
+    prior standard deviations."""
 
     name: str
     unit: str
@@ -126,22 +139,29 @@ class MovedPrior:
 
 @dataclass(frozen=True)
 class NotSeen:
-    """An effect that was looked for and not found, with its detection limit; None where no plausible size is excluded."""
+    """An effect that was looked for and not found, with its detection limit; None where no
+    plausible size is excluded.
+    """
 
     id: str
     would_have_seen: Mapping[str, float] | None
 
 
 def join_not_seen(first: Sequence[NotSeen], second: Sequence[NotSeen]) -> tuple[NotSeen, ...]:
-    """Each effect of two lists once, with the detection limit of the first list, or else of the second."""
+    """Each effect of two lists once, with the detection limit of the first list, or else of the
+    second.
+    """
     found = {one.id: one for one in second}
-    found |= {one.id: one for one in first if one.would_have_seen is not None or one.id not in found}
+    found |= {
+        one.id: one for one in first if one.would_have_seen is not None or one.id not in found
+    }
     return tuple(sorted(found.values(), key=lambda one: one.id))
 
 
 @dataclass(frozen=True)
 class Rival:
-    """One hypothesis with its probability; `ids` is empty for nothing missing, and ("unknown",) for something unlisted.
+    """One hypothesis with its probability; `ids` is empty for nothing missing, and ("unknown",) for
+    something unlisted.
 
     `prior` is its probability before the data, None where unknown.
     """
@@ -155,7 +175,9 @@ class Rival:
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """A figure under the nominal model and under the accepted one, and the floor that noise sets."""
+    """A figure under the nominal model and under the accepted one, and the floor that noise
+    sets.
+    """
 
     before: float
     after: float
@@ -164,11 +186,11 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class SignalOverlay:
-    """Mean signal of one condition, or of a recording whose parts are conditions, with both models, all (m,).
+    """Mean signal of one condition, or of a recording whose parts are conditions, with both models,
+    all (m,).
 
-    `starts_s` are the times where windows start from the measured state. `phase` (m,) names the phase of each row, (0,) where unknown.
-    `parts` are the conditions that it shows.
-    """
+    `starts_s` are the times where windows start from the measured state. `phase` (m,) names the
+    phase of each row, (0,) where unknown. `parts` are the conditions that it shows."""
 
     condition: str
     signal: str
@@ -183,7 +205,9 @@ class SignalOverlay:
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A recording that was diagnosed: its title, and an identity that does not depend on where it is stored."""
+    """A recording that was diagnosed: its title, and an identity that does not depend on where
+    it is stored.
+    """
 
     title: str
     source: str
@@ -203,7 +227,8 @@ class Diagnosis:
     verdict
         The grade in the words of rfca-diagnosis/1, where "mostly" and "family" are "unexplained".
     family, other_families
-        The family of what is stated, and those of further parts of the explanation, each as probable as an identified effect.
+        The family of what is stated, and those of further parts of the explanation, each as
+        probable as an identified effect.
     explained_share
         Share of the removable held-out misfit that the stated effects explain.
     remaining
@@ -265,7 +290,11 @@ class Diagnosis:
 
 def name_parts(text: str, of_stretches: bool) -> str:
     """A text on conditions; where these are stretches of a recording, it says so."""
-    return text.replace("conditions", "stretches").replace("condition", "stretch") if of_stretches else text
+    return (
+        text.replace("conditions", "stretches").replace("condition", "stretch")
+        if of_stretches
+        else text
+    )
 
 
 def describe_probability(probability: float) -> str:

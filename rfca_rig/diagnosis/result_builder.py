@@ -1,7 +1,8 @@
-"""Assemble the answer from a decision: the part that is common to all kinds of rig, also in sentences.
+"""Assemble the answer from a decision: the part that is common to all kinds of rig, also in
+sentences.
 
-With the figures before and after: residuals of the fit and on held-out conditions, and curves to draw.
-"""
+With the figures before and after: residuals of the fit and on held-out conditions, and curves to
+draw."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -9,7 +10,14 @@ from dataclasses import asdict, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED_PRIOR_STD, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
+from rfca_rig.diagnosis.config import (
+    MOST_RIVALS,
+    MOVED_PRIOR_STD,
+    PRIOR_NOTHING,
+    PRIOR_ONE,
+    PRIOR_TWO,
+    PRIOR_UNKNOWN,
+)
 from rfca_rig.diagnosis.data import Label, Observations, rms
 from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits, power_to_exclude
@@ -39,11 +47,17 @@ Floats = NDArray[np.float64]
 def describe(decision: Decision) -> str:
     """What is stated, in one or two sentences."""
     stated = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
-    explains = f"explains {100.0 * decision.explained_share:.0f} % of the misfit that can be removed on held-out conditions"
+    explains = (
+        f"explains {100.0 * decision.explained_share:.0f} % of the misfit that can be removed "
+        "on held-out conditions"
+    )
     if decision.relieved_strain:
         explains = f"takes the place of an implausible value ({decision.relieved_strain})"
     beside = "".join(
-        f" Beside it, only the family is clear: {family.words} ({describe_probability(family.probability)})."
+        (
+            f" Beside it, only the family is clear: {family.words} "
+            f"({describe_probability(family.probability)})."
+        )
         for family in decision.other_families
     )
     if decision.grade == "identified":
@@ -51,12 +65,17 @@ def describe(decision: Decision) -> str:
         tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
         return f"The model lacks: {stated}{tail}.{beside}"
     if decision.grade == "mostly":
-        is_exact = all(criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT)
+        is_exact = all(
+            criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT
+        )
         caution = "other causes are possible" if is_exact else "the law is only approximate"
         return f"Mostly missing: {stated}. It {explains}; {caution}.{beside}"
     if decision.grade == "family" and decision.family is not None:
         best = " with ".join(decision.explanation.ids)
-        return f"Of the cause only the family is clear: {decision.family.words}. The best law of it, {best}, {explains}.{beside}"
+        return (
+            f"Of the cause only the family is clear: {decision.family.words}. The best law of "
+            f"it, {best}, {explains}.{beside}"
+        )
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
@@ -67,31 +86,64 @@ def describe(decision: Decision) -> str:
 def describe_open(decision: Decision) -> str:
     """What is known where nothing is stated, and something may be missing."""
     if decision.alternatives and decision.within_usual:
-        return f"The difference is within the usual model error, but visible: {describe_alternatives(decision.alternatives)}."
-    is_explained = any(criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT)
+        return (
+            "The difference is within the usual model error, but visible: "
+            f"{describe_alternatives(decision.alternatives)}."
+        )
+    is_explained = any(
+        criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT
+    )
     if decision.alternatives and is_explained:
-        return f"Something is missing, and no cause is sure enough to be stated: {describe_alternatives(decision.alternatives)}."
-    closest = f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated." if decision.closest else ""
+        return (
+            "Something is missing, and no cause is sure enough to be stated: "
+            f"{describe_alternatives(decision.alternatives)}."
+        )
+    closest = (
+        f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated."
+        if decision.closest
+        else ""
+    )
     return f"Something is missing that no entry of the catalogue explains.{closest}"
 
 
 def describe_alternatives(sets: Sequence[Rival]) -> str:
     """Sets of effects of a table with their probabilities, and the probability of all together."""
-    listed = ", ".join(f"{' with '.join(one.ids)} ({describe_probability(one.probability)})" for one in sets)
+    listed = ", ".join(
+        f"{' with '.join(one.ids)} ({describe_probability(one.probability)})" for one in sets
+    )
     if len(sets) == 1:
         return listed
     return f"one of {listed}; together {describe_probability(sum(one.probability for one in sets))}"
 
 
 def describe_refusal(decision: Decision) -> tuple[str, ...]:
-    """What came closest and why it is not identified, one line each; none where nothing is left to explain."""
+    """What came closest and why it is not identified, one line each; none where nothing is left
+    to explain.
+    """
     if decision.grade in ("identified", "nothing missing", "not enough data"):
         return ()
-    closest = (f"closest is {' with '.join(decision.closest.ids)}, not claimed",) if decision.closest else ()
-    return (*closest, *(f"{criterion.name}: {criterion.found}" for criterion in decision.criteria if not criterion.passed))
+    closest = (
+        (f"closest is {' with '.join(decision.closest.ids)}, not claimed",)
+        if decision.closest
+        else ()
+    )
+    return (
+        *closest,
+        *(
+            f"{criterion.name}: {criterion.found}"
+            for criterion in decision.criteria
+            if not criterion.passed
+        ),
+    )
 
 
-def build_result(title: str, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect], experiment: str) -> Diagnosis:
+def build_result(
+    title: str,
+    found: ModelSelectionResult,
+    decision: Decision,
+    effects: Sequence[Effect],
+    experiment: str,
+) -> Diagnosis:
     """The answer about one set of observations.
 
     Parameters
@@ -113,19 +165,29 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
     # Where recordings and explanation still differ, worst first.
     remaining: tuple[Located, ...] = ()
     if is_open:
-        _, remaining = locate_mismatch(found.dataset.rows, replace(explanation.fitted, predicted=explanation.rows), found.likelihood)
+        _, remaining = locate_mismatch(
+            found.dataset.rows,
+            replace(explanation.fitted, predicted=explanation.rows),
+            found.likelihood,
+        )
     is_stated = decision.grade in ("identified", "mostly", "family")
-    not_tested = tuple(NotSeen(effect.id, None) for effect in effects if effect.id not in decision.suspects)
+    not_tested = tuple(
+        NotSeen(effect.id, None) for effect in effects if effect.id not in decision.suspects
+    )
     return Diagnosis(
         title=title,
         verdict=decision.verdict,
-        sentence=name_parts(describe(decision), any(label.recording for label in found.dataset.rows.labels)),
+        sentence=name_parts(
+            describe(decision), any(label.recording for label in found.dataset.rows.labels)
+        ),
         located=places,
         cells=cells,
         effects=decision.effects,
         criteria=decision.criteria,
         rivals=decision.list_rivals(MOST_RIVALS),
-        not_seen=_find_not_seen(found, explanation, decision.suspects, effects) if decision.predicts_as_usual else not_tested,
+        not_seen=_find_not_seen(found, explanation, decision.suspects, effects)
+        if decision.predicts_as_usual
+        else not_tested,
         fit=compare_residuals(found, explanation, experiment),
         held_out=compare_held_out(found, explanation, experiment),
         valley={},
@@ -145,7 +207,9 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         family=decision.family,
         other_families=decision.other_families,
         # what takes the place of an implausible value removes no more misfit than that did
-        explained_share=decision.explained_share if is_stated and not decision.relieved_strain else None,
+        explained_share=decision.explained_share
+        if is_stated and not decision.relieved_strain
+        else None,
         remaining=remaining,
         moved_priors=list_moved_priors(explanation),
         support=tuple(asdict(one) for one in decision.supported),
@@ -154,29 +218,46 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
 
 def not_enough_data(found: ModelSelectionResult, why: str) -> Decision:
     """The decision where the recordings are too few for one."""
-    return Decision("not enough data", found.nothing, criteria=(Criterion("conditions", False, why),))
+    return Decision(
+        "not enough data", found.nothing, criteria=(Criterion("conditions", False, why),)
+    )
 
 
 def present_effects(hypothesis: Hypothesis) -> tuple[PresentEffect, ...]:
     """The effects of a hypothesis with the values found."""
     coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
-    return tuple(choice.present(mean[coordinates.part(number)]) for number, choice in enumerate(coordinates.choices))
+    return tuple(
+        choice.present(mean[coordinates.part(number)])
+        for number, choice in enumerate(coordinates.choices)
+    )
 
 
 def _find_not_seen(
-    found: ModelSelectionResult, explanation: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]
+    found: ModelSelectionResult,
+    explanation: Hypothesis,
+    suspects: Collection[str],
+    effects: Sequence[Effect],
 ) -> tuple[NotSeen, ...]:
-    """Detection limits on the subset of the conditions that was screened; all conditions would exclude a little more.
+    """Detection limits on the subset of the conditions that was screened; all conditions would
+    exclude a little more.
 
-    Remaining misfit could hide an effect. It counts as discrepancy, at least the usual one. So could a nuisance parameter that has moved
-    far: it may have taken the place of the effect, so that its prior does not hold here. What acts much as it does is not excluded at all,
-    because the fit may have found one of two optima. Nor is an effect that is the same as a nuisance parameter.
+    Remaining misfit could hide an effect. It counts as discrepancy, at least the usual one. So
+    could a nuisance parameter that has moved far: it may have taken the place of the effect, so
+    that its prior does not hold here. What acts much as it does is not excluded at all, because the
+    fit may have found one of two optima. Nor is an effect that is the same as a nuisance parameter.
     """
     fit, rows = explanation.fitted, found.in_coarse
-    fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.dataset.rows.measured[rows]
-    moved = np.flatnonzero(np.abs(explanation.marginal.posterior.mean[: fit.coordinates.nuisances]) > MOVED_PRIOR_STD)
+    fitted, measured = (
+        replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]),
+        found.dataset.rows.measured[rows],
+    )
+    moved = np.flatnonzero(
+        np.abs(explanation.marginal.posterior.mean[: fit.coordinates.nuisances]) > MOVED_PRIOR_STD
+    )
     # The probes were simulated on the subset only.
-    projection = make_projection(fitted, measured, found.coarse.level(fitted.linear(measured)), moved.tolist())
+    projection = make_projection(
+        fitted, measured, found.coarse.level(fitted.linear(measured)), moved.tolist()
+    )
     names = fit.coordinates.space.names
     same = {effect.id for effect in effects if effect.same_as in names}
     imitated = same | list_effects_like([names[place] for place in moved])
@@ -186,7 +267,9 @@ def _find_not_seen(
     def power_of(signature: Floats) -> float:
         return projection.speaks_against(signature, needed)
 
-    return find_detection_limits(others, found.probes, power_of, found.nominal.coordinates.space.centre.rig, needed)
+    return find_detection_limits(
+        others, found.probes, power_of, found.nominal.coordinates.space.centre.rig, needed
+    )
 
 
 def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
@@ -205,7 +288,10 @@ def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
 def nuisance_priors(hypothesis: Hypothesis) -> Mapping[str, Value]:
     """Prior means and standard deviations of the nuisance parameters, in their units."""
     space = hypothesis.fitted.coordinates.space
-    return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.centres, space.prior_std, strict=True)}
+    return {
+        name: Value(float(v), float(s))
+        for name, v, s in zip(space.names, space.centres, space.prior_std, strict=True)
+    }
 
 
 def nuisance_units(hypothesis: Hypothesis) -> Mapping[str, str]:
@@ -215,7 +301,11 @@ def nuisance_units(hypothesis: Hypothesis) -> Mapping[str, str]:
 
 def nuisance_keys(hypothesis: Hypothesis) -> Mapping[str, str]:
     """Keys of [known_to] that state the priors of the nuisance parameters."""
-    return {one.name: one.known_to for one in hypothesis.fitted.coordinates.space.parameters if one.known_to}
+    return {
+        one.name: one.known_to
+        for one in hypothesis.fitted.coordinates.space.parameters
+        if one.known_to
+    }
 
 
 def _possible_mean(hypothesis: Hypothesis) -> Floats:
@@ -230,7 +320,10 @@ def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
     x = _possible_mean(hypothesis)[: len(space.std)]
     std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])
-    return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.values(x), std, strict=True)}
+    return {
+        name: Value(float(v), float(s))
+        for name, v, s in zip(space.names, space.values(x), std, strict=True)
+    }
 
 
 def _settings(found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:
@@ -240,46 +333,76 @@ def _settings(found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping
         "conditions": len(found.dataset.parts),
         "rows": len(found.dataset.rows.measured),
         "effects_tried": [effect.id for effect in effects],
-        "prior": {"nothing missing": PRIOR_NOTHING, "unknown": PRIOR_UNKNOWN, "one effect": PRIOR_ONE, "two effects": PRIOR_TWO},
+        "prior": {
+            "nothing missing": PRIOR_NOTHING,
+            "unknown": PRIOR_UNKNOWN,
+            "one effect": PRIOR_ONE,
+            "two effects": PRIOR_TWO,
+        },
     }
 
 
 Integers = NDArray[np.intp]
 
 
-def compare_residuals(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
-    """Rms residuals of the nominal and of the accepted model, per signal, with the part that noise and scatter explain."""
+def compare_residuals(
+    found: ModelSelectionResult, accepted: Hypothesis, experiment: str
+) -> Mapping[str, BeforeAfter]:
+    """Rms residuals of the nominal and of the accepted model, per signal, with the part that
+    noise and scatter explain.
+    """
     measured = found.dataset.rows.measured
-    return _by_signal(found, "rms", measured - found.nominal.predicted, measured - accepted.rows, experiment)
+    return _by_signal(
+        found, "rms", measured - found.nominal.predicted, measured - accepted.rows, experiment
+    )
 
 
-def compare_held_out(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
-    """The same on held-out conditions, all unknowns fitted to the others; each hypothesis has its own most probable discrepancy scale."""
+def compare_held_out(
+    found: ModelSelectionResult, accepted: Hypothesis, experiment: str
+) -> Mapping[str, BeforeAfter]:
+    """The same on held-out conditions, all unknowns fitted to the others; each hypothesis has
+    its own most probable discrepancy scale.
+    """
     rows = found.dataset.rows
     conditions = sorted({int(c) for c in rows.condition[rows.experiment == experiment]})
     # A single condition cannot be predicted from others.
     if len(conditions) < 2:
         return {}
     linears = [hypothesis.fitted.linear(rows.measured) for hypothesis in (found.nothing, accepted)]
-    before, after = (found.likelihood.compute_held_out_residuals(linear, rows.condition, conditions) for linear in linears)
+    before, after = (
+        found.likelihood.compute_held_out_residuals(linear, rows.condition, conditions)
+        for linear in linears
+    )
     return _by_signal(found, "held_out_rms", before, after, experiment)
 
 
-def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str) -> dict[str, BeforeAfter]:
+def _by_signal(
+    found: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str
+) -> dict[str, BeforeAfter]:
     rows = found.dataset.rows
     floor = found.floor_std
-    of_signal = {str(signal): (rows.signal == signal) & (rows.experiment == experiment) for signal in np.unique(rows.signal)}
-    return {f"{name}_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(floor[h])) for s, h in of_signal.items() if h.any()}
+    of_signal = {
+        str(signal): (rows.signal == signal) & (rows.experiment == experiment)
+        for signal in np.unique(rows.signal)
+    }
+    return {
+        f"{name}_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(floor[h]))
+        for s, h in of_signal.items()
+        if h.any()
+    }
 
 
-def group_by_recording(rows: Observations, experiment: str = "") -> dict[tuple[str, str], tuple[list[Label], Integers]]:
-    """Blocks of rows that are drawn as one curve: those of one signal in one recording, or in a condition that is not part of one.
+def group_by_recording(
+    rows: Observations, experiment: str = ""
+) -> dict[tuple[str, str], tuple[list[Label], Integers]]:
+    """Blocks of rows that are drawn as one curve: those of one signal in one recording, or in a
+    condition that is not part of one.
 
     Returns
     -------
     dict
-        By name of the recording or condition, and signal: the labels of the blocks, and the indices of their rows. Rows of several blocks
-        are in order of time.
+        By name of the recording or condition, and signal: the labels of the blocks, and the indices
+        of their rows. Rows of several blocks are in order of time.
     """
     groups: dict[tuple[str, str], list[int]] = {}
     for number, label in enumerate(rows.labels):
@@ -295,8 +418,12 @@ def group_by_recording(rows: Observations, experiment: str = "") -> dict[tuple[s
     return found
 
 
-def make_overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str = "") -> tuple[SignalOverlay, ...]:
-    """Measured means (m,) with both models, recording by recording and signal by signal; of all experiments without a name of one."""
+def make_overlays(
+    found: ModelSelectionResult, accepted: Hypothesis, experiment: str = ""
+) -> tuple[SignalOverlay, ...]:
+    """Measured means (m,) with both models, recording by recording and signal by signal; of all
+    experiments without a name of one.
+    """
     rows, nominal = found.dataset.rows, found.nominal.predicted
     return tuple(
         SignalOverlay(

@@ -2,14 +2,17 @@
 
 A kind of rig is diagnosed if it provides four things:
 
-1. Parameters with priors: an `analysis.fitting.space.Space`, whose points are a `SimulatorInput` of the simulator's own type.
-2. Effects that may be missing: `model.effect.Effect` with the place, the parameters and `apply`, which the simulator calls.
-3. Conditions, each with its observations. Their `scale` says how a relative error of 1 % of the generalised force shows in each signal.
+1. Parameters with priors: an `analysis.fitting.space.Space`, whose points are a `SimulatorInput` of
+   the simulator's own type.
+2. Effects that may be missing: `model.effect.Effect` with the place, the parameters and `apply`,
+   which the simulator calls.
+3. Conditions, each with its observations. Their `scale` says how a relative error of 1 % of the
+   generalised force shows in each signal.
 4. A `Simulator`, which predicts these observations.
 
-The core passes inputs and conditions on and never looks inside. Only `Simulator.simulate` is required; every other method of a simulator
-has a neutral default. A `Dataset` joins all conditions of a campaign with the simulator that predicts them.
-"""
+The core passes inputs and conditions on and never looks inside. Only `Simulator.simulate` is
+required; every other method of a simulator has a neutral default. A `Dataset` joins all conditions
+of a campaign with the simulator that predicts them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -46,7 +49,9 @@ class ConditionData(Protocol):
 
     @property
     def repeats(self) -> Floats:
-        """The observations of each repeat, of which the rows are the mean, (r, m); (1, 0) for a single repeat."""
+        """The observations of each repeat, of which the rows are the mean, (r, m); (1, 0) for a
+        single repeat.
+        """
         ...
 
     def rows(self) -> Observations:
@@ -67,7 +72,8 @@ class ScatterDirection:
     above, below
         The input of the simulator with the quantity one such deviation up and down.
     is_corrected
-        Whether each condition is simulated from the recorded value, so that none of the scatter is left in the mean over repeats.
+        Whether each condition is simulated from the recorded value, so that none of the scatter is
+        left in the mean over repeats.
     """
 
     name: str
@@ -80,8 +86,8 @@ class ScatterDirection:
 class Simulator(ABC):
     """One kind of rig: predicts the observations of its conditions.
 
-    `Any` stands for the simulator's own types of input (a `SimulatorInput`) and of condition (a `ConditionData`).
-    """
+    `Any` stands for the simulator's own types of input (a `SimulatorInput`) and of condition (a
+    `ConditionData`)."""
 
     @abstractmethod
     def simulate(self, at: Any, condition: Any) -> Floats:
@@ -110,8 +116,15 @@ class Simulator(ABC):
         """Whether `simulate_changes` simulates many inputs faster than one after the other."""
         return False
 
-    def simulate_changes(self, at: Any, rows: Floats, inputs: Sequence[Any], condition: Any) -> list[Floats | None]:  # noqa: ARG002
-        """The change of the predicted observations from one input to each of others; by default, one is simulated after the other.
+    def simulate_changes(
+        self,
+        at: Any,  # noqa: ARG002
+        rows: Floats,
+        inputs: Sequence[Any],
+        condition: Any,
+    ) -> list[Floats | None]:
+        """The change of the predicted observations from one input to each of others; by default,
+        one is simulated after the other.
 
         Parameters
         ----------
@@ -127,7 +140,10 @@ class Simulator(ABC):
         list
             Change (m,) for each input; None where the model has no answer.
         """
-        return [None if (there := self.simulate_or_none(each, condition)) is None else there - rows for each in inputs]
+        return [
+            None if (there := self.simulate_or_none(each, condition)) is None else there - rows
+            for each in inputs
+        ]
 
     def simulate_or_none(self, at: Any, condition: Any) -> Floats | None:
         """The observations (m,) of `simulate`, or None where the model has no answer."""
@@ -138,26 +154,39 @@ class Simulator(ABC):
             return None
 
     def coarsen(self, conditions: Sequence[Any], count: int) -> list[int]:
-        """Which conditions are enough to rank effects, ascending: at most `count`, evenly spread in their order."""
+        """Which conditions are enough to rank effects, ascending: at most `count`, evenly spread
+        in their order.
+        """
         return spread(len(conditions), count)
 
     def scatter(self, at: Any, conditions: Sequence[Any]) -> tuple[ScatterDirection, ...]:  # noqa: ARG002
-        """The quantities that differ from repeat to repeat, around parameters and effects; none by default."""
+        """The quantities that differ from repeat to repeat, around parameters and effects; none
+        by default.
+        """
         return ()
 
     def forget_history(self, conditions: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The conditions before their approach is inferred; the same tuple where there is nothing to infer."""
+        """The conditions before their approach is inferred; the same tuple where there is
+        nothing to infer.
+        """
         return conditions
 
-    def infer_history(self, conditions: tuple[Any, ...], input_at: Callable[[Floats], Any], x: Floats) -> tuple[Any, ...]:  # noqa: ARG002
-        """The conditions with the most probable approach path; the same tuple where that does not differ from the assumed one.
+    def infer_history(
+        self,
+        conditions: tuple[Any, ...],
+        input_at: Callable[[Floats], Any],  # noqa: ARG002
+        x: Floats,  # noqa: ARG002
+    ) -> tuple[Any, ...]:
+        """The conditions with the most probable approach path; the same tuple where that does not
+        differ from the assumed one.
 
         Parameters
         ----------
         conditions
             All conditions.
         input_at, x
-            The input of the simulator as a function of all unknowns (p,), and their values in the best explanation.
+            The input of the simulator as a function of all unknowns (p,), and their values in the
+            best explanation.
         """
         return conditions
 
@@ -168,7 +197,8 @@ def spread(number: int, count: int) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, number - 1, min(count, number)).round()})
 
 
-# From so many simulations on, copies of the process are worth their price of up to 0.1 s: a stroke takes about 1 ms.
+# From so many simulations on, copies of the process are worth their price of up to 0.1 s: a stroke
+# takes about 1 ms.
 MANY_SIMULATIONS = 200
 INPUTS_AT_ONCE = 28
 
@@ -190,38 +220,75 @@ class Dataset:
             The subset, and which of all rows belong to it.
         """
         kept = self.simulator.coarsen(self.parts, count)
-        return make_dataset((self.parts[number] for number in kept), self.simulator), np.isin(self.rows.condition, kept)
+        return make_dataset((self.parts[number] for number in kept), self.simulator), np.isin(
+            self.rows.condition, kept
+        )
 
     def with_parts(self, parts: tuple[ConditionData, ...]) -> "Dataset":
-        """The same simulator with other conditions; the very same dataset where these are its own."""
+        """The same simulator with other conditions; the very same dataset where these are its
+        own.
+        """
         return self if parts is self.parts else make_dataset(parts, self.simulator)
 
     def predicted(self, at: Any) -> Floats | None:
-        """The model's rows (m,) at an input of the simulator, conditions in parallel; None where the model has no answer."""
-        return _join_or_none(map_in_threads(lambda part: self.simulator.simulate_or_none(at, part), self.parts))
+        """The model's rows (m,) at an input of the simulator, conditions in parallel; None where
+        the model has no answer.
+        """
+        return _join_or_none(
+            map_in_threads(lambda part: self.simulator.simulate_or_none(at, part), self.parts)
+        )
 
     def predict_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
-        """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases the interpreter lock."""
+        """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases
+        the interpreter lock.
+        """
         apply = map_in_processes if self._is_long(inputs) else map_in_threads
         # One task per input: nested pools would only oversubscribe the cores.
-        return apply(lambda at: _join_or_none(self.simulator.simulate_or_none(at, part) for part in self.parts), inputs)
+        return apply(
+            lambda at: _join_or_none(
+                self.simulator.simulate_or_none(at, part) for part in self.parts
+            ),
+            inputs,
+        )
 
-    def predict_changes(self, at: Any, predicted: Floats, inputs: Sequence[Any]) -> list[Floats | None]:
-        """Change (m,) of the model's rows from `at`, where they are `predicted` (m,), to each of many inputs; None for no answer."""
+    def predict_changes(
+        self, at: Any, predicted: Floats, inputs: Sequence[Any]
+    ) -> list[Floats | None]:
+        """Change (m,) of the model's rows from `at`, where they are `predicted` (m,), to each of
+        many inputs; None for no answer.
+        """
         if not self.simulator.varies_many:
-            return [None if there is None else there - predicted for there in self.predict_all(inputs)]
+            return [
+                None if there is None else there - predicted for there in self.predict_all(inputs)
+            ]
         many = self._is_long(inputs)
-        # Each block of inputs is simulated beside `at`, so blocks should not be smaller than what is simulated at once.
-        blocks = [inputs[first : first + INPUTS_AT_ONCE] for first in range(0, len(inputs), INPUTS_AT_ONCE)] if many else [inputs]
+        # Each block of inputs is simulated beside `at`, so blocks should not be smaller than what
+        # is simulated at once.
+        blocks = (
+            [
+                inputs[first : first + INPUTS_AT_ONCE]
+                for first in range(0, len(inputs), INPUTS_AT_ONCE)
+            ]
+            if many
+            else [inputs]
+        )
 
         def change(task: tuple[Sequence[Any], int]) -> list[Floats | None]:
             block, number = task
-            return self.simulator.simulate_changes(at, predicted[self.rows.condition == number], block, self.parts[number])
+            return self.simulator.simulate_changes(
+                at, predicted[self.rows.condition == number], block, self.parts[number]
+            )
 
         parts = range(len(self.parts))
-        found = iter((map_in_processes if many else map_in_threads)(change, [(block, number) for block in blocks for number in parts]))
+        found = iter(
+            (map_in_processes if many else map_in_threads)(
+                change, [(block, number) for block in blocks for number in parts]
+            )
+        )
         by_block = [[next(found) for _ in parts] for _ in blocks]
-        return [_join_or_none(changes) for by_part in by_block for changes in zip(*by_part, strict=True)]
+        return [
+            _join_or_none(changes) for by_part in by_block for changes in zip(*by_part, strict=True)
+        ]
 
     def _is_long(self, inputs: Sequence[Any]) -> bool:
         return len(inputs) * len(self.parts) >= MANY_SIMULATIONS

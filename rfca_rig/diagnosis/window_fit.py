@@ -1,4 +1,6 @@
-"""MAP fit of nuisance parameters and of given effects to recordings in windows: values, standard errors, errors of signals."""
+"""MAP fit of nuisance parameters and of given effects to recordings in windows: values, standard
+errors, errors of signals.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -23,14 +25,20 @@ from rfca_rig.model.effect import Effect
 Floats = NDArray[np.float64]
 
 STARTS = 3  # grid points of an effect from which it is fitted: those that promise most
-AT_BOUND = 3.0  # prior deviations of a size beyond which its plausible range holds it, not the recordings
-PERHAPS_NONE = 2.0  # times the smallest plausible size, below which the recordings may show none at all
+AT_BOUND = (
+    3.0  # prior deviations of a size beyond which its plausible range holds it, not the recordings
+)
+PERHAPS_NONE = (
+    2.0  # times the smallest plausible size, below which the recordings may show none at all
+)
 ALL = "all recordings"
 
 
 @dataclass(frozen=True)
 class FittedShift:
-    """Shift of one nominal value, in the unit that ends its `name`: `prior_std` before the fit, `value` and `std` after."""
+    """Shift of one nominal value, in the unit that ends its `name`: `prior_std` before the fit,
+    `value` and `std` after.
+    """
 
     name: str
     prior_std: float
@@ -40,7 +48,8 @@ class FittedShift:
 
 @dataclass(frozen=True)
 class FittedSize:
-    """A parameter of an effect, in the unit that ends its `name`; `at_bound` where the plausible range limits it, not the recordings.
+    """A parameter of an effect, in the unit that ends its `name`; `at_bound` where the plausible
+    range limits it, not the recordings.
 
     One that counts something, for example the number of a joint, has no standard deviation.
     """
@@ -115,8 +124,19 @@ class WindowFit:
     def lines(self) -> list[str]:
         """The same as lines of text; of several recordings the totals alone."""
         return [
-            *([f"{'nominal value':<36}{'prior std':>10}{'shift':>11}{'std':>10}{'shift/prior':>13}"] if self.shifts else []),
-            *(f"{s.name:<36}{s.prior_std:>10.3g}{s.value:>+11.4g}{s.std:>10.2g}{s.value / s.prior_std:>+13.2f}" for s in self.shifts),
+            *(
+                [
+                    f"{'nominal value':<36}{'prior std':>10}{'shift':>11}"
+                    f"{'std':>10}{'shift/prior':>13}"
+                ]
+                if self.shifts
+                else []
+            ),
+            *(
+                f"{s.name:<36}{s.prior_std:>10.3g}{s.value:>+11.4g}"
+                f"{s.std:>10.2g}{s.value / s.prior_std:>+13.2f}"
+                for s in self.shifts
+            ),
             *([f"{'effect':<46}{'value':>11}{'std':>10}"] if self.sizes else []),
             *map(_size_line, self.sizes),
             *map(describe_pair, self.correlated),
@@ -133,10 +153,15 @@ def _size_line(size: FittedSize) -> str:
 
 def _error_line(error: SignalError) -> str:
     held_out = "" if error.held_out is None else f"{error.held_out:.3g}"
-    return f"{error.signal:<40}{error.nominal:>10.3g}{error.fitted:>10.3g}{held_out:>10}{error.noise:>10.2g}"
+    return (
+        f"{error.signal:<40}{error.nominal:>10.3g}{error.fitted:>10.3g}"
+        f"{held_out:>10}{error.noise:>10.2g}"
+    )
 
 
-def fit_effects(found: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> Hypothesis:
+def fit_effects(
+    found: ModelSelectionResult, effects: Sequence[Effect], progress: Progress
+) -> Hypothesis:
     """The MAP fit with these effects beside the nuisance parameters.
 
     Parameters
@@ -160,7 +185,9 @@ def fit_effects(found: ModelSelectionResult, effects: Sequence[Effect], progress
         progress(f"fitting {effect.id}", 0.5 + 0.4 * number / len(effects))
         more = fit_most_promising(optimizer, here, grid_points(terms_of(effect)), STARTS)
         if more is None:
-            raise SimulationFailed(f"the model cannot be simulated with {effect.id} of any plausible size")
+            raise SimulationFailed(
+                f"the model cannot be simulated with {effect.id} of any plausible size"
+            )
         here = more
     progress("fitting all together", 0.9)
     # Effects were added one after the other, so the first ones were fitted without the later ones.
@@ -181,10 +208,19 @@ def summarize(found: ModelSelectionResult, fitted: Hypothesis) -> WindowFit:
     errors, totals, overlays = _compare(found, fitted)
     std_x = np.sqrt(np.diag(fitted.marginal.posterior.covariance))
     rows = found.dataset.rows
-    # The larger of two estimates: the jackknife is robust to errors that the rows of one condition share.
-    std_x = np.maximum(std_x, jackknife_std(fitted.fitted.linear(rows.measured), fitted.marginal.whitening, rows.condition))
+    # The larger of two estimates: the jackknife is robust to errors that the rows of one condition
+    # share.
+    std_x = np.maximum(
+        std_x,
+        jackknife_std(
+            fitted.fitted.linear(rows.measured), fitted.marginal.whitening, rows.condition
+        ),
+    )
     coordinates = fitted.fitted.coordinates
-    names = [*coordinates.space.names, *(f"{term.effect.id}.{p.name}" for term in coordinates.choices for p in term.free)]
+    names = [
+        *coordinates.space.names,
+        *(f"{term.effect.id}.{p.name}" for term in coordinates.choices for p in term.free),
+    ]
     return WindowFit(
         shifts=tuple(_list_shifts(fitted, std_x)),
         sizes=tuple(_list_sizes(fitted, std_x)),
@@ -200,38 +236,59 @@ def _list_shifts(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedShift]:
     at = space.at(mean[: len(space.std)])
     for place, parameter in enumerate(space.parameters):
         prior_std = float(space.std[place])
-        yield FittedShift(parameter.name, prior_std, float(parameter.read(at)), prior_std * float(std_x[place]))
+        yield FittedShift(
+            parameter.name, prior_std, float(parameter.read(at)), prior_std * float(std_x[place])
+        )
 
 
 def _list_sizes(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedSize]:
     coordinates, mean = fitted.fitted.coordinates, fitted.marginal.posterior.mean
     for number, term in enumerate(coordinates.choices):
         part = coordinates.part(number)
-        yield from (FittedSize(term.effect.id, name, value, None, False) for name, value in term.whole)
-        for parameter, z, std_z in zip(term.free, mean[part].tolist(), std_x[part].tolist(), strict=True):
+        yield from (
+            FittedSize(term.effect.id, name, value, None, False) for name, value in term.whole
+        )
+        for parameter, z, std_z in zip(
+            term.free, mean[part].tolist(), std_x[part].tolist(), strict=True
+        ):
             value = value_of(parameter, z)
             # A scale near its smallest plausible value may as well be zero.
             is_far = abs(z) > AT_BOUND or value < PERHAPS_NONE * parameter.low
-            yield FittedSize(term.effect.id, parameter.name, value, std_of(parameter, z, std_z), is_far)
+            yield FittedSize(
+                term.effect.id, parameter.name, value, std_of(parameter, z, std_z), is_far
+            )
 
 
 def _compare(
     found: ModelSelectionResult, fitted: Hypothesis
 ) -> tuple[tuple[SignalError, ...], tuple[SignalError, ...], tuple[SignalOverlay, ...]]:
-    """Errors and overlays of each signal of each recording, rows in order of time, and errors of each signal of all."""
+    """Errors and overlays of each signal of each recording, rows in order of time, and errors of
+    each signal of all.
+    """
     rows, nominal, after = found.dataset.rows, found.nominal.predicted, fitted.rows
     held_out = None
     conditions = len(found.dataset.parts)
     if conditions > 1:
         linear = fitted.fitted.linear(rows.measured)
-        held_out = loo_residuals(linear, fitted.marginal.whitening, rows.condition, range(conditions))
+        held_out = loo_residuals(
+            linear, fitted.marginal.whitening, rows.condition, range(conditions)
+        )
 
     def error(name: str, signal: str, here: NDArray[np.intp]) -> SignalError:
         held_out_rms = None if held_out is None else rms(held_out[here])
         measured = rows.measured[here]
-        return SignalError(name, signal, rms(rows.noise[here]), rms(measured - nominal[here]), rms(measured - after[here]), held_out_rms)
+        return SignalError(
+            name,
+            signal,
+            rms(rows.noise[here]),
+            rms(measured - nominal[here]),
+            rms(measured - after[here]),
+            held_out_rms,
+        )
 
     signals = dict.fromkeys(label.signal for label in rows.labels)
-    errors = [error(name, signal, here) for (name, signal), (_, here) in group_by_recording(rows).items()]
+    errors = [
+        error(name, signal, here) for (name, signal), (_, here) in group_by_recording(rows).items()
+    ]
     totals = [error(ALL, signal, np.flatnonzero(rows.signal == signal)) for signal in signals]
     return tuple(errors), tuple(totals), make_overlays(found, fitted)

@@ -1,14 +1,17 @@
 """Windows as long as the model allows, recording by recording. Entry point: `search_in_windows`.
 
-What a wrong torque does to a motion grows with the square of the time, and what a wrong start does grows more slowly. So a long window
-shows what a short one hides behind the uncertainty of its start. A window ends where a simulation says nothing any more:
+What a wrong torque does to a motion grows with the square of the time, and what a wrong start does
+grows more slowly. So a long window shows what a short one hides behind the uncertainty of its
+start. A window ends where a simulation says nothing any more:
 
-- where the errors of its measured start are no longer small beside the signal, as in chaotic motion;
-- where the best fit misses the signal by so much that Gauss-Newton steps no longer lead to it, for example in the wrong swing.
+- where the errors of its measured start are no longer small beside the signal, as in chaotic
+  motion;
+- where the best fit misses the signal by so much that Gauss-Newton steps no longer lead to it, for
+  example in the wrong swing.
 
-Lengths double. The best fit on shorter windows is where the fit on longer ones begins (multiple shooting from short to long). Where errors
-of the start are too large from the first, lengths are halved.
-"""
+Lengths double. The best fit on shorter windows is where the fit on longer ones begins (multiple
+shooting from short to long). Where errors of the start are too large from the first, lengths are
+halved."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -30,13 +33,16 @@ from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 
-# Rms of what errors of the start do, and of what the best fit misses, as shares of the rms change of the signals in a recording.
+# Rms of what errors of the start do, and of what the best fit misses, as shares of the rms change
+# of the signals in a recording.
 MAX_START_SHARE = 0.25
 MAX_MISFIT_SHARE = 0.5
 SHORTEST_S, LONGEST_S = 0.25, 2.0
 FEWEST_STRETCHES = 4  # conditions that must remain: held-out prediction with fewer says little
 LEAST_ROWS = 0.8  # share of the rows on shorter windows that must remain
-CARRIED = 2  # sets of effects whose fits go on to longer windows: on short ones a wrong law may be as good as the right one
+# sets of effects whose fits go on to longer windows: on short ones a wrong law may be as good as
+# the right one
+CARRIED = 2
 SHARE_OF_SINGLES = 0.2  # of the progress of a diagnosis
 LEAST_GROWTH = 1.2  # times the former length, below which another cut is not worth its simulations
 
@@ -71,11 +77,14 @@ class WindowedProblem(Protocol):
 
     @property
     def start_std(self) -> Floats:
-        """(m,) standard deviation of the nominal prediction of each row, because the measured starts have errors."""
+        """(m,) standard deviation of the nominal prediction of each row, because the measured
+        starts have errors.
+        """
         ...
 
     def cut_again(self, lengths_s: Sequence[float]) -> Self:
-        """The same recordings in windows of other lengths, with the same effects and nuisance parameters.
+        """The same recordings in windows of other lengths, with the same effects and nuisance
+        parameters.
 
         Raises SimulationFailed, and BadInput where no such window can be used.
         """
@@ -87,14 +96,18 @@ P = TypeVar("P", bound=WindowedProblem)
 
 @dataclass(frozen=True)
 class WindowErrors:
-    """What errors of the measured starts do in the windows of one recording, and what a fit misses, as shares of the signals' change."""
+    """What errors of the measured starts do in the windows of one recording, and what a fit
+    misses, as shares of the signals' change.
+    """
 
     start: float
     misfit: float
 
     @property
     def are_small(self) -> bool:
-        """Whether a simulation still says something at the end of a window, and a fit can still improve."""
+        """Whether a simulation still says something at the end of a window, and a fit can still
+        improve.
+        """
         return self.start <= MAX_START_SHARE and self.misfit <= MAX_MISFIT_SHARE
 
 
@@ -105,7 +118,8 @@ def search_in_windows(
     progress: Progress,
     config: SearchConfig = DEFAULT_SEARCH,
 ) -> tuple[P, ModelSelectionResult]:
-    """The search over hypotheses in windows as long as allowed: the problem with these windows, and the result.
+    """The search over hypotheses in windows as long as allowed: the problem with these windows, and
+    the result.
 
     Parameters are those of `search_models`, for the problem in short windows.
     """
@@ -120,18 +134,29 @@ def search_in_windows(
 
     problem = shorten_windows(problem)
     # Single effects explain the motion well enough to tell how far a simulation can go.
-    found = search_models(problem.dataset, coordinates, effects, progress_of_singles, replace(config, singles_only=True))
+    found = search_models(
+        problem.dataset,
+        coordinates,
+        effects,
+        progress_of_singles,
+        replace(config, singles_only=True),
+    )
     problem, begun = lengthen_windows(problem, found)
-    return problem, search_models(problem.dataset, coordinates, effects, progress_of_all, config, begun)
+    return problem, search_models(
+        problem.dataset, coordinates, effects, progress_of_all, config, begun
+    )
 
 
 def describe_lengths(lengths_s: Sequence[float]) -> list[float]:
-    """Shortest and longest of the lengths, to the hundredth of a second; a single value where all are alike."""
+    """Shortest and longest of the lengths, to the hundredth of a second; a single value where
+    all are alike.
+    """
     return sorted({round(min(lengths_s), 2), round(max(lengths_s), 2)})
 
 
 def shorten_windows(problem: P) -> P:
-    """The recordings in windows of half the length, SHORTEST_S at least, as long as errors of the start are too large in the present ones.
+    """The recordings in windows of half the length, SHORTEST_S at least, as long as errors of the
+    start are too large in the present ones.
 
     The very same problem, where they are not, or where shorter windows cannot be used.
     """
@@ -139,13 +164,16 @@ def shorten_windows(problem: P) -> P:
         too_long = {
             recording
             for recording, share in measure_start_errors(problem).items()
-            if share > MAX_START_SHARE and problem.lengths_s[problem.recordings.index(recording)] >= 2.0 * SHORTEST_S
+            if share > MAX_START_SHARE
+            and problem.lengths_s[problem.recordings.index(recording)] >= 2.0 * SHORTEST_S
         }
         if not too_long:
             return problem
         named = zip(problem.recordings, problem.lengths_s, strict=True)
         try:
-            problem = problem.cut_again([0.5 * length_s if name in too_long else length_s for name, length_s in named])
+            problem = problem.cut_again(
+                [0.5 * length_s if name in too_long else length_s for name, length_s in named]
+            )
         except (SimulationFailed, BadInput):
             return problem
 
@@ -176,10 +204,17 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
         if longer is None:
             break
         errors = measure_window_errors(longer[0], longer[1][0])
-        growing = {place for place in growing if (own := errors.get(problem.recordings[place])) and own.are_small}
+        growing = {
+            place
+            for place in growing
+            if (own := errors.get(problem.recordings[place])) and own.are_small
+        }
         if not growing:
             break
-        kept_s = [long_s if place in growing else problem.lengths_s[place] for place, long_s in enumerate(lengths_s)]
+        kept_s = [
+            long_s if place in growing else problem.lengths_s[place]
+            for place, long_s in enumerate(lengths_s)
+        ]
         # Where some recordings keep their former windows, those are fitted beside the longer ones.
         longer = longer if kept_s == lengths_s else _cut_and_fit(problem, kept_s, fits or begun)
         if longer is None:
@@ -189,7 +224,9 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
 
 
 def _double_lengths(problem: WindowedProblem, growing: Collection[int]) -> list[float]:
-    """Lengths of about twice the present ones, LONGEST_S at most, for the recordings that grow; each recording is divided evenly."""
+    """Lengths of about twice the present ones, LONGEST_S at most, for the recordings that grow;
+    each recording is divided evenly.
+    """
     lengths_s = list(problem.lengths_s)
     for place in growing:
         recording_s = problem.recordings_s[place]
@@ -199,11 +236,13 @@ def _double_lengths(problem: WindowedProblem, growing: Collection[int]) -> list[
     return lengths_s
 
 
-def _cut_and_fit(problem: P, lengths_s: Sequence[float], begun: Sequence[MapFit]) -> tuple[P, tuple[MapFit, ...]] | None:
+def _cut_and_fit(
+    problem: P, lengths_s: Sequence[float], begun: Sequence[MapFit]
+) -> tuple[P, tuple[MapFit, ...]] | None:
     """The problem in windows of these lengths, and the fits on them.
 
-    None where that cannot be simulated, leaves few conditions, or loses much of the recordings because more windows span a gap.
-    """
+    None where that cannot be simulated, leaves few conditions, or loses much of the recordings
+    because more windows span a gap."""
     try:
         longer = problem.cut_again(lengths_s)
     except (SimulationFailed, BadInput):
@@ -215,27 +254,40 @@ def _cut_and_fit(problem: P, lengths_s: Sequence[float], begun: Sequence[MapFit]
     optimizer = without_scatter(longer.dataset)
     at_former = [optimizer.at(fit.coordinates, fit.x) for fit in begun]
     fits = [optimizer.refine(fit) for fit in at_former if fit is not None]
-    return (longer, tuple(sorted(fits, key=optimizer.free_log_evidence, reverse=True))) if fits else None
+    return (
+        (longer, tuple(sorted(fits, key=optimizer.free_log_evidence, reverse=True)))
+        if fits
+        else None
+    )
 
 
 def measure_window_errors(problem: WindowedProblem, fit: MapFit) -> dict[str, WindowErrors]:
-    """Errors in the windows of each recording by its name, with this fit; shares as of `measure_start_errors`."""
-    starts, misfits = measure_start_errors(problem), _share_of_change(problem.dataset, problem.dataset.rows.measured - fit.predicted)
+    """Errors in the windows of each recording by its name, with this fit; shares as of
+    `measure_start_errors`.
+    """
+    starts, misfits = (
+        measure_start_errors(problem),
+        _share_of_change(problem.dataset, problem.dataset.rows.measured - fit.predicted),
+    )
     return {recording: WindowErrors(starts[recording], misfits[recording]) for recording in starts}
 
 
 def measure_start_errors(problem: WindowedProblem) -> dict[str, float]:
-    """What errors of the measured starts do in the windows of each recording, by its name, as a share of the change of the signals.
+    """What errors of the measured starts do in the windows of each recording, by its name, as a
+    share of the change of the signals.
 
-    A share is the root of the mean over the signals of (rms error / change)^2. The change of a signal is its standard deviation over all
-    recordings, so that a recording at rest is not judged by its noise.
-    """
+    A share is the root of the mean over the signals of (rms error / change)^2. The change of a
+    signal is its standard deviation over all recordings, so that a recording at rest is not judged
+    by its noise."""
     return _share_of_change(problem.dataset, problem.start_std)
 
 
 def _share_of_change(dataset: Dataset, errors: Floats) -> dict[str, float]:
     rows = dataset.rows
-    signals, recordings = rows.signal, np.array([label.recording for label in rows.labels])[rows.label]
+    signals, recordings = (
+        rows.signal,
+        np.array([label.recording for label in rows.labels])[rows.label],
+    )
     found = {}
     for recording in dict.fromkeys(recordings.tolist()):
         shares = []

@@ -1,4 +1,5 @@
-"""Checks of this computer, independent of the devices: clock, cores, disk, packages and compiled code.
+"""Checks of this computer, independent of the devices: clock, cores, disk, packages and compiled
+code.
 
 `look_at` functions probe, `judge` functions evaluate what was seen.
 """
@@ -21,7 +22,8 @@ from rfca_rig.devices.checks import Finding, green, red, yellow
 from rfca_rig.model.kernel.compiled import CACHE_FOLDER, count_compiled
 
 CLOCK_SUBJECT = "clock"
-# Limits in s for the 99th percentile and the maximum of the loop period: two and ten nominal periods.
+# Limits in s for the 99th percentile and the maximum of the loop period: two and ten nominal
+# periods.
 P99_LIMIT_S = 4e-3
 WORST_LIMIT_S = 20e-3
 # Resolution of the clock in s from which a 2 ms loop cannot be timed.
@@ -60,7 +62,9 @@ ENOUGH = 2
 
 @dataclass(frozen=True)
 class LoopSeen:
-    """Observed loop over one second: nominal period, 99th percentile and maximum of the period, and the resolution of the clock."""
+    """Observed loop over one second: nominal period, 99th percentile and maximum of the period,
+    and the resolution of the clock.
+    """
 
     period_s: float
     p99_s: float
@@ -69,16 +73,30 @@ class LoopSeen:
 
 
 def judge_clock(seen: LoopSeen, watchdog_s: float | None) -> Finding:
-    """Finding on the loop timing. `watchdog_s` is the drive's timeout; None without a real drive."""
-    summary = f"loop of {1e3 * seen.period_s:g} ms: worst gap {1e3 * seen.worst_s:.1f} ms, 99 % below {1e3 * seen.p99_s:.1f} ms"
+    """Finding on the loop timing. `watchdog_s` is the drive's timeout; None without a real
+    drive.
+    """
+    summary = (
+        f"loop of {1e3 * seen.period_s:g} ms: worst gap {1e3 * seen.worst_s:.1f} ms, 99 % "
+        f"below {1e3 * seen.p99_s:.1f} ms"
+    )
     if seen.step_s > COARSE_S:
-        return red(CLOCK_SUBJECT, f"{summary}; the clock goes in steps of {1e3 * seen.step_s:.1f} ms", *COARSE_FIX)
+        return red(
+            CLOCK_SUBJECT,
+            f"{summary}; the clock goes in steps of {1e3 * seen.step_s:.1f} ms",
+            *COARSE_FIX,
+        )
     summary = f"{summary}; steps of {1e6 * seen.step_s:.2g} us"
     fix = "close other programs, and keep the processor awake:"
     command = "sudo cpupower frequency-set -g performance"
     # Half the timeout: a run lasts longer than this one second, so worse gaps must be expected.
     if watchdog_s is not None and seen.worst_s > watchdog_s / 2:
-        return red(CLOCK_SUBJECT, f"{summary}; the drive's watchdog ends a run after {1e3 * watchdog_s:g} ms", fix, command)
+        return red(
+            CLOCK_SUBJECT,
+            f"{summary}; the drive's watchdog ends a run after {1e3 * watchdog_s:g} ms",
+            fix,
+            command,
+        )
     if seen.worst_s > WORST_LIMIT_S or seen.p99_s > P99_LIMIT_S:
         return yellow(CLOCK_SUBJECT, summary, fix, command)
     return green(CLOCK_SUBJECT, summary)
@@ -86,7 +104,8 @@ def judge_clock(seen: LoopSeen, watchdog_s: float | None) -> Finding:
 
 @dataclass(frozen=True)
 class CacheSeen:
-    """Observed cache. `error` is why the folder, or its future parent, cannot be written; None if it can.
+    """Observed cache. `error` is why the folder, or its future parent, cannot be written; None if
+    it can.
 
     `functions` is the number of functions that need not be compiled again.
     """
@@ -100,11 +119,19 @@ def judge_compiled_cache(seen: CacheSeen) -> Finding:
     if seen.error is not None:
         fix = "name a folder of your own, in this terminal and in ~/.profile:"
         return red(
-            COMPILED_CACHE_SUBJECT, f"{seen.folder} cannot be written: {seen.error}", fix, "export NUMBA_CACHE_DIR=$HOME/rfca-rig-compiled"
+            COMPILED_CACHE_SUBJECT,
+            f"{seen.folder} cannot be written: {seen.error}",
+            fix,
+            "export NUMBA_CACHE_DIR=$HOME/rfca-rig-compiled",
         )
     if not seen.functions:
         fix = "let it be compiled before you need it, in ten seconds to a minute:"
-        return yellow(COMPILED_CACHE_SUBJECT, f"none in {seen.folder} yet: the first use of the model waits for it", fix, COMPILES)
+        return yellow(
+            COMPILED_CACHE_SUBJECT,
+            f"none in {seen.folder} yet: the first use of the model waits for it",
+            fix,
+            COMPILES,
+        )
     return green(COMPILED_CACHE_SUBJECT, f"{seen.functions} functions in {seen.folder}")
 
 
@@ -126,7 +153,10 @@ def judge_disk(seen: DiskSeen) -> Finding:
             "choose another folder with --runs, or make it yours:",
             f"sudo chown -R $USER {seen.folder}",
         )
-    summary = f"{seen.folder}: {seen.free_bytes / 1e9:.1f} GB free, writes {seen.bytes_per_s / 1e6:.0f} MB/s"
+    summary = (
+        f"{seen.folder}: {seen.free_bytes / 1e9:.1f} GB free, writes "
+        f"{seen.bytes_per_s / 1e6:.0f} MB/s"
+    )
     if seen.free_bytes < GOOD_FREE_BYTES:
         finding = red if seen.free_bytes < LEAST_FREE_BYTES else yellow
         return finding(
@@ -137,13 +167,20 @@ def judge_disk(seen: DiskSeen) -> Finding:
         )
     if seen.bytes_per_s < GOOD_BYTES_S:
         finding = red if seen.bytes_per_s < LEAST_BYTES_S else yellow
-        return finding(DISK_SUBJECT, summary, "choose a local disk with --runs, not a network or USB one; the disks there are:", "df -h .")
+        return finding(
+            DISK_SUBJECT,
+            summary,
+            "choose a local disk with --runs, not a network or USB one; the disks there are:",
+            "df -h .",
+        )
     return green(DISK_SUBJECT, summary)
 
 
 @dataclass(frozen=True)
 class PackageSeen:
-    """Observed package. `wanted` is the pip requirement, `version` None if not installed, `fits` whether it satisfies it."""
+    """Observed package. `wanted` is the pip requirement, `version` None if not installed, `fits`
+    whether it satisfies it.
+    """
 
     name: str
     wanted: str
@@ -160,17 +197,33 @@ class ExtraSeen:
 
 
 def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
-    """Finding on the extras. They are optional, but an installed package must have a suitable version."""
+    """Finding on the extras. They are optional, but an installed package must have a suitable
+    version.
+    """
     complete = [one for one in seen if all(package.fits for package in one.packages)]
-    old = [package for one in seen for package in one.packages if package.version is not None and not package.fits]
+    old = [
+        package
+        for one in seen
+        for package in one.packages
+        if package.version is not None and not package.fits
+    ]
     missing = [one.name for one in seen if one not in complete]
-    summary = "; ".join(f"{one.name}: {', '.join(f'{p.name} {p.version}' for p in one.packages)}" for one in complete) or "none installed"
+    summary = (
+        "; ".join(
+            f"{one.name}: {', '.join(f'{p.name} {p.version}' for p in one.packages)}"
+            for one in complete
+        )
+        or "none installed"
+    )
     if missing:
         summary += f"; not installed: {', '.join(missing)}"
     if old:
         outdated = ", ".join(f"{package.name} {package.version}" for package in old)
         return yellow(
-            EXTRAS, f"{summary}; too old: {outdated}", "install what fits:", "pip install " + " ".join(f'"{one.wanted}"' for one in old)
+            EXTRAS,
+            f"{summary}; too old: {outdated}",
+            "install what fits:",
+            "pip install " + " ".join(f'"{one.wanted}"' for one in old),
         )
     return green(EXTRAS, summary)
 
@@ -178,8 +231,15 @@ def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
 def judge_packages(seen: tuple[PackageSeen, ...], python: str, own_version: str) -> Finding:
     bad = [package for package in seen if not package.fits]
     if bad:
-        problems = ", ".join(f"{one.name} {'is missing' if one.version is None else one.version}" for one in bad)
-        return red(PACKAGES_SUBJECT, f"{problems}", "install what fits:", "pip install " + " ".join(f'"{one.wanted}"' for one in bad))
+        problems = ", ".join(
+            f"{one.name} {'is missing' if one.version is None else one.version}" for one in bad
+        )
+        return red(
+            PACKAGES_SUBJECT,
+            f"{problems}",
+            "install what fits:",
+            "pip install " + " ".join(f'"{one.wanted}"' for one in bad),
+        )
     versions = ", ".join(f"{one.name} {one.version}" for one in seen)
     return green(PACKAGES_SUBJECT, f"python {python}, rfca-rig {own_version}, {versions}")
 
@@ -239,19 +299,32 @@ def _nearest(folder: Path) -> Path:
 def look_at_packages() -> tuple[PackageSeen, ...]:
     """Requirements of the package, without its extras."""
     requirements = [Requirement(line) for line in metadata.requires("rfca-rig") or ()]
-    return tuple(_package(one) for one in requirements if one.marker is None or one.marker.evaluate({"extra": ""}))
+    return tuple(
+        _package(one)
+        for one in requirements
+        if one.marker is None or one.marker.evaluate({"extra": ""})
+    )
 
 
 def look_at_extras() -> tuple[ExtraSeen, ...]:
     """Extras for users, without those that only the tests need."""
     requirements = [Requirement(line) for line in metadata.requires("rfca-rig") or ()]
-    names = [name for name in metadata.metadata("rfca-rig").get_all("Provides-Extra") or () if name not in FOR_TESTS]
-    return tuple(ExtraSeen(name, tuple(_package(one) for one in requirements if _is_of(one, name))) for name in names)
+    names = [
+        name
+        for name in metadata.metadata("rfca-rig").get_all("Provides-Extra") or ()
+        if name not in FOR_TESTS
+    ]
+    return tuple(
+        ExtraSeen(name, tuple(_package(one) for one in requirements if _is_of(one, name)))
+        for name in names
+    )
 
 
 def _is_of(requirement: Requirement, extra: str) -> bool:
     return (
-        requirement.marker is not None and requirement.marker.evaluate({"extra": extra}) and not requirement.marker.evaluate({"extra": ""})
+        requirement.marker is not None
+        and requirement.marker.evaluate({"extra": extra})
+        and not requirement.marker.evaluate({"extra": ""})
     )
 
 
@@ -260,19 +333,31 @@ def _package(requirement: Requirement) -> PackageSeen:
         version = metadata.version(requirement.name)
     except metadata.PackageNotFoundError:
         return PackageSeen(requirement.name, str(requirement), None, False)
-    return PackageSeen(requirement.name, str(requirement), version, requirement.specifier.contains(version, prereleases=True))
+    return PackageSeen(
+        requirement.name,
+        str(requirement),
+        version,
+        requirement.specifier.contains(version, prereleases=True),
+    )
 
 
 def judge_cores(cores: int) -> Finding:
     """Finding on the number of cores that this process may use."""
     if cores < ENOUGH:
         fix = "give this computer, or its container, a second core; what is allowed now:"
-        return yellow(CORES_SUBJECT, "1 core, which the control loop shares with the writer of the recording", fix, "nproc --all; nproc")
+        return yellow(
+            CORES_SUBJECT,
+            "1 core, which the control loop shares with the writer of the recording",
+            fix,
+            "nproc --all; nproc",
+        )
     return green(CORES_SUBJECT, f"{cores} cores")
 
 
 def check_computer(runs: Path, clock: Clock, watchdog_s: float | None) -> Iterator[Finding]:
-    """Yields all findings on this computer. `watchdog_s` is the drive's timeout, None without a real drive."""
+    """Yields all findings on this computer. `watchdog_s` is the drive's timeout, None without a
+    real drive.
+    """
     yield judge_clock(look_at_clock(clock), watchdog_s)
     yield judge_disk(look_at_disk(runs, clock))
     yield judge_cores(cores())

@@ -1,7 +1,8 @@
-"""CAN: the interfaces of the Linux kernel, other adapters, and the bus of a rig file, on which it only listens.
+"""CAN: the interfaces of the Linux kernel, other adapters, and the bus of a rig file, on which it
+only listens.
 
-`look_at` functions probe, as does `devices.checks.Listener`; `judge` functions evaluate what was seen.
-"""
+`look_at` functions probe, as does `devices.checks.Listener`; `judge` functions evaluate what was
+seen."""
 
 import json
 import subprocess
@@ -18,7 +19,10 @@ BUS_SUBJECT = "CAN bus"
 REMEDIES = {
     "socketcand": "start socketcand, or rfca-rig twin serve, and say where it is:",
     "slcan": "check the path of the serial port in channel under [motor], and who may open it",
-    "pcan": "install PEAK's driver (on Linux its kernel driver does: interface = 'socketcan'), and check channel, such as PCAN_USBBUS1",
+    "pcan": (
+        "install PEAK's driver (on Linux its kernel driver does: interface = 'socketcan'), "
+        "and check channel, such as PCAN_USBBUS1"
+    ),
     "kvaser": "install Kvaser's canlib, and check channel, which is a number",
     "gs_usb": "install the package, and check channel, which is a number:",
     "ixxat": "install IXXAT's VCI driver, and check channel, which is a number",
@@ -36,33 +40,66 @@ ARPHRD_CAN = "280"
 IFF_UP = 1
 CANFD_MTU = 72
 IP_WITHIN_S = 2.0
-FINDABLE = ("canalystii", "cantact", "gs_usb", "ixxat", "kvaser", "neovi", "nican", "nixnet", "pcan", "systec", "usb2can", "vector")
+FINDABLE = (
+    "canalystii",
+    "cantact",
+    "gs_usb",
+    "ixxat",
+    "kvaser",
+    "neovi",
+    "nican",
+    "nixnet",
+    "pcan",
+    "systec",
+    "usb2can",
+    "vector",
+)
 
 
-def judge_can_bus(seen: CanBusObservation, interface: str, channel: str, known: tuple[str, ...]) -> Finding:
+def judge_can_bus(
+    seen: CanBusObservation, interface: str, channel: str, known: tuple[str, ...]
+) -> Finding:
     """Finding on the bus. `known` are the interfaces of python-can."""
     name = f"{interface} {channel}"
     if interface not in known:
-        return red(BUS_SUBJECT, f"{interface} is no interface of python-can", f"interface under [motor] must be one of {', '.join(known)}")
+        return red(
+            BUS_SUBJECT,
+            f"{interface} is no interface of python-can",
+            f"interface under [motor] must be one of {', '.join(known)}",
+        )
     if seen.error is not None:
-        remedy = REMEDIES.get(interface, "check interface and channel under [motor], and the adapter's driver")
+        remedy = REMEDIES.get(
+            interface, "check interface and channel under [motor], and the adapter's driver"
+        )
         commands = (COMMANDS[interface],) if interface in COMMANDS else ()
         return red(BUS_SUBJECT, f"{name} cannot be opened: {seen.error}", remedy, *commands)
     if seen.went_off or seen.failed is not None:
         problem = "went off after too many errors" if seen.went_off else f"failed: {seen.failed}"
-        return red(BUS_SUBJECT, f"{name} {problem}", "check wiring, termination and bit rate, then start the interface again")
+        return red(
+            BUS_SUBJECT,
+            f"{name} {problem}",
+            "check wiring, termination and bit rate, then start the interface again",
+        )
     if seen.error_frames:
-        fix = "check that the drive has the bit rate of the rig file, the wiring, and a 120 ohm resistor at both ends"
-        return yellow(BUS_SUBJECT, f"{name} opens, with {seen.error_frames} error frames beside {seen.frames} good ones", fix)
+        fix = (
+            "check that the drive has the bit rate of the rig file, the wiring, and a 120 "
+            "ohm resistor at both ends"
+        )
+        return yellow(
+            BUS_SUBJECT,
+            f"{name} opens, with {seen.error_frames} error frames beside {seen.frames} good ones",
+            fix,
+        )
     return green(BUS_SUBJECT, f"{name} opens")
 
 
 @dataclass(frozen=True)
 class CanInterfaceObservation:
-    """Observed interface. `others` are the other CAN interfaces. Values are None if the system does not report them.
+    """Observed interface. `others` are the other CAN interfaces. Values are None if the system does
+    not report them.
 
-    A virtual interface has no bit rate. `state` is that of the controller (ERROR-ACTIVE, ERROR-PASSIVE, BUS-OFF ...).
-    """
+    A virtual interface has no bit rate. `state` is that of the controller (ERROR-ACTIVE,
+    ERROR-PASSIVE, BUS-OFF ...)."""
 
     channel: str
     exists: bool
@@ -76,8 +113,12 @@ class CanInterfaceObservation:
     is_fd: bool = False
 
 
-def judge_can_interface(seen: CanInterfaceObservation, bitrate: int, data_bitrate: int | None) -> Finding:
-    """Finding on the interface. `data_bitrate` is that of CAN-FD, None for a drive with classic CAN."""
+def judge_can_interface(
+    seen: CanInterfaceObservation, bitrate: int, data_bitrate: int | None
+) -> Finding:
+    """Finding on the interface. `data_bitrate` is that of CAN-FD, None for a drive with classic
+    CAN.
+    """
     if not seen.exists:
         return _absent(seen, bitrate)
     if not seen.is_can:
@@ -87,7 +128,11 @@ def judge_can_interface(seen: CanInterfaceObservation, bitrate: int, data_bitrat
     # A virtual interface has no bit rate to compare.
     if finding is None and not seen.is_virtual:
         finding = _wrong_rate(seen, bitrate, data_bitrate)
-    return finding or _errors_counted(seen) or green(CAN_INTERFACE_SUBJECT, f"{seen.channel} is up, {_rates(seen)}")
+    return (
+        finding
+        or _errors_counted(seen)
+        or green(CAN_INTERFACE_SUBJECT, f"{seen.channel} is up, {_rates(seen)}")
+    )
 
 
 def _not_running(seen: CanInterfaceObservation, up: str) -> Finding | None:
@@ -95,15 +140,28 @@ def _not_running(seen: CanInterfaceObservation, up: str) -> Finding | None:
         return red(CAN_INTERFACE_SUBJECT, f"{seen.channel} is down", "bring it up:", up)
     if seen.state == "BUS-OFF":
         fix = "check wiring, termination and bit rate, then:"
-        return red(CAN_INTERFACE_SUBJECT, f"{seen.channel} is off after too many errors", fix, make_down_command(seen.channel), up)
+        return red(
+            CAN_INTERFACE_SUBJECT,
+            f"{seen.channel} is off after too many errors",
+            fix,
+            make_down_command(seen.channel),
+            up,
+        )
     return None
 
 
 def _errors_counted(seen: CanInterfaceObservation) -> Finding | None:
     if seen.state not in {"ERROR-PASSIVE", "ERROR-WARNING"}:
         return None
-    fix = "check the drive's power, the wiring, a 120 ohm resistor at both ends, and that the drive has the same bit rate"
-    return yellow(CAN_INTERFACE_SUBJECT, f"{seen.channel} is up, but its controller counts errors ({seen.state})", fix)
+    fix = (
+        "check the drive's power, the wiring, a 120 ohm resistor at both ends, and that the "
+        "drive has the same bit rate"
+    )
+    return yellow(
+        CAN_INTERFACE_SUBJECT,
+        f"{seen.channel} is up, but its controller counts errors ({seen.state})",
+        fix,
+    )
 
 
 def make_up_command(name: str, bitrate: int, data_bitrate: int | None = None) -> str:
@@ -120,17 +178,31 @@ def make_down_command(name: str) -> str:
 def _absent(seen: CanInterfaceObservation, bitrate: int) -> Finding:
     problem = f"there is no {seen.channel}{_others(seen)}"
     if seen.others:
-        return red(CAN_INTERFACE_SUBJECT, problem, f'put channel = "{seen.others[0]}" under [motor]')
-    fix = "plug the adapter in, and load its driver; an adapter that is a serial port needs slcand (s6 is 500 kbit/s, s8 is 1 Mbit/s):"
+        return red(
+            CAN_INTERFACE_SUBJECT, problem, f'put channel = "{seen.others[0]}" under [motor]'
+        )
+    fix = (
+        "plug the adapter in, and load its driver; an adapter that is a serial port needs "
+        "slcand (s6 is 500 kbit/s, s8 is 1 Mbit/s):"
+    )
     # Codes of slcand's option -s.
     speed = {125_000: 4, 250_000: 5, 500_000: 6, 800_000: 7}.get(bitrate, 8)
     return red(
-        CAN_INTERFACE_SUBJECT, problem, fix, "sudo modprobe can_raw gs_usb", f"sudo slcand -o -c -s{speed} /dev/ttyACM0 {seen.channel}"
+        CAN_INTERFACE_SUBJECT,
+        problem,
+        fix,
+        "sudo modprobe can_raw gs_usb",
+        f"sudo slcand -o -c -s{speed} /dev/ttyACM0 {seen.channel}",
     )
 
 
-def _wrong_rate(seen: CanInterfaceObservation, bitrate: int, data_bitrate: int | None) -> Finding | None:
-    name, restart = seen.channel, (make_down_command(seen.channel), make_up_command(seen.channel, bitrate, data_bitrate))
+def _wrong_rate(
+    seen: CanInterfaceObservation, bitrate: int, data_bitrate: int | None
+) -> Finding | None:
+    name, restart = (
+        seen.channel,
+        (make_down_command(seen.channel), make_up_command(seen.channel, bitrate, data_bitrate)),
+    )
     if seen.bitrate is not None and seen.bitrate != bitrate:
         return red(
             CAN_INTERFACE_SUBJECT,
@@ -139,20 +211,35 @@ def _wrong_rate(seen: CanInterfaceObservation, bitrate: int, data_bitrate: int |
             *restart,
         )
     if data_bitrate is not None and not seen.is_fd:
-        return red(CAN_INTERFACE_SUBJECT, f"{name} is set to classic CAN, the drive speaks CAN-FD", "set it up for CAN-FD:", *restart)
+        return red(
+            CAN_INTERFACE_SUBJECT,
+            f"{name} is set to classic CAN, the drive speaks CAN-FD",
+            "set it up for CAN-FD:",
+            *restart,
+        )
     if data_bitrate is not None and seen.data_bitrate not in {None, data_bitrate}:
-        problem = f"{name} runs its data phase at {seen.data_bitrate} bit/s, the rig file says {data_bitrate}"
+        problem = (
+            f"{name} runs its data phase at {seen.data_bitrate} bit/s, the rig file says "
+            f"{data_bitrate}"
+        )
         return red(CAN_INTERFACE_SUBJECT, problem, "correct the one that is wrong:", *restart)
     if seen.bitrate is None:
-        fix = f"it must be {bitrate} bit/s: slcand has it in its option -s, else ip shows it (package iproute2):"
-        return yellow(CAN_INTERFACE_SUBJECT, f"{name} is up, its bit rate is not reported", fix, _show(name))
+        fix = (
+            f"it must be {bitrate} bit/s: slcand has it in its option -s, else ip shows it "
+            "(package iproute2):"
+        )
+        return yellow(
+            CAN_INTERFACE_SUBJECT, f"{name} is up, its bit rate is not reported", fix, _show(name)
+        )
     return None
 
 
 def _rates(seen: CanInterfaceObservation) -> str:
     if seen.is_virtual:
         return "virtual"
-    return f"{seen.bitrate} bit/s" + ("" if seen.data_bitrate is None else f", data {seen.data_bitrate} bit/s")
+    return f"{seen.bitrate} bit/s" + (
+        "" if seen.data_bitrate is None else f", data {seen.data_bitrate} bit/s"
+    )
 
 
 def _others(seen: CanInterfaceObservation) -> str:
@@ -190,7 +277,9 @@ def can_interfaces(network: Path = NETWORK) -> tuple[str, ...]:
     """Names of all CAN interfaces of the kernel."""
     if not network.is_dir():
         return ()
-    return tuple(sorted(entry.name for entry in network.iterdir() if _text(entry / "type") == ARPHRD_CAN))
+    return tuple(
+        sorted(entry.name for entry in network.iterdir() if _text(entry / "type") == ARPHRD_CAN)
+    )
 
 
 def _text(file: Path) -> str:
@@ -205,7 +294,9 @@ def _query_ip(channel: str) -> dict[str, Any]:
     """Output of `ip` on the interface; empty if it is not installed, or too old for JSON."""
     command = ["ip", "-details", "-json", "link", "show", "dev", channel]
     try:
-        output = subprocess.run(command, capture_output=True, timeout=IP_WITHIN_S, check=True).stdout
+        output = subprocess.run(
+            command, capture_output=True, timeout=IP_WITHIN_S, check=True
+        ).stdout
         links = json.loads(output)
     except (OSError, subprocess.SubprocessError, ValueError):
         return {}

@@ -1,8 +1,8 @@
 """Checks of all devices that a rig file names, in turn, and `scan` for devices without one.
 
-Those of the motor stop at the first red finding. Plug-in devices are checked through their own drivers: are they present, and can their
-messages be decoded. Of the camera one photo is taken: its marks are looked for, and nothing moves.
-"""
+Those of the motor stop at the first red finding. Plug-in devices are checked through their own
+drivers: are they present, and can their messages be decoded. Of the camera one photo is taken: its
+marks are looked for, and nothing moves."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -17,7 +17,11 @@ import numpy as np
 from rfca_rig.bench.factory import make_motor
 from rfca_rig.bench.sensors import make_camera
 from rfca_rig.clock import Clock
-from rfca_rig.description.camera_file import OpenCvCameraSection, PhotoFolderSection, read_camera_file
+from rfca_rig.description.camera_file import (
+    OpenCvCameraSection,
+    PhotoFolderSection,
+    read_camera_file,
+)
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.devices import FORCE_SENSORS, USUAL_WATCHDOG_S, find_motor, find_sensor, load_object
 from rfca_rig.devices.checks import (
@@ -73,14 +77,18 @@ USUAL_BITRATE = 1_000_000
 
 
 def check_own_motor(keys: MotorSection, clock: Clock) -> Iterator[Finding]:
-    """Yields the findings on a plug-in motor. Only listens, or requests reports if the drive sends none by itself."""
+    """Yields the findings on a plug-in motor. Only listens, or requests reports if the drive
+    sends none by itself.
+    """
     yield green("driver", f"{keys.title} is loaded, its keys in [motor] are right")
     bus = _open(keys.open, f"CAN bus {keys.interface} {keys.channel}", "[motor]")
     if isinstance(bus, Finding):
         yield bus
         return
     with bus:
-        yield judge_own_motor(find_motor(keys.device).make_driver(keys, bus, clock, SILENT_S), clock)
+        yield judge_own_motor(
+            find_motor(keys.device).make_driver(keys, bus, clock, SILENT_S), clock
+        )
 
 
 def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
@@ -97,9 +105,15 @@ def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
     status = motor.status()
     # Silence is not an error: some drives report only when they are energised.
     if not reports:
-        fix = "check its power and the wiring; a drive that reports only on request is asked when the motor is enabled"
+        fix = (
+            "check its power and the wiring; a drive that reports only on request is asked "
+            "when the motor is enabled"
+        )
         return yellow(DRIVE, f"no report of the shaft within {OWN_LISTEN_S:g} s", fix)
-    summary = f"{reports / (clock.now_s() - began_s):.0f} reports/s, shaft at {np.degrees(last_rad):.1f} deg, {status.state}"
+    summary = (
+        f"{reports / (clock.now_s() - began_s):.0f} reports/s, shaft at "
+        f"{np.degrees(last_rad):.1f} deg, {status.state}"
+    )
     if status.fault is not None:
         return red(DRIVE, f"{summary}: {status.fault}", "see the drive's manual for this error")
     return green(DRIVE, summary)
@@ -135,13 +149,20 @@ def judge_own_sensor(sensor: ForceSensor, clock: Clock) -> Finding:
         return red(SENSOR, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
     health = sensor.health()
     rate_Hz = health.received / (clock.now_s() - began_s)
-    summary = f"{rate_Hz:.0f} records/s, {health.lost} lost, {health.malformed} pieces of the stream no records"
+    summary = (
+        f"{rate_Hz:.0f} records/s, {health.lost} lost, {health.malformed} pieces of the "
+        "stream no records"
+    )
     if not health.received:
         return red(
-            SENSOR, f"no record within {OWN_LISTEN_S:g} s", "check its power, the cable, and port and bits_per_s under [force_sensor]"
+            SENSOR,
+            f"no record within {OWN_LISTEN_S:g} s",
+            "check its power, the cable, and port and bits_per_s under [force_sensor]",
         )
     if health.notes:
-        return yellow(SENSOR, f"{summary}: {health.notes[0]}", "look at the sensor and its cable before a run")
+        return yellow(
+            SENSOR, f"{summary}: {health.notes[0]}", "look at the sensor and its cable before a run"
+        )
     return green(SENSOR, summary)
 
 
@@ -150,7 +171,11 @@ def _open(opener: Callable[[], Way], name: str, table: str) -> Way | Finding:
         return opener()
     # The plug-in's `open` and the interfaces of python-can raise exceptions of many types.
     except Exception as error:
-        return red("wire", f"{name} cannot be opened: {type(error).__name__}: {shorten_error(error)}", f"check {table} in the rig file")
+        return red(
+            "wire",
+            f"{name} cannot be opened: {type(error).__name__}: {shorten_error(error)}",
+            f"check {table} in the rig file",
+        )
 
 
 def _poll(clock: Clock) -> Iterator[None]:
@@ -161,7 +186,9 @@ def _poll(clock: Clock) -> Iterator[None]:
 
 
 def check_motor(motor: MotorSection, clock: Clock) -> Iterator[Finding]:
-    """Yields the findings on interface, bus and drive. Opens the bus of [motor] for about one second."""
+    """Yields the findings on interface, bus and drive. Opens the bus of [motor] for about one
+    second.
+    """
     before = _before_the_bus(motor)
     if before is not None:
         yield before
@@ -169,7 +196,8 @@ def check_motor(motor: MotorSection, clock: Clock) -> Iterator[Finding]:
             return
     try:
         bus = motor.open()
-    # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a vendor library is missing.
+    # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a
+    # vendor library is missing.
     except Exception as error:
         yield _bus(motor, CanBusObservation(f"{type(error).__name__}: {shorten_error(error)}"))
         return
@@ -178,9 +206,13 @@ def check_motor(motor: MotorSection, clock: Clock) -> Iterator[Finding]:
 
 
 def _before_the_bus(motor: MotorSection) -> Finding | None:
-    """Finding on the kernel interface or serial port below the bus; None if there is none to check."""
+    """Finding on the kernel interface or serial port below the bus; None if there is none to
+    check.
+    """
     if motor.interface == "socketcan":
-        return judge_can_interface(look_at_can_interface(motor.channel), motor.bitrate, motor.fd_bitrate)
+        return judge_can_interface(
+            look_at_can_interface(motor.channel), motor.bitrate, motor.fd_bitrate
+        )
     if motor.channel.startswith("/dev/"):
         return judge_serial_port(look_at_serial_port(motor.channel), "[motor]")
     return None
@@ -202,7 +234,9 @@ def _bus(motor: MotorSection, seen: CanBusObservation) -> Finding:
 
 
 def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
-    """Yields the findings on the camera, none if the rig has none. An OpenCV camera takes one photo."""
+    """Yields the findings on the camera, none if the rig has none. An OpenCV camera takes one
+    photo.
+    """
     camera = rig.camera
     if camera is None:
         return
@@ -227,7 +261,9 @@ def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
 def check_sensor(sensor: ForceSensorSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on the force sensor. Streams from it for about one second."""
     check = find_sensor(sensor.device).check
-    yield from check_own_sensor(sensor, clock) if check is None else load_object(check)(sensor, clock)
+    yield from (
+        check_own_sensor(sensor, clock) if check is None else load_object(check)(sensor, clock)
+    )
 
 
 def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
@@ -248,7 +284,11 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
         return
     if angles_rad:
         yield green(
-            SHAFT, f"at {np.degrees(angles_rad[-1]):.1f} deg{_encoder(rig, angles_rad[-1])}: is it? 0 is horizontal, 90 straight down"
+            SHAFT,
+            (
+                f"at {np.degrees(angles_rad[-1]):.1f} deg{_encoder(rig, angles_rad[-1])}: is "
+                "it? 0 is horizontal, 90 straight down"
+            ),
         )
 
 
@@ -262,14 +302,26 @@ def _encoder(rig: RigFile, angle_rad: float) -> str:
 
 
 def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
-    """Yields all findings as they come. Sends nothing that could move the shaft; takes over and ends a running sensor stream."""
+    """Yields all findings as they come. Sends nothing that could move the shaft; takes over and
+    ends a running sensor stream.
+    """
     if not rig.is_real:
-        yield green("devices", f"{rig.motor.title} and {rig.force_sensor.title} are twins in this process: nothing to be looked for")
+        yield green(
+            "devices",
+            (
+                f"{rig.motor.title} and {rig.force_sensor.title} are twins in this process: "
+                "nothing to be looked for"
+            ),
+        )
         yield from check_computer(runs, clock, None)
         return
     motor = rig.motor
     is_red = False
-    for finding in check_own_motor(motor, clock) if find_motor(motor.device).check is None else check_motor(motor, clock):
+    for finding in (
+        check_own_motor(motor, clock)
+        if find_motor(motor.device).check is None
+        else check_motor(motor, clock)
+    ):
         is_red |= finding.colour is Colour.RED
         yield finding
     # Reading the shaft makes no sense on a bus or drive that does not work.
@@ -280,13 +332,17 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
 
 
 def _watchdog_s(rig: RigFile) -> float:
-    key = "guardian_silence_ms" if rig.motor.is_guarded else find_motor(rig.motor.device).watchdog_key
+    key = (
+        "guardian_silence_ms" if rig.motor.is_guarded else find_motor(rig.motor.device).watchdog_key
+    )
     return USUAL_WATCHDOG_S if key is None else float(getattr(rig.motor, key)) / 1e3
 
 
 @dataclass(frozen=True)
 class CameraObservation:
-    """Observed photo. `fault` is why there was none, else None. It showed `stated` of `planned` marks, with these doubts."""
+    """Observed photo. `fault` is why there was none, else None. It showed `stated` of `planned`
+    marks, with these doubts.
+    """
 
     fault: str | None
     stated: int = 0
@@ -295,41 +351,73 @@ class CameraObservation:
 
 
 def judge_camera_file(path: str, fault: str | None, error_px: float) -> Finding:
-    """Finding on the calibration. `fault` is why it cannot be used, None if it can; `error_px` is its reprojection error."""
+    """Finding on the calibration. `fault` is why it cannot be used, None if it can; `error_px`
+    is its reprojection error.
+    """
     calibrate = "rfca-rig calibrate camera --help"
     if fault is not None:
-        return red(CALIBRATION, fault, "calibrate the camera, and name the file in calibration_file; docs/camera.md says how:", calibrate)
+        return red(
+            CALIBRATION,
+            fault,
+            "calibrate the camera, and name the file in calibration_file; docs/camera.md says how:",
+            calibrate,
+        )
     if error_px > MAX_REPROJECTION_ERROR_PX:
-        return yellow(CALIBRATION, f"{path}: reprojection error {error_px:.2f} px", "calibrate again with a flat board:", calibrate)
+        return yellow(
+            CALIBRATION,
+            f"{path}: reprojection error {error_px:.2f} px",
+            "calibrate again with a flat board:",
+            calibrate,
+        )
     return green(CALIBRATION, f"{path}: reprojection error {error_px:.2f} px")
 
 
 def judge_camera(seen: CameraObservation) -> Finding:
     if seen.fault is not None:
-        return red(CAMERA, seen.fault, "put the camera right before the next static run; without [camera] forces are measured all the same")
+        return red(
+            CAMERA,
+            seen.fault,
+            (
+                "put the camera right before the next static run; without [camera] forces "
+                "are measured all the same"
+            ),
+        )
     shown = f"{seen.stated} of {seen.planned} marks found"
     if seen.stated == seen.planned:
         return green(CAMERA, shown)
     message = f"{shown}: {'; '.join(seen.doubts)}"
-    return yellow(CAMERA, message, "bring the leg into the picture, light it evenly, take red things away")
+    return yellow(
+        CAMERA, message, "bring the leg into the picture, light it evenly, take red things away"
+    )
 
 
 def judge_photo_folder(folder: str, fault: str | None) -> Finding:
     """Finding on the photo folder. `fault` is why it cannot be read, None if it can."""
     if fault is not None:
-        return red(CAMERA, fault, "make the folder, and tell the camera's program to put its photos there:", f"mkdir -p {folder}")
+        return red(
+            CAMERA,
+            fault,
+            "make the folder, and tell the camera's program to put its photos there:",
+            f"mkdir -p {folder}",
+        )
     return green(CAMERA, f"photos are to come into {folder}")
 
 
-def look_at_camera(section: OpenCvCameraSection, eye: PhotoSetup, clock: Clock) -> CameraObservation:
+def look_at_camera(
+    section: OpenCvCameraSection, eye: PhotoSetup, clock: Clock
+) -> CameraObservation:
     try:
         with ExitStack() as stack:
-            photo = _one_photo(make_camera(section, eye, clock, stack), clock, section.photo_limit_s)
+            photo = _one_photo(
+                make_camera(section, eye, clock, stack), clock, section.photo_limit_s
+            )
         identified = read_leg_photo(photo.image, eye).identified
     except RigError as error:
         return CameraObservation(shorten_error(error))
     count = sum(mark is not None for mark in identified.marks)
-    return CameraObservation(None, count, len(identified.marks), tuple(doubt.words for doubt in identified.doubts))
+    return CameraObservation(
+        None, count, len(identified.marks), tuple(doubt.words for doubt in identified.doubts)
+    )
 
 
 def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
@@ -344,7 +432,10 @@ def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
 
 def judge_found_interfaces(seen: tuple[CanInterfaceObservation, ...]) -> list[Finding]:
     if not seen:
-        fix = "plug the adapter in; where it is not seen, load its driver, or make a serial adapter an interface:"
+        fix = (
+            "plug the adapter in; where it is not seen, load its driver, or make a serial "
+            "adapter an interface:"
+        )
         commands = ("sudo modprobe can_raw gs_usb", "sudo slcand -o -c -s8 /dev/ttyACM0 can0")
         return [yellow("CAN interface", "none in the kernel", fix, *commands)]
     return [_interface(one) for one in seen]
@@ -354,15 +445,26 @@ def _interface(seen: CanInterfaceObservation) -> Finding:
     rate = "" if seen.bitrate is None else f", {seen.bitrate} bit/s"
     if not seen.is_up:
         fix = "bring it up, with the bit rate of the drive:"
-        return yellow("CAN interface", f"{seen.channel} is down", fix, make_up_command(seen.channel, seen.bitrate or USUAL_BITRATE))
-    return green("CAN interface", f'{seen.channel} is up{rate}: interface = "socketcan", channel = "{seen.channel}"')
+        return yellow(
+            "CAN interface",
+            f"{seen.channel} is down",
+            fix,
+            make_up_command(seen.channel, seen.bitrate or USUAL_BITRATE),
+        )
+    return green(
+        "CAN interface",
+        f'{seen.channel} is up{rate}: interface = "socketcan", channel = "{seen.channel}"',
+    )
 
 
 def judge_found_adapters(seen: tuple[tuple[str, str], ...]) -> list[Finding]:
     """Findings on adapters other than the kernel's, as (interface, channel) of python-can."""
     if not seen:
         return [green(ADAPTERS, "none beside the kernel's")]
-    return [green(ADAPTERS, f'interface = "{interface}", channel = "{channel}"') for interface, channel in seen]
+    return [
+        green(ADAPTERS, f'interface = "{interface}", channel = "{channel}"')
+        for interface, channel in seen
+    ]
 
 
 def judge_no_ports() -> Finding:
@@ -370,14 +472,18 @@ def judge_no_ports() -> Finding:
 
 
 def find_sensors() -> dict[str, FoundSensor]:
-    """Results of the search for each built-in force sensor that can be found without a rig file, by its kind."""
+    """Results of the search for each built-in force sensor that can be found without a rig file,
+    by its kind.
+    """
     places = {kind: find_sensor(kind).find for kind in FORCE_SENSORS}
     return {kind: load_object(place)() for kind, place in places.items() if place is not None}
 
 
 def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
     """Yields all findings as they come. Sends only what the search for each force sensor sends."""
-    yield from judge_found_interfaces(tuple(look_at_can_interface(name) for name in can_interfaces()))
+    yield from judge_found_interfaces(
+        tuple(look_at_can_interface(name) for name in can_interfaces())
+    )
     yield from judge_found_adapters(look_for_adapters())
     ports = look_for_serial_ports()
     yield from [judge_found_port(port) for port in ports] or [judge_no_ports()]

@@ -1,4 +1,6 @@
-"""Cameras: one opened by OpenCV, on a thread of its own, and one that stores its photos in a folder itself."""
+"""Cameras: one opened by OpenCV, on a thread of its own, and one that stores its photos in a
+folder itself.
+"""
 
 import queue
 import threading
@@ -39,10 +41,16 @@ class Capture(Protocol):
 
 
 class OpenCvCamera:
-    """Implements `Camera`. Autofocus is switched off: it changes the image scale, and with it the calibration."""
+    """Implements `Camera`. Autofocus is switched off: it changes the image scale, and with it
+    the calibration.
+    """
 
     def __init__(
-        self, number: int, size_px: tuple[int, int], clock: Clock, open_capture: Callable[[int], Capture] = cv2.VideoCapture
+        self,
+        number: int,
+        size_px: tuple[int, int],
+        clock: Clock,
+        open_capture: Callable[[int], Capture] = cv2.VideoCapture,
     ) -> None:
         """`number` is the camera's index in the system, `size_px` is (width, height).
 
@@ -54,7 +62,10 @@ class OpenCvCamera:
         self._taken = 0
         self._capture = open_capture(number)
         if not self._capture.isOpened():
-            raise DeviceError(f"camera {number} does not open; check its cable, that nothing else uses it, and its number")
+            raise DeviceError(
+                f"camera {number} does not open; check its cable, that nothing else uses "
+                "it, and its number"
+            )
         self._set_up()
 
     def _set_up(self) -> None:
@@ -63,26 +74,40 @@ class OpenCvCamera:
         self._capture.set(cv2.CAP_PROP_AUTOFOCUS, 0)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         # OpenCV ignores settings that a camera does not support, so the size is read back.
-        given = (round(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)), round(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        given = (
+            round(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
+            round(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
+        )
         if given != self._size_px:
             self.close()
             raise DeviceError(
-                f"camera {self._number} gives pictures of {given[0]} x {given[1]}, not {self._size_px[0]} x {self._size_px[1]}; "
+                f"camera {self._number} gives pictures of {given[0]} x {given[1]}, not "
+                f"{self._size_px[0]} x {self._size_px[1]}; "
                 "choose a size that it has, the one it was calibrated with"
             )
         for _ in range(FIRST_FRAMES):
             self._grab()
 
     def photo(self) -> Photo:
-        """A photo (rows, columns, 3) in BGR order. Raises DeviceError if none arrives, or it is broken."""
+        """A photo (rows, columns, 3) in BGR order. Raises DeviceError if none arrives, or it is
+        broken.
+        """
         for _ in range(STORED_FRAMES):
             self._grab()
         self._grab()
         host_s = self._clock.now_s()
         self._taken += 1
         is_ok, image = self._capture.retrieve()
-        if not is_ok or image is None or image.shape != (self._size_px[1], self._size_px[0], 3) or image.dtype != np.uint8:
-            raise DeviceError(f"camera {self._number} gave a broken picture; check its cable, or try a smaller size")
+        if (
+            not is_ok
+            or image is None
+            or image.shape != (self._size_px[1], self._size_px[0], 3)
+            or image.dtype != np.uint8
+        ):
+            raise DeviceError(
+                f"camera {self._number} gave a broken picture; check its cable, or try a "
+                "smaller size"
+            )
         return Photo(np.ascontiguousarray(image), host_s, f"photo-{self._taken:03d}")
 
     def _grab(self) -> None:
@@ -93,7 +118,10 @@ class OpenCvCamera:
         self._capture.release()
 
     def identity(self) -> dict[str, str]:
-        return {"camera": f"OpenCV camera {self._number}", "camera_size_px": f"{self._size_px[0]} x {self._size_px[1]}"}
+        return {
+            "camera": f"OpenCV camera {self._number}",
+            "camera_size_px": f"{self._size_px[0]} x {self._size_px[1]}",
+        }
 
 
 class CameraThread:
@@ -115,7 +143,10 @@ class CameraThread:
         # A photo that arrived too late for its request is discarded.
         self._answer()
         if self._is_pending:
-            raise DeviceError("the camera has not answered since an earlier photo; unplug it and plug it in again before the next run")
+            raise DeviceError(
+                "the camera has not answered since an earlier photo; unplug it and plug "
+                "it in again before the next run"
+            )
         self._is_pending = True
         self._asked.put(True)
 
@@ -159,20 +190,25 @@ class CameraThread:
 
 
 class ArrivingPhotos:
-    """Implements `Camera`: returns the first photo that appears in the folder after the call. Older files are ignored.
+    """Implements `Camera`: returns the first photo that appears in the folder after the call. Older
+    files are ignored.
 
     `host_s` is the time when the photo was found, somewhat after it was taken.
     """
 
     def __init__(self, folder: Path, clock: Clock, limit_s: float) -> None:
-        """`limit_s` is the longest wait of a call in s. Raises BadInput if the folder does not exist."""
+        """`limit_s` is the longest wait of a call in s. Raises BadInput if the folder does not
+        exist.
+        """
         self._folder = folder
         self._clock = clock
         self._limit_s = limit_s
         list_pictures(folder)
 
     def photo(self) -> Photo:
-        """A photo (rows, columns, 3) in BGR order. Raises DeviceError if no complete one appears within the limit."""
+        """A photo (rows, columns, 3) in BGR order. Raises DeviceError if no complete one appears
+        within the limit.
+        """
         before = {file.name for file in list_pictures(self._folder)}
         began_s = self._clock.now_s()
         why = ""

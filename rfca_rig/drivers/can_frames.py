@@ -23,19 +23,22 @@ OVERFLOW, PASSIVE, ACTIVE = 0x01 | 0x02, 0x10 | 0x20, 0x40
 ACTIVE_AGAIN = 128
 
 EMERGENCY_STOP_REMEDY = "press the emergency stop if it turns"
-# Time in s for all torque-off frames together, and between two attempts. Drivers promise torque off within 20 ms.
+# Time in s for all torque-off frames together, and between two attempts. Drivers promise torque off
+# within 20 ms.
 STOPPING_S = 0.02
 RETRY_S = 1e-3
-# After a longer pause between two reads the receive buffer may have overflowed, with frames missing anywhere.
+# After a longer pause between two reads the receive buffer may have overflowed, with frames missing
+# anywhere.
 MAX_READ_PAUSE_S = 0.1
 
 
 class BusHealth:
-    """Takes in the error frames of one bus. `fault` warns that the bus is about to fail, while frames still pass.
+    """Takes in the error frames of one bus. `fault` warns that the bus is about to fail, while
+    frames still pass.
 
-    A controller counts up errors if no node acknowledges its frames, or if it receives invalid ones. From 128 on it is
-    error-passive, and at 256 transmit errors it goes bus-off. With adapters that send no error frames nothing is counted.
-    """
+    A controller counts up errors if no node acknowledges its frames, or if it receives invalid
+    ones. From 128 on it is error-passive, and at 256 transmit errors it goes bus-off. With adapters
+    that send no error frames nothing is counted."""
 
     def __init__(self) -> None:
         self.error_frames = 0
@@ -62,7 +65,9 @@ class BusHealth:
             self._passive = bool(data[1] & PASSIVE) or (self._passive and not data[1] & ACTIVE)
 
     def check_state(self, bus: can.BusABC) -> None:
-        """Checks the bus state, for adapters that report bus-off without an error frame. Raises DeviceError if it is off."""
+        """Checks the bus state, for adapters that report bus-off without an error frame. Raises
+        DeviceError if it is off.
+        """
         if bus.state is can.BusState.ERROR:
             raise DeviceError(_OFF)
 
@@ -71,8 +76,15 @@ class BusHealth:
         """Warning in one line; None while the controller is error-active."""
         if not self._passive:
             return None
-        counters = "" if self.counters is None else f", transmit and receive error counters {self.counters[0]} and {self.counters[1]}"
-        return f"CAN controller is error-passive{counters}; check wiring, termination and bit rate, and that the drive has power"
+        counters = (
+            ""
+            if self.counters is None
+            else f", transmit and receive error counters {self.counters[0]} and {self.counters[1]}"
+        )
+        return (
+            f"CAN controller is error-passive{counters}; check wiring, termination and bit "
+            "rate, and that the drive has power"
+        )
 
     def facts(self) -> dict[str, str]:
         """For the recording."""
@@ -82,11 +94,13 @@ class BusHealth:
 _OFF = "CAN bus is off after too many errors; check wiring and bit rate, then restart the interface"
 
 
-def receive_frames(bus: can.BusABC, health: BusHealth, remedy: str = EMERGENCY_STOP_REMEDY) -> Iterator[can.Message]:
+def receive_frames(
+    bus: can.BusABC, health: BusHealth, remedy: str = EMERGENCY_STOP_REMEDY
+) -> Iterator[can.Message]:
     """Every data frame that the bus holds, oldest first; never waits.
 
-    Error frames go to `health`. Raises DeviceError, with the remedy, if the bus fails or went bus-off.
-    """
+    Error frames go to `health`. Raises DeviceError, with the remedy, if the bus fails or went
+    bus-off."""
     try:
         while (message := bus.recv(timeout=0)) is not None:
             if message.is_error_frame:
@@ -103,29 +117,48 @@ def receive_frames(bus: can.BusABC, health: BusHealth, remedy: str = EMERGENCY_S
 
 
 def send(bus: can.BusABC, message: can.Message, remedy: str = EMERGENCY_STOP_REMEDY) -> None:
-    """Sends one frame without waiting. Raises DeviceError, with the remedy, if the bus does not accept it."""
+    """Sends one frame without waiting. Raises DeviceError, with the remedy, if the bus does not
+    accept it.
+    """
     try:
         bus.send(message, timeout=0.0)
     except GuardianTorqueOff as error:
         raise DeviceError(str(error)) from error
     except (can.CanError, OSError) as error:
-        identifier = f"{message.arbitration_id:08x}" if message.is_extended_id else f"{message.arbitration_id:03x}"
-        raise DeviceError(f"CAN frame 0x{identifier} to the drive not sent: {error}; {remedy}") from error
+        identifier = (
+            f"{message.arbitration_id:08x}"
+            if message.is_extended_id
+            else f"{message.arbitration_id:03x}"
+        )
+        raise DeviceError(
+            f"CAN frame 0x{identifier} to the drive not sent: {error}; {remedy}"
+        ) from error
 
 
-def send_stop(bus: can.BusABC, clock: Clock, messages: Sequence[can.Message], remedy: str = EMERGENCY_STOP_REMEDY) -> None:
-    """Sends torque-off frames. A frame that is not accepted is tried again, as the transmit queue may be full for a moment.
+def send_stop(
+    bus: can.BusABC,
+    clock: Clock,
+    messages: Sequence[can.Message],
+    remedy: str = EMERGENCY_STOP_REMEDY,
+) -> None:
+    """Sends torque-off frames. A frame that is not accepted is tried again, as the transmit queue
+    may be full for a moment.
 
-    Every frame is tried at least once, even if the one before failed; all of it takes 20 ms at most. Raises DeviceError if one was
-    not accepted.
-    """
+    Every frame is tried at least once, even if the one before failed; all of it takes 20 ms at
+    most. Raises DeviceError if one was not accepted."""
     until_s = clock.now_s() + STOPPING_S
-    failures = [failure for message in messages if (failure := _failure(bus, clock, message, remedy, until_s)) is not None]
+    failures = [
+        failure
+        for message in messages
+        if (failure := _failure(bus, clock, message, remedy, until_s)) is not None
+    ]
     if failures:
         raise failures[0]
 
 
-def _failure(bus: can.BusABC, clock: Clock, message: can.Message, remedy: str, until_s: float) -> DeviceError | None:
+def _failure(
+    bus: can.BusABC, clock: Clock, message: can.Message, remedy: str, until_s: float
+) -> DeviceError | None:
     while True:
         try:
             send(bus, message, remedy)
@@ -139,7 +172,8 @@ def _failure(bus: can.BusABC, clock: Clock, message: can.Message, remedy: str, u
 
 @dataclass(frozen=True)
 class CanBusSettings:
-    """Arguments of `can.Bus`; python-can's own configuration (`CAN_CONFIG`, can.conf) supplies the rest.
+    """Arguments of `can.Bus`; python-can's own configuration (`CAN_CONFIG`, can.conf) supplies the
+    rest.
 
     `data_bitrate` is the bit rate of the CAN-FD data phase, None for classic CAN.
     """
@@ -150,7 +184,9 @@ class CanBusSettings:
     data_bitrate: int | None = None
 
     def preload(self) -> None:
-        """Imports the interface, which takes up to a few tenths of a second, so that `open` need not when it must be quick."""
+        """Imports the interface, which takes up to a few tenths of a second, so that `open` need
+        not when it must be quick.
+        """
         module, _ = can.interfaces.BACKENDS.get(self.interface, ("can", ""))
         # `open` reports what is missing, in its own words.
         with suppress(ImportError, OSError):
@@ -159,8 +195,20 @@ class CanBusSettings:
     def open(self) -> can.BusABC:
         """Opens the bus; the caller shuts it down. Raises what python-can raises."""
         if self.interface == "socketcand":
-            # Small frames must not wait for the acknowledgement of the ones before, up to 40 ms. Windows has no such option.
-            return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate, tcp_tune=os.name != "nt")
+            # Small frames must not wait for the acknowledgement of the ones before, up to 40 ms.
+            # Windows has no such option.
+            return can.Bus(
+                interface=self.interface,
+                channel=self.channel,
+                bitrate=self.bitrate,
+                tcp_tune=os.name != "nt",
+            )
         if self.data_bitrate is None:
             return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate)
-        return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate, data_bitrate=self.data_bitrate, fd=True)
+        return can.Bus(
+            interface=self.interface,
+            channel=self.channel,
+            bitrate=self.bitrate,
+            data_bitrate=self.data_bitrate,
+            fd=True,
+        )

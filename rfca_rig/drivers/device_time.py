@@ -1,4 +1,5 @@
-"""Device time of records without a time stamp: by counting frames of a fixed period, or from a millisecond counter.
+"""Device time of records without a time stamp: by counting frames of a fixed period, or from a
+millisecond counter.
 
 A wrong period would stretch the time base of a whole recording, so it is checked.
 """
@@ -15,7 +16,8 @@ COUNT_S = 1e-3
 WRAP = 1 << 32
 
 PERIODS_PER_ATTEMPT = 20
-# One measurement may be wrong, if reports or this program were delayed. A wrong setting is wrong every time.
+# One measurement may be wrong, if reports or this program were delayed. A wrong setting is wrong
+# every time.
 MAX_ATTEMPTS = 3
 # Factor between measured and configured period from which the setting is refused.
 MAX_PERIOD_RATIO = 2.0
@@ -24,14 +26,16 @@ MAX_PERIOD_RATIO = 2.0
 class FrameCount:
     """Converts batches of periodic frames to device time, 0 at the first frame.
 
-    The frames carry no number, so a loss shows only as a growing lag behind the host clock. The newest frame of a drained batch is
-    at most one period plus the transmission time old, however late the host reads. A lag that exceeds the smallest one so far by
-    more than 10 ms and three periods is therefore loss. The count then jumps by whole periods, before the batch. The smallest lag may
-    rise by `DRIFT`, as two crystals differ; losses of a few frames are corrected once they have added up.
+    The frames carry no number, so a loss shows only as a growing lag behind the host clock. The
+    newest frame of a drained batch is at most one period plus the transmission time old, however
+    late the host reads. A lag that exceeds the smallest one so far by more than 10 ms and three
+    periods is therefore loss. The count then jumps by whole periods, before the batch. The smallest
+    lag may rise by `DRIFT`, as two crystals differ; losses of a few frames are corrected once they
+    have added up.
 
-    `fault` is set if there are more frames than the host clock allows in two windows of 0.5 s in a row. They are then duplicated, or
-    come at another rate. Frames that piled up during a long pause affect only one window.
-    """
+    `fault` is set if there are more frames than the host clock allows in two windows of 0.5 s in a
+    row. They are then duplicated, or come at another rate. Frames that piled up during a long pause
+    affect only one window."""
 
     # Relative clock drift allowed between device and host: 200 ppm.
     DRIFT = 2e-4
@@ -78,11 +82,15 @@ class FrameCount:
             return
         self._window = now_s, 0
         # 0.1 s on top allows for frames that an adapter holds back and delivers late.
-        had_too_many, self._had_too_many = self._had_too_many, (counted + frames) * self._period_s > self.TOO_MANY * elapsed_s + 0.1
+        had_too_many, self._had_too_many = (
+            self._had_too_many,
+            (counted + frames) * self._period_s > self.TOO_MANY * elapsed_s + 0.1,
+        )
         if had_too_many and self._had_too_many:
             rate_Hz = (counted + frames) / elapsed_s
             self.fault = (
-                f"its reports come {rate_Hz:.0f} times a second where {1.0 / self._period_s:.0f} are set; "
+                f"its reports come {rate_Hz:.0f} times a second where "
+                f"{1.0 / self._period_s:.0f} are set; "
                 "are frames doubled on the way, or was their period changed?"
             )
 
@@ -103,10 +111,10 @@ class FrameCount:
 class CounterClock:
     """Times of answers in device time, 0 at the first.
 
-    The counter gives the device millisecond of an answer. The host time of the query, plus an offset, gives the position within it;
-    the offset is moved only as far as the counter requires. A late wake-up of the host therefore shifts a time by less than one
-    count, and drifting clocks never disagree by more than one.
-    """
+    The counter gives the device millisecond of an answer. The host time of the query, plus an
+    offset, gives the position within it; the offset is moved only as far as the counter requires. A
+    late wake-up of the host therefore shifts a time by less than one count, and drifting clocks
+    never disagree by more than one."""
 
     def __init__(self) -> None:
         self._counter: int | None = None
@@ -117,17 +125,26 @@ class CounterClock:
         self.restarts = 0
 
     def predict_time_s(self, asked_s: float) -> float:
-        """Predicted device time in s of an answer to a query sent at `asked_s`, before its counter is known."""
+        """Predicted device time in s of an answer to a query sent at `asked_s`, before its
+        counter is known.
+        """
         return asked_s + self._offset_s
 
     def distance_s(self, counter: int, asked_s: float) -> float:
-        """Time in s between the counter of an answer and the prediction for a query at `asked_s`; 0 before the first answer."""
+        """Time in s between the counter of an answer and the prediction for a query at
+        `asked_s`; 0 before the first answer.
+        """
         if self._counter is None:
             return 0.0
-        return abs((self._elapsed + wrap_to_signed(counter - self._counter)) * COUNT_S - self.predict_time_s(asked_s))
+        return abs(
+            (self._elapsed + wrap_to_signed(counter - self._counter)) * COUNT_S
+            - self.predict_time_s(asked_s)
+        )
 
     def stamp(self, counter: int, asked_s: float) -> float:
-        """Device time in s of the answer with this counter to a query at host time `asked_s`. Never decreases."""
+        """Device time in s of the answer with this counter to a query at host time `asked_s`.
+        Never decreases.
+        """
         if self._counter is None:
             self._offset_s = -asked_s
         else:
@@ -137,13 +154,16 @@ class CounterClock:
         free_s = self.predict_time_s(asked_s)
         # The prediction is clipped to the millisecond that the counter allows.
         stamp_s = min(max(free_s, middle_s - 0.5 * COUNT_S), middle_s + 0.5 * COUNT_S)
-        # Follows slow clock drift; jitter of the host stays inside the count and leaves the offset alone.
+        # Follows slow clock drift; jitter of the host stays inside the count and leaves the offset
+        # alone.
         self._offset_s += stamp_s - free_s
         self._stamped_s = max(self._stamped_s, stamp_s)
         return self._stamped_s
 
     def _counts_since(self, counter: int, asked_s: float) -> int:
-        """Counts since the last answer. A counter that ran backwards means a restart; the host clock then bridges the gap."""
+        """Counts since the last answer. A counter that ran backwards means a restart; the host
+        clock then bridges the gap.
+        """
         counts = wrap_to_signed(counter - (self._counter or 0))
         if counts >= 0:
             return counts
@@ -157,10 +177,11 @@ def wrap_to_signed(difference: int) -> int:
 
 
 def find_wrong_period(look_s: Callable[[], float], set_s: float) -> float | None:
-    """The measured report period in s if it differs from `set_s` by a factor of two, None if it agrees.
+    """The measured report period in s if it differs from `set_s` by a factor of two, None if it
+    agrees.
 
-    `look_s` watches `PERIODS_PER_ATTEMPT` periods and returns the mean one. The period is wrong only if every measurement says so.
-    """
+    `look_s` watches `PERIODS_PER_ATTEMPT` periods and returns the mean one. The period is wrong
+    only if every measurement says so."""
     measured_s = set_s
     for _ in range(MAX_ATTEMPTS):
         measured_s = look_s()

@@ -1,4 +1,6 @@
-"""Gear between a drive and the shaft, and the time-stamped reports of a plug-in drive (see docs/add-a-motor.md)."""
+"""Gear between a drive and the shaft, and the time-stamped reports of a plug-in drive (see
+docs/add-a-motor.md).
+"""
 
 import struct
 from collections.abc import Callable
@@ -11,7 +13,15 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.reading_check import POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, describe_bad
+from rfca_rig.drivers.reading_check import (
+    POSITION,
+    SPEED,
+    TEMPERATURE,
+    TORQUE,
+    OptionalReading,
+    ReadingCheck,
+    describe_bad,
+)
 from rfca_rig.drivers.roles import ShaftSamples, concatenate_blocks
 from rfca_rig.errors import BadInput, DeviceError
 
@@ -21,7 +31,8 @@ JUMP_MARGIN_RAD = 0.1
 SPEED_FACTOR = 1.5
 # Largest acceleration: 40 N m on a bare rotor of 0.008 kg m2.
 MAX_ACCELERATION_RAD_S2 = 5000.0
-# Time from a question to its answer: as old as a reading may be by default. One late answer may be the fault of this computer.
+# Time from a question to its answer: as old as a reading may be by default. One late answer may be
+# the fault of this computer.
 MAX_ANSWER_S = 0.1
 MAX_ANSWERS = 3
 # Cap on the assumed speed, so that a long gap does not allow any step.
@@ -31,8 +42,8 @@ MAX_SPEED_RAD_S = 60.0
 class ShaftGear:
     """Base of settings with these three values.
 
-    `gear_ratio` is drive turns per shaft turn, `direction` +1 or -1, `zero_turns` the drive's reading with the shaft horizontal.
-    """
+    `gear_ratio` is drive turns per shaft turn, `direction` +1 or -1, `zero_turns` the drive's
+    reading with the shaft horizontal."""
 
     gear_ratio: float
     direction: int
@@ -78,17 +89,23 @@ def check_command(value: float, name: str) -> float:
     return value
 
 
-def refuse_late_answers(asked_s: float, ask: Callable[[], float], await_answer: Callable[[float], float | None]) -> None:
-    """Refuses a drive whose answers take longer than MAX_ANSWER_S: its readings are as old, and nothing else in them shows it.
+def refuse_late_answers(
+    asked_s: float, ask: Callable[[], float], await_answer: Callable[[float], float | None]
+) -> None:
+    """Refuses a drive whose answers take longer than MAX_ANSWER_S: its readings are as old, and
+    nothing else in them shows it.
 
     Parameters
     ----------
     asked_s
-        Host time of a request that was sent already, and whose answer cannot be taken for that of another one.
+        Host time of a request that was sent already, and whose answer cannot be taken for that of
+        another one.
     ask
-        Sends one more, and returns the time. Called where an answer was late: this program may have been late once.
+        Sends one more, and returns the time. Called where an answer was late: this program may have
+        been late once.
     await_answer
-        Waits for the answer to the request of that time; returns when it came, or None where it did not.
+        Waits for the answer to the request of that time; returns when it came, or None where it did
+        not.
 
     Raises
     ------
@@ -103,35 +120,51 @@ def refuse_late_answers(asked_s: float, ask: Callable[[], float], await_answer: 
             return
         quickest_s = min(answered_s - asked_s, quickest_s)
     raise DeviceError(
-        f"drive not enabled: it answers {1e3 * quickest_s:.0f} ms after the question, {1e3 * MAX_ANSWER_S:g} ms are the most, and its "
-        "readings are as old; check whether the adapter or the network holds frames back, and what else talks on the bus"
+        f"drive not enabled: it answers {1e3 * quickest_s:.0f} ms after the question, "
+        f"{1e3 * MAX_ANSWER_S:g} ms are the most, and its "
+        "readings are as old; check whether the adapter or the network holds frames "
+        "back, and what else talks on the bus"
     )
 
 
 class EncoderJumpMonitor:
-    """Checks each step of the shaft's position. `fault` stays set after a jump, as the zero is lost with it.
+    """Checks each step of the shaft's position. `fault` stays set after a jump, as the zero is lost
+    with it.
 
-    The allowed speed between two reports is 1.5 times the faster of their speeds, plus half of what the largest acceleration adds.
-    A step of 0.1 rad more than this speed allows is a jump. The elapsed time is the larger of device time and host time
-    between two reads, so that lost reports do not look like a jump.
-    """
+    The allowed speed between two reports is 1.5 times the faster of their speeds, plus half of what
+    the largest acceleration adds. A step of 0.1 rad more than this speed allows is a jump. The
+    elapsed time is the larger of device time and host time between two reads, so that lost reports
+    do not look like a jump."""
 
     def __init__(self) -> None:
         self.fault: str | None = None
         self._last: tuple[float, float, float, float] | None = None
 
-    def follow(self, host_s: float, device_s: float, angle_rad: float, speed_rad_s: float, judged: bool = True) -> None:
-        """Takes in one report, later than the last, that the host read at `host_s`. With `judged` False this step is not checked."""
+    def follow(
+        self,
+        host_s: float,
+        device_s: float,
+        angle_rad: float,
+        speed_rad_s: float,
+        judged: bool = True,
+    ) -> None:
+        """Takes in one report, later than the last, that the host read at `host_s`. With
+        `judged` False this step is not checked.
+        """
         last, self._last = self._last, (host_s, device_s, angle_rad, abs(speed_rad_s))
         if last is None or self.fault is not None or not judged:
             return
         elapsed_s = max(host_s - last[0], device_s - last[1])
-        fastest_rad_s = max(last[3], abs(speed_rad_s)) * SPEED_FACTOR + 0.5 * MAX_ACCELERATION_RAD_S2 * elapsed_s
+        fastest_rad_s = (
+            max(last[3], abs(speed_rad_s)) * SPEED_FACTOR
+            + 0.5 * MAX_ACCELERATION_RAD_S2 * elapsed_s
+        )
         by_rad = angle_rad - last[2]
         # Written so that a step that is no number is a jump too.
         if not abs(by_rad) <= JUMP_MARGIN_RAD + min(fastest_rad_s, MAX_SPEED_RAD_S) * elapsed_s:
             self.fault = (
-                f"position leapt by {by_rad:.2f} rad within {1e3 * elapsed_s:.1f} ms, more than the shaft can turn; "
+                f"position leapt by {by_rad:.2f} rad within {1e3 * elapsed_s:.1f} ms, "
+                "more than the shaft can turn; "
                 "the drive restarted, was zeroed, or its encoder slipped: find its zero again"
             )
 
@@ -144,9 +177,9 @@ NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))
 class Report:
     """One report of a drive: turns, turns/s and torque of its motor, before the gear.
 
-    `is_on` means that it is energised and follows commands. `state` is a text. `fault` is None, or the error code with its meaning.
-    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none.
-    """
+    `is_on` means that it is energised and follows commands. `state` is a text. `fault` is None, or
+    the error code with its meaning. `temperature_C` is the higher of drive and motor temperature,
+    None if the drive reports none."""
 
     turns: float
     turns_s: float
@@ -160,12 +193,17 @@ class Report:
 class DriveReports:
     """Receives the reports of one drive. `last` is its last report, drained at host time `heard_s`.
 
-    With a period, reports are cyclic and are time-stamped by counting them. Without one, each report answers a request, and its time is
-    that of the last request. A late answer, or two answers at once, then costs one sample but never breaks the order of time.
-    """
+    With a period, reports are cyclic and are time-stamped by counting them. Without one, each
+    report answers a request, and its time is that of the last request. A late answer, or two
+    answers at once, then costs one sample but never breaks the order of time."""
 
     def __init__(
-        self, bus: can.BusABC, clock: Clock, gear: ShaftGear, period_s: float | None, understand: Callable[[can.Message], Report | None]
+        self,
+        bus: can.BusABC,
+        clock: Clock,
+        gear: ShaftGear,
+        period_s: float | None,
+        understand: Callable[[can.Message], Report | None],
     ) -> None:
         self._bus = bus
         self._clock = clock
@@ -197,7 +235,9 @@ class DriveReports:
             self._open_s = self._asked_s
 
     def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
+        a frame cannot be decoded.
+        """
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         reports: list[Report] = []
         try:
@@ -205,16 +245,19 @@ class DriveReports:
                 self._take(message, reports)
         # Reports decoded before a bad frame are still stamped and handed out.
         finally:
-            # A long pause may have overflowed the receive buffer: frames are then missing, and no jump can be inferred.
+            # A long pause may have overflowed the receive buffer: frames are then missing, and no
+            # jump can be inferred.
             self._stamp(reports, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
 
     def _take(self, message: can.Message, reports: list[Report]) -> None:
         try:
             report = self._understand(message)
-        # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions are its bugs and propagate.
+        # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions
+        # are its bugs and propagate.
         except (struct.error, IndexError, ValueError) as error:
             raise DeviceError(
-                f"CAN frame 0x{message.arbitration_id:x} {message.data.hex()} cannot be read: {error}; {WATCHDOG_REMEDY}"
+                f"CAN frame 0x{message.arbitration_id:x} {message.data.hex()} cannot be "
+                f"read: {error}; {WATCHDOG_REMEDY}"
             ) from error
         if report is None:
             self._foreign.add(message.arbitration_id)
@@ -226,15 +269,20 @@ class DriveReports:
             return
         self.heard_s, self._open_s = self.drained_s, np.nan
         self.heard += len(reports)
-        # Without a period only the newest of several answers has a known time, so the others are dropped.
+        # Without a period only the newest of several answers has a known time, so the others are
+        # dropped.
         timed = reports if self._count is not None else reports[-1:]
-        # A refused report keeps its place until then, because the time of the others comes from counting.
+        # A refused report keeps its place until then, because the time of the others comes from
+        # counting.
         device_s = self._device_s(len(timed))
         is_good = np.array([self._accept(report) for report in timed])
         if not is_good.any():
             return
         accepted = [report for report, good in zip(timed, is_good, strict=True) if good]
-        gear, rows = self._gear, np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted])
+        gear, rows = (
+            self._gear,
+            np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted]),
+        )
         samples = ShaftSamples(
             host_s=np.full(len(rows), self.drained_s),
             device_s=device_s[is_good],
@@ -242,20 +290,45 @@ class DriveReports:
             speed_rad_s=rows[:, 1] * gear.shaft_rad_per_turn,
             torque_Nm=rows[:, 2] * gear.shaft_torque_per_drive_torque,
         )
-        for stamp_s, angle_rad, speed_rad_s in zip(samples.device_s, samples.angle_rad, samples.speed_rad_s, strict=True):
-            self._leap.follow(self.drained_s, float(stamp_s), float(angle_rad), float(speed_rad_s), judged=is_whole)
-        self.angle_rad, self.speed_rad_s = float(samples.angle_rad[-1]), float(samples.speed_rad_s[-1])
-        # Time must increase strictly in a recording; a second answer to the same request is dropped.
-        is_new = self._count is not None or np.isnan(self._stamped_s) or samples.device_s[-1] > self._stamped_s
+        for stamp_s, angle_rad, speed_rad_s in zip(
+            samples.device_s, samples.angle_rad, samples.speed_rad_s, strict=True
+        ):
+            self._leap.follow(
+                self.drained_s,
+                float(stamp_s),
+                float(angle_rad),
+                float(speed_rad_s),
+                judged=is_whole,
+            )
+        self.angle_rad, self.speed_rad_s = (
+            float(samples.angle_rad[-1]),
+            float(samples.speed_rad_s[-1]),
+        )
+        # Time must increase strictly in a recording; a second answer to the same request is
+        # dropped.
+        is_new = (
+            self._count is not None
+            or np.isnan(self._stamped_s)
+            or samples.device_s[-1] > self._stamped_s
+        )
         self._stamped_s = float(samples.device_s[-1])
         self._samples += [samples] if is_new else []
 
     def _accept(self, report: Report) -> bool:
-        """Whether the numbers of a report are possible. Raises BadReading at the third bad one in a row."""
-        # Also that of a refused report: what the drive says of its state and error is true all the same.
-        self.last = report if self.last is None else replace(self.last, is_on=report.is_on, state=report.state, fault=report.fault)
+        """Whether the numbers of a report are possible. Raises BadReading at the third bad one
+        in a row.
+        """
+        # Also that of a refused report: what the drive says of its state and error is true all the
+        # same.
+        self.last = (
+            report
+            if self.last is None
+            else replace(self.last, is_on=report.is_on, state=report.state, fault=report.fault)
+        )
         # An error of the drive is reported as such, whatever its numbers are.
-        if report.fault is not None and not isfinite(report.turns + report.turns_s + report.torque_Nm):
+        if report.fault is not None and not isfinite(
+            report.turns + report.turns_s + report.torque_Nm
+        ):
             return False
         if not self._check.accept(report.turns, report.turns_s, report.torque_Nm):
             return False
@@ -285,7 +358,13 @@ class DriveReports:
     @property
     def silent_s(self) -> float:
         """Time in s for which a due report has been missing, at the last `drain`."""
-        since_s = self.heard_s if self._count is not None else self.drained_s if np.isnan(self._open_s) else self._open_s
+        since_s = (
+            self.heard_s
+            if self._count is not None
+            else self.drained_s
+            if np.isnan(self._open_s)
+            else self._open_s
+        )
         return self.drained_s - since_s
 
     @property
@@ -306,5 +385,11 @@ class DriveReports:
         """Why there is no report, and the remedy."""
         if self._foreign:
             identifiers = ", ".join(f"0x{one:x}" for one in sorted(self._foreign)[:5])
-            return f"frames {identifiers} but no report of the drive; check its address under [motor], and which messages it is set to send"
-        return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"
+            return (
+                f"frames {identifiers} but no report of the drive; check its address under "
+                "[motor], and which messages it is set to send"
+            )
+        return (
+            "no frames at all on the CAN bus; check the drive's power, the wiring, the "
+            "termination and the bit rate"
+        )

@@ -1,4 +1,6 @@
-"""Interface between a driver and its guardian, the process that disables the motor when commands stop. See docs/guardian.md."""
+"""Interface between a driver and its guardian, the process that disables the motor when commands
+stop. See docs/guardian.md.
+"""
 
 from dataclasses import dataclass
 from math import nan
@@ -13,14 +15,20 @@ TORQUE_OFF_SHARE = 0.25
 
 
 class TorqueOffFrames(Protocol):
-    """Torque-off frames of one drive, for a sender that knows nothing else about it. Pure and picklable, so the guardian can have it."""
+    """Torque-off frames of one drive, for a sender that knows nothing else about it. Pure and
+    picklable, so the guardian can have it.
+    """
 
     def frames(self) -> tuple[can.Message, ...]:
-        """Frames that disable the motor, in this order, at any time, any number of times. The last one alone ends the driver's session."""
+        """Frames that disable the motor, in this order, at any time, any number of times. The
+        last one alone ends the driver's session.
+        """
         ...
 
     def torque_Nm(self, message: can.Message) -> float | None:
-        """Torque in N m that a report of this drive shows, in the sign of the drive; None for every other frame."""
+        """Torque in N m that a report of this drive shows, in the sign of the drive; None for
+        every other frame.
+        """
         ...
 
     def min_visible_torque_Nm(self) -> float:
@@ -29,15 +37,18 @@ class TorqueOffFrames(Protocol):
 
 
 class GuardianTorqueOff(can.CanError):
-    """The guardian disabled the motor. No frame that could move the drive is sent until it is enabled again."""
+    """The guardian disabled the motor. No frame that could move the drive is sent until it is
+    enabled again.
+    """
 
 
 @dataclass(frozen=True)
 class TorqueOffResult:
-    """Result of a torque-off by the guardian: it began after `silent_s` without a command and was finished `took_s` later.
+    """Result of a torque-off by the guardian: it began after `silent_s` without a command and was
+    finished `took_s` later.
 
-    `reports` counts the drive's reports since then. The last one showed `torque_Nm` at the shaft, NaN if there was none.
-    """
+    `reports` counts the drive's reports since then. The last one showed `torque_Nm` at the shaft,
+    NaN if there was none."""
 
     silent_s: float
     took_s: float = 0.0
@@ -47,7 +58,9 @@ class TorqueOffResult:
 
 @dataclass(frozen=True)
 class GuardianProof:
-    """Result of a guardian test: the drive was without torque after `took_s`. `seen` names the evidence."""
+    """Result of a guardian test: the drive was without torque after `took_s`. `seen` names the
+    evidence.
+    """
 
     took_s: float
     seen: str
@@ -57,11 +70,15 @@ class Guard(Protocol):
     """The guardian, as seen by the driver."""
 
     def arm(self) -> None:
-        """From now on a gap in the commands disables the motor. Call it before the frame that energises the drive."""
+        """From now on a gap in the commands disables the motor. Call it before the frame that
+        energises the drive.
+        """
         ...
 
     def await_let_go(self, limit_s: float) -> TorqueOffResult | None:
-        """Sends nothing until the guardian has disabled the motor; returns what it did, None if it did nothing within `limit_s`."""
+        """Sends nothing until the guardian has disabled the motor; returns what it did, None if
+        it did nothing within `limit_s`.
+        """
         ...
 
     def describe(self) -> str:
@@ -70,7 +87,9 @@ class Guard(Protocol):
 
 
 def arm(guard: Guard) -> None:
-    """Arms the guardian. Raises DeviceError if it has ended, or if a bus error has not been reported yet."""
+    """Arms the guardian. Raises DeviceError if it has ended, or if a bus error has not been
+    reported yet.
+    """
     try:
         guard.arm()
     except GuardianTorqueOff as error:
@@ -79,8 +98,11 @@ def arm(guard: Guard) -> None:
         raise DeviceError(f"drive not enabled: {error}") from error
 
 
-def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, answers: bool) -> GuardianProof:
-    """Tests the guardian: stops the commands to an enabled drive and checks that its torque disappears.
+def prove_guard(
+    guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, answers: bool
+) -> GuardianProof:
+    """Tests the guardian: stops the commands to an enabled drive and checks that its torque
+    disappears.
 
     Parameters
     ----------
@@ -93,7 +115,8 @@ def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, a
     limit_s : float
         Time within which the guardian must have acted.
     answers : bool
-        True if the drive reports only when it is sent a frame. A report then shows that the guardian's frame arrived.
+        True if the drive reports only when it is sent a frame. A report then shows that the
+        guardian's frame arrived.
 
     Raises
     ------
@@ -105,23 +128,31 @@ def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, a
     except can.CanError as error:
         raise DeviceError(f"guardian not proven: {error}") from error
     if silenced is None:
-        raise DeviceError(f"guardian not proven: it did nothing within {limit_s:g} s of silence; end this program and start it again")
+        raise DeviceError(
+            f"guardian not proven: it did nothing within {limit_s:g} s of silence; end "
+            "this program and start it again"
+        )
     # Without a report there is no evidence either way, so a silent drive is never accepted as off.
     if silenced.reports == 0:
         raise DeviceError(
-            f"guardian not proven: it disabled the drive after {1e3 * silenced.silent_s:.0f} ms, and the drive has sent nothing since; "
+            "guardian not proven: it disabled the drive after "
+            f"{1e3 * silenced.silent_s:.0f} ms, and the drive has sent nothing since; "
             "check its power and the CAN wiring"
         )
-    # A light load makes a quarter of it too small to be measured; the reports' resolution is then the limit.
-    # Written so that a torque that is no number, held or left, is no proof.
+    # A light load makes a quarter of it too small to be measured; the reports' resolution is then
+    # the limit. Written so that a torque that is no number, held or left, is no proof.
     if not abs(silenced.torque_Nm) <= max(least_Nm, TORQUE_OFF_SHARE * abs(held_Nm)):
-        raise DeviceError(f"the guardian disabled the drive, but it still shows {silenced.torque_Nm:.2f} N m; press the emergency stop")
+        raise DeviceError(
+            "the guardian disabled the drive, but it still shows "
+            f"{silenced.torque_Nm:.2f} N m; press the emergency stop"
+        )
     return GuardianProof(silenced.silent_s + silenced.took_s, _evidence(held_Nm, least_Nm, answers))
 
 
 def _evidence(held_Nm: float, least_Nm: float, answers: bool) -> str:
     if abs(held_Nm) >= least_Nm:
         return f"the {abs(held_Nm):.2f} N m that the motor held were gone"
-    # Without a load the torque cannot be seen to disappear: only the delivery of the frames is shown.
+    # Without a load the torque cannot be seen to disappear: only the delivery of the frames is
+    # shown.
     reached = "the drive answered the guardian" if answers else "the bus took the guardian's frames"
     return f"{reached}; the motor held nothing that could be seen to go"

@@ -1,4 +1,6 @@
-"""Photos in files (JPEG, PNG, TIFF): reading with a check for truncation, their Exif time, and folders of them in place of a camera."""
+"""Photos in files (JPEG, PNG, TIFF): reading with a check for truncation, their Exif time, and
+folders of them in place of a camera.
+"""
 
 import re
 import struct
@@ -16,7 +18,8 @@ from numpy.typing import NDArray
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import BadInput, DeviceError
 
-# Exif tags: pointer to the Exif directory, DateTimeOriginal, its offset from UTC, its fraction of a second.
+# Exif tags: pointer to the Exif directory, DateTimeOriginal, its offset from UTC, its fraction of a
+# second.
 EXIF_DIRECTORY = 0x8769
 DATE_TIME_ORIGINAL = 0x9003
 OFFSET_TIME_ORIGINAL = 0x9011
@@ -33,10 +36,11 @@ _OFFSET = re.compile(r"([+-])(\d\d):(\d\d)")
 
 
 def read_time_taken(content: bytes) -> datetime | None:
-    """Time at which a JPEG, PNG or TIFF file was taken, or None where it states none. The beginning up to the picture data is enough.
+    """Time at which a JPEG, PNG or TIFF file was taken, or None where it states none. The beginning
+    up to the picture data is enough.
 
-    Exif had no time zones before 2016. A time without offset is taken as UTC; differences between such times are still right.
-    """
+    Exif had no time zones before 2016. A time without offset is taken as UTC; differences between
+    such times are still right."""
     tiff = _tiff_part(content)
     if tiff is None:
         return None
@@ -48,7 +52,11 @@ def read_time_taken(content: bytes) -> datetime | None:
         for tag, kind, _, value in _directory(tiff, first, order):
             if tag == EXIF_DIRECTORY and kind == LONG:
                 entries = _directory(tiff, struct.unpack(order + "I", value)[0], order)
-                found |= {tag: _text(tiff, count, value, order) for tag, kind, count, value in entries if kind == TEXT}
+                found |= {
+                    tag: _text(tiff, count, value, order)
+                    for tag, kind, count, value in entries
+                    if kind == TEXT
+                }
         return _moment(found)
     except (struct.error, ValueError, OverflowError):
         return None
@@ -58,7 +66,14 @@ def _tiff_part(content: bytes) -> bytes | None:
     if content.startswith((b"II*\0", b"MM\0*")):
         return content
     if content.startswith(b"\xff\xd8"):
-        return next((body[len(EXIF_MARK) :] for body in _app1_segments(content) if body.startswith(EXIF_MARK)), None)
+        return next(
+            (
+                body[len(EXIF_MARK) :]
+                for body in _app1_segments(content)
+                if body.startswith(EXIF_MARK)
+            ),
+            None,
+        )
     if content.startswith(b"\x89PNG\r\n\x1a\n"):
         return next((body for kind, body in _png_chunks(content) if kind == b"eXIf"), None)
     return None
@@ -105,7 +120,9 @@ def _moment(texts: dict[int, str]) -> datetime | None:
         return None
     fraction = texts.get(SUBSEC_TIME_ORIGINAL, "")
     micros = int(fraction[:6].ljust(6, "0")) if fraction.isascii() and fraction.isdigit() else 0
-    return datetime(*(int(part) for part in match.groups()), microsecond=micros, tzinfo=_zone(texts.get(OFFSET_TIME_ORIGINAL, "")))  # type: ignore[misc, arg-type]
+    year, month, day, hour, minute, second = (int(part) for part in match.groups())
+    zone = _zone(texts.get(OFFSET_TIME_ORIGINAL, ""))
+    return datetime(year, month, day, hour, minute, second, micros, zone)
 
 
 def _zone(text: str) -> timezone:
@@ -122,7 +139,8 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 # In a JPEG the Exif block precedes the image and has at most 64 kB.
 HEAD_BYTES = 1 << 18
 
-# A picture is unpacked as a whole. The largest sensors on sale have 151 million pixels (2026), and 3 bytes a pixel.
+# A picture is unpacked as a whole. The largest sensors on sale have 151 million pixels (2026), and
+# 3 bytes a pixel.
 MOST_PIXELS = 160_000_000
 MOST_BYTES = 3 * MOST_PIXELS
 
@@ -131,14 +149,17 @@ _PNG, _JPEG, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
 
 @dataclass(frozen=True)
 class PictureTime:
-    """When a picture was taken: from Exif if `from_exif`, else the modification time of the file."""
+    """When a picture was taken: from Exif if `from_exif`, else the modification time of the
+    file.
+    """
 
     at: datetime
     from_exif: bool
 
 
 def read_picture(path: Path) -> Image:
-    """The image (rows, columns, 3) uint8 in BGR order, in the orientation of the sensor: the Exif orientation is ignored.
+    """The image (rows, columns, 3) uint8 in BGR order, in the orientation of the sensor: the Exif
+    orientation is ignored.
 
     Raises BadInput, in one line, for a file that is missing, of another type, truncated or broken.
     """
@@ -147,12 +168,17 @@ def read_picture(path: Path) -> Image:
         raise BadInput(f"{path}: {fault}; take it out of the list or copy it from the camera again")
     image = _decode(content)
     if image is None:
-        raise BadInput(f"{path}: {len(content)} bytes that are no whole picture; take it out of the list or copy it from the camera again")
+        raise BadInput(
+            f"{path}: {len(content)} bytes that are no whole picture; take it out of the "
+            "list or copy it from the camera again"
+        )
     return image
 
 
 class _QuietOpenCv:
-    """Suppresses OpenCV's messages on the terminal while any thread decodes an image. Their level is one for the whole process."""
+    """Suppresses OpenCV's messages on the terminal while any thread decodes an image. Their
+    level is one for the whole process.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -162,10 +188,17 @@ class _QuietOpenCv:
     def __enter__(self) -> None:
         with self._lock:
             if not self._users:
-                self._level_before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+                self._level_before = cv2.utils.logging.setLogLevel(
+                    cv2.utils.logging.LOG_LEVEL_SILENT
+                )
             self._users += 1
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         with self._lock:
             self._users -= 1
             if not self._users:
@@ -176,33 +209,45 @@ _QUIET = _QuietOpenCv()
 
 
 def _decode(content: bytes) -> Image | None:
-    """Decodes an image; None if OpenCV fails, by returning None or by raising. Its messages on the terminal are suppressed."""
+    """Decodes an image; None if OpenCV fails, by returning None or by raising. Its messages on
+    the terminal are suppressed.
+    """
     try:
         with _QUIET:
-            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+            image = cv2.imdecode(
+                np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+            )
     except cv2.error:
         return None
     return None if image is None else np.asarray(image, np.uint8)
 
 
 def read_picture_bytes(path: Path) -> bytes:
-    """The file's content. Raises BadInput where it cannot be read, or is longer than any picture."""
+    """The file's content. Raises BadInput where it cannot be read, or is longer than any
+    picture.
+    """
     try:
         if path.exists() and not path.is_file():
             raise BadInput(f"{path}: is no file")
         if path.stat().st_size > MOST_BYTES:
-            raise BadInput(f"{path}: has {path.stat().st_size / 1e6:.0f} MB, where {MOST_BYTES / 1e6:.0f} MB are the most")
+            raise BadInput(
+                f"{path}: has {path.stat().st_size / 1e6:.0f} MB, where "
+                f"{MOST_BYTES / 1e6:.0f} MB are the most"
+            )
         return path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def _fault(content: bytes) -> str | None:
-    """Error visible at the ends of the file, or None. Decoders silently fill a truncated picture with grey."""
+    """Error visible at the ends of the file, or None. Decoders silently fill a truncated picture
+    with grey.
+    """
     if not content:
         return "empty file"
     if content.startswith(_JPEG):
-        # The end mark (FF D9) must follow the last start of scan (FF DA); the embedded thumbnail has its own end mark.
+        # The end mark (FF D9) must follow the last start of scan (FF DA); the embedded thumbnail
+        # has its own end mark.
         if not content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda") >= 0:
             return "a JPEG that is cut short: it ends before its end mark"
     elif content.startswith(_PNG):
@@ -212,11 +257,17 @@ def _fault(content: bytes) -> str | None:
         return "neither JPEG, PNG nor TIFF"
     # A picture of one colour packs a thousand times: the decoder would fill the memory.
     columns, rows = _size(content)
-    return f"claims {columns} x {rows} pixels, where {MOST_PIXELS / 1e6:.0f} million are the most" if columns * rows > MOST_PIXELS else None
+    return (
+        f"claims {columns} x {rows} pixels, where {MOST_PIXELS / 1e6:.0f} million are the most"
+        if columns * rows > MOST_PIXELS
+        else None
+    )
 
 
 def _size(content: bytes) -> tuple[int, int]:
-    """Columns and rows that the head of a picture states; 0 where it states none, which the decoder refuses."""
+    """Columns and rows that the head of a picture states; 0 where it states none, which the
+    decoder refuses.
+    """
     try:
         if content.startswith(_PNG):
             return struct.unpack_from(">II", content, 16)
@@ -225,16 +276,24 @@ def _size(content: bytes) -> tuple[int, int]:
         order = "<" if content.startswith(b"II") else ">"
         at = struct.unpack_from(order + "I", content, 4)[0]
         count = struct.unpack_from(order + "H", content, at)[0]
-        entries = [struct.unpack_from(order + "HHI4s", content, at + 2 + 12 * entry) for entry in range(count)]
+        entries = [
+            struct.unpack_from(order + "HHI4s", content, at + 2 + 12 * entry)
+            for entry in range(count)
+        ]
     except struct.error:
         return 0, 0
     # A SHORT (type 3) takes the first half of its four bytes.
-    found = {tag: struct.unpack_from(order + ("H" if kind == 3 else "I"), value)[0] for tag, kind, _, value in entries}
+    found = {
+        tag: struct.unpack_from(order + ("H" if kind == 3 else "I"), value)[0]
+        for tag, kind, _, value in entries
+    }
     return found.get(256, 0), found.get(257, 0)
 
 
 def _size_of_jpeg(content: bytes) -> tuple[int, int]:
-    """Of the first frame: a segment is 0xFF, its kind, and a length that includes its own two bytes."""
+    """Of the first frame: a segment is 0xFF, its kind, and a length that includes its own two
+    bytes.
+    """
     at = 2
     while content[at : at + 1] == b"\xff":
         if content[at + 1 : at + 2] == b"\xff":
@@ -255,12 +314,20 @@ def read_picture_time(path: Path) -> PictureTime:
     try:
         with path.open("rb") as file:
             # A TIFF may have its Exif directory anywhere, so the whole file is read.
-            head = file.read(HEAD_BYTES) if path.suffix.lower() not in (".tif", ".tiff") else file.read()
+            head = (
+                file.read(HEAD_BYTES)
+                if path.suffix.lower() not in (".tif", ".tiff")
+                else file.read()
+            )
         changed_s = path.stat().st_mtime
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
     taken = read_time_taken(head)
-    return PictureTime(taken, True) if taken else PictureTime(datetime.fromtimestamp(changed_s, UTC), False)
+    return (
+        PictureTime(taken, True)
+        if taken
+        else PictureTime(datetime.fromtimestamp(changed_s, UTC), False)
+    )
 
 
 def list_photos(folder: Path) -> list[Path]:
@@ -270,16 +337,26 @@ def list_photos(folder: Path) -> list[Path]:
     """
     found = list_pictures(folder)
     if not found:
-        raise BadInput(f"{folder}: holds no picture; expected are files that end in {', '.join(ENDINGS)}")
+        raise BadInput(
+            f"{folder}: holds no picture; expected are files that end in {', '.join(ENDINGS)}"
+        )
     return found
 
 
 def list_pictures(folder: Path) -> list[Path]:
-    """Like `list_photos`, for a folder that may still be empty. Raises BadInput if the folder does not exist."""
+    """Like `list_photos`, for a folder that may still be empty. Raises BadInput if the folder
+    does not exist.
+    """
     try:
-        found = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
+        found = [
+            file
+            for file in folder.iterdir()
+            if file.suffix.lower() in ENDINGS and not file.name.startswith(".")
+        ]
     except OSError as error:
-        raise BadInput(f"{folder}: cannot be read: {error.strerror}; name the folder that holds the photos") from None
+        raise BadInput(
+            f"{folder}: cannot be read: {error.strerror}; name the folder that holds the photos"
+        ) from None
     return sorted(found, key=_natural_sort_key)
 
 
@@ -289,10 +366,11 @@ def _natural_sort_key(file: Path) -> tuple[list[tuple[int, str]], str]:
 
 
 class PhotoFolder:
-    """Implements `Camera`. `host_s` counts from the earliest photo, by Exif time if every photo has one, else by file times.
+    """Implements `Camera`. `host_s` counts from the earliest photo, by Exif time if every photo has
+    one, else by file times.
 
-    The two are never mixed: the clocks of camera and computer differ by more than the duration of a stage.
-    """
+    The two are never mixed: the clocks of camera and computer differ by more than the duration of a
+    stage."""
 
     def __init__(self, folder: Path) -> None:
         """Raises BadInput if the folder holds no photo."""
@@ -302,7 +380,8 @@ class PhotoFolder:
         moments = [read_picture_time(file) for file in self._files]
         self._by_exif = all(moment.from_exif for moment in moments)
         times_s = [
-            moment.at.timestamp() if self._by_exif else file.stat().st_mtime for moment, file in zip(moments, self._files, strict=True)
+            moment.at.timestamp() if self._by_exif else file.stat().st_mtime
+            for moment, file in zip(moments, self._files, strict=True)
         ]
         self._times_s = [time_s - min(times_s) for time_s in times_s]
 
@@ -312,10 +391,13 @@ class PhotoFolder:
     def photo(self) -> Photo:
         """The next photo (rows, columns, 3) in BGR order.
 
-        Raises DeviceError after the last one, and BadInput for a broken one, which the next call skips.
-        """
+        Raises DeviceError after the last one, and BadInput for a broken one, which the next call
+        skips."""
         if self._next == len(self._files):
-            raise DeviceError(f"{self._folder}: no photo after the {self._next} that it holds; add those that are missing")
+            raise DeviceError(
+                f"{self._folder}: no photo after the {self._next} that it holds; add "
+                "those that are missing"
+            )
         at = self._next
         self._next += 1
         return Photo(read_picture(self._files[at]), self._times_s[at], self._files[at].name)
@@ -325,4 +407,7 @@ class PhotoFolder:
 
     def identity(self) -> dict[str, str]:
         time_from = "Exif" if self._by_exif else "times of last change"
-        return {"camera": f"folder {self._folder.name} of {len(self._files)} photos", "camera_time": time_from}
+        return {
+            "camera": f"folder {self._folder.name} of {len(self._files)} photos",
+            "camera_time": time_from,
+        }

@@ -11,7 +11,9 @@ MAX_DATAGRAM_BYTES = 2048
 
 
 class Datagrams(Protocol):
-    """Datagrams to and from one peer. `send` and `receive_all` raise DeviceError if the connection fails."""
+    """Datagrams to and from one peer. `send` and `receive_all` raise DeviceError if the
+    connection fails.
+    """
 
     def send(self, datagram: bytes) -> None: ...
 
@@ -25,7 +27,9 @@ class Datagrams(Protocol):
 
 
 def open_udp() -> tuple[socket.socket, int]:
-    """A non-blocking UDP socket of no address yet, and the bytes of receive buffer that the system granted it."""
+    """A non-blocking UDP socket of no address yet, and the bytes of receive buffer that the
+    system granted it.
+    """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
@@ -35,9 +39,9 @@ def open_udp() -> tuple[socket.socket, int]:
 class UdpDatagrams:
     """UDP to one host and port; datagrams from other senders are dropped.
 
-    `receive_buffer_bytes` is what the kernel granted of the requested 4 MiB (Linux includes its own bookkeeping, twice the payload,
-    and caps it at net.core.rmem_max). Raises DeviceError if the host cannot be addressed.
-    """
+    `receive_buffer_bytes` is what the kernel granted of the requested 4 MiB (Linux includes its own
+    bookkeeping, twice the payload, and caps it at net.core.rmem_max). Raises DeviceError if the
+    host cannot be addressed."""
 
     def __init__(self, host: str, port: int) -> None:
         self._peer = f"{host}:{port}"
@@ -47,13 +51,18 @@ class UdpDatagrams:
             self._socket.connect((host, port))
         except OSError as error:
             self._socket.close()
-            raise DeviceError(f"no way to {self._peer}: {error}; check the sensor's address and the network cable") from error
+            raise DeviceError(
+                f"no way to {self._peer}: {error}; check the sensor's address and the network cable"
+            ) from error
 
     def send(self, datagram: bytes) -> None:
         try:
             self._socket.send(datagram)
         except OSError as error:
-            raise DeviceError(f"datagram to {self._peer} not sent: {error}; check the network cable and the sensor's power") from error
+            raise DeviceError(
+                f"datagram to {self._peer} not sent: {error}; check the network cable and "
+                "the sensor's power"
+            ) from error
 
     def receive_all(self) -> list[bytes]:
         datagrams: list[bytes] = []
@@ -63,7 +72,10 @@ class UdpDatagrams:
         except BlockingIOError:
             return datagrams
         except OSError as error:
-            raise DeviceError(f"nothing to be received from {self._peer}: {error}; is the sensor on, and RDT enabled?") from error
+            raise DeviceError(
+                f"nothing to be received from {self._peer}: {error}; is the sensor on, "
+                "and RDT enabled?"
+            ) from error
 
     def fileno(self) -> int:
         """File descriptor, to wait for arriving datagrams."""
@@ -74,17 +86,23 @@ class UdpDatagrams:
 
 
 def advise_receive_buffer(granted_bytes: int) -> str:
-    """Advice in one line if the kernel granted a smaller receive buffer than requested, else empty."""
+    """Advice in one line if the kernel granted a smaller receive buffer than requested, else
+    empty.
+    """
     if granted_bytes >= RECEIVE_BUFFER_BYTES:
         return ""
     return (
-        f"the system gives {granted_bytes >> 10} KiB of receive buffer where {RECEIVE_BUFFER_BYTES >> 10} were asked for, so records go "
-        f"missing while this computer is busy; allow more: sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}"
+        f"the system gives {granted_bytes >> 10} KiB of receive buffer where "
+        f"{RECEIVE_BUFFER_BYTES >> 10} were asked for, so records go "
+        "missing while this computer is busy; allow more: sudo sysctl -w "
+        f"net.core.rmem_max={RECEIVE_BUFFER_BYTES}"
     )
 
 
 class SerialPort(Protocol):
-    """The members of `serial.Serial` that drivers use. All raise OSError if the line is broken, as pyserial does."""
+    """The members of `serial.Serial` that drivers use. All raise OSError if the line is broken,
+    as pyserial does.
+    """
 
     @property
     def in_waiting(self) -> int:
@@ -101,13 +119,16 @@ class SerialPort(Protocol):
 
 
 def open_port(path: str, bits_per_s: int) -> SerialPort:
-    """Opens the port with 8 data bits, no parity, one stop bit. Raises DeviceError if it cannot be opened."""
+    """Opens the port with 8 data bits, no parity, one stop bit. Raises DeviceError if it cannot
+    be opened.
+    """
     import serial  # noqa: PLC0415 (no other device needs it)
 
     try:
         port: SerialPort = serial.Serial(path, bits_per_s, timeout=0, write_timeout=1.0)
     except (serial.SerialException, ValueError) as error:
         raise DeviceError(
-            f"serial port {path} cannot be opened: {error}; check [force_sensor] in the rig file, and who may open it"
+            f"serial port {path} cannot be opened: {error}; check [force_sensor] in the "
+            "rig file, and who may open it"
         ) from error
     return port

@@ -1,4 +1,6 @@
-"""Refuses numbers of a device that are impossible: not finite, or beyond what their signal can mean."""
+"""Refuses numbers of a device that are impossible: not finite, or beyond what their signal can
+mean.
+"""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -20,8 +22,8 @@ class Signal:
     high: float
 
 
-# Wide on purpose: they separate numbers from garbage. What a rig may do is in the limits of its file.
-# 100 000 turns of the shaft, after which a run ends, behind a gear of 100.
+# Wide on purpose: they separate numbers from garbage. What a rig may do is in the limits of its
+# file. 100 000 turns of the shaft, after which a run ends, behind a gear of 100.
 POSITION = Signal("position", "turns", -1e7, 1e7)
 # 60 000 revolutions per minute.
 SPEED = Signal("speed", "turns/s", -1e3, 1e3)
@@ -31,7 +33,9 @@ TEMPERATURE = Signal("temperature", "degC", -100.0, 400.0)
 
 
 class ReadingCheck:
-    """Checks the numbers of one kind of report. `bad` counts the reports that were refused, by the name of the signal."""
+    """Checks the numbers of one kind of report. `bad` counts the reports that were refused, by
+    the name of the signal.
+    """
 
     def __init__(self, device: str, *signals: Signal) -> None:
         """`device` is the subject of the message: "the drive", "the force sensor"."""
@@ -42,7 +46,8 @@ class ReadingCheck:
         self.bad: Counter[str] = Counter()
 
     def accept(self, *values: float) -> bool:
-        """Whether all numbers of a report, in the order of the signals, are possible; the caller drops it otherwise.
+        """Whether all numbers of a report, in the order of the signals, are possible; the caller
+        drops it otherwise.
 
         Raises BadReading at the third bad report in a row.
         """
@@ -58,20 +63,28 @@ class ReadingCheck:
         return True
 
     def refuse(self, signal: Signal, value: float) -> None:
-        """Counts a report whose `signal` has an impossible value. Raises BadReading at the third in a row."""
+        """Counts a report whose `signal` has an impossible value. Raises BadReading at the third
+        in a row.
+        """
         self.bad[signal.name] += 1
         self._bad_in_a_row += 1
         if self._bad_in_a_row >= MAX_BAD_IN_A_ROW:
-            possible = f"possible are {signal.low:g} to {signal.high:g}" if isfinite(signal.high) else "it must be a number"
+            possible = (
+                f"possible are {signal.low:g} to {signal.high:g}"
+                if isfinite(signal.high)
+                else "it must be a number"
+            )
             value_text = f"{value:g} {signal.unit}".rstrip()
             raise BadReading(
-                f"{self._device} reports {signal.name} {value_text}, {self._bad_in_a_row} bad reports in a row; {possible}: "
+                f"{self._device} reports {signal.name} {value_text}, {self._bad_in_a_row} "
+                f"bad reports in a row; {possible}: "
                 "check what measures it, then the wiring"
             )
 
 
 class OptionalReading:
-    """A number that a device may not have, as the temperature of a motor without a thermistor: NaN until its first value.
+    """A number that a device may not have, as the temperature of a motor without a thermistor: NaN
+    until its first value.
 
     Once it had a value, it must always have one. `value` is the last possible one.
     """
@@ -89,6 +102,8 @@ class OptionalReading:
 
 
 def describe_bad(*counts: Counter[str]) -> str:
-    """How many reports were refused, by signal: "2 of position, 1 of torque"; "none" without any."""
+    """How many reports were refused, by signal: "2 of position, 1 of torque"; "none" without
+    any.
+    """
     total: Counter[str] = sum(counts, Counter())
     return ", ".join(f"{count} of {name}" for name, count in sorted(total.items())) or "none"

@@ -1,7 +1,8 @@
-"""Records of force sensors: counters of lost, duplicate, late, faulty, saturated and frozen ones, for all drivers.
+"""Records of force sensors: counters of lost, duplicate, late, faulty, saturated and frozen ones,
+for all drivers.
 
-`RecordStream` is the base class of plug-in drivers, for devices that stream records as bytes. See docs/add-a-force-sensor.md.
-"""
+`RecordStream` is the base class of plug-in drivers, for devices that stream records as bytes. See
+docs/add-a-force-sensor.md."""
 
 import struct
 from abc import ABC, abstractmethod
@@ -42,17 +43,19 @@ RATE_TOLERANCE = 0.03
 GENERIC_ERROR = ERROR | 1 << 15
 # Counts are stored as int32.
 MAX_COUNT = 2**31 - 1
-COUNT_SIGNALS = tuple(Signal(axis, "counts", -MAX_COUNT, MAX_COUNT) for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
+COUNT_SIGNALS = tuple(
+    Signal(axis, "counts", -MAX_COUNT, MAX_COUNT) for axis in ("fx", "fy", "fz", "tx", "ty", "tz")
+)
 TIME_SIGNAL = Signal("record time", "s", -1e12, 1e12)
 
 
 class RecordSequence:
     """Follows a 32 bit counter that starts at `first` and wraps.
 
-    From each batch the records that continue the stream are picked, in the order of their numbers. A record older than those already
-    handed out is never handed out: it is a duplicate, or it is late and stays lost. Differences are signed 32 bit differences, so that
-    an old record does not look four billion records ahead.
-    """
+    From each batch the records that continue the stream are picked, in the order of their numbers.
+    A record older than those already handed out is never handed out: it is a duplicate, or it is
+    late and stays lost. Differences are signed 32 bit differences, so that an old record does not
+    look four billion records ahead."""
 
     def __init__(self, first: int = 1) -> None:
         self._next = first
@@ -85,7 +88,9 @@ class RecordSequence:
         self._next += int(fresh[-1]) + 1 if len(fresh) else 0
         return picked, unwrapped
 
-    def health(self, status: "StatusCounter", stalled: int, malformed: int, notes: list[str]) -> StreamHealth:
+    def health(
+        self, status: "StatusCounter", stalled: int, malformed: int, notes: list[str]
+    ) -> StreamHealth:
         """The health of the stream, from these counters and those that are given."""
         return StreamHealth(
             received=self.received,
@@ -130,7 +135,9 @@ class RecordSequence:
 
 
 class StatusCounter:
-    """Counts records with a bad status, and the saturated ones among them. All sensors use the status words of the Net F/T."""
+    """Counts records with a bad status, and the saturated ones among them. All sensors use the
+    status words of the Net F/T.
+    """
 
     def __init__(self) -> None:
         self.faulty = self.saturated = 0
@@ -147,10 +154,11 @@ class StatusCounter:
 
 
 class FrozenRecordCounter:
-    """Counts records that only repeat the one before, for sensors that number records but not measurements.
+    """Counts records that only repeat the one before, for sensors that number records but not
+    measurements.
 
-    A working converter is never constant for long in all six axes, so 50 equal records in a row count as frozen.
-    """
+    A working converter is never constant for long in all six axes, so 50 equal records in a row
+    count as frozen."""
 
     def __init__(self) -> None:
         self.frozen = 0
@@ -195,7 +203,8 @@ Keys = TypeVar("Keys", bound=StreamKeys)
 
 @dataclass(frozen=True)
 class Record:
-    """One record: six counts (fx fy fz tx ty tz), and whether the device reports saturation or another error.
+    """One record: six counts (fx fy fz tx ty tz), and whether the device reports saturation or
+    another error.
 
     `time_s` is the device's own clock, None if it has none; it may start anywhere and wrap.
     """
@@ -209,9 +218,9 @@ class Record:
 class RecordStream(ABC, Generic[Keys]):
     """A `ForceSensor` on a serial port, or on any object with the four members of `SerialPort`.
 
-    Inherit, set `make`, the `header` that every record begins with ("" for none) and its length, and implement the decoding.
-    This class handles resynchronisation after noise, time stamps, losses, the rate check, saturation, silence and a broken line.
-    """
+    Inherit, set `make`, the `header` that every record begins with ("" for none) and its length,
+    and implement the decoding. This class handles resynchronisation after noise, time stamps,
+    losses, the rate check, saturation, silence and a broken line."""
 
     make: ClassVar[str]
     header: ClassVar[bytes] = b""
@@ -225,11 +234,14 @@ class RecordStream(ABC, Generic[Keys]):
         self._running = False
         self._reset_stream(b"")
 
-    # -- bytes of the device, to be implemented ------------------------------------------------------------------------------
+    # -- bytes of the device, to be implemented
+    # ------------------------------------------------------------------------------
 
     @abstractmethod
     def to_start(self) -> Sequence[tuple[bytes, bytes]]:
-        """Commands that start the stream, each with the answer to wait for (b"" for none). They must not send a bias."""
+        """Commands that start the stream, each with the answer to wait for (b"" for none). They
+        must not send a bias.
+        """
 
     @abstractmethod
     def to_stop(self) -> bytes:
@@ -237,9 +249,12 @@ class RecordStream(ABC, Generic[Keys]):
 
     @abstractmethod
     def decode(self, record: bytes) -> Record | None:
-        """Decodes `record_bytes` bytes, header included; None if the checksum is wrong, or they are not a record."""
+        """Decodes `record_bytes` bytes, header included; None if the checksum is wrong, or they
+        are not a record.
+        """
 
-    # -- ForceSensor ---------------------------------------------------------------------------------------------------------
+    # -- ForceSensor
+    # ----------------------------------------------------------------------------------------------
 
     def _reset_stream(self, buffer: bytes) -> None:
         self._buffer, self._in_garbage = bytearray(buffer), False
@@ -264,8 +279,10 @@ class RecordStream(ABC, Generic[Keys]):
             while answer not in received:
                 if self._clock.now_s() > until_s:
                     raise DeviceError(
-                        f"force sensor on {self.keys.port} does not answer {command!r} with {answer!r} within {ANSWER_S:g} s, but sent "
-                        f"{received[-40:]!r}; check its power, the cable, and port and bits_per_s under [force_sensor]"
+                        f"force sensor on {self.keys.port} does not answer {command!r} "
+                        f"with {answer!r} within {ANSWER_S:g} s, but sent "
+                        f"{received[-40:]!r}; check its power, the cable, and port and "
+                        "bits_per_s under [force_sensor]"
                     )
                 self._clock.wait_until(self._clock.now_s() + POLL_S)
                 received += self._receive_bytes()
@@ -284,17 +301,23 @@ class RecordStream(ABC, Generic[Keys]):
         try:
             self._port.write(data)
         except OSError as error:
-            raise DeviceError(f"nothing to be sent on {self.keys.port}: {error}; check the cable") from error
+            raise DeviceError(
+                f"nothing to be sent on {self.keys.port}: {error}; check the cable"
+            ) from error
 
     def _receive_bytes(self) -> bytes:
         try:
             waiting = self._port.in_waiting
             return self._port.read(waiting) if waiting else b""
         except OSError as error:
-            raise DeviceError(f"nothing to be received on {self.keys.port}: {error}; check the cable") from error
+            raise DeviceError(
+                f"nothing to be received on {self.keys.port}: {error}; check the cable"
+            ) from error
 
     def read(self) -> ForceSamples:
-        """Records (m, 6) since the last call. Raises DeviceError if their rate differs from the rig file."""
+        """Records (m, 6) since the last call. Raises DeviceError if their rate differs from the
+        rig file.
+        """
         self._read_s = self._clock.now_s()
         arrived = self._receive_bytes()
         records = self._find_records(arrived) if self._running else []
@@ -319,7 +342,8 @@ class RecordStream(ABC, Generic[Keys]):
         try:
             return self.decode(bytes(self._buffer[: self.record_bytes]))
         except (struct.error, ValueError, IndexError):
-            # A plug-in decoder raises these on bytes that are not a record; they count as malformed.
+            # A plug-in decoder raises these on bytes that are not a record; they count as
+            # malformed.
             return None
 
     def _skip(self) -> None:
@@ -328,15 +352,25 @@ class RecordStream(ABC, Generic[Keys]):
         self._in_garbage = True
         next_header = self._buffer.find(self.header, 1) if self.header else 1
         # Without a further header, the tail that could be the start of one is kept.
-        del self._buffer[: next_header if next_header > 0 else max(1, len(self._buffer) - len(self.header) + 1)]
+        del self._buffer[
+            : next_header if next_header > 0 else max(1, len(self._buffer) - len(self.header) + 1)
+        ]
 
     def _samples(self, records: list[Record]) -> ForceSamples:
         is_good = [self._accept(record) for record in records]
-        # A refused record has a place among the others all the same, as the time of records without a clock comes from counting.
+        # A refused record has a place among the others all the same, as the time of records without
+        # a clock comes from counting.
         accepted, numbers, device_s = self._stamp_records(records, is_good)
-        status = np.array([SATURATED if one.is_saturated else GENERIC_ERROR if one.is_wrong else 0 for one in accepted], np.uint32)
+        status = np.array(
+            [
+                SATURATED if one.is_saturated else GENERIC_ERROR if one.is_wrong else 0
+                for one in accepted
+            ],
+            np.uint32,
+        )
         raw = np.array([one.counts for one in accepted], np.float64).reshape(-1, 6)
-        # Only a record with an error may have counts that are no numbers; its status says not to use them.
+        # Only a record with an error may have counts that are no numbers; its status says not to
+        # use them.
         counts = np.clip(np.rint(np.nan_to_num(raw)), -MAX_COUNT, MAX_COUNT).astype(np.int32)
         self._status.take(status)
         self._frozen.take(counts)
@@ -347,14 +381,20 @@ class RecordStream(ABC, Generic[Keys]):
         return ForceSamples(np.full(len(accepted), self._read_s), device_s, numbers, status, counts)
 
     def _accept(self, record: Record) -> bool:
-        """Whether the numbers of a record are possible. Raises BadReading at the third bad one in a row."""
+        """Whether the numbers of a record are possible. Raises BadReading at the third bad one
+        in a row.
+        """
         time_s = 0.0 if record.time_s is None else record.time_s
         # A record with an error is not measured by its counts.
         counts = [0.0] * 6 if record.is_saturated or record.is_wrong else record.counts
         return self._check.accept(*counts, time_s)
 
-    def _stamp_records(self, records: list[Record], is_good: list[bool]) -> tuple[list[Record], NDArray[np.int64], Floats]:
-        """The records to hand out, which are good ones, their numbers (m,), and device times (m,) in s, 0 at the first."""
+    def _stamp_records(
+        self, records: list[Record], is_good: list[bool]
+    ) -> tuple[list[Record], NDArray[np.int64], Floats]:
+        """The records to hand out, which are good ones, their numbers (m,), and device times
+        (m,) in s, 0 at the first.
+        """
         good = [record for record, accepted in zip(records, is_good, strict=True) if accepted]
         if not records or (not good and records[0].time_s is not None):
             return [], np.empty(0, np.int64), np.empty(0)
@@ -364,10 +404,16 @@ class RecordStream(ABC, Generic[Keys]):
         records = good
         steps = [self._step(record.time_s) for record in records]
         picked, numbers = self._sequence.take(np.array([number for number, _ in steps], np.uint32))
-        return [records[place] for place in picked], numbers, np.array([steps[place][1] for place in picked])
+        return (
+            [records[place] for place in picked],
+            numbers,
+            np.array([steps[place][1] for place in picked]),
+        )
 
     def _step(self, time_s: float | None) -> tuple[int, float]:
-        """Number and time of a record relative to the newest one before, so the clock only has to be right from one to the next."""
+        """Number and time of a record relative to the newest one before, so the clock only has
+        to be right from one to the next.
+        """
         if time_s is None or self._last_s is None:
             self._last_s, self._number = time_s, 1
             return 1, 0.0
@@ -375,13 +421,18 @@ class RecordStream(ABC, Generic[Keys]):
         if wraps_s is not None:
             # The shorter way around the wrap; a small negative step is a record that came late.
             since_s = (since_s + 0.5 * wraps_s) % wraps_s - 0.5 * wraps_s
-        number, elapsed_s = self._number + round(since_s * self.keys.rate_Hz), self._elapsed_s + since_s
+        number, elapsed_s = (
+            self._number + round(since_s * self.keys.rate_Hz),
+            self._elapsed_s + since_s,
+        )
         if number > self._number:
             self._number, self._elapsed_s, self._last_s = number, elapsed_s, time_s
         return number, elapsed_s
 
     def _check_rate(self) -> None:
-        """Checks the rate once, over the first second: a wrong one would stretch the time base of the whole recording."""
+        """Checks the rate once, over the first second: a wrong one would stretch the time base
+        of the whole recording.
+        """
         if self._rate_from is None:
             self._rate_from = self._read_s, self._received
         elapsed_s, first = self._read_s - self._rate_from[0], self._rate_from[1]
@@ -392,7 +443,8 @@ class RecordStream(ABC, Generic[Keys]):
         # One record more or less in the window is allowed on top of the tolerance.
         if abs(real_Hz - set_Hz) > RATE_TOLERANCE * set_Hz + 1.0 / RATE_CHECK_S:
             raise DeviceError(
-                f"force sensor sends {real_Hz:.1f} records/s, the rig file says {set_Hz:g}; put that into rate_Hz, or set the sensor to it"
+                f"force sensor sends {real_Hz:.1f} records/s, the rig file says "
+                f"{set_Hz:g}; put that into rate_Hz, or set the sensor to it"
             )
 
     @property
@@ -404,29 +456,56 @@ class RecordStream(ABC, Generic[Keys]):
 
     def health(self) -> StreamHealth:
         """Counters since `start`."""
-        counted = self._sequence.health(self._status, self._frozen.frozen, self._malformed, self._notes())
-        return replace(counted, received=self._received, lost=self._lost, malformed=self._malformed + sum(self._check.bad.values()))
+        counted = self._sequence.health(
+            self._status, self._frozen.frozen, self._malformed, self._notes()
+        )
+        return replace(
+            counted,
+            received=self._received,
+            lost=self._lost,
+            malformed=self._malformed + sum(self._check.bad.values()),
+        )
 
     def _notes(self) -> list[str]:
         notes, silent_s = [], self._read_s - self._heard_s
         # Two record periods on top of 0.1 s, so that a slow sensor does not count as silent.
         if self._running and silent_s > 0.1 + 2.0 / self.keys.rate_Hz:
-            reason = "bytes come, but none are records; check what it is set to send" if self._malformed and not self._received else None
-            notes.append(f"no record for {silent_s:.2f} s: {reason or 'check its power and the cable'}")
+            reason = (
+                "bytes come, but none are records; check what it is set to send"
+                if self._malformed and not self._received
+                else None
+            )
+            notes.append(
+                f"no record for {silent_s:.2f} s: {reason or 'check its power and the cable'}"
+            )
         if self._frozen.frozen:
-            notes.append(f"all six values stood still over {self._frozen.frozen} records: is the transducer connected?")
+            notes.append(
+                f"all six values stood still over {self._frozen.frozen} records: is the "
+                "transducer connected?"
+            )
         if self._status.faulty:
-            notes.append(f"{self._status.faulty} records with an error of the sensor, {self._status.saturated} of them beyond its range")
+            notes.append(
+                f"{self._status.faulty} records with an error of the sensor, "
+                f"{self._status.saturated} of them beyond its range"
+            )
         if self._check.bad:
-            notes.append(f"records with impossible numbers were refused: {describe_bad(self._check.bad)}")
+            notes.append(
+                f"records with impossible numbers were refused: {describe_bad(self._check.bad)}"
+            )
         if self._malformed:
             notes.append(f"{self._malformed} pieces of the stream were no records")
         return notes
 
     def identity(self) -> dict[str, str]:
-        """For the recording: the make, and all keys of the section except its files, which are recorded in full."""
+        """For the recording: the make, and all keys of the section except its files, which are
+        recorded in full.
+        """
         return {
             "make": self.make,
             "serial_number": "",
-            **{name: str(value) for name, value in self.keys.model_dump().items() if value is not None and name not in FILES},
+            **{
+                name: str(value)
+                for name, value in self.keys.model_dump().items()
+                if value is not None and name not in FILES
+            },
         }

@@ -1,4 +1,6 @@
-"""Device protocols: what the engine needs from any motor, force sensor, camera or rack. All values are in SI units."""
+"""Device protocols: what the engine needs from any motor, force sensor, camera or rack. All
+values are in SI units.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -17,9 +19,9 @@ Floats = NDArray[np.float64]
 class ShaftSamples:
     """Motor samples since the last `read`; every column has shape (m,).
 
-    `host_s` is the host clock when the sample was drained. `device_s` is the drive's own time, 0 at its first sample.
-    `angle_rad`, `speed_rad_s` and `torque_Nm` are those of the shaft, after gear, direction and zero.
-    """
+    `host_s` is the host clock when the sample was drained. `device_s` is the drive's own time, 0 at
+    its first sample. `angle_rad`, `speed_rad_s` and `torque_Nm` are those of the shaft, after gear,
+    direction and zero."""
 
     host_s: Floats
     device_s: Floats
@@ -32,10 +34,10 @@ class ShaftSamples:
 class MotorStatus:
     """State of the drive.
 
-    `state` is a text. `fault` is None, or the drive's own error code with its meaning. `silent_s` is the time since the last heartbeat.
-    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none. `torque_age_s` is the age of the torque
-    for a drive that reports it in a message of its own; it is 0 where torque and angle come together.
-    """
+    `state` is a text. `fault` is None, or the drive's own error code with its meaning. `silent_s`
+    is the time since the last heartbeat. `temperature_C` is the higher of drive and motor
+    temperature, None if the drive reports none. `torque_age_s` is the age of the torque for a drive
+    that reports it in a message of its own; it is 0 where torque and angle come together."""
 
     state: str
     fault: str | None
@@ -46,25 +48,34 @@ class MotorStatus:
 
 
 class ShaftMotor(Protocol):
-    """A motor that turns the shaft. Angles are continuous over many turns; 0 is horizontal, positive downwards."""
+    """A motor that turns the shaft. Angles are continuous over many turns; 0 is horizontal,
+    positive downwards.
+    """
 
     def enable(self) -> None:
-        """Energises the motor and holds the shaft at its present angle, without a jerk. Raises DeviceError if the drive refuses."""
+        """Energises the motor and holds the shaft at its present angle, without a jerk. Raises
+        DeviceError if the drive refuses.
+        """
         ...
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Sends nothing to the enabled drive until its watchdog disables the motor; returns the time in seconds that this took.
+        """Sends nothing to the enabled drive until its watchdog disables the motor; returns the
+        time in seconds that this took.
 
         The motor is off afterwards. Raises DeviceError if the drive still runs after `limit_s`.
         """
         ...
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Commands a shaft speed. Must be repeated every few milliseconds, or the drive's watchdog stops the motor."""
+        """Commands a shaft speed. Must be repeated every few milliseconds, or the drive's
+        watchdog stops the motor.
+        """
         ...
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Commands a shaft angle, with the speed of a moving target. Must be repeated like `command_speed`."""
+        """Commands a shaft angle, with the speed of a moving target. Must be repeated like
+        `command_speed`.
+        """
         ...
 
     def disable(self) -> None:
@@ -86,7 +97,9 @@ class ShaftMotor(Protocol):
 
 @dataclass(frozen=True)
 class SensorScale:
-    """Scale from counts to N and N m: value = counts / counts_per_unit. `rate_Hz` is the record rate."""
+    """Scale from counts to N and N m: value = counts / counts_per_unit. `rate_Hz` is the record
+    rate.
+    """
 
     counts_per_N: float
     counts_per_Nm: float
@@ -97,10 +110,10 @@ class SensorScale:
 class ForceSamples:
     """Sensor records since the last `read`.
 
-    `counts` (m, 6) holds fx fy fz tx ty tz in counts, see `SensorScale`. `host_s` (m,) is the host clock at the read.
-    `device_s` (m,) is the time from the record counter, 0 at record 1, and `sequence` (m,) that counter without wrap.
-    `status` (m,) is 0 if healthy. For every make, bit 31 marks an error and bit 17 saturation.
-    """
+    `counts` (m, 6) holds fx fy fz tx ty tz in counts, see `SensorScale`. `host_s` (m,) is the host
+    clock at the read. `device_s` (m,) is the time from the record counter, 0 at record 1, and
+    `sequence` (m,) that counter without wrap. `status` (m,) is 0 if healthy. For every make, bit 31
+    marks an error and bit 17 saturation."""
 
     host_s: Floats
     device_s: Floats
@@ -113,9 +126,9 @@ class ForceSamples:
 class StreamHealth:
     """Transmission and sensor errors since `start`, counted in records.
 
-    `malformed` counts datagrams, or pieces of a stream, that were not records. `stalled` records repeat old values because the
-    sensor stopped measuring. `saturated` is the part of `faulty_status` in which the sensor was beyond its range.
-    """
+    `malformed` counts datagrams, or pieces of a stream, that were not records. `stalled` records
+    repeat old values because the sensor stopped measuring. `saturated` is the part of
+    `faulty_status` in which the sensor was beyond its range."""
 
     received: int = 0
     lost: int = 0
@@ -154,7 +167,9 @@ class ForceSensor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """One photo: `image` (rows, columns, 3) uint8 in BGR order, `host_s` when it was taken, `name` for messages and files."""
+    """One photo: `image` (rows, columns, 3) uint8 in BGR order, `host_s` when it was taken,
+    `name` for messages and files.
+    """
 
     image: NDArray[np.uint8]
     host_s: float
@@ -162,10 +177,14 @@ class Photo:
 
 
 class Camera(Protocol):
-    """A camera that photographs the leg from the side. The image is the raw one: neither rotated nor undistorted."""
+    """A camera that photographs the leg from the side. The image is the raw one: neither rotated
+    nor undistorted.
+    """
 
     def photo(self) -> Photo:
-        """A photo (rows, columns, 3) whose exposure began after the call. Raises DeviceError if none arrives."""
+        """A photo (rows, columns, 3) whose exposure began after the call. Raises DeviceError if
+        none arrives.
+        """
         ...
 
     def close(self) -> None:
@@ -179,15 +198,21 @@ class Photographer(Protocol):
     """Takes photos in the background, for use in the control loop. No method waits."""
 
     def begin(self) -> None:
-        """Requests a photo. Raises DeviceError while an earlier one is pending; one that arrived too late is discarded."""
+        """Requests a photo. Raises DeviceError while an earlier one is pending; one that arrived
+        too late is discarded.
+        """
         ...
 
     def fetch_photo(self) -> Photo | None:
-        """The photo, handed out once; None until it has arrived. Raises the camera's exception if it failed."""
+        """The photo, handed out once; None until it has arrived. Raises the camera's exception
+        if it failed.
+        """
         ...
 
     def close(self) -> None:
-        """Releases the camera, or abandons one that does not answer. May be called at any time, any number of times."""
+        """Releases the camera, or abandons one that does not answer. May be called at any time,
+        any number of times.
+        """
         ...
 
     def identity(self) -> dict[str, str]: ...
@@ -206,9 +231,16 @@ Block = TypeVar("Block", bound="DataclassInstance")
 
 
 def concatenate_blocks(blocks: Sequence[Block]) -> Block:
-    """Concatenates blocks of columns (m, ...) along the first axis, column by column; a single block is returned as it is."""
+    """Concatenates blocks of columns (m, ...) along the first axis, column by column; a single
+    block is returned as it is.
+    """
     # One block per tick is the usual case.
     if len(blocks) == 1:
         return blocks[0]
     kind = type(blocks[0])
-    return kind(*(np.concatenate([getattr(block, column.name) for block in blocks]) for column in fields(kind)))
+    return kind(
+        *(
+            np.concatenate([getattr(block, column.name) for block in blocks])
+            for column in fields(kind)
+        )
+    )

@@ -1,4 +1,6 @@
-"""Base class of plug-in motor drivers, for any drive with a speed command. See docs/add-a-motor.md."""
+"""Base class of plug-in motor drivers, for any drive with a speed command. See
+docs/add-a-motor.md.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -10,7 +12,13 @@ import can
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, find_wrong_period
-from rfca_rig.drivers.drive_report import WATCHDOG_REMEDY, DriveReports, Report, ShaftGear, check_command
+from rfca_rig.drivers.drive_report import (
+    WATCHDOG_REMEDY,
+    DriveReports,
+    Report,
+    ShaftGear,
+    check_command,
+)
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 
@@ -19,7 +27,8 @@ __all__ = ["DriveKeys", "Report", "SpeedDrive"]
 Frames = Sequence[can.Message]
 
 FILES = ("file", "twin_file")
-# Interval between two polls while enabling, in s; docs/add-a-motor.md promises plug-ins a call every 2 ms.
+# Interval between two polls while enabling, in s; docs/add-a-motor.md promises plug-ins a call
+# every 2 ms.
 POLL_S = 2e-3
 # Limits in s for enabling, and for one answer at the end of the watchdog test.
 ENABLE_S = 1.0
@@ -47,18 +56,24 @@ Keys = TypeVar("Keys", bound=DriveKeys)
 
 class _Gear(ShaftGear):
     def __init__(self, keys: DriveKeys) -> None:
-        self.gear_ratio, self.direction, self.zero_turns = keys.gear_ratio, keys.direction, keys.zero_turns
+        self.gear_ratio, self.direction, self.zero_turns = (
+            keys.gear_ratio,
+            keys.direction,
+            keys.zero_turns,
+        )
         self.check_gear()
 
 
 class SpeedDrive(ABC, Generic[Keys]):
-    """A `ShaftMotor` that commands its drive by speed only; an angle command becomes a speed towards that angle.
+    """A `ShaftMotor` that commands its drive by speed only; an angle command becomes a speed
+    towards that angle.
 
-    Inherit, set `make`, and implement the frames to the drive and the decoding of its reports. Speeds and positions are those of the
-    motor, in turns. This class handles gear and zero, enabling, the watchdog test, stopping with a full queue, time stamps, restarts,
-    lost zeros, silence and bus failures. The drive needs a speed loop with an integrator, and a watchdog that every command feeds.
-    Frames are sent only from within calls, so the watchdog stops the motor when the caller hangs.
-    """
+    Inherit, set `make`, and implement the frames to the drive and the decoding of its reports.
+    Speeds and positions are those of the motor, in turns. This class handles gear and zero,
+    enabling, the watchdog test, stopping with a full queue, time stamps, restarts, lost zeros,
+    silence and bus failures. The drive needs a speed loop with an integrator, and a watchdog that
+    every command feeds. Frames are sent only from within calls, so the watchdog stops the motor
+    when the caller hangs."""
 
     make: ClassVar[str]
 
@@ -73,7 +88,8 @@ class SpeedDrive(ABC, Generic[Keys]):
         self._reports = DriveReports(bus, clock, self._gear, self._period_s, self.hear)
         self._armed = self._has_asked = False
 
-    # -- frames of the drive, to be implemented ------------------------------------------------------------------------------
+    # -- frames of the drive, to be implemented
+    # ------------------------------------------------------------------------------
 
     @abstractmethod
     def hear(self, message: can.Message) -> Report | None:
@@ -81,35 +97,44 @@ class SpeedDrive(ABC, Generic[Keys]):
 
     @abstractmethod
     def to_clear(self) -> Frames:
-        """Frames that clear the drive's errors and start its reports. The motor has no torque before and after."""
+        """Frames that clear the drive's errors and start its reports. The motor has no torque
+        before and after.
+        """
 
     @abstractmethod
     def to_energise(self, last: Report) -> Frames:
-        """Frames of the next step towards an energised motor at rest, from the state in `last`; repeated every 2 ms until it `is_on`."""
+        """Frames of the next step towards an energised motor at rest, from the state in `last`;
+        repeated every 2 ms until it `is_on`.
+        """
 
     @abstractmethod
     def to_turn(self, turns_s: float) -> Frames:
-        """Frames that command a speed and feed the watchdog. They must not energise a drive that is off."""
+        """Frames that command a speed and feed the watchdog. They must not energise a drive that
+        is off.
+        """
 
     @abstractmethod
     def to_let_go(self) -> Frames:
         """Frames that disable the motor, in any state of the drive."""
 
     def to_ask(self) -> Frames:
-        """Frames that request a report, for drives without cyclic reports (no report_period_ms). They must not feed the watchdog."""
+        """Frames that request a report, for drives without cyclic reports (no report_period_ms).
+        They must not feed the watchdog.
+        """
         return ()
 
     def restarted(self) -> None:
         """Call it in `hear` when the drive reports a restart: its zero is no longer valid."""
         self._reports.restarted = "the drive restarted: find its zero again"
 
-    # -- ShaftMotor ----------------------------------------------------------------------------------------------------------
+    # -- ShaftMotor
+    # ----------------------------------------------------------------------------------------------
 
     def enable(self) -> None:
         """Energises the motor and holds the shaft at its present angle.
 
-        Raises DeviceError with the missing message, or with the error of a drive that refuses; the motor is then off.
-        """
+        Raises DeviceError with the missing message, or with the error of a drive that refuses; the
+        motor is then off."""
         self.disable()
         self._reports.drain()
         # Frames that piled up during a pause may have gaps, so they are discarded.
@@ -120,9 +145,14 @@ class SpeedDrive(ABC, Generic[Keys]):
         self._await_reports()
         period_s = self._period_s
         # A wrong period would stretch the time base of the whole recording.
-        if period_s is not None and find_wrong_period(partial(self._measure_report_period_s, period_s), period_s) is not None:
+        if (
+            period_s is not None
+            and find_wrong_period(partial(self._measure_report_period_s, period_s), period_s)
+            is not None
+        ):
             raise DeviceError(
-                f"drive not enabled: it does not report every {1e3 * period_s:g} ms; set report_period_ms to what the drive is set to, "
+                f"drive not enabled: it does not report every {1e3 * period_s:g} ms; set "
+                "report_period_ms to what the drive is set to, "
                 "or the drive"
             )
         until_s = self._clock.now_s() + ENABLE_S
@@ -138,9 +168,12 @@ class SpeedDrive(ABC, Generic[Keys]):
         self._reports.reset_counters()
         until_s = self._clock.now_s() + ENABLE_S
         while self._reports.heard < 2 or self._last().fault is not None:
-            # After the limit, a fault that is still reported is a refusal, and too few reports mean a wiring or address problem.
+            # After the limit, a fault that is still reported is a refusal, and too few reports mean
+            # a wiring or address problem.
             if self._clock.now_s() > until_s and self._reports.heard < 2:
-                raise DeviceError(f"drive not enabled: within {ENABLE_S:g} s {self._reports.missing()}")
+                raise DeviceError(
+                    f"drive not enabled: within {ENABLE_S:g} s {self._reports.missing()}"
+                )
             self._refuse_if(self._clock.now_s() > until_s, "still reports")
             self._wait_and_drain()
 
@@ -155,7 +188,9 @@ class SpeedDrive(ABC, Generic[Keys]):
         if refused:
             last = self._last()
             self.disable()
-            raise DeviceError(f"drive not enabled: it {how} {last.fault or 'no error'}, state {last.state}")
+            raise DeviceError(
+                f"drive not enabled: it {how} {last.fault or 'no error'}, state {last.state}"
+            )
 
     def _last(self) -> Report:
         if self._reports.last is None:
@@ -167,35 +202,53 @@ class SpeedDrive(ABC, Generic[Keys]):
         self._turn(check_command(speed_rad_s, "speed"))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Commands the speed towards an angle that moves at `speed_rad_s`. Raises DeviceError if the frame cannot be sent."""
-        angle_rad, speed_rad_s = check_command(angle_rad, "angle"), check_command(speed_rad_s, "speed")
+        """Commands the speed towards an angle that moves at `speed_rad_s`. Raises DeviceError if
+        the frame cannot be sent.
+        """
+        angle_rad, speed_rad_s = (
+            check_command(angle_rad, "angle"),
+            check_command(speed_rad_s, "speed"),
+        )
         # The last report is extrapolated to now, since the angle may be several milliseconds old.
-        now_rad = self._reports.angle_rad + self._reports.speed_rad_s * (self._clock.now_s() - self._reports.heard_s)
+        now_rad = self._reports.angle_rad + self._reports.speed_rad_s * (
+            self._clock.now_s() - self._reports.heard_s
+        )
         self._turn(speed_rad_s + self.keys.angle_gain_per_s * (angle_rad - now_rad))
 
     def _turn(self, speed_rad_s: float) -> None:
-        """Commands a speed, or torque off if the drive has disabled itself: it must not start again on its own."""
+        """Commands a speed, or torque off if the drive has disabled itself: it must not start
+        again on its own.
+        """
         if not self._armed:
             raise DeviceError("drive is not enabled; nothing was sent to it")
-        self._say(self.to_turn(self._gear.turns_s(speed_rad_s)) if self._last().is_on else self.to_let_go())
+        self._say(
+            self.to_turn(self._gear.turns_s(speed_rad_s))
+            if self._last().is_on
+            else self.to_let_go()
+        )
 
     def disable(self) -> None:
-        """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; the watchdog then stops the motor."""
+        """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; the
+        watchdog then stops the motor.
+        """
         self._armed = False
         send_stop(self._bus, self._clock, self.to_let_go(), WATCHDOG_REMEDY)
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Sends nothing to the enabled drive until its watchdog disables the motor; returns the time in s. The motor is off afterwards.
+        """Sends nothing to the enabled drive until its watchdog disables the motor; returns the
+        time in s. The motor is off afterwards.
 
-        A drive without cyclic reports is asked once, at the end. Raises DeviceError if it still runs after `limit_s`.
-        """
+        A drive without cyclic reports is asked once, at the end. Raises DeviceError if it still
+        runs after `limit_s`."""
         began_s = self._clock.now_s()
         try:
             self._wait_for_off(limit_s) if self._period_s is not None else self._ask_after(limit_s)
-            # The answer that ends the silence, or the last cyclic report, decides; a drive that still runs is not safe to use.
+            # The answer that ends the silence, or the last cyclic report, decides; a drive that
+            # still runs is not safe to use.
             if self._last().is_on:
                 raise DeviceError(
-                    f"drive's watchdog let it run through {limit_s:g} s of silence; switch it on in the drive, such a drive is not moved"
+                    f"drive's watchdog let it run through {limit_s:g} s of silence; "
+                    "switch it on in the drive, such a drive is not moved"
                 )
             return self._clock.now_s() - began_s
         finally:
@@ -207,7 +260,8 @@ class SpeedDrive(ABC, Generic[Keys]):
             self._wait_and_drain()
 
     def _ask_after(self, limit_s: float) -> None:
-        # The single question comes at the end: a request in between could feed a watchdog that counts any frame.
+        # The single question comes at the end: a request in between could feed a watchdog that
+        # counts any frame.
         self._clock.wait_until(self._clock.now_s() + limit_s - ANSWER_S)
         self._reports.drain()
         self._reports.reset_counters()
@@ -215,12 +269,17 @@ class SpeedDrive(ABC, Generic[Keys]):
         until_s = self._clock.now_s() + ANSWER_S
         while self._reports.heard == 0:
             if self._clock.now_s() > until_s:
-                raise DeviceError(f"drive's watchdog not proven: the drive says nothing after {limit_s:g} s of silence; check its power")
+                raise DeviceError(
+                    "drive's watchdog not proven: the drive says nothing after "
+                    f"{limit_s:g} s of silence; check its power"
+                )
             self._clock.wait_until(self._clock.now_s() + POLL_S)
             self._reports.drain()
 
     def read(self) -> ShaftSamples:
-        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
+        cannot be decoded.
+        """
         self._reports.drain()
         # A command already requested a report; only a read without one needs its own request.
         if not self._has_asked:
@@ -229,9 +288,13 @@ class SpeedDrive(ABC, Generic[Keys]):
         return self._reports.samples()
 
     def status(self) -> MotorStatus:
-        """State of the drive. A motor that disabled itself is at fault, even if the drive reports no error."""
+        """State of the drive. A motor that disabled itself is at fault, even if the drive
+        reports no error.
+        """
         last = self._reports.last
-        state, temperature_C = ("unknown", None) if last is None else (last.state, last.temperature_C)
+        state, temperature_C = (
+            ("unknown", None) if last is None else (last.state, last.temperature_C)
+        )
         return MotorStatus(state, self._fault(last), self._reports.silent_s, temperature_C)
 
     def _fault(self, last: Report | None) -> str | None:
@@ -241,14 +304,26 @@ class SpeedDrive(ABC, Generic[Keys]):
         if self._reports.doubts is not None:
             return self._reports.doubts
         if last is not None and self._armed and not last.is_on:
-            return f"let go by itself without an error, state {last.state}; was it stopped from elsewhere, or restarted?"
+            return (
+                f"let go by itself without an error, state {last.state}; was it stopped from "
+                "elsewhere, or restarted?"
+            )
         if silent_s > self._silent_s:
-            return f"no report for {silent_s:.2f} s, limit {self._silent_s:g} s; check the drive's power and the wiring"
+            return (
+                f"no report for {silent_s:.2f} s, limit {self._silent_s:g} s; check the "
+                "drive's power and the wiring"
+            )
         return None
 
     def identity(self) -> dict[str, str]:
-        """For the recording: make, bus, and all keys of the section except its files, which are recorded in full."""
-        keys = {name: str(value) for name, value in self.keys.model_dump().items() if value is not None and name not in FILES}
+        """For the recording: make, bus, and all keys of the section except its files, which are
+        recorded in full.
+        """
+        keys = {
+            name: str(value)
+            for name, value in self.keys.model_dump().items()
+            if value is not None and name not in FILES
+        }
         return {
             "make": self.make,
             "bus": str(self._bus.channel_info),

@@ -5,7 +5,15 @@ from enum import IntEnum
 from typing import Protocol
 
 from rfca_rig.clock import Clock
-from rfca_rig.drivers.roles import ForceSamples, ForceSensor, MotorStatus, Photographer, Rack, ShaftMotor, ShaftSamples
+from rfca_rig.drivers.roles import (
+    ForceSamples,
+    ForceSensor,
+    MotorStatus,
+    Photographer,
+    Rack,
+    ShaftMotor,
+    ShaftSamples,
+)
 from rfca_rig.errors import Stopped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Stage
@@ -13,7 +21,9 @@ from rfca_rig.protocol.plan import Stage
 
 @dataclass(frozen=True)
 class Bench:
-    """One rig, ready to run. `is_real` is False for twins; `camera` is None where the run needs none or the rig has none."""
+    """One rig, ready to run. `is_real` is False for twins; `camera` is None where the run needs
+    none or the rig has none.
+    """
 
     motor: ShaftMotor
     sensor: ForceSensor
@@ -27,9 +37,9 @@ class Bench:
 class Tick:
     """Samples and state of one tick.
 
-    The shaft should be at `target_rad`, moving at `target_speed_rad_s`. The tick came `late_s` after it should have; the longest so far
-    took `worst_gap_s`. `status` is the drive's status as of the tick before, None at first.
-    """
+    The shaft should be at `target_rad`, moving at `target_speed_rad_s`. The tick came `late_s`
+    after it should have; the longest so far took `worst_gap_s`. `status` is the drive's status as
+    of the tick before, None at first."""
 
     now_s: float
     shaft: ShaftSamples
@@ -45,13 +55,19 @@ class RunObserver(Protocol):
     """Called from within the control loop: has microseconds, never waits, and raises nothing."""
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
-        """A stage begins, with the load that the model predicts; None where there is no prediction."""
+        """A stage begins, with the load that the model predicts; None where there is no
+        prediction.
+        """
 
     def energising(self) -> None:
-        """The rack is set, and the motor is about to be energised: the last moment for a stop request that came up meanwhile."""
+        """The rack is set, and the motor is about to be energised: the last moment for a stop
+        request that came up meanwhile.
+        """
 
     def tick(self, tick: Tick) -> None:
-        """A tick is over. Its samples are with the sink by now; the limits have not been checked on them yet."""
+        """A tick is over. Its samples are with the sink by now; the limits have not been checked
+        on them yet.
+        """
 
 
 class NullObserver:
@@ -86,9 +102,9 @@ class StopLevel(IntEnum):
 class StopRequest:
     """Written by whatever hears the operator, read by the engine.
 
-    `is_ticking` means that the loop runs and sees a request within milliseconds; otherwise the run waits for a person, with the motor off.
-    `is_over` means that the stop is under way and further requests change nothing.
-    """
+    `is_ticking` means that the loop runs and sees a request within milliseconds; otherwise the run
+    waits for a person, with the motor off. `is_over` means that the stop is under way and further
+    requests change nothing."""
 
     level: StopLevel = StopLevel.GO_ON
     why: str = ""
@@ -101,11 +117,16 @@ class StopRequest:
             self.level, self.why = level, why
 
     def raise_if_urgent(self) -> None:
-        """Raises Stopped where the stop cannot wait for the next safe point, and is not under way yet."""
-        # `is_over` guards the ramp-down itself, which ticks the same loop and would be stopped by its own request.
+        """Raises Stopped where the stop cannot wait for the next safe point, and is not under
+        way yet.
+        """
+        # `is_over` guards the ramp-down itself, which ticks the same loop and would be stopped by
+        # its own request.
         if self.level >= StopLevel.RAMP_DOWN and not self.is_over:
             raise Stopped(self.why)
 
     def raise_at_safe_point(self) -> None:
-        """Raises Stopped; to be called when the leg is in the air and every completed stage is handed over."""
+        """Raises Stopped; to be called when the leg is in the air and every completed stage is
+        handed over.
+        """
         raise Stopped(f"{self.why}, at a safe point")

@@ -1,4 +1,6 @@
-"""The control loop: one tick reads the devices, checks the limits, and only then commands the drive."""
+"""The control loop: one tick reads the devices, checks the limits, and only then commands the
+drive.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -45,11 +47,12 @@ class SampleCollector:
 
 
 class Loop:
-    """Ticks, and knows the shaft's last reported angle and speed. `target_rad` is the commanded angle.
+    """Ticks, and knows the shaft's last reported angle and speed. `target_rad` is the commanded
+    angle.
 
-    `worst_gap_s` is the longest time between two ticks, with whatever was done between them. Trips and urgent stop requests are raised at
-    the end of a tick. After `end` the loop sends no command any more.
-    """
+    `worst_gap_s` is the longest time between two ticks, with whatever was done between them. Trips
+    and urgent stop requests are raised at the end of a tick. After `end` the loop sends no command
+    any more."""
 
     def __init__(
         self,
@@ -67,7 +70,9 @@ class Loop:
         self._limits = limits
         self._stop_request = stop_request or StopRequest()
         self._monitor = LimitMonitor(limits, scale, bench.clock.now_s())
-        self._shaft_check = SampleCheck("the drive", sum_shaft, "angle_rad", "speed_rad_s", "torque_Nm")
+        self._shaft_check = SampleCheck(
+            "the drive", sum_shaft, "angle_rad", "speed_rad_s", "torque_Nm"
+        )
         self._status_check = StatusCheck()
         self._force_check = SampleCheck("the force sensor", sum_force, "counts")
         self._listeners: list[Listener] = []
@@ -89,12 +94,17 @@ class Loop:
 
     @property
     def wrench(self) -> np.ndarray:
-        """(6,) mean force [N] and moment [N m] over the records of the last tick that brought any."""
+        """(6,) mean force [N] and moment [N m] over the records of the last tick that brought
+        any.
+        """
         if self._force is None:
             return np.full(6, np.nan)
-        # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's noise. Only when asked: strokes do not.
+        # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's
+        # noise. Only when asked: strokes do not.
         counts = self._force.counts
-        wrench: np.ndarray = np.add.reduce(counts, axis=0, dtype=np.float64) / len(counts) / self._counts_per_unit
+        wrench: np.ndarray = (
+            np.add.reduce(counts, axis=0, dtype=np.float64) / len(counts) / self._counts_per_unit
+        )
         return wrench
 
     @property
@@ -109,11 +119,15 @@ class Loop:
 
     @property
     def is_stop_requested(self) -> bool:
-        """Whether the operator wants a stop at the next safe point; a more urgent request is raised by the tick itself."""
+        """Whether the operator wants a stop at the next safe point; a more urgent request is
+        raised by the tick itself.
+        """
         return bool(self._stop_request.level)
 
     def expect(self, load: Load | None) -> None:
-        """A stage begins in which the model predicts at most this load; None where there is no prediction."""
+        """A stage begins in which the model predicts at most this load; None where there is no
+        prediction.
+        """
         self._monitor.expect(load)
 
     def end(self) -> None:
@@ -121,21 +135,28 @@ class Loop:
         self._is_over = True
 
     def begin(self) -> None:
-        """Waits for the first report of the shaft and takes its angle as the target. All monitors are reset."""
+        """Waits for the first report of the shaft and takes its angle as the target. All
+        monitors are reset.
+        """
         started_s = self._tick_s = self._woke_s = self._bench.clock.now_s()
-        # A new monitor: while the motor was off the shaft may have been turned by hand, which is no jump of the
-        # encoder.
+        # A new monitor: while the motor was off the shaft may have been turned by hand, which is no
+        # jump of the encoder.
         self._monitor = LimitMonitor(self._limits, self._bench.sensor.scale(), started_s)
         while not self._read():
             self._tick_s += FIRST_POLL_S
             self._bench.clock.wait_until(self._tick_s)
             if self.now_s - started_s > FIRST_REPORT_S:
-                raise DeviceError(f"no encoder report within {FIRST_REPORT_S:g} s; check the drive's cyclic encoder message")
+                raise DeviceError(
+                    f"no encoder report within {FIRST_REPORT_S:g} s; check the drive's "
+                    "cyclic encoder message"
+                )
         # The motor holds the shaft where it stands: any other target would move it with a jerk.
         self.target_rad = self.angle_rad
 
     def step_to_angle(self, target_rad: float, target_speed_rad_s: float, period_s: float) -> None:
-        """Commands an angle, of a target moving at that speed, for one tick; checks everything at its end."""
+        """Commands an angle, of a target moving at that speed, for one tick; checks everything
+        at its end.
+        """
         self._refuse_if_over()
         with trip_on_bus_error():
             self._bench.motor.command_angle(target_rad, target_speed_rad_s)
@@ -143,13 +164,16 @@ class Loop:
         self._check(target_rad, target_speed_rad_s)
 
     def step_at_speed(self, speed_rad_s: float, period_s: float) -> None:
-        """Commands a speed for one tick; checks everything at its end. The target moves on for as long as the tick really took."""
+        """Commands a speed for one tick; checks everything at its end. The target moves on for
+        as long as the tick really took.
+        """
         self._refuse_if_over()
         with trip_on_bus_error():
             self._bench.motor.command_speed(speed_rad_s)
         began_s = self._tick_s
         self._wait(period_s)
-        # The real duration, not the period: a late tick would otherwise look like a following error.
+        # The real duration, not the period: a late tick would otherwise look like a following
+        # error.
         self._check(self.target_rad + speed_rad_s * (self._tick_s - began_s), speed_rad_s)
 
     def _wait(self, period_s: float) -> None:
@@ -157,7 +181,8 @@ class Loop:
         # A late tick is not made up for by shorter ones, which would send bursts of commands.
         self._tick_s = max(self._tick_s + period_s, self._bench.clock.now_s())
         self._bench.clock.wait_until(self._tick_s)
-        # The time since the last wake-up is the time between commands that the drive's watchdog sees.
+        # The time since the last wake-up is the time between commands that the drive's watchdog
+        # sees.
         now_s = self._bench.clock.now_s()
         gap_s, self._woke_s = now_s - self._woke_s, now_s
         self._late_s = gap_s - period_s
@@ -185,18 +210,26 @@ class Loop:
 
     def _read(self) -> bool:
         shaft, force = self._hear()
-        # Listeners take the samples before the limits are checked: a trip must not lose the samples that led to it.
+        # Listeners take the samples before the limits are checked: a trip must not lose the samples
+        # that led to it.
         for listener in self._listeners:
             listener(shaft, force)
         # Put together only where an observer is attached.
         if self._observer is not NULL_OBSERVER:
             target = self.target_rad, self._target_speed_rad_s
-            self._observer.tick(Tick(self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status))
+            self._observer.tick(
+                Tick(
+                    self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status
+                )
+            )
         self._monitor.reports(self.now_s, shaft, force)
         if len(force.counts):
             self._force = force
         if len(shaft.angle_rad):
-            self.angle_rad, self.speed_rad_s = float(shaft.angle_rad[-1]), float(shaft.speed_rad_s[-1])
+            self.angle_rad, self.speed_rad_s = (
+                float(shaft.angle_rad[-1]),
+                float(shaft.speed_rad_s[-1]),
+            )
         return len(shaft.angle_rad) > 0
 
     def _hear(self) -> tuple[ShaftSamples, ForceSamples]:
@@ -212,14 +245,18 @@ class Loop:
 
     @contextmanager
     def record(self, listener: Listener) -> Iterator[SampleCollector]:
-        """Everything that the devices report inside the block goes into the collector, and through it to the listener."""
+        """Everything that the devices report inside the block goes into the collector, and
+        through it to the listener.
+        """
         collector = SampleCollector(listener)
         with self.listen(collector.take):
             yield collector
 
     @contextmanager
     def listen(self, listener: Listener) -> Iterator[None]:
-        """Everything that the devices report inside the block goes to the listener; nothing of it is kept."""
+        """Everything that the devices report inside the block goes to the listener; nothing of
+        it is kept.
+        """
         self._listeners.append(listener)
         try:
             yield
@@ -232,7 +269,12 @@ class _TripOnBusError:
     def __enter__(self) -> None:
         return
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if isinstance(error, BadReading):
             raise Tripped(Trip.DRIVE_READING, str(error)) from error
         if isinstance(error, DeviceError):
@@ -243,5 +285,7 @@ _TRIP_ON_BUS_ERROR = _TripOnBusError()
 
 
 def trip_on_bus_error() -> AbstractContextManager[None]:
-    """Within a run a failing bus, or a drive whose numbers are impossible, is a trip, not a device error to be reported later."""
+    """Within a run a failing bus, or a drive whose numbers are impossible, is a trip, not a
+    device error to be reported later.
+    """
     return _TRIP_ON_BUS_ERROR

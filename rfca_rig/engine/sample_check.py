@@ -1,4 +1,6 @@
-"""Drops samples that are no numbers before anything is computed from them: a lab's own driver may hand out such."""
+"""Drops samples that are no numbers before anything is computed from them: a lab's own driver
+may hand out such.
+"""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -19,23 +21,33 @@ Block = TypeVar("Block", bound="DataclassInstance")
 def sum_shaft(shaft: ShaftSamples) -> float:
     """A sum that is finite only if all numbers of the drive are.
 
-    Times are left out: they are compared by the limits of age and of jumps, which a time that is no number passes.
-    """
+    Times are left out: they are compared by the limits of age and of jumps, which a time that is no
+    number passes."""
     # Lists, because a tick brings a few reports, for which numpy takes longer.
-    total: float = sum(shaft.angle_rad.tolist()) + sum(shaft.speed_rad_s.tolist()) + sum(shaft.torque_Nm.tolist())
+    total: float = (
+        sum(shaft.angle_rad.tolist())
+        + sum(shaft.speed_rad_s.tolist())
+        + sum(shaft.torque_Nm.tolist())
+    )
     return total
 
 
 def sum_force(force: ForceSamples) -> float:
-    """The same for a force sensor; counts that are integers, as they should be, are always finite."""
+    """The same for a force sensor; counts that are integers, as they should be, are always
+    finite.
+    """
     return 0.0 if force.counts.dtype.kind == "i" else float(force.counts.sum())
 
 
 class SampleCheck(Generic[Block]):
-    """Checks the samples of one device at every tick. `bad` counts those that were dropped, by the name of their column."""
+    """Checks the samples of one device at every tick. `bad` counts those that were dropped, by
+    the name of their column.
+    """
 
     def __init__(self, device: str, sum_of: Callable[[Block], float], *columns: str) -> None:
-        """`sum_of` is the fast check of a block; `columns` are the names of the columns (m,) or (m, n) that it sums."""
+        """`sum_of` is the fast check of a block; `columns` are the names of the columns (m,) or
+        (m, n) that it sums.
+        """
         self._sum_of = sum_of
         self._columns = columns
         self._check = ReadingCheck(device)
@@ -47,7 +59,8 @@ class SampleCheck(Generic[Block]):
 
         Raises BadReading at the third such sample in a row.
         """
-        # The usual case. After a bad sample every row is looked at, until one is good: three in a row may lie in several blocks.
+        # The usual case. After a bad sample every row is looked at, until one is good: three in a
+        # row may lie in several blocks.
         if self._is_clean and isfinite(self._sum_of(block)):
             return block
         return self._drop_bad(block)
@@ -69,7 +82,9 @@ class SampleCheck(Generic[Block]):
 
 
 class StatusCheck:
-    """Checks the numbers in the status of a drive at every tick. `bad` counts those that were no numbers, by name."""
+    """Checks the numbers in the status of a drive at every tick. `bad` counts those that were no
+    numbers, by name.
+    """
 
     def __init__(self) -> None:
         self._check = ReadingCheck("the drive")
@@ -78,7 +93,9 @@ class StatusCheck:
         self.bad = self._check.bad
 
     def accept(self, status: MotorStatus) -> MotorStatus:
-        """The status, or the last one with all numbers. Raises BadReading at the third in a row that lacks one."""
+        """The status, or the last one with all numbers. Raises BadReading at the third in a row
+        that lacks one.
+        """
         temperature_C = 0.0 if status.temperature_C is None else status.temperature_C
         if isfinite(status.silent_s + status.torque_age_s + temperature_C):
             if not self._is_clean:
@@ -86,7 +103,11 @@ class StatusCheck:
             self._last = status
             return status
         self._is_clean = False
-        numbers = {"silent_s": status.silent_s, "torque_age_s": status.torque_age_s, "temperature_C": temperature_C}
+        numbers = {
+            "silent_s": status.silent_s,
+            "torque_age_s": status.torque_age_s,
+            "temperature_C": temperature_C,
+        }
         name = next(name for name, value in numbers.items() if not isfinite(value))
         self._check.refuse(Signal(name, "", -inf, inf), numbers[name])
         return replace(self._last, state=status.state, fault=status.fault)

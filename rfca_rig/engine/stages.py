@@ -1,7 +1,7 @@
 """How each stage of a plan is carried out.
 
-In fatigue cycles the shaft turns without pause. Of each turn a few numbers are kept, in memory that does not grow.
-"""
+In fatigue cycles the shaft turns without pause. Of each turn a few numbers are kept, in memory that
+does not grow."""
 
 import math
 from collections import deque
@@ -15,10 +15,22 @@ from rfca_rig.drivers.roles import ForceSamples, Photo, Photographer, SensorScal
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.stopping import Cycle, RecordedSamples, Sink
 from rfca_rig.errors import RigError, Stopped, Trip, Tripped
-from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Cycles, Flap, Hold, MoveShaft, SettleCriterion, turn_to
+from rfca_rig.protocol.plan import (
+    MOVE_RAMP_S,
+    STOPPING_S,
+    TURN_RAD,
+    Approach,
+    Cycles,
+    Flap,
+    Hold,
+    MoveShaft,
+    SettleCriterion,
+    turn_to,
+)
 
 HOLD_PERIOD_S = 0.01
-# Averages 350 records at 7 kHz: sensor noise of 0.15 N becomes 0.01 N. Still short enough to see a leg that swings.
+# Averages 350 records at 7 kHz: sensor noise of 0.15 N becomes 0.01 N. Still short enough to see a
+# leg that swings.
 MEAN_S = 0.05
 
 # Seconds between two commands, in strokes and in moves.
@@ -27,26 +39,30 @@ MOVE_TICK_S = 0.005
 # Share of a tick: rounding of the times must not turn one tick into two.
 SLACK = 1e-3
 
-# A cycle ends in the air, this far before the start angle. The start angle is then reached forwards: a bent leg that
-# is pushed backwards wedges.
+# A cycle ends in the air, this far before the start angle. The start angle is then reached
+# forwards: a bent leg that is pushed backwards wedges.
 BEFORE_START_RAD = math.radians(30.0)
-# Least share of the stage's speed. The square-root profile alone would approach its end ever more slowly and never
-# command a start from rest.
+# Least share of the stage's speed. The square-root profile alone would approach its end ever more
+# slowly and never command a start from rest.
 CREEP_SHARE = 0.05
-# Drives report the angle in single precision: at a gear ratio of 9 it is resolved to 2.5 degrees after so many turns.
+# Drives report the angle in single precision: at a gear ratio of 9 it is resolved to 2.5 degrees
+# after so many turns.
 MAX_TURNS = 100_000
 
 
 @dataclass(frozen=True)
 class Settled:
-    """Result: `reached` is False where the time limit came first; `wrench` (6,) is the last mean of force [N] and moment [N m]."""
+    """Result: `reached` is False where the time limit came first; `wrench` (6,) is the last mean
+    of force [N] and moment [N m].
+    """
 
     reached: bool
     wrench: NDArray[np.float64]
 
 
 def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> Settled:
-    """Holds the shaft at `target_rad` until force and angle stay within the bands of the criterion, or its time limit is reached.
+    """Holds the shaft at `target_rad` until force and angle stay within the bands of the criterion,
+    or its time limit is reached.
 
     Returns
     -------
@@ -57,7 +73,8 @@ def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> Settled
     # At least two means: the range of a single one is zero and would always be within the band.
     means: deque[np.ndarray] = deque(maxlen=max(2, round(criterion.for_s / MEAN_S)))
     began_s = loop.now_s
-    # Half a mean is allowed for, because the loop's times do not add up to exact multiples of MEAN_S.
+    # Half a mean is allowed for, because the loop's times do not add up to exact multiples of
+    # MEAN_S.
     while loop.now_s - began_s < criterion.limit_s - 0.5 * MEAN_S:
         ticks = []
         for _ in range(per_mean):
@@ -75,7 +92,8 @@ def _inside(band: np.ndarray, criterion: SettleCriterion) -> bool:
 
 
 class PhotoCapture:
-    """A photo that is taken while the loop goes on. It never waits, and keeps the stage waiting for `limit_s` at most.
+    """A photo that is taken while the loop goes on. It never waits, and keeps the stage waiting for
+    `limit_s` at most.
 
     An error of the camera costs its photo, not the run: force and shaft are measured all the same.
     """
@@ -97,7 +115,9 @@ class PhotoCapture:
             self._end(str(error))
 
     def is_under_way(self, now_s: float) -> bool:
-        """Whether to ask again later. Once False, `photo` holds the photo, or `fault` says why there is none."""
+        """Whether to ask again later. Once False, `photo` holds the photo, or `fault` says why
+        there is none.
+        """
         if self._camera is None:
             return False
         try:
@@ -107,7 +127,9 @@ class PhotoCapture:
         if self.photo is not None:
             self._end("")
         elif not self.fault and now_s >= self._ends_s:
-            self._end(f"the camera gave no photo within {self._limit_s:g} s; check its cable and power")
+            self._end(
+                f"the camera gave no photo within {self._limit_s:g} s; check its cable and power"
+            )
         return self._camera is not None
 
     def _end(self, fault: str) -> None:
@@ -120,18 +142,24 @@ def move(loop: Loop, stage: MoveShaft) -> None:
     way_rad = turn_to(stage.angle_rad, loop.target_rad, stage.forwards)
     start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
     duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
-    # Angles are commanded, not speeds: the move ends exactly at the goal even where the drive lags on the way.
+    # Angles are commanded, not speeds: the move ends exactly at the goal even where the drive lags
+    # on the way.
     for k in range(1, math.ceil(duration_s / MOVE_TICK_S) + 1):
         travelled, speed = _trapezoid(k * MOVE_TICK_S / duration_s, MOVE_RAMP_S / duration_s)
-        loop.step_to_angle(start_rad + way_rad * travelled, way_rad * speed / duration_s, MOVE_TICK_S)
+        loop.step_to_angle(
+            start_rad + way_rad * travelled, way_rad * speed / duration_s, MOVE_TICK_S
+        )
     loop.step_to_angle(goal_rad, 0.0, MOVE_TICK_S)
 
 
 def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
-    """Share of the way and its derivative at share `x` of the time, with ramps of share `ramp` at both ends."""
+    """Share of the way and its derivative at share `x` of the time, with ramps of share `ramp`
+    at both ends.
+    """
     # A move shorter than two ramps becomes a triangle.
     ramp = min(ramp, 0.5)
-    # Plateau speed that makes the whole way 1: plateau of length 1 - 2 ramp, and two ramps of half height on average.
+    # Plateau speed that makes the whole way 1: plateau of length 1 - 2 ramp, and two ramps of half
+    # height on average.
     top = 1.0 / (1.0 - ramp)
     if x >= 1.0:
         return 1.0, 0.0
@@ -148,7 +176,8 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> RecordedSamples:
     Returns
     -------
     Recorded
-        Samples of both devices, host time of the commanded start, and whole turns to subtract from the shaft angle.
+        Samples of both devices, host time of the commanded start, and whole turns to subtract from
+        the shaft angle.
     """
     turns_rad = TURN_RAD * round(loop.target_rad / TURN_RAD)
     hold_rad = loop.target_rad
@@ -179,19 +208,25 @@ def _sweep(loop: Loop, stage: Flap | Approach) -> None:
 def _stop_in_the_air(loop: Loop, stage: Flap | Approach) -> None:
     for k in _ticks(loop, round(STOPPING_S / TICK_S)):
         loop.step_at_speed(stage.speed_rad_s * (1.0 - (k + 0.5) * TICK_S / STOPPING_S), TICK_S)
-    # A drive that sagged under load is behind its target. The way back must begin where the shaft really is.
+    # A drive that sagged under load is behind its target. The way back must begin where the shaft
+    # really is.
     loop.target_rad = loop.angle_rad
 
 
 def _ticks(loop: Loop, count: int) -> Iterator[int]:
-    """Numbers of the ticks of a stretch of time. A late tick skips those that it replaced, so the stretch keeps its length."""
+    """Numbers of the ticks of a stretch of time. A late tick skips those that it replaced, so
+    the stretch keeps its length.
+    """
     start_s = loop.now_s
     while (k := math.floor((loop.now_s - start_s) / TICK_S + SLACK)) < count:
         yield k
 
 
-def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> RecordedSamples:
-    """Waits until settled and for the dwell, then records for the averaging time while the photo is taken; holds the shaft throughout.
+def hold(
+    loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
+) -> RecordedSamples:
+    """Waits until settled and for the dwell, then records for the averaging time while the photo is
+    taken; holds the shaft throughout.
 
     Raises Tripped where no report of the shaft came while it averaged.
 
@@ -204,21 +239,37 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
     settled = settle(loop, target_rad, stage.settle)
     _stand(loop, target_rad, timing.dwell_s)
     start_s = loop.now_s
-    # The continuous angle may be any number of turns away from the stage's own angle, after moves over the top.
+    # The continuous angle may be any number of turns away from the stage's own angle, after moves
+    # over the top.
     turns_rad = TURN_RAD * round((target_rad - stage.angle_rad) / TURN_RAD)
     sink.begin(stage)
     sink.start(start_s, turns_rad)
-    capture = PhotoCapture(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
+    capture = PhotoCapture(
+        camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s
+    )
     with loop.record(sink.take) as collector:
         _stand(loop, target_rad, timing.average_s)
     # Commands go on while the camera is awaited: silence would make the drive's watchdog act.
     while capture.is_under_way(loop.now_s):
         loop.step_to_angle(target_rad, 0.0, HOLD_PERIOD_S)
     shaft = collector.shaft()
-    # A mean of no samples is no measurement. The limit of their age may be longer than the averaging time.
+    # A mean of no samples is no measurement. The limit of their age may be longer than the
+    # averaging time.
     if not len(shaft.angle_rad):
-        raise Tripped(Trip.READING_OLD, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
-    return RecordedSamples(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)
+        raise Tripped(
+            Trip.READING_OLD,
+            f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}",
+        )
+    return RecordedSamples(
+        shaft,
+        collector.force(),
+        start_s,
+        turns_rad,
+        settled.reached,
+        capture.photo,
+        capture.fault,
+        start_s - stopped_s,
+    )
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:
@@ -227,9 +278,11 @@ def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:
 
 
 def run_cycles(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> None:
-    """Turns the shaft from the start angle until the last cycle is done. After a stop request, one more cycle is the last.
+    """Turns the shaft from the start angle until the last cycle is done. After a stop request, one
+    more cycle is the last.
 
-    Each cycle is handed to the sink as soon as it is done. Raises Stopped where the drive has made more turns than it can report well.
+    Each cycle is handed to the sink as soon as it is done. Raises Stopped where the drive has made
+    more turns than it can report well.
 
     Parameters
     ----------
@@ -249,17 +302,20 @@ def run_cycles(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> Non
         while not turning.is_over:
             loop.step_at_speed(turning.speed_rad_s(loop.target_rad), MOVE_TICK_S)
             if turning.count_if_complete(loop.target_rad):
-                # Cycles are counted by the commanded angle, which grows steadily, not by the reported one, which lags
-                # and has noise.
+                # Cycles are counted by the commanded angle, which grows steadily, not by the
+                # reported one, which lags and has noise.
                 sink.cycle(tally.cycle(turning.number))
                 if loop.is_stop_requested:
-                    # One more cycle, not an immediate end: the shaft needs part of a turn to slow down in the air.
+                    # One more cycle, not an immediate end: the shaft needs part of a turn to slow
+                    # down in the air.
                     turning.end_after_next()
     loop.step_at_speed(0.0, MOVE_TICK_S)
-    # A drive that sagged under load is behind its target. The way back must begin where the shaft really is.
+    # A drive that sagged under load is behind its target. The way back must begin where the shaft
+    # really is.
     loop.target_rad = loop.angle_rad
     sink.cycles(stage)
-    # Checked between blocks of cycles, when all cycles are handed over: the run can be resumed without loss.
+    # Checked between blocks of cycles, when all cycles are handed over: the run can be resumed
+    # without loss.
     check_turns(loop.angle_rad)
 
 
@@ -268,13 +324,16 @@ def check_turns(angle_rad: float) -> None:
     turns = abs(angle_rad) / TURN_RAD
     if not turns <= MAX_TURNS:
         raise Stopped(
-            f"the shaft has turned {turns:.0f} times since the drive was switched on, and drives tell such angles only coarsely; "
+            f"the shaft has turned {turns:.0f} times since the drive was switched on, and "
+            "drives tell such angles only coarsely; "
             "switch the drive off and on again, check its zero, then go on with rfca-rig resume"
         )
 
 
 class CycleProfile:
-    """Speed of the shaft at each angle, and the end of each cycle. All angles are commanded ones, which the shaft follows."""
+    """Speed of the shaft at each angle, and the end of each cycle. All angles are commanded
+    ones, which the shaft follows.
+    """
 
     def __init__(self, start_rad: float, stage: Cycles) -> None:
         self._stage = stage
@@ -302,15 +361,22 @@ class CycleProfile:
         self._count = min(self._count, self._done + 1)
 
     def speed_rad_s(self, target_rad: float) -> float:
-        """Speed in rad/s: constant acceleration from the start, constant deceleration towards the end of the last cycle.
+        """Speed in rad/s: constant acceleration from the start, constant deceleration towards the
+        end of the last cycle.
 
-        At a distance s from either end it is sqrt(2 a s), where a is the stage's speed divided by MOVE_RAMP_S; at most the stage's speed.
-        """
-        # The same profile serves both ends: the shorter distance decides. Rounding may make it slightly negative,
-        # hence the 0.
+        At a distance s from either end it is sqrt(2 a s), where a is the stage's speed divided by
+        MOVE_RAMP_S; at most the stage's speed."""
+        # The same profile serves both ends: the shorter distance decides. Rounding may make it
+        # slightly negative, hence the 0.
         top, both_ramps = self._stage.speed_rad_s, 2.0 * self._stage.speed_rad_s / MOVE_RAMP_S
-        from_start_rad, to_end_rad = target_rad - self._start_rad, self._end_rad(self._count) - target_rad
-        return max(min(top, math.sqrt(both_ramps * max(min(from_start_rad, to_end_rad), 0.0))), CREEP_SHARE * top)
+        from_start_rad, to_end_rad = (
+            target_rad - self._start_rad,
+            self._end_rad(self._count) - target_rad,
+        )
+        return max(
+            min(top, math.sqrt(both_ramps * max(min(from_start_rad, to_end_rad), 0.0))),
+            CREEP_SHARE * top,
+        )
 
     def _end_rad(self, count: int) -> float:
         return self._start_rad + TURN_RAD * count - BEFORE_START_RAD
@@ -330,16 +396,27 @@ class CycleTally:
         self._min_fz_N = math.inf
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
-        """Adds the samples of one tick; `force.counts` (m, 6) are raw counts, both blocks may be empty."""
+        """Adds the samples of one tick; `force.counts` (m, 6) are raw counts, both blocks may be
+        empty.
+        """
         if len(shaft.angle_rad):
-            self._last = float(shaft.host_s[-1]), float(shaft.device_s[-1]), float(shaft.angle_rad[-1])
-            # By the device's own clock: the host's arrival times jitter with the load of the computer.
+            self._last = (
+                float(shaft.host_s[-1]),
+                float(shaft.device_s[-1]),
+                float(shaft.angle_rad[-1]),
+            )
+            # By the device's own clock: the host's arrival times jitter with the load of the
+            # computer.
             self._began = self._began or (float(shaft.device_s[0]), float(shaft.angle_rad[0]))
         if len(force.counts):
             wrench = force.counts / self._counts_per_unit
             squares = wrench * wrench
-            self._peak_force_N = max(self._peak_force_N, math.sqrt(squares[:, :3].sum(axis=1).max()))
-            self._peak_moment_Nm = max(self._peak_moment_Nm, math.sqrt(squares[:, 3:].sum(axis=1).max()))
+            self._peak_force_N = max(
+                self._peak_force_N, math.sqrt(squares[:, :3].sum(axis=1).max())
+            )
+            self._peak_moment_Nm = max(
+                self._peak_moment_Nm, math.sqrt(squares[:, 3:].sum(axis=1).max())
+            )
             self._min_fz_N = min(self._min_fz_N, float(wrench[:, 2].min()))
 
     def cycle(self, number: int) -> Cycle:
@@ -348,8 +425,17 @@ class CycleTally:
         began_s, began_rad = self._began or (math.nan, math.nan)
         elapsed_s = device_s - began_s
         mean_speed_rad_s = (angle_rad - began_rad) / elapsed_s if elapsed_s > 0.0 else math.nan
-        done = Cycle(number, host_s, device_s, self._peak_force_N, self._peak_moment_Nm, self._min_fz_N, mean_speed_rad_s)
-        # The next cycle begins at this sample, not at the next one: no part of a turn is left out of a mean speed.
+        done = Cycle(
+            number,
+            host_s,
+            device_s,
+            self._peak_force_N,
+            self._peak_moment_Nm,
+            self._min_fz_N,
+            mean_speed_rad_s,
+        )
+        # The next cycle begins at this sample, not at the next one: no part of a turn is left out
+        # of a mean speed.
         self._began = device_s, angle_rad
         self._forget()
         return done

@@ -1,4 +1,6 @@
-"""The one way a run stops: torque off first, then the shaft is watched until it stands, then the sensor is stopped."""
+"""The one way a run stops: torque off first, then the shaft is watched until it stands, then the
+sensor is stopped.
+"""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -32,9 +34,9 @@ RAMP_DOWN_TICK_S = 0.002
 class Standstill:
     """What the drive reported after the torque was off.
 
-    `latency_s` is the time until the shaft stood. It is NaN where the shaft did not stand within the observed time, or the drive reported
-    nothing. `turned_rad` is the angle that the shaft moved meanwhile.
-    """
+    `latency_s` is the time until the shaft stood. It is NaN where the shaft did not stand within
+    the observed time, or the drive reported nothing. `turned_rad` is the angle that the shaft moved
+    meanwhile."""
 
     latency_s: float
     turned_rad: float
@@ -53,15 +55,17 @@ UNKNOWN_STANDSTILL = Standstill(np.nan, np.nan)
 
 
 def stop(bench: Bench) -> Standstill:
-    """Removes the torque and reports the shaft's motion afterwards. May be called at any time, any number of times.
+    """Removes the torque and reports the shaft's motion afterwards. May be called at any time, any
+    number of times.
 
-    Every step is tried, whatever became of the one before, and bounded in time. Raises DeviceError where the drive could not be reached.
-    """
+    Every step is tried, whatever became of the one before, and bounded in time. Raises DeviceError
+    where the drive could not be reached."""
     try:
         try:
             disable_motor(bench.motor, bench.clock)
         except DeviceError:
-            # The run must not be reported as over while the drive may still have torque: its watchdog or the guardian must have acted.
+            # The run must not be reported as over while the drive may still have torque: its
+            # watchdog or the guardian must have acted.
             bench.clock.wait_until(bench.clock.now_s() + WATCHDOG_WAIT_S)
             raise
         return _watch_shaft(bench)
@@ -71,7 +75,9 @@ def stop(bench: Bench) -> Standstill:
 
 
 def switch_off(bench: Bench) -> None:
-    """Disables the motor and stops the sensor, without watching the shaft: a person sees that nothing moves before coming near."""
+    """Disables the motor and stops the sensor, without watching the shaft: a person sees that
+    nothing moves before coming near.
+    """
     try:
         disable_motor(bench.motor, bench.clock)
     finally:
@@ -86,7 +92,9 @@ def disable_motor(motor: ShaftMotor, clock: Clock) -> None:
             return
         except DeviceError as error:
             if not left:
-                raise DeviceError(f"the motor could not be disabled ({error}); press the emergency stop") from error
+                raise DeviceError(
+                    f"the motor could not be disabled ({error}); press the emergency stop"
+                ) from error
             clock.wait_until(clock.now_s() + RETRY_AFTER_S)
 
 
@@ -116,9 +124,12 @@ def _largest_turn(angles_rad: list[float]) -> float:
 
 
 def ramp_down(loop: Loop) -> None:
-    """Slows the shaft down evenly within RAMP_DOWN_S, with every limit checked; for stops that are no emergency. Raises Tripped."""
+    """Slows the shaft down evenly within RAMP_DOWN_S, with every limit checked; for stops that
+    are no emergency. Raises Tripped.
+    """
     speed_rad_s = loop.speed_rad_s
-    # From where the shaft is: a drive that was behind would otherwise catch up first, that is accelerate.
+    # From where the shaft is: a drive that was behind would otherwise catch up first, that is
+    # accelerate.
     loop.target_rad = loop.angle_rad
     steps = round(RAMP_DOWN_S / RAMP_DOWN_TICK_S)
     for k in range(steps):
@@ -130,9 +141,9 @@ def ramp_down(loop: Loop) -> None:
 class RecordedSamples:
     """Samples of one stage, as the devices gave them.
 
-    `start_s` is the host time of the commanded start, before which the shaft had stood for `stood_s`. `turns_rad` is to be subtracted from
-    the continuous shaft angle to get an angle within one turn of the stage's own. `photo_fault` says why a planned photo is missing.
-    """
+    `start_s` is the host time of the commanded start, before which the shaft had stood for
+    `stood_s`. `turns_rad` is to be subtracted from the continuous shaft angle to get an angle
+    within one turn of the stage's own. `photo_fault` says why a planned photo is missing."""
 
     shaft: ShaftSamples
     force: ForceSamples
@@ -146,7 +157,9 @@ class RecordedSamples:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One turn of the shaft in numbers: largest force and moment, least fz, mean speed, and both clocks at its end."""
+    """One turn of the shaft in numbers: largest force and moment, least fz, mean speed, and both
+    clocks at its end.
+    """
 
     number: int
     host_s: float
@@ -160,11 +173,13 @@ class Cycle:
 class Sink(Protocol):
     """Receives what a stage records as it comes, and the stage as soon as it is done.
 
-    Called from within the control loop, so slow work belongs elsewhere. What a method raises ends the run.
-    """
+    Called from within the control loop, so slow work belongs elsewhere. What a method raises ends
+    the run."""
 
     def begin(self, stage: Flap | Hold | Cycles) -> None:
-        """The stage records from now on. One that never gets to `flap`, `hold` or `cycles` was cut short."""
+        """The stage records from now on. One that never gets to `flap`, `hold` or `cycles` was
+        cut short.
+        """
 
     def start(self, start_s: float, turns_rad: float) -> None:
         """The commanded start is at host time `start_s`; both values as in `RecordedSamples`."""
@@ -185,7 +200,9 @@ class Sink(Protocol):
         """A stage of cycles is done, or was ended between two of them because of a stop request."""
 
     def take_tare(self, wrench: np.ndarray) -> None:
-        """The leg hangs still at the start angle: `wrench` (6,) in N and N m is its weight and the sensor's zero, nothing else."""
+        """The leg hangs still at the start angle: `wrench` (6,) in N and N m is its weight and
+        the sensor's zero, nothing else.
+        """
 
     def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         """A first stroke is done, with its largest load."""
@@ -193,5 +210,5 @@ class Sink(Protocol):
     def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
         """The motor is without torque and the run is over.
 
-        `worst_gap_s` is the longest time without a command to the drive, `bad_samples` how many samples were no numbers, by column.
-        """
+        `worst_gap_s` is the longest time without a command to the drive, `bad_samples` how many
+        samples were no numbers, by column."""

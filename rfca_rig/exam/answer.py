@@ -12,19 +12,36 @@ from typing import Any
 from rfca_rig.errors import BadInput
 
 FORMATS = ("rfca-diagnosis/1", "rfca-diagnosis/2")
-NOTHING, NAMED, UNEXPLAINED, NOT_ENOUGH, REFUSED = VERDICTS = ("nothing missing", "named", "unexplained", "not enough data", "refused")
+NOTHING, NAMED, UNEXPLAINED, NOT_ENOUGH, REFUSED = VERDICTS = (
+    "nothing missing",
+    "named",
+    "unexplained",
+    "not enough data",
+    "refused",
+)
 
 Value = tuple[float, float]
 
-# Shift of the signals that nominal values cannot explain, in units of a sample's noise, from which an effect can be found.
+# Shift of the signals that nominal values cannot explain, in units of a sample's noise, from which
+# an effect can be found.
 DETECTABLE = 2.0
 
-RIGHT, CLASS, PARTIAL, EXTRA, WRONG, SILENT, CAUTIOUS = OUTCOMES = ("right", "class", "partial", "extra", "wrong", "silent", "cautious")
+RIGHT, CLASS, PARTIAL, EXTRA, WRONG, SILENT, CAUTIOUS = OUTCOMES = (
+    "right",
+    "class",
+    "partial",
+    "extra",
+    "wrong",
+    "silent",
+    "cautious",
+)
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One listed effect: its probability, its parameters as (value, standard deviation), and effects indistinguishable from it."""
+    """One listed effect: its probability, its parameters as (value, standard deviation), and
+    effects indistinguishable from it.
+    """
 
     id: str
     probability: float
@@ -39,14 +56,16 @@ class Claim:
 
 @dataclass(frozen=True)
 class ParsedDiagnosis:
-    """A diagnosis. `verdict` is "refused" where the campaign was rejected as unusable, with an error instead of a diagnosis.
+    """A diagnosis. `verdict` is "refused" where the campaign was rejected as unusable, with an
+    error instead of a diagnosis.
 
-    `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N` is (before, after, noise floor).
-    The following are of format rfca-diagnosis/2:
+    `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N`
+    is (before, after, noise floor). The following are of format rfca-diagnosis/2:
 
     - `grade`, the stated `family`, and the `probability` of the family or the effects;
     - `place`: where something outside the catalogue acts;
-    - `support`: kind, ids and probability of every effect, with its indistinguishable ones, and every family of the best explanation.
+    - `support`: kind, ids and probability of every effect, with its indistinguishable ones, and
+      every family of the best explanation.
     """
 
     verdict: str
@@ -70,12 +89,19 @@ class ParsedDiagnosis:
 
 
 def parse_diagnosis(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> ParsedDiagnosis:
-    """A diagnosis from the data of its file. Raises BadInput, naming `where` and the key, for what the format does not allow."""
+    """A diagnosis from the data of its file. Raises BadInput, naming `where` and the key, for
+    what the format does not allow.
+    """
     # A file never says "refused": that verdict, the last one, is given where there is no file.
     if diagnosis.get("format") not in FORMATS:
-        raise BadInput(f"{where}: format {diagnosis.get('format')!r} should be {' or '.join(FORMATS)}")
+        raise BadInput(
+            f"{where}: format {diagnosis.get('format')!r} should be {' or '.join(FORMATS)}"
+        )
     if diagnosis.get("verdict") not in VERDICTS[:-1]:
-        raise BadInput(f"{where}: verdict {diagnosis.get('verdict')!r} should be one of {', '.join(VERDICTS[:-1])}")
+        raise BadInput(
+            f"{where}: verdict {diagnosis.get('verdict')!r} should be one of "
+            f"{', '.join(VERDICTS[:-1])}"
+        )
     try:
         claims = tuple(_read_claim(effect) for effect in diagnosis.get("effects", ()))
         return ParsedDiagnosis(
@@ -87,16 +113,24 @@ def parse_diagnosis(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> P
             probability=float((diagnosis.get("statement") or {}).get("probability") or 0.0),
             place=str((diagnosis.get("place") or {}).get("id", "")),
             support=tuple(
-                (str(one["kind"]), frozenset((str(one["id"]), *one.get("cannot_tell_from", ()))), float(one["probability"]))
+                (
+                    str(one["kind"]),
+                    frozenset((str(one["id"]), *one.get("cannot_tell_from", ()))),
+                    float(one["probability"]),
+                )
                 for one in diagnosis.get("support") or ()
             ),
         )
     except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None
+        raise BadInput(
+            f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json"
+        ) from None
 
 
 def read_diagnosis(path: Path) -> ParsedDiagnosis:
-    """The diagnosis in a file; a missing file counts as refused. Raises BadInput for a file of another format."""
+    """The diagnosis in a file; a missing file counts as refused. Raises BadInput for a file of
+    another format.
+    """
     if not path.is_file():
         return ParsedDiagnosis(REFUSED)
     try:
@@ -106,8 +140,16 @@ def read_diagnosis(path: Path) -> ParsedDiagnosis:
 
 
 def _read_claim(effect: Mapping[str, Any]) -> Claim:
-    values = {name: (float(each["value"]), float(each["std"])) for name, each in effect.get("parameters", {}).items()}
-    return Claim(str(effect["id"]), float(effect["probability"]), values, tuple(effect.get("cannot_tell_from", ())))
+    values = {
+        name: (float(each["value"]), float(each["std"]))
+        for name, each in effect.get("parameters", {}).items()
+    }
+    return Claim(
+        str(effect["id"]),
+        float(effect["probability"]),
+        values,
+        tuple(effect.get("cannot_tell_from", ())),
+    )
 
 
 def _read_held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:
@@ -117,8 +159,10 @@ def _read_held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:
     return float(held_out["before"]), float(held_out["after"]), float(held_out["noise_floor"])
 
 
-"""right: names exactly what is there, or nothing where nothing is, or says that it cannot explain what no name fits.
-class: every true effect lies in the class of a claim. partial: some of the true effects, nothing false.
+"""right: names exactly what is there, or nothing where nothing is, or says that it cannot explain
+what no name fits.
+class: every true effect lies in the class of a claim.
+partial: some of the true effects, nothing false.
 extra: all of them and something false. wrong: something false, and not all that is true.
 silent: nothing stated, or "nothing missing", though something is.
 cautious: "unexplained" where a cause could be named, or nothing is missing.
@@ -129,11 +173,14 @@ cautious: "unexplained" where a cause could be named, or nothing is missing.
 class Truth:
     """The part of a truth that is scored.
 
-    - `effects` with their parameters, `strangers` (outside the catalogue) by name; `accepted` are further right names.
-    - `nameless`: something is wrong that no effect describes, so that only "unexplained", or a refusal, is right.
+    - `effects` with their parameters, `strangers` (outside the catalogue) by name; `accepted` are
+      further right names.
+    - `nameless`: something is wrong that no effect describes, so that only "unexplained", or a
+      refusal, is right.
     - `lawless`: the true law is not the catalogue's, so parameters are not compared.
     - `poor`: too few conditions for a statement.
-    - `left`: shift of the forces beyond what nominal values can explain, in units of the noise; `left_of_each` for each effect alone.
+    - `left`: shift of the forces beyond what nominal values can explain, in units of the noise;
+      `left_of_each` for each effect alone.
     - `faintest_above`: the smallest of these shifts, in units of noise and usual model error.
     """
 
@@ -201,7 +248,8 @@ def outcome(truth: Truth, answer: ParsedDiagnosis) -> str:
         return SILENT if answer.verdict == NOTHING and not truth.silence_is_right else RIGHT
     if answer.verdict == NOTHING:
         return SILENT if truth.effects else RIGHT
-    # What remains is no statement: that is right only where the data do not allow one, or where no effect describes the deviation.
+    # What remains is no statement: that is right only where the data do not allow one, or where no
+    # effect describes the deviation.
     if answer.verdict in (NOT_ENOUGH, REFUSED):
         return RIGHT if truth.poor else CAUTIOUS
     return RIGHT if truth.lawless or (truth.model_error and not truth.effects) else CAUTIOUS

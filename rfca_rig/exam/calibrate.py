@@ -1,13 +1,15 @@
-"""Fits the probabilities of statements to benchmark cases: python -m rfca_rig.exam.calibrate SOURCE... --out calibration.json
+"""Fits the probabilities of statements to benchmark cases: python -m rfca_rig.exam.calibrate
+SOURCE... --out calibration.json
 
-A SOURCE is the folder of a finished benchmark (`rfca-rig prove`), or a file of labelled statements about other rigs (rfca-statements/1).
-Each diagnosis of a benchmark holds the support of the effects and families of its best explanation. The truths are opened, and give the
-label of each. A fit to every second case is judged on the others, each kind of rig by itself. The weights that are written are fitted to
-all.
+A SOURCE is the folder of a finished benchmark (`rfca-rig prove`), or a file of labelled statements
+about other rigs (rfca-statements/1). Each diagnosis of a benchmark holds the support of the effects
+and families of its best explanation. The truths are opened, and give the label of each. A fit to
+every second case is judged on the others, each kind of rig by itself. The weights that are written
+are fitted to all.
 
-rfca-statements/1 is JSON: `words` say what was simulated, and each entry of `statements` has `case`, `rig`, `kind` ("effect" or "family"),
-`values` (the support, as in diagnosis.json) and `true`.
-"""
+rfca-statements/1 is JSON: `words` say what was simulated, and each entry of `statements` has
+`case`, `rig`, `kind` ("effect" or "family"), `values` (the support, as in diagnosis.json) and
+`true`."""
 
 import argparse
 import json
@@ -92,12 +94,21 @@ def _read_file(path: Path) -> tuple[str, list[Statement]]:
         if content["format"] != STATEMENTS:
             raise BadInput(f"{path}: format {content['format']!r} should be {STATEMENTS}")
         listed = [
-            Statement(f"{path.name}/{one['case']}", str(one["rig"]), str(one["kind"]), one["values"], bool(one["true"]))
+            Statement(
+                f"{path.name}/{one['case']}",
+                str(one["rig"]),
+                str(one["kind"]),
+                one["values"],
+                bool(one["true"]),
+            )
             for one in content["statements"]
         ]
         return str(content["words"]), listed
     except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise BadInput(f"{path}: is no file of statements, {type(error).__name__} at {error}; see the format {STATEMENTS}") from None
+        raise BadInput(
+            f"{path}: is no file of statements, {type(error).__name__} at {error}; see "
+            f"the format {STATEMENTS}"
+        ) from None
 
 
 def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
@@ -109,8 +120,14 @@ def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
         diagnosed += 1
         rig = PENDULUM if truth["kind"] in PENDULUM_KINDS else LEG
         for one in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
-            is_right = is_true(one["kind"], {one["id"], *one.get("cannot_tell_from", ())}, parse_truth(truth))
-            found.append(Statement(f"{folder.name}/{truth['case']}", rig, one["kind"], one["values"], is_right))
+            is_right = is_true(
+                one["kind"], {one["id"], *one.get("cannot_tell_from", ())}, parse_truth(truth)
+            )
+            found.append(
+                Statement(
+                    f"{folder.name}/{truth['case']}", rig, one["kind"], one["values"], is_right
+                )
+            )
     return f"{read_plan(folder).words}, {diagnosed} of them diagnosed", found
 
 
@@ -130,7 +147,10 @@ def label(statements: Sequence[Statement], kind: str) -> Labelled:
     """
     of_kind = [one for one in statements if one.kind == kind]
     if not of_kind:
-        raise BadInput(f"no diagnosis with support for a calibration of kind {kind!r}; run rfca-rig prove first")
+        raise BadInput(
+            f"no diagnosis with support for a calibration of kind {kind!r}; run rfca-rig "
+            "prove first"
+        )
     return Labelled(
         np.array([features_in(one.values) for one in of_kind]),
         np.array([one.true for one in of_kind]),
@@ -147,7 +167,8 @@ def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
     intercept : float
         Log odds at zero features; its prior is flat.
     weights : (f,) array
-        Per unit of each feature. Their prior is normal, with RIDGE per standard deviation of the feature.
+        Per unit of each feature. Their prior is normal, with RIDGE per standard deviation of the
+        feature.
     """
     # A feature that is constant in these cases would divide by zero.
     spread = np.maximum(labelled.features.std(axis=0), 1e-9)
@@ -160,10 +181,16 @@ def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
         # Derivative of the log loss by the log odds; expit and log_expit do not overflow.
         slope = -sign * expit(-logit)
         gradient = np.append(slope.sum(), scaled.T @ slope + parameters[1:] / RIDGE**2)
-        return float(-log_expit(logit).sum() + 0.5 * (parameters[1:] ** 2).sum() / RIDGE**2), gradient
+        return float(
+            -log_expit(logit).sum() + 0.5 * (parameters[1:] ** 2).sum() / RIDGE**2
+        ), gradient
 
-    # More support can never make a statement less probable: bounds keep each weight's sign whatever the sample.
-    bounds = [(None, None), *((0.0, None) if feature.sign > 0 else (None, 0.0) for feature in FEATURES)]
+    # More support can never make a statement less probable: bounds keep each weight's sign whatever
+    # the sample.
+    bounds = [
+        (None, None),
+        *((0.0, None) if feature.sign > 0 else (None, 0.0) for feature in FEATURES),
+    ]
     fit = minimize(cost, np.zeros(1 + len(FEATURES)), jac=True, method="L-BFGS-B", bounds=bounds).x
     weights = fit[1:] / spread
     return float(fit[0] - weights @ middle), np.asarray(weights)
@@ -191,21 +218,36 @@ def calibrate(sources: Sequence[Path]) -> dict[str, Any]:
     content: dict[str, Any] = {"format": FORMAT, "benchmarks": [words for words, _ in read]}
     for kind in ("effect", "family"):
         labelled = label(statements, kind)
-        fitted, others = (labelled.select(np.isin(labelled.case, in_fit, invert=invert)) for invert in (False, True))
+        fitted, others = (
+            labelled.select(np.isin(labelled.case, in_fit, invert=invert))
+            for invert in (False, True)
+        )
         if not len(fitted.true) or not len(others.true):
-            raise BadInput(f"all statements of kind {kind!r} are about one half of the cases; run rfca-rig prove with more cases")
+            raise BadInput(
+                f"all statements of kind {kind!r} are about one half of the cases; run "
+                "rfca-rig prove with more cases"
+            )
         intercept, weights = fit_weights(fitted)
         probability = expit(intercept + others.features @ weights)
-        # Half of the cases are few; once a fit to them is judged, the other half makes the weights better.
+        # Half of the cases are few; once a fit to them is judged, the other half makes the weights
+        # better.
         intercept, weights = fit_weights(labelled)
         content[kind] = {
             "intercept": round(intercept, 4),
-            "weights": {feature.name: round(float(weight), 4) for feature, weight in zip(FEATURES, weights, strict=True)},
+            "weights": {
+                feature.name: round(float(weight), 4)
+                for feature, weight in zip(FEATURES, weights, strict=True)
+            },
             "statements": len(labelled.true),
             "true": int(labelled.true.sum()),
             "other_half": {
                 "all": judge(others, probability),
-                **{str(rig): judge(others.select(others.rig == rig), probability[others.rig == rig]) for rig in np.unique(others.rig)},
+                **{
+                    str(rig): judge(
+                        others.select(others.rig == rig), probability[others.rig == rig]
+                    )
+                    for rig in np.unique(others.rig)
+                },
             },
         }
     return content
@@ -213,8 +255,12 @@ def calibrate(sources: Sequence[Path]) -> dict[str, Any]:
 
 def main() -> int:
     """The command."""
-    parser = argparse.ArgumentParser(description="Calibrates the probabilities of statements on finished benchmarks.")
-    parser.add_argument("sources", type=Path, nargs="+", help="folders of rfca-rig prove, or files of statements")
+    parser = argparse.ArgumentParser(
+        description="Calibrates the probabilities of statements on finished benchmarks."
+    )
+    parser.add_argument(
+        "sources", type=Path, nargs="+", help="folders of rfca-rig prove, or files of statements"
+    )
     parser.add_argument("--out", type=Path, required=True, help="calibration.json")
     arguments = parser.parse_args()
     try:
@@ -223,7 +269,9 @@ def main() -> int:
     except RigError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    print(json.dumps({kind: content[kind]["other_half"] for kind in ("effect", "family")}, indent=1))
+    print(
+        json.dumps({kind: content[kind]["other_half"] for kind in ("effect", "family")}, indent=1)
+    )
     return 0
 
 

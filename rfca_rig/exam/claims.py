@@ -1,11 +1,12 @@
 """Calibration of the claims' probabilities, and errors of the parameters of named effects.
 
-Scores of graded answers: whether each statement is true, whether sizes lie in their intervals, whether a place is right.
+Scores of graded answers: whether each statement is true, whether sizes lie in their intervals,
+whether a place is right.
 
-A statement is an effect that is stated as identified or as most of what is missing, or a family where no effect is stated. An effect is
-true if the case hides it, or an effect of its indistinguishable set. A family is true if the case hides a member, or an effect outside
-the catalogue that belongs to it.
-"""
+A statement is an effect that is stated as identified or as most of what is missing, or a family
+where no effect is stated. An effect is true if the case hides it, or an effect of its
+indistinguishable set. A family is true if the case hides a member, or an effect outside the
+catalogue that belongs to it."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +25,8 @@ Array = NDArray[Any]
 
 BINS = 10
 CONFIDENT = 0.9
-# In the logarithmic score, probabilities are clipped at this distance from 0 and 1: a wrong 0 or 1 would cost infinitely much.
+# In the logarithmic score, probabilities are clipped at this distance from 0 and 1: a wrong 0 or 1
+# would cost infinitely much.
 PROBABILITY_FLOOR = 1e-3
 # Half width of a normal 90 % interval, in standard deviations.
 NINETY_PERCENT = 1.645
@@ -41,7 +43,8 @@ STATEMENT_BINS = 7
 NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR, PENDULUM_NOTHING)
 SINGLE_KINDS = (cases.SINGLE, PENDULUM_SINGLE)
 
-# Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it acts.
+# Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it
+# acts.
 STRANGERS: Mapping[str, tuple[str, str]] = {
     "force_cogging": ("", "sensor"),
     "hinge_asymmetry": ("hinge_stiffness", "hinges"),
@@ -71,9 +74,9 @@ STRANGERS: Mapping[str, tuple[str, str]] = {
 class ClaimCalibration:
     """Calibration of all listed claims; NaN where there is none.
 
-    A true effect that was not listed has no stated probability; the counts of effects include it, these scores do not.
-    `bins` (10, 3): number of claims, their mean probability, share of them right.
-    """
+    A true effect that was not listed has no stated probability; the counts of effects include it,
+    these scores do not. `bins` (10, 3): number of claims, their mean probability, share of them
+    right."""
 
     brier: float
     log_score: float
@@ -93,7 +96,9 @@ class ParameterAccuracy:
 
 
 def calibration(judged: Judged) -> ClaimCalibration:
-    """Brier and logarithmic score, expected calibration error, and the share of right claims among those at 90 % or more."""
+    """Brier and logarithmic score, expected calibration error, and the share of right claims
+    among those at 90 % or more.
+    """
     p, hit = _claims(judged)
     if not len(p):
         return ClaimCalibration(np.nan, np.nan, np.nan, 0, np.nan, ())
@@ -101,7 +106,10 @@ def calibration(judged: Judged) -> ClaimCalibration:
     sure = p >= CONFIDENT
     place = np.minimum((p * BINS).astype(int), BINS - 1)
     inside = [place == b for b in range(BINS)]
-    bins = tuple((int(i.sum()), float(p[i].mean()), float(hit[i].mean())) if i.any() else (0, np.nan, np.nan) for i in inside)
+    bins = tuple(
+        (int(i.sum()), float(p[i].mean()), float(hit[i].mean())) if i.any() else (0, np.nan, np.nan)
+        for i in inside
+    )
     return ClaimCalibration(
         brier=float(((p - hit) ** 2).mean()),
         log_score=float(-np.where(hit, np.log(bounded), np.log(1.0 - bounded)).mean()),
@@ -121,7 +129,9 @@ def _claims(judged: Judged) -> tuple[Array, Array]:
     return np.array(p, dtype=float), np.array(hit, dtype=bool)
 
 
-def calibration_error(probability: Array, true: Array, least: float = 0.0, bins: int = BINS) -> float:
+def calibration_error(
+    probability: Array, true: Array, least: float = 0.0, bins: int = BINS
+) -> float:
     """Expected calibration error over equal bins of the probability from `least` to 1.
 
     Parameters
@@ -139,29 +149,49 @@ def calibration_error(probability: Array, true: Array, least: float = 0.0, bins:
     """
     # A probability of exactly 1 belongs to the last bin.
     place = np.minimum(((probability - least) / (1.0 - least) * bins).astype(int), bins - 1)
-    return float(sum(abs(probability[place == b].sum() - true[place == b].sum()) for b in range(bins)) / len(true))
+    return float(
+        sum(abs(probability[place == b].sum() - true[place == b].sum()) for b in range(bins))
+        / len(true)
+    )
 
 
 def values(judged: Judged) -> ParameterAccuracy:
-    """Errors of the parameters of effects that are named by their own id, in cases whose true law is the catalogue's."""
-    found = [each for truth, answer in judged if not truth.lawless for claim in answer.named for each in parameter_errors(truth, claim)]
+    """Errors of the parameters of effects that are named by their own id, in cases whose true
+    law is the catalogue's.
+    """
+    found = [
+        each
+        for truth, answer in judged
+        if not truth.lawless
+        for claim in answer.named
+        for each in parameter_errors(truth, claim)
+    ]
     if not found:
         return ParameterAccuracy(0, np.nan, np.nan)
     errors, covered = zip(*found, strict=True)
     inside = [each for each in covered if each is not None]
-    return ParameterAccuracy(len(errors), float(np.median(errors)), float(np.mean(inside)) if inside else np.nan)
+    return ParameterAccuracy(
+        len(errors), float(np.median(errors)), float(np.mean(inside)) if inside else np.nan
+    )
 
 
 def parameter_errors(truth: Truth, claim: Claim) -> list[tuple[float, bool | None]]:
-    """(relative error, whether the truth is inside the 90 % interval) of each parameter of a claim; empty for a false claim.
+    """(relative error, whether the truth is inside the 90 % interval) of each parameter of a claim;
+    empty for a false claim.
 
-    Errors are relative to what the effect changes: a gain of 1.03 found as 1.02 is off by a third. A whole number is right or wrong.
-    """
+    Errors are relative to what the effect changes: a gain of 1.03 found as 1.02 is off by a third.
+    A whole number is right or wrong."""
     true = truth.effects.get(claim.id, {})
-    return [_error(claim.id, name, true[name], value) for name, value in claim.parameters.items() if name in true]
+    return [
+        _error(claim.id, name, true[name], value)
+        for name, value in claim.parameters.items()
+        if name in true
+    ]
 
 
-def _error(effect: str, name: str, true: float, found: tuple[float, float]) -> tuple[float, bool | None]:
+def _error(
+    effect: str, name: str, true: float, found: tuple[float, float]
+) -> tuple[float, bool | None]:
     value, std = found
     if name in WHOLE_NUMBERS:
         return float(round(value) != round(true)), None
@@ -174,14 +204,18 @@ def _error(effect: str, name: str, true: float, found: tuple[float, float]) -> t
 class StatementScores:
     """Counts as (hits, of).
 
-    - `singles`: detectable single effects of which the effect, or its family, is stated and nothing wrong.
+    - `singles`: detectable single effects of which the effect, or its family, is stated and nothing
+      wrong.
     - `claims_on_nothing`: cases with nothing missing in which an effect or family is stated.
     - `wrong`: wrong ones of all statements at SURE_PROBABILITY or more.
     - `family`: approximate laws whose family, or effect, is stated and nothing wrong.
-    - `sizes`: parameters of true effects inside their 90 % intervals; `family_sizes`: the same where the law is approximate.
+    - `sizes`: parameters of true effects inside their 90 % intervals; `family_sizes`: the same
+      where the law is approximate.
     - `triples`: cases of three effects in which two or more are stated and nothing wrong.
-    - `place`: effects outside the catalogue that are unexplained and located rightly, of those with a place.
-    - `calibration_error`: expected calibration error of the `probabilities` of MIN_PROBABILITY or more, NaN where there are none.
+    - `place`: effects outside the catalogue that are unexplained and located rightly, of those with
+      a place.
+    - `calibration_error`: expected calibration error of the `probabilities` of MIN_PROBABILITY or
+      more, NaN where there are none.
     """
 
     singles: tuple[int, int]
@@ -199,10 +233,17 @@ class StatementScores:
 def score_statements(judged: Judged) -> StatementScores:
     """Score the statements of these cases."""
     null = [answer for truth, answer in judged if truth.kind in NULL_KINDS]
-    sure = [right for truth, answer in judged for probability, right in statements(truth, answer) if probability >= SURE_PROBABILITY]
+    sure = [
+        right
+        for truth, answer in judged
+        for probability, right in statements(truth, answer)
+        if probability >= SURE_PROBABILITY
+    ]
     approximate = [pair for pair in judged if pair[0].kind == cases.APPROXIMATE]
     triples = [pair for pair in judged if pair[0].kind == cases.TRIPLE]
-    singles = [pair for pair in judged if pair[0].kind in SINGLE_KINDS and pair[0].left >= DETECTABLE]
+    singles = [
+        pair for pair in judged if pair[0].kind in SINGLE_KINDS and pair[0].left >= DETECTABLE
+    ]
     lawful = [pair for pair in judged if not pair[0].lawless]
     placed = [
         answer.place == STRANGERS[name][1]
@@ -213,14 +254,19 @@ def score_statements(judged: Judged) -> StatementScores:
     probability, true = _probabilities(judged)
     return StatementScores(
         singles=(sum(has_right_family(*pair) for pair in singles), len(singles)),
-        claims_on_nothing=(sum(bool(answer.stated or _family_alone(answer)) for answer in null), len(null)),
+        claims_on_nothing=(
+            sum(bool(answer.stated or _family_alone(answer)) for answer in null),
+            len(null),
+        ),
         wrong=(sum(not right for right in sure), len(sure)),
         family=(sum(has_right_family(*pair) for pair in approximate), len(approximate)),
         sizes=_count_covered(lawful),
         family_sizes=_count_covered(approximate),
         triples=(sum(_states_two(*pair) for pair in triples), len(triples)),
         place=(sum(placed), len(placed)),
-        calibration_error=calibration_error(np.array(probability), np.array(true), MIN_PROBABILITY, STATEMENT_BINS)
+        calibration_error=calibration_error(
+            np.array(probability), np.array(true), MIN_PROBABILITY, STATEMENT_BINS
+        )
         if true
         else float("nan"),
         probabilities=len(probability),
@@ -252,9 +298,14 @@ def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
 
 
 def has_right_family(truth: Truth, answer: ParsedDiagnosis) -> bool:
-    """Whether an effect or a family is stated, and all statements belong to families of true effects."""
+    """Whether an effect or a family is stated, and all statements belong to families of true
+    effects.
+    """
     right = {family.id for effect in truth.effects for family in families_of(effect)}
-    stated = [{family.id for member in claim.members for family in families_of(member)} for claim in answer.stated]
+    stated = [
+        {family.id for member in claim.members for family in families_of(member)}
+        for claim in answer.stated
+    ]
     if not stated and _family_alone(answer):
         stated = [{answer.family}]
     return bool(stated) and all(each & right for each in stated)
@@ -277,7 +328,9 @@ def _count_covered(judged: Judged) -> tuple[int, int]:
 
 
 def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
-    """Probabilities, and whether each is right, of every effect and family of the best explanation, stated or not."""
+    """Probabilities, and whether each is right, of every effect and family of the best
+    explanation, stated or not.
+    """
     found = []
     for truth, answer in judged:
         for kind, names, probability in answer.support:

@@ -1,4 +1,5 @@
-"""The exam from end to end: write and seal cases, diagnose each as for any user, then open the truths and score.
+"""The exam from end to end: write and seal cases, diagnose each as for any user, then open the
+truths and score.
 
 An interrupted exam keeps its results: the same call resumes it.
 """
@@ -20,7 +21,7 @@ from rfca_rig.recording.atomic import atomic_directory, refresh_nfs_cache, remov
 DIAGNOSES, CRASHES, REFUSAL, SECONDS = "diagnoses", "crashed", "refused.txt", "seconds.txt"
 
 Diagnose = Callable[[Path, Path], object]
-"""Reads the campaign in the first folder, writes diagnosis.json into the second, which is not there yet."""
+"""Reads the campaign in the first folder, writes diagnosis.json into the second, which is new."""
 
 Clocks = Callable[[], Clock]
 """Makes the clock of one process, to time its diagnoses with."""
@@ -60,8 +61,9 @@ def examine(
     Raises
     ------
     RigError
-        Where a diagnosis raises anything but BadInput or SimulationFailed. The other cases are still answered, nothing is scored, and
-        the message names the case. A BadInput or SimulationFailed counts as an answer, that the campaign cannot be used.
+        Where a diagnosis raises anything but BadInput or SimulationFailed. The other cases are
+        still answered, nothing is scored, and the message names the case. A BadInput or
+        SimulationFailed counts as an answer, that the campaign cannot be used.
     """
     executor = executor or InProcessExecutor()
     campaigns = write_all(folder, ExamPlan(seed, numbers), executor, report_progress)
@@ -77,16 +79,22 @@ def diagnose_campaigns(
     clocks: Clocks | None = None,
     report_progress: ProgressReport = ignore_named_progress,
 ) -> None:
-    """Diagnose each campaign that has no diagnosis yet. Raises RigError where one crashes, after the others are done."""
+    """Diagnose each campaign that has no diagnosis yet. Raises RigError where one crashes, after
+    the others are done.
+    """
     diagnoses = folder / DIAGNOSES
     diagnoses.mkdir(exist_ok=True)
     remove_leftovers(diagnoses)
-    to_answer = [campaign.resolve() for campaign in campaigns if not (diagnoses / campaign.name).is_dir()]
+    to_answer = [
+        campaign.resolve() for campaign in campaigns if not (diagnoses / campaign.name).is_dir()
+    ]
     before = len(campaigns) - len(to_answer)
     report_progress("campaigns diagnosed", before, len(campaigns))
     crashed: dict[str, TaskFailure] = {}
     work = partial(diagnose_campaign, diagnoses.resolve(), diagnose, clocks)
-    for number, (campaign, result) in enumerate(map_unordered(executor, work, to_answer), start=before + 1):
+    for number, (campaign, result) in enumerate(
+        map_unordered(executor, work, to_answer), start=before + 1
+    ):
         _keep(result, folder / CRASHES / f"{campaign.name}.txt")
         if isinstance(result, TaskFailure):
             crashed[campaign.name] = result
@@ -94,14 +102,17 @@ def diagnose_campaigns(
     if crashed:
         first, failed = min(crashed.items())
         raise RigError(
-            f"{len(crashed)} of {len(campaigns)} diagnoses crashed, as {first} with {failed.reason}; "
+            f"{len(crashed)} of {len(campaigns)} diagnoses crashed, as {first} with "
+            f"{failed.reason}; "
             f"nothing is marked; {folder / CRASHES} shows where, the same command tries them again"
         )
     # Other machines may have written these files: the local view of a network folder may be old.
     refresh_nfs_cache(diagnoses)
 
 
-def diagnose_campaign(diagnoses: Path, diagnose: Diagnose, clocks: Clocks | None, campaign: Path) -> None:
+def diagnose_campaign(
+    diagnoses: Path, diagnose: Diagnose, clocks: Clocks | None, campaign: Path
+) -> None:
     """Diagnose one campaign and write the duration beside it, atomically."""
     clock = clocks() if clocks else None
     with atomic_directory(diagnoses / campaign.name) as into:

@@ -1,12 +1,14 @@
-"""Tests whether the experiments that a diagnosis proposes settle open cases, and with fewer than experiments drawn at random.
+"""Tests whether the experiments that a diagnosis proposes settle open cases, and with fewer than
+experiments drawn at random.
 
-The open cases are those with too few recordings. The exam's simulator does the proposed experiment on the same hidden rig, and old and
-new recordings are diagnosed together. This repeats until the verdict is right with no alternative left. The control arm draws its
-experiments at random from the rig's range.
+The open cases are those with too few recordings. The exam's simulator does the proposed experiment
+on the same hidden rig, and old and new recordings are diagnosed together. This repeats until the
+verdict is right with no alternative left. The control arm draws its experiments at random from the
+rig's range.
 
-An ablation diagnoses without an effect in the catalogue. Its cases are those of a finished exam with one detectable hidden effect. Each is
-diagnosed again without that effect. Then no name is right, and a confident one is the worst possible answer.
-"""
+An ablation diagnoses without an effect in the catalogue. Its cases are those of a finished exam
+with one detectable hidden effect. Each is diagnosed again without that effect. Then no name is
+right, and a confident one is the worst possible answer."""
 
 import json
 import shutil
@@ -20,7 +22,17 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.exam.answer import DETECTABLE, NAMED, NOTHING, RIGHT, ParsedDiagnosis, Truth, outcome, parse_truth, read_diagnosis
+from rfca_rig.exam.answer import (
+    DETECTABLE,
+    NAMED,
+    NOTHING,
+    RIGHT,
+    ParsedDiagnosis,
+    Truth,
+    outcome,
+    parse_truth,
+    read_diagnosis,
+)
 from rfca_rig.exam.cases import POOR_DATA, SINGLE, Case, draw_cases
 from rfca_rig.exam.claims import CONFIDENT
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose, diagnose_campaign
@@ -40,7 +52,10 @@ MAX_EXPERIMENTS = 4
 HEIGHTS_MM, SPEEDS_RAD_S, REPEATS = tuple(np.arange(195.0, 236.0, 5.0)), (1.0, 1.5, 2.0, 2.4), 3
 # Share of static tables among the random experiments.
 RANDOM_STATIC_SHARE = 0.3
-RANDOM_STAGES = tuple({"angle_deg": angle, "direction": "loading"} for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0))
+RANDOM_STAGES = tuple(
+    {"angle_deg": angle, "direction": "loading"}
+    for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0)
+)
 
 Proposal = Mapping[str, Any]
 
@@ -60,16 +75,35 @@ class FollowUp:
     said: str
 
 
-def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, report_progress: ProgressReport = ignore_named_progress) -> None:
-    """Follow all open cases of a finished exam in both arms, into `folder`/follow-ups. Finished ones are kept.
+def follow_up(
+    folder: Path,
+    diagnose: Diagnose,
+    executor: TaskExecutor,
+    report_progress: ProgressReport = ignore_named_progress,
+) -> None:
+    """Follow all open cases of a finished exam in both arms, into `folder`/follow-ups. Finished
+    ones are kept.
 
     Raises RigError where one fails, after the others are done.
     """
     plan = read_plan(folder)
-    cases = {case.id: case for case in draw_cases(plan.seed, plan.numbers) if isinstance(case, Case) and case.kind == POOR_DATA}
-    truths = {truth["case"]: parse_truth(truth) for truth in open_all(folder) if truth["case"] in cases}
+    cases = {
+        case.id: case
+        for case in draw_cases(plan.seed, plan.numbers)
+        if isinstance(case, Case) and case.kind == POOR_DATA
+    }
+    truths = {
+        truth["case"]: parse_truth(truth) for truth in open_all(folder) if truth["case"] in cases
+    }
     jobs = [(case, truths[id_], arm) for id_, case in cases.items() for arm in ARMS]
-    run_jobs(executor, partial(follow_case, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", report_progress)
+    run_jobs(
+        executor,
+        partial(follow_case, folder.resolve(), diagnose),
+        jobs,
+        _case_and_arm,
+        "open cases followed",
+        report_progress,
+    )
 
 
 def _case_and_arm(job: tuple[Case, Truth, str]) -> str:
@@ -92,7 +126,9 @@ def follow_case(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) 
     return found
 
 
-def _rounds(case: Case, truth: Truth, arm: str, place: Path, first: Path, diagnose: Diagnose) -> FollowUp:
+def _rounds(
+    case: Case, truth: Truth, arm: str, place: Path, first: Path, diagnose: Diagnose
+) -> FollowUp:
     # A stream of its own: experiments must not repeat the noise of the case's recordings.
     random = np.random.default_rng([case.seed, 77])
     latest = first
@@ -114,8 +150,14 @@ def _rounds(case: Case, truth: Truth, arm: str, place: Path, first: Path, diagno
 
 
 def _read_proposal(diagnosis: Path) -> Proposal | None:
-    """The proposed experiment; None where there is none, or where it needs a person instead of the rig."""
-    proposal = json.loads(diagnosis.read_text(encoding="utf-8"))["next_experiment"] if diagnosis.is_file() else None
+    """The proposed experiment; None where there is none, or where it needs a person instead of
+    the rig.
+    """
+    proposal = (
+        json.loads(diagnosis.read_text(encoding="utf-8"))["next_experiment"]
+        if diagnosis.is_file()
+        else None
+    )
     return proposal if proposal and proposal["protocol"] else None
 
 
@@ -124,7 +166,11 @@ def draw_experiment(random: np.random.Generator) -> Proposal:
     height_mm = float(random.choice(HEIGHTS_MM))
     if random.random() < RANDOM_STATIC_SHARE:
         return {"height_mm": height_mm, "stages": RANDOM_STAGES}
-    return {"height_mm": height_mm, "speed_rad_s": float(random.choice(SPEEDS_RAD_S)), "repeats": REPEATS}
+    return {
+        "height_mm": height_mm,
+        "speed_rad_s": float(random.choice(SPEEDS_RAD_S)),
+        "repeats": REPEATS,
+    }
 
 
 def _in_words(diagnosis: Path) -> str:
@@ -147,16 +193,30 @@ class ArmResult:
     @property
     def words(self) -> str:
         return (
-            f"open cases, next experiments {self.arm}: {self.settled} of {self.of} settled, {self.experiments:.2f} experiments on average"
+            f"open cases, next experiments {self.arm}: {self.settled} of {self.of} settled, "
+            f"{self.experiments:.2f} experiments on average"
         )
 
 
 def ways(folder: Path) -> tuple[ArmResult, ...]:
     """Results of the follow-ups in an exam's folder, by arm; empty where none were done."""
-    found = [FollowUp(**json.loads(path.read_text(encoding="utf-8"))) for path in sorted((folder / FOLDER).glob(f"*/{RESULT}"))]
-    faint = {truth.case for truth in map(parse_truth, open_all(folder)) if truth.effects and truth.left < DETECTABLE} if found else set()
+    found = [
+        FollowUp(**json.loads(path.read_text(encoding="utf-8")))
+        for path in sorted((folder / FOLDER).glob(f"*/{RESULT}"))
+    ]
+    faint = (
+        {
+            truth.case
+            for truth in map(parse_truth, open_all(folder))
+            if truth.effects and truth.left < DETECTABLE
+        }
+        if found
+        else set()
+    )
     shown = [each for each in found if each.case not in faint]
-    return tuple(way for arm in ARMS if (way := _way(arm, [each for each in shown if each.arm == arm])).of)
+    return tuple(
+        way for arm in ARMS if (way := _way(arm, [each for each in shown if each.arm == arm])).of
+    )
 
 
 def _way(arm: str, found: Sequence[FollowUp]) -> ArmResult:
@@ -164,13 +224,18 @@ def _way(arm: str, found: Sequence[FollowUp]) -> ArmResult:
     return ArmResult(arm, sum(each.settled for each in found), len(found), mean)
 
 
-"""Without the effect of that id in the catalogue, reads the campaign in the first folder and writes diagnosis.json into the second."""
+"""Reads the campaign in the first folder and writes diagnosis.json into the second, without the
+effect of that id in the catalogue."""
 
 
 def run_ablation(
-    folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, report_progress: ProgressReport = ignore_named_progress
+    folder: Path,
+    diagnose: DiagnoseWithout,
+    executor: TaskExecutor,
+    report_progress: ProgressReport = ignore_named_progress,
 ) -> None:
-    """Diagnose every such case of the exam in `folder` without its effect, into `folder`/taken-out. Finished ones are kept.
+    """Diagnose every such case of the exam in `folder` without its effect, into `folder`/taken-out.
+    Finished ones are kept.
 
     Raises RigError where one could not be diagnosed, after the others are done.
     """
@@ -179,7 +244,14 @@ def run_ablation(
     remove_leftovers(answers)
     to_diagnose = [truth for truth in _visible(folder) if not (answers / truth.case).is_dir()]
     jobs = [(truth.case, effect) for truth in to_diagnose for effect in truth.effects]
-    run_jobs(executor, partial(_diagnose, folder.resolve(), diagnose), jobs, _case, "entries taken out", report_progress)
+    run_jobs(
+        executor,
+        partial(_diagnose, folder.resolve(), diagnose),
+        jobs,
+        _case,
+        "entries taken out",
+        report_progress,
+    )
     refresh_nfs_cache(answers)
 
 
@@ -188,17 +260,25 @@ def _case(job: tuple[str, str]) -> str:
 
 
 def _visible(folder: Path) -> list[Truth]:
-    return [truth for truth in map(parse_truth, open_all(folder)) if truth.kind == SINGLE and truth.left >= DETECTABLE]
+    return [
+        truth
+        for truth in map(parse_truth, open_all(folder))
+        if truth.kind == SINGLE and truth.left >= DETECTABLE
+    ]
 
 
 def _diagnose(folder: Path, diagnose: DiagnoseWithout, job: tuple[str, str]) -> None:
     case, effect = job
-    diagnose_campaign(folder / ABLATION_FOLDER, partial(diagnose, effect), None, folder / CAMPAIGNS / case)
+    diagnose_campaign(
+        folder / ABLATION_FOLDER, partial(diagnose, effect), None, folder / CAMPAIGNS / case
+    )
 
 
 @dataclass(frozen=True)
 class WronglyNamed:
-    """A case whose effect was removed and in which effects were named nevertheless, with the lowest of their probabilities."""
+    """A case whose effect was removed and in which effects were named nevertheless, with the
+    lowest of their probabilities.
+    """
 
     case: str
     effect: str
@@ -208,7 +288,9 @@ class WronglyNamed:
 
 @dataclass(frozen=True)
 class AblationResult:
-    """Shares of cases with a wrong name at CONFIDENT or more, with "unexplained" and with "nothing missing"; and all named ones."""
+    """Shares of cases with a wrong name at CONFIDENT or more, with "unexplained" and with
+    "nothing missing"; and all named ones.
+    """
 
     confident_wrong: Share
     unexplained: Share
@@ -219,8 +301,10 @@ class AblationResult:
     def words(self) -> str:
         wrong, unexplained = self.confident_wrong, self.unexplained
         return (
-            f"each effect removed from the catalogue in turn: {wrong.hits} of {wrong.of} identified as another at {100.0 * CONFIDENT:g} % "
-            f"or more, {unexplained.hits} reported as unexplained, {self.silent.hits} as nothing missing"
+            f"each effect removed from the catalogue in turn: {wrong.hits} of {wrong.of} "
+            f"identified as another at {100.0 * CONFIDENT:g} % "
+            f"or more, {unexplained.hits} reported as unexplained, {self.silent.hits} as "
+            "nothing missing"
         )
 
 
@@ -229,10 +313,18 @@ def read_ablation(folder: Path) -> AblationResult | None:
     answers = folder / ABLATION_FOLDER
     if not answers.is_dir():
         return None
-    judged = [(truth, read_diagnosis(answers / truth.case / DIAGNOSIS)) for truth in _visible(folder) if (answers / truth.case).is_dir()]
+    judged = [
+        (truth, read_diagnosis(answers / truth.case / DIAGNOSIS))
+        for truth in _visible(folder)
+        if (answers / truth.case).is_dir()
+    ]
     return AblationResult(
-        confident_wrong=_share([any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]),
-        unexplained=_share([not result.named and result.verdict != NOTHING for _, result in judged]),
+        confident_wrong=_share(
+            [any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]
+        ),
+        unexplained=_share(
+            [not result.named and result.verdict != NOTHING for _, result in judged]
+        ),
         silent=_share([result.verdict == NOTHING for _, result in judged]),
         named=tuple(_judge_named_case(truth, result) for truth, result in judged if result.named),
     )
@@ -241,7 +333,12 @@ def read_ablation(folder: Path) -> AblationResult | None:
 def _judge_named_case(truth: Truth, result: ParsedDiagnosis) -> WronglyNamed:
     # The cases are those of one effect, see `_visible`.
     (effect,) = truth.effects
-    return WronglyNamed(truth.case, effect, tuple(claim.id for claim in result.named), min(claim.probability for claim in result.named))
+    return WronglyNamed(
+        truth.case,
+        effect,
+        tuple(claim.id for claim in result.named),
+        min(claim.probability for claim in result.named),
+    )
 
 
 def _share(hits: Sequence[bool]) -> Share:

@@ -1,7 +1,8 @@
 """Effects that differ from those of the catalogue, so that no case has exactly the model's law.
 
-- Laws are drawn from wider families. The ranges are about those of the literature: Stribeck exponents from 0.5 to 2
-  (Armstrong-Helouvry et al., Automatica 30 (1994) 1083), presliding of a pin up to half a degree, and drag exponents around 2.
+- Laws are drawn from wider families. The ranges are about those of the literature: Stribeck
+  exponents from 0.5 to 2 (Armstrong-Helouvry et al., Automatica 30 (1994) 1083), presliding of a
+  pin up to half a degree, and drag exponents around 2.
 - Right family, wrong law: effects vary between hinges or conditions, or have another shape.
 - Effects outside the catalogue: the right answer to them is "unexplained", never a named effect.
 - Labels: campaigns whose metadata or columns are wrong.
@@ -27,7 +28,14 @@ HINGE_EFFECTS = (
     "spring_hysteresis",
     "spring_relaxation",
 )
-VARYING_EFFECTS = ("tip_mass", "ground_stribeck", "ground_adhesion", "sensor_crosstalk", "sensor_drift", "motor_speed_ripple")
+VARYING_EFFECTS = (
+    "tip_mass",
+    "ground_stribeck",
+    "ground_adhesion",
+    "sensor_crosstalk",
+    "sensor_drift",
+    "motor_speed_ripple",
+)
 BENT_EFFECTS = ("ground_compliance", "sensor_gain", "fluid_drag")
 TYPICAL_N = 20.0
 
@@ -47,17 +55,22 @@ MISLABELLED: Mapping[str, tuple[str, ...]] = {
     "start angle written 4 degrees too small": (),
 }
 
-# The recorded shaft angle reveals these: a diagnosis that uses it has nothing to explain, so "nothing missing" is right.
-REVEALED_BY_ENCODER = ("speeds of two conditions swapped", "start angle written 4 degrees too small")
+# The recorded shaft angle reveals these: a diagnosis that uses it has nothing to explain, so
+# "nothing missing" is right.
+REVEALED_BY_ENCODER = (
+    "speeds of two conditions swapped",
+    "start angle written 4 degrees too small",
+)
 
 
 @dataclass(frozen=True)
 class Law:
-    """Properties that the catalogue fixes or lacks: factors of an effect's size in each hinge (6,), and shapes of single laws.
+    """Properties that the catalogue fixes or lacks: factors of an effect's size in each hinge (6,),
+    and shapes of single laws.
 
-    The pin's friction is full after `pin_creep_deg`. Ground friction falls with the power `stribeck_power` of the sliding speed.
-    Adhesion builds up over `adhesion_hold_mm`. Drag grows with `drag_power` of the speed. The ripple of the shaft's speed has a phase.
-    """
+    The pin's friction is full after `pin_creep_deg`. Ground friction falls with the power
+    `stribeck_power` of the sliding speed. Adhesion builds up over `adhesion_hold_mm`. Drag grows
+    with `drag_power` of the speed. The ripple of the shaft's speed has a phase."""
 
     of_hinge: tuple[float, ...]
     pin_creep_deg: float
@@ -81,24 +94,35 @@ def draw_law(random: np.random.Generator) -> Law:
 
 
 def shape_laws(world: World, law: Law, damping_before: tuple[float, ...]) -> World:
-    """The world, which has its effects already, with this law; the damping before the effects (6,) is not scaled."""
+    """The world, which has its effects already, with this law; the damping before the effects
+    (6,) is not scaled.
+    """
     hinges = scale_hinges(world, law.of_hinge, damping_before).hinges
     return replace(
         world,
         hinges=replace(hinges, pin_creep_rad=for_each_hinge(float(np.radians(law.pin_creep_deg)))),
-        floor=replace(world.floor, stribeck_power=law.stribeck_power, adhesion_hold_m=1e-3 * law.adhesion_hold_mm),
+        floor=replace(
+            world.floor,
+            stribeck_power=law.stribeck_power,
+            adhesion_hold_m=1e-3 * law.adhesion_hold_mm,
+        ),
         links=replace(world.links, drag_power=law.drag_power),
         drive=replace(world.drive, ripple_phase_rad=law.ripple_phase_rad),
     )
 
 
-def scale_hinges(world: World, of_hinge: tuple[float, ...], damping_before: tuple[float, ...]) -> World:
+def scale_hinges(
+    world: World, of_hinge: tuple[float, ...], damping_before: tuple[float, ...]
+) -> World:
     """The world with its effects in each hinge scaled by these factors (6,).
 
     Of the damping, only what exceeds `damping_before` (6,) belongs to an effect and is scaled.
     """
     hinges = world.hinges
-    scaled = {name: tuple(x * factor for x, factor in zip(getattr(hinges, name), of_hinge, strict=True)) for name in HINGE_SIZES}
+    scaled = {
+        name: tuple(x * factor for x, factor in zip(getattr(hinges, name), of_hinge, strict=True))
+        for name in HINGE_SIZES
+    }
     more = zip(hinges.damping_Nm_s_per_rad, damping_before, of_hinge, strict=True)
     damping = tuple(base + (whole - base) * factor for whole, base, factor in more)
     return replace(world, hinges=replace(hinges, **scaled, damping_Nm_s_per_rad=damping))
@@ -110,8 +134,10 @@ class LawDeviation:
 
     - `of_hinge` (6,): factors of the effect in each hinge.
     - `per_condition`: relative standard deviation of its size between conditions.
-    - `bent`: another shape, which is a floor of exponent 1.1, a gain with curvature, or drag together with quadratic hinge damping.
-    - `stribeck_power`: exponent of the speed in friction that falls with it; None for that of the case's law.
+    - `bent`: another shape, which is a floor of exponent 1.1, a gain with curvature, or drag
+      together with quadratic hinge damping.
+    - `stribeck_power`: exponent of the speed in friction that falls with it; None for that of the
+      case's law.
     """
 
     effect: str
@@ -139,16 +165,23 @@ def draw_approximate(i: int, random: np.random.Generator) -> LawDeviation:
     every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
     effect, departure = every[4 * i % len(every)], float(random.uniform(0.2, 0.4))
     if effect in HINGE_EFFECTS:
-        # Uniform factors with the departure as their standard deviation: that of a uniform on -1 to 1 is 1 / sqrt(3).
+        # Uniform factors with the departure as their standard deviation: that of a uniform on -1 to
+        # 1 is 1 / sqrt(3).
         factors = 1.0 + np.sqrt(3.0) * departure * random.uniform(-1.0, 1.0, HINGES)
-        return LawDeviation(effect, of_hinge=tuple(float(x) for x in factors), per_condition=0.5 * departure)
+        return LawDeviation(
+            effect, of_hinge=tuple(float(x) for x in factors), per_condition=0.5 * departure
+        )
     if effect in VARYING_EFFECTS:
-        return LawDeviation(effect, per_condition=departure, stribeck_power=float(random.choice([0.5, 2.0])))
+        return LawDeviation(
+            effect, per_condition=departure, stribeck_power=float(random.choice([0.5, 2.0]))
+        )
     return LawDeviation(effect, per_condition=0.5 * departure, bent=True)
 
 
 def deform_law(world: World, uneven: LawDeviation, nominal_damping: tuple[float, ...]) -> World:
-    """The world, which has the effect already, with the effect's law changed; `nominal_damping` (6,) is not scaled."""
+    """The world, which has the effect already, with the effect's law changed; `nominal_damping`
+    (6,) is not scaled.
+    """
     world = scale_hinges(world, uneven.of_hinge, nominal_damping)
     if uneven.stribeck_power is not None:
         world = replace(world, floor=replace(world.floor, stribeck_power=uneven.stribeck_power))
@@ -179,7 +212,9 @@ def with_unknown_fault(world: World, name: str, values: Values, repeat: int) -> 
 
 def force_cogging(world: World, values: Values) -> World:
     """A ripple of fz over the shaft angle, in no other channel."""
-    sensing = replace(world.sensing, cogging_N=values["force_N"], cogging_cycles=values["cycles_per_turn"])
+    sensing = replace(
+        world.sensing, cogging_N=values["force_N"], cogging_cycles=values["cycles_per_turn"]
+    )
     return replace(world, sensing=sensing)
 
 
@@ -190,7 +225,12 @@ def hinge_asymmetry(world: World, values: Values) -> World:
 
 def floor_magnet(world: World, values: Values) -> World:
     """A floor that attracts the tip from afar."""
-    return replace(world, floor=replace(world.floor, magnet_N=values["force_N"], magnet_reach_m=1e-3 * values["reach_mm"]))
+    return replace(
+        world,
+        floor=replace(
+            world.floor, magnet_N=values["force_N"], magnet_reach_m=1e-3 * values["reach_mm"]
+        ),
+    )
 
 
 def friction_by_direction(world: World, values: Values) -> World:
@@ -210,12 +250,17 @@ def sensor_play(world: World, values: Values) -> World:
 
 def sensor_creep(world: World, values: Values) -> World:
     """A reading of fz that continues to creep after the force is constant."""
-    return replace(world, sensing=replace(world.sensing, creep_share=values["share"], creep_s=values["time_s"]))
+    return replace(
+        world, sensing=replace(world.sensing, creep_share=values["share"], creep_s=values["time_s"])
+    )
 
 
 def mains_hum(world: World, values: Values) -> World:
     """Interference of the mains frequency, or of twice that, in fz."""
-    return replace(world, sensing=replace(world.sensing, hum_N=values["amplitude_N"], hum_Hz=values["frequency_Hz"]))
+    return replace(
+        world,
+        sensing=replace(world.sensing, hum_N=values["amplitude_N"], hum_Hz=values["frequency_Hz"]),
+    )
 
 
 def sensor_dead_band(world: World, values: Values) -> World:
@@ -235,30 +280,60 @@ def hinge_detents(world: World, values: Values) -> World:
 
 
 def tendon(world: World, values: Values) -> World:
-    """An elastic cord along all hinges: its torque on each is proportional to the sum of all hinge angles."""
-    return replace(world, hinges=replace(world.hinges, tendon_Nm_per_rad=for_each_hinge(values["stiffness_Nm_per_rad"])))
+    """An elastic cord along all hinges: its torque on each is proportional to the sum of all
+    hinge angles.
+    """
+    return replace(
+        world,
+        hinges=replace(
+            world.hinges, tendon_Nm_per_rad=for_each_hinge(values["stiffness_Nm_per_rad"])
+        ),
+    )
 
 
 def slick_patch(world: World, values: Values) -> World:
     """A patch of the floor with less friction, as where oil has dripped."""
     at, width = 1e-3 * values["at_mm"], 1e-3 * values["width_mm"]
-    return replace(world, floor=replace(world.floor, patch_at_m=at, patch_width_m=width, patch_mu_factor=values["friction_factor"]))
+    return replace(
+        world,
+        floor=replace(
+            world.floor,
+            patch_at_m=at,
+            patch_width_m=width,
+            patch_mu_factor=values["friction_factor"],
+        ),
+    )
 
 
 def soft_patch(world: World, values: Values) -> World:
     """A patch of the floor that is softer, as over a hole under the mat."""
     at, width = 1e-3 * values["at_mm"], 1e-3 * values["width_mm"]
-    return replace(world, floor=replace(world.floor, patch_at_m=at, patch_width_m=width, patch_stiffness_factor=values["stiffness_factor"]))
+    return replace(
+        world,
+        floor=replace(
+            world.floor,
+            patch_at_m=at,
+            patch_width_m=width,
+            patch_stiffness_factor=values["stiffness_factor"],
+        ),
+    )
 
 
 def shaking_floor(world: World, values: Values) -> World:
     """A machine next door that shakes the floor."""
-    return replace(world, floor=replace(world.floor, shake_m=1e-3 * values["amplitude_mm"], shake_Hz=values["frequency_Hz"]))
+    return replace(
+        world,
+        floor=replace(
+            world.floor, shake_m=1e-3 * values["amplitude_mm"], shake_Hz=values["frequency_Hz"]
+        ),
+    )
 
 
 def hose_at_the_shaft(world: World, values: Values) -> World:
     """A stiff hose or cable that turns the shaft back to where it started."""
-    return replace(world, drive=replace(world.drive, hose_Nm_per_rad=values["stiffness_Nm_per_rad"]))
+    return replace(
+        world, drive=replace(world.drive, hose_Nm_per_rad=values["stiffness_Nm_per_rad"])
+    )
 
 
 STRANGERS: Mapping[str, Callable[[World, Values], World]] = {
@@ -289,13 +364,22 @@ def true_world(world: World, mislabelled: str | None) -> World:
     """The true world behind a campaign whose file describes another one."""
     links = world.links
     if mislabelled == "links longer than written":
-        return replace(world, links=replace(links, length_m=tuple(1.05 * each for each in links.length_m)))
+        return replace(
+            world, links=replace(links, length_m=tuple(1.05 * each for each in links.length_m))
+        )
     if mislabelled == "masses written a fifth too low":
-        return replace(world, links=replace(links, mass_kg=tuple(1.25 * each for each in links.mass_kg)))
+        return replace(
+            world, links=replace(links, mass_kg=tuple(1.25 * each for each in links.mass_kg))
+        )
     if mislabelled == "heights written 8 mm too high":
         return replace(world, mount=replace(world.mount, height_m=world.mount.height_m - 8e-3))
     if mislabelled == "start angle written 4 degrees too small":
-        return replace(world, drive=replace(world.drive, start_angle_rad=world.drive.start_angle_rad + float(np.radians(4.0))))
+        return replace(
+            world,
+            drive=replace(
+                world.drive, start_angle_rad=world.drive.start_angle_rad + float(np.radians(4.0))
+            ),
+        )
     return world
 
 
@@ -311,7 +395,9 @@ def columns_as_written(columns: dict[str, Floats], mislabelled: str | None) -> d
 
 
 def speed_as_written(speed: float, speeds: tuple[float, ...], mislabelled: str | None) -> float:
-    """The speed as the campaign's file states it: lowest and highest change places where they were swapped."""
+    """The speed as the campaign's file states it: lowest and highest change places where they
+    were swapped.
+    """
     if mislabelled != "speeds of two conditions swapped":
         return speed
     low, high = min(speeds), max(speeds)

@@ -1,14 +1,25 @@
-"""The nominal rig of the exam's campaigns, its prior standard deviations, and the true rig's differences from it.
+"""The nominal rig of the exam's campaigns, its prior standard deviations, and the true rig's
+differences from it.
 
-Usual model errors: links and hinges that are not identical, a contact law of another shape. Small, and no effect of the catalogue.
-"""
+Usual model errors: links and hinges that are not identical, a contact law of another shape. Small,
+and no effect of the catalogue."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rfca_rig.exam.simulator.floor import TYPICAL_DEPTH_M
-from rfca_rig.exam.simulator.world import HINGES, LINKS, DriveModel, Floor, Hinges, Links, Mount, World, for_each_hinge
+from rfca_rig.exam.simulator.world import (
+    HINGES,
+    LINKS,
+    DriveModel,
+    Floor,
+    Hinges,
+    Links,
+    Mount,
+    World,
+    for_each_hinge,
+)
 
 LENGTHS_M = (0.054, *(0.039333,) * HINGES)
 MASSES_KG = (0.059586, *(0.043402,) * HINGES)
@@ -19,7 +30,15 @@ BELOW_SHAFT_M = 0.045
 WITHIN_SIGMA = 2.0
 
 # Prior standard deviations, as `[known_to]` in the campaign files states them.
-HEIGHT_MM, START_DEG, FRICTION, K0_SHARE, MASS_SHARE, DAMPING_SHARE, CONTACT_SHARE = 0.2, 0.3, 0.05, 0.03, 0.01, 0.5, 0.5
+HEIGHT_MM, START_DEG, FRICTION, K0_SHARE, MASS_SHARE, DAMPING_SHARE, CONTACT_SHARE = (
+    0.2,
+    0.3,
+    0.05,
+    0.03,
+    0.01,
+    0.5,
+    0.5,
+)
 
 # Largest power of the depth in the reduction of friction's lever; the smallest is one over it.
 MAX_LEVER_POWER = 1.25
@@ -27,7 +46,9 @@ MAX_LEVER_POWER = 1.25
 
 @dataclass(frozen=True)
 class NominalErrors:
-    """Differences and factors between the true rig and the nominal one, all drawn from the stated prior."""
+    """Differences and factors between the true rig and the nominal one, all drawn from the
+    stated prior.
+    """
 
     height_mm: float = 0.0
     start_angle_deg: float = 0.0
@@ -50,7 +71,9 @@ def nominal_world(height_m: float) -> World:
 
 
 def draw_nominal_errors(random: np.random.Generator) -> NominalErrors:
-    """Draw the true rig's differences from the prior: normal, factors log-normal, both clipped at WITHIN_SIGMA."""
+    """Draw the true rig's differences from the prior: normal, factors log-normal, both clipped
+    at WITHIN_SIGMA.
+    """
     x = np.clip(random.normal(size=7), -WITHIN_SIGMA, WITHIN_SIGMA)
     return NominalErrors(
         height_mm=float(HEIGHT_MM * x[0]),
@@ -74,8 +97,15 @@ def apply_nominal_errors(world: World, off: NominalErrors) -> World:
             k0_Nm_per_rad=_times(hinges.k0_Nm_per_rad, off.k0_factor),
             damping_Nm_s_per_rad=_times(hinges.damping_Nm_s_per_rad, off.hinge_damping_factor),
         ),
-        floor=replace(floor, mu=floor.mu + off.friction_coefficient, stiffness=floor.stiffness * off.contact_stiffness_factor),
-        drive=replace(world.drive, start_angle_rad=world.drive.start_angle_rad + float(np.radians(off.start_angle_deg))),
+        floor=replace(
+            floor,
+            mu=floor.mu + off.friction_coefficient,
+            stiffness=floor.stiffness * off.contact_stiffness_factor,
+        ),
+        drive=replace(
+            world.drive,
+            start_angle_rad=world.drive.start_angle_rad + float(np.radians(off.start_angle_deg)),
+        ),
         mount=replace(world.mount, height_m=world.mount.height_m + 1e-3 * off.height_mm),
     )
 
@@ -86,7 +116,9 @@ def _times(values: tuple[float, ...], factor: float) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class StructuredError:
-    """Factors of lengths and masses (7,), of stiffness and damping (6,), and the shape of the contact."""
+    """Factors of lengths and masses (7,), of stiffness and damping (6,), and the shape of the
+    contact.
+    """
 
     length: tuple[float, ...]
     mass: tuple[float, ...]
@@ -100,7 +132,9 @@ class StructuredError:
 
 
 def draw_structured_error(share: float, random: np.random.Generator) -> StructuredError:
-    """Draw relative errors with standard deviation `share`, five times as much for damping; the lengths keep their sum."""
+    """Draw relative errors with standard deviation `share`, five times as much for damping; the
+    lengths keep their sum.
+    """
     length = 1.0 + 0.5 * share * random.normal(size=LINKS)
     return StructuredError(
         length=tuple(length / length.mean()),
@@ -121,7 +155,11 @@ def apply_structured_error(world: World, error: StructuredError) -> World:
     # The stiffness keeps the force at a typical depth: only the shape of the law changes.
     return replace(
         world,
-        links=replace(links, length_m=_each(links.length_m, error.length), mass_kg=_each(links.mass_kg, error.mass)),
+        links=replace(
+            links,
+            length_m=_each(links.length_m, error.length),
+            mass_kg=_each(links.mass_kg, error.mass),
+        ),
         hinges=replace(
             hinges,
             k0_Nm_per_rad=_each(hinges.k0_Nm_per_rad, error.k0),
@@ -129,7 +167,8 @@ def apply_structured_error(world: World, error: StructuredError) -> World:
         ),
         floor=replace(
             world.floor,
-            stiffness=world.floor.stiffness * TYPICAL_DEPTH_M ** (world.floor.exponent - error.exponent),
+            stiffness=world.floor.stiffness
+            * TYPICAL_DEPTH_M ** (world.floor.exponent - error.exponent),
             exponent=error.exponent,
             two_sided=error.two_sided,
             presliding_m=world.floor.presliding_m * error.presliding_factor,

@@ -1,9 +1,10 @@
-"""The true world of one stroke of a case: nominal rig, differences, scatter between repeats, effects and their laws.
+"""The true world of one stroke of a case: nominal rig, differences, scatter between repeats,
+effects and their laws.
 
 The catalogue's effects in the exam's simulator: each function adds one effect to a world.
 
-Ids and parameters are those of the catalogue. The laws are independent implementations of the catalogue's descriptions.
-"""
+Ids and parameters are those of the catalogue. The laws are independent implementations of the
+catalogue's descriptions."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -44,23 +45,42 @@ def hinge_viscous_damping(world: World, values: Values) -> World:
 
 
 def hinge_backlash(world: World, values: Values) -> World:
-    return replace(world, hinges=replace(world.hinges, gap_rad=for_each_hinge(float(np.radians(values["half_gap_deg"])))))
+    return replace(
+        world,
+        hinges=replace(
+            world.hinges, gap_rad=for_each_hinge(float(np.radians(values["half_gap_deg"])))
+        ),
+    )
 
 
 def hinge_stop(world: World, values: Values) -> World:
     stop = for_each_hinge(float(np.radians(values["angle_deg"])))
-    return replace(world, hinges=replace(world.hinges, stop_rad=stop, stop_Nm_per_rad=for_each_hinge(values["stiffness_Nm_per_rad"])))
+    return replace(
+        world,
+        hinges=replace(
+            world.hinges,
+            stop_rad=stop,
+            stop_Nm_per_rad=for_each_hinge(values["stiffness_Nm_per_rad"]),
+        ),
+    )
 
 
 def spring_hysteresis(world: World, values: Values) -> World:
     width = float(np.radians(values["saturation_deg"]))
     torque = tuple(values["strength_relative"] * k0 * width for k0 in world.hinges.k0_Nm_per_rad)
-    return replace(world, hinges=replace(world.hinges, loop_Nm=torque, loop_rad=for_each_hinge(width)))
+    return replace(
+        world, hinges=replace(world.hinges, loop_Nm=torque, loop_rad=for_each_hinge(width))
+    )
 
 
 def spring_relaxation(world: World, values: Values) -> World:
     arm = tuple(values["strength_relative"] * k0 for k0 in world.hinges.k0_Nm_per_rad)
-    return replace(world, hinges=replace(world.hinges, arm_Nm_per_rad=arm, arm_s=for_each_hinge(values["time_constant_s"])))
+    return replace(
+        world,
+        hinges=replace(
+            world.hinges, arm_Nm_per_rad=arm, arm_s=for_each_hinge(values["time_constant_s"])
+        ),
+    )
 
 
 def damaged_hinge(world: World, values: Values) -> World:
@@ -71,11 +91,18 @@ def damaged_hinge(world: World, values: Values) -> World:
 
 
 def stiffness_hardening(world: World, values: Values) -> World:
-    return replace(world, hinges=replace(world.hinges, k2_per_rad2=for_each_hinge(values["k2_per_rad2"])))
+    return replace(
+        world, hinges=replace(world.hinges, k2_per_rad2=for_each_hinge(values["k2_per_rad2"]))
+    )
 
 
 def hinge_rest_angle(world: World, values: Values) -> World:
-    return replace(world, hinges=replace(world.hinges, preset_rad=for_each_hinge(float(np.radians(values["angle_deg"])))))
+    return replace(
+        world,
+        hinges=replace(
+            world.hinges, preset_rad=for_each_hinge(float(np.radians(values["angle_deg"])))
+        ),
+    )
 
 
 def hinge_rest_angle_of_one(world: World, values: Values) -> World:
@@ -90,16 +117,26 @@ def tip_mass(world: World, values: Values) -> World:
 
 
 def fluid_drag(world: World, values: Values) -> World:
-    return replace(world, links=replace(world.links, drag_N_s2_per_m3=values["coefficient_N_s2_per_m3"]))
+    return replace(
+        world, links=replace(world.links, drag_N_s2_per_m3=values["coefficient_N_s2_per_m3"])
+    )
 
 
 def ground_stribeck(world: World, values: Values) -> World:
-    return replace(world, floor=replace(world.floor, stribeck_rise=values["rise_relative"], stribeck_m_s=values["speed_m_s"]))
+    return replace(
+        world,
+        floor=replace(
+            world.floor, stribeck_rise=values["rise_relative"], stribeck_m_s=values["speed_m_s"]
+        ),
+    )
 
 
 def ground_compliance(world: World, values: Values) -> World:
     """Two Hertz contacts in series: they carry the same force, and their depths add."""
-    yields = sum(k ** (-1.0 / world.floor.exponent) for k in (world.floor.stiffness, values["stiffness_N_per_m1p5"]))
+    yields = sum(
+        k ** (-1.0 / world.floor.exponent)
+        for k in (world.floor.stiffness, values["stiffness_N_per_m1p5"])
+    )
     return replace(world, floor=replace(world.floor, stiffness=yields**-world.floor.exponent))
 
 
@@ -117,25 +154,41 @@ def motor_speed_droop(world: World, values: Values) -> World:
 
 
 def motor_speed_ripple(world: World, values: Values) -> World:
-    drive = replace(world.drive, ripple_share=values["amplitude_relative"], ripple_cycles=values["cycles_per_turn"])
+    drive = replace(
+        world.drive,
+        ripple_share=values["amplitude_relative"],
+        ripple_cycles=values["cycles_per_turn"],
+    )
     return replace(world, drive=drive)
 
 
 def shaft_compliance(world: World, values: Values) -> World:
     k = values["stiffness_Nm_per_rad"]
-    return replace(world, drive=replace(world.drive, shaft_Nm_per_rad=k, shaft_Nm_s_per_rad=SHAFT_RELAXATION_S * k))
+    return replace(
+        world,
+        drive=replace(world.drive, shaft_Nm_per_rad=k, shaft_Nm_s_per_rad=SHAFT_RELAXATION_S * k),
+    )
 
 
 def frame_compliance(world: World, values: Values) -> World:
     mass, rate = values["moving_mass_kg"], 2.0 * np.pi * values["frequency_Hz"]
     damping = 2.0 * values["damping_ratio"] * mass * rate
     lean, felt = np.radians(values.get("lean_deg", 0.0)), values.get("mass_on_sensor_share", 0.0)
-    mount = replace(world.mount, frame_kg=mass, frame_N_per_m=mass * rate**2, frame_N_s_per_m=damping, frame_lean_rad=lean)
+    mount = replace(
+        world.mount,
+        frame_kg=mass,
+        frame_N_per_m=mass * rate**2,
+        frame_N_s_per_m=damping,
+        frame_lean_rad=lean,
+    )
     return replace(world, mount=replace(mount, frame_felt_share=felt))
 
 
 def height_offset(world: World, values: Values) -> World:
-    return replace(world, mount=replace(world.mount, height_m=world.mount.height_m + 1e-3 * values["offset_mm"]))
+    return replace(
+        world,
+        mount=replace(world.mount, height_m=world.mount.height_m + 1e-3 * values["offset_mm"]),
+    )
 
 
 def gravity_tilt(world: World, values: Values) -> World:
@@ -179,7 +232,9 @@ def ground_exponent(world: World, values: Values) -> World:
     """Another exponent; the stiffness keeps the force at the depth where it is 20 N."""
     floor, exponent = world.floor, values["exponent"]
     depth_m = (20.0 / floor.stiffness) ** (1.0 / floor.exponent)
-    return replace(world, floor=replace(floor, exponent=exponent, stiffness=20.0 / depth_m**exponent))
+    return replace(
+        world, floor=replace(floor, exponent=exponent, stiffness=20.0 / depth_m**exponent)
+    )
 
 
 def sensor_saturation(world: World, values: Values) -> World:
@@ -187,8 +242,12 @@ def sensor_saturation(world: World, values: Values) -> World:
 
 
 def sensor_ringing(world: World, values: Values) -> World:
-    sensing = replace(world.sensing, ringing_Hz=values["frequency_Hz"], ringing_ratio=values["damping_ratio"])
-    return replace(world, sensing=replace(sensing, y_frequency_ratio=values.get("y_frequency_ratio", 1.0)))
+    sensing = replace(
+        world.sensing, ringing_Hz=values["frequency_Hz"], ringing_ratio=values["damping_ratio"]
+    )
+    return replace(
+        world, sensing=replace(sensing, y_frequency_ratio=values.get("y_frequency_ratio", 1.0))
+    )
 
 
 def sensor_clock_rate(world: World, values: Values) -> World:
@@ -208,31 +267,53 @@ def shaft_friction(world: World, values: Values) -> World:
 def shaft_play(world: World, values: Values) -> World:
     """Stiff on either side of the play."""
     gap_rad = float(np.radians(values["half_gap_deg"]))
-    drive = replace(world.drive, shaft_gap_rad=gap_rad, shaft_Nm_per_rad=STIFF_SHAFT_NM_PER_RAD, shaft_loss_s_per_rad=0.3)
+    drive = replace(
+        world.drive,
+        shaft_gap_rad=gap_rad,
+        shaft_Nm_per_rad=STIFF_SHAFT_NM_PER_RAD,
+        shaft_loss_s_per_rad=0.3,
+    )
     return replace(world, drive=drive)
 
 
 def motor_torque_limit(world: World, values: Values) -> World:
-    # A torque limit acts only in a controlled motor, so the drive gets a controller where the values name none.
+    # A torque limit acts only in a controlled motor, so the drive gets a controller where the
+    # values name none.
     kp, ki = values.get("kp_Nm_s_per_rad", 50.0), values.get("ki_Nm_per_rad", 1000.0)
-    return replace(world, drive=replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki, limit_Nm=values["limit_Nm"]))
+    return replace(
+        world,
+        drive=replace(
+            world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki, limit_Nm=values["limit_Nm"]
+        ),
+    )
 
 
 def motor_cogging(world: World, values: Values) -> World:
     # Cogging moves the shaft only against a controller of finite stiffness.
     kp, ki = values.get("kp_Nm_s_per_rad", 15.0), values.get("ki_Nm_per_rad", 300.0)
     drive = replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki)
-    return replace(world, drive=replace(drive, cogging_Nm=values["torque_Nm"], cogging_cycles=values["cycles_per_turn"]))
+    return replace(
+        world,
+        drive=replace(
+            drive, cogging_Nm=values["torque_Nm"], cogging_cycles=values["cycles_per_turn"]
+        ),
+    )
 
 
 def ground_bump(world: World, values: Values) -> World:
     height, at, width = (1e-3 * values[name] for name in ("height_mm", "at_mm", "width_mm"))
-    return replace(world, floor=replace(world.floor, bump_m=height, bump_at_m=at, bump_width_m=width))
+    return replace(
+        world, floor=replace(world.floor, bump_m=height, bump_at_m=at, bump_width_m=width)
+    )
 
 
 def stiffness_fading(world: World, values: Values) -> World:
-    """The stiffness falls by the same share for each factor of ten in the number of strokes, this one included."""
-    factor = 10.0 ** (math.log10(1.0 - values["loss_per_decade_relative"]) * math.log10(world.strokes_before + 1))
+    """The stiffness falls by the same share for each factor of ten in the number of strokes,
+    this one included.
+    """
+    factor = 10.0 ** (
+        math.log10(1.0 - values["loss_per_decade_relative"]) * math.log10(world.strokes_before + 1)
+    )
     k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
     return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
 
@@ -294,17 +375,29 @@ class ExamScatter:
 
 
 def draw_scatter(random: np.random.Generator) -> ExamScatter:
-    """Draw the differences of one repeat: rack height 0.1 mm, friction 0.005, start angle 0.15 degrees (standard deviations)."""
+    """Draw the differences of one repeat: rack height 0.1 mm, friction 0.005, start angle 0.15
+    degrees (standard deviations).
+    """
     x = random.normal(size=3)
     return ExamScatter(float(HEIGHT_M * x[0]), float(FRICTION * x[1]), float(START_RAD * x[2]))
 
 
-def build_world(case: Case, height_m: float, scatter: ExamScatter, repeat: int, stronger: float = 1.0, strokes_before: int = 0) -> World:
-    """The true rig of a case in one repeat (from 1), after `strokes_before` strokes of the campaign.
+def build_world(
+    case: Case,
+    height_m: float,
+    scatter: ExamScatter,
+    repeat: int,
+    stronger: float = 1.0,
+    strokes_before: int = 0,
+) -> World:
+    """The true rig of a case in one repeat (from 1), after `strokes_before` strokes of the
+    campaign.
 
     Effects that vary between conditions are multiplied by `stronger`.
     """
-    world = replace(apply_nominal_errors(nominal_world(height_m), case.off), strokes_before=strokes_before)
+    world = replace(
+        apply_nominal_errors(nominal_world(height_m), case.off), strokes_before=strokes_before
+    )
     if case.structured is not None:
         world = apply_structured_error(world, case.structured)
     world = replace(world, drive=replace(world.drive, late_s=case.late_s))
@@ -316,7 +409,10 @@ def build_world(case: Case, height_m: float, scatter: ExamScatter, repeat: int, 
         world = with_effect(
             world,
             effect,
-            {name: value if name in ("speed_m_s", "cycles_per_turn") else value * stronger for name, value in values.items()},
+            {
+                name: value if name in ("speed_m_s", "cycles_per_turn") else value * stronger
+                for name, value in values.items()
+            },
         )
     if case.law is not None:
         world = shape_laws(world, case.law, damping)

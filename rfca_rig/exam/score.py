@@ -54,8 +54,8 @@ _NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR)
 class WorstCase:
     """One bad answer.
 
-    `badness` is 3 or more for a false name, 2 to 3 for another false statement, 1 to 2 for a missed effect, below 1 for a wrong value.
-    """
+    `badness` is 3 or more for a false name, 2 to 3 for another false statement, 1 to 2 for a missed
+    effect, below 1 for a wrong value."""
 
     case: str
     kind: str
@@ -70,37 +70,68 @@ def worst(judged: Judged) -> tuple[WorstCase, ...]:
 
 
 def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
-    wrong = [probability for probability, right in statements(truth, answer) if probability >= SURE_PROBABILITY and not right]
+    wrong = [
+        probability
+        for probability, right in statements(truth, answer)
+        if probability >= SURE_PROBABILITY and not right
+    ]
     if wrong and not answer.named:
         stated = " and ".join(claim.id for claim in answer.stated) or answer.family
         there = " and ".join((*truth.effects, *truth.strangers)) or "nothing"
         return WorstCase(
-            truth.case, truth.kind, 2.0 + max(wrong), f"stated {stated} as {answer.grade} at {max(wrong):.0%}, there is {there}"
+            truth.case,
+            truth.kind,
+            2.0 + max(wrong),
+            f"stated {stated} as {answer.grade} at {max(wrong):.0%}, there is {there}",
         )
     result = outcome(truth, answer)
-    there = " and ".join(truth.effects) or ("an effect outside the catalogue" if truth.nameless else "nothing")
+    there = " and ".join(truth.effects) or (
+        "an effect outside the catalogue" if truth.nameless else "nothing"
+    )
     if result in (WRONG, EXTRA):
-        false = max(false_claims(truth, answer) or answer.named, key=lambda claim: claim.probability)
+        false = max(
+            false_claims(truth, answer) or answer.named, key=lambda claim: claim.probability
+        )
         level = 4.0 if result == WRONG else 3.0
-        reason = f"identified {false.id} at {false.probability:.0%}, {'which is not there' if result == EXTRA else f'there is {there}'}"
+        reason = (
+            f"identified {false.id} at {false.probability:.0%}, "
+            f"{'which is not there' if result == EXTRA else f'there is {there}'}"
+        )
         return WorstCase(truth.case, truth.kind, level + false.probability, reason)
     if result == SILENT:
         return _rate_missed_effect(truth, there, truth.left)
     if result == PARTIAL:
         missed = sorted(set(truth.effects).difference(*(claim.members for claim in answer.named)))
-        return _rate_missed_effect(truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed))
-    errors = [(error, claim.id) for claim in answer.named for error, _ in parameter_errors(truth, claim)]
+        return _rate_missed_effect(
+            truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed)
+        )
+    errors = [
+        (error, claim.id) for claim in answer.named for error, _ in parameter_errors(truth, claim)
+    ]
     if truth.lawless or not errors or max(errors)[0] < MIN_VALUE_ERROR:
         return None
     error, effect = max(errors)
-    return WorstCase(truth.case, truth.kind, min(error / 10.0, 0.99), f"a parameter of {effect} is off by {error:.0%}")
+    return WorstCase(
+        truth.case,
+        truth.kind,
+        min(error / 10.0, 0.99),
+        f"a parameter of {effect} is off by {error:.0%}",
+    )
 
 
 def _rate_missed_effect(truth: Truth, what: str, left: float) -> WorstCase:
-    """A missed effect; `left` is its shift of the forces beyond what nominal values can explain, in units of the noise."""
-    # Larger shifts are worse to miss, up to a hundred times the noise; badness stays between 1 and 2.
+    """A missed effect; `left` is its shift of the forces beyond what nominal values can explain,
+    in units of the noise.
+    """
+    # Larger shifts are worse to miss, up to a hundred times the noise; badness stays between 1 and
+    # 2.
     severity = min(left / 100.0, 1.0)
-    return WorstCase(truth.case, truth.kind, 1.0 + severity, f"missed {what}, which shifts the forces by {left:.1f} times the noise")
+    return WorstCase(
+        truth.case,
+        truth.kind,
+        1.0 + severity,
+        f"missed {what}, which shifts the forces by {left:.1f} times the noise",
+    )
 
 
 @dataclass(frozen=True)
@@ -126,23 +157,30 @@ class Share:
         """Upper bound of the true share, at 95 % confidence."""
         from scipy.stats import beta  # noqa: PLC0415
 
-        return float(beta.ppf(0.95, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
+        return (
+            float(beta.ppf(0.95, self.hits + 1, self.of - self.hits))
+            if self.hits < self.of
+            else 1.0
+        )
 
 
 @dataclass(frozen=True)
 class ExamScores:
-    """All scores. They are of the leg cases, except names, alarms and `pendulums`, the scores of statements about pendulums.
+    """All scores. They are of the leg cases, except names, alarms and `pendulums`, the scores of
+    statements about pendulums.
 
-    "Detectable" means shifted by more than DETECTABLE beyond what nominal values explain; "above" means as much in units of noise and
-    usual model error.
+    "Detectable" means shifted by more than DETECTABLE beyond what nominal values explain; "above"
+    means as much in units of noise and usual model error.
 
     - `outcomes`: counts of outcomes per kind.
     - `confusion`: counts of (true effect, named effects or verdict) over cases with one effect.
-    - `power`: single effects that are stated, or their family, with nothing wrong, by size: below, between and above POWER_AT.
-    - `false_alarms`, `missed`, `detection_errors`, `classification_errors`: as in the DXC competitions. Missed are of the detectable
-      cases, detection errors of all cases; classification errors are the sum of wrong and missing names.
-    - `gap_closed`: median over right answers of (before - after) / (before - floor) of fz on held-out conditions; `gap_worse` counts
-      those that became worse.
+    - `power`: single effects that are stated, or their family, with nothing wrong, by size: below,
+      between and above POWER_AT.
+    - `false_alarms`, `missed`, `detection_errors`, `classification_errors`: as in the DXC
+      competitions. Missed are of the detectable cases, detection errors of all cases;
+      classification errors are the sum of wrong and missing names.
+    - `gap_closed`: median over right answers of (before - after) / (before - floor) of fz on
+      held-out conditions; `gap_worse` counts those that became worse.
     """
 
     outcomes: Mapping[str, Mapping[str, int]]
@@ -180,40 +218,65 @@ class ExamScores:
     worst: tuple[WorstCase, ...]
 
 
-def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, ParsedDiagnosis]) -> ExamScores:
+def score(
+    truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, ParsedDiagnosis]
+) -> ExamScores:
     """Score `diagnoses`, by case. A case without one counts as refused."""
-    everything = [(truth, diagnoses.get(truth.case, ParsedDiagnosis("refused"))) for truth in map(parse_truth, truths)]
+    everything = [
+        (truth, diagnoses.get(truth.case, ParsedDiagnosis("refused")))
+        for truth in map(parse_truth, truths)
+    ]
     by_kind = {kind: [pair for pair in everything if pair[0].kind == kind] for kind in cases.KINDS}
     judged = [pair for kind in cases.LEG_KINDS for pair in by_kind[kind]]
     single, pairs, strangers = by_kind[cases.SINGLE], by_kind[cases.PAIR], by_kind[cases.STRANGER]
     detectable = [(truth, answer) for truth, answer in single if truth.left >= DETECTABLE]
     null = [pair for kind in _NULL_KINDS for pair in by_kind[kind]]
     all_null = [*null, *by_kind[PENDULUM_NOTHING]]
-    # Parameters and held-out errors are scored where the effects are right: elsewhere they describe something else.
-    right = [(truth, answer) for truth, answer in (*single, *pairs) if outcome(truth, answer) == RIGHT]
+    # Parameters and held-out errors are scored where the effects are right: elsewhere they describe
+    # something else.
+    right = [
+        (truth, answer) for truth, answer in (*single, *pairs) if outcome(truth, answer) == RIGHT
+    ]
     named = [(truth, answer) for truth, answer in judged if answer.named]
     return ExamScores(
-        outcomes={kind: dict(Counter(outcome(*pair) for pair in group)) for kind, group in by_kind.items() if group},
+        outcomes={
+            kind: dict(Counter(outcome(*pair) for pair in group))
+            for kind, group in by_kind.items()
+            if group
+        },
         confusion=confusion(single),
         null_false_claims=Share(sum(bool(answer.named) for _, answer in null), len(null)),
         false_discoveries=Share(
-            sum(len(false_claims(*pair)) for pair in everything if pair[1].named), sum(len(answer.named) for _, answer in everything)
+            sum(len(false_claims(*pair)) for pair in everything if pair[1].named),
+            sum(len(answer.named) for _, answer in everything),
         ),
         single_right=_share(single, RIGHT),
         single_right_detectable=_share(detectable, RIGHT),
         single_in_class_detectable=_share(detectable, RIGHT, CLASS),
-        single_in_class_above=_share([pair for pair in single if pair[0].faintest_above >= DETECTABLE], RIGHT, CLASS),
+        single_in_class_above=_share(
+            [pair for pair in single if pair[0].faintest_above >= DETECTABLE], RIGHT, CLASS
+        ),
         power=power(single),
         pairs_exact=_share(pairs, RIGHT),
-        pairs_exact_detectable=_share([pair for pair in pairs if pair[0].faintest >= DETECTABLE], RIGHT),
-        pairs_exact_above=_share([pair for pair in pairs if pair[0].faintest_above >= DETECTABLE], RIGHT),
+        pairs_exact_detectable=_share(
+            [pair for pair in pairs if pair[0].faintest >= DETECTABLE], RIGHT
+        ),
+        pairs_exact_above=_share(
+            [pair for pair in pairs if pair[0].faintest_above >= DETECTABLE], RIGHT
+        ),
         pairs_without_wrong=Share(sum(not false_claims(*pair) for pair in pairs), len(pairs)),
         stranger_unexplained=_share(strangers, RIGHT),
         stranger_wrong=_share(strangers, WRONG),
         stranger_confident_wrong=Share(
-            sum(any(claim.probability >= CONFIDENT for claim in answer.named) for _, answer in strangers), len(strangers)
+            sum(
+                any(claim.probability >= CONFIDENT for claim in answer.named)
+                for _, answer in strangers
+            ),
+            len(strangers),
         ),
-        stranger_silent_detectable=_share([pair for pair in strangers if pair[0].left >= DETECTABLE], SILENT),
+        stranger_silent_detectable=_share(
+            [pair for pair in strangers if pair[0].left >= DETECTABLE], SILENT
+        ),
         wrong_law_acceptable=_share(by_kind[cases.WRONG_LAW], RIGHT, CLASS),
         mislabelled_wrong=_share(by_kind[cases.MISLABEL], WRONG),
         poor_data_wrong=_share(by_kind[cases.POOR_DATA], WRONG, EXTRA),
@@ -221,8 +284,14 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, ParsedDia
         mean_class_size=_class_size(named),
         false_alarms=Share(sum(_is_alarm(answer) for _, answer in all_null), len(all_null)),
         missed=_share_of_missed(everything),
-        detection_errors=Share(sum(_is_alarm(answer) != _is_faulty(truth) for truth, answer in everything), len(everything)),
-        classification_errors=sum(len({claim.id for claim in answer.named} ^ set(truth.effects)) for truth, answer in everything),
+        detection_errors=Share(
+            sum(_is_alarm(answer) != _is_faulty(truth) for truth, answer in everything),
+            len(everything),
+        ),
+        classification_errors=sum(
+            len({claim.id for claim in answer.named} ^ set(truth.effects))
+            for truth, answer in everything
+        ),
         calibration=calibration(judged),
         values=values([*single, *pairs]),
         gap_closed=_gap(right),
@@ -234,19 +303,35 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, ParsedDia
 
 
 def confusion(single: Judged) -> dict[tuple[str, str], int]:
-    """Counts of (true effect, named effects) over cases with one effect. Several names are joined; without a name the verdict counts."""
-    called = [("+".join(sorted(truth.effects)), "+".join(sorted(c.id for c in answer.named)) or answer.verdict) for truth, answer in single]
+    """Counts of (true effect, named effects) over cases with one effect. Several names are
+    joined; without a name the verdict counts.
+    """
+    called = [
+        (
+            "+".join(sorted(truth.effects)),
+            "+".join(sorted(c.id for c in answer.named)) or answer.verdict,
+        )
+        for truth, answer in single
+    ]
     return dict(Counter(called))
 
 
 def power(single: Judged) -> tuple[Share, ...]:
-    """Share of single effects that are stated rightly, or their family, at any grade, for each bin of POWER_AT.
+    """Share of single effects that are stated rightly, or their family, at any grade, for each bin
+    of POWER_AT.
 
     Sizes are in multiples of DETECTABLE, in units of noise and usual model error.
     """
-    level = np.searchsorted(POWER_AT, [truth.faintest_above / DETECTABLE for truth, _ in single], side="right")
-    by_level = ([pair for pair, each in zip(single, level, strict=True) if each == k] for k in range(len(POWER_AT) + 1))
-    return tuple(Share(sum(has_right_family(*pair) for pair in group), len(group)) for group in by_level)
+    level = np.searchsorted(
+        POWER_AT, [truth.faintest_above / DETECTABLE for truth, _ in single], side="right"
+    )
+    by_level = (
+        [pair for pair, each in zip(single, level, strict=True) if each == k]
+        for k in range(len(POWER_AT) + 1)
+    )
+    return tuple(
+        Share(sum(has_right_family(*pair) for pair in group), len(group)) for group in by_level
+    )
 
 
 def _share(judged: Judged, *outcomes: str) -> Share:
@@ -263,15 +348,25 @@ def _is_alarm(answer: ParsedDiagnosis) -> bool:
 
 
 def _share_of_missed(judged: Judged) -> Share:
-    faulty = [answer for truth, answer in judged if _is_faulty(truth) and truth.left >= DETECTABLE and not truth.silence_is_right]
+    faulty = [
+        answer
+        for truth, answer in judged
+        if _is_faulty(truth) and truth.left >= DETECTABLE and not truth.silence_is_right
+    ]
     return Share(sum(answer.verdict == NOTHING for answer in faulty), len(faulty))
 
 
 def _truth_in_class(named: Judged) -> Share:
-    """Share of cases with true effects and names in which all true effects lie in the indistinguishable sets given."""
+    """Share of cases with true effects and names in which all true effects lie in the
+    indistinguishable sets given.
+    """
     whole = [outcome(*pair) for pair in named if pair[0].effects]
-    # An answer that names only some of the effects says nothing about its sets, so it does not count.
-    return Share(sum(each in (RIGHT, CLASS, EXTRA) for each in whole), len([each for each in whole if each != PARTIAL]))
+    # An answer that names only some of the effects says nothing about its sets, so it does not
+    # count.
+    return Share(
+        sum(each in (RIGHT, CLASS, EXTRA) for each in whole),
+        len([each for each in whole if each != PARTIAL]),
+    )
 
 
 def _class_size(named: Judged) -> float:
@@ -280,7 +375,8 @@ def _class_size(named: Judged) -> float:
 
 
 def gap_closed(answer: ParsedDiagnosis) -> float | None:
-    """Share of the closable gap in fz, between model and held-out recordings, that a diagnosis closes; None where it is not stated.
+    """Share of the closable gap in fz, between model and held-out recordings, that a diagnosis
+    closes; None where it is not stated.
 
     The gap that can be closed is the one above the noise floor.
     """

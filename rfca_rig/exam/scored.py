@@ -1,4 +1,6 @@
-"""A finished exam: its scores, and for each case the hidden effects, the diagnosis and the outcome."""
+"""A finished exam: its scores, and for each case the hidden effects, the diagnosis and the
+outcome.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +19,8 @@ from rfca_rig.exam.sealing import ExamPlan, open_all, read_plan
 
 @dataclass(frozen=True)
 class ParameterDeviation:
-    """One parameter of a rightly named effect: its relative error (see `parameter_errors`), and whether its 90 % interval holds the truth.
+    """One parameter of a rightly named effect: its relative error (see `parameter_errors`), and
+    whether its 90 % interval holds the truth.
 
     `covered` is None for whole numbers, which have no interval.
     """
@@ -32,7 +35,8 @@ class ParameterDeviation:
 class ScoredCase:
     """One scored case.
 
-    - `concealed`: its hidden effects, in or outside the catalogue, or the error of its file; empty where there is none.
+    - `concealed`: its hidden effects, in or outside the catalogue, or the error of its file; empty
+      where there is none.
     - `named`: the effects that the diagnosis names, with their `probabilities`.
     - `left`: shift of the forces beyond what nominal values explain, in units of the noise.
     - `seconds`: duration of the diagnosis; None where it is not known.
@@ -54,7 +58,9 @@ class ScoredCase:
 
 @dataclass(frozen=True)
 class ExamResult:
-    """The whole exam; `ways` are the results of follow-ups, `taken_out` those of the ablation, where these were done."""
+    """The whole exam; `ways` are the results of follow-ups, `taken_out` those of the ablation,
+    where these were done.
+    """
 
     plan: ExamPlan
     marks: ExamScores
@@ -66,29 +72,52 @@ class ExamResult:
     def words(self) -> str:
         """As in "seed 1, 500 cases"."""
         planned = sum(self.plan.numbers.values())
-        return self.plan.words if len(self.cases) == planned else f"{self.plan.words}, {len(self.cases)} of them so far"
+        return (
+            self.plan.words
+            if len(self.cases) == planned
+            else f"{self.plan.words}, {len(self.cases)} of them so far"
+        )
 
 
 def score_exam(folder: Path) -> ExamResult:
-    """Open the truths of the exam in `folder` and score it. Raises BadInput where it is not complete."""
-    return ExamResult(read_plan(folder), *_score_all(folder, open_all(folder)), ways(folder), read_ablation(folder))
+    """Open the truths of the exam in `folder` and score it. Raises BadInput where it is not
+    complete.
+    """
+    return ExamResult(
+        read_plan(folder),
+        *_score_all(folder, open_all(folder)),
+        ways(folder),
+        read_ablation(folder),
+    )
 
 
 def score_exam_so_far(folder: Path) -> ExamResult:
-    """Score the cases that are diagnosed already; all other truths stay sealed. Raises BadInput where nothing is diagnosed yet."""
+    """Score the cases that are diagnosed already; all other truths stay sealed. Raises BadInput
+    where nothing is diagnosed yet.
+    """
     plan, answers = read_plan(folder), folder / DIAGNOSES
-    answered = {path.name for path in answers.iterdir() if path.is_dir()} if answers.is_dir() else set()
-    # Only these are opened: a truth that is known before its diagnosis would spoil the rest of the exam.
+    answered = (
+        {path.name for path in answers.iterdir() if path.is_dir()} if answers.is_dir() else set()
+    )
+    # Only these are opened: a truth that is known before its diagnosis would spoil the rest of the
+    # exam.
     truths = open_all(folder, answered)
     if not truths:
         raise BadInput(f"{folder}: nothing is diagnosed yet; leave out --so-far to go on with it")
     return ExamResult(plan, *_score_all(folder, truths))
 
 
-def _score_all(folder: Path, truths: Sequence[Mapping[str, Any]]) -> tuple[ExamScores, tuple[ScoredCase, ...]]:
+def _score_all(
+    folder: Path, truths: Sequence[Mapping[str, Any]]
+) -> tuple[ExamScores, tuple[ScoredCase, ...]]:
     answers = folder / DIAGNOSES
-    answer_of = {truth["case"]: read_diagnosis(answers / truth["case"] / DIAGNOSIS) for truth in truths}
-    marked = tuple(_score_case(truth, answer_of[truth["case"]], answers / truth["case"] / SECONDS) for truth in truths)
+    answer_of = {
+        truth["case"]: read_diagnosis(answers / truth["case"] / DIAGNOSIS) for truth in truths
+    }
+    marked = tuple(
+        _score_case(truth, answer_of[truth["case"]], answers / truth["case"] / SECONDS)
+        for truth in truths
+    )
     return score(truths, answer_of), marked
 
 
@@ -97,7 +126,11 @@ def _score_case(truth: Mapping[str, Any], answer: ParsedDiagnosis, seconds: Path
     return ScoredCase(
         id=true.case,
         kind=true.kind,
-        concealed=(*truth["effects"], *truth["strangers"], *([truth["mislabelled"]] if truth["mislabelled"] else [])),
+        concealed=(
+            *truth["effects"],
+            *truth["strangers"],
+            *([truth["mislabelled"]] if truth["mislabelled"] else []),
+        ),
         strength=true.strength,
         left=true.left,
         verdict=answer.verdict,
@@ -111,9 +144,19 @@ def _score_case(truth: Mapping[str, Any], answer: ParsedDiagnosis, seconds: Path
 
 
 def _deviations(truth: Truth, answer: ParsedDiagnosis) -> tuple[ParameterDeviation, ...]:
-    """Deviations of all parameters of true effects; empty where the true law is not the catalogue's, whose parameters mean nothing then."""
+    """Deviations of all parameters of true effects; empty where the true law is not the
+    catalogue's, whose parameters mean nothing then.
+    """
     if truth.lawless:
         return ()
-    named = [(claim, name) for claim in answer.named for name in claim.parameters if name in truth.effects.get(claim.id, {})]
+    named = [
+        (claim, name)
+        for claim in answer.named
+        for name in claim.parameters
+        if name in truth.effects.get(claim.id, {})
+    ]
     errors = [each for claim in answer.named for each in parameter_errors(truth, claim)]
-    return tuple(ParameterDeviation(claim.id, name, error, covered) for (claim, name), (error, covered) in zip(named, errors, strict=True))
+    return tuple(
+        ParameterDeviation(claim.id, name, error, covered)
+        for (claim, name), (error, covered) in zip(named, errors, strict=True)
+    )

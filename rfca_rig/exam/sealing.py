@@ -1,7 +1,8 @@
-"""Sealed truths: hashes are written first, contents where no diagnosis reads them, and opening checks the hash.
+"""Sealed truths: hashes are written first, contents where no diagnosis reads them, and opening
+checks the hash.
 
-Seed and case numbers of an exam, kept in its folder, so that only the same exam can be continued there.
-"""
+Seed and case numbers of an exam, kept in its folder, so that only the same exam can be continued
+there."""
 
 import base64
 import binascii
@@ -24,14 +25,18 @@ FILE, FORMAT = "plan.json", "rfca-exam-plan/1"
 
 
 def seal_all(truths: Sequence[Truth], out: Path) -> None:
-    """Write the hash of every truth into `seals.txt`, then each truth, not readable at a glance, into a separate folder.
+    """Write the hash of every truth into `seals.txt`, then each truth, not readable at a glance,
+    into a separate folder.
 
-    Do this before the first campaign is written, so that no truth can be adapted to a diagnosis. A truth holds its case's name.
-    """
+    Do this before the first campaign is written, so that no truth can be adapted to a diagnosis. A
+    truth holds its case's name."""
     contents = {truth["case"]: _content(truth) for truth in truths}
-    lines = [f"{hashlib.sha256(content).hexdigest()}  {case}\n" for case, content in contents.items()]
+    lines = [
+        f"{hashlib.sha256(content).hexdigest()}  {case}\n" for case, content in contents.items()
+    ]
     (out / FOLDER).mkdir(parents=True, exist_ok=True)
-    # The folder exists before the hashes: `is_sealed` then means that an interrupted sealing can be completed.
+    # The folder exists before the hashes: `is_sealed` then means that an interrupted sealing can be
+    # completed.
     write_atomically(out / SEALS, "".join(lines).encode())
     for case, content in contents.items():
         write_atomically(_path(out, case), base64.encodebytes(content))
@@ -115,17 +120,27 @@ class ExamPlan:
 
 
 def begin(folder: Path, plan: ExamPlan) -> None:
-    """Create the folder with the plan, or check that it holds the same plan. Raises BadInput where `folder` holds anything else."""
+    """Create the folder with the plan, or check that it holds the same plan. Raises BadInput
+    where `folder` holds anything else.
+    """
     path = folder / FILE
     if path.is_file():
         begun = read_plan(folder)
         # A kind with zero cases is the same as a kind that is not listed.
-        numbers = [{kind: number for kind, number in each.numbers.items() if number} for each in (plan, begun)]
+        numbers = [
+            {kind: number for kind, number in each.numbers.items() if number}
+            for each in (plan, begun)
+        ]
         if plan.seed != begun.seed or numbers[0] != numbers[1]:
-            raise BadInput(f"{folder}: holds an exam with {begun.words}, not {plan.words}; ask for the same again, or name a new folder")
+            raise BadInput(
+                f"{folder}: holds an exam with {begun.words}, not {plan.words}; ask for "
+                "the same again, or name a new folder"
+            )
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BadInput(f"{folder}: is not empty, and holds no exam that could be continued; name a new folder")
+        raise BadInput(
+            f"{folder}: is not empty, and holds no exam that could be continued; name a new folder"
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -140,7 +155,14 @@ def read_plan(folder: Path) -> ExamPlan:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["format"] != FORMAT:
-            raise BadInput(f"{path}: format {content['format']!r} should be {FORMAT!r}; name a new folder")
-        return ExamPlan(int(content["seed"]), {kind: int(number) for kind, number in content["numbers"].items()})
+            raise BadInput(
+                f"{path}: format {content['format']!r} should be {FORMAT!r}; name a new folder"
+            )
+        return ExamPlan(
+            int(content["seed"]), {kind: int(number) for kind, number in content["numbers"].items()}
+        )
     except (OSError, KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{path}: is not the plan of an exam ({type(error).__name__}: {error}); name a new folder") from None
+        raise BadInput(
+            f"{path}: is not the plan of an exam ({type(error).__name__}: {error}); name "
+            "a new folder"
+        ) from None

@@ -1,7 +1,7 @@
 """The truth of a case, as it is sealed.
 
-Visibility of a case's hidden effects in the forces, as they are and after the nominal values have been fitted.
-"""
+Visibility of a case's hidden effects in the forces, as they are and after the nominal values have
+been fitted."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -61,12 +61,14 @@ def errors_from_sigmas(sigmas: Floats) -> NominalErrors:
 
 @dataclass(frozen=True)
 class EffectVisibility:
-    """Root mean square change of fy, fz and tx, the largest of the three, in units of a sample's noise.
+    """Root mean square change of fy, fz and tx, the largest of the three, in units of a sample's
+    noise.
 
     - `shift`: the change itself.
-    - `left`: the remaining change after the nominal values have been fitted to it within their priors.
-    - `above`: as `left`, in units of noise and of the usual model error, MODEL_ERROR of the force. Effects below that cannot be
-      identified.
+    - `left`: the remaining change after the nominal values have been fitted to it within their
+      priors.
+    - `above`: as `left`, in units of noise and of the usual model error, MODEL_ERROR of the force.
+      Effects below that cannot be identified.
     """
 
     shift: float
@@ -75,7 +77,8 @@ class EffectVisibility:
 
 
 def measure_visibility(case: Case) -> EffectVisibility:
-    """Size at the first and the last condition of the case, from the command to the valley of the leg without the effect.
+    """Size at the first and the last condition of the case, from the command to the valley of the
+    leg without the effect.
 
     It is infinite where only the labels of columns or conditions are wrong: these change no force.
     """
@@ -84,10 +87,15 @@ def measure_visibility(case: Case) -> EffectVisibility:
     first, last = 0, len(case.design.conditions) - 1
     conditions = [_simulate_condition(case, number) for number in sorted({first, last})]
     shift, moves, forces = (
-        np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.forces) for s in conditions), strict=True)
+        np.concatenate(parts, axis=1)
+        for parts in zip(*((s.shift, s.moves, s.forces) for s in conditions), strict=True)
     )
     noise, both = np.ones_like(forces), np.hypot(1.0, MODEL_ERROR * forces)
-    return EffectVisibility(_largest_rms(shift), _remainder(conditions, shift, moves, noise), _remainder(conditions, shift, moves, both))
+    return EffectVisibility(
+        _largest_rms(shift),
+        _remainder(conditions, shift, moves, noise),
+        _remainder(conditions, shift, moves, both),
+    )
 
 
 @dataclass(frozen=True)
@@ -107,33 +115,45 @@ class _Condition:
 
 
 def _simulate_condition(case: Case, number: int) -> _Condition:
-    """Simulate the last repeat of a condition, in which effects that grow with the repeats are largest."""
+    """Simulate the last repeat of a condition, in which effects that grow with the repeats are
+    largest.
+    """
     (height_mm, speed), repeats = case.design.conditions[number], case.design.repeats
     before = (number + 1) * repeats - 1
     plain = replace(case, effects={}, strangers={}, uneven=None, mislabelled=None)
     world = build_world(plain, 1e-3 * height_mm, ExamScatter(), 1)
     base, until = _forces(world, speed, None)
-    concealed, _ = _forces(build_world(case, 1e-3 * height_mm, ExamScatter(), repeats, strokes_before=before), speed, until)
+    concealed, _ = _forces(
+        build_world(case, 1e-3 * height_mm, ExamScatter(), repeats, strokes_before=before),
+        speed,
+        until,
+    )
 
     def change_by(sigmas: Floats) -> Floats:
-        return _forces(apply_nominal_errors(world, errors_from_sigmas(sigmas)), speed, until)[0] - base
+        return (
+            _forces(apply_nominal_errors(world, errors_from_sigmas(sigmas)), speed, until)[0] - base
+        )
 
     moves = np.stack([change_by(one) for one in np.eye(NOMINAL_VALUES)], axis=-1)
     return _Condition(concealed - base, moves, base, change_by)
 
 
-def _remainder(conditions: Sequence[_Condition], shift: Floats, moves: Floats, units: Floats) -> float:
-    """Remaining shift, in these units, after a Gauss-Newton fit of the nominal values with their priors.
+def _remainder(
+    conditions: Sequence[_Condition], shift: Floats, moves: Floats, units: Floats
+) -> float:
+    """Remaining shift, in these units, after a Gauss-Newton fit of the nominal values with their
+    priors.
 
-    `shift` and `units` are (3, m), `moves` (3, m, p). The Jacobian is computed again after each large step, because far from the
-    prior means the model is not linear.
-    """
+    `shift` and `units` are (3, m), `moves` (3, m, p). The Jacobian is computed again after each
+    large step, because far from the prior means the model is not linear."""
     there, rest, least = np.zeros(NOMINAL_VALUES), shift, np.inf
     for _ in range(STEPS):
         # Gauss-Newton steps need not descend, so the smallest value of all steps counts.
         # The identity is the prior: the unknowns are in units of their prior standard deviations.
         J = (moves / units[..., None]).reshape(-1, NOMINAL_VALUES)
-        step = np.asarray(np.linalg.solve(J.T @ J + np.eye(NOMINAL_VALUES), J.T @ (rest / units).ravel() - there))
+        step = np.asarray(
+            np.linalg.solve(J.T @ J + np.eye(NOMINAL_VALUES), J.T @ (rest / units).ravel() - there)
+        )
         least = min(least, _largest_rms((rest - moves @ step) / units))
         if np.abs(step).max() < CONVERGED_SIGMAS:
             break
@@ -141,7 +161,11 @@ def _remainder(conditions: Sequence[_Condition], shift: Floats, moves: Floats, u
         moved_there = _change_by(conditions, there)
         rest = shift - moved_there
         moves = np.stack(
-            [(_change_by(conditions, there + DIFFERENCE_SIGMAS * one) - moved_there) / DIFFERENCE_SIGMAS for one in np.eye(NOMINAL_VALUES)],
+            [
+                (_change_by(conditions, there + DIFFERENCE_SIGMAS * one) - moved_there)
+                / DIFFERENCE_SIGMAS
+                for one in np.eye(NOMINAL_VALUES)
+            ],
             axis=-1,
         )
     return min(least, _largest_rms(rest / units))
@@ -171,14 +195,19 @@ def _forces(world: World, speed: float, until: int | None) -> tuple[Floats, int]
 def truth_of(case: Case) -> dict[str, Any]:
     """The truth of a case as plain data.
 
-    - `effects`: the effects that a diagnosis should identify; `strangers`: those outside the catalogue.
+    - `effects`: the effects that a diagnosis should identify; `strangers`: those outside the
+      catalogue.
     - `also_right`: other effects that describe the same thing.
     - `silence_is_right`: "nothing missing" is right too.
     - `size`: shift of the forces by the hidden effects, in units of a sample's noise.
     - `left_of_each`: the same for each effect alone, as far as nominal values cannot explain it.
     - `above_of_each`: as `left_of_each`, in units of noise and of the usual model error.
     """
-    size = measure_visibility(case) if case.effects or case.strangers or case.mislabelled else EffectVisibility(0.0, 0.0, 0.0)
+    size = (
+        measure_visibility(case)
+        if case.effects or case.strangers or case.mislabelled
+        else EffectVisibility(0.0, 0.0, 0.0)
+    )
     each = _sizes_alone(case, size)
     return {
         "format": FORMAT,
@@ -209,10 +238,15 @@ def truth_of(case: Case) -> dict[str, Any]:
 
 
 def _sizes_alone(case: Case, whole: EffectVisibility) -> dict[str, EffectVisibility]:
-    """Size of each effect alone: one effect of a pair may be invisible, and then no diagnosis can be expected to identify it."""
+    """Size of each effect alone: one effect of a pair may be invisible, and then no diagnosis
+    can be expected to identify it.
+    """
     if len(case.effects) < 2:
         return dict.fromkeys(case.effects, whole)
-    return {effect: measure_visibility(replace(case, effects={effect: values})) for effect, values in case.effects.items()}
+    return {
+        effect: measure_visibility(replace(case, effects={effect: values}))
+        for effect, values in case.effects.items()
+    }
 
 
 def _round(size: float) -> float | None:

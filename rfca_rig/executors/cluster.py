@@ -36,13 +36,21 @@ FIRST_WORKER_S = 2.5
 def import_distributed() -> Any:
     """The package `distributed`. Raises BadInput if it is not installed.
 
-    Its log messages on lost workers and late heartbeats are suppressed, as the executor reports them itself.
-    """
+    Its log messages on lost workers and late heartbeats are suppressed, as the executor reports
+    them itself."""
     try:
         package = importlib.import_module("distributed")
     except ImportError:
-        raise BadInput('--cluster needs dask.distributed: pip install "rfca-rig[cluster]"') from None
-    for name in ("distributed", "distributed.client", "distributed.scheduler", "tornado.application", "asyncio"):
+        raise BadInput(
+            '--cluster needs dask.distributed: pip install "rfca-rig[cluster]"'
+        ) from None
+    for name in (
+        "distributed",
+        "distributed.client",
+        "distributed.scheduler",
+        "tornado.application",
+        "asyncio",
+    ):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     return package
 
@@ -65,8 +73,21 @@ class DaskExecutor(TaskExecutor):
     # The jobs of an array whose time limit is reached end within this time.
     retry_delay_s = 5.0
 
-    def __init__(self, client: Any, terms: EnvironmentCheck, facts: Callable[[], Facts], hiring: WorkerStartup, clock: Clock) -> None:
-        self._client, self._terms, self._facts, self._hiring, self._clock = client, terms, facts, hiring, clock
+    def __init__(
+        self,
+        client: Any,
+        terms: EnvironmentCheck,
+        facts: Callable[[], Facts],
+        hiring: WorkerStartup,
+        clock: Clock,
+    ) -> None:
+        self._client, self._terms, self._facts, self._hiring, self._clock = (
+            client,
+            terms,
+            facts,
+            hiring,
+            clock,
+        )
         # Not pure: Dask would otherwise return one result for two tasks with equal arguments.
         self._executor = client.get_executor(pure=False)
         self._counted_s, self._count = -inf, 0
@@ -85,7 +106,9 @@ class DaskExecutor(TaskExecutor):
         if self._clock.now_s() - self._counted_s > COUNT_EVERY_S:
             self._counted_s = self._clock.now_s()
             self._count = len(self._threads())
-            self._hiring.report_progress("workers", self._count, max(self._count, self._hiring.expected))
+            self._hiring.report_progress(
+                "workers", self._count, max(self._count, self._hiring.expected)
+            )
         return self._count
 
     def look(self) -> None:
@@ -95,7 +118,9 @@ class DaskExecutor(TaskExecutor):
             self._hiring.still_coming()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        remote = self._executor.submit(partial(_check_and_run, self._terms, self._facts, fn), *args, **kwargs)
+        remote = self._executor.submit(
+            partial(_check_and_run, self._terms, self._facts, fn), *args, **kwargs
+        )
         future: Future[T] = Future()
         future.add_done_callback(partial(_cancel_too, ref(remote)))
         remote.add_done_callback(partial(self._hand_over, future))
@@ -112,7 +137,10 @@ class DaskExecutor(TaskExecutor):
                 # Count the workers again at once, so that no worker gets two tasks.
                 self._counted_s = -inf
                 future.set_exception(
-                    WorkerLost("its process was ended from outside, perhaps for want of memory", error.allowed_failures + 1)
+                    WorkerLost(
+                        "its process was ended from outside, perhaps for want of memory",
+                        error.allowed_failures + 1,
+                    )
                 )
             elif error is not None:
                 future.set_exception(error)
@@ -127,7 +155,8 @@ class DaskExecutor(TaskExecutor):
         for address, threads in self._threads().items():
             if threads != 1:
                 raise BadInput(
-                    f"the worker at {address} has {threads} threads; start workers with --nthreads 1, as many as there are cores"
+                    f"the worker at {address} has {threads} threads; start workers with "
+                    "--nthreads 1, as many as there are cores"
                 )
         try:
             kinds = self._client.run(_check_worker, self._terms, self._facts)
@@ -135,10 +164,16 @@ class DaskExecutor(TaskExecutor):
             raise
         # Anything that keeps a worker from answering, such as another Python or a missing rfca_rig.
         except Exception as error:
-            raise BadInput(f"a worker cannot run this rfca-rig: {type(error).__name__}: {error}; install the same one there") from None
+            raise BadInput(
+                f"a worker cannot run this rfca-rig: {type(error).__name__}: {error}; "
+                "install the same one there"
+            ) from None
         unlike = sorted({*kinds.values(), detect_processor()})
         if len(unlike) > 1:
-            notice(f"processors differ ({', '.join(unlike)}): results may depend on the worker in their last digits")
+            notice(
+                f"processors differ ({', '.join(unlike)}): results may depend on the "
+                "worker in their last digits"
+            )
 
     def wait_for_first(self) -> None:
         """Waits for the first worker; others join the work as they come."""
@@ -153,11 +188,22 @@ class DaskExecutor(TaskExecutor):
         try:
             return dict(self._client.nthreads())
         except OSError:
-            raise RigError("the scheduler is gone; the same command goes on where it stood") from None
+            raise RigError(
+                "the scheduler is gone; the same command goes on where it stood"
+            ) from None
 
 
-def _check_and_run(terms: EnvironmentCheck, facts: Callable[[], Facts], fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-    """Runs in the worker: checks its environment before the first task, as workers may join late."""
+def _check_and_run(
+    terms: EnvironmentCheck,
+    facts: Callable[[], Facts],
+    fn: Callable[P, T],
+    /,
+    *args: P.args,
+    **kwargs: P.kwargs,
+) -> T:
+    """Runs in the worker: checks its environment before the first task, as workers may join
+    late.
+    """
     check_worker(terms, facts)
     return fn(*args, **kwargs)
 
@@ -171,30 +217,46 @@ def _check_worker(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> str:
 def _cancel_too(remote: "ref[Future[T]]", future: Future[T]) -> None:
     """Cancels the Dask future with the local one.
 
-    The reference is weak: as long as a Dask future is referenced, its worker keeps the result, and a lost result is computed again.
-    """
+    The reference is weak: as long as a Dask future is referenced, its worker keeps the result, and
+    a lost result is computed again."""
     if future.cancelled() and (running := remote()) is not None:
         running.cancel()
 
 
 @contextmanager
-def connect_workers(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], hiring: WorkerStartup) -> Iterator[DaskExecutor]:
-    """Connects to `scheduler`, an address or a cluster. `folder`, where tasks write files, must be visible to the workers too."""
+def connect_workers(
+    scheduler: Any, folder: Path | None, facts: Callable[[], Facts], hiring: WorkerStartup
+) -> Iterator[DaskExecutor]:
+    """Connects to `scheduler`, an address or a cluster. `folder`, where tasks write files, must
+    be visible to the workers too.
+    """
     try:
         client = import_distributed().Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise BadInput(f"--cluster {scheduler}: no Dask scheduler answers there ({type(error).__name__})") from None
+        raise BadInput(
+            f"--cluster {scheduler}: no Dask scheduler answers there ({type(error).__name__})"
+        ) from None
     with client, _token_in(folder) as token:
         shared = None if folder is None else str(folder.resolve())
-        yield DaskExecutor(client, EnvironmentCheck(facts(), shared, token), facts, hiring, WallClock())
+        yield DaskExecutor(
+            client, EnvironmentCheck(facts(), shared, token), facts, hiring, WallClock()
+        )
 
 
 @contextmanager
 def connect_to_scheduler(
-    address: str, folder: Path | None, facts: Callable[[], Facts], report_progress: ProgressReport, notice: Callable[[str], None]
+    address: str,
+    folder: Path | None,
+    facts: Callable[[], Facts],
+    report_progress: ProgressReport,
+    notice: Callable[[str], None],
 ) -> Iterator[DaskExecutor]:
-    """Uses the workers of a running scheduler, and leaves them running. Raises BadInput if it does not answer."""
-    with connect_workers(address, folder, facts, WorkerStartup(1, report_progress, lambda: None)) as executor:
+    """Uses the workers of a running scheduler, and leaves them running. Raises BadInput if it
+    does not answer.
+    """
+    with connect_workers(
+        address, folder, facts, WorkerStartup(1, report_progress, lambda: None)
+    ) as executor:
         if executor.count() == 0:
             notice(f"{address} has no workers yet; waiting for the first")
         executor.wait_for_first()
@@ -204,7 +266,9 @@ def connect_to_scheduler(
 
 @contextmanager
 def _token_in(folder: Path | None) -> Iterator[str]:
-    """Creates a file by which workers verify that they see the same folder; none if `folder` is None."""
+    """Creates a file by which workers verify that they see the same folder; none if `folder` is
+    None.
+    """
     token = f".seen-{token_hex(8)}"
     if folder is None:
         yield token

@@ -1,4 +1,6 @@
-"""Environment check of workers: what they must have in common with this process to compute the same results."""
+"""Environment check of workers: what they must have in common with this process to compute the
+same results.
+"""
 
 import hashlib
 import os
@@ -21,7 +23,9 @@ Facts = Mapping[str, str]
 
 @dataclass(frozen=True)
 class EnvironmentCheck:
-    """Expected `facts` of a worker. If `folder` is given, the worker must see the file `token` in it."""
+    """Expected `facts` of a worker. If `folder` is given, the worker must see the file `token`
+    in it.
+    """
 
     facts: Facts
     folder: str | None = None
@@ -31,13 +35,18 @@ class EnvironmentCheck:
         """Differences of a process with these facts, as one line; None if there are none."""
         actual = {name: facts.get(name, "missing") for name in self.facts}
         differing = [
-            f"{name} is {actual[name]} there, {expected} here" for name, expected in self.facts.items() if actual[name] != expected
+            f"{name} is {actual[name]} there, {expected} here"
+            for name, expected in self.facts.items()
+            if actual[name] != expected
         ]
         if differing:
             return "; ".join(differing)
         # A folder may have the same path on two computers and still be two folders.
         if self.folder is not None and not Path(self.folder, self.token).exists():
-            return f"{self.folder} is not the same folder there; results must go where all computers see them"
+            return (
+                f"{self.folder} is not the same folder there; results must go where all "
+                "computers see them"
+            )
         return None
 
 
@@ -88,7 +97,12 @@ def check_worker(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> None:
 
 
 @cache
-def _unmet(folder: str | None, token: str, facts: tuple[tuple[str, str], ...], facts_there: Callable[[], Facts]) -> str | None:
+def _unmet(
+    folder: str | None,
+    token: str,
+    facts: tuple[tuple[str, str], ...],
+    facts_there: Callable[[], Facts],
+) -> str | None:
     """Result of the check, computed once per process."""
     # OpenBLAS reads its thread count when it is loaded, so it cannot be set here any more.
     if os.environ.get(LINEAR_ALGEBRA) != "1":

@@ -1,11 +1,12 @@
 """Unordered parallel map with batching and retry, and its executor on local processes.
 
-Short tasks are sent in batches of about one second, longer with many workers, so that transport costs little beside the work. A result
-that has arrived is never computed again. If a worker is lost, its tasks are submitted once more, one by one. A task that ends its worker
-twice, or raises, is reported as failed.
+Short tasks are sent in batches of about one second, longer with many workers, so that transport
+costs little beside the work. A result that has arrived is never computed again. If a worker is
+lost, its tasks are submitted once more, one by one. A task that ends its worker twice, or raises,
+is reported as failed.
 
-Each local process has its own `ProcessPoolExecutor` of one thread. The loss of one then breaks no other, and it is known which task it had.
-"""
+Each local process has its own `ProcessPoolExecutor` of one thread. The loss of one then breaks no
+other, and it is known which task it had."""
 
 import os
 import signal
@@ -13,7 +14,13 @@ import traceback
 from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -47,7 +54,9 @@ MAX_LOST_WORKERS = 2
 
 
 class WorkerLost(Exception):
-    """The worker process of a task was killed, or ended itself. `times` counts this worker and earlier ones lost over the same task."""
+    """The worker process of a task was killed, or ended itself. `times` counts this worker and
+    earlier ones lost over the same task.
+    """
 
     def __init__(self, words: str, times: int = 1) -> None:
         super().__init__(words)
@@ -55,11 +64,12 @@ class WorkerLost(Exception):
 
 
 class TaskExecutor(Executor):
-    """Executor whose futures fail with WorkerLost if their worker was lost; other futures are not affected.
+    """Executor whose futures fail with WorkerLost if their worker was lost; other futures are not
+    affected.
 
-    Functions must be importable by name on the workers, arguments and results picklable. A lost task is not submitted again before
-    `retry_delay_s` has passed. If several workers end together, the task must not be blamed for the next one as well.
-    """
+    Functions must be importable by name on the workers, arguments and results picklable. A lost
+    task is not submitted again before `retry_delay_s` has passed. If several workers end together,
+    the task must not be blamed for the next one as well."""
 
     retry_delay_s = 0.0
 
@@ -70,11 +80,15 @@ class TaskExecutor(Executor):
 
     @property
     def at_once(self) -> int:
-        """Number of tasks to submit before the first returns: one running and one waiting for each worker."""
+        """Number of tasks to submit before the first returns: one running and one waiting for
+        each worker.
+        """
         return 2 * self.workers
 
     def look(self) -> None:
-        """Called at intervals while no result arrives. Raises RigError if none can arrive any more."""
+        """Called at intervals while no result arrives. Raises RigError if none can arrive any
+        more.
+        """
 
 
 class InProcessExecutor(TaskExecutor):
@@ -127,8 +141,8 @@ def map_unordered(
     executor : TaskExecutor
         Where the tasks run.
     work : callable
-        Importable by name, or a `partial` of such a function. Its result may depend on the item only, seeds included. The results then
-        do not depend on the number or place of the workers.
+        Importable by name, or a `partial` of such a function. Its result may depend on the item
+        only, seeds included. The results then do not depend on the number or place of the workers.
     items : sequence
         The arguments, one per task.
     clocks : callable
@@ -154,19 +168,26 @@ def map_unordered(
         while running or pending:
             while pending.has_ready(clock.now_s()) and len(running) < executor.at_once:
                 numbers = pending.batch(clock.now_s(), executor.workers)
-                future = executor.submit(partial(_run_batch, work, clocks), [items[number] for number in numbers])
+                future = executor.submit(
+                    partial(_run_batch, work, clocks), [items[number] for number in numbers]
+                )
                 running[future] = numbers
                 future.add_done_callback(finished.put)
             if (batch := _next(finished, executor)) is not None:
                 numbers = running.pop(batch)
-                yield from ((items[number], result) for number, result in pending.outcome(clock.now_s(), numbers, batch))
+                yield from (
+                    (items[number], result)
+                    for number, result in pending.outcome(clock.now_s(), numbers, batch)
+                )
     # The consumer may stop early; tasks that have not started are then cancelled.
     finally:
         for future in running:
             future.cancel()
 
 
-def _next(finished: "SimpleQueue[Future[_Back[Result]]]", executor: TaskExecutor) -> Future[_Back[Result]] | None:
+def _next(
+    finished: "SimpleQueue[Future[_Back[Result]]]", executor: TaskExecutor
+) -> Future[_Back[Result]] | None:
     """The next finished batch; None if none finished for a while."""
     try:
         return finished.get(timeout=LOOK_EVERY_S)
@@ -197,7 +218,9 @@ class _PendingTasks:
         return bool(self._alone) and self._alone[0][0] <= now_s
 
     def batch(self, now_s: float, workers: int) -> Sequence[int]:
-        """The next batch: as many tasks as fill its duration, fewer near the end so that all workers get some."""
+        """The next batch: as many tasks as fill its duration, fewer near the end so that all
+        workers get some.
+        """
         if self._is_calm(now_s):
             return [self._alone.popleft()[1]]
         seconds = self._batch_s and max(self._batch_s, BATCH_PER_WORKER_S * workers)
@@ -205,12 +228,16 @@ class _PendingTasks:
         size = min(round(seconds / self._seconds_each), ceil(len(self._fresh) / (4 * workers)))
         return [self._fresh.popleft() for _ in range(max(1, size))]
 
-    def outcome(self, now_s: float, numbers: Sequence[int], future: "Future[_Back[Result]]") -> Iterator[tuple[int, Result | TaskFailure]]:
+    def outcome(
+        self, now_s: float, numbers: Sequence[int], future: "Future[_Back[Result]]"
+    ) -> Iterator[tuple[int, Result | TaskFailure]]:
         """Final results of a batch; lost tasks are queued again."""
         try:
             back = future.result()
         except CancelledError:
-            raise RigError("the work was cancelled from outside; the same command goes on where it stood") from None
+            raise RigError(
+                "the work was cancelled from outside; the same command goes on where it stood"
+            ) from None
         except WorkerLost as lost:
             yield from self._after_loss(now_s, numbers, lost)
         # Raised by the executor itself: exceptions of the work arrive as text.
@@ -226,8 +253,12 @@ class _PendingTasks:
             self._seconds_each = max(back.seconds, 1e-6) / len(numbers)
             yield from zip(numbers, back.results, strict=True)
 
-    def _after_loss(self, now_s: float, numbers: Sequence[int], lost: WorkerLost) -> Iterator[tuple[int, TaskFailure]]:
-        """Queues lost tasks again. Only a task that ran alone is counted, as in a batch the cause is unknown."""
+    def _after_loss(
+        self, now_s: float, numbers: Sequence[int], lost: WorkerLost
+    ) -> Iterator[tuple[int, TaskFailure]]:
+        """Queues lost tasks again. Only a task that ran alone is counted, as in a batch the
+        cause is unknown.
+        """
         if len(numbers) == 1:
             self._lost[numbers[0]] += lost.times
         for number in numbers:
@@ -237,7 +268,9 @@ class _PendingTasks:
                 yield number, TaskFailure(f"{self._lost[number]} workers were lost over it: {lost}")
 
 
-def _run_batch(work: Callable[[Item], Result], clocks: Callable[[], Clock], items: Sequence[Item]) -> _Back[Result]:
+def _run_batch(
+    work: Callable[[Item], Result], clocks: Callable[[], Clock], items: Sequence[Item]
+) -> _Back[Result]:
     """Runs in the worker: executes a batch."""
     clock = clocks()
     return _Back([_try_task(work, item) for item in items], clock.now_s())
@@ -252,16 +285,18 @@ def _try_task(work: Callable[[Item], Result], item: Item) -> Result | TaskFailur
 
 def describe_failure(error: BaseException) -> TaskFailure:
     """Converts an exception to text, as not every exception can be pickled."""
-    return TaskFailure(" ".join("".join(traceback.format_exception_only(error)).split()), "".join(traceback.format_exception(error)))
+    return TaskFailure(
+        " ".join("".join(traceback.format_exception_only(error)).split()),
+        "".join(traceback.format_exception(error)),
+    )
 
 
 @contextmanager
 def process_executor(workers: int) -> Iterator[TaskExecutor]:
     """Executor on `workers` processes; with 0 the tasks run in this process.
 
-    Functions must be importable by name. The processes end with the block, during a task if the block ends with an exception, and when
-    this process dies. A lost process is replaced.
-    """
+    Functions must be importable by name. The processes end with the block, during a task if the
+    block ends with an exception, and when this process dies. A lost process is replaced."""
     if workers == 0:
         yield InProcessExecutor()
         return
@@ -297,7 +332,9 @@ class ProcessExecutor(TaskExecutor):
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         return self._threads.submit(self._run_in_process, fn, args, kwargs)
 
-    def _run_in_process(self, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
+    def _run_in_process(
+        self, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]
+    ) -> T:
         """Runs in a thread: executes the task in this thread's process."""
         try:
             # The lock keeps a process from being started after `stop_starting_processes`.
@@ -307,14 +344,18 @@ class ProcessExecutor(TaskExecutor):
                 pool: ProcessPoolExecutor | None = getattr(self._of_thread, "pool", None)
                 if pool is None:
                     # Spawn, as a forked copy of a process with threads may deadlock.
-                    pool = self._of_thread.pool = ProcessPoolExecutor(1, get_context("spawn"), initialise_worker)
+                    pool = self._of_thread.pool = ProcessPoolExecutor(
+                        1, get_context("spawn"), initialise_worker
+                    )
                     self._pools.append(pool)
                 future = pool.submit(fn, *args, **kwargs)
             return future.result()
         except BrokenProcessPool:
             # A broken pool cannot be used again; the next task of this thread starts a new one.
             self._of_thread.pool = None
-            raise WorkerLost("its process was ended from outside, perhaps for want of memory") from None
+            raise WorkerLost(
+                "its process was ended from outside, perhaps for want of memory"
+            ) from None
 
     def stop_starting_processes(self) -> None:
         """From now on no process is started."""
@@ -329,7 +370,9 @@ class ProcessExecutor(TaskExecutor):
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Sets the thread limits that new processes inherit, as linear algebra reads them when it is loaded."""
+    """Sets the thread limits that new processes inherit, as linear algebra reads them when it is
+    loaded.
+    """
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:
@@ -342,7 +385,9 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def initialise_worker() -> None:
-    """Initialises each process. ^C reaches all processes of a terminal, but only the main one should react."""
+    """Initialises each process. ^C reaches all processes of a terminal, but only the main one
+    should react.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_exit_with_parent, daemon=True).start()
 

@@ -1,9 +1,10 @@
-"""Ordered parallel map within one command, on all cores that it may use: in threads, or in this process and copies of it.
+"""Ordered parallel map within one command, on all cores that it may use: in threads, or in this
+process and copies of it.
 
-Threads suit tasks of compiled code, which releases the interpreter's lock. Tasks with much Python hold that lock, and two of them take as
-long as one after the other. A copy of the process has a lock of its own, and all that the process had in memory; only the results travel.
-It costs 10 to 20 ms to make, so it is worth it for tasks of about as long.
-"""
+Threads suit tasks of compiled code, which releases the interpreter's lock. Tasks with much Python
+hold that lock, and two of them take as long as one after the other. A copy of the process has a
+lock of its own, and all that the process had in memory; only the results travel. It costs 10 to 20
+ms to make, so it is worth it for tasks of about as long."""
 
 import gc
 import io
@@ -24,12 +25,15 @@ from rfca_rig.executors.mapping import initialise_worker
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# Elsewhere the system's own libraries do not survive a copy of their process (macOS), or there is no such call (Windows).
+# Elsewhere the system's own libraries do not survive a copy of their process (macOS), or there is
+# no such call (Windows).
 CAN_COPY = sys.platform == "linux"
 
 
 def map_in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Applies `work` to all items, in threads where there are several cores; raises what `work` raises."""
+    """Applies `work` to all items, in threads where there are several cores; raises what `work`
+    raises.
+    """
     workers = min(cores(), len(items))
     if workers < 2:
         return [work(item) for item in items]
@@ -37,18 +41,22 @@ def map_in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> lis
         return list(pool.map(work, items))
 
 
-def map_in_processes(work: Callable[[Item], Result], items: Sequence[Item], shared: Sequence[object] = ()) -> list[Result]:
-    """Applies `work` to all items in this process and copies of it, in threads where the system cannot make copies.
+def map_in_processes(
+    work: Callable[[Item], Result], items: Sequence[Item], shared: Sequence[object] = ()
+) -> list[Result]:
+    """Applies `work` to all items in this process and copies of it, in threads where the system
+    cannot make copies.
 
     Parameters
     ----------
     work
-        Any function. What it changes in memory is lost where a copy does it, and it must not print. Meanwhile `cores()` is 1.
+        Any function. What it changes in memory is lost where a copy does it, and it must not print.
+        Meanwhile `cores()` is 1.
     items
         Its arguments.
     shared
-        Objects of this process that results may contain, such as the effects of a hypothesis. They are not copied back: a result refers
-        to the very same object.
+        Objects of this process that results may contain, such as the effects of a hypothesis. They
+        are not copied back: a result refers to the very same object.
 
     Returns
     -------
@@ -62,14 +70,14 @@ def map_in_processes(work: Callable[[Item], Result], items: Sequence[Item], shar
 
     Notes
     -----
-    A copy has only the thread that made it, so no other thread may hold a lock that `work` needs. The callers use threads only within
-    `map_in_threads`, which is over before.
-    """
+    A copy has only the thread that made it, so no other thread may hold a lock that `work` needs.
+    The callers use threads only within `map_in_threads`, which is over before."""
     copies = min(cores(), len(items)) - 1
     if copies < 1 or not CAN_COPY:
         return map_in_threads(work, items)
     context, running = get_context("fork"), []
-    # All processes share the position in this file. Who moves it on by one takes the item that was passed: no lock can be left behind.
+    # All processes share the position in this file. Who moves it on by one takes the item that was
+    # passed: no lock can be left behind.
     position = os.memfd_create("items")
     try:
         # Newer interpreters warn of every copy of a process with threads; see the notes.
@@ -77,7 +85,9 @@ def map_in_processes(work: Callable[[Item], Result], items: Sequence[Item], shar
             warnings.simplefilter("ignore", DeprecationWarning)
             for _ in range(copies):
                 ours, theirs = context.Pipe(duplex=False)
-                copy = context.Process(target=_run_copy, args=(work, items, shared, position, theirs), daemon=True)
+                copy = context.Process(
+                    target=_run_copy, args=(work, items, shared, position, theirs), daemon=True
+                )
                 # Where no more processes may be started, those that run do the work.
                 copy.start()
                 theirs.close()
@@ -85,7 +95,8 @@ def map_in_processes(work: Callable[[Item], Result], items: Sequence[Item], shar
         with _one_core():
             results, errors = _work_on(work, items, position)
         for _, ours in running:
-            # A copy that was ended from outside, perhaps for want of memory, leaves its items to this process.
+            # A copy that was ended from outside, perhaps for want of memory, leaves its items to
+            # this process.
             with suppress(EOFError, OSError):
                 done, failed = _Reader(io.BytesIO(ours.recv_bytes()), shared).load()
                 results, errors = results | done, errors | failed
@@ -100,14 +111,21 @@ def map_in_processes(work: Callable[[Item], Result], items: Sequence[Item], shar
             copy.join()
     if errors:
         raise errors[min(errors)]
-    return [results[number] if number in results else work(item) for number, item in enumerate(items)]
+    return [
+        results[number] if number in results else work(item) for number, item in enumerate(items)
+    ]
 
 
 def _run_copy(
-    work: Callable[[Any], Any], items: Sequence[Any], shared: Sequence[object], position: int, connection: "Connection[bytes, bytes]"
+    work: Callable[[Any], Any],
+    items: Sequence[Any],
+    shared: Sequence[object],
+    position: int,
+    connection: "Connection[bytes, bytes]",
 ) -> None:
     """Runs in each copy. Arguments are not pickled on the way, because memory is shared."""
-    # The search for unused circles would visit all objects of the first process, and so copy their memory.
+    # The search for unused circles would visit all objects of the first process, and so copy their
+    # memory.
     gc.freeze()
     initialise_worker()
     os.environ.update(ONE_THREAD)
@@ -117,8 +135,12 @@ def _run_copy(
     connection.send_bytes(out.getvalue())
 
 
-def _work_on(work: Callable[[Any], Any], items: Sequence[Any], position: int) -> tuple[dict[int, Any], dict[int, Exception]]:
-    """Takes one item after the other; returns results and errors by number. After an error no process takes a further item."""
+def _work_on(
+    work: Callable[[Any], Any], items: Sequence[Any], position: int
+) -> tuple[dict[int, Any], dict[int, Exception]]:
+    """Takes one item after the other; returns results and errors by number. After an error no
+    process takes a further item.
+    """
     results: dict[int, Any] = {}
     while (number := os.lseek(position, 1, os.SEEK_CUR) - 1) < len(items):
         try:

@@ -1,7 +1,8 @@
-"""Reads a file from elsewhere in a copy of this process with limits of time and memory, so that no file can hang or exhaust this one.
+"""Reads a file from elsewhere in a copy of this process with limits of time and memory, so that no
+file can hang or exhaust this one.
 
-The copy costs about 10 ms. Where the system makes no copies (Windows, macOS), files are read in this process, without limits.
-"""
+The copy costs about 10 ms. Where the system makes no copies (Windows, macOS), files are read in
+this process, without limits."""
 
 import faulthandler
 import gc
@@ -21,7 +22,8 @@ from rfca_rig.executors.parallel import CAN_COPY
 
 Result = TypeVar("Result")
 
-# Variables of the environment, not keys of a file: a file from elsewhere must not raise the limits under which it is read.
+# Variables of the environment, not keys of a file: a file from elsewhere must not raise the limits
+# under which it is read.
 TIME_VARIABLE = "RFCA_RIG_READ_S"
 MEMORY_VARIABLE = "RFCA_RIG_READ_GIB"
 DEFAULT_TIME_S = 10.0
@@ -42,7 +44,9 @@ class ReadingLimits:
 
 def reading_limits() -> ReadingLimits:
     """The limits that the environment states. Raises BadInput for a value that is no limit."""
-    return ReadingLimits(_limit(TIME_VARIABLE, DEFAULT_TIME_S), _limit(MEMORY_VARIABLE, DEFAULT_MEMORY_GIB))
+    return ReadingLimits(
+        _limit(TIME_VARIABLE, DEFAULT_TIME_S), _limit(MEMORY_VARIABLE, DEFAULT_MEMORY_GIB)
+    )
 
 
 def _limit(variable: str, default: float) -> float:
@@ -53,7 +57,10 @@ def _limit(variable: str, default: float) -> float:
         value = 0.0
     # Also false for NaN.
     if not 0.0 < value <= 1e6:
-        raise BadInput(f"{variable} is {text!r}; set it to a number above 0 and up to 1e6, or unset it for {default:g}")
+        raise BadInput(
+            f"{variable} is {text!r}; set it to a number above 0 and up to 1e6, or unset "
+            f"it for {default:g}"
+        )
     return value
 
 
@@ -65,7 +72,8 @@ def read_within_limits(path: Path, read: Callable[[], Result]) -> Result:
     path
         The file, for messages.
     read
-        Reads it. The result can be pickled; whatever else `read` changes in memory, or prints, is lost.
+        Reads it. The result can be pickled; whatever else `read` changes in memory, or prints, is
+        lost.
 
     Raises
     ------
@@ -78,7 +86,8 @@ def read_within_limits(path: Path, read: Callable[[], Result]) -> Result:
         return read()
     limits = reading_limits()
     ours, theirs = os.pipe()
-    # Newer interpreters warn of every copy of a process with threads. The copy needs no lock that another thread may hold.
+    # Newer interpreters warn of every copy of a process with threads. The copy needs no lock that
+    # another thread may hold.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         copy = os.fork()
@@ -103,7 +112,10 @@ def read_within_limits(path: Path, read: Callable[[], Result]) -> Result:
             raise kind(message)
         return cast(Result, content)
     # A library that gets no memory often ends its process.
-    raise BadInput(f"{path}: cannot be read within {limits.memory_GiB:g} GiB of memory, or ends the program that reads it; {way_out}")
+    raise BadInput(
+        f"{path}: cannot be read within {limits.memory_GiB:g} GiB of memory, or ends the "
+        f"program that reads it; {way_out}"
+    )
 
 
 def _receive(pipe: int, until_s: float) -> bytes | None:
@@ -120,13 +132,16 @@ def _receive(pipe: int, until_s: float) -> bytes | None:
 
 
 def _answer(pipe: int, read: Callable[[], object], limits: ReadingLimits) -> NoReturn:
-    """Runs in the copy, and ends it: nothing of this process may run twice, such as its exit handlers."""
+    """Runs in the copy, and ends it: nothing of this process may run twice, such as its exit
+    handlers.
+    """
     try:
         _limit_copy(limits)
         try:
             answer = pickle.dumps((True, read()), pickle.HIGHEST_PROTOCOL)
         except RigError as error:
-            # Its kind and its words: a library may have taught pickle to keep the cause of an error, which need not be readable again.
+            # Its kind and its words: a library may have taught pickle to keep the cause of an
+            # error, which need not be readable again.
             answer = pickle.dumps((False, (type(error), str(error))))
         with open(pipe, "wb") as sending:
             sending.write(answer)
@@ -141,7 +156,8 @@ def _answer(pipe: int, read: Callable[[], object], limits: ReadingLimits) -> NoR
 def _limit_copy(limits: ReadingLimits) -> None:
     import resource  # noqa: PLC0415  (not on Windows)
 
-    # The search for unused circles would visit all objects of the first process, and so copy their memory.
+    # The search for unused circles would visit all objects of the first process, and so copy their
+    # memory.
     gc.freeze()
     # ^C is for the first process, which then ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -150,7 +166,10 @@ def _limit_copy(limits: ReadingLimits) -> None:
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
-    taken = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    taken = (
+        int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        * resource.getpagesize()
+    )
     allowed = taken + int(limits.memory_GiB * BYTES_PER_GIB)
     resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

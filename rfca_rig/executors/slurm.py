@@ -1,7 +1,7 @@
 """Workers in a SLURM job array, with a Dask scheduler inside this process.
 
-Workers that lose their scheduler, because this process was killed, end by themselves within DEATH_TIMEOUT_S seconds.
-"""
+Workers that lose their scheduler, because this process was killed, end by themselves within
+DEATH_TIMEOUT_S seconds."""
 
 import os
 import resource
@@ -22,7 +22,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, connect_workers, import_distributed
+from rfca_rig.executors.cluster import (
+    DaskExecutor,
+    WorkerStartup,
+    connect_workers,
+    import_distributed,
+)
 from rfca_rig.executors.cores import ONE_THREAD
 from rfca_rig.executors.environment import Facts
 from rfca_rig.progress import ProgressReport
@@ -41,11 +46,12 @@ Line = Annotated[str, Field(pattern=r"^[^\n]+$")]
 
 @dataclass(frozen=True)
 class JobArray:
-    """`jobs` equal jobs with `workers_per_job` single-threaded workers each; a core and `memory_per_worker_MB` per worker.
+    """`jobs` equal jobs with `workers_per_job` single-threaded workers each; a core and
+    `memory_per_worker_MB` per worker.
 
-    `time` is in the format of sbatch. `setup` are shell lines before the workers start, `options` further options of sbatch, for
-    example --qos=long. `interface` names the network over which workers reach this computer, if it has several.
-    """
+    `time` is in the format of sbatch. `setup` are shell lines before the workers start, `options`
+    further options of sbatch, for example --qos=long. `interface` names the network over which
+    workers reach this computer, if it has several."""
 
     jobs: int
     workers_per_job: int
@@ -81,16 +87,38 @@ class JobArray:
             "#!/bin/bash",
             *(f"#SBATCH {option}" for option in (*options, *self.options)),
             *(f"export {name}={value}" for name, value in ONE_THREAD.items()),
-            # A worker starts further processes, which import nothing from the folder of the job either.
+            # A worker starts further processes, which import nothing from the folder of the job
+            # either.
             f"export {SAFE_PATH_VARIABLE}=1",
             # Compiled code is cached on the node's own disk.
-            'export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rfca-rig-$(id -u)}"',
+            (
+                "export NUMBA_CACHE_DIR="
+                '"${NUMBA_CACHE_DIR:-${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rfca-rig-$(id -u)}"'
+            ),
             *self.setup,
             shlex.join(
                 [
-                    *("exec", *python_command("-m", "distributed.cli.dask_worker", address, python=self.python)),
-                    *("--nworkers", f"{self.workers_per_job}", "--nthreads", "1", "--memory-limit", f"{self.memory_per_worker_MB}MB"),
-                    *("--death-timeout", f"{DEATH_TIMEOUT_S}", "--no-dashboard", "--local-directory", "/tmp"),
+                    *(
+                        "exec",
+                        *python_command(
+                            "-m", "distributed.cli.dask_worker", address, python=self.python
+                        ),
+                    ),
+                    *(
+                        "--nworkers",
+                        f"{self.workers_per_job}",
+                        "--nthreads",
+                        "1",
+                        "--memory-limit",
+                        f"{self.memory_per_worker_MB}MB",
+                    ),
+                    *(
+                        "--death-timeout",
+                        f"{DEATH_TIMEOUT_S}",
+                        "--no-dashboard",
+                        "--local-directory",
+                        "/tmp",
+                    ),
                     *(f"--tls-{part}={folder / KEYS}" for part in ("ca-file", "cert", "key")),
                 ]
             ),
@@ -109,14 +137,20 @@ def slurm_workers(
 ) -> Iterator[DaskExecutor]:
     """Executor on the workers of a job array, which is cancelled whenever the block ends.
 
-    Script, keys and output of the jobs are in a new folder in `shared`, which is kept if the block ends with an error.
-    """
+    Script, keys and output of the jobs are in a new folder in `shared`, which is kept if the block
+    ends with an error."""
     import_distributed()
     if which("sbatch") is None:
-        raise BadInput("--cluster slurm:FILE: there is no sbatch on this computer; type this where jobs are submitted")
+        raise BadInput(
+            "--cluster slurm:FILE: there is no sbatch on this computer; type this where "
+            "jobs are submitted"
+        )
     if not str(shared.resolve()).isprintable():
         # A line break in it would begin a new line of the jobs' script.
-        raise BadInput(f"{shared}: has a line break or another character in its path that no script of SLURM can hold; rename the folder")
+        raise BadInput(
+            f"{shared}: has a line break or another character in its path that no script "
+            "of SLURM can hold; rename the folder"
+        )
     own = Path(mkdtemp(prefix="rfca-rig-jobs-", dir=shared)).resolve()
     with _scheduler(array.interface, own / KEYS) as scheduler:
         (own / SCRIPT).write_text(array.script(scheduler.scheduler_address, own), encoding="utf-8")
@@ -124,7 +158,10 @@ def slurm_workers(
             _handle_termination(),
             _submit(own / SCRIPT) as job,
             connect_workers(
-                scheduler, folder, facts, WorkerStartup(array.workers, report_progress, partial(_check_job_alive, job, own))
+                scheduler,
+                folder,
+                facts,
+                WorkerStartup(array.workers, report_progress, partial(_check_job_alive, job, own)),
             ) as executor,
         ):
             notice(f"SLURM has job {job}, {array.jobs} times {array.workers_per_job} workers")
@@ -136,12 +173,17 @@ def slurm_workers(
 
 @contextmanager
 def _handle_termination() -> Iterator[None]:
-    """Treats SIGTERM and a closed terminal like ^C: otherwise the jobs would outlive this process."""
+    """Treats SIGTERM and a closed terminal like ^C: otherwise the jobs would outlive this
+    process.
+    """
     # Python allows signal handlers in the main thread only.
     if current_thread() is not main_thread():
         yield
         return
-    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGTERM, signal.SIGHUP)}
+    before = {
+        number: signal.signal(number, signal.default_int_handler)
+        for number in (signal.SIGTERM, signal.SIGHUP)
+    }
     try:
         yield
     finally:
@@ -151,8 +193,11 @@ def _handle_termination() -> Iterator[None]:
 
 @contextmanager
 def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
-    """Starts a scheduler in this process, with its own TLS keys: other users can neither submit nor see tasks."""
-    # Raises the limit of open files: the usual one is too low for the connections of a thousand workers.
+    """Starts a scheduler in this process, with its own TLS keys: other users can neither submit
+    nor see tasks.
+    """
+    # Raises the limit of open files: the usual one is too low for the connections of a thousand
+    # workers.
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     security = import_distributed().Security.temporary()
@@ -172,7 +217,10 @@ def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
             scheduler_kwargs={"allowed_failures": 0},
         )
     except (OSError, ValueError, RuntimeError) as error:
-        raise BadInput(f"the scheduler for the workers cannot listen{f' on {interface}' if interface else ''}: {error}") from None
+        raise BadInput(
+            "the scheduler for the workers cannot "
+            f"listen{f' on {interface}' if interface else ''}: {error}"
+        ) from None
     with cluster:
         yield cluster
 
@@ -182,7 +230,10 @@ def _submit(script: Path) -> Iterator[str]:
     """Submits the job array and cancels it in the end; yields its job number."""
     sbatch = _run_command("sbatch", "--parsable", str(script))
     if sbatch.returncode:
-        first_line = next((line.strip() for line in sbatch.stderr.splitlines() if line.strip()), "it gave no reason")
+        first_line = next(
+            (line.strip() for line in sbatch.stderr.splitlines() if line.strip()),
+            "it gave no reason",
+        )
         raise BadInput(f"sbatch refused {script}: {first_line}")
     job = sbatch.stdout.strip().split(";")[0]
     try:
@@ -198,10 +249,19 @@ def _check_job_alive(job: str, folder: Path) -> None:
     is_forgotten = "Invalid job id" in squeue.stderr
     if is_forgotten or (squeue.returncode == 0 and not squeue.stdout.strip()):
         # The last line with an error that a job printed, and the folder of the logs.
-        lines = [line for log in sorted(folder.glob("*.log")) for line in log.read_text(encoding="utf-8", errors="replace").splitlines()]
+        lines = [
+            line
+            for log in sorted(folder.glob("*.log"))
+            for line in log.read_text(encoding="utf-8", errors="replace").splitlines()
+        ]
         errors = [line for line in lines if "rror" in line] or lines
-        last_error = f"as {errors[-1].strip()!r} in {folder}" if errors else f"without a word in {folder}"
-        raise RigError(f"all jobs of SLURM's job {job} have ended, {last_error}; the same command goes on where it stood")
+        last_error = (
+            f"as {errors[-1].strip()!r} in {folder}" if errors else f"without a word in {folder}"
+        )
+        raise RigError(
+            f"all jobs of SLURM's job {job} have ended, {last_error}; the same command "
+            "goes on where it stood"
+        )
 
 
 def _run_command(*words: str) -> "subprocess.CompletedProcess[str]":
@@ -209,12 +269,20 @@ def _run_command(*words: str) -> "subprocess.CompletedProcess[str]":
 
 
 def _environment() -> dict[str, str]:
-    """Environment without the SLURM variables of a job that this process may run in: the workers are separate jobs."""
-    return {name: value for name, value in os.environ.items() if not name.startswith("SLURM_") or name == "SLURM_CONF"}
+    """Environment without the SLURM variables of a job that this process may run in: the workers
+    are separate jobs.
+    """
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith("SLURM_") or name == "SLURM_CONF"
+    }
 
 
 class ClusterFile(Section):
-    """`jobs` jobs of `workers_per_job` workers each. A worker is a process of one thread with its own core and this much memory."""
+    """`jobs` jobs of `workers_per_job` workers each. A worker is a process of one thread with
+    its own core and this much memory.
+    """
 
     scheduler: Literal["slurm"]
     jobs: Annotated[int, Field(ge=1, le=100_000)]
@@ -225,7 +293,9 @@ class ClusterFile(Section):
     partition: Word | None = None
     account: Word | None = None
     setup: Annotated[tuple[Line, ...], Field(strict=False)] = ()
-    options: Annotated[tuple[Annotated[str, Field(pattern=r"^--[^\n]+$")], ...], Field(strict=False)] = ()
+    options: Annotated[
+        tuple[Annotated[str, Field(pattern=r"^--[^\n]+$")], ...], Field(strict=False)
+    ] = ()
     # Workers run in this environment unless the file names another one.
     python: Line = sys.executable
     interface: Word | None = None

@@ -1,1 +1,3 @@
-"""Recordings exported to formats of other programs: CSV, MCAP, and a leg as an MJCF experiment. One module for each format."""
+"""Recordings exported to formats of other programs: CSV, MCAP, and a leg as an MJCF experiment.
+One module for each format.
+"""

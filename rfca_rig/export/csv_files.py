@@ -1,4 +1,5 @@
-"""Export of a recording as CSV files for spreadsheets and scripts. Numbers keep all recorded digits; nothing is resampled.
+"""Export of a recording as CSV files for spreadsheets and scripts. Numbers keep all recorded
+digits; nothing is resampled.
 
 stages.csv              a row per file: which stage, which device, height, speed, repeat
 stages/001-force.csv    a row per record; each device keeps its own times
@@ -28,8 +29,17 @@ def static_row(held: StaticStage) -> dict[str, Any]:
     """Means of a static stage under the column names of campaign files."""
     # Hinge 1 is the shaft: photos give hinges 2 to 7.
     hinges = {f"hinge{i}_deg": angle for i, angle in enumerate(held.hinge_deg, start=2)}
-    about = {"height_mm": height_mm(held.height_m), "stage": held.stage, "direction": held.direction}
-    return {**about, "shaft_angle_rad": held.shaft_angle_rad, **hinges, **{name: getattr(held, name) for name in ("fy_N", "fz_N", "tx_Nm")}}
+    about = {
+        "height_mm": height_mm(held.height_m),
+        "stage": held.stage,
+        "direction": held.direction,
+    }
+    return {
+        **about,
+        "shaft_angle_rad": held.shaft_angle_rad,
+        **hinges,
+        **{name: getattr(held, name) for name in ("fy_N", "fz_N", "tx_Nm")},
+    }
 
 
 @dataclass(frozen=True)
@@ -41,7 +51,8 @@ class ExportedCsv:
 
 
 def export_csv(run: Path, out: Path, report_progress: ProgressCount) -> ExportedCsv:
-    """Writes the folder `out`, completely or not at all. Samples are read block by block, so memory does not grow with the recording.
+    """Writes the folder `out`, completely or not at all. Samples are read block by block, so memory
+    does not grow with the recording.
 
     Parameters
     ----------
@@ -61,41 +72,64 @@ def export_csv(run: Path, out: Path, report_progress: ProgressCount) -> Exported
     """
     # An existing folder may hold files that the user edited: never overwritten.
     if out.exists():
-        raise BadInput(f"{out}: is there already; name a folder that does not exist yet, or take this one away")
+        raise BadInput(
+            f"{out}: is there already; name a folder that does not exist yet, or take this one away"
+        )
     stage_rows: list[dict[str, Any]] = []
     stored = open_stored(run)
     with translate_os_errors(out, "cannot be written"):
-        make_folder_atomically(out, lambda folder: stage_rows.extend(_write_folder(stored, folder, report_progress)))
+        make_folder_atomically(
+            out, lambda folder: stage_rows.extend(_write_folder(stored, folder, report_progress))
+        )
     return ExportedCsv(len(stage_rows), sum(row["records"] for row in stage_rows))
 
 
-def _write_folder(stored: StoredRecording, folder: Path, report_progress: ProgressCount) -> list[dict[str, Any]]:
+def _write_folder(
+    stored: StoredRecording, folder: Path, report_progress: ProgressCount
+) -> list[dict[str, Any]]:
     (folder / "stages").mkdir()
     rows = list(_write_stages(stored, folder, report_progress))
-    _write_csv(folder / "stages.csv", INDEX, ([row.get(name, "") for name in INDEX] for row in rows))
+    _write_csv(
+        folder / "stages.csv", INDEX, ([row.get(name, "") for name in INDEX] for row in rows)
+    )
     if stored.static:
         table = [static_row(means) for means in stored.static]
         _write_csv(folder / "static.csv", list(table[0]), (list(row.values()) for row in table))
     return rows
 
 
-def _write_stages(stored: StoredRecording, folder: Path, report_progress: ProgressCount) -> Iterator[dict[str, Any]]:
-    for number, stage in enumerate(iterate_with_progress((*stored.strokes, *stored.raw), report_progress), start=1):
-        # A file per device: devices sample at different times, and joining them would need resampling.
+def _write_stages(
+    stored: StoredRecording, folder: Path, report_progress: ProgressCount
+) -> Iterator[dict[str, Any]]:
+    for number, stage in enumerate(
+        iterate_with_progress((*stored.strokes, *stored.raw), report_progress), start=1
+    ):
+        # A file per device: devices sample at different times, and joining them would need
+        # resampling.
         with stage.samples.open_streams() as streams:
             for stream in streams:
-                # A device's name may come from elsewhere: no path, and no longer than file systems allow.
+                # A device's name may come from elsewhere: no path, and no longer than file systems
+                # allow.
                 device = re.sub(r"[^\w.-]", "_", stream.name)[:LONGEST_NAME]
                 name = f"stages/{number:03d}-{device}.csv"
                 if (folder / name).exists():
-                    raise BadInput(f"{stored.folder}: two streams of {stage.label} would both become {name}")
+                    raise BadInput(
+                        f"{stored.folder}: two streams of {stage.label} would both become {name}"
+                    )
                 _write_csv(folder / name, [TIME, *stream.columns], _records(stream))
-                yield {"file": name, "stage": stage.label, "device": stream.name, "records": len(stream.t_s), **stage.about}
+                yield {
+                    "file": name,
+                    "stage": stage.label,
+                    "device": stream.name,
+                    "records": len(stream.t_s),
+                    **stage.about,
+                }
 
 
 def _records(stream: StoredStream) -> Iterator[Sequence[Any]]:
     for rows in stream.blocks():
-        # Python numbers: `csv` then writes the shortest text that reads back as the same 64-bit float.
+        # Python numbers: `csv` then writes the shortest text that reads back as the same 64-bit
+        # float.
         columns = [column.values(rows).tolist() for column in stream.columns.values()]
         yield from zip(stream.t_s[rows].tolist(), *columns, strict=True)
 

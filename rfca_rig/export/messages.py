@@ -1,11 +1,13 @@
-"""Messages of an MCAP file: samples as Protocol Buffers, everything else as JSON for Foxglove and Lichtblick.
+"""Messages of an MCAP file: samples as Protocol Buffers, everything else as JSON for Foxglove and
+Lichtblick.
 
-JSON messages for everything except samples: log, pictures, stages. Log and pictures use the schema names that Foxglove knows.
+JSON messages for everything except samples: log, pictures, stages. Log and pictures use the schema
+names that Foxglove knows.
 
 Samples encoded as Protocol Buffers, one message per record, some thousand messages at a time.
 
-Every field has a fixed width (double, sfixed64). All messages of a stream are therefore equally long, and numpy writes them as one array.
-"""
+Every field has a fixed width (double, sfixed64). All messages of a stream are therefore equally
+long, and numpy writes them as one array."""
 
 import base64
 import json
@@ -17,7 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
 
 from rfca_rig.campaign.stored import StoredStream
 from rfca_rig.drivers.photo_files import read_picture_bytes
@@ -27,7 +34,11 @@ NS = 1_000_000_000
 LEVELS = {"info": 2, "warning": 3, "error": 4}
 FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg"}
 
-_TIME = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer", "minimum": 0}, "nsec": {"type": "integer"}}}
+_TIME = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": {"type": "integer", "minimum": 0}, "nsec": {"type": "integer"}},
+}
 _TEXT = {"type": "string"}
 _NUMBER = {"type": "number"}
 
@@ -51,9 +62,20 @@ LOG = _schema(
     line={"type": "integer", "minimum": 0},
 )
 IMAGE = _schema(
-    "foxglove.CompressedImage", timestamp=_TIME, frame_id=_TEXT, data={"type": "string", "contentEncoding": "base64"}, format=_TEXT
+    "foxglove.CompressedImage",
+    timestamp=_TIME,
+    frame_id=_TEXT,
+    data={"type": "string", "contentEncoding": "base64"},
+    format=_TEXT,
 )
-STAGE = _schema("rfca_rig.Stage", label=_TEXT, height_mm=_NUMBER, speed_rad_s=_NUMBER, repeat={"type": "integer"}, cut_short=_TEXT)
+STAGE = _schema(
+    "rfca_rig.Stage",
+    label=_TEXT,
+    height_mm=_NUMBER,
+    speed_rad_s=_NUMBER,
+    repeat={"type": "integer"},
+    cut_short=_TEXT,
+)
 STATIC = _schema(
     "rfca_rig.StaticStage",
     stage={"type": "integer"},
@@ -65,18 +87,29 @@ STATIC = _schema(
 
 def log(ns: int, message: str, level: str = "info") -> bytes:
     """A foxglove.Log message of one line at `ns` nanoseconds of UTC; `level` is a key of LEVELS."""
-    return _json(timestamp=_time(ns), level=LEVELS[level], message=message, name="rfca-rig", file="", line=0)
+    return _json(
+        timestamp=_time(ns), level=LEVELS[level], message=message, name="rfca-rig", file="", line=0
+    )
 
 
 def image(ns: int, path: Path) -> bytes:
-    """A foxglove.CompressedImage message with the bytes of the file, base64 as JSON needs. Raises BadInput where it cannot be read."""
+    """A foxglove.CompressedImage message with the bytes of the file, base64 as JSON needs.
+    Raises BadInput where it cannot be read.
+    """
     data = base64.b64encode(read_picture_bytes(path)).decode()
-    return _json(timestamp=_time(ns), frame_id="camera", data=data, format=FORMATS[path.suffix.lower()])
+    return _json(
+        timestamp=_time(ns), frame_id="camera", data=data, format=FORMATS[path.suffix.lower()]
+    )
 
 
 def values(**named: Any) -> bytes:
     """A message of plain values by name. JSON has no NaN: it becomes null."""
-    return _json(**{name: None if isinstance(value, float) and isnan(value) else value for name, value in named.items()})
+    return _json(
+        **{
+            name: None if isinstance(value, float) and isnan(value) else value
+            for name, value in named.items()
+        }
+    )
 
 
 def _json(**content: Any) -> bytes:
@@ -90,7 +123,9 @@ def _time(ns: int) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Fields of one stream's messages in order, each with True for a whole number (sfixed64) and False for a double."""
+    """Fields of one stream's messages in order, each with True for a whole number (sfixed64) and
+    False for a double.
+    """
 
     name: str
     fields: tuple[tuple[str, bool], ...]
@@ -106,21 +141,35 @@ class Layout:
     @property
     def descriptor(self) -> bytes:
         """Serialized FileDescriptorSet, which MCAP requires as the schema of a protobuf channel."""
-        file = FileDescriptorProto(name=f"{PACKAGE}/{self.name}.proto", package=PACKAGE, syntax="proto3")
+        file = FileDescriptorProto(
+            name=f"{PACKAGE}/{self.name}.proto", package=PACKAGE, syntax="proto3"
+        )
         message = DescriptorProto(name=self._message)
         for number, (name, is_count) in enumerate(self.fields, start=1):
-            kind = FieldDescriptorProto.TYPE_SFIXED64 if is_count else FieldDescriptorProto.TYPE_DOUBLE
-            message.field.append(FieldDescriptorProto(name=name, number=number, type=kind, label=FieldDescriptorProto.LABEL_OPTIONAL))
+            kind = (
+                FieldDescriptorProto.TYPE_SFIXED64 if is_count else FieldDescriptorProto.TYPE_DOUBLE
+            )
+            message.field.append(
+                FieldDescriptorProto(
+                    name=name, number=number, type=kind, label=FieldDescriptorProto.LABEL_OPTIONAL
+                )
+            )
         file.message_type.append(message)
         return bytes(FileDescriptorSet(file=[file]).SerializeToString())
 
     @property
     def dtype(self) -> np.dtype[np.void]:
-        """Structured type of one message: for each field its tag bytes, then 8 bytes of value, little-endian."""
+        """Structured type of one message: for each field its tag bytes, then 8 bytes of value,
+        little-endian.
+        """
         parts: list[tuple[str, str]] = []
         for number, (name, is_count) in enumerate(self.fields, start=1):
-            # Tags are of type void, because a tag takes one byte up to field 15 and two bytes above.
-            parts += [(f"tag {name}", f"V{len(_tag(number))}"), (name, "<i8" if is_count else "<f8")]
+            # Tags are of type void, because a tag takes one byte up to field 15 and two bytes
+            # above.
+            parts += [
+                (f"tag {name}", f"V{len(_tag(number))}"),
+                (name, "<i8" if is_count else "<f8"),
+            ]
         return np.dtype(parts)
 
     def empty_messages(self, rows: int) -> np.ndarray:
@@ -139,7 +188,9 @@ def layout_of(stream: StoredStream) -> Layout:
 
 
 def field_names(names: Sequence[str]) -> list[str]:
-    """Names with letters, digits and underscores only, no two alike. Columns of imported spreadsheets may have any name."""
+    """Names with letters, digits and underscores only, no two alike. Columns of imported
+    spreadsheets may have any name.
+    """
     fields: list[str] = []
     for name in names:
         plain = re.sub(r"[^0-9A-Za-z_]", "_", name)
@@ -154,7 +205,8 @@ def pack_samples(stream: StoredStream, layout: Layout) -> Iterator[tuple[np.ndar
     Yields
     ------
     t_s, content
-        Times (m,) in s from the stage's commanded start, and the bytes of m messages of `layout.dtype.itemsize` bytes each.
+        Times (m,) in s from the stage's commanded start, and the bytes of m messages of
+        `layout.dtype.itemsize` bytes each.
     """
     for rows in stream.blocks():
         t_s = np.asarray(stream.t_s[rows], dtype=np.float64)
@@ -167,7 +219,9 @@ def pack_samples(stream: StoredStream, layout: Layout) -> Iterator[tuple[np.ndar
 
 
 def _tag(number: int) -> bytes:
-    """Field number and wire type as a varint: seven bits a byte, the lowest first, the top bit set on all but the last."""
+    """Field number and wire type as a varint: seven bits a byte, the lowest first, the top bit
+    set on all but the last.
+    """
     rest, tag = number << 3 | FIXED_64, b""
     while rest > 0x7F:
         tag, rest = tag + bytes([rest & 0x7F | 0x80]), rest >> 7

@@ -14,14 +14,31 @@ from rfca_rig import subprocesses
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import GuardianTorqueOff, TorqueOffFrames, TorqueOffResult
-from rfca_rig.guardian.link import MAX_QUEUED_BYTES, GuardianLink, GuardianRecord, RecordKind, decode_result, from_frame, to_frame
-from rfca_rig.guardian.process import FAILED, MIN_REPETITIONS, READY, REPEAT_S, GuardianAssignment, run_guardian, signature
+from rfca_rig.guardian.link import (
+    MAX_QUEUED_BYTES,
+    GuardianLink,
+    GuardianRecord,
+    RecordKind,
+    decode_result,
+    from_frame,
+    to_frame,
+)
+from rfca_rig.guardian.process import (
+    FAILED,
+    MIN_REPETITIONS,
+    READY,
+    REPEAT_S,
+    GuardianAssignment,
+    run_guardian,
+    signature,
+)
 
 MODULE = "rfca_rig.guardian.guarded_bus"
 
 # A new interpreter has to start and open the bus.
 STARTED_WITHIN_S = 30.0
-# Time in s for a confirmation. MAX_GUARDIAN_SILENCE_S is the silence after which the guardian counts as hung; it reports every 20 ms.
+# Time in s for a confirmation. MAX_GUARDIAN_SILENCE_S is the silence after which the guardian
+# counts as hung; it reports every 20 ms.
 CONFIRMED_WITHIN_S = 0.25
 ENDED_WITHIN_S = 1.0
 MAX_GUARDIAN_SILENCE_S = 0.25
@@ -34,12 +51,16 @@ def start_guardian(assignment: GuardianAssignment) -> tuple[subprocess.Popen[byt
 
 
 def take_over_bus(settings: CanBusSettings, last_word: TorqueOffFrames, clock: Clock) -> can.BusABC:
-    """Opens the bus in this process and sends the torque-off frames a few times. Raises can.CanError if that fails."""
+    """Opens the bus in this process and sends the torque-off frames a few times. Raises
+    can.CanError if that fails.
+    """
     try:
         bus = settings.open()
     # Interfaces of python-can raise exceptions of many types.
     except Exception as error:
-        raise can.CanInitializationError(f"the bus cannot be opened here: {error or type(error).__name__}") from error
+        raise can.CanInitializationError(
+            f"the bus cannot be opened here: {error or type(error).__name__}"
+        ) from error
     try:
         for _ in range(MIN_REPETITIONS):
             for message in last_word.frames():
@@ -47,27 +68,46 @@ def take_over_bus(settings: CanBusSettings, last_word: TorqueOffFrames, clock: C
             clock.wait_until(clock.now_s() + REPEAT_S)
     except Exception as error:
         bus.shutdown()
-        raise can.CanOperationError(f"the drive cannot be commanded from here: {error or type(error).__name__}") from error
+        raise can.CanOperationError(
+            f"the drive cannot be commanded from here: {error or type(error).__name__}"
+        ) from error
     return bus
 
 
 class GuardedBus(can.BusABC):
-    """CAN bus behind a guardian; also implements `drivers.guard.Guard`. Only sending torque-off frames waits.
+    """CAN bus behind a guardian; also implements `drivers.guard.Guard`. Only sending torque-off
+    frames waits.
 
-    Torque-off frames pass at any time, and `send` returns once the guardian has put them on the bus. Other frames pass after `arm`,
-    as long as no two are further apart than `silence_s`. After a longer gap the guardian disables the motor; the next call raises
-    LetGo, and so does every later frame that could move the drive, until `arm`. Errors of the real bus are raised by the next call.
-    If the guardian itself ends or hangs, this process opens the bus and disables the motor; the next call reports it.
-    """
+    Torque-off frames pass at any time, and `send` returns once the guardian has put them on the
+    bus. Other frames pass after `arm`, as long as no two are further apart than `silence_s`. After
+    a longer gap the guardian disables the motor; the next call raises LetGo, and so does every
+    later frame that could move the drive, until `arm`. Errors of the real bus are raised by the
+    next call. If the guardian itself ends or hangs, this process opens the bus and disables the
+    motor; the next call reports it."""
 
-    def __init__(self, settings: CanBusSettings, last_word: TorqueOffFrames, silence_s: float, clock: WallClock) -> None:
-        """Starts the guardian. Raises can.CanInitializationError if it does not start, or cannot open the bus."""
-        self._settings, self._last_word, self._silence_s, self._clock = settings, last_word, silence_s, clock
+    def __init__(
+        self,
+        settings: CanBusSettings,
+        last_word: TorqueOffFrames,
+        silence_s: float,
+        clock: WallClock,
+    ) -> None:
+        """Starts the guardian. Raises can.CanInitializationError if it does not start, or cannot
+        open the bus.
+        """
+        self._settings, self._last_word, self._silence_s, self._clock = (
+            settings,
+            last_word,
+            silence_s,
+            clock,
+        )
         self._always = {signature(message) for message in last_word.frames()}
         self._closing = signature(last_word.frames()[-1])
         # For the case that the guardian ends and this process takes over.
         settings.preload()
-        self._process, self._link, info = _start_guardian(GuardianAssignment(settings, last_word, silence_s, clock))
+        self._process, self._link, info = _start_guardian(
+            GuardianAssignment(settings, last_word, silence_s, clock)
+        )
         self.channel_info = f"{info}, held by a guardian"
         self._arrived: deque[can.Message] = deque(maxlen=MAX_QUEUED_FRAMES)
         self._arming = self._confirmed = self._asked = 0
@@ -99,7 +139,8 @@ class GuardedBus(can.BusABC):
     def describe(self) -> str:
         return f"disables the motor after {1e3 * self._silence_s:g} ms of silence"
 
-    # -- sending -------------------------------------------------------------------------------------------------------------
+    # -- sending
+    # ----------------------------------------------------------------------------------------------
 
     def arm(self) -> None:
         """Arms the guardian and forgets an earlier torque-off.
@@ -121,7 +162,9 @@ class GuardedBus(can.BusABC):
         if signature(msg) in self._always:
             if not self._fault:
                 self._asked += 1
-                self._link.put(from_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked))
+                self._link.put(
+                    from_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked)
+                )
                 self._link.flush()
                 self._await_confirmed()
             if self._own_bus is not None:
@@ -134,9 +177,14 @@ class GuardedBus(can.BusABC):
         self._raise_fault()
         self._raise_pending_error()
         if not self._is_armed:
-            raise GuardianTorqueOff(self._let_go or "guardian lets nothing pass that could move a drive which is not enabled")
+            raise GuardianTorqueOff(
+                self._let_go
+                or "guardian lets nothing pass that could move a drive which is not enabled"
+            )
         if not self._link.put(from_frame(msg, self._clock.now_s()), may_be_dropped=True):
-            raise can.CanOperationError(f"the guardian takes nothing: {MAX_QUEUED_BYTES} bytes wait for it")
+            raise can.CanOperationError(
+                f"the guardian takes nothing: {MAX_QUEUED_BYTES} bytes wait for it"
+            )
         self._link.flush()
 
     def _await_confirmed(self) -> None:
@@ -149,7 +197,8 @@ class GuardedBus(can.BusABC):
             self._link.wait(left_s)
             self._update()
 
-    # -- receiving -----------------------------------------------------------------------------------------------------------
+    # -- receiving
+    # ----------------------------------------------------------------------------------------------
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._arrived:
@@ -159,13 +208,17 @@ class GuardedBus(can.BusABC):
             return self._own_bus.recv(timeout), False
         self._raise_fault()
         if not self._arrived and timeout != 0:
-            self._link.wait(MAX_GUARDIAN_SILENCE_S if timeout is None else min(timeout, MAX_GUARDIAN_SILENCE_S))
+            self._link.wait(
+                MAX_GUARDIAN_SILENCE_S if timeout is None else min(timeout, MAX_GUARDIAN_SILENCE_S)
+            )
             self._update()
             self._raise_pending_error()
         return (self._arrived.popleft() if self._arrived else None), False
 
     def await_let_go(self, limit_s: float) -> TorqueOffResult | None:
-        """Waits for a torque-off by the guardian since the last `arm`; frames that arrive meanwhile can be received afterwards."""
+        """Waits for a torque-off by the guardian since the last `arm`; frames that arrive
+        meanwhile can be received afterwards.
+        """
         until_s = self._clock.now_s() + limit_s
         while self._silenced is None and (left_s := until_s - self._clock.now_s()) > 0.0:
             self._link.wait(min(left_s, MAX_GUARDIAN_SILENCE_S))
@@ -183,7 +236,8 @@ class GuardedBus(can.BusABC):
             return
         now_s = self._clock.now_s()
         if now_s - self._looked_s > 0.5 * MAX_GUARDIAN_SILENCE_S:
-            # This process itself was late: alive messages may have been dropped, so the silence restarts.
+            # This process itself was late: alive messages may have been dropped, so the silence
+            # restarts.
             self._heard_s = max(self._heard_s, now_s)
         self._looked_s = now_s
         for record in self._link.take():
@@ -211,7 +265,9 @@ class GuardedBus(can.BusABC):
                 self._silenced = decode_result(record)
 
     def _raise_pending_error(self) -> None:
-        """Raises a pending error once: to stop a rig, later reports of the drive must still be readable."""
+        """Raises a pending error once: to stop a rig, later reports of the drive must still be
+        readable.
+        """
         untold, self._pending_error = self._pending_error, None
         if untold is not None:
             raise untold
@@ -220,10 +276,13 @@ class GuardedBus(can.BusABC):
         if self._fault:
             raise can.CanOperationError(self._fault)
 
-    # -- after the guardian has failed ---------------------------------------------------------------------------------------
+    # -- after the guardian has failed
+    # ---------------------------------------------------------------------------------------
 
     def _take_over(self, why: str) -> None:
-        """Disables the motor from this process. A hung guardian is killed first, so that it cannot send anything later."""
+        """Disables the motor from this process. A hung guardian is killed first, so that it
+        cannot send anything later.
+        """
         why = f"{self._let_go}; {why}" if self._let_go else why
         self._process.kill()
         self._process.wait()
@@ -236,7 +295,9 @@ class GuardedBus(can.BusABC):
         self._pending_error = can.CanOperationError(self._fault)
 
     def shutdown(self) -> None:
-        """Ends the guardian, which disables a motor that is still on. Raises can.CanError if it does not confirm that."""
+        """Ends the guardian, which disables a motor that is still on. Raises can.CanError if it
+        does not confirm that.
+        """
         if self._is_shutdown:
             return
         super().shutdown()
@@ -260,14 +321,18 @@ class GuardedBus(can.BusABC):
                 self._take(record)
         if must_disable and self._silenced is None:
             reason = self._pending_error or "it does not say that it did"
-            raise can.CanOperationError(f"the guardian, left to let go of the drive: {reason}; press the emergency stop")
+            raise can.CanOperationError(
+                f"the guardian, left to let go of the drive: {reason}; press the emergency stop"
+            )
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(ENDED_WITHIN_S)
         self._process.kill()
         self._process.wait()
 
 
-def _start_guardian(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], GuardianLink, str]:
+def _start_guardian(
+    assignment: GuardianAssignment,
+) -> tuple[subprocess.Popen[bytes], GuardianLink, str]:
     try:
         process, child = start_guardian(assignment)
     except OSError as error:

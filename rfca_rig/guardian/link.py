@@ -1,4 +1,5 @@
-"""The connection between the guardian and its parent process: small binary records, and one end of the wire.
+"""The connection between the guardian and its parent process: small binary records, and one end of
+the wire.
 
 Neither side can block the other.
 """
@@ -24,7 +25,9 @@ READ_BYTES = 1 << 16
 
 
 class RecordKind(IntEnum):
-    """FRAME goes both ways; FRAME_TO_CONFIRM, ARM and CLOSE go to the guardian; the rest come from it."""
+    """FRAME goes both ways; FRAME_TO_CONFIRM, ARM and CLOSE go to the guardian; the rest come
+    from it.
+    """
 
     FRAME = 1
     FRAME_TO_CONFIRM = 2
@@ -50,10 +53,11 @@ class FrameFlag(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class GuardianRecord:
-    """One message. `t_s` is the time of the clock that both processes share; for a frame from the bus, the frame's own time stamp.
+    """One message. `t_s` is the time of the clock that both processes share; for a frame from the
+    bus, the frame's own time stamp.
 
-    `number` identifies the arming, or the frame to be confirmed. `flags`, `dlc` and `arbitration_id` belong to frames.
-    """
+    `number` identifies the arming, or the frame to be confirmed. `flags`, `dlc` and
+    `arbitration_id` belong to frames."""
 
     kind: RecordKind
     t_s: float
@@ -69,7 +73,15 @@ class GuardianRecord:
 
 
 def encode(record: GuardianRecord) -> bytes:
-    head = HEAD.pack(record.kind, record.flags, record.dlc, len(record.payload), record.number, record.arbitration_id, record.t_s)
+    head = HEAD.pack(
+        record.kind,
+        record.flags,
+        record.dlc,
+        len(record.payload),
+        record.number,
+        record.arbitration_id,
+        record.t_s,
+    )
     return head + record.payload
 
 
@@ -82,12 +94,24 @@ def split_records(received: bytes | bytearray) -> tuple[list[GuardianRecord], in
         # The rest of this record has not arrived yet.
         if end > len(received):
             break
-        records.append(GuardianRecord(RecordKind(kind), t_s, number, bytes(received[at + HEAD.size : end]), flags, dlc, arbitration_id))
+        records.append(
+            GuardianRecord(
+                RecordKind(kind),
+                t_s,
+                number,
+                bytes(received[at + HEAD.size : end]),
+                flags,
+                dlc,
+                arbitration_id,
+            )
+        )
         at = end
     return records, at
 
 
-def from_frame(message: can.Message, t_s: float, kind: RecordKind = RecordKind.FRAME, number: int = 0) -> GuardianRecord:
+def from_frame(
+    message: can.Message, t_s: float, kind: RecordKind = RecordKind.FRAME, number: int = 0
+) -> GuardianRecord:
     flags = (
         FrameFlag.EXTENDED * message.is_extended_id
         | FrameFlag.REMOTE * message.is_remote_frame
@@ -96,7 +120,9 @@ def from_frame(message: can.Message, t_s: float, kind: RecordKind = RecordKind.F
         | FrameFlag.BITRATE_SWITCH * message.bitrate_switch
         | FrameFlag.ERROR_STATE * message.error_state_indicator
     )
-    return GuardianRecord(kind, t_s, number, bytes(message.data), flags, message.dlc, message.arbitration_id)
+    return GuardianRecord(
+        kind, t_s, number, bytes(message.data), flags, message.dlc, message.arbitration_id
+    )
 
 
 def to_frame(record: GuardianRecord) -> can.Message:
@@ -122,7 +148,12 @@ def from_text(kind: RecordKind, t_s: float, text: str, number: int = 0) -> Guard
 
 
 def from_result(did: TorqueOffResult, t_s: float, number: int) -> GuardianRecord:
-    return GuardianRecord(RecordKind.SILENCED, t_s, number, _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm))
+    return GuardianRecord(
+        RecordKind.SILENCED,
+        t_s,
+        number,
+        _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm),
+    )
 
 
 def decode_result(record: GuardianRecord) -> TorqueOffResult:
@@ -130,7 +161,9 @@ def decode_result(record: GuardianRecord) -> TorqueOffResult:
 
 
 class GuardianLink:
-    """Non-blocking record stream. `flush` sends what the socket accepts and keeps the rest; `take` returns what has arrived."""
+    """Non-blocking record stream. `flush` sends what the socket accepts and keeps the rest;
+    `take` returns what has arrived.
+    """
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
@@ -143,7 +176,9 @@ class GuardianLink:
         return self._end.fileno()
 
     def put(self, record: GuardianRecord, may_be_dropped: bool = False) -> bool:
-        """Queues a record for the next `flush`. Returns False if it was dropped, because the queue is full."""
+        """Queues a record for the next `flush`. Returns False if it was dropped, because the
+        queue is full.
+        """
         if may_be_dropped and len(self._waiting) > MAX_QUEUED_BYTES:
             self.flush()
             if len(self._waiting) > MAX_QUEUED_BYTES:

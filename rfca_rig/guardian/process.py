@@ -1,4 +1,6 @@
-"""Main function of the guardian process. It holds the CAN bus, and disables the motor whatever happens to its parent."""
+"""Main function of the guardian process. It holds the CAN bus, and disables the motor whatever
+happens to its parent.
+"""
 
 import os
 import select
@@ -15,7 +17,15 @@ import can
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import TorqueOffFrames, TorqueOffResult
-from rfca_rig.guardian.link import GuardianLink, GuardianRecord, RecordKind, from_frame, from_result, from_text, to_frame
+from rfca_rig.guardian.link import (
+    GuardianLink,
+    GuardianRecord,
+    RecordKind,
+    from_frame,
+    from_result,
+    from_text,
+    to_frame,
+)
 
 # Repetition interval and duration in s, see docs/guardian.md.
 REPEAT_S = 0.005
@@ -41,10 +51,12 @@ READY, FAILED = "ready", "failed"
 class TorqueOffSequence:
     """One torque-off sequence, begun at `began_s`.
 
-    It ends when the drive shows no torque, or after 0.5 s, but not before the frames have been sent once.
-    """
+    It ends when the drive shows no torque, or after 0.5 s, but not before the frames have been sent
+    once."""
 
-    def __init__(self, bus: can.BusABC, last_word: TorqueOffFrames, began_s: float, silent_s: float) -> None:
+    def __init__(
+        self, bus: can.BusABC, last_word: TorqueOffFrames, began_s: float, silent_s: float
+    ) -> None:
         self._bus = bus
         self._last_word = last_word
         self._began_s = began_s
@@ -65,7 +77,9 @@ class TorqueOffSequence:
         return max(self._next_s - now_s, 0.0)
 
     def step(self, now_s: float) -> None:
-        """Sends the frames if they are due. `failure` is the reason why the bus did not accept them, else empty."""
+        """Sends the frames if they are due. `failure` is the reason why the bus did not accept
+        them, else empty.
+        """
         if self.is_over or now_s < self._next_s:
             return
         if now_s - self._began_s > (MAX_DURATION_S if self._times_sent else BUS_FAILED_S):
@@ -80,13 +94,16 @@ class TorqueOffSequence:
         for message in self._last_word.frames():
             try:
                 self._bus.send(message, timeout=0.0)
-            # The interfaces of python-can raise exceptions of many types, and the other frames must still be sent.
+            # The interfaces of python-can raise exceptions of many types, and the other frames must
+            # still be sent.
             except Exception as error:
                 failure = f"{type(error).__name__}: {error}"
         return failure
 
     def hear(self, message: can.Message, now_s: float) -> None:
-        """Takes in a frame of the bus. Reports already under way prove nothing, so only those after the third sending count."""
+        """Takes in a frame of the bus. Reports already under way prove nothing, so only those
+        after the third sending count.
+        """
         torque_Nm = self._last_word.torque_Nm(message)
         if torque_Nm is None or self._times_sent < MIN_REPETITIONS or self.is_over:
             return
@@ -98,11 +115,15 @@ class TorqueOffSequence:
     def did(self) -> TorqueOffResult:
         """Result of the sequence, for the parent process."""
         end_s = self._began_s if self._ended_s is None else self._ended_s
-        return TorqueOffResult(self._silent_s, end_s - self._began_s, self._reports, self._torque_Nm)
+        return TorqueOffResult(
+            self._silent_s, end_s - self._began_s, self._reports, self._torque_Nm
+        )
 
 
 class CommandTimeout:
-    """Timeout state. Until it is armed, and after a silence that was too long, no command that moves the drive may pass."""
+    """Timeout state. Until it is armed, and after a silence that was too long, no command that
+    moves the drive may pass.
+    """
 
     def __init__(self, limit_s: float) -> None:
         self._limit_s = limit_s
@@ -117,8 +138,11 @@ class CommandTimeout:
         self.is_armed = False
 
     def may_pass(self, given_s: float, now_s: float) -> bool:
-        """Whether a command may pass. It restarts the timeout unless that has expired; one older than the limit by now may not pass."""
-        # Judged by when it was given: a late guardian must not let pass what came after a real silence.
+        """Whether a command may pass. It restarts the timeout unless that has expired; one older
+        than the limit by now may not pass.
+        """
+        # Judged by when it was given: a late guardian must not let pass what came after a real
+        # silence.
         if not self.is_armed or given_s - self._since_s > self._limit_s:
             return False
         self._since_s = max(self._since_s, given_s)
@@ -138,7 +162,9 @@ class CommandTimeout:
 
 @dataclass(frozen=True)
 class GuardianAssignment:
-    """The bus to hold, the torque-off frames, and the timeout. `clock` is the parent's; its time is the same in both processes."""
+    """The bus to hold, the torque-off frames, and the timeout. `clock` is the parent's; its time
+    is the same in both processes.
+    """
 
     bus: CanBusSettings
     last_word: TorqueOffFrames
@@ -147,11 +173,13 @@ class GuardianAssignment:
 
 
 def run_guardian(parent: Connection) -> None:
-    """Receives its assignment from the parent, reports whether the bus is open, and holds it until the parent is done, or gone.
+    """Receives its assignment from the parent, reports whether the bus is open, and holds it until
+    the parent is done, or gone.
 
-    SIGTERM, SIGHUP and SIGINT end it, after it has disabled the motor. It has its own session, so ^C in the terminal goes to the parent.
-    """
-    # Raises the priority above processes without a deadline. If the system refuses, the guardian runs at normal priority.
+    SIGTERM, SIGHUP and SIGINT end it, after it has disabled the motor. It has its own session, so
+    ^C in the terminal goes to the parent."""
+    # Raises the priority above processes without a deadline. If the system refuses, the guardian
+    # runs at normal priority.
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     orders = EndSignals()
@@ -160,14 +188,17 @@ def run_guardian(parent: Connection) -> None:
     assignment: GuardianAssignment = parent.recv()
     try:
         bus = assignment.bus.open()
-    # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a vendor library is missing.
+    # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a
+    # vendor library is missing.
     except Exception as error:
         parent.send((FAILED, str(error) or type(error).__name__))
         return
     parent.send((READY, str(bus.channel_info)))
     link = GuardianLink(socket.socket(fileno=os.dup(parent.fileno())))
     try:
-        Guardian(bus, link, assignment.last_word, assignment.silence_s, assignment.clock).run(orders.signal_name)
+        Guardian(bus, link, assignment.last_word, assignment.silence_s, assignment.clock).run(
+            orders.signal_name
+        )
     finally:
         bus.shutdown()
         link.close()
@@ -187,9 +218,18 @@ class EndSignals:
 
 
 class Guardian:
-    """Forwards frames between parent and bus. Torque-off frames always pass, all others only while commands keep coming."""
+    """Forwards frames between parent and bus. Torque-off frames always pass, all others only
+    while commands keep coming.
+    """
 
-    def __init__(self, bus: can.BusABC, link: GuardianLink, last_word: TorqueOffFrames, silence_s: float, clock: Clock) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        link: GuardianLink,
+        last_word: TorqueOffFrames,
+        silence_s: float,
+        clock: Clock,
+    ) -> None:
         self._bus = bus
         self._link = link
         self._last_word = last_word
@@ -206,7 +246,9 @@ class Guardian:
         self._is_done = False
 
     def run(self, ending_signal: Callable[[], str]) -> None:
-        """Runs until the parent closes or is gone, or `ending_signal` names a signal; then disables an armed drive and returns."""
+        """Runs until the parent closes or is gone, or `ending_signal` names a signal; then
+        disables an armed drive and returns.
+        """
         try:
             while not (self._is_done or self._link.is_cut or ending_signal()):
                 self._wait()
@@ -215,10 +257,16 @@ class Guardian:
         except Exception as mistake:
             self._end(f"because of a mistake of its own ({mistake!r})")
             raise
-        self._end(f"because it was ended by {ending_signal()}" if ending_signal() else "because the program that it guards ended")
+        self._end(
+            f"because it was ended by {ending_signal()}"
+            if ending_signal()
+            else "because the program that it guards ended"
+        )
 
     def round(self, now_s: float) -> None:
-        """One cycle. Arrived commands are handled first, so that a delayed guardian sees no silence that did not exist."""
+        """One cycle. Arrived commands are handled first, so that a delayed guardian sees no
+        silence that did not exist.
+        """
         self._obey(now_s)
         self._receive(now_s)
         if self._silence.has_expired(now_s):
@@ -249,16 +297,21 @@ class Guardian:
         if self._bus_fileno is None or not listening:
             until_s = min(until_s, POLL_S)
         # A bus that just failed is not waited on: it would wake the loop at once.
-        watched = [self._link.fileno(), *([self._bus_fileno] if self._bus_fileno is not None and listening else [])]
+        watched = [
+            self._link.fileno(),
+            *([self._bus_fileno] if self._bus_fileno is not None and listening else []),
+        ]
         select.select(watched, [], [], max(until_s, 0.0))
 
-    # -- from the parent -----------------------------------------------------------------------------------------------------
+    # -- from the parent
+    # ----------------------------------------------------------------------------------------------
 
     def _obey(self, now_s: float) -> None:
         for record in self._link.take():
             match record.kind:
                 case RecordKind.FRAME:
-                    # Forwards a command in time, and silently drops a late one: the silence itself is reported when it is detected.
+                    # Forwards a command in time, and silently drops a late one: the silence itself
+                    # is reported when it is detected.
                     if self._silence.may_pass(record.t_s, now_s):
                         failure = self._send(record)
                         if failure:
@@ -274,7 +327,11 @@ class Guardian:
     def _forward_and_confirm(self, record: GuardianRecord) -> None:
         """Sends a torque-off frame and confirms it. No other frame is accepted this way."""
         message = to_frame(record)
-        failure = self._send(record) if signature(message) in self._always else "no frame that lets the drive go"
+        failure = (
+            self._send(record)
+            if signature(message) in self._always
+            else "no frame that lets the drive go"
+        )
         # The last torque-off frame ends the driver's session, so no further commands are expected.
         if not failure and signature(message) == self._closing:
             self._silence.disarm()
@@ -289,7 +346,8 @@ class Guardian:
             return str(error) or type(error).__name__
         return ""
 
-    # -- from the bus --------------------------------------------------------------------------------------------------------
+    # -- from the bus
+    # ----------------------------------------------------------------------------------------------
 
     def _receive(self, now_s: float) -> None:
         if now_s < self._listen_s:
@@ -302,21 +360,31 @@ class Guardian:
                 # Each frame is passed on at once, since the parent may be waiting for it.
                 self._link.put(from_frame(message, message.timestamp), may_be_dropped=True)
                 self._link.flush()
-                if self._torque_off is not None and not message.is_error_frame and not message.is_remote_frame:
+                if (
+                    self._torque_off is not None
+                    and not message.is_error_frame
+                    and not message.is_remote_frame
+                ):
                     self._torque_off.hear(message, now_s)
             self._is_off = self._bus.state is can.BusState.ERROR
         # Exceptions of any type, see `run_guardian`; the error is reported to the parent.
         except Exception as error:
             self._listen_s = now_s + READ_RETRY_S
-            self._link.put(from_text(RecordKind.BUS_ERROR, now_s, str(error) or type(error).__name__), may_be_dropped=True)
+            self._link.put(
+                from_text(RecordKind.BUS_ERROR, now_s, str(error) or type(error).__name__),
+                may_be_dropped=True,
+            )
 
     def _may_hold_a_frame(self, now_s: float) -> bool:
-        """Whether to call `recv`: with some adapters it waits 1 ms despite a timeout of 0. At intervals it is called anyway."""
+        """Whether to call `recv`: with some adapters it waits 1 ms despite a timeout of 0. At
+        intervals it is called anyway.
+        """
         if self._bus_fileno is None or now_s - self._alive_s >= ALIVE_S:
             return True
         return bool(select.select([self._bus_fileno], [], [], 0.0)[0])
 
-    # -- torque off ----------------------------------------------------------------------------------------------------------
+    # -- torque off
+    # ----------------------------------------------------------------------------------------------
 
     def _let_go(self, now_s: float, why: str) -> None:
         silent_s = self._silence.silence_s(now_s)
@@ -332,7 +400,13 @@ class Guardian:
         self._torque_off.step(now_s)
         failure = self._torque_off.failure
         if failure and failure != failed_before:
-            self._report(from_text(RecordKind.BUS_ERROR, now_s, f"the guardian's last word was not taken: {failure}"))
+            self._report(
+                from_text(
+                    RecordKind.BUS_ERROR,
+                    now_s,
+                    f"the guardian's last word was not taken: {failure}",
+                )
+            )
         if self._torque_off.is_over:
             self._report(from_result(self._torque_off.did(), now_s, self._arming))
             self._torque_off = None
@@ -340,7 +414,10 @@ class Guardian:
     def _show_life(self, now_s: float) -> None:
         if now_s - self._alive_s >= ALIVE_S:
             self._alive_s = now_s
-            self._link.put(GuardianRecord(RecordKind.ALIVE, now_s, number=int(self._is_off)), may_be_dropped=True)
+            self._link.put(
+                GuardianRecord(RecordKind.ALIVE, now_s, number=int(self._is_off)),
+                may_be_dropped=True,
+            )
 
     def _report(self, record: GuardianRecord) -> None:
         self._link.put(record)

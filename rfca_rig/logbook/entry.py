@@ -12,10 +12,27 @@ from rfca_rig.escaping import printable
 from rfca_rig.suggestions import suggestion
 
 KINDS = ("dynamic", "static", "fatigue", "imported")
-ENDINGS = ("done", "stopped", "tripped", "worn out", "failed", "interrupted", "unfinished", "damaged")
+ENDINGS = (
+    "done",
+    "stopped",
+    "tripped",
+    "worn out",
+    "failed",
+    "interrupted",
+    "unfinished",
+    "damaged",
+)
 SOURCES = ("SIM", "REAL", "IMPORT")
 
-VERDICTS = ("named", "mostly", "family", "nothing missing", "unexplained", "not enough data", "none")
+VERDICTS = (
+    "named",
+    "mostly",
+    "family",
+    "nothing missing",
+    "unexplained",
+    "not enough data",
+    "none",
+)
 
 
 @dataclass(frozen=True)
@@ -28,7 +45,9 @@ class LoggedCondition:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of a diagnosis: the verdict, the identified effects, the probability of the most certain one, and its file."""
+    """Result of a diagnosis: the verdict, the identified effects, the probability of the most
+    certain one, and its file.
+    """
 
     words: str
     effects: tuple[str, ...] = ()
@@ -38,12 +57,14 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Entry:
-    """One run. `folder` is the path from the folder of all runs. `began_s` is in seconds since 1970.
+    """One run. `folder` is the path from the folder of all runs. `began_s` is in seconds since
+    1970.
 
-    `ended` is one of ENDINGS, or "" where it is unknown, as of an imported recording; `code` is that of a trip. `why` is the reason of the
-    end, or the damage. "interrupted" means cut off and recovered, "unfinished" going on or cut off. `swings` counts the recordings of a
-    pendulum, `motions` those of a mechanism; `named_conditions` are its conditions, and `seconds` their duration in all.
-    """
+    `ended` is one of ENDINGS, or "" where it is unknown, as of an imported recording; `code` is
+    that of a trip. `why` is the reason of the end, or the damage. "interrupted" means cut off and
+    recovered, "unfinished" going on or cut off. `swings` counts the recordings of a pendulum,
+    `motions` those of a mechanism; `named_conditions` are its conditions, and `seconds` their
+    duration in all."""
 
     folder: str
     title: str
@@ -79,10 +100,14 @@ class Entry:
 
 
 def entry_of(content: Mapping[str, Any]) -> Entry:
-    """The entry from the data of `plain`, without a verdict. Raises TypeError or LookupError for anything else."""
+    """The entry from the data of `plain`, without a verdict. Raises TypeError or LookupError for
+    anything else.
+    """
     conditions = tuple(LoggedCondition(**one) for one in content["conditions"])
     named = tuple(content["named_conditions"])
-    return Entry(**{**content, "conditions": conditions, "named_conditions": named, "verdict": None})
+    return Entry(
+        **{**content, "conditions": conditions, "named_conditions": named, "verdict": None}
+    )
 
 
 @dataclass(frozen=True)
@@ -98,7 +123,9 @@ class Span:
 
 @dataclass(frozen=True)
 class RunQuery:
-    """Criteria; None and "" match everything. All `words` must occur in title or folder. Height and speed must hold for one condition."""
+    """Criteria; None and "" match everything. All `words` must occur in title or folder. Height
+    and speed must hold for one condition.
+    """
 
     height_mm: Span | None = None
     speed_rad_s: Span | None = None
@@ -135,8 +162,12 @@ class RunQuery:
     def _has_condition(self, conditions: Iterable[LoggedCondition]) -> bool:
         if self.height_mm is None and self.speed_rad_s is None:
             return True
-        # Both for the same condition: 215 mm at one speed and 230 mm at another do not make 215 mm at the other.
-        return any(_at(self.height_mm, one.height_mm) and _at(self.speed_rad_s, one.speed_rad_s) for one in conditions)
+        # Both for the same condition: 215 mm at one speed and 230 mm at another do not make 215 mm
+        # at the other.
+        return any(
+            _at(self.height_mm, one.height_mm) and _at(self.speed_rad_s, one.speed_rad_s)
+            for one in conditions
+        )
 
 
 def _within(part: str, whole: str) -> bool:
@@ -148,14 +179,19 @@ def _at(span: Span | None, value: float | None) -> bool:
 
 
 def span_of(text: str, option: str) -> Span:
-    """`215` matches what rounds to it, `2.4..2.5` is a range, `..220` and `230..` are half-open. Raises BadInput for anything else."""
+    """`215` matches what rounds to it, `2.4..2.5` is a range, `..220` and `230..` are half-open.
+    Raises BadInput for anything else.
+    """
     low, dots, high = text.partition("..")
     if not dots:
         value = _number(text, option, text)
         # Half a unit of the last digit that was typed.
         half = 0.5 * 10.0 ** -len(text.strip().partition(".")[2])
         return Span(value - half, value + half)
-    span = Span(_number(low, option, text) if low else -math.inf, _number(high, option, text) if high else math.inf)
+    span = Span(
+        _number(low, option, text) if low else -math.inf,
+        _number(high, option, text) if high else math.inf,
+    )
     if not (low or high) or span.low > span.high:
         raise BadInput(f"{option} {text}: is no range; write the lower end first, as in 2.4..2.5")
     return span
@@ -164,30 +200,42 @@ def span_of(text: str, option: str) -> Span:
 def _number(text: str, option: str, whole: str) -> float:
     # Stricter than float(), which would also take nan, inf and 1e3.
     if not re.fullmatch(r"\s*-?\d+(\.\d*)?\s*", text):
-        raise BadInput(f"{option} {whole}: should be a number or a range, such as 215 or 2.4..2.5, ..220, 230..")
+        raise BadInput(
+            f"{option} {whole}: should be a number or a range, such as 215 or 2.4..2.5, "
+            "..220, 230.."
+        )
     return float(text)
 
 
 def since_until(since: str, until: str) -> Span:
-    """From days as 2026-11-01, or moments as 2026-11-01T14:30, in local time. The day of `until` is included."""
+    """From days as 2026-11-01, or moments as 2026-11-01T14:30, in local time. The day of `until`
+    is included.
+    """
     low = _moment(since, "--since").timestamp() if since else -math.inf
     if not until:
         return Span(low)
     end = _moment(until, "--until")
     # A day ends just before the next one begins, at the last floating-point number before it.
     is_day = len(until) <= len("2026-11-01")
-    return Span(low, math.nextafter((end + timedelta(days=1)).timestamp(), 0.0) if is_day else end.timestamp())
+    return Span(
+        low,
+        math.nextafter((end + timedelta(days=1)).timestamp(), 0.0) if is_day else end.timestamp(),
+    )
 
 
 def _moment(text: str, option: str) -> datetime:
     try:
         return datetime.fromisoformat(text).astimezone()
     except (ValueError, OverflowError, OSError):
-        raise BadInput(f"{option} {text}: is no date; write it as 2026-11-01 or 2026-11-01T14:30") from None
+        raise BadInput(
+            f"{option} {text}: is no date; write it as 2026-11-01 or 2026-11-01T14:30"
+        ) from None
 
 
 def one_of(text: str, known: Iterable[str], option: str) -> str:
-    """The one of `known` that was meant, ignoring case. Raises BadInput with the known ones and a suggestion."""
+    """The one of `known` that was meant, ignoring case. Raises BadInput with the known ones and
+    a suggestion.
+    """
     listed = list(known)
     for one in listed:
         if text.casefold() in (one.casefold(), one.casefold().replace(" ", "-")):

@@ -1,9 +1,10 @@
-"""The logbook of a folder: every run below it, newest first, from the index where it is still valid.
+"""The logbook of a folder: every run below it, newest first, from the index where it is still
+valid.
 
-One SQLite file in the folder of all runs. It is never changed: a process that has read something new writes another one beside it, which
-replaces it at once and whole. So any number of processes may use it, on any disk, without waiting for each other. What one of them
-overwrites of another's is merely read once more.
-"""
+One SQLite file in the folder of all runs. It is never changed: a process that has read something
+new writes another one beside it, which replaces it at once and whole. So any number of processes
+may use it, on any disk, without waiting for each other. What one of them overwrites of another's is
+merely read once more."""
 
 import json
 import os
@@ -22,7 +23,15 @@ from rfca_rig.errors import BadInput
 from rfca_rig.logbook.entry import Entry, Verdict, entry_of
 from rfca_rig.logbook.reading import read_entry
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
-from rfca_rig.recording.layout import DIAGNOSIS, ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
+from rfca_rig.recording.layout import (
+    DIAGNOSIS,
+    ENDING,
+    EVENTS,
+    EXPERIMENT,
+    HEADER,
+    PENDULUM,
+    RECORDING,
+)
 
 MARKER_FILES = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM, EXPERIMENT)
 # Levels of folders that are searched below the folder of all runs.
@@ -37,7 +46,8 @@ OF_DIAGNOSIS = "diagnosis:"
 
 @dataclass(frozen=True)
 class FoundRun:
-    """A run's folder, as a path from the folder of all runs, and a stamp that changes whenever one of its files does.
+    """A run's folder, as a path from the folder of all runs, and a stamp that changes whenever one
+    of its files does.
 
     `diagnoses` are paths in it where a diagnosis may be.
     """
@@ -48,7 +58,9 @@ class FoundRun:
 
 
 def find_runs(runs: Path) -> Iterator[FoundRun]:
-    """Every folder with a run, at any depth up to MAX_DEPTH; folders inside a run are not searched."""
+    """Every folder with a run, at any depth up to MAX_DEPTH; folders inside a run are not
+    searched.
+    """
     yield from _below(str(runs), "", MAX_DEPTH)
 
 
@@ -63,7 +75,10 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
     if {HEADER, RECORDING, PENDULUM, EXPERIMENT} & set(files):
         telling = [files[name] for name in MARKER_FILES if name in files]
         if EXPERIMENT in files:  # any file in the folder may be a recording
-            telling += sorted((one for one in inside if one.name not in MARKER_FILES and _is_file(one)), key=lambda one: one.name)
+            telling += sorted(
+                (one for one in inside if one.name not in MARKER_FILES and _is_file(one)),
+                key=lambda one: one.name,
+            )
         yield FoundRun(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
         return
     for one in inside:
@@ -87,8 +102,12 @@ def _is_file(one: "os.DirEntry[str]") -> bool:
 
 
 def _leads_back(one: "os.DirEntry[str]") -> bool:
-    """Whether it is a link to a folder that contains it: following it would list every run again and again."""
-    return one.is_symlink() and Path(one.path).parent.resolve().is_relative_to(Path(one.path).resolve())
+    """Whether it is a link to a folder that contains it: following it would list every run again
+    and again.
+    """
+    return one.is_symlink() and Path(one.path).parent.resolve().is_relative_to(
+        Path(one.path).resolve()
+    )
 
 
 def _diagnoses(inside: "list[os.DirEntry[str]]") -> Iterator[str]:
@@ -100,7 +119,9 @@ def _diagnoses(inside: "list[os.DirEntry[str]]") -> Iterator[str]:
 
 
 def _stamp(file: "os.DirEntry[str]") -> str:
-    """Name, time, size and inode: a file that replaced another has another inode, even with the same age and size."""
+    """Name, time, size and inode: a file that replaced another has another inode, even with the
+    same age and size.
+    """
     try:
         status = file.stat()
     except OSError:
@@ -118,7 +139,8 @@ class IndexRow:
 
 def read_index(runs: Path) -> dict[str, IndexRow]:
     """The rows by path; of a missing or damaged index those that are sound."""
-    # immutable: SQLite then takes no locks and writes nothing beside the file, which network disks may not bear.
+    # immutable: SQLite then takes no locks and writes nothing beside the file, which network disks
+    # may not bear.
     uri = f"file:{quote(str((runs / NAME).absolute()))}?mode=ro&immutable=1"
     rows: dict[str, IndexRow] = {}
     with suppress(sqlite3.Error, OSError), closing(sqlite3.connect(uri, uri=True)) as base:
@@ -131,7 +153,9 @@ def read_index(runs: Path) -> dict[str, IndexRow]:
 
 
 def write_index(runs: Path, rows: Mapping[str, IndexRow]) -> bool:
-    """Replaces the index by one with these rows; False where the folder is not writable, so that all will be read again."""
+    """Replaces the index by one with these rows; False where the folder is not writable, so that
+    all will be read again.
+    """
     # A name of its own for each process and thread: two may write at the same time.
     new_file = runs / f"{NAME}.{os.getpid()}-{threading.get_ident()}"
     try:
@@ -149,11 +173,15 @@ def write_index(runs: Path, rows: Mapping[str, IndexRow]) -> bool:
 
 
 def _fill(base: sqlite3.Connection, rows: Iterable[tuple[str, str, str]]) -> None:
-    # Neither journal nor sync: no other process knows the file yet, and a lost cache costs only time.
+    # Neither journal nor sync: no other process knows the file yet, and a lost cache costs only
+    # time.
     base.execute("PRAGMA journal_mode = OFF")
     base.execute("PRAGMA synchronous = OFF")
     base.execute(f"PRAGMA user_version = {VERSION}")
-    base.execute("CREATE TABLE rows (path TEXT PRIMARY KEY, stamp TEXT, said TEXT, sum INTEGER) WITHOUT ROWID")
+    base.execute(
+        "CREATE TABLE rows (path TEXT PRIMARY KEY, stamp TEXT, said TEXT, sum INTEGER) "
+        "WITHOUT ROWID"
+    )
     base.executemany("INSERT INTO rows VALUES (?, ?, ?, ?)", ((*row, _sum(*row)) for row in rows))
     base.commit()
 
@@ -164,10 +192,15 @@ def _sum(path: object, stamp: object, text: object) -> int:
 
 
 def find_diagnoses(runs: Path, found: Iterable[FoundRun]) -> Iterator[tuple[Path, os.stat_result]]:
-    """Files of diagnoses beside the folder of all runs, in the working directory and in the folders of runs; each once."""
+    """Files of diagnoses beside the folder of all runs, in the working directory and in the
+    folders of runs; each once.
+    """
     listed: set[Path] = set()
     around = (
-        file for place in (runs.absolute().parent, Path.cwd()) for pattern in (DIAGNOSIS, f"*/{DIAGNOSIS}") for file in place.glob(pattern)
+        file
+        for place in (runs.absolute().parent, Path.cwd())
+        for pattern in (DIAGNOSIS, f"*/{DIAGNOSIS}")
+        for file in place.glob(pattern)
     )
     within = (Path(file).absolute() for run in found for file in run.diagnoses)
     for file in (*around, *within):
@@ -195,31 +228,50 @@ GRADED = ("mostly", "family")
 
 
 def read_verdict(file: Path) -> dict[str, Any]:
-    """A diagnosis file as plain data: its verdict and the identities of its recordings; no identities where it is no diagnosis."""
+    """A diagnosis file as plain data: its verdict and the identities of its recordings; no
+    identities where it is no diagnosis.
+    """
     try:
         content = json.loads(file.read_bytes())
         identities = [one["identity"] for one in content.get("recordings", [])]
         effects = [str(effect["id"]) for effect in content["effects"]]
-        probabilities = [effect["probability"] for effect in content["effects"] if effect["probability"] is not None]
+        probabilities = [
+            effect["probability"]
+            for effect in content["effects"]
+            if effect["probability"] is not None
+        ]
         words = content["grade"] if content.get("grade") in GRADED else content["verdict"]
-        return {"identities": identities, "words": str(words), "effects": effects, "probability": max(probabilities, default=None)}
+        return {
+            "identities": identities,
+            "words": str(words),
+            "effects": effects,
+            "probability": max(probabilities, default=None),
+        }
     # Any JSON file of that name may lie about; a foreign one is no error of the listing.
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return {"identities": []}
 
 
-def verdicts_by_identity(verdicts_of_files: Iterable[tuple[str, float, Mapping[str, Any]]]) -> dict[str, Verdict]:
-    """The newest verdict on each recording, from triples (file, time of writing, data of `read_verdict`)."""
+def verdicts_by_identity(
+    verdicts_of_files: Iterable[tuple[str, float, Mapping[str, Any]]],
+) -> dict[str, Verdict]:
+    """The newest verdict on each recording, from triples (file, time of writing, data of
+    `read_verdict`).
+    """
     verdicts: dict[str, Verdict] = {}
     for file, _, verdict in sorted(verdicts_of_files, key=lambda each: each[1]):
         for identity in verdict["identities"]:
             # In order of time, so that the newest verdict replaces older ones.
-            verdicts[identity] = Verdict(verdict["words"], tuple(verdict["effects"]), verdict["probability"], file)
+            verdicts[identity] = Verdict(
+                verdict["words"], tuple(verdict["effects"]), verdict["probability"], file
+            )
     return verdicts
 
 
 def list_runs(
-    runs: Path, report_progress: ProgressCount = ignore_progress, measure_s: Callable[[Path], float | None] = lambda _: None
+    runs: Path,
+    report_progress: ProgressCount = ignore_progress,
+    measure_s: Callable[[Path], float | None] = lambda _: None,
 ) -> list[Entry]:
     """All runs below a folder, newest first. Raises BadInput where there is no such folder.
 
@@ -230,10 +282,14 @@ def list_runs(
     report_progress : callable
         Called with the number of runs read so far that were not in the index, and their total.
     measure_s : callable
-        Returns how long the recordings in a folder with experiment.toml last, None where they cannot be read.
+        Returns how long the recordings in a folder with experiment.toml last, None where they
+        cannot be read.
     """
     if not runs.is_dir():
-        raise BadInput(f"{runs}: is no folder; name the one that your runs are in with --runs, or record one: rfca-rig dynamic run")
+        raise BadInput(
+            f"{runs}: is no folder; name the one that your runs are in with --runs, or "
+            "record one: rfca-rig dynamic run"
+        )
     known = read_index(runs)
     found = list(find_runs(runs))
     rows = _rows(runs, found, known, report_progress, measure_s)
@@ -252,23 +308,37 @@ def is_run(found: list[FoundRun]) -> bool:
 
 
 def _rows(
-    runs: Path, found: list[FoundRun], known: dict[str, IndexRow], report_progress: ProgressCount, measure_s: Callable[[Path], float | None]
+    runs: Path,
+    found: list[FoundRun],
+    known: dict[str, IndexRow],
+    report_progress: ProgressCount,
+    measure_s: Callable[[Path], float | None],
 ) -> dict[str, IndexRow]:
     """A row of every run, read again where its folder has changed."""
     # Rows of folders that no longer exist are dropped with this.
-    rows = {one.folder: known[one.folder] for one in found if one.folder in known and known[one.folder].stamp == one.stamp}
+    rows = {
+        one.folder: known[one.folder]
+        for one in found
+        if one.folder in known and known[one.folder].stamp == one.stamp
+    }
     new = [one for one in found if one.folder not in rows]
     for one in iterate_with_progress(new, report_progress):
         rows[one.folder] = IndexRow(one.stamp, read_entry(runs, one.folder, measure_s).plain())
     return rows
 
 
-def _verdicts(runs: Path, found: list[FoundRun], known: dict[str, IndexRow]) -> tuple[dict[str, Verdict], dict[str, IndexRow]]:
+def _verdicts(
+    runs: Path, found: list[FoundRun], known: dict[str, IndexRow]
+) -> tuple[dict[str, Verdict], dict[str, IndexRow]]:
     """The verdict on each recording, and the rows of the diagnoses that they come from."""
     rows, verdicts_of_files = {}, []
     for file, stat in find_diagnoses(runs, found):
         stamp, path = stamp_of(stat), f"{OF_DIAGNOSIS}{file}"
-        row = known[path] if path in known and known[path].stamp == stamp else IndexRow(stamp, read_verdict(file))
+        row = (
+            known[path]
+            if path in known and known[path].stamp == stamp
+            else IndexRow(stamp, read_verdict(file))
+        )
         rows[path] = row
         # Relative to the working directory, if it lies below.
         shown = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file

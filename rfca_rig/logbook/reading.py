@@ -1,4 +1,6 @@
-"""Reads a run's folder into its logbook entry: from three small text files, or from run.h5 where that is all there is."""
+"""Reads a run's folder into its logbook entry: from three small text files, or from run.h5 where
+that is all there is.
+"""
 
 import json
 import tomllib
@@ -29,8 +31,12 @@ MEASURED = ("Flap", "Hold", "Cycles")
 WITH_SPEED = ("Flap", "Cycles")
 
 
-def read_entry(runs: Path, folder: str, measure_s: Callable[[Path], float | None] = lambda _: None) -> Entry:
-    """The entry of a run's folder; where its files cannot be read, the entry says so. `measure_s` returns an experiment's duration."""
+def read_entry(
+    runs: Path, folder: str, measure_s: Callable[[Path], float | None] = lambda _: None
+) -> Entry:
+    """The entry of a run's folder; where its files cannot be read, the entry says so.
+    `measure_s` returns an experiment's duration.
+    """
     path = runs / folder
     try:
         refuse_links_among(path, (HEADER, EVENTS, ENDING, RECORDING))
@@ -38,23 +44,42 @@ def read_entry(runs: Path, folder: str, measure_s: Callable[[Path], float | None
             return _of_run(path, folder)
         if (path / RECORDING).is_file():
             return _of_recording(path, folder)
-        return _of_pendulum(path, folder) if (path / PENDULUM).is_file() else _of_experiment(path, folder, measure_s(path))
+        return (
+            _of_pendulum(path, folder)
+            if (path / PENDULUM).is_file()
+            else _of_experiment(path, folder, measure_s(path))
+        )
     # One damaged run must not keep the others from being listed.
-    except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (
+        BadInput,
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         why = str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}"
-        return Entry(folder, path.name, "", "", _modification_time_s(path), ended="damaged", why=why)
+        return Entry(
+            folder, path.name, "", "", _modification_time_s(path), ended="damaged", why=why
+        )
 
 
 def _of_run(path: Path, folder: str) -> Entry:
     header = json.loads(_read_bytes(path / HEADER))
     events_text = _whole_lines(path / EVENTS)
-    ending = json.loads(_read_bytes(path / ENDING))["provenance"] if (path / ENDING).is_file() else None
+    ending = (
+        json.loads(_read_bytes(path / ENDING))["provenance"] if (path / ENDING).is_file() else None
+    )
     known: Mapping[str, str] = header["provenance"]
     done = _count_recorded(events_text.splitlines(), json.loads(known["plan"]))
-    # The same texts, in the same shape, as `run.h5` has: the identity must agree with that of the recording.
+    # The same texts, in the same shape, as `run.h5` has: the identity must agree with that of the
+    # recording.
     provenance = {**known, "events": events_text, **(ending or {})}
     # Without `end.json` the two cases look the same from outside.
-    ended, code, why = ("unfinished", "", "it goes on, or was cut off") if ending is None else _end(ending)
+    ended, code, why = (
+        ("unfinished", "", "it goes on, or was cut off") if ending is None else _end(ending)
+    )
     return Entry(
         folder,
         header["title"],
@@ -105,7 +130,9 @@ class _Done:
 
 
 def _count_recorded(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> _Done:
-    """Stages are acknowledged in the order in which they began. Stages still open when a run was cut off are never acknowledged."""
+    """Stages are acknowledged in the order in which they began. Stages still open when a run was
+    cut off are never acknowledged.
+    """
     # Events name stages by label only; the plan has the rest.
     by_label = {stage["label"]: stage for stage in plan}
     done, begun = _Done(), deque[Mapping[str, Any]]()
@@ -128,7 +155,10 @@ def _count_recorded(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> 
 
 
 def _condition(stage: Mapping[str, Any]) -> LoggedCondition:
-    return LoggedCondition(round(1e3 * stage["height_m"], 6), stage["speed_rad_s"] if stage["stage"] in WITH_SPEED else None)
+    return LoggedCondition(
+        round(1e3 * stage["height_m"], 6),
+        stage["speed_rad_s"] if stage["stage"] in WITH_SPEED else None,
+    )
 
 
 def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
@@ -144,7 +174,9 @@ def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
 
 
 def _of_recording(path: Path, folder: str) -> Entry:
-    """A run that is only a run.h5: imported, made of photos taken by hand, or of an older version."""
+    """A run that is only a run.h5: imported, made of photos taken by hand, or of an older
+    version.
+    """
     from rfca_rig.recording.store import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
 
     outline = outline_of(path / RECORDING)
@@ -174,7 +206,9 @@ def _of_recording(path: Path, folder: str) -> Entry:
 
 
 def _of_pendulum(path: Path, folder: str) -> Entry:
-    """Recordings of a pendulum; whether their tables are usable is for the commands that read them."""
+    """Recordings of a pendulum; whether their tables are usable is for the commands that read
+    them.
+    """
     description = tomllib.loads(_read_bytes(path / PENDULUM).decode())
     title = str(description["title"])
     return Entry(
@@ -206,7 +240,9 @@ def _of_experiment(path: Path, folder: str, seconds: float | None) -> Entry:
 
 
 def _began_s(file: Path, source: str, known: Mapping[str, str]) -> float:
-    """A twin's clock begins every run at the same moment, so for a twin the time of its first file counts."""
+    """A twin's clock begins every run at the same moment, so for a twin the time of its first
+    file counts.
+    """
     if source == "REAL" and "started_at" in known:
         return datetime.fromisoformat(known["started_at"]).timestamp()
     return file.stat().st_mtime

@@ -1,12 +1,12 @@
 """Contact law of a sphere on a plane: Hertz with damping, and Coulomb friction with stick.
 
-MuJoCo's contacts are soft constraints: their force grows with the mass of the bodies. The force of this law depends on depth and speed
-alone. It replaces MuJoCo's contact between the two geoms.
+MuJoCo's contacts are soft constraints: their force grows with the mass of the bodies. The force of
+this law depends on depth and speed alone. It replaces MuJoCo's contact between the two geoms.
 
 References
 ----------
-Hunt and Crossley, Journal of Applied Mechanics 42 (1975) 440; Dahl 1968 for the presliding, here linear up to Coulomb's limit.
-"""
+Hunt and Crossley, Journal of Applied Mechanics 42 (1975) 440; Dahl 1968 for the presliding, here
+linear up to Coulomb's limit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,16 +21,21 @@ from rfca_rig.model.kernel.compiled import jit, jit_internal
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
 
-STIFFNESS, DAMPING, FRICTION, PRESLIDING, DRAG, USUAL_DEPTH, MORE_POWER = range(7)  # columns of `ContactArrays.law`
-# Drag grows in proportion to the normal force up to this value, as in `rfca_rig.model.kernel.contact`.
+STIFFNESS, DAMPING, FRICTION, PRESLIDING, DRAG, USUAL_DEPTH, MORE_POWER = range(
+    7
+)  # columns of `ContactArrays.law`
+# Drag grows in proportion to the normal force up to this value, as in
+# `rfca_rig.model.kernel.contact`.
 FULL_DRAG_N = 1.0
 
 
 @dataclass(frozen=True)
 class SphereOnPlane:
-    """One contact: normal force N = stiffness depth^1.5 (1 + damping depth'), never below 0, and friction at the sphere's lowest point.
+    """One contact: normal force N = stiffness depth^1.5 (1 + damping depth'), never below 0, and
+    friction at the sphere's lowest point.
 
-    An effect may change the power of the depth about a usual depth d_0: N = stiffness depth^1.5 (depth / d_0)^p (1 + damping depth').
+    An effect may change the power of the depth about a usual depth d_0: N = stiffness depth^1.5
+    (depth / d_0)^p (1 + damping depth').
 
     A force sensor under the plane reads the reaction.
 
@@ -45,7 +50,8 @@ class SphereOnPlane:
     presliding_m
         Displacement of a sticking point, in proportion to the force, at which it begins to slide.
     drag_N_s_per_m
-        A viscous force against the sliding speed in addition to friction, in full from a normal force of 1 N on.
+        A viscous force against the sliding speed in addition to friction, in full from a normal
+        force of 1 N on.
     """
 
     sphere: str
@@ -57,13 +63,25 @@ class SphereOnPlane:
     drag_N_s_per_m: float
 
     def list_numbers(self, usual_N: float) -> tuple[float, ...]:
-        """The numbers in the order of the columns of `ContactArrays.law`, with the usual depth under this force."""
+        """The numbers in the order of the columns of `ContactArrays.law`, with the usual depth
+        under this force.
+        """
         usual_m = (usual_N / self.stiffness_N_per_m1p5) ** (2.0 / 3.0)
-        return (self.stiffness_N_per_m1p5, self.damping_s_per_m, self.friction, self.presliding_m, self.drag_N_s_per_m, usual_m, 0.0)
+        return (
+            self.stiffness_N_per_m1p5,
+            self.damping_s_per_m,
+            self.friction,
+            self.presliding_m,
+            self.drag_N_s_per_m,
+            usual_m,
+            0.0,
+        )
 
 
 def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) -> None:
-    """Raises BadInput, which begins with `where`, for a contact that names no sphere or no plane of MuJoCo's model, or comes twice."""
+    """Raises BadInput, which begins with `where`, for a contact that names no sphere or no plane
+    of MuJoCo's model, or comes twice.
+    """
     import mujoco  # noqa: PLC0415  (optional)
 
     kinds = {model.geom(place).name: int(model.geom_type[place]) for place in range(model.ngeom)}
@@ -73,19 +91,29 @@ def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) ->
             (contact.plane, mujoco.mjtGeom.mjGEOM_PLANE, "plane"),
         ):
             if kinds.get(name) != int(kind):
-                known = ", ".join(known for known, of in kinds.items() if of == int(kind) and known) or "none with a name"
-                raise BadInput(f"{where}: contacts: {name!r} is no {word} of the model; it has {known}")
-        if any((contact.sphere, contact.plane) == (other.sphere, other.plane) for other in contacts[:place]):
-            raise BadInput(f"{where}: contacts: {contact.sphere!r} on {contact.plane!r} comes twice")
+                known = (
+                    ", ".join(known for known, of in kinds.items() if of == int(kind) and known)
+                    or "none with a name"
+                )
+                raise BadInput(
+                    f"{where}: contacts: {name!r} is no {word} of the model; it has {known}"
+                )
+        if any(
+            (contact.sphere, contact.plane) == (other.sphere, other.plane)
+            for other in contacts[:place]
+        ):
+            raise BadInput(
+                f"{where}: contacts: {contact.sphere!r} on {contact.plane!r} comes twice"
+            )
 
 
 class ContactArrays(NamedTuple):
     """Arrays of c contacts for the compiled loop.
 
-    `law` (c, 7), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root` of each body. `stretch` (c, 3) is the
-    displacement of the lowest point from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s`
-    (c,) the time of each first contact; `work` is (3, 3). The others are MuJoCo's own arrays.
-    """
+    `law` (c, 7), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root`
+    of each body. `stretch` (c, 3) is the displacement of the lowest point from where it sticks,
+    `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s` (c,) the time of
+    each first contact; `work` is (3, 3). The others are MuJoCo's own arrays."""
 
     law: Floats
     radius: Floats
@@ -110,7 +138,8 @@ class ContactArrays(NamedTuple):
 @jit_internal
 def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) -> None:
     """Writes the velocity of a point (3,) that moves with a body into `out` (3,)."""
-    # MuJoCo gives each body's velocity, first rotational then linear, at the centre of mass of its kinematic tree.
+    # MuJoCo gives each body's velocity, first rotational then linear, at the centre of mass of its
+    # kinematic tree.
     twist, origin = arrays.cvel[body], arrays.subtree_com[arrays.root[body]]
     x, y, z = point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]
     out[0] = twist[3] + twist[1] * z - twist[2] * y
@@ -133,7 +162,9 @@ def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) ->
 
 @jit
 def apply_contact_forces(arrays: ContactArrays, h: float) -> None:
-    """Writes the forces of all contacts as MuJoCo's external forces, and updates the sticking points over a step of `h` [s]."""
+    """Writes the forces of all contacts as MuJoCo's external forces, and updates the sticking
+    points over a step of `h` [s].
+    """
     # Several contacts may share a body, so all wrenches are cleared first.
     point, normal, slip = arrays.work[0], arrays.work[1], arrays.work[2]
     for c in range(arrays.radius.size):
@@ -162,7 +193,8 @@ def apply_contact_forces(arrays: ContactArrays, h: float) -> None:
         if law[MORE_POWER] != 0.0:
             N *= (depth / law[USUAL_DEPTH]) ** law[MORE_POWER]
         arrays.normal[c], arrays.touch_s[c] = N, min(arrays.touch_s[c], arrays.clock[0])
-        # Under a growing N a tie keeps its force, so its stretch shrinks; otherwise it would create energy.
+        # Under a growing N a tie keeps its force, so its stretch shrinks; otherwise it would create
+        # energy.
         kept = min(1.0, before_N / N) if N > 0.0 else 1.0
         length = 0.0
         for i in range(3):
@@ -174,7 +206,11 @@ def apply_contact_forces(arrays: ContactArrays, h: float) -> None:
         reach = law[PRESLIDING] / np.sqrt(length) if length > law[PRESLIDING] ** 2 else 1.0
         for i in range(3):
             arrays.stretch[c, i] *= reach
-            slip[i] = N * normal[i] - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING] - drag * slip[i]
+            slip[i] = (
+                N * normal[i]
+                - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING]
+                - drag * slip[i]
+            )
         add_force(arrays, arrays.body[c], point, slip)
         for i in range(3):
             slip[i] = -slip[i]

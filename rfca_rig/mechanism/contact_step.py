@@ -1,11 +1,12 @@
 """One time step of a mechanism, with or without contacts that have a law of their own.
 
-MuJoCo's integrators take external forces as constant over a step, which is of first order. Where it would integrate explicitly, the
-classical Runge-Kutta scheme here replaces it, and evaluates the contact law in each of the four stages. The error is of fourth order
-where no contact begins or ends and no friction changes its sign, and of second order there.
+MuJoCo's integrators take external forces as constant over a step, which is of first order. Where it
+would integrate explicitly, the classical Runge-Kutta scheme here replaces it, and evaluates the
+contact law in each of the four stages. The error is of fourth order where no contact begins or ends
+and no friction changes its sign, and of second order there.
 
-Calls MuJoCo's C functions by their addresses from compiled code, with the interpreter lock released.
-"""
+Calls MuJoCo's C functions by their addresses from compiled code, with the interpreter lock
+released."""
 
 import ctypes
 from collections.abc import Callable
@@ -23,10 +24,29 @@ from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
 from rfca_rig.model.kernel.compiled import jit_internal
 
 NAMES = (
-    "mj_step", "mj_step1", "mj_step2", "mj_fwdPosition", "mj_fwdVelocity", "mj_fwdActuation", "mj_fwdAcceleration", "mj_fwdConstraint",
-    "mj_rnePostConstraint", "mj_sensorAcc",
-)  # fmt: skip
-STEP, STEP_1, STEP_2, POSITION, VELOCITY, ACTUATION, ACCELERATION, CONSTRAINT, INNER_FORCES, SENSORS = range(len(NAMES))
+    "mj_step",
+    "mj_step1",
+    "mj_step2",
+    "mj_fwdPosition",
+    "mj_fwdVelocity",
+    "mj_fwdActuation",
+    "mj_fwdAcceleration",
+    "mj_fwdConstraint",
+    "mj_rnePostConstraint",
+    "mj_sensorAcc",
+)
+(
+    STEP,
+    STEP_1,
+    STEP_2,
+    POSITION,
+    VELOCITY,
+    ACTUATION,
+    ACCELERATION,
+    CONSTRAINT,
+    INNER_FORCES,
+    SENSORS,
+) = range(len(NAMES))
 
 Floats = NDArray[np.float64]
 
@@ -38,9 +58,15 @@ def list_addresses() -> NDArray[np.int64]:
 
     folder = Path(mujoco.__file__).parent
     # The shared library is in the Python package, with another name on each platform.
-    library = next(path for name in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll") for path in folder.glob(name))
+    library = next(
+        path
+        for name in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
+        for path in folder.glob(name)
+    )
     functions = ctypes.CDLL(str(library))
-    return np.array([ctypes.cast(getattr(functions, name), ctypes.c_void_p).value for name in NAMES])
+    return np.array(
+        [ctypes.cast(getattr(functions, name), ctypes.c_void_p).value for name in NAMES]
+    )
 
 
 def _call(typing_context: Any, address: Any, model: Any, data: Any) -> Any:
@@ -61,10 +87,11 @@ call_mujoco = cast(Callable[[int, int, int], None], intrinsic(_call))
 
 
 class StageArrays(NamedTuple):
-    """State at a step's beginning, the weighted mean of the stages' rates, and MuJoCo's accelerations.
+    """State at a step's beginning, the weighted mean of the stages' rates, and MuJoCo's
+    accelerations.
 
-    `q`, `w` (n,), `stretch` (c, 3) and `normal` (c,) at the beginning, `total` (2, n) the mean rates, `qacc` and `qacc_warmstart` (n,).
-    All but the last two are empty where MuJoCo integrates.
+    `q`, `w` (n,), `stretch` (c, 3) and `normal` (c,) at the beginning, `total` (2, n) the mean
+    rates, `qacc` and `qacc_warmstart` (n,). All but the last two are empty where MuJoCo integrates.
     """
 
     q: Floats
@@ -113,7 +140,8 @@ def _take_stages(
             _copy_sticking(stages.stretch, stages.normal, contacts.stretch, contacts.normal)
             call_mujoco(addresses[POSITION], model, data)
             call_mujoco(addresses[VELOCITY], model, data)
-        # Each stage advances the sticking points from the step's beginning, so clock and stretch are put back before it.
+        # Each stage advances the sticking points from the step's beginning, so clock and stretch
+        # are put back before it.
         contacts.clock[0] = begin_s
         apply_contact_forces(contacts, ahead)
         call_mujoco(addresses[ACTUATION], model, data)
@@ -121,13 +149,15 @@ def _take_stages(
         call_mujoco(addresses[CONSTRAINT], model, data)
         if stage == 0:
             if noted.size > 0:
-                # Force sensors read the joint reactions, which MuJoCo computes in a call of its own.
+                # Force sensors read the joint reactions, which MuJoCo computes in a call of its
+                # own.
                 call_mujoco(addresses[INNER_FORCES], model, data)
                 call_mujoco(addresses[SENSORS], model, data)
             for i in range(noted.size):
                 noted[i] = sensordata[i]
             for i in range(q.size):
-                # The constraint solver of the next stages begins from the accelerations of the first one.
+                # The constraint solver of the next stages begins from the accelerations of the
+                # first one.
                 stages.qacc_warmstart[i] = stages.qacc[i]
         # Weights 1, 2, 2, 1 over 6 of the classical scheme.
         share = (1.0 if stage in (0, 3) else 2.0) / 6.0
@@ -153,7 +183,9 @@ def take_step(
     sensordata: Floats,
     noted: Floats,
 ) -> None:
-    """Advances positions and speeds (n,) by `h` [s], and stores the sensors (d,) or (0,) of the step's beginning in `noted`."""
+    """Advances positions and speeds (n,) by `h` [s], and stores the sensors (d,) or (0,) of the
+    step's beginning in `noted`.
+    """
     if stages.q.size > 0:
         _take_stages(addresses, model, data, q, w, h, stages, contacts, sensordata, noted)
         return

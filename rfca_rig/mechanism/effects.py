@@ -1,8 +1,8 @@
 """The effects that the model of a mechanism may lack, for its joints, actuators and bodies.
 
-MJCF can express most of these laws. `Plant` has the others: friction that depends on speed or load, and changes of commands and
-readings. A law that may act in a single joint makes two effects: one in all joints, each with its own size, and one in one joint.
-"""
+MJCF can express most of these laws. `Plant` has the others: friction that depends on speed or load,
+and changes of commands and readings. A law that may act in a single joint makes two effects: one in
+all joints, each with its own size, and one in one joint."""
 
 from collections.abc import Callable, Iterator
 
@@ -39,16 +39,22 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 
 Floats = NDArray[np.float64]
 
-MOST_DEFLECTION = 0.3  # of a gear, as a share of the usual travel: with more, a controller would hardly be stable
-# Least inertia, as a share of the usual one, of a rotor that crosses the play of its gear. With 0.005 and 0.02 the results for rotors of
-# 0.06, 0.02 and 0.004 kg m2 are equal; with 0.1 the error doubles in the joint of the lightest one, for a play of 0.03 rad.
+MOST_DEFLECTION = (
+    0.3  # of a gear, as a share of the usual travel: with more, a controller would hardly be stable
+)
+# Least inertia, as a share of the usual one, of a rotor that crosses the play of its gear. With
+# 0.005 and 0.02 the results for rotors of 0.06, 0.02 and 0.004 kg m2 are equal; with 0.1 the error
+# doubles in the joint of the lightest one, for a play of 0.03 rad.
 LEAST_ROTOR = 0.02
-# Least share of the largest command that is lost at usual speed: less limits hardly any recorded command.
+# Least share of the largest command that is lost at usual speed: less limits hardly any recorded
+# command.
 FALLS_BY = 0.02
-# Of a prescribed joint, in rad, or as a share of the mechanism's size: 3 degrees, or 20 mm of a leg that is 0.4 m long.
+# Of a prescribed joint, in rad, or as a share of the mechanism's size: 3 degrees, or 20 mm of a leg
+# that is 0.4 m long.
 MOST_OFFSET = 0.05
-# Torque constants are usually right to 10 %. A hopper's motion with 27 % more force, the nearest point of the usual grid, has lost its
-# likeness to the recorded one within a window, and the search missed 15 %.
+# Torque constants are usually right to 10 %. A hopper's motion with 27 % more force, the nearest
+# point of the usual grid, has lost its likeness to the recorded one within a window, and the search
+# missed 15 %.
 NEAR_FACTORS = (0.5, 0.9, 1.1, 2.0)
 FAR = 1e6  # rad or m: the end of a range that has none
 
@@ -66,7 +72,11 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
     effects: list[Effect] = []
     for law in _laws(mechanism, usual):
         effects += expand_law(law)
-    effects += [*_stribeck(mechanism, usual), *_hysteresis(mechanism, usual), *_stop(mechanism, usual)]
+    effects += [
+        *_stribeck(mechanism, usual),
+        *_hysteresis(mechanism, usual),
+        *_stop(mechanism, usual),
+    ]
     return [
         *effects,
         *_of_commands(mechanism, usual),
@@ -81,47 +91,139 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
     sprung = tuple(joint for joint in moving if mechanism.has_spring(joint))
 
     def per_joint(
-        id_: str, words: str, law: str, quantity: str, units: tuple[str, str], size: Floats, change: Change, of: str = "",
-        source: str = "MuJoCo, XML reference", places: tuple[int, ...] = moving,
-    ) -> PlaceLaw:  # fmt: skip
+        id_: str,
+        words: str,
+        law: str,
+        quantity: str,
+        units: tuple[str, str],
+        size: Floats,
+        change: Change,
+        of: str = "",
+        source: str = "MuJoCo, XML reference",
+        places: tuple[int, ...] = moving,
+    ) -> PlaceLaw:
         names, low, high = joint_units(mechanism, *units), SMALLEST * size, LARGEST * size
         chosen, at = list(places), tuple(joints[place] for place in places)
-        return PlaceLaw(id_, words, law, source, quantity, tuple(names[place] for place in places), at, places, low[chosen], high[chosen],
-                        change, variant_of=of, groups=group_places(mechanism, at))  # fmt: skip
+        return PlaceLaw(
+            id_,
+            words,
+            law,
+            source,
+            quantity,
+            tuple(names[place] for place in places),
+            at,
+            places,
+            low[chosen],
+            high[chosen],
+            change,
+            variant_of=of,
+            groups=group_places(mechanism, at),
+        )
 
     torque, speed = usual.torque, usual.speed
-    yield per_joint("joint_friction", "dry friction of the joints and their gears", "T = T_c sgn(w)", "torque", ("Nm", "N"),
-                    torque, add_friction, "joint_stribeck")  # fmt: skip
-    yield per_joint("joint_damping", "damping of the joints", "T = c w", "coefficient", ("Nm_s_per_rad", "N_s_per_m"),
-                    torque / speed, add_to("dof_damping"))  # fmt: skip
-    yield per_joint("joint_drag", "drag that grows with the speed squared", "T = c w |w|", "coefficient",
-                    ("Nm_s2_per_rad2", "N_s2_per_m2"), torque / speed**2, add_to("dof_dampingpoly"))  # fmt: skip
-    yield per_joint("joint_inertia", "inertia of the motors' rotors behind their gears", "T = I a", "inertia", ("kg_m2", "kg"),
-                    usual.inertia, add_to("dof_armature"))  # fmt: skip
-    yield per_joint("joint_spring", "a spring in the joints", "T = k (q - q_0), q_0 of the model file", "stiffness",
-                    ("Nm_per_rad", "N_per_m"), torque / usual.travel, add_to("jnt_stiffness"))  # fmt: skip
+    yield per_joint(
+        "joint_friction",
+        "dry friction of the joints and their gears",
+        "T = T_c sgn(w)",
+        "torque",
+        ("Nm", "N"),
+        torque,
+        add_friction,
+        "joint_stribeck",
+    )
+    yield per_joint(
+        "joint_damping",
+        "damping of the joints",
+        "T = c w",
+        "coefficient",
+        ("Nm_s_per_rad", "N_s_per_m"),
+        torque / speed,
+        add_to("dof_damping"),
+    )
+    yield per_joint(
+        "joint_drag",
+        "drag that grows with the speed squared",
+        "T = c w |w|",
+        "coefficient",
+        ("Nm_s2_per_rad2", "N_s2_per_m2"),
+        torque / speed**2,
+        add_to("dof_dampingpoly"),
+    )
+    yield per_joint(
+        "joint_inertia",
+        "inertia of the motors' rotors behind their gears",
+        "T = I a",
+        "inertia",
+        ("kg_m2", "kg"),
+        usual.inertia,
+        add_to("dof_armature"),
+    )
+    yield per_joint(
+        "joint_spring",
+        "a spring in the joints",
+        "T = k (q - q_0), q_0 of the model file",
+        "stiffness",
+        ("Nm_per_rad", "N_per_m"),
+        torque / usual.travel,
+        add_to("jnt_stiffness"),
+    )
     if sprung:
-        yield per_joint("joint_spring_play", "play before the springs of the joints engage",
-                        "the spring's torque at q - q_0 less half the gap, 0 within the gap", "half_gap", ("rad", "m"), usual.travel,
-                        _add_play, source="dead zone", places=sprung)  # fmt: skip
-    # Without recorded commands there is no torque for a gear to lose, and no command whose scale may be wrong.
+        yield per_joint(
+            "joint_spring_play",
+            "play before the springs of the joints engage",
+            "the spring's torque at q - q_0 less half the gap, 0 within the gap",
+            "half_gap",
+            ("rad", "m"),
+            usual.travel,
+            _add_play,
+            source="dead zone",
+            places=sprung,
+        )
+    # Without recorded commands there is no torque for a gear to lose, and no command whose scale
+    # may be wrong.
     driven = tuple(joint for joint in moving if mechanism.driven[joint])
     if usual.is_driven and driven:
         ones = np.ones(len(driven))
-        yield PlaceLaw("joint_load_friction", "friction of the gears that grows with the torque they transmit", "T = loss |tau| sgn(w)",
-                   "Hamon, Gautier and Garrec, IROS 2010", "loss", ("relative",) * len(driven), tuple(joints[j] for j in driven), driven,
-                   0.01 * ones, 0.6 * ones, _add_load_loss)  # fmt: skip
+        yield PlaceLaw(
+            "joint_load_friction",
+            "friction of the gears that grows with the torque they transmit",
+            "T = loss |tau| sgn(w)",
+            "Hamon, Gautier and Garrec, IROS 2010",
+            "loss",
+            ("relative",) * len(driven),
+            tuple(joints[j] for j in driven),
+            driven,
+            0.01 * ones,
+            0.6 * ones,
+            _add_load_loss,
+        )
         yield from _laws_of_gears(mechanism, usual, driven)
         shown = tuple(int(place) for place in np.flatnonzero(usual.command > 0.0))
         actuators = tuple(mechanism.actuators[place] for place in shown)
         ones = np.ones(len(shown))
-        yield PlaceLaw("torque_scale", "scale of the recorded commands wrong", "tau = factor tau_recorded", "torque constant of the motors",
-                   "factor", ("",) * len(shown), actuators, shown, 0.3 * ones, 3.0 * ones, _scale_command, "actuator",
-                   starts=NEAR_FACTORS)  # fmt: skip
+        yield PlaceLaw(
+            "torque_scale",
+            "scale of the recorded commands wrong",
+            "tau = factor tau_recorded",
+            "torque constant of the motors",
+            "factor",
+            ("",) * len(shown),
+            actuators,
+            shown,
+            0.3 * ones,
+            3.0 * ones,
+            _scale_command,
+            "actuator",
+            starts=NEAR_FACTORS,
+        )
 
 
-def _laws_of_gears(mechanism: Mechanism, usual: UsualMotion, driven: tuple[int, ...]) -> Iterator[PlaceLaw]:
-    """Compliance and play between encoders on the motors' side and the joints; sizes are shares of the usual travel."""
+def _laws_of_gears(
+    mechanism: Mechanism, usual: UsualMotion, driven: tuple[int, ...]
+) -> Iterator[PlaceLaw]:
+    """Compliance and play between encoders on the motors' side and the joints; sizes are shares
+    of the usual travel.
+    """
     joints, at = tuple(mechanism.joints[joint] for joint in driven), list(driven)
     travel, torque = usual.travel[at], usual.torque[at]
 
@@ -135,12 +237,32 @@ def _laws_of_gears(mechanism: Mechanism, usual: UsualMotion, driven: tuple[int, 
         plant.gear_play[0, joint] += value
         plant.gear_play[1, joint] = LEAST_ROTOR * usual.inertia[joint]
 
-    yield PlaceLaw("gear_compliance", "elastic gears, with encoders on the motors' side", "q_read = q + c tau, tau transmitted by the gear",
-                   "Spong 1987, quasi-static", "compliance", units("rad_per_Nm", "m_per_N"), joints, driven,
-                   SMALLEST * travel / torque, MOST_DEFLECTION * travel / torque, add_compliance)  # fmt: skip
-    yield PlaceLaw("gear_backlash", "play of the gears, with encoders on the motors' side",
-                   "q_read = q + z, I z'' = tau within the play, |z| <= b / 2, I of the rotor", "Nordin and Gutman 2002",
-                   "play", units("rad", "m"), joints, driven, SMALLEST * travel, MOST_DEFLECTION * travel, add_play)  # fmt: skip
+    yield PlaceLaw(
+        "gear_compliance",
+        "elastic gears, with encoders on the motors' side",
+        "q_read = q + c tau, tau transmitted by the gear",
+        "Spong 1987, quasi-static",
+        "compliance",
+        units("rad_per_Nm", "m_per_N"),
+        joints,
+        driven,
+        SMALLEST * travel / torque,
+        MOST_DEFLECTION * travel / torque,
+        add_compliance,
+    )
+    yield PlaceLaw(
+        "gear_backlash",
+        "play of the gears, with encoders on the motors' side",
+        "q_read = q + z, I z'' = tau within the play, |z| <= b / 2, I of the rotor",
+        "Nordin and Gutman 2002",
+        "play",
+        units("rad", "m"),
+        joints,
+        driven,
+        SMALLEST * travel,
+        MOST_DEFLECTION * travel,
+        add_play,
+    )
 
 
 def _add_play(plant: Plant, joint: int, value: float) -> None:
@@ -162,13 +284,28 @@ def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[tuple[Parameter, 
     parameters = []
     for group, members in groups:
         places = [moving[member] for member in members]
-        name, torque = join_name(group if len(groups) > 1 else "", "torque", units[places[0]]), usual.torque[places]
-        parameters.append((Parameter(name, SMALLEST * float(torque.min()), LARGEST * float(torque.max()), may_be_zero=False), places))
+        name, torque = (
+            join_name(group if len(groups) > 1 else "", "torque", units[places[0]]),
+            usual.torque[places],
+        )
+        parameters.append(
+            (
+                Parameter(
+                    name,
+                    SMALLEST * float(torque.min()),
+                    LARGEST * float(torque.max()),
+                    may_be_zero=False,
+                ),
+                places,
+            )
+        )
     return parameters
 
 
 def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """Friction that falls with speed, in all joints: a torque each, and one shape, with the speed as a share of the usual one."""
+    """Friction that falls with speed, in all joints: a torque each, and one shape, with the
+    speed as a share of the usual one.
+    """
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
@@ -178,17 +315,27 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         plant.stribeck[2] = values["speed_relative"] * usual.speed
         return plant
 
-    shape = (Parameter("rise_relative", 0.25, 2.5), Parameter("speed_relative", 0.03, 1.0, may_be_zero=False))
-    yield Effect("joint_stribeck", JOINTS, "dry friction of the joints that falls with speed",
-                 "T = T_c (1 + rise exp(-|w| / w_s)) sgn(w), w_s a share of the usual speed", "Stribeck 1902, exponential form",
-                 (*(torque for torque, _ in torques), *shape), apply)  # fmt: skip
+    shape = (
+        Parameter("rise_relative", 0.25, 2.5),
+        Parameter("speed_relative", 0.03, 1.0, may_be_zero=False),
+    )
+    yield Effect(
+        "joint_stribeck",
+        JOINTS,
+        "dry friction of the joints that falls with speed",
+        "T = T_c (1 + rise exp(-|w| / w_s)) sgn(w), w_s a share of the usual speed",
+        "Stribeck 1902, exponential form",
+        (*(torque for torque, _ in torques), *shape),
+        apply,
+    )
 
 
 def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """Friction that builds up over an angle, in all joints: a torque each, and one angle, as a share of the usual travel.
+    """Friction that builds up over an angle, in all joints: a torque each, and one angle, as a
+    share of the usual travel.
 
-    Dry friction is a limit of this law and of Stribeck's, so none of them counts as evidence against another.
-    """
+    Dry friction is a limit of this law and of Stribeck's, so none of them counts as evidence
+    against another."""
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
@@ -198,10 +345,16 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         return plant
 
     bend = Parameter("bend_relative", 0.03, 1.0, may_be_zero=False)
-    yield Effect("joint_hysteresis", JOINTS, "hysteresis of the joints: friction that builds up over an angle",
-                 "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel", "Dahl 1968",
-                 (*(torque for torque, _ in torques), bend), apply,
-                 variant_of="joint_stribeck")  # fmt: skip
+    yield Effect(
+        "joint_hysteresis",
+        JOINTS,
+        "hysteresis of the joints: friction that builds up over an angle",
+        "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel",
+        "Dahl 1968",
+        (*(torque for torque, _ in torques), bend),
+        apply,
+        variant_of="joint_stribeck",
+    )
 
 
 def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -217,11 +370,22 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
     # A model with limits states its stops already.
     if not mechanism.model.jnt_limited.any():
-        counted = Parameter("joint", 1.0, float(len(mechanism.simulated)), may_be_zero=False, whole=True)
+        counted = Parameter(
+            "joint", 1.0, float(len(mechanism.simulated)), may_be_zero=False, whole=True
+        )
         share = Parameter("position_relative", -0.98, 0.98)
-        yield Effect("joint_stop", JOINTS, "a stop within the travel of a joint",
-                     "MuJoCo's limit at a share of half the travel from its middle, above it where the share is positive",
-                     "MuJoCo, XML reference", (counted, share), apply)  # fmt: skip
+        yield Effect(
+            "joint_stop",
+            JOINTS,
+            "a stop within the travel of a joint",
+            (
+                "MuJoCo's limit at a share of half the travel from its middle, above it "
+                "where the share is positive"
+            ),
+            "MuJoCo, XML reference",
+            (counted, share),
+            apply,
+        )
 
 
 def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -234,7 +398,9 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         return plant
 
     def limit(plant: Plant, values: Values) -> Plant:
-        plant.command_limit = np.where(usual.command > 0.0, values["limit_relative"] * usual.command, np.inf)
+        plant.command_limit = np.where(
+            usual.command > 0.0, values["limit_relative"] * usual.command, np.inf
+        )
         return plant
 
     def ignore_small(plant: Plant, values: Values) -> Plant:
@@ -256,29 +422,84 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
     late = Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1)
     if usual.is_driven:
-        yield Effect("torque_delay", "commands", "commands act later than recorded (a negative delay: they were recorded late)",
-                     "u(t) = u_recorded(t - delay)", "dead time of drive, bus or current sensor",
-                     (Parameter("delay_s", -0.04, 0.04, below=0.1),), delay)  # fmt: skip
-        yield Effect("torque_lag", "commands", "the actuators follow their commands with a lag", "T u' = u_recorded - u",
-                     "first-order current loop", (late,), follow)  # fmt: skip
-        yield Effect("torque_saturation", "commands", "the actuators saturate", "|u| <= limit, a share of the largest recorded command",
-                     "limit of current or voltage", (Parameter("limit_relative", 0.2, 0.95, may_be_zero=False),), limit)  # fmt: skip
-        yield Effect("torque_dead_band", "commands", "the actuators ignore small commands",
-                     "u = sgn(u_r) max(|u_r| - band, 0), the band a share of the largest recorded command u_r", "dead band of a drive",
-                     (Parameter("band_relative", 0.005, 0.3, may_be_zero=False),), ignore_small)  # fmt: skip
-        # Only a command that is a torque has a line of torque over speed; position servos are excluded.
+        yield Effect(
+            "torque_delay",
+            "commands",
+            "commands act later than recorded (a negative delay: they were recorded late)",
+            "u(t) = u_recorded(t - delay)",
+            "dead time of drive, bus or current sensor",
+            (Parameter("delay_s", -0.04, 0.04, below=0.1),),
+            delay,
+        )
+        yield Effect(
+            "torque_lag",
+            "commands",
+            "the actuators follow their commands with a lag",
+            "T u' = u_recorded - u",
+            "first-order current loop",
+            (late,),
+            follow,
+        )
+        yield Effect(
+            "torque_saturation",
+            "commands",
+            "the actuators saturate",
+            "|u| <= limit, a share of the largest recorded command",
+            "limit of current or voltage",
+            (Parameter("limit_relative", 0.2, 0.95, may_be_zero=False),),
+            limit,
+        )
+        yield Effect(
+            "torque_dead_band",
+            "commands",
+            "the actuators ignore small commands",
+            (
+                "u = sgn(u_r) max(|u_r| - band, 0), the band a share of the largest recorded "
+                "command u_r"
+            ),
+            "dead band of a drive",
+            (Parameter("band_relative", 0.005, 0.3, may_be_zero=False),),
+            ignore_small,
+        )
+        # Only a command that is a torque has a line of torque over speed; position servos are
+        # excluded.
         motors = [place for place in torque_motors(mechanism) if usual.command[place] > 0.0]
         joints = mechanism.model.actuator_trnid[motors, 0]
         if motors:
-            yield Effect("torque_falls_with_speed", "commands", "the largest torque of the motors falls with speed",
-                         "|u| <= u_m (1 - fall |w| / w_u) where u drives, u_m the largest recorded command, w_u the usual speed",
-                         "torque-speed line of a DC motor at its supply voltage: Hughes and Drury, Electric Motors and Drives, ch. 3",
-                         (Parameter("fall_relative", FALLS_BY, LARGEST, may_be_zero=False),), fall)  # fmt: skip
-        yield Effect("clock_rate", "commands", "the clocks of commands and readings run at different rates",
-                     "u(t) = u_recorded(t - rate t)", "two clocks", (Parameter("rate_relative", -0.004, 0.004),), drift)  # fmt: skip
+            yield Effect(
+                "torque_falls_with_speed",
+                "commands",
+                "the largest torque of the motors falls with speed",
+                (
+                    "|u| <= u_m (1 - fall |w| / w_u) where u drives, u_m the largest "
+                    "recorded command, w_u the usual speed"
+                ),
+                (
+                    "torque-speed line of a DC motor at its supply voltage: Hughes and "
+                    "Drury, Electric Motors and Drives, ch. 3"
+                ),
+                (Parameter("fall_relative", FALLS_BY, LARGEST, may_be_zero=False),),
+                fall,
+            )
+        yield Effect(
+            "clock_rate",
+            "commands",
+            "the clocks of commands and readings run at different rates",
+            "u(t) = u_recorded(t - rate t)",
+            "two clocks",
+            (Parameter("rate_relative", -0.004, 0.004),),
+            drift,
+        )
     if usual.has_speeds:
-        yield Effect("speed_lag", "readings", "speeds are read later than the positions", "T y' = x - y for speeds alone",
-                     "first-order low-pass", (late,), read_late)  # fmt: skip
+        yield Effect(
+            "speed_lag",
+            "readings",
+            "speeds are read later than the positions",
+            "T y' = x - y for speeds alone",
+            "first-order low-pass",
+            (late,),
+            read_late,
+        )
 
 
 def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
@@ -291,13 +512,39 @@ def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
 
     if mechanism.has_contacts:
         for name, words, change, low, high in (
-            ("contact_stiffness", "the contacts are softer or stiffer", scale_contact_stiffness, 0.05, 20.0),
-            ("contact_damping", "the contacts lose more or less energy", scale_contact_damping, 0.05, 20.0),
-            ("contact_friction", "friction of the contacts differs", scale_contact_friction, 0.1, 3.0),
+            (
+                "contact_stiffness",
+                "the contacts are softer or stiffer",
+                scale_contact_stiffness,
+                0.05,
+                20.0,
+            ),
+            (
+                "contact_damping",
+                "the contacts lose more or less energy",
+                scale_contact_damping,
+                0.05,
+                20.0,
+            ),
+            (
+                "contact_friction",
+                "friction of the contacts differs",
+                scale_contact_friction,
+                0.1,
+                3.0,
+            ),
         ):
             factor = Parameter("factor", low, high, may_be_zero=False)
-            yield Effect(name, "ground", words, "the model's value times the factor", "MuJoCo, solver parameters", (factor,),
-                         make_apply(change), same_as=f"{name}_relative")  # fmt: skip
+            yield Effect(
+                name,
+                "ground",
+                words,
+                "the model's value times the factor",
+                "MuJoCo, solver parameters",
+                (factor,),
+                make_apply(change),
+                same_as=f"{name}_relative",
+            )
 
     def harden(plant: Plant, values: Values) -> Plant:
         add_contact_power(plant, values["more_power"])
@@ -305,9 +552,18 @@ def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
 
     if mechanism.contacts:
         power = Parameter("more_power", -0.7, 1.5)
-        yield Effect("contact_power", "ground", "the force of the contacts grows with another power of their depth",
-                     "N (d / d_0)^p, d_0 the depth that bears the weight; p = -0.5 for a line, 0 for a point",
-                     "Johnson, Contact Mechanics, 1985, ch. 4", (power,), harden)  # fmt: skip
+        yield Effect(
+            "contact_power",
+            "ground",
+            "the force of the contacts grows with another power of their depth",
+            (
+                "N (d / d_0)^p, d_0 the depth that bears the weight; p = -0.5 for a line, 0 "
+                "for a point"
+            ),
+            "Johnson, Contact Mechanics, 1985, ch. 4",
+            (power,),
+            harden,
+        )
 
 
 def _shift_reading(joint: int, offset: Parameter) -> Callable[[Plant, Values], Plant]:
@@ -332,10 +588,23 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
 
     if np.any(model.opt.gravity != 0.0):
         angles = (Parameter("about_x_rad", -0.2, 0.2), Parameter("about_y_rad", -0.2, 0.2))
-        yield Effect("gravity_tilt", "rig", "rig not plumb", "gravity turned about the world's x and y axis", "-", angles, tilt)
-    # Bodies that have a mass only because MuJoCo requires one, or that are fixed to the world, are no candidates.
+        yield Effect(
+            "gravity_tilt",
+            "rig",
+            "rig not plumb",
+            "gravity turned about the world's x and y axis",
+            "-",
+            angles,
+            tilt,
+        )
+    # Bodies that have a mass only because MuJoCo requires one, or that are fixed to the world, are
+    # no candidates.
     least_kg = PLACEHOLDER * float(model.body_mass.sum())
-    heavy = [place for place in range(1, model.nbody) if model.body_mass[place] > least_kg and model.body_weldid[place] != 0]
+    heavy = [
+        place
+        for place in range(1, model.nbody)
+        if model.body_mass[place] > least_kg and model.body_weldid[place] != 0
+    ]
 
     def load(plant: Plant, values: Values) -> Plant:
         body = heavy[int(values["body"]) - 1]
@@ -353,20 +622,55 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         most = max(float(np.linalg.norm(model.body_ipos[place])) for place in off_centre)
         body = Parameter("body", 1.0, float(len(off_centre)), may_be_zero=False, whole=True)
         shift = Parameter("shift_m", -0.5 * most, 0.5 * most, starts=(-0.1 * most, 0.1 * most))
-        yield Effect("centre_of_mass", "bodies", "the centre of mass of a body is elsewhere",
-                     "its distance from the body's frame is larger by the shift, in the same direction", "-",
-                     (body, shift), move)  # fmt: skip
+        yield Effect(
+            "centre_of_mass",
+            "bodies",
+            "the centre of mass of a body is elsewhere",
+            "its distance from the body's frame is larger by the shift, in the same direction",
+            "-",
+            (body, shift),
+            move,
+        )
     for slides, name, words, unit, most in (
-        (True, "prescribed_offset", "a prescribed slide stands elsewhere than it reads", "m", MOST_OFFSET * float(model.stat.extent)),
-        (False, "prescribed_angle_offset", "a prescribed hinge stands elsewhere than it reads", "rad", MOST_OFFSET),
+        (
+            True,
+            "prescribed_offset",
+            "a prescribed slide stands elsewhere than it reads",
+            "m",
+            MOST_OFFSET * float(model.stat.extent),
+        ),
+        (
+            False,
+            "prescribed_angle_offset",
+            "a prescribed hinge stands elsewhere than it reads",
+            "rad",
+            MOST_OFFSET,
+        ),
     ):
         of_kind = [joint for joint in mechanism.prescribed if mechanism.is_slide[joint] == slides]
-        # The effect has one offset, so it exists only where exactly one joint of this kind is prescribed.
+        # The effect has one offset, so it exists only where exactly one joint of this kind is
+        # prescribed.
         if len(of_kind) == 1:
             (joint,), offset = of_kind, Parameter(f"offset_{unit}", -most, most)
-            yield Effect(name, "rig", words, "q_read = q + offset, in all recordings alike", "-", (offset,), _shift_reading(joint, offset),
-                         same_as=f"{mechanism.joints[joint]}.zero_offset_{unit}")  # fmt: skip
+            yield Effect(
+                name,
+                "rig",
+                words,
+                "q_read = q + offset, in all recordings alike",
+                "-",
+                (offset,),
+                _shift_reading(joint, offset),
+                same_as=f"{mechanism.joints[joint]}.zero_offset_{unit}",
+            )
     total = float(sum(model.body_mass[place] for place in heavy))
     body = Parameter("body", 1.0, float(len(heavy)), may_be_zero=False, whole=True)
     mass = Parameter("mass_kg", SMALLEST * total, 3.0 * LARGEST * total, may_be_zero=False)
-    yield Effect("added_mass", "bodies", "a body is heavier", "its mass grows, and its inertia as much", "-", (body, mass), load)
+    yield Effect(
+        "added_mass",
+        "bodies",
+        "a body is heavier",
+        "its mass grows, and its inertia as much",
+        "-",
+        (body, mass),
+        load,
+    )

@@ -1,20 +1,23 @@
-"""Elastic gears and gears with play: the difference between an encoder on the motor's side and the position of its joint.
+"""Elastic gears and gears with play: the difference between an encoder on the motor's side and the
+position of its joint.
 
     q_read = q + c tau + z,    I z'' = tau within the play, abs(z) <= b / 2
 
-`tau` is the torque that the gear transmits: that of the actuator less the part that accelerates the rotor, the joint's `armature`.
-Friction acts on the joint's side. The joint moves as with a rigid gear; the compliance `c` and the play `b` only change the reading, and
-must be small beside the travel.
+`tau` is the torque that the gear transmits: that of the actuator less the part that accelerates the
+rotor, the joint's `armature`. Friction acts on the joint's side. The joint moves as with a rigid
+gear; the compliance `c` and the play `b` only change the reading, and must be small beside the
+travel.
 
-The elastic part is quasi-static: it neglects the rotor's motion against the joint, a share of about (f / f_r)^2 of the deflection at the
-frequency f, with the rotor's resonance f_r = 1 / (2 pi sqrt(I c)). Play is not quasi-static: a rotor of 0.06 kg m2 takes 80 ms to cross
-0.03 rad when a controller reverses its torque. So its inertia `I` carries it across, and its teeth do not bounce.
+The elastic part is quasi-static: it neglects the rotor's motion against the joint, a share of about
+(f / f_r)^2 of the deflection at the frequency f, with the rotor's resonance f_r = 1 / (2 pi sqrt(I
+c)). Play is not quasi-static: a rotor of 0.06 kg m2 takes 80 ms to cross 0.03 rad when a controller
+reverses its torque. So its inertia `I` carries it across, and its teeth do not bounce.
 
 References
 ----------
 Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987) 310.
-Nordin and Gutman, Controlling mechanical systems with backlash, a survey, Automatica 38 (2002) 1633.
-"""
+Nordin and Gutman, Controlling mechanical systems with backlash, a survey, Automatica 38 (2002)
+1633."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -27,16 +30,20 @@ from rfca_rig.model.kernel.compiled import jit
 
 Floats = NDArray[np.float64]
 
-# Half of the span over which a start is smoothed, and the degree of the polynomial: the diagnosis estimates recorded states in this way.
+# Half of the span over which a start is smoothed, and the degree of the polynomial: the diagnosis
+# estimates recorded states in this way.
 SMOOTHED_S, DEGREE = 0.06, 5
-# The span is divided into parts with mean commands: twice as many as the polynomial has coefficients.
+# The span is divided into parts with mean commands: twice as many as the polynomial has
+# coefficients.
 PARTS = 12
 FINER = 5  # steps of a rotor within a part
 
 
 @dataclass(frozen=True)
 class GearStart:
-    """Lead of the motors over the joints at a start and its rate, from smoothed readings; both for the rotors in their play. All (n,)."""
+    """Lead of the motors over the joints at a start and its rate, from smoothed readings; both
+    for the rotors in their play. All (n,).
+    """
 
     ahead: Floats
     rate: Floats
@@ -45,8 +52,18 @@ class GearStart:
 
 
 @jit
-def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Floats, rate: Floats, leads: Floats) -> None:
-    """Carries rotors across their play under torques (k, n); `lead` and `rate` (n,) go on, `leads` (k, n) are those after each step."""
+def cross_play(
+    torque: Floats,
+    play: Floats,
+    inertia: Floats,
+    h: float,
+    lead: Floats,
+    rate: Floats,
+    leads: Floats,
+) -> None:
+    """Carries rotors across their play under torques (k, n); `lead` and `rate` (n,) go on,
+    `leads` (k, n) are those after each step.
+    """
     for k in range(torque.shape[0]):
         for i in range(torque.shape[1]):
             rate[i] += h * torque[k, i] / inertia[i]
@@ -65,16 +82,25 @@ def _cross(plant: Plant, torque: Floats, h: float, lead: Floats, rate: Floats) -
     return leads
 
 
-def add_deflection(plant: Plant, start: GearStart, by_actuators: Floats, path_q: Floats, path_w: Floats, sample_s: float) -> None:
-    """Converts positions and speeds of the joints (k + 1, n), before each step and after the last, to those of the motors, in place.
+def add_deflection(
+    plant: Plant,
+    start: GearStart,
+    by_actuators: Floats,
+    path_q: Floats,
+    path_w: Floats,
+    sample_s: float,
+) -> None:
+    """Converts positions and speeds of the joints (k + 1, n), before each step and after the last,
+    to those of the motors, in place.
 
-    `by_actuators` (k, n) are the actuators' torques in the steps. Recorded commands are constant over a sample, so speeds are differences
-    over a sample at least.
-    """
+    `by_actuators` (k, n) are the actuators' torques in the steps. Recorded commands are constant
+    over a sample, so speeds are differences over a sample at least."""
     h = plant.step_s
     torque = by_actuators - plant.model.dof_armature * np.diff(path_w, axis=0) / h
     bend = plant.gear_compliance * torque
-    ahead = np.vstack([start.lead, _cross(plant, torque, h, start.lead.copy(), start.lead_rate.copy())])
+    ahead = np.vstack(
+        [start.lead, _cross(plant, torque, h, start.lead.copy(), start.lead_rate.copy())]
+    )
     # Odd reflection continues the deflection with its slope at both ends.
     around = np.pad(bend, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     ahead += 0.5 * (around[1:] + around[:-1])
@@ -94,7 +120,8 @@ def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
     data
         MuJoCo's data, at the start as it was read.
     commands
-        (PARTS, u) means over equal parts of the time from SMOOTHED_S before to SMOOTHED_S after the start.
+        (PARTS, u) means over equal parts of the time from SMOOTHED_S before to SMOOTHED_S after the
+        start.
     """
     import mujoco  # noqa: PLC0415  (optional)
 

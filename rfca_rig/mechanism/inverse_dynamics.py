@@ -18,7 +18,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class States:
-    """Recorded states: `position`, `speed` and `acceleration` (k, n) of the joints, and `command` (k, u) of the actuators."""
+    """Recorded states: `position`, `speed` and `acceleration` (k, n) of the joints, and
+    `command` (k, u) of the actuators.
+    """
 
     position: Floats
     speed: Floats
@@ -35,8 +37,8 @@ class TorqueBalance:
     inertial
         (k, n) torques that accelerate the joints.
     other
-        (k, n) torques that balance weight, gyroscopic torques, springs, dampers, friction and contacts; less those of the actuators at
-        a command of 0.
+        (k, n) torques that balance weight, gyroscopic torques, springs, dampers, friction and
+        contacts; less those of the actuators at a command of 0.
     by_actuator
         (k, u, n) torque of each command.
     """
@@ -47,17 +49,24 @@ class TorqueBalance:
 
     @property
     def remainder(self) -> Floats:
-        """(k, n) torques in the motion that the model lacks, with the sign of friction against the speed; zero for a perfect model."""
+        """(k, n) torques in the motion that the model lacks, with the sign of friction against
+        the speed; zero for a perfect model.
+        """
         return np.asarray(self.inertial + self.other - self.by_actuator.sum(axis=1))
 
     @property
     def imbalance(self) -> Floats:
-        """(n,) rms of the remainder over that of all parts together: 0 for a perfect model, 1 where the parts are uncorrelated."""
-        parts = np.mean(self.inertial**2 + self.other**2 + self.by_actuator.sum(axis=1) ** 2, axis=0)
+        """(n,) rms of the remainder over that of all parts together: 0 for a perfect model, 1
+        where the parts are uncorrelated.
+        """
+        parts = np.mean(
+            self.inertial**2 + self.other**2 + self.by_actuator.sum(axis=1) ** 2, axis=0
+        )
         return np.asarray(np.sqrt(np.mean(self.remainder**2, axis=0) / np.maximum(parts, 1e-300)))
 
     def gain(self, actuator: int) -> tuple[float, float]:
-        """Best factor on the command of an actuator, by least squares, and the correlation of its torque with the required one.
+        """Best factor on the command of an actuator, by least squares, and the correlation of its
+        torque with the required one.
 
         NaN where the command is 0.
         """
@@ -65,7 +74,10 @@ class TorqueBalance:
         needed = self.remainder + own
         acts = own.any(axis=0)
         product = float(np.sum(needed[:, acts] * own[:, acts]))
-        own_square, needed_square = float(np.sum(own[:, acts] ** 2)), float(np.sum(needed[:, acts] ** 2))
+        own_square, needed_square = (
+            float(np.sum(own[:, acts] ** 2)),
+            float(np.sum(needed[:, acts] ** 2)),
+        )
         if own_square == 0.0 or needed_square == 0.0:
             return np.nan, np.nan
         return product / own_square, product / float(np.sqrt(own_square * needed_square))
@@ -85,10 +97,20 @@ def balance_torques(mechanism: Mechanism, states: States) -> TorqueBalance:
 
     model, data = mechanism.model, mujoco.MjData(mechanism.model)
     shape = states.position.shape
-    inertial, other, by_actuator = np.empty(shape), np.empty(shape), np.empty((shape[0], model.nu, shape[1]))
+    inertial, other, by_actuator = (
+        np.empty(shape),
+        np.empty(shape),
+        np.empty((shape[0], model.nu, shape[1])),
+    )
     for k in range(shape[0]):
-        data.qpos[:], data.qvel[:], data.qacc[:], data.ctrl[:] = states.position[k], states.speed[k], 0.0, 0.0
-        # Without acceleration the inverse dynamics give all torques but the inertial ones; the difference is the inertial part.
+        data.qpos[:], data.qvel[:], data.qacc[:], data.ctrl[:] = (
+            states.position[k],
+            states.speed[k],
+            0.0,
+            0.0,
+        )
+        # Without acceleration the inverse dynamics give all torques but the inertial ones; the
+        # difference is the inertial part.
         mujoco.mj_inverse(model, data)
         still = data.qfrc_inverse.copy()
         data.qacc[:] = states.acceleration[k]
@@ -111,18 +133,28 @@ def torque_motors(mechanism: Mechanism) -> list[int]:
     import mujoco  # noqa: PLC0415  (optional)
 
     model = mechanism.model
-    plain = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
-    plain &= (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+    plain = (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (
+        model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
+    )
+    plain &= (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
+        model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE
+    )
     return [int(place) for place in np.flatnonzero(plain)]
 
 
 def has_torque_motors(mechanism: Mechanism) -> bool:
-    """Whether every joint has one actuator of its own, whose torque is proportional to its command."""
+    """Whether every joint has one actuator of its own, whose torque is proportional to its
+    command.
+    """
     model = mechanism.model
-    return len(torque_motors(mechanism)) == model.nu and sorted(model.actuator_trnid[:, 0]) == list(range(model.nv))
+    return len(torque_motors(mechanism)) == model.nu and sorted(model.actuator_trnid[:, 0]) == list(
+        range(model.nv)
+    )
 
 
-def compute_feed_forward(plant: Plant, position: Floats, speed: Floats, acceleration: Floats) -> Floats:
+def compute_feed_forward(
+    plant: Plant, position: Floats, speed: Floats, acceleration: Floats
+) -> Floats:
     """Commands (k, u) for a motion of a mechanism that `has_torque_motors`.
 
     Parameters
@@ -140,7 +172,11 @@ def compute_feed_forward(plant: Plant, position: Floats, speed: Floats, accelera
     dry = plant.friction + plant.stribeck[0] + plant.hysteresis[0]
     commands = np.empty((len(position), model.nu))
     for k in range(len(position)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = position[k] - plant.zero_offset, speed[k], acceleration[k]
+        data.qpos[:], data.qvel[:], data.qacc[:] = (
+            position[k] - plant.zero_offset,
+            speed[k],
+            acceleration[k],
+        )
         mujoco.mj_inverse(model, data)
         torque = data.qfrc_inverse + dry * np.sign(speed[k]) - plant.torque_offset
         # Friction that grows with the load takes its share of the torque without friction.

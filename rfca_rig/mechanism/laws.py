@@ -1,7 +1,9 @@
-"""Makes effects of a law that may act in each joint, actuator or sensor: one in all of them, each with its own size, and one in one.
+"""Makes effects of a law that may act in each joint, actuator or sensor: one in all of them, each
+with its own size, and one in one.
 
-A law without a formula is the torque of one joint as a table over its speed or its position. It is linear between its knots and constant
-beyond them. A positive value resists a positive speed, or a positive position.
+A law without a formula is the torque of one joint as a table over its speed or its position. It is
+linear between its knots and constant beyond them. A positive value resists a positive speed, or a
+positive position.
 
 Effects of sensors act on their readings.
 """
@@ -23,24 +25,27 @@ from rfca_rig.model.tabulated_law import TABULATED_LAW
 Floats = NDArray[np.float64]
 
 JOINTS = "joints"
-# Shares of the usual magnitude on the rig. A smaller effect is lost in the usual model error of 1 %; with a larger one the joint
-# would hardly move. With a tenth and ten times these bounds the log evidence of friction of a pendulum changes by less than 1.
+# Shares of the usual magnitude on the rig. A smaller effect is lost in the usual model error of 1
+# %; with a larger one the joint would hardly move. With a tenth and ten times these bounds the log
+# evidence of friction of a pendulum changes by less than 1.
 SMALLEST, LARGEST = 0.002, 0.8
 
 QUANTITIES = ("speed", "position")
 
-# Share of a value's rms that another one may add to it: more than in any sensor that was calibrated at all.
+# Share of a value's rms that another one may add to it: more than in any sensor that was calibrated
+# at all.
 LEAKS = 0.5
 DRIFTS_BY = 0.3  # of a sensor's rms, per second: a larger drift is visible without a model
 
 
 @dataclass(frozen=True)
 class PlaceLaw:
-    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant.
+    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range,
+    `change` puts it into a plant.
 
-    `groups` are names and places, within `places`, of those that share a size; each has its own where there are none. `starts` are values
-    from which the search begins, an even number in ascending order.
-    """
+    `groups` are names and places, within `places`, of those that share a size; each has its own
+    where there are none. `starts` are values from which the search begins, an even number in
+    ascending order."""
 
     id: str
     left_out: str
@@ -69,10 +74,16 @@ def join_name(*parts: str) -> str:
     return "_".join(part for part in parts if part)
 
 
-def group_places(mechanism: Mechanism, names: tuple[str, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    """Indices of objects of the same type by the name of their group, and of each other one by its own name."""
+def group_places(
+    mechanism: Mechanism, names: tuple[str, ...]
+) -> tuple[tuple[str, tuple[int, ...]], ...]:
+    """Indices of objects of the same type by the name of their group, and of each other one by
+    its own name.
+    """
     groups = {
-        name: members for name, of_make in mechanism.alike.items() if (members := tuple(names.index(n) for n in of_make if n in names))
+        name: members
+        for name, of_make in mechanism.alike.items()
+        if (members := tuple(names.index(n) for n in of_make if n in names))
     }
     grouped = {member for members in groups.values() for member in members}
     single = {name: (place,) for place, name in enumerate(names) if place not in grouped}
@@ -80,10 +91,15 @@ def group_places(mechanism: Mechanism, names: tuple[str, ...]) -> tuple[tuple[st
 
 
 def expand_law(law: PlaceLaw) -> Iterator[Effect]:
-    """The effect of the law in all its joints; with several joints, the effect in one of them, too."""
+    """The effect of the law in all its joints; with several joints, the effect in one of them,
+    too.
+    """
     places, many = law.places, len(law.places) > 1
     groups = law.groups or tuple((one, (place,)) for place, one in enumerate(law.objects))
-    names = [join_name(one if len(groups) > 1 else "", law.quantity, law.units[members[0]]) for one, members in groups]
+    names = [
+        join_name(one if len(groups) > 1 else "", law.quantity, law.units[members[0]])
+        for one, members in groups
+    ]
 
     def in_all(plant: Plant, values: Values) -> Plant:
         for (_, members), name in zip(groups, names, strict=True):
@@ -91,14 +107,28 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
                 law.change(plant, places[member], values[name])
         return plant
 
-    ranges = [(float(law.low[list(members)].min()), float(law.high[list(members)].max())) for _, members in groups]
-    # A grid has all combinations of the starts, so that several sizes begin from the two in the middle only.
+    ranges = [
+        (float(law.low[list(members)].min()), float(law.high[list(members)].max()))
+        for _, members in groups
+    ]
+    # A grid has all combinations of the starts, so that several sizes begin from the two in the
+    # middle only.
     middle = len(law.starts) // 2
     starts = law.starts if len(groups) == 1 else law.starts[middle - 1 : middle + 1]
     parameters = tuple(
-        Parameter(name, low, high, may_be_zero=False, starts=starts) for name, (low, high) in zip(names, ranges, strict=True)
+        Parameter(name, low, high, may_be_zero=False, starts=starts)
+        for name, (low, high) in zip(names, ranges, strict=True)
     )
-    yield Effect(law.id, JOINTS, law.left_out, law.law, law.source, parameters, in_all, variant_of=law.variant_of)
+    yield Effect(
+        law.id,
+        JOINTS,
+        law.left_out,
+        law.law,
+        law.source,
+        parameters,
+        in_all,
+        variant_of=law.variant_of,
+    )
     if many:
         size = join_name(law.quantity, law.units[0] if len(set(law.units)) == 1 else "SI")
 
@@ -107,22 +137,43 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
             return plant
 
         counted = Parameter(law.noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
-        sized = Parameter(size, float(law.low.min()), float(law.high.max()), may_be_zero=False, starts=law.starts)
+        sized = Parameter(
+            size, float(law.low.min()), float(law.high.max()), may_be_zero=False, starts=law.starts
+        )
         words = f"{law.left_out}, of one {law.noun}"
         # The numbers are not those of the model, so the text lists them.
         if places != tuple(range(len(places))):
-            words += f" ({', '.join(f'{number} is {name}' for number, name in enumerate(law.objects, start=1))})"
-        yield Effect(f"{law.id}_of_one", JOINTS, words, law.law, law.source, (counted, sized), in_one, variant_of=law.variant_of or law.id)
+            words += (
+                " ("
+                + ", ".join(
+                    f"{number} is {name}" for number, name in enumerate(law.objects, start=1)
+                )
+                + ")"
+            )
+        yield Effect(
+            f"{law.id}_of_one",
+            JOINTS,
+            words,
+            law.law,
+            law.source,
+            (counted, sized),
+            in_one,
+            variant_of=law.variant_of or law.id,
+        )
 
 
 def name_argument(mechanism: Mechanism, joint: int, quantity: str) -> str:
-    """Name of the argument of a table of this joint over its "speed" or "position", with the unit."""
+    """Name of the argument of a table of this joint over its "speed" or "position", with the
+    unit.
+    """
     unit = "m" if mechanism.is_slide[joint] else "rad"
     return f"{quantity}_{unit}_s" if quantity == "speed" else f"{quantity}_{unit}"
 
 
 def make_tabulated_effect(mechanism: Mechanism, table: LawTable) -> Effect:
-    """The effect that puts a table into a plant; its place is a joint's name, its argument as of `name_argument`."""
+    """The effect that puts a table into a plant; its place is a joint's name, its argument as of
+    `name_argument`.
+    """
     joint, count = mechanism.joints.index(table.place), len(table.knots)
     knots, values = np.array(table.knots), np.array(table.values)
     law = JointLaw(joint, table.argument.startswith("speed"), knots, values, np.zeros(count))
@@ -131,14 +182,23 @@ def make_tabulated_effect(mechanism: Mechanism, table: LawTable) -> Effect:
         plant.laws = (*plant.laws, law)
         return plant
 
-    return Effect(TABULATED_LAW, "joints", f"a law of {table.argument} in {table.place}", "tabulated", "measured", (), apply)
+    return Effect(
+        TABULATED_LAW,
+        "joints",
+        f"a law of {table.argument} in {table.place}",
+        "tabulated",
+        "measured",
+        (),
+        apply,
+    )
 
 
 def compute_own_law(plant: Plant, joint: int, by_speed: bool, u: Floats) -> Floats | None:
-    """Computes the torques (k,) that a plant has already in a joint at speeds or positions `u` (k,), with all else at the reference.
+    """Computes the torques (k,) that a plant has already in a joint at speeds or positions `u`
+    (k,), with all else at the reference.
 
-    Friction that depends on the load is no function of the speed and is not included. None where the plant has no torque there.
-    """
+    Friction that depends on the load is no function of the speed and is not included. None where
+    the plant has no torque there."""
     import mujoco  # noqa: PLC0415  (optional)
 
     data = mujoco.MjData(plant.model)
@@ -151,21 +211,31 @@ def compute_own_law(plant: Plant, joint: int, by_speed: bool, u: Floats) -> Floa
         torque[place] = -(data.qfrc_damper if by_speed else data.qfrc_spring)[joint]
     if by_speed:
         steady, rise, falls = plant.stribeck[:, joint]
-        dry = plant.friction[joint] + steady * (1.0 + rise * np.exp(-np.abs(u) / falls)) + plant.hysteresis[0, joint]
+        dry = (
+            plant.friction[joint]
+            + steady * (1.0 + rise * np.exp(-np.abs(u) / falls))
+            + plant.hysteresis[0, joint]
+        )
         torque = torque + dry * np.sign(u)
     return torque if torque.any() else None
 
 
 def pack_laws(laws: tuple[JointLaw, ...]) -> tuple[Floats, Floats]:
-    """Laws in the form of the compiled loop: (m, 4) joint, by speed, number of knots, turning; (m, 3, k) knots, values, branches."""
+    """Laws in the form of the compiled loop: (m, 4) joint, by speed, number of knots, turning;
+    (m, 3, k) knots, values, branches.
+    """
     rows = np.zeros((len(laws), 3, max((len(law.knots) for law in laws), default=0)))
     for place, law in enumerate(laws):
         rows[place, :, : len(law.knots)] = law.knots, law.values, law.branches
-    return np.array([[law.joint, law.by_speed, len(law.knots), law.turning] for law in laws], dtype=float).reshape(-1, 4), rows
+    return np.array(
+        [[law.joint, law.by_speed, len(law.knots), law.turning] for law in laws], dtype=float
+    ).reshape(-1, 4), rows
 
 
 def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """Lists the effects of sensors on their readings; positions of joints are the reference for their clock."""
+    """Lists the effects of sensors on their readings; positions of joints are the reference for
+    their clock.
+    """
 
     def lag(plant: Plant, values: Values) -> Plant:
         plant.sensor_lag_s = values["time_constant_s"]
@@ -181,42 +251,85 @@ def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Ef
     places = tuple(mechanism.sensor_values[name][0] for name in names)
     one = np.ones(len(places))
     yield from expand_law(
-        PlaceLaw("sensor_gain", "scale of the sensors wrong", "y = factor x", "calibration", "factor", ("",) * len(places), names,
-             places, 0.5 * one, 2.0 * one, _scale_sensor, "sensor")
-    )  # fmt: skip
+        PlaceLaw(
+            "sensor_gain",
+            "scale of the sensors wrong",
+            "y = factor x",
+            "calibration",
+            "factor",
+            ("",) * len(places),
+            names,
+            places,
+            0.5 * one,
+            2.0 * one,
+            _scale_sensor,
+            "sensor",
+        )
+    )
     yield from _sensor_crosstalk(mechanism, usual)
     yield _sensor_drift(mechanism, usual)
-    yield Effect("sensor_lag", "readings", "the sensors are read later than the joints: a filter", "T y' = x - y", "first-order low-pass",
-                 (Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1),), lag)  # fmt: skip
-    yield Effect("clock_offset", "readings", "the clocks of sensors and joints differ", "y(t) = x(t - offset)", "two clocks",
-                 (Parameter("offset_s", -0.04, 0.04, below=0.1),), delay)  # fmt: skip
+    yield Effect(
+        "sensor_lag",
+        "readings",
+        "the sensors are read later than the joints: a filter",
+        "T y' = x - y",
+        "first-order low-pass",
+        (Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1),),
+        lag,
+    )
+    yield Effect(
+        "clock_offset",
+        "readings",
+        "the clocks of sensors and joints differ",
+        "y(t) = x(t - offset)",
+        "two clocks",
+        (Parameter("offset_s", -0.04, 0.04, below=0.1),),
+        delay,
+    )
 
 
 def _sensor_crosstalk(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """Crosstalk: a share of one recorded value in the reading of another; a number selects the pair."""
+    """Crosstalk: a share of one recorded value in the reading of another; a number selects the
+    pair.
+    """
     pairs = list(permutations(usual.sensors, 2))
 
     def leak(plant: Plant, values: Values) -> Plant:
         to, source = pairs[int(values["pair"]) - 1]
         # The values may have different units, so the share refers to their usual magnitudes.
         scale = usual.sensors[to] / max(usual.sensors[source], 1e-12)
-        plant.sensor_crosstalk[mechanism.sensor_values[to][0], mechanism.sensor_values[source][0]] += values["share_relative"] * scale
+        plant.sensor_crosstalk[
+            mechanism.sensor_values[to][0], mechanism.sensor_values[source][0]
+        ] += values["share_relative"] * scale
         return plant
 
     if pairs:
-        listed = ", ".join(f"{number}: {to} reads {source}" for number, (to, source) in enumerate(pairs, start=1))
+        listed = ", ".join(
+            f"{number}: {to} reads {source}" for number, (to, source) in enumerate(pairs, start=1)
+        )
         pair = Parameter("pair", 1.0, float(len(pairs)), may_be_zero=False, whole=True)
         share = Parameter("share_relative", -LEAKS, LEAKS, starts=(-0.2 * LEAKS, 0.2 * LEAKS))
-        yield Effect("sensor_crosstalk", "readings", "one value of the sensors leaks into another",
-                     f"y_1 = x_1 + share x_2 (rms y_1 / rms y_2); pairs {listed}", "off-diagonal term of the calibration matrix",
-                     (pair, share), leak)  # fmt: skip
+        yield Effect(
+            "sensor_crosstalk",
+            "readings",
+            "one value of the sensors leaks into another",
+            f"y_1 = x_1 + share x_2 (rms y_1 / rms y_2); pairs {listed}",
+            "off-diagonal term of the calibration matrix",
+            (pair, share),
+            leak,
+        )
 
 
 def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
     rates = {}
     for name, rms in usual.sensors.items():
         place, unit = mechanism.sensor_values[name]
-        key = join_name(name if len(usual.sensors) > 1 else "", "rate", unit.replace(" ", "").replace("/", "_"), "per_s")
+        key = join_name(
+            name if len(usual.sensors) > 1 else "",
+            "rate",
+            unit.replace(" ", "").replace("/", "_"),
+            "per_s",
+        )
         rates[key] = place, DRIFTS_BY * max(rms, 1e-12)
 
     def apply(plant: Plant, values: Values) -> Plant:
@@ -225,7 +338,15 @@ def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
         return plant
 
     parameters = tuple(Parameter(key, -largest, largest) for key, (_, largest) in rates.items())
-    return Effect("sensor_drift", "readings", "the zero of the sensors drifts with time", "y = x + rate t", "-", parameters, apply)
+    return Effect(
+        "sensor_drift",
+        "readings",
+        "the zero of the sensors drifts with time",
+        "y = x + rate t",
+        "-",
+        parameters,
+        apply,
+    )
 
 
 def _scale_sensor(plant: Plant, place: int, value: float) -> None:

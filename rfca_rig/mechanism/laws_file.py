@@ -1,4 +1,5 @@
-"""Writes `laws.py`: the laws of a plant that MJCF cannot express, as plain Python functions for the user's own MuJoCo loop.
+"""Writes `laws.py`: the laws of a plant that MJCF cannot express, as plain Python functions for the
+user's own MuJoCo loop.
 
 The file needs only numpy. It has the same formulas as `rollout`, with the values of one plant.
 """
@@ -16,11 +17,14 @@ from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]
 
-# Significant digits of the numbers in the file: short to read, and far below any uncertainty of a fitted value.
+# Significant digits of the numbers in the file: short to read, and far below any uncertainty of a
+# fitted value.
 DIGITS = 9
 
 
-def write_laws(plant: Plant, beyond: Sequence[str], path: Path, stated: Sequence[str], model_file: str) -> bool:
+def write_laws(
+    plant: Plant, beyond: Sequence[str], path: Path, stated: Sequence[str], model_file: str
+) -> bool:
     """Writes the file, or removes one of an earlier diagnosis where MJCF can express everything.
 
     Parameters
@@ -49,26 +53,52 @@ def write_laws(plant: Plant, beyond: Sequence[str], path: Path, stated: Sequence
     return True
 
 
-def _text(plant: Plant, beyond: Sequence[str], stated: Sequence[str], model_file: str, module: str) -> str:
+def _text(
+    plant: Plant, beyond: Sequence[str], stated: Sequence[str], model_file: str, module: str
+) -> str:
     # Several entries may need the same function; `dict.fromkeys` keeps the first of each, in order.
-    parts = [make(plant) for make in dict.fromkeys(PARTS[words] for words in beyond if words in PARTS)]
+    parts = [
+        make(plant) for make in dict.fromkeys(PARTS[words] for words in beyond if words in PARTS)
+    ]
     missing = [words for words in beyond if words not in PARTS]
     acts = [line for part in parts for line in part.act.strip("\n").splitlines()]
     head = [
-        f"What {model_file} lacks of the mechanism, because MJCF does not hold it. Functions of numpy arrays, one entry per joint.",
+        (
+            f"What {model_file} lacks of the mechanism, because MJCF does not hold it. "
+            "Functions of numpy arrays, one entry per joint."
+        ),
         "",
         *stated,
         *(f"NOT in this file: {words}" for words in missing),
         *([""] if stated or missing else []),
         f"Joints, in this order: {', '.join(plant.mechanism.joints)}.",
         "Units are SI: torques in N m, forces of slides in N, angles in rad, distances in m.",
-        f"The values were fitted with the integrator RK4 and steps of {plant.step_s:g} s (model.opt.timestep, model.opt.integrator).",
-        *(_example(module, model_file, any(part.commands for part in parts)) if acts or any(part.commands for part in parts) else []),
+        (
+            f"The values were fitted with the integrator RK4 and steps of {plant.step_s:g} s "
+            "(model.opt.timestep, model.opt.integrator)."
+        ),
+        *(
+            _example(module, model_file, any(part.commands for part in parts))
+            if acts or any(part.commands for part in parts)
+            else []
+        ),
     ]
     body = [line for part in parts for line in ("", "", *part.code.strip("\n").splitlines())]
-    # Names and results are text here: none may end the docstring, of the program's lines or of a stranger's model.
+    # Names and results are text here: none may end the docstring, of the program's lines or of a
+    # stranger's model.
     docstring = [python_docstring(line) for line in head]
-    return "\n".join(['"""' + docstring[0], *docstring[1:], '"""', "", "import numpy as np", *body, *(_act(acts) if acts else []), ""])
+    return "\n".join(
+        [
+            '"""' + docstring[0],
+            *docstring[1:],
+            '"""',
+            "",
+            "import numpy as np",
+            *body,
+            *(_act(acts) if acts else []),
+            "",
+        ]
+    )
 
 
 @dataclass(frozen=True)
@@ -81,7 +111,11 @@ class _Part:
 
 
 def _example(module: str, model_file: str, shapes_commands: bool) -> list[str]:
-    shaped = [f"    ctrl = {module}.shape_commands(t_s, recorded, model.opt.timestep, steps)"] if shapes_commands else []
+    shaped = (
+        [f"    ctrl = {module}.shape_commands(t_s, recorded, model.opt.timestep, steps)"]
+        if shapes_commands
+        else []
+    )
     return [
         "",
         "    import mujoco",
@@ -97,7 +131,11 @@ def _example(module: str, model_file: str, shapes_commands: bool) -> list[str]:
         "        data.ctrl[:] = ctrl[k]",
         f"        {module}.act(model, data, state)",
         "        mujoco.mj_step(model, data)",
-        *(["", "Where the file has no `act`, leave out both lines with `state`."] if shapes_commands else []),
+        *(
+            ["", "Where the file has no `act`, leave out both lines with `state`."]
+            if shapes_commands
+            else []
+        ),
     ]
 
 
@@ -136,7 +174,11 @@ def _array(values: Floats) -> str:
 
 
 def _per_joint(plant: Plant, line: Callable[[int], str], acts: NDArray[np.bool_]) -> str:
-    return "\n".join(f"    {python_docstring(name)}: {line(joint)}" for joint, name in enumerate(plant.mechanism.joints) if acts[joint])
+    return "\n".join(
+        f"    {python_docstring(name)}: {line(joint)}"
+        for joint, name in enumerate(plant.mechanism.joints)
+        if acts[joint]
+    )
 
 
 def _speed_unit(plant: Plant, joint: int) -> str:
@@ -151,10 +193,14 @@ def _stribeck(plant: Plant) -> _Part:
     torque, rise, falls = plant.stribeck
     values = _per_joint(
         plant,
-        lambda j: f"T_c = {torque[j]:.4g} {_unit(plant, j)}, rise = {rise[j]:.4g}, w_s = {falls[j]:.4g} {_speed_unit(plant, j)}",
+        lambda j: (
+            f"T_c = {torque[j]:.4g} {_unit(plant, j)}, rise = {rise[j]:.4g}, w_s = "
+            f"{falls[j]:.4g} {_speed_unit(plant, j)}"
+        ),
         torque > 0.0,
     )
-    return _Part(f'''
+    return _Part(
+        f'''
 def stribeck_friction(speed):
     """Dry friction that falls with speed, of each joint: T = T_c (1 + rise exp(-|w| / w_s)).
 
@@ -166,12 +212,15 @@ def stribeck_friction(speed):
     rise = {_array(rise)}
     falls_with = {_array(falls)}
     return torque * (1.0 + rise * np.exp(-np.abs(speed) / falls_with))
-''', "    friction += stribeck_friction(speed)")  # fmt: skip
+''',
+        "    friction += stribeck_friction(speed)",
+    )
 
 
 def _load(plant: Plant) -> _Part:
     values = _per_joint(plant, lambda j: f"loss = {plant.load_loss[j]:.4g}", plant.load_loss != 0.0)
-    return _Part(f'''
+    return _Part(
+        f'''
 def load_friction(actuator_torque):
     """Dry friction of each joint that grows with the torque of its actuator, data.qfrc_actuator: T = loss |tau|.
 
@@ -180,17 +229,23 @@ def load_friction(actuator_torque):
     Source: Hamon, Gautier and Garrec, IROS 2010.
     """
     return {_array(plant.load_loss)} * np.abs(actuator_torque)
-''', "    friction += load_friction(data.qfrc_actuator)")  # fmt: skip
+''',
+        "    friction += load_friction(data.qfrc_actuator)",
+    )
 
 
 def _hysteresis(plant: Plant) -> _Part:
     torque, bend = plant.hysteresis
     values = _per_joint(
         plant,
-        lambda j: f"T_h = {torque[j]:.4g} {_unit(plant, j)}, b = {bend[j]:.4g} {'m' if plant.mechanism.is_slide[j] else 'rad'}",
+        lambda j: (
+            f"T_h = {torque[j]:.4g} {_unit(plant, j)}, b = {bend[j]:.4g} "
+            f"{'m' if plant.mechanism.is_slide[j] else 'rad'}"
+        ),
         torque > 0.0,
     )
-    return _Part(f'''
+    return _Part(
+        f'''
 def hysteresis(bristle, speed, step_s):
     """Friction that builds up over an angle: T = T_h z, z' = (w / b) (1 - z sgn(w)); resists a positive speed.
 
@@ -204,18 +259,23 @@ def hysteresis(bristle, speed, step_s):
     towards = np.where(slip > 0.0, 1.0, -1.0)
     after = towards + (bristle - towards) * np.exp(-np.abs(slip))
     return torque * 0.5 * (bristle + after), after
-''', '''
+''',
+        """
     resists, state["bristle"] = hysteresis(state["bristle"], speed, h)
     torque -= resists
-''')  # fmt: skip
+""",
+    )
 
 
 def _offset(plant: Plant) -> _Part:
-    return _Part(f'''
+    return _Part(
+        f'''
 def steady_torque():
     """A steady torque in each joint, as found: [{", ".join(f"{value:.4g}" for value in plant.torque_offset)}]."""
     return {_array(plant.torque_offset)}
-''', "    torque += steady_torque()")  # fmt: skip
+''',
+        "    torque += steady_torque()",
+    )
 
 
 def _tables(plant: Plant) -> _Part:
@@ -223,9 +283,17 @@ def _tables(plant: Plant) -> _Part:
     act: list[str] = []
     for number, law in enumerate(plant.laws, start=1):
         name = "measured_law" if len(plant.laws) == 1 else f"measured_law_{number}"
-        joint, slides = python_docstring(plant.mechanism.joints[law.joint]), bool(plant.mechanism.is_slide[law.joint])
-        quantity, unit = ("speed", _speed_unit(plant, law.joint)) if law.by_speed else ("position", "m" if slides else "rad")
-        code.append(f'''
+        joint, slides = (
+            python_docstring(plant.mechanism.joints[law.joint]),
+            bool(plant.mechanism.is_slide[law.joint]),
+        )
+        quantity, unit = (
+            ("speed", _speed_unit(plant, law.joint))
+            if law.by_speed
+            else ("position", "m" if slides else "rad")
+        )
+        code.append(
+            f'''
 def {name}({quantity}):
     """The torque in {joint} [{_unit(plant, law.joint)}] that resists a positive {quantity} [{unit}], as measured.
 
@@ -234,13 +302,17 @@ def {name}({quantity}):
     knots = {_array(law.knots)}
     values = {_array(law.values)}
     return np.interp({quantity}, knots, values)
-'''.strip("\n"))  # fmt: skip
+'''.strip("\n")
+        )
         # The same treatment as in `rollout.act_tables`.
         j = law.joint
         if law.by_speed:
             act += [
                 f"    towards = 1.0 if speed[{j}] > 0.0 else -1.0",
-                f"    brakes = friction[{j}] + {name}(speed[{j}]) * towards  # what brakes acts as dry friction",
+                (
+                    f"    brakes = friction[{j}] + {name}(speed[{j}]) * towards  # what "
+                    "brakes acts as dry friction"
+                ),
                 f"    friction[{j}] = max(brakes, 0.0)",
                 f"    torque[{j}] -= min(brakes, 0.0) * towards",
             ]
@@ -251,7 +323,8 @@ def {name}({quantity}):
 
 def _commands(plant: Plant) -> _Part:
     names = python_docstring(", ".join(plant.mechanism.actuators))
-    return _Part(f'''
+    return _Part(
+        f'''
 def shape_commands(t_s, command, step_s, steps, since_s=0.0):
     """What acts in each of `steps` steps from time 0 on, (steps, u), of commands (k, u) that were recorded at `t_s` (k,).
 
@@ -278,7 +351,9 @@ def shape_commands(t_s, command, step_s, steps, since_s=0.0):
     scaled = mean[before:] * gain
     scaled = np.sign(scaled) * np.maximum(np.abs(scaled) - dead_band, 0.0)
     return np.clip(scaled, -limit, limit) / gain
-''', commands=True)  # fmt: skip
+''',
+        commands=True,
+    )
 
 
 def _positions(plant: Plant) -> _Part:
@@ -286,7 +361,7 @@ def _positions(plant: Plant) -> _Part:
 def read_positions(position):
     """The readings of positions (..., n): each encoder reads so much too large."""
     return position + {_array(plant.zero_offset)}
-''')  # fmt: skip
+''')
 
 
 def _speeds(plant: Plant) -> _Part:
@@ -297,12 +372,14 @@ def read_speeds(speed, step_s):
     for k in range(1, len(read)):
         read[k] = read[k - 1] + share * (read[k] - read[k - 1])
     return read
-''')  # fmt: skip
+''')
 
 
 def _sensors(plant: Plant) -> _Part:
     pairs = np.argwhere(plant.sensor_crosstalk)
-    leaks = "".join(f"    leaks[{i}, {j}] = {plant.sensor_crosstalk[i, j]:.{DIGITS}g}\n" for i, j in pairs)
+    leaks = "".join(
+        f"    leaks[{i}, {j}] = {plant.sensor_crosstalk[i, j]:.{DIGITS}g}\n" for i, j in pairs
+    )
     return _Part(f'''
 def read_sensors(sensordata, step_s, since_s=0.0):
     """The readings of data.sensordata (k, d), one per step from time 0 on. Lag {plant.sensor_lag_s:.4g} s, delay
@@ -320,10 +397,11 @@ def read_sensors(sensordata, step_s, since_s=0.0):
     read = np.column_stack([np.interp(t_s - delay_s, t_s, column) for column in read.T])
     read = read + read @ leaks.T
     return read * factor + zero + (since_s + t_s)[:, None] * drift_per_s
-''')  # fmt: skip
+''')
 
 
-# Keys are the texts of `write_amended_model`. Several texts may share one function, which is written once.
+# Keys are the texts of `write_amended_model`. Several texts may share one function, which is
+# written once.
 PARTS: dict[str, Callable[[Plant], _Part]] = {
     "friction that falls with speed": _stribeck,
     "friction that grows with load": _load,

@@ -36,7 +36,8 @@ ARENA_BYTES = 1 << 20
 
 # A simulation takes the square of the joints; a humanoid has some 50.
 MOST_PARTS = 2000
-# MuJoCo's own step is 2 ms by default. Below and above these no model is stable or finished in a lifetime.
+# MuJoCo's own step is 2 ms by default. Below and above these no model is stable or finished in a
+# lifetime.
 SHORTEST_STEP_S, LONGEST_STEP_S = 1e-6, 1.0
 # Of a model that is compiled in some milliseconds.
 PLAIN_BYTES = 100_000
@@ -58,11 +59,34 @@ PLAIN_ELEMENTS = frozenset(
             "site",
             "light",
         ),
-        *("actuator", "motor", "position", "velocity", "general", "contact", "pair", "exclude", "equality", "weld", "connect"),
-        *("sensor", "jointpos", "jointvel", "force", "torque", "accelerometer", "gyro", "framepos", "touch"),
+        *(
+            "actuator",
+            "motor",
+            "position",
+            "velocity",
+            "general",
+            "contact",
+            "pair",
+            "exclude",
+            "equality",
+            "weld",
+            "connect",
+        ),
+        *(
+            "sensor",
+            "jointpos",
+            "jointvel",
+            "force",
+            "torque",
+            "accelerometer",
+            "gyro",
+            "framepos",
+            "touch",
+        ),
     )
 )
-# In SI. The largest of a mechanism is the stiffness of a contact, up to 1e10 N/m; MuJoCo takes a state above 1e10 for a divergence.
+# In SI. The largest of a mechanism is the stiffness of a contact, up to 1e10 N/m; MuJoCo takes a
+# state above 1e10 for a divergence.
 MOST_VALUE = 1e12
 
 
@@ -92,15 +116,18 @@ class Mechanism:
     driven
         (n,) whether an actuator acts on the joint.
     sensors
-        Of each sensor that a signal may hold, by name: its first value in MuJoCo's `sensordata`, how many it has, and their SI unit.
+        Of each sensor that a signal may hold, by name: its first value in MuJoCo's `sensordata`,
+        how many it has, and their SI unit.
     has_contacts
         Whether any two bodies may touch.
     is_implicit
-        Whether the model's integrator is one of MuJoCo's implicit ones, which stiff dampers need; Runge-Kutta if not.
+        Whether the model's integrator is one of MuJoCo's implicit ones, which stiff dampers need;
+        Runge-Kutta if not.
     prescribed, unmeasured
         Places of joints that follow a given motion, and of joints that have no position signal.
     alike
-        Names of joints, bodies or actuators of the same type, by the name of the group: they share values and effects.
+        Names of joints, bodies or actuators of the same type, by the name of the group: they share
+        values and effects.
     contacts
         Contacts that have a law of their own, in place of MuJoCo's.
     """
@@ -125,11 +152,12 @@ class Mechanism:
     def borrow_data(self, model: Any) -> Iterator[Any]:
         """Lends an MjData in its initial state, for a copy of this model.
 
-        To make one takes 0.26 ms, a window of an arm 0.9 ms. Threads may borrow at the same time; each gets its own.
-        """
+        To make one takes 0.26 ms, a window of an arm 0.9 ms. Threads may borrow at the same time;
+        each gets its own."""
         import mujoco  # noqa: PLC0415  (optional)
 
-        # `deque.pop` is atomic, so no lock is needed; an exception instead of a check leaves no gap between the two.
+        # `deque.pop` is atomic, so no lock is needed; an exception instead of a check leaves no gap
+        # between the two.
         try:
             data = self._spare_data.pop()
         except IndexError:
@@ -148,15 +176,23 @@ class Mechanism:
 
     def has_spring(self, joint: int) -> bool:
         """Whether the joint of this place has a spring of its own."""
-        return bool(self.model.jnt_stiffness[joint] != 0.0 or np.any(self.model.jnt_stiffnesspoly[joint] != 0.0))
+        return bool(
+            self.model.jnt_stiffness[joint] != 0.0
+            or np.any(self.model.jnt_stiffnesspoly[joint] != 0.0)
+        )
 
     @property
     def sensor_values(self) -> dict[str, tuple[int, str]]:
-        """Place in `sensordata` and SI unit of each single value, by the sensor's name and, where it has three, the component."""
+        """Place in `sensordata` and SI unit of each single value, by the sensor's name and,
+        where it has three, the component.
+        """
         found: dict[str, tuple[int, str]] = {}
         for name, sensor in self.sensors.items():
             components = ("_x", "_y", "_z") if sensor.values == 3 else ("",)
-            found |= {f"{name}{component}": (sensor.first + k, sensor.unit) for k, component in enumerate(components)}
+            found |= {
+                f"{name}{component}": (sensor.first + k, sensor.unit)
+                for k, component in enumerate(components)
+            }
         return found
 
     def joint(self, name: str, where: str) -> int:
@@ -168,14 +204,18 @@ class Mechanism:
         return _place(name, self.actuators, "actuator", where)
 
     def sensor_value(self, name: str, where: str) -> tuple[int, str]:
-        """Place and SI unit of one value of a sensor. Raises BadInput, which begins with `where`."""
+        """Place and SI unit of one value of a sensor. Raises BadInput, which begins with
+        `where`.
+        """
         values = self.sensor_values
         return values[tuple(values)[_place(name, tuple(values), "sensor", where)]]
 
 
 def _place(name: str, names: tuple[str, ...], kind: str, where: str) -> int:
     if name not in names:
-        raise BadInput(f"{where}: {kind} {name!r} is not in the model; it has {', '.join(names) or 'none'}")
+        raise BadInput(
+            f"{where}: {kind} {name!r} is not in the model; it has {', '.join(names) or 'none'}"
+        )
     return names.index(name)
 
 
@@ -183,7 +223,9 @@ def _ignore(text: str) -> None:
     """Discards MuJoCo's warnings."""
 
 
-def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: bool = False) -> Mechanism:
+def load_mechanism(
+    path: Path, beside: tuple[Path, ...] = (), allow_outside: bool = False
+) -> Mechanism:
     """Loads and checks the mechanism that a model file describes.
 
     Parameters
@@ -198,16 +240,19 @@ def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: boo
     Raises
     ------
     BadInput
-        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, it names files elsewhere, it has other joints or absurd
-        values, or it takes too much time or memory.
+        Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, it names files
+        elsewhere, it has other joints or absurd values, or it takes too much time or memory.
     """
     if find_spec("mujoco") is None:
-        raise BadInput("MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'")
+        raise BadInput(
+            "MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'"
+        )
     # To find its window library, MuJoCo's import starts an interpreter.
     with safe_path():
         import mujoco  # noqa: PLC0415  (optional)
 
-    # By default MuJoCo writes warnings to a log file in the working directory; `roll` detects a simulation that diverges.
+    # By default MuJoCo writes warnings to a log file in the working directory; `roll` detects a
+    # simulation that diverges.
     mujoco.set_mju_user_warning(_ignore)
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
@@ -216,7 +261,9 @@ def load_mechanism(path: Path, beside: tuple[Path, ...] = (), allow_outside: boo
 
 
 def _is_plain(path: Path) -> bool:
-    """Whether a model is short, and of elements that stand for no more than themselves: no limits are needed to read it."""
+    """Whether a model is short, and of elements that stand for no more than themselves: no
+    limits are needed to read it.
+    """
     if path.stat().st_size > PLAIN_BYTES:
         return False
     content = path.read_bytes()
@@ -225,7 +272,9 @@ def _is_plain(path: Path) -> bool:
 
 
 def _load(path: Path, allowed: tuple[Path, ...] | None) -> Mechanism:
-    """The mechanism of a file that names files of the `allowed` folders only, or any where there are none."""
+    """The mechanism of a file that names files of the `allowed` folders only, or any where there
+    are none.
+    """
     import mujoco  # noqa: PLC0415  (optional)
 
     refuse_non_finite(find_named_files(path, allowed))
@@ -234,16 +283,23 @@ def _load(path: Path, allowed: tuple[Path, ...] | None) -> Mechanism:
         spec.memory = ARENA_BYTES
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise BadInput(f"{path}: MuJoCo refuses the model: {' '.join(str(error).split())}") from None
+        raise BadInput(
+            f"{path}: MuJoCo refuses the model: {' '.join(str(error).split())}"
+        ) from None
     _refuse_unusable_names(path, spec)
     _check_values(path, model)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}
     joints = tuple(model.joint(i).name for i in range(model.njnt))
     for name, kind in zip(joints, model.jnt_type, strict=True):
         if not name:
-            raise BadInput(f"{path}: a joint has no name; give every joint one, as signals and effects need it")
+            raise BadInput(
+                f"{path}: a joint has no name; give every joint one, as signals and effects need it"
+            )
         if int(kind) not in kinds:
-            raise BadInput(f"{path}: joint {name!r} is neither a hinge nor a slide; ball and free joints are not supported")
+            raise BadInput(
+                f"{path}: joint {name!r} is neither a hinge nor a slide; ball and free "
+                "joints are not supported"
+            )
     if not joints:
         raise BadInput(f"{path}: the model has no joint, so nothing moves")
     actuators = tuple(model.actuator(i).name or f"actuator{i + 1}" for i in range(model.nu))
@@ -260,24 +316,42 @@ def _load(path: Path, allowed: tuple[Path, ...] | None) -> Mechanism:
         is_slide=np.array([kinds[int(kind)] for kind in model.jnt_type]),
         driven=driven,
         sensors=_list_sensors(model),
-        has_contacts=bool(model.npair > 0 or np.any(model.geom_contype & model.geom_conaffinity[:, None])),
-        is_implicit=model.opt.integrator in (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        has_contacts=bool(
+            model.npair > 0 or np.any(model.geom_contype & model.geom_conaffinity[:, None])
+        ),
+        is_implicit=model.opt.integrator
+        in (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
     )
 
 
 def _check_values(path: Path, model: Any) -> None:
-    """Raises BadInput for a model that cannot be computed with: too large, or with values that no mechanism has."""
-    for what, count in (("joints", model.nv), ("bodies", model.nbody), ("actuators", model.nu), ("sensors", model.nsensor)):
+    """Raises BadInput for a model that cannot be computed with: too large, or with values that
+    no mechanism has.
+    """
+    for what, count in (
+        ("joints", model.nv),
+        ("bodies", model.nbody),
+        ("actuators", model.nu),
+        ("sensors", model.nsensor),
+    ):
         if count > MOST_PARTS:
-            raise BadInput(f"{path}: has {count} {what}, where {MOST_PARTS} are the most; remove what the recordings do not show")
+            raise BadInput(
+                f"{path}: has {count} {what}, where {MOST_PARTS} are the most; remove "
+                "what the recordings do not show"
+            )
     if not SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S:
         allowed = f"{SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s"
-        raise BadInput(f"{path}: option timestep is {model.opt.timestep:g} s; give a time step of {allowed}")
+        raise BadInput(
+            f"{path}: option timestep is {model.opt.timestep:g} s; give a time step of {allowed}"
+        )
     for name, numbers in [*_float_arrays("", model), *_float_arrays("option ", model.opt)]:
         # Also true for NaN.
         absurd = numbers[~(np.abs(numbers) <= MOST_VALUE)]
         if absurd.size:
-            raise BadInput(f"{path}: {name} holds {absurd[0]:g}; values are finite, and {MOST_VALUE:g} or less in size")
+            raise BadInput(
+                f"{path}: {name} holds {absurd[0]:g}; values are finite, and "
+                f"{MOST_VALUE:g} or less in size"
+            )
 
 
 def _float_arrays(prefix: str, structure: Any) -> Iterator[tuple[str, Floats]]:
@@ -293,8 +367,9 @@ def _float_arrays(prefix: str, structure: Any) -> Iterator[tuple[str, Floats]]:
 def read_spec(path: Path) -> Any:
     """Reads the file as MuJoCo's specification, not yet compiled.
 
-    URDF has no actuators: every joint gets a motor of its name, whose command is its torque or force. Visual meshes that are missing
-    are omitted: nothing depends on them where a body has its mass from an inertial.
+    URDF has no actuators: every joint gets a motor of its name, whose command is its torque or
+    force. Visual meshes that are missing are omitted: nothing depends on them where a body has its
+    mass from an inertial.
 
     Raises
     ------
@@ -305,14 +380,20 @@ def read_spec(path: Path) -> Any:
     """
     import mujoco  # noqa: PLC0415  (optional)
 
-    # MuJoCo refuses to compile a model whose meshes are missing, even where nothing depends on them.
+    # MuJoCo refuses to compile a model whose meshes are missing, even where nothing depends on
+    # them.
     spec = mujoco.MjSpec.from_file(str(path))
-    missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()}
+    missing = {
+        mesh.name: mesh.file
+        for mesh in spec.meshes
+        if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()
+    }
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
             use = "contacts depend" if geom.contype or geom.conaffinity else "the mass depends"
             raise BadInput(
-                f"{path}: mesh {missing[geom.meshname]} of body {geom.parent.name!r} is not there, and {use} on it; "
+                f"{path}: mesh {missing[geom.meshname]} of body {geom.parent.name!r} is "
+                f"not there, and {use} on it; "
                 f"put it there, or remove that geometry from the model"
             )
         spec.delete(geom)
@@ -320,27 +401,48 @@ def read_spec(path: Path) -> Any:
         spec.delete(mesh)
     if path.suffix.lower() == ".urdf":
         for joint in spec.joints:
-            if joint.name and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            if joint.name and joint.type in (
+                mujoco.mjtJoint.mjJNT_HINGE,
+                mujoco.mjtJoint.mjJNT_SLIDE,
+            ):
+                spec.add_actuator(
+                    name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+                )
     return spec
 
 
 def _refuse_unusable_names(path: Path, spec: Any) -> None:
-    """Raises BadInput for a name that looks like a part of the text around it, in messages, files and pages."""
-    named = {"joint": spec.joints, "actuator": spec.actuators, "body": spec.bodies, "sensor": spec.sensors, "geom": spec.geoms}
+    """Raises BadInput for a name that looks like a part of the text around it, in messages,
+    files and pages.
+    """
+    named = {
+        "joint": spec.joints,
+        "actuator": spec.actuators,
+        "body": spec.bodies,
+        "sensor": spec.sensors,
+        "geom": spec.geoms,
+    }
     for kind, elements in named.items():
         for element in elements:
             sign = find_unusable_sign(element.name)
             if sign is not None:
-                raise BadInput(f"{path}: the name of {kind} {element.name!r} has {sign}; rename it in the model")
+                raise BadInput(
+                    f"{path}: the name of {kind} {element.name!r} has {sign}; rename it "
+                    "in the model"
+                )
 
 
 def _list_sensors(model: Any) -> dict[str, Sensor]:
     """Sensors that have a name and a unit, by name; others cannot be a signal."""
     import mujoco  # noqa: PLC0415  (optional)
 
-    kinds = {int(getattr(mujoco.mjtSensor, f"mjSENS_{kind}")): unit for kind, unit in SENSOR_UNITS.items()}
+    kinds = {
+        int(getattr(mujoco.mjtSensor, f"mjSENS_{kind}")): unit
+        for kind, unit in SENSOR_UNITS.items()
+    }
     found = [(model.sensor(i).name, int(model.sensor_type[i]), i) for i in range(model.nsensor)]
     return {
-        name: Sensor(int(model.sensor_adr[i]), int(model.sensor_dim[i]), kinds[kind]) for name, kind, i in found if name and kind in kinds
+        name: Sensor(int(model.sensor_adr[i]), int(model.sensor_dim[i]), kinds[kind])
+        for name, kind, i in found
+        if name and kind in kinds
     }

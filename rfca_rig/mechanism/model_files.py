@@ -1,8 +1,9 @@
-"""Model files for the user's own tools: of a mechanism with the result of a diagnosis, and of the flexible leg in MJCF.
+"""Model files for the user's own tools: of a mechanism with the result of a diagnosis, and of the
+flexible leg in MJCF.
 
-The leg is on a rack that slides to its height, with a prescribed shaft and hinges with springs. Plane of motion y-z, angles positive
-downwards from +y. The force sensor stands between world and rack, `below_shaft` under the shaft, with its z axis down.
-"""
+The leg is on a rack that slides to its height, with a prescribed shaft and hinges with springs.
+Plane of motion y-z, angles positive downwards from +y. The force sensor stands between world and
+rack, `below_shaft` under the shaft, with its z axis down."""
 
 import os
 from pathlib import Path
@@ -40,27 +41,40 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     # Compiling gives every geom its index.
     spec.compile()
     for place, joint in enumerate(spec.joints):
-        # A prescribed joint of the plant has an armature that no load can move; the file gets the original one.
+        # A prescribed joint of the plant has an armature that no load can move; the file gets the
+        # original one.
         heavy = place in plant.mechanism.prescribed
         joint.frictionloss = plant.friction[place]
         joint.armature = (plant.mechanism.model if heavy else model).dof_armature[place]
         joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
-        # A stop that was found. MJCF states angles in the unit of its compiler, the compiled model in rad.
+        # A stop that was found. MJCF states angles in the unit of its compiler, the compiled model
+        # in rad.
         if model.jnt_limited[place] and not plant.mechanism.model.jnt_limited[place]:
             in_degrees = spec.compiler.degree and not plant.mechanism.is_slide[place]
-            joint.limited, joint.range = 1, np.degrees(model.jnt_range[place]) if in_degrees else model.jnt_range[place]
+            joint.limited, joint.range = (
+                1,
+                np.degrees(model.jnt_range[place]) if in_degrees else model.jnt_range[place],
+            )
         joint.stiffness = [model.jnt_stiffness[place], *model.jnt_stiffnesspoly[place]]
     for place, body in enumerate(spec.bodies):
         if place > 0 and model.body_mass[place] > 0.0:
             # Inertia along principal axes; NaN marks the full tensor as not given.
             body.explicitinertial = True
-            body.mass, body.ipos, body.iquat = model.body_mass[place], model.body_ipos[place], model.body_iquat[place]
+            body.mass, body.ipos, body.iquat = (
+                model.body_mass[place],
+                model.body_ipos[place],
+                model.body_iquat[place],
+            )
             body.inertia, body.fullinertia = model.body_inertia[place], np.full(6, np.nan)
     for place, actuator in enumerate(spec.actuators):
         gain = plant.command_gain[place]
         # Of a muscle other parameters than the gain stand beside it.
-        if int(model.actuator_gaintype[place]) in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE):
-            # A gear would scale what the actuator feeds back, too, and twice: the position, and the force that answers it.
+        if int(model.actuator_gaintype[place]) in (
+            mujoco.mjtGain.mjGAIN_FIXED,
+            mujoco.mjtGain.mjGAIN_AFFINE,
+        ):
+            # A gear would scale what the actuator feeds back, too, and twice: the position, and the
+            # force that answers it.
             actuator.gear = model.actuator_gear[place]
             actuator.gainprm = model.actuator_gainprm[place] * gain
         else:
@@ -72,7 +86,10 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     spec.option.gravity = model.opt.gravity
     spec.compile()
     # The file may be in another folder than the meshes that it names.
-    for kind, has_files in (("meshdir", bool(spec.meshes or spec.hfields or spec.skins)), ("texturedir", bool(spec.textures))):
+    for kind, has_files in (
+        ("meshdir", bool(spec.meshes or spec.hfields or spec.skins)),
+        ("texturedir", bool(spec.textures)),
+    ):
         if has_files:
             assets = plant.mechanism.path.parent / getattr(spec, kind)
             setattr(spec, kind, Path(os.path.relpath(assets, path.parent)).as_posix())
@@ -145,7 +162,9 @@ def write_leg_mjcf(rig: RigModel) -> str:
 
 
 def _link(rig: RigModel, i: int, further: str) -> str:
-    """Link i, a thin uniform rod along its own y. Its inertia about y, which planar motion does not involve, is a thousandth."""
+    """Link i, a thin uniform rod along its own y. Its inertia about y, which planar motion does
+    not involve, is a thousandth.
+    """
     leg, length, mass = rig.leg, rig.leg.link_lengths_m[i], rig.leg.link_masses_kg[i]
     inertia = mass * length**2 / 12.0
     name = SHAFT if i == 0 else hinge_names(leg)[i - 1]
@@ -164,7 +183,9 @@ def _link(rig: RigModel, i: int, further: str) -> str:
 
 
 def _pair(rig: RigModel, name: str) -> str:
-    """MuJoCo's own contact, for viewers: about as stiff under the leg's weight; a diagnosis replaces it by the floor's law."""
+    """MuJoCo's own contact, for viewers: about as stiff under the leg's weight; a diagnosis
+    replaces it by the floor's law.
+    """
     mu = rig.ground.friction_coefficient
     return f"""
   <pair geom1="{FLOOR}" geom2="{name}" condim="3" friction="{mu!r} {mu!r} 0 0 0"/>"""

@@ -1,10 +1,11 @@
-"""Files that a model file names: parts that it includes, meshes, textures, height fields. MuJoCo would read them from anywhere.
+"""Files that a model file names: parts that it includes, meshes, textures, height fields. MuJoCo
+would read them from anywhere.
 
-Also numbers in these texts that are none: MuJoCo takes a mass of "nan" for one that was not given, and computes another.
+Also numbers in these texts that are none: MuJoCo takes a mass of "nan" for one that was not given,
+and computes another.
 
-MuJoCo's own reader of XML is more lenient than others, so the text is searched instead of parsed: every attribute that may name a file
-counts, wherever it stands.
-"""
+MuJoCo's own reader of XML is more lenient than others, so the text is searched instead of parsed:
+every attribute that may name a file counts, wherever it stands."""
 
 import os
 import re
@@ -16,7 +17,8 @@ from pathlib import Path
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.outside import refuse_outside
 
-# file, filename of URDF, fileright and its like of a texture; and the folders that such names begin in.
+# file, filename of URDF, fileright and its like of a texture; and the folders that such names begin
+# in.
 _NAMES_A_FILE = re.compile(rb"""\bfile\w*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _NAMES_A_FOLDER = re.compile(rb"""\b(?:mesh|texture|asset)dir\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 # Of URDF; MuJoCo takes what follows it as a path.
@@ -51,7 +53,10 @@ def find_named_files(model: Path, folders: tuple[Path, ...] | None) -> set[Path]
             for folder in _values(_NAMES_A_FOLDER, content):
                 bases |= {place.parent for place in _shorten(model.parent / folder / "file")}
         if len(names) * len(bases) > MOST_PLACES:
-            raise BadInput(f"{model}: names {len(names)} files in {len(bases)} folders; more than {MOST_PLACES} places are not searched")
+            raise BadInput(
+                f"{model}: names {len(names)} files in {len(bases)} folders; more than "
+                f"{MOST_PLACES} places are not searched"
+            )
         to_search = sorted(_existing(model, bases, names) - found)
         if folders is not None:
             refuse_outside(to_search, folders)
@@ -62,11 +67,15 @@ def find_named_files(model: Path, folders: tuple[Path, ...] | None) -> set[Path]
 
 
 def refuse_non_finite(files: Iterable[Path]) -> None:
-    """Raises BadInput where an attribute in one of the files, of whatever element, holds a number that is not finite."""
+    """Raises BadInput where an attribute in one of the files, of whatever element, holds a
+    number that is not finite.
+    """
     for path in sorted(files):
         content = path.read_bytes()
         # Meshes and textures are no XML.
-        if content.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and _MAY_BE_NOT_FINITE.search(content):
+        if content.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and _MAY_BE_NOT_FINITE.search(
+            content
+        ):
             _refuse_non_finite_attributes(path, content)
 
 
@@ -75,13 +84,22 @@ def _refuse_non_finite_attributes(path: Path, content: bytes) -> None:
     content = _COMMENT.sub(lambda comment: b"\n" * comment[0].count(b"\n"), content)
     for element in _ELEMENT.finditer(content):
         for attribute in _ATTRIBUTE.finditer(element[2]):
-            text = unescape((attribute[2] or attribute[3] or b"").decode("utf-8", "surrogateescape"))
+            text = unescape(
+                (attribute[2] or attribute[3] or b"").decode("utf-8", "surrogateescape")
+            )
             if not _holds_non_finite(text):
                 continue
             line = content.count(b"\n", 0, element.start(2) + attribute.start()) + 1
             name = attribute[1].decode()
-            remedy = "rename it" if name in ("name", "class") else "give a finite number, or remove the attribute"
-            raise BadInput(f"{path}:{line}: {element[1].decode()}: {name} is {text!r}, which is no finite number; {remedy}")
+            remedy = (
+                "rename it"
+                if name in ("name", "class")
+                else "give a finite number, or remove the attribute"
+            )
+            raise BadInput(
+                f"{path}:{line}: {element[1].decode()}: {name} is {text!r}, which is no "
+                f"finite number; {remedy}"
+            )
 
 
 def _holds_non_finite(text: str) -> bool:
@@ -94,14 +112,20 @@ def _holds_non_finite(text: str) -> bool:
 
 
 def _values(pattern: re.Pattern[bytes], content: bytes) -> set[str]:
-    """The values of these attributes, as they stand and with their entities replaced; MuJoCo takes / and \\ alike."""
-    texts = {(one or other).decode("utf-8", "surrogateescape") for one, other in pattern.findall(content)}
+    """The values of these attributes, as they stand and with their entities replaced; MuJoCo
+    takes / and \\ alike.
+    """
+    texts = {
+        (one or other).decode("utf-8", "surrogateescape") for one, other in pattern.findall(content)
+    }
     plain = {_SCHEME.sub("", text).replace("\\", "/") for text in texts | set(map(unescape, texts))}
     return {text for text in plain if text and "\0" not in text}
 
 
 def _existing(model: Path, bases: set[Path], names: set[str]) -> set[Path]:
-    """Every file that one of these names can mean. With `strippath`, the default of URDF, only the last part of a name counts."""
+    """Every file that one of these names can mean. With `strippath`, the default of URDF, only
+    the last part of a name counts.
+    """
     parts = names | {Path(name).name for name in names}
     places = {base / part for base in bases for part in parts if part}
     shortened = set().union(*map(_shorten, places))
@@ -113,7 +137,9 @@ def _existing(model: Path, bases: set[Path], names: set[str]) -> set[Path]:
 
 
 def _shorten(path: Path) -> set[Path]:
-    """The path without "..": as the text of the path says, and as the system follows the links in it; libraries differ in this."""
+    """The path without "..": as the text of the path says, and as the system follows the links
+    in it; libraries differ in this.
+    """
     if ".." not in path.parts:
         return {path}
     return {Path(os.path.normpath(path)), Path(os.path.realpath(path.parent)) / path.name}

@@ -1,4 +1,6 @@
-"""Nuisance parameters of a mechanism: the nominal values that may be slightly wrong, and how each changes a plant."""
+"""Nuisance parameters of a mechanism: the nominal values that may be slightly wrong, and how
+each changes a plant.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -30,10 +32,12 @@ class NuisanceKind:
     unit
         Of the value and of its standard uncertainty.
     objects
-        Kind of object that has the value: "bodies", "hinges", "slides" (joints whose position was recorded), "moving hinges",
-        "moving slides" (joints that are not prescribed), "hinge motors", "slide motors" (of these, joints with an actuator), "springs"
-        (joints with one), "actuators", "force sensors", "torque sensors", or one value for all "contacts", "contact laws" (those that have
-        a law of their own), "starts" of motions from rest, or the whole "rig".
+        Kind of object that has the value: "bodies", "hinges", "slides" (joints whose position was
+        recorded), "moving hinges", "moving slides" (joints that are not prescribed), "hinge
+        motors", "slide motors" (of these, joints with an actuator), "springs" (joints with one),
+        "actuators", "force sensors", "torque sensors", or one value for all "contacts", "contact
+        laws" (those that have a law of their own), "starts" of motions from rest, or the whole
+        "rig".
     shift
         Changes a plant: object by place, value.
     nominal
@@ -48,14 +52,27 @@ class NuisanceKind:
 
 def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
     """Names and indices of the objects that a kind of nuisance parameter belongs to."""
-    of_all = {"rig": True, "starts": True, "contacts": mechanism.has_contacts, "contact laws": bool(mechanism.contacts)}
+    of_all = {
+        "rig": True,
+        "starts": True,
+        "contacts": mechanism.has_contacts,
+        "contact laws": bool(mechanism.contacts),
+    }
     if objects in of_all:
         return {"": 0} if of_all[objects] else {}
     if objects in SENSORS:
-        return {name: place for name, (place, unit) in mechanism.sensor_values.items() if unit == SENSORS[objects]}
+        return {
+            name: place
+            for name, (place, unit) in mechanism.sensor_values.items()
+            if unit == SENSORS[objects]
+        }
     if objects == "bodies":
         masses = mechanism.model.body_mass[1:]
-        return {name: place for place, name in enumerate(mechanism.bodies) if masses[place] > PLACEHOLDER * masses.sum()}
+        return {
+            name: place
+            for place, name in enumerate(mechanism.bodies)
+            if masses[place] > PLACEHOLDER * masses.sum()
+        }
     if objects == "actuators":
         return {name: place for place, name in enumerate(mechanism.actuators)}
     names = mechanism.joints
@@ -65,7 +82,11 @@ def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
     slides, driven = "slide" in objects, objects.endswith("motors")
     read = [place for place in range(len(names)) if place not in mechanism.unmeasured]
     joints = read if objects in ("hinges", "slides") else mechanism.simulated
-    return {names[place]: place for place in joints if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)}
+    return {
+        names[place]: place
+        for place in joints
+        if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)
+    }
 
 
 def find_groups(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]]:
@@ -93,7 +114,9 @@ def _stiffness(plant: Plant, place: int, share: float) -> None:
 
 
 def _law(column: int) -> Change:
-    """A relative change of one number of all contacts that have a law of their own; at least a twentieth of it remains."""
+    """A relative change of one number of all contacts that have a law of their own; at least a
+    twentieth of it remains.
+    """
 
     # A fit may try shares below -1, and a stiffness of zero or less cannot be simulated.
     def change(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
@@ -123,7 +146,9 @@ def _sensor_offset(plant: Plant, place: int, by: float) -> None:
 
 
 def _of_contacts(scale: Callable[[Plant, float], None]) -> Change:
-    """A relative change of all contacts; at least a twentieth of the value remains, as in `_law`."""
+    """A relative change of all contacts; at least a twentieth of the value remains, as in
+    `_law`.
+    """
 
     def change(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
         scale(plant, max(0.05, 1.0 + share))
@@ -147,18 +172,26 @@ def _of_model(field: str) -> Callable[[Mechanism, int], float]:
     return lambda mechanism, place: float(getattr(mechanism.model, field)[place])
 
 
-_damping, _dry, _rotor = (_of_model(field) for field in ("dof_damping", "dof_frictionloss", "dof_armature"))
+_damping, _dry, _rotor = (
+    _of_model(field) for field in ("dof_damping", "dof_frictionloss", "dof_armature")
+)
 
 NUISANCES: Mapping[str, NuisanceKind] = {
     "mass_relative": NuisanceKind("", "bodies", _mass),
     "inertia_relative": NuisanceKind("", "bodies", _inertia),
     "centre_of_mass_m": NuisanceKind("m", "bodies", _centre),
     "joint_stiffness_relative": NuisanceKind("", "springs", _stiffness),
-    "joint_damping_Nm_s_per_rad": NuisanceKind("N m s/rad", "moving hinges", add_to("dof_damping", 0.0), _damping),
-    "joint_damping_N_s_per_m": NuisanceKind("N s/m", "moving slides", add_to("dof_damping", 0.0), _damping),
+    "joint_damping_Nm_s_per_rad": NuisanceKind(
+        "N m s/rad", "moving hinges", add_to("dof_damping", 0.0), _damping
+    ),
+    "joint_damping_N_s_per_m": NuisanceKind(
+        "N s/m", "moving slides", add_to("dof_damping", 0.0), _damping
+    ),
     "joint_friction_Nm": NuisanceKind("N m", "moving hinges", add_friction, _dry),
     "joint_friction_N": NuisanceKind("N", "moving slides", add_friction, _dry),
-    "rotor_inertia_kg_m2": NuisanceKind("kg m2", "hinge motors", add_to("dof_armature", 0.0), _rotor),
+    "rotor_inertia_kg_m2": NuisanceKind(
+        "kg m2", "hinge motors", add_to("dof_armature", 0.0), _rotor
+    ),
     "rotor_inertia_kg": NuisanceKind("kg", "slide motors", add_to("dof_armature", 0.0), _rotor),
     "torque_offset_Nm": NuisanceKind("N m", "hinge motors", _torque_offset),
     "force_offset_N": NuisanceKind("N", "slide motors", _torque_offset),
@@ -170,12 +203,22 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "sensor_offset_Nm": NuisanceKind("N m", "torque sensors", _sensor_offset),
     "start_swing_relative": NuisanceKind("", "starts", _swing),
     "start_swing_rate_per_s": NuisanceKind("1/s", "starts", _swing_rate),
-    "contact_stiffness_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_stiffness)),
+    "contact_stiffness_relative": NuisanceKind(
+        "", "contacts", _of_contacts(scale_contact_stiffness)
+    ),
     "contact_damping_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_damping)),
     "contact_friction_relative": NuisanceKind("", "contacts", _of_contacts(scale_contact_friction)),
     "contact_presliding_relative": NuisanceKind("", "contact laws", _law(PRESLIDING)),
     "contact_drag_relative": NuisanceKind("", "contact laws", _law(DRAG)),
 }
-START_NUISANCES = ("start_swing_relative", "start_swing_rate_per_s")  # of motions that start at rest
+START_NUISANCES = (
+    "start_swing_relative",
+    "start_swing_rate_per_s",
+)  # of motions that start at rest
 # Without recorded commands these change nothing.
-COMMAND_NUISANCES = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")
+COMMAND_NUISANCES = (
+    "torque_offset_Nm",
+    "force_offset_N",
+    "command_gain_relative",
+    "command_delay_s",
+)

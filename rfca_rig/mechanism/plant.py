@@ -59,27 +59,34 @@ class Plant:
     friction
         (n,) dry friction of each joint [N m or N]; it stands in for the model's `frictionloss`.
     stribeck
-        (3, n) dry friction that falls with speed: its value at high speed, its rise at rest as a share, the speed it falls with.
+        (3, n) dry friction that falls with speed: its value at high speed, its rise at rest as a
+        share, the speed it falls with.
     load_loss
         (n,) share of the actuators' torque that each joint loses by friction.
     hysteresis
         (2, n) Dahl's friction of each joint: its torque, and the angle over which it builds up.
     gear_compliance
-        (n,) deflection of each joint's gear per torque that it transmits [rad/(N m) or m/N]; 0 is rigid.
+        (n,) deflection of each joint's gear per torque that it transmits [rad/(N m) or m/N]; 0 is
+        rigid.
     gear_play
         (2, n) play of each gear [rad or m], and the least inertia of the rotor that crosses it.
     torque_offset, zero_offset
-        (n,) constant torque in each joint, and the amount by which each position reading is too large.
+        (n,) constant torque in each joint, and the amount by which each position reading is too
+        large.
     command_gain, command_limit, command_dead_band
-        (u,) factor on the recorded commands, their largest magnitude, and the magnitude that has no effect.
+        (u,) factor on the recorded commands, their largest magnitude, and the magnitude that has no
+        effect.
     torque_speed
-        (2, u) the largest command at rest, and its relative decrease per rad/s (or m/s) of the joint.
+        (2, u) the largest command at rest, and its relative decrease per rad/s (or m/s) of the
+        joint.
     command_delay_s, command_lag_s, command_clock_rate
-        Delay of the commands against the recording: dead time, time constant of a low-pass, share of the time since the recording began.
+        Delay of the commands against the recording: dead time, time constant of a low-pass, share
+        of the time since the recording began.
     speed_lag_s
         Time constant of a low-pass over the readings of speed.
     sensor_gain, sensor_offset, sensor_drift_per_s
-        (d,) factor on each value of the sensors, its offset at the beginning of the recording, and the change of the offset per second.
+        (d,) factor on each value of the sensors, its offset at the beginning of the recording, and
+        the change of the offset per second.
     sensor_crosstalk
         (d, d) share of another value that each value of the sensors reads, before its factor.
     sensor_lag_s, sensor_delay_s
@@ -89,10 +96,11 @@ class Plant:
     contact_law
         (c, 7) numbers of the contacts that have a law of their own; see `SphereOnPlane`.
     spring_half_gap
-        (n,) play to either side of each joint's rest position, within which its spring does nothing.
+        (n,) play to either side of each joint's rest position, within which its spring does
+        nothing.
     start_swing, start_swing_rate_per_s
-        Distance of a start at rest from equilibrium, as a share of the way to the pose in which the springs are free, and the speed in that
-        direction.
+        Distance of a start at rest from equilibrium, as a share of the way to the pose in which the
+        springs are free, and the speed in that direction.
     """
 
     mechanism: Mechanism
@@ -140,20 +148,32 @@ class Plant:
 
 
 def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False) -> Plant:
-    """The mechanism as its file has it; sensors cost time, so they are computed where `reads_sensors` asks for them."""
+    """The mechanism as its file has it; sensors cost time, so they are computed where
+    `reads_sensors` asks for them.
+    """
     import mujoco  # noqa: PLC0415  (optional)
 
     model = copy.copy(mechanism.model)
     model.opt.timestep = step_s
-    # Explicit models use RK4, the scheme of `contact_step`; stiff dampers need the implicit integrator that the file chose.
+    # Explicit models use RK4, the scheme of `contact_step`; stiff dampers need the implicit
+    # integrator that the file chose.
     if not mechanism.is_implicit:
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.dof_armature[list(mechanism.prescribed)] = ARMATURE
     replaced = {frozenset((law.sphere, law.plane)) for law in mechanism.contacts}
     for pair in range(model.npair):
-        if frozenset((model.geom(model.pair_geom1[pair]).name, model.geom(model.pair_geom2[pair]).name)) in replaced:
+        if (
+            frozenset(
+                (model.geom(model.pair_geom1[pair]).name, model.geom(model.pair_geom2[pair]).name)
+            )
+            in replaced
+        ):
             model.pair_margin[pair] = NEVER_M
-    if replaced and len(replaced) == model.npair and not np.any(model.geom_contype & model.geom_conaffinity[:, None]):
+    if (
+        replaced
+        and len(replaced) == model.npair
+        and not np.any(model.geom_contype & model.geom_conaffinity[:, None])
+    ):
         # No contact is left for MuJoCo, so its collision detection is switched off.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     # A simulation that diverges must not be reset silently; `rollout.roll` raises an error instead.
@@ -183,13 +203,17 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
         sensor_offset=np.zeros(model.nsensordata),
         sensor_drift_per_s=np.zeros(model.nsensordata),
         sensor_crosstalk=np.zeros((model.nsensordata, model.nsensordata)),
-        contact_law=np.array([contact.list_numbers(weight_N) for contact in mechanism.contacts]).reshape(-1, 7),
+        contact_law=np.array(
+            [contact.list_numbers(weight_N) for contact in mechanism.contacts]
+        ).reshape(-1, 7),
         spring_half_gap=zeros.copy(),
     )
 
 
 def update_constants(plant: Plant) -> None:
-    """Recomputes the constants that MuJoCo derives from masses and joints, after these have changed."""
+    """Recomputes the constants that MuJoCo derives from masses and joints, after these have
+    changed.
+    """
     import mujoco  # noqa: PLC0415  (optional)
 
     with plant.mechanism.borrow_data(plant.model) as data:
@@ -201,7 +225,9 @@ Change = Callable[[Plant, int, float], None]
 
 
 def add_to(field: str, least: float = -np.inf) -> Change:
-    """Makes a change that adds to an array of MuJoCo's model, to the first column of one with several; the sum is not below `least`."""
+    """Makes a change that adds to an array of MuJoCo's model, to the first column of one with
+    several; the sum is not below `least`.
+    """
 
     def change(plant: Plant, place: int, by: float) -> None:
         array = getattr(plant.model, field)
@@ -217,7 +243,8 @@ def add_friction(plant: Plant, joint: int, by: float) -> None:
 
 
 def shift_centre(plant: Plant, body: int, by_m: float) -> None:
-    """Moves a body's centre of mass away from its frame, along its present direction; the inertia about the centre of mass stays.
+    """Moves a body's centre of mass away from its frame, along its present direction; the inertia
+    about the centre of mass stays.
 
     `body` counts as MuJoCo does, with 0 for the world.
     """
@@ -232,9 +259,9 @@ def scale_contact_stiffness(plant: Plant, factor: float) -> None:
 
     References
     ----------
-    MuJoCo documentation, Modeling, solver parameters: the damping is 2 / (d t) and the stiffness 1 / (d t r)^2 of a contact with time
-    constant t, damping ratio r and impedance d; of negative values, stiffness and damping themselves.
-    """
+    MuJoCo documentation, Modeling, solver parameters: the damping is 2 / (d t) and the stiffness 1
+    / (d t r)^2 of a contact with time constant t, damping ratio r and impedance d; of negative
+    values, stiffness and damping themselves."""
     for solref in (plant.model.geom_solref, plant.model.pair_solref):
         is_direct = solref[:, 0] < 0.0
         # Stiffness ~ 1 / (t r)^2 at constant damping ~ 1 / t: only the ratio r changes.
@@ -244,7 +271,9 @@ def scale_contact_stiffness(plant: Plant, factor: float) -> None:
 
 
 def scale_contact_damping(plant: Plant, factor: float) -> None:
-    """Makes all contacts damp more by a factor, with the same stiffness; see `scale_contact_stiffness`."""
+    """Makes all contacts damp more by a factor, with the same stiffness; see
+    `scale_contact_stiffness`.
+    """
     for solref in (plant.model.geom_solref, plant.model.pair_solref):
         is_direct = solref[:, 0] < 0.0
         solref[is_direct, 1] *= factor
@@ -262,5 +291,7 @@ def scale_contact_friction(plant: Plant, factor: float) -> None:
 
 
 def add_contact_power(plant: Plant, by: float) -> None:
-    """Adds to the power of the depth in all contacts that have a law of their own; the force at the usual depth stays."""
+    """Adds to the power of the depth in all contacts that have a law of their own; the force at
+    the usual depth stays.
+    """
     plant.contact_law[:, MORE_POWER] += by

@@ -1,11 +1,13 @@
-"""Simulates a plant over a recording: a compiled loop around MuJoCo's step, with laws that MuJoCo's models do not have.
+"""Simulates a plant over a recording: a compiled loop around MuJoCo's step, with laws that MuJoCo's
+models do not have.
 
-`mujoco.rollout` accepts forces as functions of time only. Friction that depends on speed or load must be computed at each step, so the
-loop calls MuJoCo's step by its address, with the interpreter lock released.
+`mujoco.rollout` accepts forces as functions of time only. Friction that depends on speed or load
+must be computed at each step, so the loop calls MuJoCo's step by its address, with the interpreter
+lock released.
 
-A motion may begin in the rest pose, in which no joint accelerates under its commands and effects. The spring of a joint may have play:
-within half the gap to either side of its rest position it does nothing.
-"""
+A motion may begin in the rest pose, in which no joint accelerates under its commands and effects.
+The spring of a joint may have play: within half the gap to either side of its rest position it does
+nothing."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,11 +33,11 @@ Places = NDArray[np.intp]
 
 
 class PlayArrays(NamedTuple):
-    """Half the gap (n,) of each joint in rad or m, its rest position (n,), and coefficients (3, n) of x, x |x| and x^3 of its spring.
+    """Half the gap (n,) of each joint in rad or m, its rest position (n,), and coefficients (3, n)
+    of x, x |x| and x^3 of its spring.
 
-    The torque is that at `ahead_s` after a step's beginning: the mean over the step under Runge-Kutta; an implicit step takes its springs
-    at its beginning.
-    """
+    The torque is that at `ahead_s` after a step's beginning: the mean over the step under
+    Runge-Kutta; an implicit step takes its springs at its beginning."""
 
     half_gap: Floats
     rest: Floats
@@ -45,8 +47,11 @@ class PlayArrays(NamedTuple):
 
 @jit
 def add_spring_play(arrays: PlayArrays, q: Floats, w: Floats, applied: Floats) -> None:
-    """Adds torques to `applied` (n,) that turn MuJoCo's springs into springs with play; `q` and `w` are (n,)."""
-    # MuJoCo computes the spring without play; its torque is cancelled, and that of the reduced deflection is applied instead.
+    """Adds torques to `applied` (n,) that turn MuJoCo's springs into springs with play; `q` and
+    `w` are (n,).
+    """
+    # MuJoCo computes the spring without play; its torque is cancelled, and that of the reduced
+    # deflection is applied instead.
     for i in range(arrays.half_gap.size):
         if arrays.half_gap[i] > 0.0:
             full = q[i] + arrays.ahead_s * w[i] - arrays.rest[i]
@@ -56,8 +61,16 @@ def add_spring_play(arrays: PlayArrays, q: Floats, w: Floats, applied: Floats) -
             applied[i] -= engaged * (one + abs(engaged) * two + engaged * engaged * three)
 
 
-def find_rest_pose(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, contacts: ContactArrays, play: PlayArrays) -> None:
-    """Puts the simulated joints into static equilibrium; `data` has the positions of the others and the commands.
+def find_rest_pose(
+    model: Any,
+    data: Any,
+    simulated: NDArray[np.intp],
+    steady: Floats,
+    contacts: ContactArrays,
+    play: PlayArrays,
+) -> None:
+    """Puts the simulated joints into static equilibrium; `data` has the positions of the others and
+    the commands.
 
     Dry friction is neglected: its force at rest would depend on how the mechanism came to rest.
 
@@ -81,8 +94,16 @@ def find_rest_pose(model: Any, data: Any, simulated: NDArray[np.intp], steady: F
     model.dof_frictionloss[:] = 0.0
     data.qvel[:] = 0.0
     try:
-        _balance(model, data, simulated, steady, contacts, play._replace(half_gap=np.zeros_like(play.half_gap)))
-        # Within its gap a spring gives no direction, so the search begins where it engages, on the side of the first solution.
+        _balance(
+            model,
+            data,
+            simulated,
+            steady,
+            contacts,
+            play._replace(half_gap=np.zeros_like(play.half_gap)),
+        )
+        # Within its gap a spring gives no direction, so the search begins where it engages, on the
+        # side of the first solution.
         if play.half_gap.any():
             data.qpos[simulated] += (np.sign(data.qpos - play.rest) * play.half_gap)[simulated]
             _balance(model, data, simulated, steady, contacts, play)
@@ -91,7 +112,14 @@ def find_rest_pose(model: Any, data: Any, simulated: NDArray[np.intp], steady: F
     contacts.clock[:], contacts.touch_s[:], contacts.stretch[:] = 0.0, np.inf, 0.0
 
 
-def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, contacts: ContactArrays, play: PlayArrays) -> None:
+def _balance(
+    model: Any,
+    data: Any,
+    simulated: NDArray[np.intp],
+    steady: Floats,
+    contacts: ContactArrays,
+    play: PlayArrays,
+) -> None:
     import mujoco  # noqa: PLC0415  (optional)
 
     largest = 0.0
@@ -102,7 +130,8 @@ def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats,
         data.qfrc_applied[:] = steady
         add_spring_play(play, data.qpos, data.qvel, data.qfrc_applied)
         mujoco.mj_forward(model, data)
-        # The contact law needs positions and velocities, and MuJoCo the forces of the law: two passes.
+        # The contact law needs positions and velocities, and MuJoCo the forces of the law: two
+        # passes.
         if contacts.radius.size:
             contacts.stretch[:] = 0.0
             apply_contact_forces(contacts, 0.0)
@@ -111,15 +140,21 @@ def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats,
         return np.array((data.qfrc_smooth + data.qfrc_constraint)[simulated])
 
     solution = root(compute_imbalance, data.qpos[simulated].copy(), tol=1e-12)
-    # The residual decides, not the solver's own status; `not <=` also catches NaN. The call leaves `data` in the pose found.
+    # The residual decides, not the solver's own status; `not <=` also catches NaN. The call leaves
+    # `data` in the pose found.
     residual = float(np.abs(compute_imbalance(solution.x)).max())
     if not residual <= UNBALANCED * max(largest, 1e-3):
-        raise SimulationFailed(f"no rest pose found: {residual:.2g} N m or N stay unbalanced; start it estimated, or check the model")
+        raise SimulationFailed(
+            f"no rest pose found: {residual:.2g} N m or N stay unbalanced; start it "
+            "estimated, or check the model"
+        )
 
 
 @dataclass(frozen=True)
 class CommandTrace:
-    """Commands of the actuators: times `t_s` (k,) ascending, `command` (k, u) in the actuators' units, linear between them."""
+    """Commands of the actuators: times `t_s` (k,) ascending, `command` (k, u) in the actuators'
+    units, linear between them.
+    """
 
     t_s: Floats
     command: Floats
@@ -133,10 +168,11 @@ class CommandTrace:
 
 @dataclass(frozen=True)
 class Motion:
-    """Simulated readings: `position`, `speed` (k, n) of the joints in rad and rad/s or m and m/s, and `sensors` (k, d) in SI units.
+    """Simulated readings: `position`, `speed` (k, n) of the joints in rad and rad/s or m and m/s,
+    and `sensors` (k, d) in SI units.
 
-    `touch_s` (c,) is the time at which each contact that has a law of its own first touched, inf where it never did.
-    """
+    `touch_s` (c,) is the time at which each contact that has a law of its own first touched, inf
+    where it never did."""
 
     position: Floats
     speed: Floats
@@ -146,7 +182,9 @@ class Motion:
 
 @jit_internal
 def look_up(row: Floats, which: int, count: int, u: float) -> float:
-    """The value at `u` of row `which` of a table (3, k) with its knots in row 0: linear between knots, constant beyond them."""
+    """The value at `u` of row `which` of a table (3, k) with its knots in row 0: linear between
+    knots, constant beyond them.
+    """
     if u <= row[0, 0]:
         return float(row[which, 0])
     if u >= row[0, count - 1]:
@@ -154,18 +192,28 @@ def look_up(row: Floats, which: int, count: int, u: float) -> float:
     i = 0
     while u > row[0, i + 1]:
         i += 1
-    return float(row[which, i] + (u - row[0, i]) / (row[0, i + 1] - row[0, i]) * (row[which, i + 1] - row[which, i]))
+    return float(
+        row[which, i]
+        + (u - row[0, i]) / (row[0, i + 1] - row[0, i]) * (row[which, i + 1] - row[which, i])
+    )
 
 
 @jit_internal
 def act_tables(
-    numbers: Floats, tables: Floats, q: Floats, w: Floats, before: Floats, h: float, applied: Floats, frictionloss: Floats
+    numbers: Floats,
+    tables: Floats,
+    q: Floats,
+    w: Floats,
+    before: Floats,
+    h: float,
+    applied: Floats,
+    frictionloss: Floats,
 ) -> None:
-    """Adds the torques of `pack_laws` to MuJoCo's own arrays; `before` (n,) are the speeds a step earlier.
+    """Adds the torques of `pack_laws` to MuJoCo's own arrays; `before` (n,) are the speeds a step
+    earlier.
 
-    A braking torque becomes dry friction, which cannot reverse the motion within a step. As an explicit torque, a steep law would need
-    steps shorter than inertia over slope.
-    """
+    A braking torque becomes dry friction, which cannot reverse the motion within a step. As an
+    explicit torque, a steep law would need steps shorter than inertia over slope."""
     for m in range(numbers.shape[0]):
         i, by_speed, count = int(numbers[m, 0]), numbers[m, 1] > 0.0, int(numbers[m, 2])
         # Positions are taken in the middle of the step, or a spring would gain energy.
@@ -174,7 +222,8 @@ def act_tables(
         if by_speed:
             towards = 1.0 if u > 0.0 else -1.0
             brakes = frictionloss[i] + value * towards
-            # A negative friction loss is impossible: the part that drives the motion is applied as a torque.
+            # A negative friction loss is impossible: the part that drives the motion is applied as
+            # a torque.
             frictionloss[i] = max(brakes, 0.0)
             applied[i] -= min(brakes, 0.0) * towards
         else:
@@ -214,18 +263,19 @@ def run_steps(
     stages: StageArrays,
     play: PlayArrays,
 ) -> None:
-    """Steps through `command` (k, u) and stores positions and speeds before each step and after the last, (k + 1, n).
+    """Steps through `command` (k, u) and stores positions and speeds before each step and after the
+    last, (k + 1, n).
 
     Sensors are stored before each step, (k, d): MuJoCo computes them at a step's beginning.
 
-    `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the load that is lost, Dahl's friction and the
-    angle over which it builds up. `offset` (n,) are constant torques, `bristle` (n,) the state of Dahl's friction, `law_numbers` and
-    `law_tables` come from `pack_laws`. The arrays from `q` to `frictionloss` are MuJoCo's own.
+    `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the
+    load that is lost, Dahl's friction and the angle over which it builds up. `offset` (n,) are
+    constant torques, `bristle` (n,) the state of Dahl's friction, `law_numbers` and `law_tables`
+    come from `pack_laws`. The arrays from `q` to `frictionloss` are MuJoCo's own.
 
-    `torque_speed` (2, u) or (2, 0): the largest command at rest, and its relative decrease per unit of speed of the actuator's joint,
-    `joints` (u,); the second is negative where the gear reverses the direction. `path_torque` (k, n) or (k, 0): the torques
-    of the actuators in each step.
-    """
+    `torque_speed` (2, u) or (2, 0): the largest command at rest, and its relative decrease per unit
+    of speed of the actuator's joint, `joints` (u,); the second is negative where the gear reverses
+    the direction. `path_torque` (k, n) or (k, 0): the torques of the actuators in each step."""
     for k in range(command.shape[0]):
         for i in range(q.size):
             applied[i] = offset[i]
@@ -233,24 +283,39 @@ def run_steps(
         add_spring_play(play, q, w, applied)
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
-            rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
+            rise = (
+                friction[2, i] * np.exp(-abs(w[i]) / friction[3, i])
+                if friction[1, i] > 0.0
+                else 0.0
+            )
             # The load is that of the step before, which MuJoCo has computed already.
-            frictionloss[i] = friction[0, i] + friction[1, i] * (1.0 + rise) + friction[4, i] * abs(by_actuators[i])
+            frictionloss[i] = (
+                friction[0, i]
+                + friction[1, i] * (1.0 + rise)
+                + friction[4, i] * abs(by_actuators[i])
+            )
             if friction[5, i] > 0.0:
-                # Dahl's equation, solved exactly for a constant speed during the step; the mean over the step acts.
+                # Dahl's equation, solved exactly for a constant speed during the step; the mean
+                # over the step acts.
                 slip = h * w[i] / friction[6, i]
                 towards = 1.0 if slip > 0.0 else -1.0
                 after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
                 applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
                 bristle[i] = after
         if law_numbers.shape[0] > 0:
-            act_tables(law_numbers, law_tables, q, w, path_w[max(k - 1, 0)], h, applied, frictionloss)
+            act_tables(
+                law_numbers, law_tables, q, w, path_w[max(k - 1, 0)], h, applied, frictionloss
+            )
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
         for j in range(torque_speed.shape[1]):
-            # The limit falls with speed in the direction of the motion, and grows against it: one straight line through both.
+            # The limit falls with speed in the direction of the motion, and grows against it: one
+            # straight line through both.
             lost = torque_speed[1, j] * w[joints[j]]
-            ctrl[j] = min(max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)), torque_speed[0, j] * max(0.0, 1.0 - lost))
+            ctrl[j] = min(
+                max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)),
+                torque_speed[0, j] * max(0.0, 1.0 - lost),
+            )
         take_step(addresses, model, data, q, w, h, stages, contacts, sensordata, path_s[k])
         for i in range(path_torque.shape[1]):
             path_torque[k, i] = by_actuators[i]
@@ -262,7 +327,9 @@ def run_steps(
 
 @jit
 def low_pass(values: Floats, share: float) -> None:
-    """Filters the rows of (k, n) by a first-order low-pass, in place; it begins in its steady state."""
+    """Filters the rows of (k, n) by a first-order low-pass, in place; it begins in its steady
+    state.
+    """
     for k in range(1, values.shape[0]):
         for i in range(values.shape[1]):
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
@@ -304,10 +371,15 @@ def simulate_plant(
     beyond_s = sample_s if plant.has_yielding_gears else 0.0
     steps = int(np.ceil((t_s[-1] + beyond_s) / h - 1e-9))
     start = None if position is None or speed is None else (position - plant.zero_offset, speed)
-    path_q, path_w, path_s, touch_s = _integrate(plant, trace, steps, start, since_s, sample_s, _prescribe(plant, prescribed, steps))
+    path_q, path_w, path_s, touch_s = _integrate(
+        plant, trace, steps, start, since_s, sample_s, _prescribe(plant, prescribed, steps)
+    )
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         where = plant.mechanism.path
-        raise SimulationFailed(f"{where}: the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
+        raise SimulationFailed(
+            f"{where}: the simulation diverges with steps of {h:g} s; look for a slipped "
+            "decimal point in the model"
+        )
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
@@ -316,7 +388,12 @@ def simulate_plant(
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
-    return Motion(position, read_w[place] + x * (read_w[place + 1] - read_w[place]), _read_sensors(plant, path_s, t_s, since_s), touch_s)
+    return Motion(
+        position,
+        read_w[place] + x * (read_w[place + 1] - read_w[place]),
+        _read_sensors(plant, path_s, t_s, since_s),
+        touch_s,
+    )
 
 
 def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> PrescribedArrays:
@@ -332,24 +409,48 @@ def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
     sphere = np.array([model.geom(law.sphere).id for law in laws], dtype=np.intp)
     plane = np.array([model.geom(law.plane).id for law in laws], dtype=np.intp)
     return ContactArrays(
-        plant.contact_law, np.array(model.geom_size[sphere, 0]), sphere, plane,
-        model.geom_bodyid[sphere].astype(np.intp), model.geom_bodyid[plane].astype(np.intp), model.body_rootid.astype(np.intp),
-        np.zeros((len(laws), 3)), np.zeros(len(laws)), np.zeros(1), np.full(len(laws), np.inf), np.empty((3, 3)),
-        data.geom_xpos, data.geom_xmat, data.xipos, data.subtree_com, data.cvel, data.xfrc_applied,
-    )  # fmt: skip
+        plant.contact_law,
+        np.array(model.geom_size[sphere, 0]),
+        sphere,
+        plane,
+        model.geom_bodyid[sphere].astype(np.intp),
+        model.geom_bodyid[plane].astype(np.intp),
+        model.body_rootid.astype(np.intp),
+        np.zeros((len(laws), 3)),
+        np.zeros(len(laws)),
+        np.zeros(1),
+        np.full(len(laws), np.inf),
+        np.empty((3, 3)),
+        data.geom_xpos,
+        data.geom_xmat,
+        data.xipos,
+        data.subtree_com,
+        data.cvel,
+        data.xfrc_applied,
+    )
 
 
 def _stage_arrays(plant: Plant, data: Any) -> StageArrays:
     laws = len(plant.mechanism.contacts)
     n = 0 if plant.mechanism.is_implicit or laws == 0 else plant.model.nv
-    return StageArrays(np.empty(n), np.empty(n), np.empty((laws, 3)), np.empty(laws), np.empty((2, n)), data.qacc, data.qacc_warmstart)
+    return StageArrays(
+        np.empty(n),
+        np.empty(n),
+        np.empty((laws, 3)),
+        np.empty(laws),
+        np.empty((2, n)),
+        data.qacc,
+        data.qacc_warmstart,
+    )
 
 
 def _play_arrays(plant: Plant) -> PlayArrays:
     model = plant.model
-    # Under Runge-Kutta the torque in the middle of the step is its mean; an implicit step takes its springs at the beginning.
+    # Under Runge-Kutta the torque in the middle of the step is its mean; an implicit step takes its
+    # springs at the beginning.
     ahead_s = 0.0 if plant.mechanism.is_implicit else 0.5 * plant.step_s
-    # Joints of a number other than one would come in the order of Fortran, for which the compiler would compile the rollout once more.
+    # Joints of a number other than one would come in the order of Fortran, for which the compiler
+    # would compile the rollout once more.
     spring = np.ascontiguousarray(np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]))
     return PlayArrays(plant.spring_half_gap, model.qpos_spring, spring, ahead_s)
 
@@ -363,7 +464,8 @@ def _integrate(
     sample_s: float,
     driven: PrescribedArrays,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Positions and speeds (k + 1, n) at the encoders, sensors (k + 1, d) at the ends of the steps, and times of first contact (c,).
+    """Positions and speeds (k + 1, n) at the encoders, sensors (k + 1, d) at the ends of the steps,
+    and times of first contact (c,).
 
     `start` are positions and speeds (n,) at the motors, None for a start at rest.
     """
@@ -375,7 +477,11 @@ def _integrate(
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     with plant.mechanism.borrow_data(model) as data:
-        contacts, stages, play = _contact_arrays(plant, data), _stage_arrays(plant, data), _play_arrays(plant)
+        contacts, stages, play = (
+            _contact_arrays(plant, data),
+            _stage_arrays(plant, data),
+            _play_arrays(plant),
+        )
         data.ctrl[:] = commands[0]
         if start is None:
             _start_at_rest(plant, data, driven, contacts, play)
@@ -389,17 +495,45 @@ def _integrate(
         if plant.has_yielding_gears:
             around = CommandTrace(trace.t_s + SMOOTHED_S, trace.command)
             coarse = replace(plant, step_s=2.0 * SMOOTHED_S / PARTS)
-            gears = estimate_gear_start(plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S))
-            data.qpos[:], data.qvel[:], data.ctrl[:] = data.qpos - gears.ahead, data.qvel - gears.rate, commands[0]
+            gears = estimate_gear_start(
+                plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S)
+            )
+            data.qpos[:], data.qvel[:], data.ctrl[:] = (
+                data.qpos - gears.ahead,
+                data.qvel - gears.rate,
+                commands[0],
+            )
             mujoco.mj_forward(model, data)
         path_torque = np.empty((steps, 0 if gears is None else model.nv))
         run_steps(
-            list_addresses(), model._address, data._address,
-            data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
-            commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), *_torque_speed(plant),
-            plant.step_s, path_q, path_w, data.sensordata, path_s, path_torque, driven, contacts, stages, play,
-        )  # fmt: skip
-        # Sensors after the last step. Contact forces are applied first, since the sensors read their reaction.
+            list_addresses(),
+            model._address,
+            data._address,
+            data.qpos,
+            data.qvel,
+            data.ctrl,
+            data.qfrc_actuator,
+            data.qfrc_applied,
+            model.dof_frictionloss,
+            commands,
+            friction,
+            plant.torque_offset,
+            np.zeros(model.nv),
+            *pack_laws(plant.laws),
+            *_torque_speed(plant),
+            plant.step_s,
+            path_q,
+            path_w,
+            data.sensordata,
+            path_s,
+            path_torque,
+            driven,
+            contacts,
+            stages,
+            play,
+        )
+        # Sensors after the last step. Contact forces are applied first, since the sensors read
+        # their reaction.
         if path_s.size:
             if contacts.radius.size:
                 mujoco.mj_forward(model, data)
@@ -411,11 +545,15 @@ def _integrate(
     return path_q, path_w, path_s, contacts.touch_s
 
 
-def _start_at_rest(plant: Plant, data: Any, driven: PrescribedArrays, contacts: ContactArrays, play: PlayArrays) -> None:
+def _start_at_rest(
+    plant: Plant, data: Any, driven: PrescribedArrays, contacts: ContactArrays, play: PlayArrays
+) -> None:
     """Puts the plant into equilibrium, or off it where the plant has an initial swing."""
     model, moving = plant.model, plant.mechanism.simulated
     data.qpos[driven.joints] = driven.position[0]
-    find_rest_pose(model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play)
+    find_rest_pose(
+        model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play
+    )
     sprung = [joint for joint in moving if plant.mechanism.has_spring(joint)]
     # The swing is a share of the way from equilibrium to the pose in which the springs are free.
     lift = model.qpos_spring[sprung] - data.qpos[sprung]
@@ -424,23 +562,31 @@ def _start_at_rest(plant: Plant, data: Any, driven: PrescribedArrays, contacts: 
 
 
 def _torque_speed(plant: Plant) -> tuple[Floats, Places]:
-    """Lines of torque over speed for `run_steps`, empty where no line falls; factors on the commands apply to them, too."""
+    """Lines of torque over speed for `run_steps`, empty where no line falls; factors on the
+    commands apply to them, too.
+    """
     stall, share = plant.torque_speed
     if not share.any():
         return np.empty((2, 0)), np.empty(0, dtype=np.intp)
-    lines = np.vstack([stall * np.abs(plant.command_gain), share * np.sign(plant.model.actuator_gear[:, 0])])
+    lines = np.vstack(
+        [stall * np.abs(plant.command_gain), share * np.sign(plant.model.actuator_gear[:, 0])]
+    )
     return lines, plant.model.actuator_trnid[:, 0].astype(np.intp)
 
 
 def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
-    """The sensors' values at these times, after lag, delay, crosstalk, gain, offset and drift; before the start they are constant."""
+    """The sensors' values at these times, after lag, delay, crosstalk, gain, offset and drift;
+    before the start they are constant.
+    """
     if path.shape[1] == 0:
         return np.empty((len(t_s), 0))
     h = plant.step_s
     if plant.sensor_lag_s > 0.0:
         low_pass(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
     times = np.arange(len(path)) * h
-    read = np.column_stack([np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T])
+    read = np.column_stack(
+        [np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T]
+    )
     if plant.sensor_crosstalk.any():
         read = read + read @ plant.sensor_crosstalk.T
     drift = (since_s + t_s)[:, None] * plant.sensor_drift_per_s
@@ -448,7 +594,9 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
 
 
 def _between(path_q: Floats, path_w: Floats, place: Places, x: Floats, h: float) -> Floats:
-    """The cubic through both ends of a step with their speeds, at the share `x` (k, 1) of the steps at `place`."""
+    """The cubic through both ends of a step with their speeds, at the share `x` (k, 1) of the
+    steps at `place`.
+    """
     rise = path_q[place + 1] - path_q[place]
     bend = (1.0 - x) * (h * path_w[place] - rise) + x * (rise - h * path_w[place + 1])
     between: Floats = path_q[place] + x * rise + x * (1.0 - x) * bend
@@ -456,17 +604,28 @@ def _between(path_q: Floats, path_w: Floats, place: Places, x: Floats, h: float)
 
 
 def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> Floats:
-    """(k, u) what acts during each step: the mean over the step, after delay, lag, gain, dead band and saturation."""
+    """(k, u) what acts during each step: the mean over the step, after delay, lag, gain, dead
+    band and saturation.
+    """
     if trace.command.shape[1] == 0:
         return np.empty((steps, 0))
-    h, before = plant.step_s, int(max(0.0, -trace.t_s[0] / plant.step_s)) if plant.command_lag_s > 0.0 else 0
+    h, before = (
+        plant.step_s,
+        int(max(0.0, -trace.t_s[0] / plant.step_s)) if plant.command_lag_s > 0.0 else 0,
+    )
     edges = np.arange(-before, steps + 1) * h
     edges = edges - plant.command_delay_s - plant.command_clock_rate * (since_s + edges)
     # Outside of the trace its end values continue, so the integral grows linearly there.
     first, last = trace.t_s[0], trace.t_s[-1]
-    beyond = np.minimum(edges - first, 0.0)[:, None] * trace.command[0] + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
-    # Differences of the integral at the edges of the steps are exact means, however coarse the steps are.
-    sums = np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
+    beyond = (
+        np.minimum(edges - first, 0.0)[:, None] * trace.command[0]
+        + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
+    )
+    # Differences of the integral at the edges of the steps are exact means, however coarse the
+    # steps are.
+    sums = (
+        np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
+    )
     command = np.diff(sums, axis=0) / np.diff(edges)[:, None]
     if plant.command_lag_s > 0.0:
         low_pass(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))

@@ -1,4 +1,6 @@
-"""Usual torques, speeds and inertias in the recordings of a mechanism, from which the plausible sizes of effects follow."""
+"""Usual torques, speeds and inertias in the recordings of a mechanism, from which the plausible
+sizes of effects follow.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +22,8 @@ class UsualMotion:
     Parameters
     ----------
     torque, speed, travel, inertia
-        (n,) of each joint, rms over the recordings: torque of weight, springs and drive, speed, travel about the mean, and inertia.
+        (n,) of each joint, rms over the recordings: torque of weight, springs and drive, speed,
+        travel about the mean, and inertia.
     lowest, highest
         (n,) the range of each joint's position.
     command
@@ -72,7 +75,8 @@ def measure_usual_motion(
     mechanism
         The mechanism.
     position, speed
-        (w, n) at the beginning of each window, or at moments of the nominal motion where windows start at rest.
+        (w, n) at the beginning of each window, or at moments of the nominal motion where windows
+        start at rest.
     commands
         For each of these, the commands (k, u) of its window.
     seconds
@@ -89,7 +93,8 @@ def measure_usual_motion(
     for at, command in zip(position, commands, strict=True):
         data.qpos[:], data.qvel[:], data.ctrl[:] = at, 0.0, 0.0
         mujoco.mj_forward(model, data)
-        # At zero speed the bias is the weight. Squares add up, as if weight, springs and drive were uncorrelated.
+        # At zero speed the bias is the weight. Squares add up, as if weight, springs and drive were
+        # uncorrelated.
         square += data.qfrc_bias**2 + data.qfrc_spring**2
         # Diagonal of the mass matrix: the inertia that one joint sees with all others still.
         for joint, unit in enumerate(np.eye(model.nv)):
@@ -102,17 +107,23 @@ def measure_usual_motion(
             square += data.qfrc_actuator**2 / len(looked_at)
     torque, inertia = np.sqrt(square / len(position)), inertia / len(position)
     usual_speed, travel = np.sqrt(np.mean(speed**2, axis=0)), np.std(position, axis=0)
-    # Without weight, springs and drive, the torque that would stop the motion within a window sets the scale.
+    # Without weight, springs and drive, the torque that would stop the motion within a window sets
+    # the scale.
     if not torque.any():
         torque = inertia * usual_speed / seconds
     largest = np.max([np.abs(command).max(axis=0, initial=0.0) for command in commands], axis=0)
-    torque, usual_speed, travel, inertia = (_not_small(v, mechanism) for v in (torque, usual_speed, travel, inertia))
+    torque, usual_speed, travel, inertia = (
+        _not_small(v, mechanism) for v in (torque, usual_speed, travel, inertia)
+    )
     lowest, highest = position.min(axis=0), position.max(axis=0)
-    return UsualMotion(torque, usual_speed, travel, inertia, lowest, highest, largest, has_speeds, sensors)
+    return UsualMotion(
+        torque, usual_speed, travel, inertia, lowest, highest, largest, has_speeds, sensors
+    )
 
 
 def _not_small(values: Floats, mechanism: Mechanism) -> Floats:
-    """Raises small values to a tenth of the largest one of the same kind; hinges and slides have different units.
+    """Raises small values to a tenth of the largest one of the same kind; hinges and slides have
+    different units.
 
     Joints that are prescribed set no scale for the others.
     """

@@ -1,15 +1,17 @@
-"""Torsion springs in place of the bent strip (pseudo-rigid-body model): torque and stiffness of every joint, eqs. (3), (6).
+"""Torsion springs in place of the bent strip (pseudo-rigid-body model): torque and stiffness of
+every joint, eqs. (3), (6).
 
-A spring is k0 phi + k0 k2 phi^3, or a measured torque over angle as a cubic spline. The form is the interpolating cubic spline with
-not-a-knot ends. Its second derivative is continuous between the outermost knots, and beyond them it continues straight, with the end slope.
-Three reasons:
+A spring is k0 phi + k0 k2 phi^3, or a measured torque over angle as a cubic spline. The form is the
+interpolating cubic spline with not-a-knot ends. Its second derivative is continuous between the
+outermost knots, and beyond them it continues straight, with the end slope. Three reasons:
 
-- The integrator is of third order and its Newton iteration uses dT/dphi. Monotone cubics with a continuous first derivative only (PCHIP)
-  have a kink of the stiffness at every knot.
-- It is linear in the torques at its knots. So their covariance determines that of the curve, a factor scales both, and every law
-  k0 phi + k0 k2 phi^3 is among these splines.
-- It is monotone wherever its knots resolve the stiffness. Between two knots the stiffness is a parabola, whose least value is known
-  exactly, so a curve that is not monotone is refused. A form that is monotone by construction would invent a shape there.
+- The integrator is of third order and its Newton iteration uses dT/dphi. Monotone cubics with a
+  continuous first derivative only (PCHIP) have a kink of the stiffness at every knot.
+- It is linear in the torques at its knots. So their covariance determines that of the curve, a
+  factor scales both, and every law k0 phi + k0 k2 phi^3 is among these splines.
+- It is monotone wherever its knots resolve the stiffness. Between two knots the stiffness is a
+  parabola, whose least value is known exactly, so a curve that is not monotone is refused. A form
+  that is monotone by construction would invent a shape there.
 
 A curve whose angles begin at 0 is odd: the hinge bends alike to either side.
 """
@@ -40,11 +42,12 @@ FARTHEST_DEG = 120.0  # a hinge of the paper's leg bends by 30 degrees
 
 
 class SplineTable(NamedTuple):
-    """The springs of all joints as cubics: `origin` (n, p) [rad], where each piece begins and from which it counts, and `cubic` (n, p, 5).
+    """The springs of all joints as cubics: `origin` (n, p) [rad], where each piece begins and from
+    which it counts, and `cubic` (n, p, 5).
 
-    Of `cubic` the first column is the energy at the origin, the others are the coefficients of the torque by ascending power, all divided
-    by k0. The first and the last piece of a joint are straight. Unused pieces begin at infinity. No spline: p = 0.
-    """
+    Of `cubic` the first column is the energy at the origin, the others are the coefficients of the
+    torque by ascending power, all divided by k0. The first and the last piece of a joint are
+    straight. Unused pieces begin at infinity. No spline: p = 0."""
 
     origin: Floats
     cubic: Floats
@@ -62,7 +65,10 @@ class SplineTable(NamedTuple):
     def energy(self, x: Floats) -> Floats:
         """Its integral from 0 (..., n) [rad2]."""
         u, c = self._at(x)
-        return np.asarray(c[..., 0] + u * (c[..., 1] + u * (c[..., 2] / 2.0 + u * (c[..., 3] / 3.0 + u * c[..., 4] / 4.0))))
+        return np.asarray(
+            c[..., 0]
+            + u * (c[..., 1] + u * (c[..., 2] / 2.0 + u * (c[..., 3] / 3.0 + u * c[..., 4] / 4.0)))
+        )
 
     def _at(self, x: Floats) -> tuple[Floats, Floats]:
         # Angles below the first origin use the first piece, which is straight.
@@ -76,14 +82,17 @@ NO_SPLINE = SplineTable(np.empty((0, 0)), np.empty((0, 0, 5)))
 
 @jit_inline
 def spring(chain: Chain, i: int, phi: float) -> tuple[float, float]:
-    """Torque of joint i at an angle from rest, k0 phi + k0 k2 phi^3 or that of its spline, and the torque's derivative over k0."""
+    """Torque of joint i at an angle from rest, k0 phi + k0 k2 phi^3 or that of its spline, and
+    the torque's derivative over k0.
+    """
     k0 = chain.k0[i]
     if chain.spring_origin.shape[1] == 0:
         k2 = chain.k2[i]
         return k0 * phi * (1.0 + k2 * phi * phi), 1.0 + 3.0 * k2 * phi * phi
     u, c0, c1, c2, c3 = phi, phi, phi, phi, phi
     for lane in range(count_lanes(phi)):
-        # Bisection for the last piece that begins at or below phi; unused pieces begin at infinity and are never chosen.
+        # Bisection for the last piece that begins at or below phi; unused pieces begin at infinity
+        # and are never chosen.
         x, low, high = lane_of(phi, lane), 0, chain.spring_origin.shape[1]
         while high - low > 1:
             middle = (low + high) // 2
@@ -100,7 +109,9 @@ def spring(chain: Chain, i: int, phi: float) -> tuple[float, float]:
 
 
 def table_of(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
-    """Table of a leg's joints, the first of which is the shaft; `splines` holds none, one for all hinges, or one for each."""
+    """Table of a leg's joints, the first of which is the shaft; `splines` holds none, one for
+    all hinges, or one for each.
+    """
     return _table(splines, joints) if splines else NO_SPLINE
 
 
@@ -115,14 +126,16 @@ def _table(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
         pieces = len(one.x) - 1
         energy = one.antiderivative()
         origin[joint, :pieces] = one.x[:-1]
-        # The energy counts from rest, where the torque is zero. scipy orders coefficients by descending power.
+        # The energy counts from rest, where the torque is zero. scipy orders coefficients by
+        # descending power.
         cubic[joint, :pieces, 0] = energy(one.x[:-1]) - energy(0.0)
         cubic[joint, :pieces, 1:] = one.c[::-1].T
     return SplineTable(origin, cubic)
 
 
 def polynomial(angles_rad: Sequence[float], torques: Floats) -> "PPoly":
-    """The spline through `torques` (m,) or (m, e) at ascending angles (m,), straight beyond them, as cubics for any angle.
+    """The spline through `torques` (m,) or (m, e) at ascending angles (m,), straight beyond them,
+    as cubics for any angle.
 
     Angles that begin at 0 also represent the other side, with the opposite sign of the torques.
     """
@@ -145,15 +158,21 @@ def slope_at_rest(spline: TorqueSpline) -> float:
     return float(polynomial(spline.angles_rad, np.array(spline.torques_rad))(0.0, 1))
 
 
-def knots_from(angles_deg: Sequence[float], torques_Nm: Sequence[float], where: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Angles [rad] and torques [N m] of a measured curve as knots of its spline; (0, 0) is added where it is missing.
+def knots_from(
+    angles_deg: Sequence[float], torques_Nm: Sequence[float], where: str
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Angles [rad] and torques [N m] of a measured curve as knots of its spline; (0, 0) is added
+    where it is missing.
 
     Raises BadInput, which begins with `where`, for points that make no monotone curve through rest.
     """
     _check_points(angles_deg, torques_Nm, where)
-    points = sorted({*zip(map(float, np.radians(angles_deg)), map(float, torques_Nm), strict=True), (0.0, 0.0)})
+    points = sorted(
+        {*zip(map(float, np.radians(angles_deg)), map(float, torques_Nm), strict=True), (0.0, 0.0)}
+    )
     angles, torques = (tuple(each) for each in zip(*points, strict=True))
-    # A curve that was measured on the negative side only is odd as well: it is turned to the positive side.
+    # A curve that was measured on the negative side only is odd as well: it is turned to the
+    # positive side.
     if angles[-1] == 0.0:
         angles, torques = (tuple(-value for value in reversed(each)) for each in (angles, torques))
     _check_monotone(angles, torques, where)
@@ -162,44 +181,62 @@ def knots_from(angles_deg: Sequence[float], torques_Nm: Sequence[float], where: 
 
 def _check_points(angles_deg: Sequence[float], torques_Nm: Sequence[float], where: str) -> None:
     if len(angles_deg) != len(torques_Nm):
-        raise BadInput(f"{where}: {len(angles_deg)} angles, but {len(torques_Nm)} torques; give one torque per angle")
+        raise BadInput(
+            f"{where}: {len(angles_deg)} angles, but {len(torques_Nm)} torques; give one "
+            "torque per angle"
+        )
     if not FEWEST_ANGLES <= len(angles_deg) - (0.0 in angles_deg) <= MOST_ANGLES:
-        raise BadInput(f"{where}: {len(angles_deg)} angles; give {FEWEST_ANGLES} to {MOST_ANGLES} beside 0")
+        raise BadInput(
+            f"{where}: {len(angles_deg)} angles; give {FEWEST_ANGLES} to {MOST_ANGLES} beside 0"
+        )
     if max(map(abs, angles_deg)) > FARTHEST_DEG:
-        raise BadInput(f"{where}: angle {max(angles_deg, key=abs):g} degrees; the limit is {FARTHEST_DEG:g}")
+        raise BadInput(
+            f"{where}: angle {max(angles_deg, key=abs):g} degrees; the limit is {FARTHEST_DEG:g}"
+        )
     for i in range(1, len(angles_deg)):
         if angles_deg[i] <= angles_deg[i - 1]:
-            raise BadInput(f"{where}: angle {i + 1} ({angles_deg[i]:g}) is not above the one before ({angles_deg[i - 1]:g}); sort them")
+            raise BadInput(
+                f"{where}: angle {i + 1} ({angles_deg[i]:g}) is not above the one before "
+                f"({angles_deg[i - 1]:g}); sort them"
+            )
         if torques_Nm[i] <= torques_Nm[i - 1]:
             raise BadInput(
-                f"{where}: torque {i + 1} ({torques_Nm[i]:g} N m) is not above the one before ({torques_Nm[i - 1]:g} N m); "
+                f"{where}: torque {i + 1} ({torques_Nm[i]:g} N m) is not above the one "
+                f"before ({torques_Nm[i - 1]:g} N m); "
                 "the torque must grow with the angle"
             )
     for angle, torque in zip(angles_deg, torques_Nm, strict=True):
         if angle * torque < 0.0 or (angle == 0.0) != (torque == 0.0):
             raise BadInput(
-                f"{where}: {torque:g} N m at {angle:g} degrees; angles count from where the hinge bears no torque: "
+                f"{where}: {torque:g} N m at {angle:g} degrees; angles count from where "
+                "the hinge bears no torque: "
                 "put that angle into leg.rest_angles_deg and take it off"
             )
 
 
-def _check_monotone(angles_rad: tuple[float, ...], torques_Nm: tuple[float, ...], where: str) -> None:
+def _check_monotone(
+    angles_rad: tuple[float, ...], torques_Nm: tuple[float, ...], where: str
+) -> None:
     """The stiffness of every piece is a parabola, least at an end or at its turning point."""
     stiffness = polynomial(angles_rad, np.array(torques_Nm)).derivative()
     turns = stiffness.derivative().roots(extrapolate=False)
-    # The outermost breaks belong to the straight continuations and are no knots. A straight piece has no turning point: NaN.
+    # The outermost breaks belong to the straight continuations and are no knots. A straight piece
+    # has no turning point: NaN.
     x = np.concatenate((stiffness.x[1:-1], turns[np.isfinite(turns)]))
     least = int(np.argmin(stiffness(x)))
     if stiffness(x)[least] <= 0.0:
         raise BadInput(
-            f"{where}: the spline through these torques falls at {np.degrees(x[least]):.1f} degrees, so the curve is not monotone; "
+            f"{where}: the spline through these torques falls at "
+            f"{np.degrees(x[least]):.1f} degrees, so the curve is not monotone; "
             "give smoother torques, or more angles there"
         )
 
 
 @dataclass(frozen=True)
 class HingeSprings:
-    """k0 x + k0 k2 x^3 per joint, or k0 times the joint's spline; x = phi - `rest_rad`, all (n,). Joint 1 is the shaft and has k0 = 0."""
+    """k0 x + k0 k2 x^3 per joint, or k0 times the joint's spline; x = phi - `rest_rad`, all
+    (n,). Joint 1 is the shaft and has k0 = 0.
+    """
 
     k0_Nm_per_rad: Floats
     k2_per_rad2: Floats
@@ -232,17 +269,22 @@ def springs_of(leg: Leg) -> HingeSprings:
 
 
 def polynomial_springs(leg: Leg, where: str) -> tuple[float, float, float]:
-    """Coefficients of phi, phi |phi| and phi^3, for programs without other springs; BadInput, which names them, for a measured curve."""
+    """Coefficients of phi, phi |phi| and phi^3, for programs without other springs; BadInput,
+    which names them, for a measured curve.
+    """
     if leg.torque_splines:
         raise BadInput(
-            f"leg.torque_rotation: {where} takes springs k0 phi + k0 k2 phi^3 only, not a measured curve; "
+            f"leg.torque_rotation: {where} takes springs k0 phi + k0 k2 phi^3 only, not a "
+            "measured curve; "
             "give a model with k0 and k2, as static report writes it"
         )
     return leg.k0_Nm_per_rad, 0.0, leg.k0_Nm_per_rad * leg.k2_per_rad2
 
 
 def bending_torque_Nm(leg: Leg, x_rad: Floats) -> Floats:
-    """Torque of a hinge, (m,) or any other shape, at `x_rad` from rest; the mean of all hinges where each has its own curve."""
+    """Torque of a hinge, (m,) or any other shape, at `x_rad` from rest; the mean of all hinges
+    where each has its own curve.
+    """
     springs = springs_of(leg)
     return _of_hinges(leg, springs.torque_Nm(springs.rest_rad + x_rad[..., None]))
 

@@ -1,4 +1,6 @@
-"""Parameters of the nominal model: leg, ground, sensor mount, drive and effects. SI units, frozen."""
+"""Parameters of the nominal model: leg, ground, sensor mount, drive and effects. SI units,
+frozen.
+"""
 
 from dataclasses import dataclass
 
@@ -7,29 +9,35 @@ GRAVITY_M_S2 = 9.81
 
 @dataclass(frozen=True)
 class TorqueSpline:
-    """A measured torque over the angle of a hinge from rest, (0, 0) among its knots; see `hinge_springs`.
+    """A measured torque over the angle of a hinge from rest, (0, 0) among its knots; see
+    `hinge_springs`.
 
-    `torques_rad` are divided by k0 of the leg, so that k0 scales the curve. Angles that begin at 0 hold for both sides.
-    """
+    `torques_rad` are divided by k0 of the leg, so that k0 scales the curve. Angles that begin at 0
+    hold for both sides."""
 
     angles_rad: tuple[float, ...]
     torques_rad: tuple[float, ...]
 
     def scaled(self, angle: float, torque: float) -> "TorqueSpline":
         """The curve with its angles and torques multiplied by these factors."""
-        return TorqueSpline(tuple(angle * each for each in self.angles_rad), tuple(torque * each for each in self.torques_rad))
+        return TorqueSpline(
+            tuple(angle * each for each in self.angles_rad),
+            tuple(torque * each for each in self.torques_rad),
+        )
 
 
 @dataclass(frozen=True)
 class Leg:
-    """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style hardening spring).
+    """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style
+    hardening spring).
 
-    `start_angle_rad` is the shaft angle where a stroke begins, from the horizontal, positive downwards. `rest_angles_rad` are the angles
-    of the hinges without load, phi_i0 of eq. (12), from which phi counts; without them the leg is straight.
+    `start_angle_rad` is the shaft angle where a stroke begins, from the horizontal, positive
+    downwards. `rest_angles_rad` are the angles of the hinges without load, phi_i0 of eq. (12), from
+    which phi counts; without them the leg is straight.
 
-    `torque_splines`, one for all hinges or one for each, replace k0 phi + k0 k2 phi^3: the torque is then k0 times the spline, k0
-    is the stiffness at rest (the mean of all hinges), and k2 is 0 and unused.
-    """
+    `torque_splines`, one for all hinges or one for each, replace k0 phi + k0 k2 phi^3: the torque
+    is then k0 times the spline, k0 is the stiffness at rest (the mean of all hinges), and k2 is 0
+    and unused."""
 
     link_lengths_m: tuple[float, ...]
     link_masses_kg: tuple[float, ...]
@@ -44,14 +52,16 @@ class Leg:
 
 @dataclass(frozen=True)
 class Ground:
-    """A level floor: normal force stiffness * depth^1.5 * (1 + damping * approach speed), Coulomb friction with stick.
+    """A level floor: normal force stiffness * depth^1.5 * (1 + damping * approach speed), Coulomb
+    friction with stick.
 
-    Two parameters describe the tangential compliance: a sticking point yields in proportion to the force, by `presliding` at the limit
-    mu N. `drag` is a viscous force in addition to the Coulomb force, in full from a normal force of 1 N on. Friction acts with the
-    `friction_lever` about a link's end: None for the radius of the tip, since friction acts at the circle's lowest point. Where a tip is
-    deep in the floor, friction may act higher: by `friction_rise_share` of the depth, where 1 is the floor's surface. The damping of a
-    tip that leaves is `leaving_damping_share` of that of a tip that enters.
-    """
+    Two parameters describe the tangential compliance: a sticking point yields in proportion to the
+    force, by `presliding` at the limit mu N. `drag` is a viscous force in addition to the Coulomb
+    force, in full from a normal force of 1 N on. Friction acts with the `friction_lever` about a
+    link's end: None for the radius of the tip, since friction acts at the circle's lowest point.
+    Where a tip is deep in the floor, friction may act higher: by `friction_rise_share` of the
+    depth, where 1 is the floor's surface. The damping of a tip that leaves is
+    `leaving_damping_share` of that of a tip that enters."""
 
     stiffness_N_per_m1p5: float
     damping_s_per_m: float
@@ -74,9 +84,9 @@ class SensorMount:
 class Drive:
     """Start-up of the drive: the speed rises linearly from rest to its command within `ramp_s`.
 
-    `holds_start` concerns only a compliant drive. If true, its integrator carries the weight of the leg at the start, and the shaft rests
-    at its commanded angle; otherwise it rests where its angle gain carries the weight.
-    """
+    `holds_start` concerns only a compliant drive. If true, its integrator carries the weight of the
+    leg at the start, and the shaft rests at its commanded angle; otherwise it rests where its angle
+    gain carries the weight."""
 
     ramp_s: float
     holds_start: bool = False
@@ -84,7 +94,8 @@ class Drive:
 
 @dataclass(frozen=True)
 class LawTable:
-    """A force as a function of one argument: straight lines between `values` at ascending `knots`, constant beyond both ends.
+    """A force as a function of one argument: straight lines between `values` at ascending `knots`,
+    constant beyond both ends.
 
     It acts at `place` and depends on `argument`; `tabulated_law` lists both, with units.
     """
@@ -97,7 +108,8 @@ class LawTable:
 
 @dataclass(frozen=True)
 class PresentEffect:
-    """An effect that acts in this rig: its id in the catalogue, and the values of its parameters in the units of their names.
+    """An effect that acts in this rig: its id in the catalogue, and the values of its parameters in
+    the units of their names.
 
     A tabulated law is not in the catalogue: it has a `table` in place of values.
     """
@@ -111,9 +123,8 @@ class PresentEffect:
 class Swing:
     """Initial oscillation of the leg, `before_s` before the start of the stroke.
 
-    The leg is above its rest pose by `share` of its sag (1 is straight), and rises by `rate_per_s` sags per second. A leg that was held
-    straight and released some time ago swings like that.
-    """
+    The leg is above its rest pose by `share` of its sag (1 is straight), and rises by `rate_per_s`
+    sags per second. A leg that was held straight and released some time ago swings like that."""
 
     before_s: float
     share: float
@@ -122,7 +133,9 @@ class Swing:
 
 @dataclass(frozen=True)
 class RigModel:
-    """Model of one rig. `effects` are applied in their order; () is the plain model. Without `swing` a stroke begins at rest."""
+    """Model of one rig. `effects` are applied in their order; () is the plain model. Without
+    `swing` a stroke begins at rest.
+    """
 
     leg: Leg
     ground: Ground

@@ -17,13 +17,15 @@ from rfca_rig.model.parameters import PresentEffect, RigModel
 
 Floats = NDArray[np.float64]
 
-# The compiled chain reads a law's numbers from the first columns of its row; its table begins behind them.
+# The compiled chain reads a law's numbers from the first columns of its row; its table begins
+# behind them.
 MAX_PARAMETERS = TABLE
 
 
 @dataclass(frozen=True)
 class SensorOutput:
-    """Channels of the force sensor over time, all (m,), in its axes and signs. Effects of the sensor change them afterwards.
+    """Channels of the force sensor over time, all (m,), in its axes and signs. Effects of the
+    sensor change them afterwards.
 
     `shaft_rad` is the shaft angle at the same times.
     """
@@ -37,14 +39,16 @@ class SensorOutput:
 
 @dataclass(frozen=True)
 class CompliantDrive:
-    """A shaft that does not follow its command exactly: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
+    """A shaft that does not follow its command exactly: torque k (commanded - angle) + kw
+    (commanded speed - speed) on a rotor.
 
-    With play, the part with k engages only beyond `gap_rad` on either side, as a contact of Hunt and Crossley: k bent (1 + loss speed).
-    The torque stays within `limit_Nm`. The motor cogs by `cogging_Nm` in addition, with `cogging_cycles` cycles per turn.
+    With play, the part with k engages only beyond `gap_rad` on either side, as a contact of Hunt
+    and Crossley: k bent (1 + loss speed). The torque stays within `limit_Nm`. The motor cogs by
+    `cogging_Nm` in addition, with `cogging_cycles` cycles per turn.
 
-    Before the motion it rests where k carries the weight of the leg. If it `holds_start`, it rests at the commanded angle instead, and a
-    constant torque carries the weight. `effect` is the id of the effect that added it.
-    """
+    Before the motion it rests where k carries the weight of the leg. If it `holds_start`, it rests
+    at the commanded angle instead, and a constant torque carries the weight. `effect` is the id of
+    the effect that added it."""
 
     effect: str
     angle_gain_Nm_per_rad: float
@@ -61,7 +65,9 @@ class CompliantDrive:
 
 @dataclass(frozen=True)
 class JointReadings:
-    """How a pendulum's joint angles and speeds are read: through first-order lags of these time constants."""
+    """How a pendulum's joint angles and speeds are read: through first-order lags of these time
+    constants.
+    """
 
     angle_lag_s: float = 0.0
     speed_lag_s: float = 0.0
@@ -73,15 +79,16 @@ class Setup:
 
     - `rig`, `height_m`, `motion`: the values.
     - `chain_changes`: applied to the finished chain.
-    - `laws`: added to the equations of motion; `laws_of_chain` are built from the finished chain, because they depend on other effects.
+    - `laws`: added to the equations of motion; `laws_of_chain` are built from the finished chain,
+      because they depend on other effects.
     - `drive`: a compliant drive between command and shaft.
     - `sensor_changes`: applied to the sensor's channels.
     - `begins`: initial states, of what swings already where a recording begins.
     - `joint_readings`: of pendulums only.
 
-    `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had made before; () where not counted.
-    `moved_by` holds the effects that change more than `sensor_changes`: without the others, the leg moves in the same way.
-    """
+    `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had
+    made before; () where not counted. `moved_by` holds the effects that change more than
+    `sensor_changes`: without the others, the leg moves in the same way."""
 
     rig: RigModel
     height_m: float
@@ -104,7 +111,9 @@ class Setup:
         return chain
 
     def compile_laws(self, chain: Chain) -> Laws:
-        """The laws of effects in the form of the compiled chain. Raises BadInput as `check_law` does."""
+        """The laws of effects in the form of the compiled chain. Raises BadInput as `check_law`
+        does.
+        """
         laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
         for use in laws:
             check_law(use)
@@ -112,19 +121,29 @@ class Setup:
 
     @property
     def begins_s(self) -> float:
-        """Start time of the simulation [s]: 0, where the motion begins, or earlier where the leg swings already."""
+        """Start time of the simulation [s]: 0, where the motion begins, or earlier where the leg
+        swings already.
+        """
         return -self.rig.swing.before_s if self.rig.swing else 0.0
 
     def begin(self, chain: Chain, laws: Laws, work: Work) -> tuple[Shaft, State]:
-        """The shaft, and the chain as it is at `begins_s`: at rest, or swinging. `work` is unused memory of this chain."""
+        """The shaft, and the chain as it is at `begins_s`: at rest, or swinging. `work` is
+        unused memory of this chain.
+        """
         motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
         start_rad = motion.start_rad
-        shaft = motion.shaft() if self.drive is None else add_drive(motion.shaft(), self.drive, start_rad)
-        # A drive without an integrator sags: its spring carries the weight only where the shaft is away from its command.
+        shaft = (
+            motion.shaft()
+            if self.drive is None
+            else add_drive(motion.shaft(), self.drive, start_rad)
+        )
+        # A drive without an integrator sags: its spring carries the weight only where the shaft is
+        # away from its command.
         sags = self.drive is not None and not self.drive.holds_start
         state = find_rest_state(chain, start_rad, laws, shaft if sags else HELD_SHAFT, work)
         if shaft.free and not sags:
-            # The integrator of the drive has taken up the weight before the motion, and keeps that torque.
+            # The integrator of the drive has taken up the weight before the motion, and keeps that
+            # torque.
             shaft = shaft._replace(feed=float(measure_at_rest(chain, laws, state, work)[2]))
         if self.rig.swing:
             set_swinging(chain, laws, state, self.rig.swing.share, self.rig.swing.rate_per_s, work)
@@ -133,34 +152,48 @@ class Setup:
         return shaft, state
 
     def apply_sensor_changes(self, felt: SensorOutput) -> SensorOutput:
-        """The sensor's channels (m,) after all changes, in the order in which the effects were stated."""
+        """The sensor's channels (m,) after all changes, in the order in which the effects were
+        stated.
+        """
         for change in self.sensor_changes:
             felt = change(felt)
         return felt
 
 
 def check_law(use: LawUse) -> None:
-    """Raises BadInput, naming the file, for a law that cannot be compiled or has too many parameters."""
+    """Raises BadInput, naming the file, for a law that cannot be compiled or has too many
+    parameters.
+    """
     # The law may be a lab's own, so each message names its file and function.
     code = use.law.__code__
     if len(use.parameters) > MAX_PARAMETERS:
-        raise BadInput(f"{code.co_filename}: {code.co_name} has {len(use.parameters)} parameters, a law takes {MAX_PARAMETERS} at most")
+        raise BadInput(
+            f"{code.co_filename}: {code.co_name} has {len(use.parameters)} parameters, a "
+            f"law takes {MAX_PARAMETERS} at most"
+        )
     try:
         compile_law(use)
     except NumbaError as error:
         reason = " ".join(str(error).split())
-        raise BadInput(f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: {reason[:300]}") from error
+        raise BadInput(
+            f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: "
+            f"{reason[:300]}"
+        ) from error
 
 
 def measure_at_rest(chain: Chain, laws: Laws, state: State, work: Work) -> Floats:
-    """Force of the leg on its mount before the motion, (3,): fy, fz and the torque that holds the shaft; `work` is memory of this chain."""
+    """Force of the leg on its mount before the motion, (3,): fy, fz and the torque that holds
+    the shaft; `work` is memory of this chain.
+    """
     force = np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     return force
 
 
 def add_drive(shaft: Shaft, drive: CompliantDrive, start_rad: float) -> Shaft:
-    """The commanded shaft with a compliant drive between command and leg; `start_rad` is its angle before the motion."""
+    """The commanded shaft with a compliant drive between command and leg; `start_rad` is its
+    angle before the motion.
+    """
     return shaft._replace(
         free=True,
         rotor=drive.rotor_kg_m2,
@@ -182,14 +215,17 @@ def with_law(setup: Setup, law: LawUse) -> Setup:
 
 
 def link_of_hinge(setup: Setup, effect_id: str, hinge: float) -> int:
-    """Index in the chain of a hinge that is numbered from one: hinge i is the proximal one of link i.
+    """Index in the chain of a hinge that is numbered from one: hinge i is the proximal one of link
+    i.
 
     Raises BadInput, which names the effect, for a hinge that the leg does not have.
     """
     last = len(setup.rig.leg.link_lengths_m)
     # A fit varies the number continuously, so it is rounded; joint 1 is the shaft and has no hinge.
     if not 1.5 <= hinge < last + 0.5:
-        raise BadInput(f"effect {effect_id}: hinge {hinge:g} is not there; this leg has hinges 2 to {last}")
+        raise BadInput(
+            f"effect {effect_id}: hinge {hinge:g} is not there; this leg has hinges 2 to {last}"
+        )
     return round(hinge) - 1
 
 
@@ -203,15 +239,25 @@ def with_sensor(setup: Setup, change: Callable[[SensorOutput], SensorOutput]) ->
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
 
 
-def with_late_readings(setup: Setup, effect_id: str, angle_lag_s: float = 0.0, speed_lag_s: float = 0.0) -> Setup:
-    """The setup whose joint angles and speeds, or speeds alone, are read through one more lag; two in a row count as one of their sum.
+def with_late_readings(
+    setup: Setup, effect_id: str, angle_lag_s: float = 0.0, speed_lag_s: float = 0.0
+) -> Setup:
+    """The setup whose joint angles and speeds, or speeds alone, are read through one more lag; two
+    in a row count as one of their sum.
 
     Raises BadInput for a rig whose joint angles are not recorded.
     """
     readings = setup.joint_readings
     if readings is None:
-        raise BadInput(f"effect {effect_id}: the joint angles of this rig are not recorded; leave it out")
-    return replace(setup, joint_readings=JointReadings(readings.angle_lag_s + angle_lag_s, readings.speed_lag_s + speed_lag_s))
+        raise BadInput(
+            f"effect {effect_id}: the joint angles of this rig are not recorded; leave it out"
+        )
+    return replace(
+        setup,
+        joint_readings=JointReadings(
+            readings.angle_lag_s + angle_lag_s, readings.speed_lag_s + speed_lag_s
+        ),
+    )
 
 
 def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:
@@ -220,7 +266,12 @@ def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:
 
 
 def with_drive(setup: Setup, drive: CompliantDrive) -> Setup:
-    """The setup with a compliant drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
+    """The setup with a compliant drive. Raises BadInput for a second one: two in series need a
+    coordinate that the chain lacks.
+    """
     if setup.drive is not None:
-        raise BadInput(f"{setup.drive.effect} and {drive.effect} both soften the drive; the model takes one at a time, leave one out")
+        raise BadInput(
+            f"{setup.drive.effect} and {drive.effect} both soften the drive; the model "
+            "takes one at a time, leave one out"
+        )
     return replace(setup, drive=drive)

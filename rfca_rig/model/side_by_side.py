@@ -1,7 +1,8 @@
-"""Moves up to eight legs side by side through one call of the compiled chain, in the lanes of its numbers; see `lanes`.
+"""Moves up to eight legs side by side through one call of the compiled chain, in the lanes of its
+numbers; see `lanes`.
 
-They take common steps, as short as the worst of them needs. Legs that differ little take almost the same steps as alone, and the
-difference of their forces is free of what different steps would add.
+They take common steps, as short as the worst of them needs. Legs that differ little take almost the
+same steps as alone, and the difference of their forces is free of what different steps would add.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Start:
-    """A leg that is ready to move: what moves, its laws, what turns the shaft, the state at the beginning, and working memory."""
+    """A leg that is ready to move: what moves, its laws, what turns the shaft, the state at the
+    beginning, and working memory.
+    """
 
     chain: Chain
     laws: Laws
@@ -34,13 +37,25 @@ class Start:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """Legs of one kind may move side by side: as many coordinates and pieces of splines, the same laws, a drive for all or for none."""
-        laws = tuple(field.tobytes() for field in (self.laws.address, self.laws.advance, self.laws.place, self.laws.only))
-        sizes = self.state.q.size, self.state.anchor.size, self.chain.spring_origin.shape, self.laws.parameter.shape
+        """Legs of one kind may move side by side: as many coordinates and pieces of splines, the
+        same laws, a drive for all or for none.
+        """
+        laws = tuple(
+            field.tobytes()
+            for field in (self.laws.address, self.laws.advance, self.laws.place, self.laws.only)
+        )
+        sizes = (
+            self.state.q.size,
+            self.state.anchor.size,
+            self.chain.spring_origin.shape,
+            self.laws.parameter.shape,
+        )
         return laws, sizes, self.shaft.free, self.shaft.coefficient.shape
 
 
-def move_side_by_side(starts: Sequence[Start], begin_s: float, tolerance: Tolerance, out: Samples) -> Steps:
+def move_side_by_side(
+    starts: Sequence[Start], begin_s: float, tolerance: Tolerance, out: Samples
+) -> Steps:
     """Integrates legs of one kind, eight at most, from `begin_s` to the last sample.
 
     Parameters
@@ -83,12 +98,16 @@ def move_side_by_side(starts: Sequence[Start], begin_s: float, tolerance: Tolera
         out,
     )
     if status != DONE:
-        raise SimulationFailed(f"one of {len(starts)} legs cannot go on after {accepted + rejected} steps")
+        raise SimulationFailed(
+            f"one of {len(starts)} legs cannot go on after {accepted + rejected} steps"
+        )
     return Steps(accepted, rejected, next_s)
 
 
 def allocate_samples_of_lanes(t_s: Floats, leg: State, only_sensed: bool) -> Samples:
-    """Samples at the times `t_s` (m,) with lanes as last axis; if `only_sensed`, no more than the shaft's angle and the forces."""
+    """Samples at the times `t_s` (m,) with lanes as last axis; if `only_sensed`, no more than
+    the shaft's angle and the forces.
+    """
     return Samples(t_s, *_divide(_shapes_of_samples(t_s, leg, only_sensed)))
 
 
@@ -99,18 +118,23 @@ def allocate_samples_of_leg(t_s: Floats, leg: State, only_sensed: bool) -> Sampl
 
 def _shapes_of_samples(t_s: Floats, leg: State, only_sensed: bool) -> list[tuple[int, ...]]:
     """Of all samples but their times `t_s` (m,)."""
-    coordinates, speeds, links = (1, 0, 0) if only_sensed else (leg.q.size, leg.w.size, leg.anchor.size)
+    coordinates, speeds, links = (
+        (1, 0, 0) if only_sensed else (leg.q.size, leg.w.size, leg.anchor.size)
+    )
     return [(len(t_s), *shape) for shape in ((coordinates,), (speeds,), (3,), (2, links))]
 
 
 def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:
     """The fields (...) of eight legs as arrays (..., 8).
 
-    A law is called for one leg at a time, so its memory is (m, n, 8, 4), and its parameters are (m, 8, ...).
-    """
+    A law is called for one leg at a time, so its memory is (m, n, 8, 4), and its parameters are (m,
+    8, ...)."""
     shafts = [[getattr(leg.shaft, name) for name in _OF_LANES] for leg in legs]
     whole = [(*leg.chain, *shaft, *leg.state[:-1]) for leg, shaft in zip(legs, shafts, strict=True)]
-    numbers, arrays = ([i for i, one in enumerate(whole[0]) if isinstance(one, np.ndarray) == is_array] for is_array in (False, True))
+    numbers, arrays = (
+        [i for i, one in enumerate(whole[0]) if isinstance(one, np.ndarray) == is_array]
+        for is_array in (False, True)
+    )
     of_numbers, *of_arrays = _divide([(len(numbers),), *(whole[0][i].shape for i in arrays)])
     # All numbers at once: assigning one by one takes most of the time.
     of_numbers[:] = np.array([[fields[i] for i in numbers] for fields in whole]).T
@@ -122,8 +146,15 @@ def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:
     chain = Chain._make(next(fields_of) for _ in Chain._fields)
     shaft = legs[0].shaft._asdict() | {name: next(fields_of) for name in _OF_LANES}
     # A step ends where the acceleration of any shaft jumps.
-    shaft["landings"] = np.array(sorted({time for leg in legs for time in leg.shaft.landings.tolist()}))
-    state = State._make([*(next(fields_of) for _ in State._fields[:-1]), np.stack([leg.state.memory for leg in legs], axis=2)])
+    shaft["landings"] = np.array(
+        sorted({time for leg in legs for time in leg.shaft.landings.tolist()})
+    )
+    state = State._make(
+        [
+            *(next(fields_of) for _ in State._fields[:-1]),
+            np.stack([leg.state.memory for leg in legs], axis=2),
+        ]
+    )
     laws = legs[0].laws._replace(parameter=np.stack([leg.laws.parameter for leg in legs], axis=1))
     return chain, laws, Shaft(**shaft), state
 
@@ -144,7 +175,9 @@ def _shapes_of_workspace(coordinates: int, links: int) -> tuple[tuple[int, ...],
 
 
 def _divide(shapes: Sequence[tuple[int, ...]]) -> list[Floats]:
-    """Arrays (..., 8) of zeros, cut from a single one: few allocations, each at an address that vector instructions need."""
+    """Arrays (..., 8) of zeros, cut from a single one: few allocations, each at an address that
+    vector instructions need.
+    """
     sizes = [prod(shape) for shape in shapes]
     whole, begin, parts = allocate_aligned(sum(sizes), LANES), 0, []
     for shape, size in zip(shapes, sizes, strict=True):

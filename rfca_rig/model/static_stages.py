@@ -1,13 +1,15 @@
-"""Simulates the static experiment in time: the shaft moves to each stage and stops, the leg settles, then it is read.
+"""Simulates the static experiment in time: the shaft moves to each stage and stops, the leg
+settles, then it is read.
 
-The state at rest depends on how the leg came there. When a shaft that turned at 1 rad/s stops within some milliseconds, the sliding tip
-is thrown back by some micrometres against the ties to the ground, and its friction falls below mu N by a newton or more. Only a shaft that
-creeps, or slows down softly, leaves it at the limit, as in `follow_static_path`. A static table that was measured with fast moves must be
-compared with these states.
+The state at rest depends on how the leg came there. When a shaft that turned at 1 rad/s stops
+within some milliseconds, the sliding tip is thrown back by some micrometres against the ties to the
+ground, and its friction falls below mu N by a newton or more. Only a shaft that creeps, or slows
+down softly, leaves it at the limit, as in `follow_static_path`. A static table that was measured
+with fast moves must be compared with these states.
 
-Effects of the rig act here as in a stroke; those with memory keep it from stage to stage. Effects of the sensor are applied to its
-channels at rest: a lag or a shifted clock has no effect there, a drift counts from the beginning of the table.
-"""
+Effects of the rig act here as in a stroke; those with memory keep it from stage to stage. Effects
+of the sensor are applied to its channels at rest: a lag or a shifted clock has no effect there, a
+drift counts from the beginning of the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +30,8 @@ Floats = NDArray[np.float64]
 
 AT_THE_LIMIT = 1.0 - 1e-6  # share of mu N from which on friction counts as fully used
 
-# Longer steps than in a stroke: a hold takes a third of them, and the readings change by 1 % of a sensor's noise.
+# Longer steps than in a stroke: a hold takes a third of them, and the readings change by 1 % of a
+# sensor's noise.
 AT_REST = Tolerance(longest_s=0.02)
 STILL_AFTER_S = 0.1  # rest of the shaft after a reading, longer than any clock is shifted
 
@@ -45,10 +48,11 @@ class Touch(Enum):
 class StaticState:
     """The leg held at one shaft angle, forces in the sensor's axes and signs.
 
-    `q_rad` (n,) absolute link angles; `hinge_angles_rad` (n - 1,) of hinges 2..n; `normal_N`, `tangential_N` (n,) and `touch`
-    (n,) at the end of each link, as they act on the leg (up, and along +y). SLIDING means that friction is at its limit mu N.
-    `jumped` if the leg has passed a place without equilibrium since the state before; never set for a path that is simulated in time.
-    """
+    `q_rad` (n,) absolute link angles; `hinge_angles_rad` (n - 1,) of hinges 2..n; `normal_N`,
+    `tangential_N` (n,) and `touch` (n,) at the end of each link, as they act on the leg (up, and
+    along +y). SLIDING means that friction is at its limit mu N. `jumped` if the leg has passed a
+    place without equilibrium since the state before; never set for a path that is simulated in
+    time."""
 
     q_rad: Floats
     fy_N: float
@@ -70,9 +74,16 @@ class StaticState:
 
 
 def make_static_state(
-    rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N: Floats, tangential_N: Floats, jumped: bool
+    rig: RigModel,
+    q_rad: Floats,
+    shaft_torque_Nm: float,
+    normal_N: Floats,
+    tangential_N: Floats,
+    jumped: bool,
 ) -> StaticState:
-    """The state of a plain leg at rest with angles `q_rad` (n,) and ground forces (n,); the mount carries ground forces and weight."""
+    """The state of a plain leg at rest with angles `q_rad` (n,) and ground forces (n,); the
+    mount carries ground forces and weight.
+    """
     fy = -float(tangential_N.sum())
     weight = sum(rig.leg.link_masses_kg) * GRAVITY_M_S2
     return StaticState(
@@ -89,7 +100,9 @@ def make_static_state(
 
 
 def touches(mu: float, normal_N: Floats, tangential_N: Floats) -> tuple[Touch, ...]:
-    """Contact state of each end (n,) for its normal and tangential force (n,), with mu the friction coefficient at rest."""
+    """Contact state of each end (n,) for its normal and tangential force (n,), with mu the
+    friction coefficient at rest.
+    """
     return tuple(_touch(mu, N, F) for N, F in zip(normal_N, tangential_N, strict=True))
 
 
@@ -101,11 +114,11 @@ def _touch(mu: float, normal: float, tangential: float) -> Touch:
 
 @dataclass(frozen=True)
 class StageMoves:
-    """Moves of the shaft between stages: to `speed_rad_s` and back to rest within `ramp_s` each, then `hold_s` before the reading.
+    """Moves of the shaft between stages: to `speed_rad_s` and back to rest within `ramp_s` each,
+    then `hold_s` before the reading.
 
-    On the ground the slowest vibration of the paper's leg has died out after 0.3 s; in the air it swings for 2 s. Raises
-    BadInput where one of them is not above 0.
-    """
+    On the ground the slowest vibration of the paper's leg has died out after 0.3 s; in the air it
+    swings for 2 s. Raises BadInput where one of them is not above 0."""
 
     speed_rad_s: float
     ramp_s: float
@@ -114,7 +127,8 @@ class StageMoves:
     def __post_init__(self) -> None:
         if not min(self.speed_rad_s, self.ramp_s, self.hold_s) > 0.0:
             raise BadInput(
-                f"moves between static stages with speed_rad_s {self.speed_rad_s:g}, ramp_s {self.ramp_s:g}, hold_s {self.hold_s:g}: "
+                f"moves between static stages with speed_rad_s {self.speed_rad_s:g}, "
+                f"ramp_s {self.ramp_s:g}, hold_s {self.hold_s:g}: "
                 "each must be above 0"
             )
 
@@ -129,7 +143,8 @@ def simulate_static_stages(
     rig, height_m
         The rig, and the height of the shaft above the ground.
     shaft_angles_rad
-        (s,) angles of the motor in the order of the stages; a compliant drive leaves the leg behind them.
+        (s,) angles of the motor in the order of the stages; a compliant drive leaves the leg behind
+        them.
     moves
         How the shaft moves, first from rest at the leg's start angle.
 
@@ -144,9 +159,12 @@ def simulate_static_stages(
         Where the integrator cannot go on.
     """
     motion, read_s = make_stage_motion(rig.leg.start_angle_rad, shaft_angles_rad, moves)
-    # Samples at rest before and after each reading, between which effects of the sensor interpolate.
+    # Samples at rest before and after each reading, between which effects of the sensor
+    # interpolate.
     around_s = np.array([-0.5 * moves.hold_s, 0.0, STILL_AFTER_S])
-    simulated = simulate_stroke(rig, height_m, motion, (read_s[:, None] + around_s).ravel(), AT_REST)
+    simulated = simulate_stroke(
+        rig, height_m, motion, (read_s[:, None] + around_s).ravel(), AT_REST
+    )
     mu = friction_at_rest(rig, height_m, motion)
     return [_state(simulated, row, mu) for row in range(1, len(simulated.t_s), len(around_s))]
 
@@ -155,7 +173,9 @@ def friction_at_rest(rig: RigModel, height_m: float, motion: ShaftMotion) -> flo
     """The friction coefficient of a point that does not slip, effects included."""
     setup = set_up(rig, height_m, motion)
     # Laws of the slip have one factor at rest; those of the load (LOAD) are not included.
-    factors = [use.law(0.0, (0.0,) * 4, use.parameters)[0] for use in setup.laws if use.place == SLIP]
+    factors = [
+        use.law(0.0, (0.0,) * 4, use.parameters)[0] for use in setup.laws if use.place == SLIP
+    ]
     return float(setup.chain().mu * np.prod(factors))
 
 
@@ -174,8 +194,11 @@ def _state(simulated: SimulatedStroke, row: int, mu: float) -> StaticState:
     )
 
 
-def make_stage_motion(start_rad: float, angles_rad: Sequence[float] | Floats, moves: StageMoves) -> tuple[ShaftMotion, Floats]:
-    """Motion of a shaft from angle to angle (m,), and the times (m,) of the readings, shortly after which it moves on.
+def make_stage_motion(
+    start_rad: float, angles_rad: Sequence[float] | Floats, moves: StageMoves
+) -> tuple[ShaftMotion, Floats]:
+    """Motion of a shaft from angle to angle (m,), and the times (m,) of the readings, shortly after
+    which it moves on.
 
     A move too short to reach its speed within the ramps stays slower.
     """
@@ -187,7 +210,9 @@ def make_stage_motion(start_rad: float, angles_rad: Sequence[float] | Floats, mo
         here = float(angle)
     breaks = np.concatenate([[0.0], np.cumsum([seconds for seconds, _ in pieces])])
     holds = np.array([row[1] == row[2] == 0.0 for _, row in pieces])
-    return ShaftMotion(breaks, np.array([row for _, row in pieces]), breaks[:-1]), breaks[1:][holds] - STILL_AFTER_S
+    return ShaftMotion(breaks, np.array([row for _, row in pieces]), breaks[:-1]), breaks[1:][
+        holds
+    ] - STILL_AFTER_S
 
 
 def _move(here: float, there: float, moves: StageMoves) -> list[tuple[float, list[float]]]:

@@ -1,10 +1,11 @@
-"""Computes the static experiment as a quasi-static path: the shaft is turned in stages and held, friction depends on the path.
+"""Computes the static experiment as a quasi-static path: the shaft is turned in stages and held,
+friction depends on the path.
 
-The ground is that of `contact`: Hertz under every link end, and a tie to an anchor that carries mu N at the presliding stretch
-and slips beyond, acting at the lowest point of the end's circle. At rest it has neither damping nor drag. Inertia
-enters only where no equilibrium continues the path, for instance where a link end snaps off the floor. The speed of the shaft between
-the stages has no influence here; in reality it has one at 1 rad/s (see `static_stages`).
-"""
+The ground is that of `contact`: Hertz under every link end, and a tie to an anchor that carries mu
+N at the presliding stretch and slips beyond, acting at the lowest point of the end's circle. At
+rest it has neither damping nor drag. Inertia enters only where no equilibrium continues the path,
+for instance where a link end snaps off the floor. The speed of the shaft between the stages has no
+influence here; in reality it has one at 1 rad/s (see `static_stages`)."""
 
 from collections.abc import Sequence
 
@@ -24,9 +25,12 @@ from rfca_rig.model.static_stages import StaticState, make_static_state
 
 NEWTON_LIMIT = 25
 CONVERGED_RAD = 1e-11
-STEP_RAD = np.radians(0.25)  # keeps Newton on the path; a fifth of it gives the same states to 1e-12 N
+STEP_RAD = np.radians(
+    0.25
+)  # keeps Newton on the path; a fifth of it gives the same states to 1e-12 N
 SHORTEST_STEP_RAD = np.radians(1e-4)
-# Sum of the changes of one step. A link that turns by more has come to another equilibrium, which does not continue the path.
+# Sum of the changes of one step. A link that turns by more has come to another equilibrium, which
+# does not continue the path.
 FARTHEST_TURN_RAD = 0.15
 
 JUMP_S = 0.05  # for the shaft's small step past the end of a path
@@ -36,12 +40,15 @@ AT_REST_RAD_S = 1e-5
 
 
 @jit_allocating
-def balance(chain: Chain, laws: Laws, state: State, q: Floats, angle: float, nothing: Floats, work: Work) -> bool:
-    """Solves for the equilibrium with the shaft at `angle` and the anchors of `state`, by Newton from `q` (n,); True when found nearby.
+def balance(
+    chain: Chain, laws: Laws, state: State, q: Floats, angle: float, nothing: Floats, work: Work
+) -> bool:
+    """Solves for the equilibrium with the shaft at `angle` and the anchors of `state`, by Newton
+    from `q` (n,); True when found nearby.
 
-    `nothing` (n,) are zeros: at rest the ground has neither damping nor drag. The first iteration goes along the tangent of the path,
-    because row 0 requires the new shaft angle. A slipping end keeps |F| = mu N, which the derivative includes, so it is not symmetric.
-    """
+    `nothing` (n,) are zeros: at rest the ground has neither damping nor drag. The first iteration
+    goes along the tangent of the path, because row 0 requires the new shaft angle. A slipping end
+    keeps |F| = mu N, which the derivative includes, so it is not symmetric."""
     turned = 0.0
     for _ in range(NEWTON_LIMIT):
         assemble_stiffness(chain, laws, state, 0.0, q, nothing, nothing, work)
@@ -63,12 +70,14 @@ def balance(chain: Chain, laws: Laws, state: State, q: Floats, angle: float, not
 
 
 @jit_allocating
-def turn_shaft(chain: Chain, laws: Laws, state: State, angle: float, nothing: Floats, work: Work) -> bool:
-    """Turns the shaft to `angle` in small steps, and `state` with it; False where the path ends before. `nothing` (n,) are zeros.
+def turn_shaft(
+    chain: Chain, laws: Laws, state: State, angle: float, nothing: Floats, work: Work
+) -> bool:
+    """Turns the shaft to `angle` in small steps, and `state` with it; False where the path ends
+    before. `nothing` (n,) are zeros.
 
-    A step that finds no equilibrium nearby is repeated at half the length. After each step the anchors follow slipping ends, so that
-    friction depends on the path.
-    """
+    A step that finds no equilibrium nearby is repeated at half the length. After each step the
+    anchors follow slipping ends, so that friction depends on the path."""
     q = state.q
     step, trial = STEP_RAD, q.copy()
     # An infinite limit: at the beginning the force of each tie follows from its stretch alone.
@@ -96,7 +105,10 @@ def turn_shaft(chain: Chain, laws: Laws, state: State, angle: float, nothing: Fl
 
 
 def follow_static_path(
-    rig: RigModel, height_m: float, shaft_angles_rad: Sequence[float] | Floats, begin_angle_rad: float | None = None
+    rig: RigModel,
+    height_m: float,
+    shaft_angles_rad: Sequence[float] | Floats,
+    begin_angle_rad: float | None = None,
 ) -> list[StaticState]:
     """Follows the equilibrium of the leg through a sequence of shaft angles.
 
@@ -109,8 +121,8 @@ def follow_static_path(
     shaft_angles_rad
         (s,) in the order of the path, which may turn back.
     begin_angle_rad
-        Where the path begins at rest; the leg's start angle if None. The leg should be in the air there: one that touches begins
-        without friction.
+        Where the path begins at rest; the leg's start angle if None. The leg should be in the air
+        there: one that touches begins without friction.
 
     Returns
     -------
@@ -126,11 +138,14 @@ def follow_static_path(
     """
     if rig.effects:
         raise BadInput(
-            f"effect {rig.effects[0].id}: the quasi-static path knows the plain leg and ground only; take the effects out, "
+            f"effect {rig.effects[0].id}: the quasi-static path knows the plain leg and "
+            "ground only; take the effects out, "
             "or follow the stages in time"
         )
     chain = make_chain(rig, height_m)
-    state = find_rest_state(chain, rig.leg.start_angle_rad if begin_angle_rad is None else begin_angle_rad)
+    state = find_rest_state(
+        chain, rig.leg.start_angle_rad if begin_angle_rad is None else begin_angle_rad
+    )
     states = []
     for angle in shaft_angles_rad:
         jumped = _go_to(chain, state, float(angle))
@@ -148,17 +163,22 @@ def _go_to(chain: Chain, state: State, angle: float) -> bool:
 
 
 def _jump(chain: Chain, state: State, angle: float) -> None:
-    """Moves the leg past the end of a path: the dynamic model carries it to its next rest, the shaft one small step further."""
+    """Moves the leg past the end of a path: the dynamic model carries it to its next rest, the
+    shaft one small step further.
+    """
     before = float(state.q[0])
     after = before + float(np.clip(angle - before, -STEP_RAD, STEP_RAD))
     speed = (after - before) / JUMP_S
     breaks = np.array([0.0, JUMP_S, LONGEST_JUMP_S])
-    motion = ShaftMotion(breaks, np.array([[before, speed, 0.0, 0.0], [after, 0.0, 0.0, 0.0]]), breaks[:2])
+    motion = ShaftMotion(
+        breaks, np.array([[before, speed, 0.0, 0.0], [after, 0.0, 0.0, 0.0]]), breaks[:2]
+    )
     # q and the anchors are shared with `state`, so that the motion carries them along.
     moving = state._replace(w=np.zeros_like(state.q), a=np.zeros_like(state.q))
     _wait_for_rest(chain, motion, moving)
     work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
-    # The leg still moves a little; Newton finds the equilibrium itself, with the anchors that the motion has left.
+    # The leg still moves a little; Newton finds the equilibrium itself, with the anchors that the
+    # motion has left.
     if not balance(chain, NO_LAWS, state, state.q, after, zeros, work):
         raise _no_rest(chain, after)
     state.q[0] = after
@@ -167,7 +187,9 @@ def _jump(chain: Chain, state: State, angle: float) -> None:
 def _wait_for_rest(chain: Chain, motion: ShaftMotion, state: State) -> None:
     no_samples, step_s, t = allocate_samples(np.empty(0), state.q.size), FIRST_STEP_S, 0.0
     while t < LONGEST_JUMP_S:
-        step_s = advance(chain, motion.shaft(), state, (t, t + LOOK_S), step_s, Tolerance(), no_samples).next_s
+        step_s = advance(
+            chain, motion.shaft(), state, (t, t + LOOK_S), step_s, Tolerance(), no_samples
+        ).next_s
         t += LOOK_S
         if np.abs(state.w).max() < AT_REST_RAD_S:
             return
@@ -176,7 +198,8 @@ def _wait_for_rest(chain: Chain, motion: ShaftMotion, state: State) -> None:
 
 def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
     return SimulationFailed(
-        f"the leg finds no rest with the shaft held at {np.degrees(angle):.2f} degrees, {1e3 * chain.ground_depth:.1f} mm above the "
+        f"the leg finds no rest with the shaft held at {np.degrees(angle):.2f} degrees, "
+        f"{1e3 * chain.ground_depth:.1f} mm above the "
         f"ground, within {LONGEST_JUMP_S:g} s; give its hinges some damping, or smaller stages"
     )
 
@@ -184,4 +207,11 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
 def _measure(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
     work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
     assemble_once(chain, NO_LAWS, state, 0.0, state.q, zeros, zeros, None, work)
-    return make_static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)
+    return make_static_state(
+        rig,
+        state.q.copy(),
+        float(work.R[0]),
+        work.contact[0].copy(),
+        work.contact[1].copy(),
+        jumped,
+    )

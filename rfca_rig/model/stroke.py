@@ -11,14 +11,25 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_workspace_of, make_unloaded_state
+from rfca_rig.model.chain import (
+    Steps,
+    Tolerance,
+    advance,
+    allocate_workspace_of,
+    make_unloaded_state,
+)
 from rfca_rig.model.kernel.integrator import FIRST_STEP_S
 from rfca_rig.model.kernel.lanes import LANES
 from rfca_rig.model.kernel.state import Samples
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import SensorOutput, Setup, measure_at_rest
-from rfca_rig.model.side_by_side import Start, allocate_samples_of_lanes, allocate_samples_of_leg, move_side_by_side
+from rfca_rig.model.side_by_side import (
+    Start,
+    allocate_samples_of_lanes,
+    allocate_samples_of_leg,
+    move_side_by_side,
+)
 
 Floats = NDArray[np.float64]
 
@@ -27,9 +38,9 @@ Floats = NDArray[np.float64]
 class SimulatedStroke:
     """A stroke of the model, in the sensor's axes and signs.
 
-    `t_s` (m,); `q_rad`, `w_rad_s` (m, n) absolute link angles and their speeds; `fy_N`, `fz_N`, `tx_Nm`, `shaft_torque_Nm` (m,);
-    `normal_N`, `tangential_N` (m, n) at the end of each link. `shaft_angle_rad` is (m,).
-    """
+    `t_s` (m,); `q_rad`, `w_rad_s` (m, n) absolute link angles and their speeds; `fy_N`, `fz_N`,
+    `tx_Nm`, `shaft_torque_Nm` (m,); `normal_N`, `tangential_N` (m, n) at the end of each link.
+    `shaft_angle_rad` is (m,)."""
 
     t_s: Floats
     q_rad: Floats
@@ -56,7 +67,8 @@ def simulate_stroke_at_speed(
     tolerance: Tolerance | None = None,
     strokes_before: tuple[int, ...] = (),
 ) -> SimulatedStroke:
-    """Simulates a stroke with the shaft at constant speed after the drive's ramp, as the paper does.
+    """Simulates a stroke with the shaft at constant speed after the drive's ramp, as the paper
+    does.
 
     Parameters
     ----------
@@ -92,7 +104,8 @@ def simulate_stroke(
     tolerance: Tolerance | None = None,
     strokes_before: tuple[int, ...] = (),
 ) -> SimulatedStroke:
-    """Simulates a stroke with the shaft moving as given from t = 0, the leg at rest before unless the rig has a swing.
+    """Simulates a stroke with the shaft moving as given from t = 0, the leg at rest before unless
+    the rig has a swing.
 
     Parameters
     ----------
@@ -121,7 +134,9 @@ _ALL_BUT_EFFECTS = tuple(part.name for part in fields(RigModel) if part.name != 
 
 
 class _Times:
-    """Sample times (m,) as part of a key: requests of one condition share the very array, whose thousands of numbers need no look then."""
+    """Sample times (m,) as part of a key: requests of one condition share the very array, whose
+    thousands of numbers need no look then.
+    """
 
     def __init__(self, t_s: Floats) -> None:
         self._t_s = t_s
@@ -130,12 +145,16 @@ class _Times:
         return hash((self._t_s.size, self._t_s[-1:].tobytes()))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Times) and (self._t_s is other._t_s or np.array_equal(self._t_s, other._t_s))
+        return isinstance(other, _Times) and (
+            self._t_s is other._t_s or np.array_equal(self._t_s, other._t_s)
+        )
 
 
 @dataclass(frozen=True)
 class StrokeRequest:
-    """A stroke to simulate: its complete setup, the times (m,) at which it is sampled, and the error allowed per step."""
+    """A stroke to simulate: its complete setup, the times (m,) at which it is sampled, and the
+    error allowed per step.
+    """
 
     setup: Setup
     t_s: Floats
@@ -143,9 +162,16 @@ class StrokeRequest:
 
     @cached_property
     def motion(self) -> tuple[Hashable, ...]:
-        """Requests with the same value move the leg in the same way, whatever the sensor makes of it."""
+        """Requests with the same value move the leg in the same way, whatever the sensor makes
+        of it.
+        """
         setup, turn = self.setup, self.setup.motion
-        legs = (*(getattr(setup.rig, name) for name in _ALL_BUT_EFFECTS), setup.moved_by, setup.height_m, setup.strokes_before)
+        legs = (
+            *(getattr(setup.rig, name) for name in _ALL_BUT_EFFECTS),
+            setup.moved_by,
+            setup.height_m,
+            setup.strokes_before,
+        )
         arrays = (turn.breaks_s.tobytes(), turn.coefficients.tobytes(), turn.landings_s.tobytes())
         return (*legs, self.tolerance, *arrays, _Times(self.t_s))
 
@@ -154,15 +180,21 @@ class StrokeRequest:
         """Requests with the same value may move side by side."""
         setup = self.setup
         effects = tuple(effect.id for _, effect in setup.moved_by)
-        return effects, len(setup.rig.leg.link_lengths_m), setup.begins_s, self.tolerance, _Times(self.t_s)
+        return (
+            effects,
+            len(setup.rig.leg.link_lengths_m),
+            setup.begins_s,
+            self.tolerance,
+            _Times(self.t_s),
+        )
 
 
 def recall_stroke(request: StrokeRequest, only_sensed: bool = False) -> SimulatedStroke:
-    """Simulates a stroke, but uses a motion of the leg again that was simulated recently. Raises SimulationFailed.
+    """Simulates a stroke, but uses a motion of the leg again that was simulated recently. Raises
+    SimulationFailed.
 
-    For a search, which tries dozens of effects of the sensor on one motion of the leg. If `only_sensed`, the stroke holds no more than the
-    shaft's angle and the forces.
-    """
+    For a search, which tries dozens of effects of the sensor on one motion of the leg. If
+    `only_sensed`, the stroke holds no more than the shaft's angle and the forces."""
     samples, cost = _move_once(_Motion((request.motion, only_sensed), request, only_sensed))
     # Whoever gets a stroke may change its arrays.
     return _sense(request.setup, Samples(*(column.copy() for column in samples)), cost)
@@ -178,20 +210,30 @@ class _Motion:
 # Enough for the conditions of a campaign, in several threads. A whole stroke has 0.4 MB.
 @lru_cache(maxsize=32)
 def _move_once(motion: _Motion) -> tuple[Samples, Steps]:
-    return _move(motion.request.setup, motion.request.t_s, motion.request.tolerance, motion.only_sensed)
+    return _move(
+        motion.request.setup, motion.request.t_s, motion.request.tolerance, motion.only_sensed
+    )
 
 
-def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None, only_sensed: bool = False) -> SimulatedStroke:
-    """As `simulate_stroke`, for a setup that is complete already; `t_s` (m,) ascending, and `only_sensed` as in `recall_stroke`."""
+def simulate_setup(
+    setup: Setup, t_s: Floats, tolerance: Tolerance | None = None, only_sensed: bool = False
+) -> SimulatedStroke:
+    """As `simulate_stroke`, for a setup that is complete already; `t_s` (m,) ascending, and
+    `only_sensed` as in `recall_stroke`.
+    """
     return _sense(setup, *_move(setup, t_s, tolerance or Tolerance(), only_sensed))
 
 
-def _move(setup: Setup, t_s: Floats, tolerance: Tolerance, only_sensed: bool) -> tuple[Samples, Steps]:
+def _move(
+    setup: Setup, t_s: Floats, tolerance: Tolerance, only_sensed: bool
+) -> tuple[Samples, Steps]:
     leg = _begin(setup)
     out = allocate_samples_of_leg(t_s, leg.state, only_sensed)
     moving = _fill_rest(leg, setup.begins_s, out)
     span_s = setup.begins_s, float(t_s[-1])
-    return out, advance(leg.chain, leg.shaft, leg.state, span_s, FIRST_STEP_S, tolerance, moving, leg.laws, leg.work)
+    return out, advance(
+        leg.chain, leg.shaft, leg.state, span_s, FIRST_STEP_S, tolerance, moving, leg.laws, leg.work
+    )
 
 
 def _begin(setup: Setup) -> Start:
@@ -201,7 +243,9 @@ def _begin(setup: Setup) -> Start:
 
 
 def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
-    """Fills the samples of `out` before the motion begins, which costs no integration, and returns the others."""
+    """Fills the samples of `out` before the motion begins, which costs no integration, and
+    returns the others.
+    """
     resting = int(np.searchsorted(out.t, begins_s, side="right"))
     if not resting:
         return out
@@ -218,7 +262,9 @@ def _sense(setup: Setup, everything: Samples, cost: Steps) -> SimulatedStroke:
     t_s, links = everything.t, max(everything.contact.shape[2], 1)
     fy, fz, torque = everything.force.T
     # The sensor sits below the shaft, so fy adds a moment to the shaft's torque.
-    felt = setup.apply_sensor_changes(SensorOutput(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0]))
+    felt = setup.apply_sensor_changes(
+        SensorOutput(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0])
+    )
     return SimulatedStroke(
         t_s=t_s,
         q_rad=everything.q[:, :links],
@@ -236,7 +282,9 @@ def _sense(setup: Setup, everything: Samples, cost: Steps) -> SimulatedStroke:
 
 @dataclass(frozen=True)
 class Job:
-    """One stroke to simulate, with sample times `t_s` (m,); fields as the arguments of `simulate_stroke`."""
+    """One stroke to simulate, with sample times `t_s` (m,); fields as the arguments of
+    `simulate_stroke`.
+    """
 
     rig: RigModel
     height_m: float
@@ -253,22 +301,30 @@ class Job:
 def simulate_strokes(
     jobs: Sequence[Job], threads: int | None = None, only_sensed: bool = False
 ) -> list[SimulatedStroke | SimulationFailed]:
-    """Simulates the strokes of `jobs`; each result is in the order of its job, a SimulationFailed where there is none.
+    """Simulates the strokes of `jobs`; each result is in the order of its job, a SimulationFailed
+    where there is none.
 
-    Strokes of one kind, with the same sample times and effects, move side by side, up to eight of them with common steps; results differ
-    from those of single strokes by less than `tolerance` allows. Those that touch down at about the same time are taken together, because
-    a step is as short as the worst of eight needs. On `threads`, or as many as there are cores: compiled code releases the interpreter
-    lock. If `only_sensed`, strokes of a block hold no more than the shaft's angle and the forces; new memory for the shapes takes a third
-    of the time. Raises BadInput for effects that do not fit, as for a single stroke.
-    """
+    Strokes of one kind, with the same sample times and effects, move side by side, up to eight of
+    them with common steps; results differ from those of single strokes by less than `tolerance`
+    allows. Those that touch down at about the same time are taken together, because a step is as
+    short as the worst of eight needs. On `threads`, or as many as there are cores: compiled code
+    releases the interpreter lock. If `only_sensed`, strokes of a block hold no more than the
+    shaft's angle and the forces; new memory for the shapes takes a third of the time. Raises
+    BadInput for effects that do not fit, as for a single stroke."""
     requests = [StrokeRequest(job.setup(), job.t_s, job.tolerance or Tolerance()) for job in jobs]
     blocks = _divide_into_blocks(requests, LANES, _order_by_likeness)
-    results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
+    results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(
+        jobs
+    )
 
     def simulate(block: Sequence[int]) -> None:
         # Sensed at once, while the samples are in the processor's cache.
-        for number, one in zip(block, _move_block([requests[number] for number in block], only_sensed), strict=True):
-            results[number] = one if isinstance(one, SimulationFailed) else _sense(requests[number].setup, *one)
+        for number, one in zip(
+            block, _move_block([requests[number] for number in block], only_sensed), strict=True
+        ):
+            results[number] = (
+                one if isinstance(one, SimulationFailed) else _sense(requests[number].setup, *one)
+            )
 
     with ThreadPoolExecutor(max(1, min(threads or cores(), len(blocks) or 1))) as pool:
         list(pool.map(simulate, blocks))
@@ -276,23 +332,38 @@ def simulate_strokes(
 
 
 def compile_side_by_side(rig: RigModel) -> None:
-    """Compiles what moves legs side by side, unless the disk has it, by moving two of them for a millisecond, far above the ground.
+    """Compiles what moves legs side by side, unless the disk has it, by moving two of them for a
+    millisecond, far above the ground.
 
-    They do not begin at rest: what finds their rest is compiled by every run, perhaps at this moment.
-    """
+    They do not begin at rest: what finds their rest is compiled by every run, perhaps at this
+    moment."""
     motion = ramp_to_speed(rig.leg.start_angle_rad, 1.0, rig.drive.ramp_s, 1e-3)
     setup = set_up(rig, 10.0, motion)
     chain = setup.chain()
     laws = setup.compile_laws(chain)
-    leg = Start(chain, laws, motion.shaft(), make_unloaded_state(chain, motion.start_rad, laws), allocate_workspace_of(chain))
-    move_side_by_side([leg, leg], 0.0, Tolerance(), allocate_samples_of_lanes(np.array([1e-3]), leg.state, only_sensed=True))
+    leg = Start(
+        chain,
+        laws,
+        motion.shaft(),
+        make_unloaded_state(chain, motion.start_rad, laws),
+        allocate_workspace_of(chain),
+    )
+    move_side_by_side(
+        [leg, leg],
+        0.0,
+        Tolerance(),
+        allocate_samples_of_lanes(np.array([1e-3]), leg.state, only_sensed=True),
+    )
 
 
 Pair = tuple[SimulatedStroke, SimulatedStroke | None]
 
 
-def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], only_sensed: bool = False) -> list[Pair | SimulationFailed]:
-    """Simulates variations of a stroke, each beside the stroke itself, so that their difference is free of what different steps would add.
+def simulate_variations(
+    here: StrokeRequest, varied: Sequence[StrokeRequest], only_sensed: bool = False
+) -> list[Pair | SimulationFailed]:
+    """Simulates variations of a stroke, each beside the stroke itself, so that their difference is
+    free of what different steps would add.
 
     Parameters
     ----------
@@ -306,10 +377,12 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], on
     Returns
     -------
     list
-        For each variation its stroke and that of `here` with the same steps; None for the latter where the two cannot move side by side,
-        as with other effects. SimulationFailed where a variation has no answer.
+        For each variation its stroke and that of `here` with the same steps; None for the latter
+        where the two cannot move side by side, as with other effects. SimulationFailed where a
+        variation has no answer.
     """
-    # Motions are numbered, because comparing them takes long. What changes only the sensor shares motion 0, that of `here`.
+    # Motions are numbered, because comparing them takes long. What changes only the sensor shares
+    # motion 0, that of `here`.
     numbers = {here.motion: 0}
     motion_of = [numbers.setdefault(request.motion, len(numbers)) for request in varied]
     first_of = {0: here}
@@ -321,14 +394,19 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], on
         # Sensed once for all variations beside it.
         stroke = None if isinstance(reference, SimulationFailed) else _sense(here.setup, *reference)
         found.update((number, (one, stroke)) for number, one in zip(block, moved, strict=True))
-        # Any of the blocks will do for what shares the motion of `here`, as long as both come from it.
+        # Any of the blocks will do for what shares the motion of `here`, as long as both come from
+        # it.
         found.setdefault(0, (reference, stroke))
 
-    beside = [number for number, request in first_of.items() if number and request.kind == here.kind]
+    beside = [
+        number for number, request in first_of.items() if number and request.kind == here.kind
+    ]
     apart = [number for number, request in first_of.items() if number and request.kind != here.kind]
     for places in _divide_into_blocks([first_of[number] for number in beside], LANES - 1):
         block = [beside[place] for place in places]
-        reference, *moved = _move_block([here, *(first_of[number] for number in block)], only_sensed)
+        reference, *moved = _move_block(
+            [here, *(first_of[number] for number in block)], only_sensed
+        )
         store(reference, block, moved)
     for places in _divide_into_blocks([first_of[number] for number in apart], LANES):
         block = [apart[place] for place in places]
@@ -339,7 +417,9 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], on
     pairs: list[Pair | SimulationFailed] = []
     for number, request in zip(motion_of, varied, strict=True):
         one, stroke = found[number]
-        pairs.append(one if isinstance(one, SimulationFailed) else (_sense(request.setup, *one), stroke))
+        pairs.append(
+            one if isinstance(one, SimulationFailed) else (_sense(request.setup, *one), stroke)
+        )
     return pairs
 
 
@@ -349,18 +429,32 @@ Moved = tuple[Samples, Steps] | SimulationFailed
 Order = Callable[[Sequence[StrokeRequest]], Sequence[int]]
 
 
-def _divide_into_blocks(requests: Sequence[StrokeRequest], most: int, order: Order = lambda alike: range(len(alike))) -> list[list[int]]:
-    """Numbers of the requests, those of one kind in blocks of up to `most`, in an order that is chosen for each kind."""
+def _divide_into_blocks(
+    requests: Sequence[StrokeRequest], most: int, order: Order = lambda alike: range(len(alike))
+) -> list[list[int]]:
+    """Numbers of the requests, those of one kind in blocks of up to `most`, in an order that is
+    chosen for each kind.
+    """
     groups: dict[Hashable, list[int]] = {}
     for number, request in enumerate(requests):
         groups.setdefault(request.kind, []).append(number)
-    ordered = [[group[place] for place in order([requests[number] for number in group])] for group in groups.values()]
-    return [group[first : first + most] for group in ordered for first in range(0, len(group), most)]
+    ordered = [
+        [group[place] for place in order([requests[number] for number in group])]
+        for group in groups.values()
+    ]
+    return [
+        group[first : first + most] for group in ordered for first in range(0, len(group), most)
+    ]
 
 
 def _order_by_likeness(requests: Sequence[StrokeRequest]) -> Sequence[int]:
-    """An order in which strokes of like heights and speeds stand together, by halving along the quantity that differs most (k-d tree)."""
-    turned = [float(np.diff(request.setup.motion.angle_rad(request.t_s[[0, -1]]))[0]) for request in requests]
+    """An order in which strokes of like heights and speeds stand together, by halving along the
+    quantity that differs most (k-d tree).
+    """
+    turned = [
+        float(np.diff(request.setup.motion.angle_rad(request.t_s[[0, -1]]))[0])
+        for request in requests
+    ]
     quantities = np.column_stack([turned, [request.setup.height_m for request in requests]])
     relative = quantities / np.maximum(np.abs(quantities).mean(axis=0), 1e-300)
 
@@ -377,7 +471,8 @@ def _order_by_likeness(requests: Sequence[StrokeRequest]) -> Sequence[int]:
 
 
 def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Moved]:
-    """Moves up to eight legs with the same sample times, side by side where the compiled chain allows it and all of them succeed.
+    """Moves up to eight legs with the same sample times, side by side where the compiled chain
+    allows it and all of them succeed.
 
     If `only_sensed`, their samples hold no more than the shaft's angle and the forces.
     """
@@ -386,10 +481,21 @@ def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Mo
         legs = [_begin(setup) for setup in setups]
         if len(legs) > 1 and len({leg.kind for leg in legs}) == 1:
             out = allocate_samples_of_lanes(t_s, legs[0].state, only_sensed)
-            each = [Samples(t_s, *(column[..., lane] for column in out[1:])) for lane in range(len(legs))]
-            moving = [_fill_rest(leg, setups[0].begins_s, own) for leg, own in zip(legs, each, strict=True)]
+            each = [
+                Samples(t_s, *(column[..., lane] for column in out[1:]))
+                for lane in range(len(legs))
+            ]
+            moving = [
+                _fill_rest(leg, setups[0].begins_s, own)
+                for leg, own in zip(legs, each, strict=True)
+            ]
             resting = len(t_s) - len(moving[0].t)
-            cost = move_side_by_side(legs, setups[0].begins_s, requests[0].tolerance, Samples(*(column[resting:] for column in out)))
+            cost = move_side_by_side(
+                legs,
+                setups[0].begins_s,
+                requests[0].tolerance,
+                Samples(*(column[resting:] for column in out)),
+            )
             return [(own, cost) for own in each]
     except SimulationFailed:
         # Below, each stroke succeeds or fails alone.

@@ -1,15 +1,18 @@
 """A law given by a table of values: a measured law for the simulator, without a formula.
 
-It is linear between its knots and constant beyond them. Where it acts (`place`), what it depends on (`argument`), and its unit:
+It is linear between its knots and constant beyond them. Where it acts (`place`), what it depends on
+(`argument`), and its unit:
 
     place                argument            value
     hinges, hinge2 ...   rate_rad_s          N m that resist the turn
                          angle_rad           N m that resist the angle, beside the spring
-                         spring_torque_Nm    N m of friction against the turn, by the magnitude of the spring's torque
+                         spring_torque_Nm    N m of friction against the turn, by the spring's
+                                             torque
     joints, joint1 ...   rate_rad_s, angle_rad, as in a hinge; for pendulums
-    floor_friction       slip_m_s, load_N    share by which the friction coefficient is larger, 0 for as large as it is
+    floor_friction       slip_m_s, load_N    share by which the friction coefficient is larger
     floor_normal         depth_m             N that the floor pushes more
-    fy_N, fz_N, tx_Nm    reading_N or reading_Nm, time_s, shaft_angle_rad: N or N m that this channel of the sensor reads too much
+    fy_N, fz_N, tx_Nm    reading_N or reading_Nm, time_s, shaft_angle_rad: N or N m that this
+                         channel of the sensor reads too much
 """
 
 from collections.abc import Callable
@@ -31,12 +34,17 @@ Floats = NDArray[np.float64]
 
 TABULATED_LAW = "tabulated_law"
 FEWEST_KNOTS, MOST_KNOTS = 2, 200  # the compiled law searches them one by one
-SURE_OF_SIGN_RAD_S = 0.05  # below this rate its sign is smoothed, or no step of the integrator would converge
-REACH_M = 5e-5  # depth over which a normal force builds up, so that it does not jump where the tip touches
+SURE_OF_SIGN_RAD_S = (
+    0.05  # below this rate its sign is smoothed, or no step of the integrator would converge
+)
+# depth over which a normal force builds up, so that it does not jump where the tip touches
+REACH_M = 5e-5
 
 
 def interpolate(x: float, parameter: Any) -> tuple[float, float]:
-    """Value and slope at x of the table behind the parameters; the first parameter is its number of knots."""
+    """Value and slope at x of the table behind the parameters; the first parameter is its number
+    of knots.
+    """
     n = int(parameter[0])
     if x <= parameter[TABLE]:
         return parameter[TABLE + n], 0.0
@@ -53,12 +61,28 @@ interpolate = numba.njit(interpolate, error_model="numpy")
 
 
 # All laws of a place have the same signature, whichever arguments they use.
-def by_rate(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:  # noqa: ARG001
+def by_rate(
+    phi: float,  # noqa: ARG001
+    rate: float,
+    elapsed: float,  # noqa: ARG001
+    k0: float,  # noqa: ARG001
+    k2: float,  # noqa: ARG001
+    memory: Any,  # noqa: ARG001
+    parameter: Any,
+) -> tuple[float, float, float]:
     value, slope = interpolate(rate, parameter)
     return value, 0.0, slope
 
 
-def by_angle(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:  # noqa: ARG001
+def by_angle(
+    phi: float,
+    rate: float,  # noqa: ARG001
+    elapsed: float,  # noqa: ARG001
+    k0: float,  # noqa: ARG001
+    k2: float,  # noqa: ARG001
+    memory: Any,  # noqa: ARG001
+    parameter: Any,
+) -> tuple[float, float, float]:
     value, slope = interpolate(phi, parameter)
     return value, slope, 0.0
 
@@ -96,7 +120,9 @@ def by_depth(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[fl
 
 @dataclass(frozen=True)
 class LawKind:
-    """One line of the table above: `where` as in an effect, units of argument and value ("" for none), and how it changes a setup."""
+    """One line of the table above: `where` as in an effect, units of argument and value ("" for
+    none), and how it changes a setup.
+    """
 
     where: str
     argument_unit: str
@@ -105,22 +131,38 @@ class LawKind:
 
 
 def kind_of(place: str, argument: str) -> LawKind:
-    """Kind of a law at this place with this argument. Raises BadInput for a place or an argument that is not in the table above."""
+    """Kind of a law at this place with this argument. Raises BadInput for a place or an argument
+    that is not in the table above.
+    """
     family = next((name for name in ("hinge", "joint") if _is_one_of(name, place)), place)
     kinds = _KINDS.get(family)
     if kinds is None:
-        places = "hinges, hinge2 and on, joints, joint1 and on, floor_friction, floor_normal, fy_N, fz_N, tx_Nm"
+        places = (
+            "hinges, hinge2 and on, joints, joint1 and on, floor_friction, floor_normal, "
+            "fy_N, fz_N, tx_Nm"
+        )
         raise BadInput(f"{TABULATED_LAW}: place {place!r} is not known; there are {places}")
     if argument not in kinds:
-        raise BadInput(f"{TABULATED_LAW}: at {place} a law cannot depend on {argument!r}; it can on {', '.join(kinds)}")
+        raise BadInput(
+            f"{TABULATED_LAW}: at {place} a law cannot depend on {argument!r}; it can on "
+            f"{', '.join(kinds)}"
+        )
     return kinds[argument]
 
 
 def check_table(table: LawTable) -> LawKind:
-    """Checks a table and returns its kind. Raises BadInput, in one line, for one that cannot be simulated."""
-    kind, of = kind_of(table.place, table.argument), f"{TABULATED_LAW} of {table.argument} at {table.place}"
+    """Checks a table and returns its kind. Raises BadInput, in one line, for one that cannot be
+    simulated.
+    """
+    kind, of = (
+        kind_of(table.place, table.argument),
+        f"{TABULATED_LAW} of {table.argument} at {table.place}",
+    )
     if len(table.knots) != len(table.values):
-        raise BadInput(f"{of}: {len(table.knots)} knots, but {len(table.values)} values; give one value per knot")
+        raise BadInput(
+            f"{of}: {len(table.knots)} knots, but {len(table.values)} values; give one "
+            "value per knot"
+        )
     if not FEWEST_KNOTS <= len(table.knots) <= MOST_KNOTS:
         raise BadInput(f"{of}: {len(table.knots)} knots; give {FEWEST_KNOTS} to {MOST_KNOTS}")
     if not np.isfinite((*table.knots, *table.values)).all():
@@ -128,22 +170,41 @@ def check_table(table: LawTable) -> LawKind:
     steps = np.diff(table.knots)
     if (steps <= 0.0).any():
         i = int(np.argmax(steps <= 0.0))
-        raise BadInput(f"{of}: knot {i + 2} ({table.knots[i + 1]:g}) is not above the one before ({table.knots[i]:g}); sort them")
+        raise BadInput(
+            f"{of}: knot {i + 2} ({table.knots[i + 1]:g}) is not above the one before "
+            f"({table.knots[i]:g}); sort them"
+        )
     if table.place == "floor_friction" and min(table.values) < -1.0:
-        raise BadInput(f"{of}: value {min(table.values):g} would turn friction round; -1 takes it away, give no less")
+        raise BadInput(
+            f"{of}: value {min(table.values):g} would turn friction round; -1 takes it "
+            "away, give no less"
+        )
     return kind
 
 
 def effect_of_table(table: LawTable | None) -> Effect:
-    """The effect that simulates the table. Raises BadInput where there is none, or none that can be simulated."""
+    """The effect that simulates the table. Raises BadInput where there is none, or none that can
+    be simulated.
+    """
     if table is None:
-        raise BadInput(f"effect {TABULATED_LAW}: takes place, argument, knots and values, was given none of them")
+        raise BadInput(
+            f"effect {TABULATED_LAW}: takes place, argument, knots and values, was given "
+            "none of them"
+        )
     kind = check_table(table)
 
     def apply(setup: Setup, values: Values) -> Setup:  # noqa: ARG001
         return kind.apply(setup, table)
 
-    return Effect(TABULATED_LAW, kind.where, f"a law of {table.argument} at {table.place}", "tabulated", "measured", (), apply)
+    return Effect(
+        TABULATED_LAW,
+        kind.where,
+        f"a law of {table.argument} at {table.place}",
+        "tabulated",
+        "measured",
+        (),
+        apply,
+    )
 
 
 def _is_one_of(name: str, place: str) -> bool:
@@ -155,16 +216,22 @@ def _use(place: int, law: Law, table: LawTable, only: int = -1) -> LawUse:
 
 
 def _in_hinges(law: Law, first: int, setup: Setup, table: LawTable) -> Setup:
-    """`first` is the number of the first hinge for the user: 2 behind the shaft of a leg, 1 for a pendulum's joint."""
+    """`first` is the number of the first hinge for the user: 2 behind the shaft of a leg, 1 for
+    a pendulum's joint.
+    """
     if table.argument == "spring_torque_Nm" and setup.rig.leg.torque_splines:
         raise BadInput(
-            f"{TABULATED_LAW}: a law of {table.argument} is computed from k0 and k2, and the hinges of this leg follow a measured curve "
+            f"{TABULATED_LAW}: a law of {table.argument} is computed from k0 and k2, and "
+            "the hinges of this leg follow a measured curve "
             "(leg.torque_rotation); take the argument angle_rad"
         )
     number, last = table.place.lstrip("hingejot"), len(setup.rig.leg.link_lengths_m) - 2 + first
     if number.isdecimal() and not first <= int(number) <= last:
-        raise BadInput(f"{TABULATED_LAW}: {table.place} is not there; this rig has {first} to {last}")
-    # In the chain, link 0 is the shaft's (or the fixed one of a pendulum), so the first hinge has the index 1.
+        raise BadInput(
+            f"{TABULATED_LAW}: {table.place} is not there; this rig has {first} to {last}"
+        )
+    # In the chain, link 0 is the shaft's (or the fixed one of a pendulum), so the first hinge has
+    # the index 1.
     only = int(number) - first + 1 if number.isdecimal() else -1
     return replace(setup, laws=(*setup.laws, _use(HINGE, law, table, only)))
 
@@ -183,14 +250,21 @@ def _read(argument: Callable[[SensorOutput, str], Floats], setup: Setup, table: 
 
 
 def _hinge(first: int, argument_unit: str, law: Law) -> LawKind:
-    return LawKind("hinges" if first > 1 else "pendulum-like rigs", argument_unit, "N m", partial(_in_hinges, law, first))
+    return LawKind(
+        "hinges" if first > 1 else "pendulum-like rigs",
+        argument_unit,
+        "N m",
+        partial(_in_hinges, law, first),
+    )
 
 
 def _channel(unit: str) -> dict[str, LawKind]:
     return {
         f"reading_{unit.replace(' ', '')}": LawKind("sensor", unit, unit, partial(_read, getattr)),
         "time_s": LawKind("sensor", "s", unit, partial(_read, lambda felt, _: felt.t_s)),
-        "shaft_angle_rad": LawKind("sensor", "rad", unit, partial(_read, lambda felt, _: felt.shaft_rad)),
+        "shaft_angle_rad": LawKind(
+            "sensor", "rad", unit, partial(_read, lambda felt, _: felt.shaft_rad)
+        ),
     }
 
 

@@ -20,7 +20,15 @@ from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.window_fit import WindowFit
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue, families_of
-from rfca_rig.notebook.recordings import OpenedRecordings, Row, html_table, make_axes, make_frame, open_path, show_progress
+from rfca_rig.notebook.recordings import (
+    OpenedRecordings,
+    Row,
+    html_table,
+    make_axes,
+    make_frame,
+    open_path,
+    show_progress,
+)
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.diagnosis.files import write_diagnosis
 from rfca_rig.reports.diagnosis.tables import all_misfits
@@ -63,7 +71,10 @@ class DiagnosisResult:
 
     def effects(self) -> "pandas.DataFrame":
         """A row per parameter of each stated effect, with the ends of its 90 % interval."""
-        return make_frame(self._effect_rows(), ("effect", "probability", "parameter", "value", "low_90", "high_90"))
+        return make_frame(
+            self._effect_rows(),
+            ("effect", "probability", "parameter", "value", "low_90", "high_90"),
+        )
 
     def rivals(self) -> "pandas.DataFrame":
         """A row per set of effects that was compared, most probable first."""
@@ -79,8 +90,13 @@ class DiagnosisResult:
         return make_frame(list(rows))
 
     def errors(self) -> "pandas.DataFrame":
-        """A row per signal: rms error of the nominal and of the amended model, and on held-out conditions."""
-        return make_frame(self._error_rows(), ("signal", "before", "after", "held_out_before", "held_out_after", "noise"))
+        """A row per signal: rms error of the nominal and of the amended model, and on held-out
+        conditions.
+        """
+        return make_frame(
+            self._error_rows(),
+            ("signal", "before", "after", "held_out_before", "held_out_after", "noise"),
+        )
 
     def save(self, folder: str | Path) -> Path:
         """Write diagnosis.html, diagnosis.json and the tables into `folder`; returns the page."""
@@ -88,12 +104,20 @@ class DiagnosisResult:
         return Path(folder) / "diagnosis.html"
 
     def plot(self, number: int = 0, ax: "Axes | None" = None) -> "Axes":
-        """Draw one measured signal with the nominal and the amended model into `ax`, or into a new figure."""
+        """Draw one measured signal with the nominal and the amended model into `ax`, or into a
+        new figure.
+        """
         overlays = self.diagnosis.overlays
         if not 0 <= number < len(overlays):
-            raise BadInput(f"there are {len(overlays)} signals to draw, numbered from 0; there is no {number}")
+            raise BadInput(
+                f"there are {len(overlays)} signals to draw, numbered from 0; there is no {number}"
+            )
         ax, shown = make_axes(ax), overlays[number]
-        for label, values in (("measured", shown.measured), ("nominal model", shown.before), ("amended model", shown.after)):
+        for label, values in (
+            ("measured", shown.measured),
+            ("nominal model", shown.before),
+            ("amended model", shown.after),
+        ):
             ax.plot(shown.t_s, values, label=label, linestyle="-" if label == "measured" else "--")
         ax.set(xlabel="time in s", ylabel=shown.signal, title=shown.condition)
         ax.legend()
@@ -134,7 +158,9 @@ class DiagnosisResult:
         return f"{self.grade}{probability}: {self.sentence}"
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), self._effect_rows()) + html_table("rms error", self._error_rows())
+        return html_table(repr(self), self._effect_rows()) + html_table(
+            "rms error", self._error_rows()
+        )
 
 
 @dataclass(frozen=True)
@@ -200,7 +226,11 @@ class ReportResult:
 
 
 def diagnose(
-    *sources: Source, without: Sequence[str] = (), law_at: str = "", as_is: bool = False, progress: bool = True
+    *sources: Source,
+    without: Sequence[str] = (),
+    law_at: str = "",
+    as_is: bool = False,
+    progress: bool = True,
 ) -> DiagnosisResult:
     """Say which physics the model of recordings lacks, with size and probability.
 
@@ -213,7 +243,8 @@ def diagnose(
     law_at
         Place where a law is measured as well, see `docs/measured-laws.md`.
     as_is
-        Take values that are probably in another unit or of another sign; otherwise they are refused with a guess.
+        Take values that are probably in another unit or of another sign; otherwise they are refused
+        with a guess.
     progress
         Show a bar, where tqdm is installed.
 
@@ -230,11 +261,17 @@ def diagnose(
             return DiagnosisResult(diagnose_mechanism(one, move, without, law_at, as_is).diagnosis)
         if isinstance(one, PendulumCampaign):
             return DiagnosisResult(diagnose_pendulum(one, move, without, law_at))
-        return DiagnosisResult(diagnose_leg(_recordings(sources, as_is), move, None, without, law_at))
+        return DiagnosisResult(
+            diagnose_leg(_recordings(sources, as_is), move, None, without, law_at)
+        )
 
 
 def fit(
-    *sources: Source, parameters: Sequence[str] = (), effects: Sequence[str] = (), as_is: bool = False, progress: bool = True
+    *sources: Source,
+    parameters: Sequence[str] = (),
+    effects: Sequence[str] = (),
+    as_is: bool = False,
+    progress: bool = True,
 ) -> FittedResult:
     """Fit values of the nominal model to recordings.
 
@@ -247,7 +284,8 @@ def fit(
     effects
         Of a mechanism: ids of effects that are put into the model.
     as_is
-        Take values that are probably in another unit or of another sign; otherwise they are refused with a guess.
+        Take values that are probably in another unit or of another sign; otherwise they are refused
+        with a guess.
     progress
         Show a bar, where tqdm is installed.
 
@@ -258,7 +296,9 @@ def fit(
     """
     one = _with_own_model(sources)
     if effects and not isinstance(one, Experiment):
-        raise BadInput("effects: are for recordings of a mechanism (experiment.toml); leave them out here")
+        raise BadInput(
+            "effects: are for recordings of a mechanism (experiment.toml); leave them out here"
+        )
     with show_progress("fit", progress) as move:
         if isinstance(one, Experiment):
             return _of_windows(fit_mechanism(one, move, list(parameters), list(effects), as_is).fit)
@@ -269,8 +309,14 @@ def fit(
 
 
 def _of_windows(found: WindowFit) -> FittedResult:
-    shifts = tuple({"name": s.name, "shift": s.value, "std": s.std, "prior_std": s.prior_std} for s in found.shifts)
-    sizes = tuple({"name": f"{s.effect}.{s.name}", "shift": s.value, "std": s.std, "prior_std": None} for s in found.sizes)
+    shifts = tuple(
+        {"name": s.name, "shift": s.value, "std": s.std, "prior_std": s.prior_std}
+        for s in found.shifts
+    )
+    sizes = tuple(
+        {"name": f"{s.effect}.{s.name}", "shift": s.value, "std": s.std, "prior_std": None}
+        for s in found.sizes
+    )
     return FittedResult(found, shifts + sizes)
 
 
@@ -289,14 +335,17 @@ def report(*sources: Source, out: str | Path = "report", as_is: bool = False) ->
     Raises
     ------
     BadInput
-        Where the recordings cannot be used; of pendulums and mechanisms the command `rfca-rig report` writes the page.
+        Where the recordings cannot be used; of pendulums and mechanisms the command `rfca-rig
+        report` writes the page.
     """
     written = write_report(_recordings(sources, as_is), Path(out))
     return ReportResult(written.pages[0], written.table)
 
 
 def effects() -> "pandas.DataFrame":
-    """The catalogue of effects of the leg: id, where it acts, law, families, parameters with plausible ranges, source."""
+    """The catalogue of effects of the leg: id, where it acts, law, families, parameters with
+    plausible ranges, source.
+    """
     rows = (
         {
             "id": one.id,
@@ -312,12 +361,16 @@ def effects() -> "pandas.DataFrame":
 
 
 def _with_own_model(sources: Sequence[Source]) -> PendulumCampaign | Experiment | None:
-    """The only source, where it has a model of its own; None for recordings of a leg. Raises BadInput where it is one of several."""
+    """The only source, where it has a model of its own; None for recordings of a leg. Raises
+    BadInput where it is one of several.
+    """
     paths = _paths(sources)
     # Both refuse such a folder beside others.
     if experiment_among(paths) is None and pendulum_among(paths) is None:
         return None
-    content = (sources[0] if isinstance(sources[0], OpenedRecordings) else open_path(sources[0])).content
+    content = (
+        sources[0] if isinstance(sources[0], OpenedRecordings) else open_path(sources[0])
+    ).content
     return None if isinstance(content, Recording) else content
 
 
@@ -332,4 +385,6 @@ def _recordings(sources: Sequence[Source], as_is: bool) -> list[Recording]:
 def _paths(sources: Sequence[Source]) -> list[Path]:
     if not sources:
         raise BadInput("give recordings: a path, or what rr.open returned")
-    return [source.path if isinstance(source, OpenedRecordings) else Path(source) for source in sources]
+    return [
+        source.path if isinstance(source, OpenedRecordings) else Path(source) for source in sources
+    ]

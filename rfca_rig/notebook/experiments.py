@@ -37,7 +37,13 @@ class CheckedPlan:
         return make_frame(self.rows)
 
     def _repr_html_(self) -> str:
-        return html_table(f"{self.plan.title}: {len(self.plan.stages)} stages, at most {self.plan.duration_s:.0f} s", self.rows)
+        return html_table(
+            (
+                f"{self.plan.title}: {len(self.plan.stages)} stages, at most "
+                f"{self.plan.duration_s:.0f} s"
+            ),
+            self.rows,
+        )
 
 
 def plan(
@@ -65,7 +71,10 @@ def plan(
         Where a stage passes a limit, or a file cannot be used.
     """
     config = _configure(
-        RunOptions(str(rig), str(protocol), None, Path("runs"), is_dry=True, is_quiet=True), height_mm, speed_rad_s, repeats
+        RunOptions(str(rig), str(protocol), None, Path("runs"), is_dry=True, is_quiet=True),
+        height_mm,
+        speed_rad_s,
+        repeats,
     )
     loads = check_before_run(config, lambda _: None)
     rows = (
@@ -94,7 +103,8 @@ def run(
 ) -> OpenedRecordings:
     """Run a dynamic or static protocol on a twin and open its recording.
 
-    Hardware is run from a terminal, by the commands of the same names: there, ^C reaches the control loop at once.
+    Hardware is run from a terminal, by the commands of the same names: there, ^C reaches the
+    control loop at once.
 
     Parameters
     ----------
@@ -114,7 +124,9 @@ def run(
     Tripped
         Where a limit stopped the run; what was recorded is kept.
     """
-    options = RunOptions(str(rig), str(protocol), None, Path(runs), seed, operator, sample, is_quiet=True)
+    options = RunOptions(
+        str(rig), str(protocol), None, Path(runs), seed, operator, sample, is_quiet=True
+    )
     config = _configure(options, height_mm, speed_rad_s, repeats)
     if config.rig.is_real:
         command = f"rfca-rig {config.plan.experiment} run --protocol {protocol} --rig {rig}"
@@ -124,13 +136,20 @@ def run(
     return open_path(folder)
 
 
-def _configure(options: RunOptions, height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> RunConfig:
+def _configure(
+    options: RunOptions, height_mm: float | None, speed_rad_s: float | None, repeats: int | None
+) -> RunConfig:
     if (height_mm is None) != (speed_rad_s is None):
-        raise BadInput("give height_mm and speed_rad_s together; alone, each leaves the other to chance")
+        raise BadInput(
+            "give height_mm and speed_rad_s together; alone, each leaves the other to chance"
+        )
 
     def make_plan(path: Path, facts: RigFacts) -> Plan:
         if height_mm is speed_rad_s is repeats is None:
             return read_plan(path, facts)
-        return flapping_plan(replace_conditions(read_dynamic(path), height_mm, speed_rad_s, repeats).flapping(), facts)
+        return flapping_plan(
+            replace_conditions(read_dynamic(path), height_mm, speed_rad_s, repeats).flapping(),
+            facts,
+        )
 
     return make_run_config(options, make_plan)

@@ -1,4 +1,5 @@
-"""Recordings of any kind as xarray datasets and pandas tables, and what all results of the library share.
+"""Recordings of any kind as xarray datasets and pandas tables, and what all results of the library
+share.
 
 Shared are tables for pandas and for a notebook's page, axes to draw into, and progress bars.
 """
@@ -39,20 +40,29 @@ def require(module: str) -> Any:
     try:
         return import_module(module)
     except ImportError:
-        raise BadInput(f'{module} is not installed; pip install "rfca-rig[{EXTRA}]" brings it') from None
+        raise BadInput(
+            f'{module} is not installed; pip install "rfca-rig[{EXTRA}]" brings it'
+        ) from None
 
 
 def make_frame(rows: Sequence[Row], columns: Sequence[str] = ()) -> "pandas.DataFrame":
     """A pandas table of rows; `columns` are those of a table without rows."""
-    frame: pandas.DataFrame = require("pandas").DataFrame(list(rows), columns=None if rows else list(columns))
+    frame: pandas.DataFrame = require("pandas").DataFrame(
+        list(rows), columns=None if rows else list(columns)
+    )
     return frame
 
 
 def html_table(title: str, rows: Sequence[Row]) -> str:
     """A table for a notebook's page, with its title above; every text is escaped."""
     head = "".join(f"<th>{html_text(name)}</th>" for name in (rows[0] if rows else ()))
-    body = "".join("<tr>" + "".join(f"<td>{html_text(_text(value))}</td>" for value in row.values()) + "</tr>" for row in rows)
-    return f"<p><b>{html_text(title)}</b></p>" + (f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else "")
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html_text(_text(value))}</td>" for value in row.values()) + "</tr>"
+        for row in rows
+    )
+    return f"<p><b>{html_text(title)}</b></p>" + (
+        f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else ""
+    )
 
 
 def _text(value: object) -> str:
@@ -70,7 +80,8 @@ def make_axes(ax: "Axes | None") -> "Axes":
 
 @contextmanager
 def show_progress(what: str, wanted: bool) -> Iterator[Callable[[str, float], None]]:
-    """A callback for the current step and the share done, which moves a bar: a widget in a notebook, a line in a terminal.
+    """A callback for the current step and the share done, which moves a bar: a widget in a
+    notebook, a line in a terminal.
 
     Without the optional tqdm, and where none is wanted, there is no bar.
     """
@@ -109,7 +120,8 @@ class OpenedRecordings:
     path
         Where they lie.
     content
-        What the files hold: a `Recording` of a leg, a `PendulumCampaign`, or an `Experiment` with a mechanism.
+        What the files hold: a `Recording` of a leg, a `PendulumCampaign`, or an `Experiment` with a
+        mechanism.
     allow_outside
         Files outside the folder may be read, too.
     """
@@ -134,15 +146,22 @@ class OpenedRecordings:
     def to_xarray(self, number: int = 0) -> "xarray.Dataset":
         """The samples of motion `number` in SI units, as measured.
 
-        A leg's devices have time bases of their own, so each has a dimension of its own: `force_t_s`, `shaft_t_s`.
-        """
+        A leg's devices have time bases of their own, so each has a dimension of its own:
+        `force_t_s`, `shaft_t_s`."""
         motion, dataset = self._motion(number), require("xarray").Dataset
         if isinstance(motion, Stroke):
             found: xarray.Dataset = dataset(*_stroke_data(motion))
             return found
         times = {"t_s": ("t_s", motion.t_s, {"units": "s"})}
         about = {"title": self.title, "run": motion.label, "condition": motion.condition}
-        found = dataset({name: ("t_s", values, {"units": unit}) for name, values, unit in self._columns(motion)}, times, about)
+        found = dataset(
+            {
+                name: ("t_s", values, {"units": unit})
+                for name, values, unit in self._columns(motion)
+            },
+            times,
+            about,
+        )
         return found
 
     def table(self) -> "pandas.DataFrame":
@@ -150,18 +169,31 @@ class OpenedRecordings:
         return make_frame(self._rows())
 
     def static_table(self) -> "pandas.DataFrame":
-        """A row per static stage of a leg: means after settling, hinge angles with their standard deviations."""
-        stages: Iterable[StaticStage] = self.content.static if isinstance(self.content, Recording) else ()
+        """A row per static stage of a leg: means after settling, hinge angles with their
+        standard deviations.
+        """
+        stages: Iterable[StaticStage] = (
+            self.content.static if isinstance(self.content, Recording) else ()
+        )
         return make_frame([_static_row(stage) for stage in stages], STATIC_COLUMNS)
 
     def plot(self, number: int = 0, ax: "Axes | None" = None) -> "Axes":
-        """Draw the forces of a stroke, or the signals of a run, over time into `ax`, or into a new figure."""
+        """Draw the forces of a stroke, or the signals of a run, over time into `ax`, or into a
+        new figure.
+        """
         motion, ax = self._motion(number), make_axes(ax)
         if isinstance(motion, Stroke):
-            shown = [(name, *found) for name in ("fz_N", "fy_N") if (found := motion.channel(name)) is not None]
+            shown = [
+                (name, *found)
+                for name in ("fz_N", "fy_N")
+                if (found := motion.channel(name)) is not None
+            ]
             ax.set_ylabel("force on the sensor in N")
         else:
-            shown = [(f"{name} in {unit}", motion.t_s, values) for name, values, unit in self._columns(motion)]
+            shown = [
+                (f"{name} in {unit}", motion.t_s, values)
+                for name, values, unit in self._columns(motion)
+            ]
         for label, t_s, values in shown:
             ax.plot(t_s, values, label=label)
         ax.set(xlabel="time in s", title=f"{self.title}, {number}")
@@ -176,20 +208,35 @@ class OpenedRecordings:
 
     def _motion(self, number: int) -> Stroke | PendulumRun | MechanismRun:
         if not -len(self) <= number < len(self):
-            raise BadInput(f"{self.path}: holds {len(self)} motions, numbered from 0; there is no {number}")
+            raise BadInput(
+                f"{self.path}: holds {len(self)} motions, numbered from 0; there is no {number}"
+            )
         return self.strokes[number]
 
     def _rows(self) -> list[Row]:
-        return [describe_stroke(one) if isinstance(one, Stroke) else _run_row(one) for one in self.strokes]
+        return [
+            describe_stroke(one) if isinstance(one, Stroke) else _run_row(one)
+            for one in self.strokes
+        ]
 
     def _columns(self, run: PendulumRun | MechanismRun) -> list[tuple[str, Any, str]]:
         if isinstance(run, PendulumRun):
             speeds = () if run.speed_rad_s is None else (("speed", run.speed_rad_s, "rad/s"),)
             groups = (("angle", run.angle_rad, "rad"), *speeds, ("torque", run.torque_Nm, "N m"))
-            return [(f"{name}_{j + 1}", values[:, j], unit) for name, values, unit in groups for j in range(values.shape[1])]
+            return [
+                (f"{name}_{j + 1}", values[:, j], unit)
+                for name, values, unit in groups
+                for j in range(values.shape[1])
+            ]
         assert isinstance(self.content, Experiment)
-        signals = [(f"{s.name}.{s.quantity}", run.signals[:, k], s.unit) for k, s in enumerate(self.content.signals)]
-        return signals + [(f"{name}.command", run.commands[:, k], "") for k, name in enumerate(self.content.actuators)]
+        signals = [
+            (f"{s.name}.{s.quantity}", run.signals[:, k], s.unit)
+            for k, s in enumerate(self.content.signals)
+        ]
+        return signals + [
+            (f"{name}.command", run.commands[:, k], "")
+            for k, name in enumerate(self.content.actuators)
+        ]
 
 
 def _stroke_data(stroke: Stroke) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
@@ -201,31 +248,56 @@ def _stroke_data(stroke: Stroke) -> tuple[dict[str, Any], dict[str, Any], dict[s
         times[along] = (along, stream.t_s, {"units": "s"})
         # Two devices may give the same quantity, as motor and encoder give an angle.
         data |= {
-            name if name not in data else f"{device}_{name}": (along, c.values, {"units": c.unit}) for name, c in stream.columns.items()
+            name if name not in data else f"{device}_{name}": (along, c.values, {"units": c.unit})
+            for name, c in stream.columns.items()
         }
-    return data, times, {"height_mm": 1e3 * stroke.height_m, "speed_rad_s": stroke.speed_rad_s, "repeat": stroke.repeat}
+    return (
+        data,
+        times,
+        {
+            "height_mm": 1e3 * stroke.height_m,
+            "speed_rad_s": stroke.speed_rad_s,
+            "repeat": stroke.repeat,
+        },
+    )
 
 
 def _run_row(run: PendulumRun | MechanismRun) -> Row:
-    return {"run": run.label, "condition": run.condition, "duration_s": float(run.t_s[-1] - run.t_s[0]), "samples": len(run.t_s)}
+    return {
+        "run": run.label,
+        "condition": run.condition,
+        "duration_s": float(run.t_s[-1] - run.t_s[0]),
+        "samples": len(run.t_s),
+    }
 
 
 def _static_row(stage: StaticStage) -> Row:
     hinges = {f"hinge{k}_deg": angle for k, angle in enumerate(stage.hinge_deg, start=2)}
     stds = {f"hinge{k}_std_deg": std for k, std in enumerate(stage.hinge_std_deg, start=2)}
     own = {name: getattr(stage, name) for name in STATIC_COLUMNS[1:]}
-    return {"height_mm": round(1e3 * stage.height_m, 6), **own, **hinges, **stds, "settled": stage.settled, "photo": stage.photo}
+    return {
+        "height_mm": round(1e3 * stage.height_m, 6),
+        **own,
+        **hinges,
+        **stds,
+        "settled": stage.settled,
+        "photo": stage.photo,
+    }
 
 
-def open_path(path: str | Path, *, as_is: bool = False, allow_outside: bool = False) -> OpenedRecordings:
-    """Open recordings: a run, an .h5 file, a campaign, a campaign of a pendulum, or a folder with experiment.toml.
+def open_path(
+    path: str | Path, *, as_is: bool = False, allow_outside: bool = False
+) -> OpenedRecordings:
+    """Open recordings: a run, an .h5 file, a campaign, a campaign of a pendulum, or a folder with
+    experiment.toml.
 
     Parameters
     ----------
     path
         The folder or file.
     as_is
-        Take values of a campaign that are probably in another unit; otherwise they are refused with a guess.
+        Take values of a campaign that are probably in another unit; otherwise they are refused with
+        a guess.
     allow_outside
         Read files outside the folder, too, to which its links or its model lead.
 

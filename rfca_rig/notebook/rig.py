@@ -57,7 +57,9 @@ class Rig:
             One line with file and line where a file cannot be used.
         """
         file = read_rig(find_rig(str(path)))
-        return cls(str(path), file, file.model() if model is None else read_model_file(Path(model)).model())
+        return cls(
+            str(path), file, file.model() if model is None else read_model_file(Path(model)).model()
+        )
 
     @property
     def is_real(self) -> bool:
@@ -68,7 +70,10 @@ class Rig:
         return f"Rig({self.name!r}: {self.file.rig.title}, {'REAL' if self.is_real else 'SIM'})"
 
     def _repr_html_(self) -> str:
-        sections = ({"section": key, "values": ", ".join(f"{k} = {v}" for k, v in of.items())} for key, of in self.file.nominal().items())
+        sections = (
+            {"section": key, "values": ", ".join(f"{k} = {v}" for k, v in of.items())}
+            for key, of in self.file.nominal().items()
+        )
         return html_table(repr(self), list(sections))
 
 
@@ -84,7 +89,9 @@ class SimulatedResult:
         return self.prediction.summary()
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Shaft angle, forces and torques over `t_s`, and per link the angle and the normal force at its end; units are attributes."""
+        """Shaft angle, forces and torques over `t_s`, and per link the angle and the normal
+        force at its end; units are attributes.
+        """
         stroke = self.prediction.stroke
         along = {
             "shaft_angle_rad": (stroke.shaft_angle_rad, "rad"),
@@ -96,8 +103,14 @@ class SimulatedResult:
         per_link = {"link_angle_rad": (stroke.q_rad, "rad"), "normal_N": (stroke.normal_N, "N")}
         data: dict[str, tuple[tuple[str, ...], Floats, dict[str, str]]]
         data = {name: (("t_s",), values, {"units": unit}) for name, (values, unit) in along.items()}
-        data |= {name: (("t_s", "link"), values, {"units": unit}) for name, (values, unit) in per_link.items()}
-        coordinates = {"t_s": ("t_s", stroke.t_s, {"units": "s"}), "link": np.arange(1, stroke.q_rad.shape[1] + 1)}
+        data |= {
+            name: (("t_s", "link"), values, {"units": unit})
+            for name, (values, unit) in per_link.items()
+        }
+        coordinates = {
+            "t_s": ("t_s", stroke.t_s, {"units": "s"}),
+            "link": np.arange(1, stroke.q_rad.shape[1] + 1),
+        }
         figures = {name: value for name, value in self.summary.items() if value is not None}
         found: xarray.Dataset = require("xarray").Dataset(data, coordinates, figures)
         return found
@@ -112,14 +125,23 @@ class SimulatedResult:
         return ax
 
     def _repr_html_(self) -> str:
-        return html_table(_title(self.prediction), [{"quantity": name, "value": value} for name, value in self.summary.items()])
+        return html_table(
+            _title(self.prediction),
+            [{"quantity": name, "value": value} for name, value in self.summary.items()],
+        )
 
 
 def _title(prediction: Prediction) -> str:
     return f"stroke at {1e3 * prediction.height_m:g} mm, {prediction.speed_rad_s:g} rad/s"
 
 
-def simulate(rig: Rig | str | Path = "twin", *, height_mm: float, speed_rad_s: float, sweep_deg: float = 200.0) -> SimulatedResult:
+def simulate(
+    rig: Rig | str | Path = "twin",
+    *,
+    height_mm: float,
+    speed_rad_s: float,
+    sweep_deg: float = 200.0,
+) -> SimulatedResult:
     """Simulate one stroke at constant shaft speed.
 
     Parameters

@@ -1,4 +1,5 @@
-"""A plan is data: a list of frozen stages that check, printout, progress bar and run all go through.
+"""A plan is data: a list of frozen stages that check, printout, progress bar and run all go
+through.
 
 A fatigue run has turns by the thousand, and checks of the leg's stiffness between them.
 """
@@ -30,7 +31,9 @@ class Rates:
 
     def bytes_in(self, duration_s: float) -> int:
         """Uncompressed size of a recording of that length."""
-        return int(duration_s * (self.force_Hz * FORCE_RECORD_BYTES + self.shaft_Hz * SHAFT_RECORD_BYTES))
+        return int(
+            duration_s * (self.force_Hz * FORCE_RECORD_BYTES + self.shaft_Hz * SHAFT_RECORD_BYTES)
+        )
 
 
 class Stage(Protocol):
@@ -48,7 +51,9 @@ class Stage(Protocol):
 
 @dataclass(frozen=True)
 class SetHeight:
-    """Sets the rack to a height of the shaft above the ground; on a real rig a person turns the lead screws."""
+    """Sets the rack to a height of the shaft above the ground; on a real rig a person turns the
+    lead screws.
+    """
 
     height_m: float
     recorded_s: float = 0.0
@@ -63,8 +68,8 @@ class SetHeight:
 class MoveShaft:
     """The shaft turns to an angle at a bounded speed: the nearest way, or forwards, over the top.
 
-    `longest_turn_rad` bounds the way for the plan's duration, because the plan does not know where the shaft will stand.
-    """
+    `longest_turn_rad` bounds the way for the plan's duration, because the plan does not know where
+    the shaft will stand."""
 
     angle_rad: float
     speed_rad_s: float
@@ -87,7 +92,9 @@ TURN_RAD = 2.0 * math.pi
 
 
 def turn_to(angle_rad: float, from_rad: float, forwards: bool) -> float:
-    """Signed angle in rad to turn to `angle_rad`, whole turns aside: the nearest way, or in the positive direction."""
+    """Signed angle in rad to turn to `angle_rad`, whole turns aside: the nearest way, or in the
+    positive direction.
+    """
     # IEEE remainder: within half a turn either way, hence the nearest.
     way_rad = math.remainder(angle_rad - from_rad, TURN_RAD)
     return way_rad + TURN_RAD if forwards and way_rad < 0.0 else way_rad
@@ -95,7 +102,9 @@ def turn_to(angle_rad: float, from_rad: float, forwards: bool) -> float:
 
 @dataclass(frozen=True)
 class SettleCriterion:
-    """Settled when force and angle stay inside their bands (peak to peak, of 50 ms means) for `for_s`; given up after `limit_s`."""
+    """Settled when force and angle stay inside their bands (peak to peak, of 50 ms means) for
+    `for_s`; given up after `limit_s`.
+    """
 
     force_band_N: float
     angle_band_rad: float
@@ -123,7 +132,9 @@ def flap_label(height_m: float, speed_rad_s: float, repeat: int) -> str:
 
 @dataclass(frozen=True)
 class Flap:
-    """One recorded stroke: at rest for `before_s`, then linearly to speed within `ramp_s`, on for `sweep_rad`, then to a stop."""
+    """One recorded stroke: at rest for `before_s`, then linearly to speed within `ramp_s`, on
+    for `sweep_rad`, then to a stop.
+    """
 
     height_m: float
     speed_rad_s: float
@@ -157,7 +168,9 @@ STOPPING_S = 0.2
 
 @dataclass(frozen=True)
 class Approach:
-    """A stroke at a share of the full speed: its force predicts that of the full speed. Not recorded as a stroke."""
+    """A stroke at a share of the full speed: its force predicts that of the full speed. Not
+    recorded as a stroke.
+    """
 
     height_m: float
     speed_rad_s: float
@@ -168,7 +181,10 @@ class Approach:
 
     @property
     def label(self) -> str:
-        return f"first strokes at {1e3 * self.height_m:.0f} mm: {self.speed_rad_s:g} of {self.full_speed_rad_s:g} rad/s"
+        return (
+            f"first strokes at {1e3 * self.height_m:.0f} mm: {self.speed_rad_s:g} of "
+            f"{self.full_speed_rad_s:g} rad/s"
+        )
 
     @property
     def stroke_s(self) -> float:
@@ -182,7 +198,8 @@ class Approach:
 
 @dataclass(frozen=True)
 class HoldTiming:
-    """Times of a hold once the leg has settled: waits `dwell_s` more, averages for `average_s`, meanwhile a photo is taken.
+    """Times of a hold once the leg has settled: waits `dwell_s` more, averages for `average_s`,
+    meanwhile a photo is taken.
 
     A photo that has not come `photo_limit_s` after its request is omitted; 0 requests none.
     """
@@ -198,7 +215,9 @@ class HoldTiming:
 
 @dataclass(frozen=True)
 class Hold:
-    """One recorded stage of the static experiment: the shaft stands until settled, then means are taken, and a photo."""
+    """One recorded stage of the static experiment: the shaft stands until settled, then means
+    are taken, and a photo.
+    """
 
     height_m: float
     number: int
@@ -209,7 +228,10 @@ class Hold:
 
     @property
     def label(self) -> str:
-        return f"hold {self.number} at {np.degrees(self.angle_rad):.1f} deg, {1e3 * self.height_m:.0f} mm, {self.direction}"
+        return (
+            f"hold {self.number} at {np.degrees(self.angle_rad):.1f} deg, "
+            f"{1e3 * self.height_m:.0f} mm, {self.direction}"
+        )
 
     @property
     def recorded_s(self) -> float:
@@ -224,10 +246,9 @@ class Hold:
 class Limits:
     """Limits that stop the motion at once. All must be set; there is no 'unlimited'.
 
-    `above_expected` times the predicted load of a stage may be passed for `above_expected_s`, as impacts do, and no longer. `late_s` is how
-    late the control loop may be, which must be less than the drive's watchdog.
-    `reading_age_s` is how old the drive's angle and torque may be.
-    """
+    `above_expected` times the predicted load of a stage may be passed for `above_expected_s`, as
+    impacts do, and no longer. `late_s` is how late the control loop may be, which must be less than
+    the drive's watchdog. `reading_age_s` is how old the drive's angle and torque may be."""
 
     force_N: float
     torque_Nm: float
@@ -256,7 +277,9 @@ class Plan:
 
     @property
     def duration_s(self) -> float:
-        """Upper bound of the run's time, without trips and the operator's time at the lead screws."""
+        """Upper bound of the run's time, without trips and the operator's time at the lead
+        screws.
+        """
         return sum(stage.duration_s for stage in self.stages)
 
     @property
@@ -280,7 +303,8 @@ class Plan:
 
 @dataclass(frozen=True)
 class Cycles:
-    """The shaft turns forwards without pause; each turn bends the leg once at the ground. Of each only a row of numbers is recorded.
+    """The shaft turns forwards without pause; each turn bends the leg once at the ground. Of each
+    only a row of numbers is recorded.
 
     `first` is the number of the first of them, counted from 1 over the whole run.
     """
@@ -297,17 +321,22 @@ class Cycles:
 
     @property
     def label(self) -> str:
-        return f"cycles {self.first} to {self.last}, {1e3 * self.height_m:.1f} mm, {self.speed_rad_s:g} rad/s"
+        return (
+            f"cycles {self.first} to {self.last}, {1e3 * self.height_m:.1f} mm, "
+            f"{self.speed_rad_s:g} rad/s"
+        )
 
     @property
     def duration_s(self) -> float:
-        # Each of the two ramps takes longer than the same way at full speed; MOVE_RAMP_S each is an upper bound.
+        # Each of the two ramps takes longer than the same way at full speed; MOVE_RAMP_S each is an
+        # upper bound.
         return self.count * TURN_RAD / self.speed_rad_s + 2 * MOVE_RAMP_S
 
 
 @dataclass(frozen=True)
 class StiffnessCheck:
-    """Compares the last `holds` static stages with the first ones; the run ends where the leg's stiffness has drifted too far.
+    """Compares the last `holds` static stages with the first ones; the run ends where the leg's
+    stiffness has drifted too far.
 
     `number` counts from 1; the first check is what the others are compared with.
     """
@@ -328,5 +357,7 @@ def cycles_in(plan: Plan) -> list[Cycles]:
 
 
 def cycle_bytes(plan: Plan) -> int:
-    """Size of the table of cycles in bytes before compression; strokes and static stages are not in it."""
+    """Size of the table of cycles in bytes before compression; strokes and static stages are not
+    in it.
+    """
     return CYCLE_RECORD_BYTES * sum(stage.count for stage in cycles_in(plan))

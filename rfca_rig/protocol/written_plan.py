@@ -1,4 +1,5 @@
-"""A plan as text and back: what a run stores of it is enough to continue with exactly the same plan.
+"""A plan as text and back: what a run stores of it is enough to continue with exactly the same
+plan.
 
 The rest of a stopped plan: nothing is recorded twice, and nothing is omitted.
 """
@@ -26,12 +27,20 @@ from rfca_rig.protocol.plan import (
 )
 
 # The stages that a stored plan may name: no other class is ever made from a file's text.
-_KINDS: dict[str, type] = {kind.__name__: kind for kind in (SetHeight, MoveShaft, Rest, Approach, Flap, Hold, Cycles, StiffnessCheck)}
+_KINDS: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (SetHeight, MoveShaft, Rest, Approach, Flap, Hold, Cycles, StiffnessCheck)
+}
 
 
 def serialize_plan(plan: Plan) -> dict[str, str]:
-    """The plan as text by name: its stages in order, its limits and rates as JSON, and the kind of experiment."""
-    stages = [{"stage": type(stage).__name__, "label": stage.label, **_fields(stage)} for stage in plan.stages]
+    """The plan as text by name: its stages in order, its limits and rates as JSON, and the kind
+    of experiment.
+    """
+    stages = [
+        {"stage": type(stage).__name__, "label": stage.label, **_fields(stage)}
+        for stage in plan.stages
+    ]
     return {
         "plan": json.dumps(stages),
         "limits": json.dumps(asdict(plan.limits)),
@@ -45,32 +54,52 @@ def _fields(stage: Stage) -> dict[str, Any]:
 
 
 def parse_plan(title: str, texts: Mapping[str, str]) -> Plan:
-    """The plan that `serialize_plan` wrote. Raises BadInput where the texts are not valid, or of another version."""
+    """The plan that `serialize_plan` wrote. Raises BadInput where the texts are not valid, or of
+    another version.
+    """
     try:
         stages = tuple(
-            cast(Stage, _from_fields(_KINDS[fields_of_stage["stage"]], fields_of_stage)) for fields_of_stage in json.loads(texts["plan"])
+            cast(Stage, _from_fields(_KINDS[fields_of_stage["stage"]], fields_of_stage))
+            for fields_of_stage in json.loads(texts["plan"])
         )
-        limits, rates = (_from_fields(kind, json.loads(texts[name])) for kind, name in ((Limits, "limits"), (Rates, "rates")))
+        limits, rates = (
+            _from_fields(kind, json.loads(texts[name]))
+            for kind, name in ((Limits, "limits"), (Rates, "rates"))
+        )
         if texts["experiment"] not in get_args(Experiment):
             raise ValueError(f"experiment {texts['experiment']!r}")
         return Plan(title, cast(Experiment, texts["experiment"]), stages, limits, rates)
     except (LookupError, TypeError, ValueError) as error:
-        raise BadInput(f"its plan cannot be read, perhaps because another version wrote it: {type(error).__name__}: {error}") from None
+        raise BadInput(
+            "its plan cannot be read, perhaps because another version wrote it: "
+            f"{type(error).__name__}: {error}"
+        ) from None
 
 
 def _from_fields(kind: type, values_by_name: Mapping[str, Any]) -> Any:
     """An object of a frozen dataclass from its fields by name; other names are ignored."""
     hints = get_type_hints(kind)
-    # Names that are ignored, for example `label`, are there for people who read the file. A field with a default may be missing:
-    # an earlier version did not have it.
-    stored = [field.name for field in fields(kind) if field.name in values_by_name or field.default is MISSING]
+    # Names that are ignored, for example `label`, are there for people who read the file. A field
+    # with a default may be missing: an earlier version did not have it.
+    stored = [
+        field.name
+        for field in fields(kind)
+        if field.name in values_by_name or field.default is MISSING
+    ]
     values = {name: values_by_name[name] for name in stored}
-    return kind(**{name: _from_fields(hints[name], value) if is_dataclass(hints[name]) else value for name, value in values.items()})
+    return kind(
+        **{
+            name: _from_fields(hints[name], value) if is_dataclass(hints[name]) else value
+            for name, value in values.items()
+        }
+    )
 
 
 @dataclass(frozen=True)
 class PlanProgress:
-    """How far a plan got: recorded strokes and static stages, and the number of the last cycle, 0 for none."""
+    """How far a plan got: recorded strokes and static stages, and the number of the last cycle,
+    0 for none.
+    """
 
     strokes: int = 0
     holds: int = 0
@@ -81,9 +110,10 @@ def make_remaining_plan(plan: Plan, done: PlanProgress) -> Plan:
     """The plan from its first unrecorded stage on; without any stage where all are recorded.
 
     1. The rack is set again, because the motor is off meanwhile.
-    2. From wherever the shaft stands, perhaps in mid-stroke on the ground, it turns forwards to the start angle: pushed backwards, a bent
-       leg wedges.
-    3. A static stage depends on the way to it, so the moves since the start angle are repeated, without the recorded stages.
+    2. From wherever the shaft stands, perhaps in mid-stroke on the ground, it turns forwards to the
+       start angle: pushed backwards, a bent leg wedges.
+    3. A static stage depends on the way to it, so the moves since the start angle are repeated,
+       without the recorded stages.
 
     Raises BadInput where the plan does not begin with the stages in `done`.
     """
@@ -92,9 +122,13 @@ def make_remaining_plan(plan: Plan, done: PlanProgress) -> Plan:
     if first_open is None:
         return replace(plan, stages=())
     # The last setting of the rack before it: heights that are finished are not set again.
-    rack = max(number for number, stage in enumerate(stages[:first_open]) if isinstance(stage, SetHeight))
+    rack = max(
+        number for number, stage in enumerate(stages[:first_open]) if isinstance(stage, SetHeight)
+    )
     on_the_way, part = stages[rack + 1 : first_open], _open_part(stages[first_open], done)
-    return replace(plan, stages=(stages[rack], *_way_there(on_the_way, part), part, *stages[first_open + 1 :]))
+    return replace(
+        plan, stages=(stages[rack], *_way_there(on_the_way, part), part, *stages[first_open + 1 :])
+    )
 
 
 def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
@@ -112,30 +146,50 @@ def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
                 cycle = stage.last
             case Flap() | Hold() | Cycles():
                 found = place
-                cycle = done.cycle if isinstance(stage, Cycles) and stage.first <= done.cycle else cycle
+                cycle = (
+                    done.cycle if isinstance(stage, Cycles) and stage.first <= done.cycle else cycle
+                )
                 break
     # More is recorded than the plan has before this stage: it is another plan's recording.
     if strokes_left or holds_left or cycle != done.cycle:
-        raise BadInput(f"{done.strokes} strokes, {done.holds} static stages and {done.cycle} cycles are not what the plan begins with")
+        raise BadInput(
+            f"{done.strokes} strokes, {done.holds} static stages and {done.cycle} cycles "
+            "are not what the plan begins with"
+        )
     return found
 
 
 def _way_there(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
-    """Stages that lead to `to_come`, the first unrecorded one; `led` are those between the rack and it."""
+    """Stages that lead to `to_come`, the first unrecorded one; `led` are those between the rack
+    and it.
+    """
     home = next((stage for stage in led if isinstance(stage, MoveShaft)), None)
     if home is None:
         return
     yield replace(home, forwards=True)
     yield from _first_strokes(led, to_come)
-    # From the last visit of the start angle on: only these moves decide the state of a static stage.
-    last_home = max(place for place, stage in enumerate(led) if isinstance(stage, MoveShaft) and stage.angle_rad == home.angle_rad)
-    yield from (stage for stage in led[last_home + 1 :] if not isinstance(stage, Approach | Flap | Hold | Cycles))
+    # From the last visit of the start angle on: only these moves decide the state of a static
+    # stage.
+    last_home = max(
+        place
+        for place, stage in enumerate(led)
+        if isinstance(stage, MoveShaft) and stage.angle_rad == home.angle_rad
+    )
+    yield from (
+        stage
+        for stage in led[last_home + 1 :]
+        if not isinstance(stage, Approach | Flap | Hold | Cycles)
+    )
 
 
 def _first_strokes(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
-    """First strokes of the condition again, each with its rest and its way back: the rig may have changed meanwhile."""
+    """First strokes of the condition again, each with its rest and its way back: the rig may
+    have changed meanwhile.
+    """
     for place, stage in enumerate(led):
-        if isinstance(stage, Approach) and stage.full_speed_rad_s == getattr(to_come, "speed_rad_s", None):
+        if isinstance(stage, Approach) and stage.full_speed_rad_s == getattr(
+            to_come, "speed_rad_s", None
+        ):
             # The plan puts a rest before each first stroke and the way home behind it.
             yield from led[place - 1 : place + 2]
 

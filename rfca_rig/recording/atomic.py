@@ -1,4 +1,5 @@
-"""Atomic writes: a file or folder is either complete or absent. It is written beside its target, forced to disk, then renamed.
+"""Atomic writes: a file or folder is either complete or absent. It is written beside its target,
+forced to disk, then renamed.
 
 All recorded data reaches the disk through the functions of this module only.
 """
@@ -14,9 +15,11 @@ from stat import S_ISDIR, S_ISREG
 
 from rfca_rig.errors import BadInput, DiskFull, RigError
 
-# A full disk, a used-up quota and a file above the system's size limit all need the same remedy: room.
+# A full disk, a used-up quota and a file above the system's size limit all need the same remedy:
+# room.
 _DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-# A large file is forced to disk piece by piece, so that the last fsync, for which the run waits, is short.
+# A large file is forced to disk piece by piece, so that the last fsync, for which the run waits, is
+# short.
 SYNC_EVERY_BYTES = 32 << 20
 # Windows would otherwise translate line ends; other systems have no such flag.
 _BINARY = getattr(os, "O_BINARY", 0)
@@ -27,15 +30,15 @@ ENDING = ".writing"
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes `content` to `path`; an existing file stays until the new one is on disk.
 
-    Raises RigError where the disk refuses and for anything that is no file, DiskFull where it is full.
-    """
+    Raises RigError where the disk refuses and for anything that is no file, DiskFull where it is
+    full."""
     refuse_devices(path)
     # Beside the target: a rename is atomic only within one file system.
     partial = path.with_name(path.name + ".writing")
     with translate_os_errors(path, f"{1e-6 * len(content):.1f} MB cannot be written"):
         try:
-            # Order: content on disk, rename, folder on disk. A power cut leaves the old file or the new one, never a
-            # part.
+            # Order: content on disk, rename, folder on disk. A power cut leaves the old file or the
+            # new one, never a part.
             _write(partial, content)
             os.replace(partial, path)  # noqa: PTH105
             sync_folder(path.parent)
@@ -46,14 +49,18 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def refuse_devices(path: Path) -> None:
-    """Raises BadInput for a device or a pipe, also behind a link: a rename would put a file in its place, /dev/null's for instance."""
+    """Raises BadInput for a device or a pipe, also behind a link: a rename would put a file in
+    its place, /dev/null's for instance.
+    """
     with translate_os_errors(path, "cannot be written"):
         try:
             mode = path.stat().st_mode
         except FileNotFoundError:
             return
         except NotADirectoryError as error:
-            raise BadInput(f"{path}: cannot be written: {error.strerror}; name a file in a folder") from None
+            raise BadInput(
+                f"{path}: cannot be written: {error.strerror}; name a file in a folder"
+            ) from None
     if not S_ISREG(mode) and not S_ISDIR(mode):
         raise BadInput(f"{path}: is a device or a pipe, where a file is needed; name another file")
 
@@ -86,7 +93,9 @@ def _write_all(handle: int, content: bytes | memoryview) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Forces the folder's list of names to disk: without it a power cut may undo a rename. Windows has no such call."""
+    """Forces the folder's list of names to disk: without it a power cut may undo a rename.
+    Windows has no such call.
+    """
     if os.name == "nt":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -103,7 +112,9 @@ def remove(path: Path) -> None:
 
 
 class AppendOnlyFile:
-    """An append-only file. What `append` has returned from survives the end of this process; what `force` has, a power cut."""
+    """An append-only file. What `append` has returned from survives the end of this process;
+    what `force` has, a power cut.
+    """
 
     def __init__(self, path: Path) -> None:
         """Continues behind the existing content."""
@@ -118,7 +129,8 @@ class AppendOnlyFile:
             try:
                 _write_all(self.handle, content)
             except OSError:
-                # A block written in part would end the journal for every reader: nothing behind it would be found.
+                # A block written in part would end the journal for every reader: nothing behind it
+                # would be found.
                 os.ftruncate(self.handle, self._length)
                 raise
         self._length += len(content)
@@ -132,7 +144,8 @@ class AppendOnlyFile:
     def reserve(self, size: int) -> None:
         """Allocates `size` bytes in all, with arbitrary content."""
         with translate_os_errors(self.path, f"no room for {1e-6 * size:.1f} MB in reserve"):
-            # Real blocks are needed: seeking to the end would make a sparse file, which reserves nothing.
+            # Real blocks are needed: seeking to the end would make a sparse file, which reserves
+            # nothing.
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(self.handle, 0, size)
             else:
@@ -150,16 +163,18 @@ class AppendOnlyFile:
 class ErrorDeferringFile:
     """A file under construction for HDF5, which seeks in it and must never see a write fail.
 
-    HDF5 that fails to close a file can take the whole process down at exit (h5py issue 914). So a refused write, and all later ones, stay
-    in memory; `check` raises the error. The file stands beside `path` until `put_in_place`.
-    """
+    HDF5 that fails to close a file can take the whole process down at exit (h5py issue 914). So a
+    refused write, and all later ones, stay in memory; `check` raises the error. The file stands
+    beside `path` until `put_in_place`."""
 
     def __init__(self, path: Path) -> None:
         refuse_devices(path)
         self.path = path
         self.partial = path.with_name(path.name + ".writing")
         with translate_os_errors(path, "cannot be begun"):
-            self._handle = os.open(self.partial, os.O_RDWR | os.O_CREAT | os.O_TRUNC | _BINARY, 0o666)
+            self._handle = os.open(
+                self.partial, os.O_RDWR | os.O_CREAT | os.O_TRUNC | _BINARY, 0o666
+            )
         self._at = self._size = self._forced = 0
         self._refused: OSError | None = None
         self._unwritten: list[tuple[int, bytes]] = []
@@ -177,7 +192,8 @@ class ErrorDeferringFile:
         if self._refused is None:
             self._attempt(at, content)
         if self._refused is not None:
-            # HDF5 reads back what it wrote, so the refused bytes must stay available until the file is discarded.
+            # HDF5 reads back what it wrote, so the refused bytes must stay available until the file
+            # is discarded.
             self._unwritten.append((at, bytes(content)))
         return len(content)
 
@@ -194,10 +210,13 @@ class ErrorDeferringFile:
         return len(found)
 
     def read(self, length: int = -1) -> bytes:
-        """Reads from the current position; shorter at the end of the file. Sees refused writes too."""
+        """Reads from the current position; shorter at the end of the file. Sees refused writes
+        too.
+        """
         at, end = self._at, self._size if length < 0 else min(self._at + length, self._size)
         os.lseek(self._handle, at, os.SEEK_SET)
-        # Bytes that HDF5 never wrote, or that only stand in memory, are not in the file: they read as zeros.
+        # Bytes that HDF5 never wrote, or that only stand in memory, are not in the file: they read
+        # as zeros.
         found = bytearray(os.read(self._handle, end - at).ljust(end - at, b"\0"))
         # In the order of writing: a later write to the same place wins.
         for start, content in self._unwritten:
@@ -220,7 +239,9 @@ class ErrorDeferringFile:
         """Does nothing: every write goes to the system at once."""
 
     def check(self) -> None:
-        """Raises what the disk refused, as RigError or DiskFull. Forces larger pieces to disk, so that the end is quick."""
+        """Raises what the disk refused, as RigError or DiskFull. Forces larger pieces to disk,
+        so that the end is quick.
+        """
         with translate_os_errors(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
             if self._refused is not None:
                 raise self._refused
@@ -249,13 +270,15 @@ class ErrorDeferringFile:
 
 
 def make_folder_atomically(folder: Path, fill: Callable[[Path], object]) -> None:
-    """Makes `folder` with what `fill` writes into it, all or nothing. Parent folders are made, and removed on failure.
+    """Makes `folder` with what `fill` writes into it, all or nothing. Parent folders are made, and
+    removed on failure.
 
     `folder` must not exist. An exception of `fill` passes on after everything is cleared away.
     """
     made = [above for above in folder.parents if not above.exists()]
     folder.parent.mkdir(parents=True, exist_ok=True)
-    # Hidden, so that no listing shows it; with the process id, so that two processes do not share it.
+    # Hidden, so that no listing shows it; with the process id, so that two processes do not share
+    # it.
     partial = folder.with_name(f".{folder.name}.writing-{os.getpid()}")
     try:
         partial.mkdir()
@@ -283,8 +306,8 @@ def _remove(folder: Path) -> None:
 def atomic_directory(folder: Path) -> Iterator[Path]:
     """Yields a path to write the folder at; it gets its final name at the end of the block.
 
-    Where another process was faster, for example a worker that counted as lost, the existing folder stays.
-    """
+    Where another process was faster, for example a worker that counted as lost, the existing folder
+    stays."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     # A random part, not the process id: workers on several computers may share the disk.
     partial = folder.with_name(f".{folder.name}.{token_hex(4)}{ENDING}")
@@ -303,7 +326,9 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def refresh_nfs_cache(folder: Path) -> None:
-    """Makes a network disk show new files: it may remember for half a minute that they were absent, until the folder is changed here."""
+    """Makes a network disk show new files: it may remember for half a minute that they were
+    absent, until the folder is changed here.
+    """
     mark = folder / f".seen-{token_hex(4)}"
     mark.touch()
     mark.unlink()

@@ -1,4 +1,5 @@
-"""Where the control loop hands its blocks: the interface, a recorder in the same process, and the client of a recorder process.
+"""Where the control loop hands its blocks: the interface, a recorder in the same process, and the
+client of a recorder process.
 
 With a process of its own, handing over takes microseconds, and every loss is reported.
 """
@@ -14,13 +15,20 @@ from rfca_rig.clock import WallClock
 from rfca_rig.errors import NO_MORE_PROCESSES, DiskFull, RigError, Trip, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import JournalBlock, frame_block
-from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, start_recorder
+from rfca_rig.recording.recorder_process import (
+    COMPLAINT,
+    DONE,
+    READY,
+    RecorderAssignment,
+    start_recorder,
+)
 from rfca_rig.recording.run_writer import PhotoSender, Picture, RunWriter, next_photo, photo_name
 from rfca_rig.subprocesses import Helper, HelperWatch
 
 # 20 s of a sensor at 15 kHz.
 QUEUE_BYTES = 16 << 20
-# Less than the disk reserve: a rig faster than real time fills any queue before it learns of a full disk.
+# Less than the disk reserve: a rig faster than real time fills any queue before it learns of a full
+# disk.
 PATIENT_QUEUE_BYTES = 1 << 20
 STARTED_WITHIN_S = 30.0
 FINISHED_WITHIN_S = 120.0
@@ -41,14 +49,17 @@ class RunBackend(Protocol):
         ...
 
     def give(self, block: JournalBlock) -> None:
-        """Hands over a block. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it has died."""
+        """Hands over a block. Raises what ends the run: DiskFull, Tripped where the recorder
+        cannot keep up, RigError where it has died.
+        """
         ...
 
     def keep_photo(self, picture: Picture) -> str:
-        """Takes over a photo (rows, columns, 3) of the stage that ends next; the caller must not change it any more.
+        """Takes over a photo (rows, columns, 3) of the stage that ends next; the caller must not
+        change it any more.
 
-        Returns its path in the run's folder. The stage is acknowledged when the photo, too, is on disk. Raises as `give` does.
-        """
+        Returns its path in the run's folder. The stage is acknowledged when the photo, too, is on
+        disk. Raises as `give` does."""
         ...
 
     def watch(self, helpers: HelperWatch) -> None:
@@ -56,7 +67,8 @@ class RunBackend(Protocol):
         ...
 
     def finish(self, why: str) -> None:
-        """Returns when everything is on disk; a stage in progress is cut short for the reason `why`.
+        """Returns when everything is on disk; a stage in progress is cut short for the reason
+        `why`.
 
         May be called any number of times. Raises RigError where something could not be recorded.
         """
@@ -64,7 +76,9 @@ class RunBackend(Protocol):
 
 
 class InProcessRecorder:
-    """Writes at once, in the caller's own time: for tests, and systems on which no process can be started."""
+    """Writes at once, in the caller's own time: for tests, and systems on which no process can
+    be started.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._writer = RunWriter(folder)
@@ -109,9 +123,8 @@ class InProcessRecorder:
 class RecorderClient:
     """Implements `RunBackend` with a process of its own, which survives this one.
 
-    A recorder so far behind that the queue is full ends the run. With `patient`, for rigs whose time stands still meanwhile, the caller
-    waits instead.
-    """
+    A recorder so far behind that the queue is full ends the run. With `patient`, for rigs whose
+    time stands still meanwhile, the caller waits instead."""
 
     def __init__(
         self,
@@ -121,16 +134,18 @@ class RecorderClient:
         warn: Callable[[str], None] = lambda _: None,
         started: Helper | None = None,
     ) -> None:
-        """Returns when the process is ready. `queue_bytes` 0 means the default size. Raises RigError where it cannot start.
+        """Returns when the process is ready. `queue_bytes` 0 means the default size. Raises
+        RigError where it cannot start.
 
-        `warn` gets a line where the recorder takes longer than a disk that works would. `started` is a process from `start_recorder`, which
-        has begun to import its modules already.
-        """
+        `warn` gets a line where the recorder takes longer than a disk that works would. `started`
+        is a process from `start_recorder`, which has begun to import its modules already."""
         self._folder = folder
         self._warn = warn
         self._patient = patient
         self._clock = WallClock()
-        self._queue = BlockQueue.create(queue_bytes or (PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES))
+        self._queue = BlockQueue.create(
+            queue_bytes or (PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES)
+        )
         self._acknowledged = 0
         self._fault = ""
         self._complaint = ""
@@ -165,7 +180,8 @@ class RecorderClient:
         content = frame_block(block)
         self._check()
         if self._queue.has_complained:
-            # Events after the stop, for example `motor off`, are kept if possible, in the room of the reserve.
+            # Events after the stop, for example `motor off`, are kept if possible, in the room of
+            # the reserve.
             self._queue.put(content)
             raise self._complaint_error()
         if not self._queue.put(content):
@@ -174,12 +190,17 @@ class RecorderClient:
             while not self._queue.put(content):
                 if self._patient and self._clock.now_s() > warned_s:
                     warned_s = until_s
-                    self._warn(f"the disk under {self._folder} is silent; the twin waits for it, for {PATIENT_S:g} s at most")
-                # A real rig must not wait for a disk: it stops, and the drive's watchdog never has to.
+                    self._warn(
+                        f"the disk under {self._folder} is silent; the twin waits for it, "
+                        f"for {PATIENT_S:g} s at most"
+                    )
+                # A real rig must not wait for a disk: it stops, and the drive's watchdog never has
+                # to.
                 if not self._patient or self._clock.now_s() > until_s:
                     raise Tripped(
                         Trip.RECORDER_BEHIND,
-                        f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and its queue is full: the disk under {self._folder} "
+                        f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and "
+                        f"its queue is full: the disk under {self._folder} "
                         "is too slow, or the machine too busy; record to another disk",
                     )
                 self._wait()
@@ -211,7 +232,10 @@ class RecorderClient:
             raise RigError(self._end_text())
 
     def _end_text(self) -> str:
-        return f"the recorder has ended by itself; what it had kept is in {self._folder}: type rfca-rig recover {self._folder}"
+        return (
+            f"the recorder has ended by itself; what it had kept is in {self._folder}: type "
+            f"rfca-rig recover {self._folder}"
+        )
 
     def _complaint_error(self) -> RigError:
         # The message comes once; later calls repeat it.
@@ -250,7 +274,10 @@ class RecorderClient:
         except OSError:
             return "it ended by itself"
         if self._is_silent():
-            self._warn(f"the disk under {self._folder} is silent; waiting for it, for {FINISHED_WITHIN_S:g} s at most")
+            self._warn(
+                f"the disk under {self._folder} is silent; waiting for it, for "
+                f"{FINISHED_WITHIN_S:g} s at most"
+            )
         kind, message = self._receive(FINISHED_WITHIN_S)
         # A complaint may still be on its way; the answer to the end follows it.
         return self._receive(FINISHED_WITHIN_S)[1] if kind == COMPLAINT else message

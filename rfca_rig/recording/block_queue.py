@@ -1,4 +1,6 @@
-"""A bounded queue of bytes in shared memory: one process writes, one reads, and neither ever waits for the other."""
+"""A bounded queue of bytes in shared memory: one process writes, one reads, and neither ever
+waits for the other.
+"""
 
 from multiprocessing.shared_memory import SharedMemory
 
@@ -12,10 +14,11 @@ _MARK, _SIZE, _PUT, _TAKEN, _ACKNOWLEDGED, _COMPLAINED = range(6)
 
 
 class BlockQueue:
-    """Bytes that were put stay in memory until taken. A counter is advanced only after the bytes that it counts are there.
+    """Bytes that were put stay in memory until taken. A counter is advanced only after the bytes
+    that it counts are there.
 
-    Two further words lead back from the taker, so that the putter learns of them without a system call.
-    """
+    Two further words lead back from the taker, so that the putter learns of them without a system
+    call."""
 
     def __init__(self, memory: SharedMemory) -> None:
         if memory.buf is None:
@@ -32,11 +35,14 @@ class BlockQueue:
 
     @staticmethod
     def create(size: int) -> "BlockQueue":
-        """A new, empty queue of `size` bytes; its maker calls `remove` in the end. Raises DeviceError where there is no room."""
+        """A new, empty queue of `size` bytes; its maker calls `remove` in the end. Raises
+        DeviceError where there is no room.
+        """
         memory = create_shared_memory(HEADER_BYTES + size)
         if memory.buf is not None:
             with memory.buf[:HEADER_BYTES].cast("Q") as header:
-                # The mark last: a process that attaches earlier sees no queue, and not one without a size.
+                # The mark last: a process that attaches earlier sees no queue, and not one without
+                # a size.
                 header[_SIZE], header[_MARK] = size, MARK
         return BlockQueue(memory)
 
@@ -48,7 +54,8 @@ class BlockQueue:
     @property
     def waiting(self) -> int:
         """Number of bytes put and not taken."""
-        # Both counters only grow, so no lock is needed: each has one writer, and an old value is merely cautious.
+        # Both counters only grow, so no lock is needed: each has one writer, and an old value is
+        # merely cautious.
         return int(self._header[_PUT] - self._header[_TAKEN])
 
     @property
@@ -61,7 +68,9 @@ class BlockQueue:
         return bool(self._header[_COMPLAINED])
 
     def put(self, content: bytes) -> bool:
-        """Puts all of `content`, or returns False where there is not room for all. For the one putter only."""
+        """Puts all of `content`, or returns False where there is not room for all. For the one
+        putter only.
+        """
         if len(content) > self.size - self.waiting:
             return False
         at = self._header[_PUT] % self.size
@@ -76,7 +85,9 @@ class BlockQueue:
         """All waiting bytes, which go on waiting. For the one taker only."""
         at, length = self._header[_TAKEN] % self.size, self.waiting
         before_wrap = min(length, self.size - at)
-        return bytes(self._bytes[at : at + before_wrap]) + bytes(self._bytes[: length - before_wrap])
+        return bytes(self._bytes[at : at + before_wrap]) + bytes(
+            self._bytes[: length - before_wrap]
+        )
 
     def consume(self, length: int) -> None:
         """Frees `length` of the bytes looked at. For the one taker only."""
@@ -87,7 +98,9 @@ class BlockQueue:
         self._header[_ACKNOWLEDGED], self._header[_COMPLAINED] = acknowledged, complained
 
     def close(self) -> None:
-        """Detaches from the memory, which stays for the other process. May be called any number of times."""
+        """Detaches from the memory, which stays for the other process. May be called any number
+        of times.
+        """
         if self._memory.buf is not None:
             self._header.release()
             self._bytes.release()

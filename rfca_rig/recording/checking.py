@@ -26,7 +26,15 @@ from rfca_rig.recording.layout import (
     stage_files,
 )
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_text import INTERRUPTED, Ending, ending_bytes, events_of, events_text, read_ending, read_header
+from rfca_rig.recording.run_text import (
+    INTERRUPTED,
+    Ending,
+    ending_bytes,
+    events_of,
+    events_text,
+    read_ending,
+    read_header,
+)
 from rfca_rig.recording.store import RecordingSummary, add_up, read_texts, summarize
 from rfca_rig.suggestions import not_there
 
@@ -36,7 +44,9 @@ REMADE = (RECORDING, SUMS)
 
 @dataclass(frozen=True)
 class FileFinding:
-    """One file by its path in the run's folder, what was found, and whether it is as it should be."""
+    """One file by its path in the run's folder, what was found, and whether it is as it should
+    be.
+    """
 
     file: str
     words: str
@@ -51,10 +61,16 @@ def describe_damage(folder: Path, findings: Sequence[FileFinding]) -> str:
     made = [name for name in damaged if name in REMADE]
     what = f"{folder}: damaged: {', '.join(damaged)}"
     if not lost:
-        return f"{what}; rfca-rig recover {folder} makes {_them(made)} again from the files of the stages"
+        return (
+            f"{what}; rfca-rig recover {folder} makes {_them(made)} again from the files of "
+            "the stages"
+        )
     restore = f"restore {', '.join(lost)} from a copy: recover cannot make {_them(lost)} again"
     if can_recover(folder, findings):
-        return f"{what}; {restore}; rfca-rig recover {folder} makes the rest whole without {_them(lost)}"
+        return (
+            f"{what}; {restore}; rfca-rig recover {folder} makes the rest whole without "
+            f"{_them(lost)}"
+        )
     return f"{what}; {restore}"
 
 
@@ -63,7 +79,8 @@ def _them(names: Sequence[str]) -> str:
 
 
 def can_recover(folder: Path, findings: Sequence[FileFinding]) -> bool:
-    """Whether recover has something to do, and may do it: damaged files of other kinds must not get new checksums.
+    """Whether recover has something to do, and may do it: damaged files of other kinds must not get
+    new checksums.
 
     A stage or photo that is gone does not prevent recovery of the others.
     """
@@ -72,7 +89,9 @@ def can_recover(folder: Path, findings: Sequence[FileFinding]) -> bool:
     if not lost:
         return not needs_no_recovery(folder, findings)
     has_work = len(lost) < len(unsound) or not all((folder / name).is_file() for name in REMADE)
-    return has_work and all("/" in finding.file and not (folder / finding.file).is_file() for finding in lost)
+    return has_work and all(
+        "/" in finding.file and not (folder / finding.file).is_file() for finding in lost
+    )
 
 
 def is_run_folder(folder: Path) -> bool:
@@ -81,7 +100,9 @@ def is_run_folder(folder: Path) -> bool:
 
 
 def needs_no_recovery(folder: Path, findings: Iterable[FileFinding]) -> bool:
-    """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
+    """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is
+    as it was written.
+    """
     has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
     # An end that is damaged is a finding that is not sound.
     return (
@@ -93,7 +114,9 @@ def needs_no_recovery(folder: Path, findings: Iterable[FileFinding]) -> bool:
 
 
 def check_run(folder: Path) -> Iterator[FileFinding]:
-    """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run, or files of others."""
+    """A finding per file, in the order in which a run writes them. Raises BadInput where
+    `folder` holds no run, or files of others.
+    """
     refuse_links(folder)
     if not is_run_folder(folder):
         yield from _check_older_run(folder)
@@ -112,14 +135,21 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     happened = events_of(folder) if events.is_sound else []
     yield from stages.check(sums, happened)
     yield from (_check_journal(folder, journal) for journal in journals(folder))
-    has_ending, has_recording, ending = (folder / ENDING).is_file(), (folder / RECORDING).is_file(), _read_whole_ending(folder)
+    has_ending, has_recording, ending = (
+        (folder / ENDING).is_file(),
+        (folder / RECORDING).is_file(),
+        _read_whole_ending(folder),
+    )
     closed = _is_closed(ending)
     if has_ending or ENDING in sums or _has_ended(folder, texts):
         yield sums.finding_of_end(ending, partial(_ending, folder, texts))
     elif not has_recording and not journals(folder):
         missing = "is not there: the run goes on, or was not finished; then"
         if any(event.get("event") == "run ends" for event in happened):
-            missing = f"is not there, though the run ended: it was cut off while it was closed, or {ENDING} was removed;"
+            missing = (
+                "is not there, though the run ended: it was cut off while it was closed, or "
+                f"{ENDING} was removed;"
+            )
         yield FileFinding(ENDING, f"{missing} type rfca-rig recover {folder}")
     if has_recording or RECORDING in sums or closed:
         yield sums.finding(RECORDING, partial(recorded.like, stages))
@@ -133,22 +163,34 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
             if not (folder / name).is_file() and not sums.has_listed(name):
                 yield FileFinding(name, "is missing", False)
     if closed is False and has_recording:
-        yield FileFinding(SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}")
+        yield FileFinding(
+            SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}"
+        )
 
 
 def _check_older_run(folder: Path) -> Iterator[FileFinding]:
     """A run of an older version is one recording, or parts of one."""
     files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
     if not files:
-        raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are" if folder.exists() else not_there(folder))
+        raise BadInput(
+            f"{folder}: holds no run; rfca-rig runs lists those there are"
+            if folder.exists()
+            else not_there(folder)
+        )
     for file in files:
         yield _finding_of(file.relative_to(folder).as_posix(), partial(_describe, file))
 
 
 def _is_unbegun(folder: Path) -> bool:
-    """Whether a run has no more than its header. Its recorder makes the file of events first, so none has been lost."""
+    """Whether a run has no more than its header. Its recorder makes the file of events first, so
+    none has been lost.
+    """
     made = (EVENTS, ENDING, RECORDING, SUMS, PHOTOS, OVERLAYS)
-    return not any((folder / name).exists() for name in made) and not stage_files(folder) and not journals(folder)
+    return (
+        not any((folder / name).exists() for name in made)
+        and not stage_files(folder)
+        and not journals(folder)
+    )
 
 
 def _read_whole_ending(folder: Path) -> Ending | None:
@@ -199,7 +241,9 @@ class _Sums:
         return _finding_of(name, look)
 
     def finding_of_end(self, ending: Ending | None, look: Callable[[], str]) -> FileFinding:
-        """Of the run's end, which is written once more after the checksums: a crash between the two is no damage."""
+        """Of the run's end, which is written once more after the checksums: a crash between the
+        two is no damage.
+        """
         if ending is not None and ending.is_closed is False:
             closed = hashlib.sha256(ending_bytes(replace(ending, is_closed=True))).hexdigest()
             if self._sums.get(ENDING) == closed:
@@ -208,7 +252,9 @@ class _Sums:
         return self.finding(ENDING, look)
 
     def rest(self, is_finished: bool) -> Iterator[FileFinding]:
-        """Files with a hash that nothing else checks, for example photos. A finished run has hashes."""
+        """Files with a hash that nothing else checks, for example photos. A finished run has
+        hashes.
+        """
         if self._damage:
             yield self._damage
         elif is_finished and not self._is_summed_up:
@@ -216,9 +262,17 @@ class _Sums:
         # A copy, because `finding` takes names out of the dictionary.
         for name in list(self._sums):
             yield self.finding(name, lambda: "as it was written")
-        pictures = (f"{place}/{file.name}" for place in (PHOTOS, OVERLAYS) for file in sorted((self._folder / place).glob("*.*")))
+        pictures = (
+            f"{place}/{file.name}"
+            for place in (PHOTOS, OVERLAYS)
+            for file in sorted((self._folder / place).glob("*.*"))
+        )
         if self._is_summed_up:
-            self._unlisted += [name for name in pictures if name not in self._listed and name.endswith((".png", ".jpg"))]
+            self._unlisted += [
+                name
+                for name in pictures
+                if name not in self._listed and name.endswith((".png", ".jpg"))
+            ]
         if self._unlisted:
             yield FileFinding(SUMS, f"has no line for {', '.join(self._unlisted)}", False)
 
@@ -245,7 +299,10 @@ class _Stages:
         stage = summarize(path)
         # The counts come first: they say how much is wrong, a hash only that something is.
         if event is not None and event["samples"] != stage.samples:
-            raise BadInput(f"{path}: holds {dict(stage.samples)} samples, where {event['samples']} were recorded")
+            raise BadInput(
+                f"{path}: holds {dict(stage.samples)} samples, where {event['samples']} "
+                "were recorded"
+            )
         if event is not None and event["sha256"] != sha256_of(path):
             raise BadInput(f"{path}: is not what was recorded: its SHA-256 is another")
         self._summaries[name] = stage
@@ -257,13 +314,20 @@ class _Stages:
         if self._has_damage:
             return None
         stages, ending = add_up(self._summaries.values()), read_ending(self._folder)
-        return stages if ending is None or ending.static is None else replace(stages, static=len(ending.static))
+        return (
+            stages
+            if ending is None or ending.static is None
+            else replace(stages, static=len(ending.static))
+        )
 
 
 def _check_journal(folder: Path, journal: Path) -> FileFinding:
     sizes = [block_size(block) for block in read_blocks(journal)]
     behind = journal.stat().st_size - sum(sizes)
-    words = f"a stage in progress, {len(sizes)} whole blocks; {behind} bytes behind them; type rfca-rig recover {folder}"
+    words = (
+        f"a stage in progress, {len(sizes)} whole blocks; {behind} bytes behind them; type "
+        f"rfca-rig recover {folder}"
+    )
     return FileFinding(f"{STAGES}/{journal.name}", words)
 
 
@@ -273,7 +337,8 @@ class _Recorded:
     def __init__(self, folder: Path) -> None:
         self._path = folder / RECORDING
         self._damage: BadInput | None = None
-        # Its texts, of which the other files are copies; None where it is missing or damaged itself.
+        # Its texts, of which the other files are copies; None where it is missing or damaged
+        # itself.
         self.texts: Recording | None = None
         try:
             self.texts = read_texts(self._path)
@@ -301,10 +366,16 @@ def _title(folder: Path, texts: Recording | None) -> str:
     if texts is not None:
         for name in ("title", "source", "nominal", "known_to"):
             _compare(folder / HEADER, name, getattr(header, name), getattr(texts, name))
-        # What the end says takes the place of what the header states, such as the devices' counters.
+        # What the end says takes the place of what the header states, such as the devices'
+        # counters.
         of_ending = _provenance_of_ending(folder)
         first = {name: text for name, text in header.provenance.items() if name not in of_ending}
-        _compare(folder / HEADER, "provenance", first, {name: texts.provenance.get(name) for name in first})
+        _compare(
+            folder / HEADER,
+            "provenance",
+            first,
+            {name: texts.provenance.get(name) for name in first},
+        )
     return f"{header.source} {header.title}"
 
 
@@ -337,14 +408,23 @@ def _ending(folder: Path, texts: Recording | None) -> str:
     if ending is None:
         return ""
     if texts is not None:
-        _compare(folder / ENDING, "provenance", ending.provenance, {name: texts.provenance.get(name) for name in ending.provenance})
+        _compare(
+            folder / ENDING,
+            "provenance",
+            ending.provenance,
+            {name: texts.provenance.get(name) for name in ending.provenance},
+        )
     return ending.provenance.get("ended", "recovered")
 
 
 def _compare(path: Path, name: str, here: object, recorded: object) -> None:
-    """Raises BadInput where a file and `run.h5`, which was made of it and has a checksum, differ."""
+    """Raises BadInput where a file and `run.h5`, which was made of it and has a checksum,
+    differ.
+    """
     if json.dumps(here, sort_keys=True) != json.dumps(recorded, sort_keys=True):
-        raise BadInput(f"{path}: its {name} is not what {RECORDING} was made of: it was edited since")
+        raise BadInput(
+            f"{path}: its {name} is not what {RECORDING} was made of: it was edited since"
+        )
 
 
 def _describe(file: Path) -> str:

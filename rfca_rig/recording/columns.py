@@ -1,7 +1,7 @@
 """A column as an HDF5 dataset. Raw counts stay raw; value = raw * conversion + offset, in `units`.
 
-Samples on their way to the disk are rows of packed records, one kind of record per device, which become streams of columns.
-"""
+Samples on their way to the disk are rows of packed records, one kind of record per device, which
+become streams of columns."""
 
 import json
 import math
@@ -43,7 +43,9 @@ _LONG_NAMES = {
 
 @dataclass(frozen=True)
 class ColumnForm:
-    """Layout of one column; its value in `unit` is raw * conversion + offset. `dtype` in NumPy's notation, for example "<i4"."""
+    """Layout of one column; its value in `unit` is raw * conversion + offset. `dtype` in NumPy's
+    notation, for example "<i4".
+    """
 
     name: str
     dtype: str
@@ -67,20 +69,26 @@ class StreamForm:
 
 @dataclass(frozen=True)
 class CommandedStart:
-    """Host time of the commanded start, and offsets of columns, by name, that replace those of their form."""
+    """Host time of the commanded start, and offsets of columns, by name, that replace those of
+    their form.
+    """
 
     start_s: float
     offsets: Mapping[str, float] = field(default_factory=dict)
 
 
 def pack_rows(rows: Sequence[Rows]) -> bytes:
-    """Packs the rows of all streams, each (m,) of its form's records, in the order of their forms: a count (4 bytes), then the records."""
+    """Packs the rows of all streams, each (m,) of its form's records, in the order of their
+    forms: a count (4 bytes), then the records.
+    """
     # A count per stream, because each device brings its own number of records per tick.
     return b"".join(_COUNT.pack(len(some)) + some.tobytes() for some in rows)
 
 
 class RowBatches:
-    """Gathers the rows of a stage's blocks into batches of `rows` each, per stream; only the remainder is shorter."""
+    """Gathers the rows of a stage's blocks into batches of `rows` each, per stream; only the
+    remainder is shorter.
+    """
 
     def __init__(self, forms: Sequence[StreamForm], rows: int) -> None:
         self._dtypes = [form.dtype for form in forms]
@@ -107,8 +115,8 @@ class RowBatches:
             self._pieces[stream].append(content[at + _COUNT.size : end])
             self._gathered[stream] += end - at - _COUNT.size
             at = end
-        # The checksum of the block was right, so this is a mistake of the writer; reading on would shift every
-        # record.
+        # The checksum of the block was right, so this is a mistake of the writer; reading on would
+        # shift every record.
         if at != len(content):
             raise ValueError(f"{len(content)} bytes of samples, where their counts make {at}")
         for stream, dtype in enumerate(self._dtypes):
@@ -125,7 +133,9 @@ class RowBatches:
         self._pieces[stream], self._gathered[stream] = [remainder], len(remainder)
 
     def rest(self) -> Iterator[tuple[int, Rows]]:
-        """The remainder of each stream, (n,) records with n below a full batch, with the number of the stream."""
+        """The remainder of each stream, (n,) records with n below a full batch, with the number
+        of the stream.
+        """
         for stream in range(len(self._dtypes)):
             yield stream, self._join_rows(stream)
 
@@ -134,9 +144,13 @@ class RowBatches:
 
 
 def make_stream_from_rows(form: StreamForm, rows: Rows, start: CommandedStart) -> Stream:
-    """Stream from rows (m,) of records: a column (m,) for each of the form, with time from the device's own counter."""
+    """Stream from rows (m,) of records: a column (m,) for each of the form, with time from the
+    device's own counter.
+    """
     columns = {
-        column.name: Column(np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, column.offset)
+        column.name: Column(
+            np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, column.offset
+        )
         for column in apply_start(form, start).columns
     }
     offset_s = host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]) if len(rows) else 0.0
@@ -145,13 +159,21 @@ def make_stream_from_rows(form: StreamForm, rows: Rows, start: CommandedStart) -
 
 def apply_start(form: StreamForm, start: CommandedStart) -> StreamForm:
     """The form with the offsets that depend on the commanded start."""
-    return replace(form, columns=tuple(replace(column, offset=start.offsets.get(column.name, column.offset)) for column in form.columns))
+    return replace(
+        form,
+        columns=tuple(
+            replace(column, offset=start.offsets.get(column.name, column.offset))
+            for column in form.columns
+        ),
+    )
 
 
 def host_offset_s(host_s: Floats, device_s: Floats) -> float:
-    """Seconds to add to a device's own time to get the host's: the smallest delay is the best estimate of none.
+    """Seconds to add to a device's own time to get the host's: the smallest delay is the best
+    estimate of none.
 
-    Bias: late by the shortest delay from device to host, which is well below a millisecond on CAN and on a local network.
+    Bias: late by the shortest delay from device to host, which is well below a millisecond on CAN
+    and on a local network.
 
     Parameters
     ----------
@@ -163,18 +185,33 @@ def host_offset_s(host_s: Floats, device_s: Floats) -> float:
     float
         Offset in s.
     """
-    # Delays are only ever positive, so a mean would depend on the load of the computer; the minimum does not.
+    # Delays are only ever positive, so a mean would depend on the load of the computer; the minimum
+    # does not.
     return float(np.min(host_s - device_s))
 
 
 def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Dataset:
-    """One 1-d dataset without values yet, compressed so that it opens everywhere without plugins."""
+    """One 1-d dataset without values yet, compressed so that it opens everywhere without
+    plugins.
+    """
     # gzip at its fastest, with shuffle; HDF5 allows no chunks in an empty dataset.
-    chunked = {"chunks": (min(length, ROWS_PER_CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True}
+    chunked = {
+        "chunks": (min(length, ROWS_PER_CHUNK),),
+        "compression": "gzip",
+        "compression_opts": 1,
+        "shuffle": True,
+    }
     storage: dict[str, Any] = chunked if length else {}
-    dataset = group.create_dataset(link_name(form.name), shape=(length,), dtype=form.dtype, track_times=False, **storage)
+    dataset = group.create_dataset(
+        link_name(form.name), shape=(length,), dtype=form.dtype, track_times=False, **storage
+    )
     long_name = _LONG_NAMES.get(form.name, form.name)
-    for key, value in {"units": form.unit, "conversion": form.conversion, "offset": form.offset, "long_name": long_name}.items():
+    for key, value in {
+        "units": form.unit,
+        "conversion": form.conversion,
+        "offset": form.offset,
+        "long_name": long_name,
+    }.items():
         dataset.attrs[key] = value
     return dataset
 
@@ -182,12 +219,16 @@ def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Datase
 def column_form_of(name: str, column: Column) -> ColumnForm:
     """Layout of a column in memory. Raises ValueError where it is no 1-d array of numbers."""
     if column.raw.ndim != 1 or column.raw.dtype.kind not in "iuf":
-        raise ValueError(f"column {name} must be a row of numbers, not {column.raw.ndim}-d {column.raw.dtype}")
+        raise ValueError(
+            f"column {name} must be a row of numbers, not {column.raw.ndim}-d {column.raw.dtype}"
+        )
     return ColumnForm(name, column.raw.dtype.str, column.unit, column.conversion, column.offset)
 
 
 def write_column(group: h5py.Group, name: str, column: Column) -> h5py.Dataset:
-    """One 1-d dataset with its values. Raises ValueError where the column is no 1-d array of numbers."""
+    """One 1-d dataset with its values. Raises ValueError where the column is no 1-d array of
+    numbers.
+    """
     dataset = make_column(group, column_form_of(name, column), len(column.raw))
     if len(column.raw):
         dataset[:] = np.ascontiguousarray(column.raw)
@@ -199,14 +240,23 @@ def read_scale(dataset: h5py.Dataset) -> tuple[str, float, float]:
     unit, conversion, offset = (dataset.attrs[name] for name in ("units", "conversion", "offset"))
     scale = float(conversion), float(offset)
     if not all(map(math.isfinite, scale)):
-        raise ValueError(f"{dataset.name} has the conversion {conversion} and the offset {offset}, which are to be finite numbers")
+        raise ValueError(
+            f"{dataset.name} has the conversion {conversion} and the offset {offset}, "
+            "which are to be finite numbers"
+        )
     return str(unit), *scale
 
 
 def read_names(text: object) -> list[str]:
-    """The names in an attribute, in their order. Raises ValueError where it is no list of different names."""
+    """The names in an attribute, in their order. Raises ValueError where it is no list of
+    different names.
+    """
     names = json.loads(text) if isinstance(text, str) else None
-    if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
+    if not (
+        isinstance(names, list)
+        and all(isinstance(name, str) for name in names)
+        and len(set(names)) == len(names)
+    ):
         raise ValueError(f"{str(text)[:60]!r} is no list of different names")
     return names
 

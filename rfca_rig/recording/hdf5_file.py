@@ -1,20 +1,24 @@
-"""HDF5 files: written atomically and sealed by a checksum; read without following anything that leads out of them.
+"""HDF5 files: written atomically and sealed by a checksum; read without following anything that
+leads out of them.
 
-A new file is written beside its place, sealed, forced to disk, renamed. Writing is a generator of small steps, between which the caller
-can do something else.
+A new file is written beside its place, sealed, forced to disk, renamed. Writing is a generator of
+small steps, between which the caller can do something else.
 
-HDF5 takes flipped bits for data, and may search a damaged index for ever. A file states in its attribute `SEALED` that it has a checksum
-behind its end, where HDF5 readers ignore it. HDF5 cuts the checksum off when it opens a file for writing, and bytes behind it hide it:
-such a file was changed after it was written. Files without the attribute, from versions before it, may lack a checksum.
+HDF5 takes flipped bits for data, and may search a damaged index for ever. A file states in its
+attribute `SEALED` that it has a checksum behind its end, where HDF5 readers ignore it. HDF5 cuts
+the checksum off when it opens a file for writing, and bytes behind it hide it: such a file was
+changed after it was written. Files without the attribute, from versions before it, may lack a
+checksum.
 
-HDF5 lets a dataset keep its bytes in any file of the user (external storage), or show parts of other files (virtual datasets, external
-links). A reader that follows them hands out what it was never given. A few bytes can also claim any number of rows, unpack to any number
-of bytes, and hard links can show one dataset under any number of names. Entry point: `open_plain`.
+HDF5 lets a dataset keep its bytes in any file of the user (external storage), or show parts of
+other files (virtual datasets, external links). A reader that follows them hands out what it was
+never given. A few bytes can also claim any number of rows, unpack to any number of bytes, and hard
+links can show one dataset under any number of names. Entry point: `open_plain`.
 
 References
 ----------
-HDF5 File Format Specification 3.0, III.E (link messages), IV.A.2.h (external file list), IV.A.2.i (layout messages).
-"""
+HDF5 File Format Specification 3.0, III.E (link messages), IV.A.2.h (external file list), IV.A.2.i
+(layout messages)."""
 
 import hashlib
 from collections.abc import Generator, Iterator
@@ -33,22 +37,32 @@ PIECE = 1 << 20
 T = TypeVar("T")
 Steps = Generator[None, None, T]
 
-# Deflate packs 1032 bytes into one at most (RFC 1951: 258 bytes for two bits); what claims more holds no data.
+# Deflate packs 1032 bytes into one at most (RFC 1951: 258 bytes for two bits); what claims more
+# holds no data.
 MOST_EXPANSION = 1100
 # Fill values need no storage: a small dataset that was never written is allowed.
 FREE_BYTES = 1 << 20
-# A whole file may unpack to so many bytes, and so many more for each that it stores. Origin: campaigns and noisy sensors unpack to 1.1 to
-# 3.5 times their size, ten minutes of a sensor whose counts never change to 10 times. A factor of 20 would refuse none of them either.
+# A whole file may unpack to so many bytes, and so many more for each that it stores. Origin:
+# campaigns and noisy sensors unpack to 1.1 to 3.5 times their size, ten minutes of a sensor whose
+# counts never change to 10 times. A factor of 20 would refuse none of them either.
 MOST_UNPACKED_BYTES = 256 << 20
 UNPACKED_PER_STORED = 200
-# A chunk is unpacked as a whole to read one value in it. Those that other programs choose have 1 MB (h5py) or 4 MB (NetCDF).
+# A chunk is unpacked as a whole to read one value in it. Those that other programs choose have 1 MB
+# (h5py) or 4 MB (NetCDF).
 MOST_CHUNK_BYTES = 64 << 20
-# Deflate makes incompressible data longer by less than 0.1 %; a chunk far longer than its values unpacks to more than them.
+# Deflate makes incompressible data longer by less than 0.1 %; a chunk far longer than its values
+# unpacks to more than them.
 MOST_OVERHEAD = 1.1
 # A path of 64 names is no layout of recordings.
 MOST_DEPTH = 64
-# Filters whose output has a size that was checked before. Others take it from the file, or are plugins.
-FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF}
+# Filters whose output has a size that was checked before. Others take it from the file, or are
+# plugins.
+FILTERS = {
+    h5py.h5z.FILTER_DEFLATE,
+    h5py.h5z.FILTER_SHUFFLE,
+    h5py.h5z.FILTER_FLETCHER32,
+    h5py.h5z.FILTER_LZF,
+}
 
 
 def seal_of(content_sha256: bytes) -> bytes:
@@ -60,7 +74,9 @@ SEALED = "sealed"
 
 
 def read_seal(path: Path) -> bool | None:
-    """Whether the content is what was sealed; None where the file does not end in a seal. Raises OSError."""
+    """Whether the content is what was sealed; None where the file does not end in a seal. Raises
+    OSError.
+    """
     with path.open("rb") as file:
         length = file.seek(0, 2) - _LENGTH
         if length < 0:
@@ -96,7 +112,9 @@ def run_to_completion(steps: Steps[T]) -> T:
 
 
 class NewHdf5File:
-    """`root` takes groups and datasets; `check`, called now and then, raises what the disk refused."""
+    """`root` takes groups and datasets; `check`, called now and then, raises what the disk
+    refused.
+    """
 
     def __init__(self, path: Path) -> None:
         self._rough = ErrorDeferringFile(path)
@@ -109,7 +127,9 @@ class NewHdf5File:
         self._rough.check()
 
     def put_in_place(self) -> Steps[str]:
-        """Closes, seals, and moves the file to its path; the result is its SHA-256. Raises RigError, DiskFull."""
+        """Closes, seals, and moves the file to its path; the result is its SHA-256. Raises
+        RigError, DiskFull.
+        """
         # HDF5 must close first, whatever the disk refused; see `ErrorDeferringFile`.
         self.root.close()
         self.check()
@@ -133,7 +153,9 @@ class NewHdf5File:
 
 @contextmanager
 def new_hdf5_file(path: Path) -> Iterator[NewHdf5File]:
-    """Yields a new file, which is removed after the block unless it was put in place. Raises RigError where it cannot be begun."""
+    """Yields a new file, which is removed after the block unless it was put in place. Raises
+    RigError where it cannot be begun.
+    """
     made = NewHdf5File(path)
     try:
         yield made
@@ -152,7 +174,8 @@ def open_plain(path: Path) -> Iterator[h5py.File]:
     Raises
     ------
     NotPlain
-        Where a link or dataset leads out of the file, is reached twice, or claims more bytes than its storage can hold.
+        Where a link or dataset leads out of the file, is reached twice, or claims more bytes than
+        its storage can hold.
     OSError, RuntimeError
         Where HDF5 cannot read the file.
     """
@@ -162,7 +185,9 @@ def open_plain(path: Path) -> Iterator[h5py.File]:
 
 
 class _Survey:
-    """What was seen of a file so far: the addresses of its objects, and the bytes that all datasets claim and store."""
+    """What was seen of a file so far: the addresses of its objects, and the bytes that all
+    datasets claim and store.
+    """
 
     def __init__(self) -> None:
         self._seen: set[int] = set()
@@ -178,11 +203,17 @@ class _Survey:
         for name in names:
             where = f"{path}/{name.decode(errors='replace')}"
             if group.links.get_info(name).type != h5py.h5l.TYPE_HARD:
-                raise NotPlain(f"{where} is a link to elsewhere, which is not followed; copy what it shows into the file")
+                raise NotPlain(
+                    f"{where} is a link to elsewhere, which is not followed; copy what it "
+                    "shows into the file"
+                )
             item = h5py.h5o.open(group, name)
             address = h5py.h5o.get_info(item).addr
             if address in self._seen:
-                raise NotPlain(f"{where} shows an object that the file holds under another name; each needs one name")
+                raise NotPlain(
+                    f"{where} shows an object that the file holds under another name; "
+                    "each needs one name"
+                )
             self._seen.add(address)
             if isinstance(item, h5py.h5g.GroupID):
                 self.check_group(item, where, depth + 1)
@@ -192,37 +223,55 @@ class _Survey:
     def _check_dataset(self, dataset: h5py.h5d.DatasetID, where: str) -> None:
         made = dataset.get_create_plist()
         if made.get_layout() == h5py.h5d.VIRTUAL:
-            raise NotPlain(f"{where} is a virtual dataset, which shows other files; copy its values into the file")
+            raise NotPlain(
+                f"{where} is a virtual dataset, which shows other files; copy its values "
+                "into the file"
+            )
         if made.get_external_count():
             raise NotPlain(
-                f"{where} keeps its bytes in another file, {made.get_external(0)[0].decode(errors='replace')}; copy them into the file"
+                f"{where} keeps its bytes in another file, "
+                f"{made.get_external(0)[0].decode(errors='replace')}; copy them into the "
+                "file"
             )
         claimed = dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
         stored = dataset.get_storage_size()
         if claimed > FREE_BYTES + MOST_EXPANSION * stored:
-            raise NotPlain(f"{where} claims {claimed / 1e6:.0f} MB, where {stored} bytes are stored")
+            raise NotPlain(
+                f"{where} claims {claimed / 1e6:.0f} MB, where {stored} bytes are stored"
+            )
         if made.get_layout() == h5py.h5d.CHUNKED:
             _check_chunks(dataset, made, where)
         self._claimed += claimed
         self._stored += stored
         if self._claimed > MOST_UNPACKED_BYTES + UNPACKED_PER_STORED * self._stored:
-            raise NotPlain(f"{where} and those before it unpack to {self._claimed / 1e6:.0f} MB from {self._stored / 1e6:.1f} MB")
+            raise NotPlain(
+                f"{where} and those before it unpack to {self._claimed / 1e6:.0f} MB from "
+                f"{self._stored / 1e6:.1f} MB"
+            )
 
 
 def _check_chunks(dataset: h5py.h5d.DatasetID, made: h5py.h5p.PropDCID, where: str) -> None:
     """Refuse what could unpack to more than a chunk of the claimed size."""
     filters = [made.get_filter(number)[0] for number in range(made.get_nfilters())]
     if not FILTERS.issuperset(filters) or len(set(filters)) < len(filters):
-        raise NotPlain(f"{where} is packed by filters {filters}, which are not read; write it again with gzip: h5repack -f GZIP=1")
+        raise NotPlain(
+            f"{where} is packed by filters {filters}, which are not read; write it again "
+            "with gzip: h5repack -f GZIP=1"
+        )
     size = dataset.get_type().get_size()
     for rows in made.get_chunk():
         size *= rows
     if size > MOST_CHUNK_BYTES:
         most = f"{MOST_CHUNK_BYTES / 1e6:.0f} MB are the most"
-        raise NotPlain(f"{where} has chunks of {size / 1e6:.0f} MB, where {most}; write it again with h5repack")
+        raise NotPlain(
+            f"{where} has chunks of {size / 1e6:.0f} MB, where {most}; write it again with h5repack"
+        )
 
     def check(chunk: h5py.h5d.StoreInfo) -> None:
         if chunk.size > FREE_BYTES / 8 + MOST_OVERHEAD * size:
-            raise NotPlain(f"{where} has a chunk of {size} bytes that is stored in {chunk.size}, so it unpacks to more than it claims")
+            raise NotPlain(
+                f"{where} has a chunk of {size} bytes that is stored in {chunk.size}, so "
+                "it unpacks to more than it claims"
+            )
 
     dataset.chunk_iter(check)

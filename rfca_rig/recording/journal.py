@@ -1,10 +1,10 @@
 """A stage in progress on disk: blocks one after the other, each with its length and a checksum.
 
-The control loop hands a block to the recorder in the very bytes that the journal stores. After a crash or a power cut, everything behind
-the last whole block is ignored.
+The control loop hands a block to the recorder in the very bytes that the journal stores. After a
+crash or a power cut, everything behind the last whole block is ignored.
 
-Messages of the control loop about a stage are such blocks: its begin, its commanded start, its samples, its end.
-"""
+Messages of the control loop about a stage are such blocks: its begin, its commanded start, its
+samples, its end."""
 
 import json
 import struct
@@ -50,10 +50,15 @@ class JournalBlock:
 
 
 def frame_block(block: JournalBlock) -> bytes:
-    """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian. Raises ValueError for one above `MAX_BLOCK_BYTES`."""
+    """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian. Raises
+    ValueError for one above `MAX_BLOCK_BYTES`.
+    """
     if len(block.payload) > MAX_BLOCK_BYTES:
         raise ValueError(f"a block of {len(block.payload)} bytes")
-    return _HEAD.pack(_MARK, block.kind, len(block.payload), _checksum(block.kind, block.payload)) + block.payload
+    return (
+        _HEAD.pack(_MARK, block.kind, len(block.payload), _checksum(block.kind, block.payload))
+        + block.payload
+    )
 
 
 def parse_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
@@ -62,7 +67,12 @@ def parse_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
     while len(view) - used >= _HEAD.size:
         mark, kind, length, checksum = _HEAD.unpack_from(view, used)
         payload = bytes(view[used + _HEAD.size : used + _HEAD.size + length])
-        if mark != _MARK or len(payload) != length or checksum != _checksum(kind, payload) or kind not in _KINDS:
+        if (
+            mark != _MARK
+            or len(payload) != length
+            or checksum != _checksum(kind, payload)
+            or kind not in _KINDS
+        ):
             break
         blocks.append(JournalBlock(BlockKind(kind), payload))
         used += block_size(blocks[-1])
@@ -75,14 +85,17 @@ def block_size(block: JournalBlock) -> int:
 
 
 def read_blocks(path: Path) -> Iterator[JournalBlock]:
-    """The whole blocks of a file of any length, with little of it in memory at a time. Raises OSError."""
+    """The whole blocks of a file of any length, with little of it in memory at a time. Raises
+    OSError.
+    """
     with path.open("rb") as file:
         remainder = b""
         while piece := file.read(PIECE):
             blocks, used = parse_blocks(remainder + piece)
             remainder = (remainder + piece)[used:]
             yield from blocks
-            # A damaged block ends the journal: behind it there is no telling where the next one begins.
+            # A damaged block ends the journal: behind it there is no telling where the next one
+            # begins.
             if not _may_go_on(remainder):
                 return
 
@@ -92,7 +105,12 @@ def _may_go_on(remainder: bytes) -> bool:
     if len(remainder) < _HEAD.size:
         return True
     mark, kind, length, _ = _HEAD.unpack_from(remainder)
-    return mark == _MARK and kind in _KINDS and length <= MAX_BLOCK_BYTES and len(remainder) < _HEAD.size + length
+    return (
+        mark == _MARK
+        and kind in _KINDS
+        and length <= MAX_BLOCK_BYTES
+        and len(remainder) < _HEAD.size + length
+    )
 
 
 def _checksum(kind: int, payload: bytes) -> int:
@@ -115,7 +133,10 @@ class Begin:
     def of(block: JournalBlock) -> "Begin":
         """Raises ValueError, LookupError or TypeError for a block that no run wrote."""
         content = json.loads(block.payload)
-        forms = (StreamForm(str(form["name"]), tuple(ColumnForm(**column) for column in form["columns"])) for form in content["forms"])
+        forms = (
+            StreamForm(str(form["name"]), tuple(ColumnForm(**column) for column in form["columns"]))
+            for form in content["forms"]
+        )
         begin = Begin(str(content["label"]), float(content["height_m"]), tuple(forms))
         for column in (column for form in begin.forms for column in form.columns):
             if np.dtype(column.dtype).kind not in "iuf":
@@ -145,14 +166,26 @@ class End:
     @staticmethod
     def of(block: JournalBlock) -> "End":
         content = json.loads(block.payload)
-        stroke = StrokeCondition(float(content["stroke"]["speed_rad_s"]), int(content["stroke"]["repeat"])) if content["stroke"] else None
-        return End(stroke, static_stage_of(content["static"]) if content["static"] else None, str(content["cut_short"]))
+        stroke = (
+            StrokeCondition(
+                float(content["stroke"]["speed_rad_s"]), int(content["stroke"]["repeat"])
+            )
+            if content["stroke"]
+            else None
+        )
+        return End(
+            stroke,
+            static_stage_of(content["static"]) if content["static"] else None,
+            str(content["cut_short"]),
+        )
 
 
 def static_stage_of(fields: Mapping[str, Any]) -> StaticStage:
     """The stage from plain data, as `dataclasses.asdict` and JSON leave it."""
     # JSON has no tuples; the dataclass compares equal only with them.
-    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()
+    }
     return StaticStage(**values)
 
 

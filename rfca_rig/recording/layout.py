@@ -71,7 +71,10 @@ def journals(folder: Path) -> list[Path]:
 
 def _list_numbered(folder: Path, suffix: str) -> list[Path]:
     # Copies with other names, as file managers make them, are no stages.
-    return sorted((file for file in (folder / STAGES).glob(f"*{suffix}") if file.stem.isdecimal()), key=_number)
+    return sorted(
+        (file for file in (folder / STAGES).glob(f"*{suffix}") if file.stem.isdecimal()),
+        key=_number,
+    )
 
 
 def next_number(folder: Path) -> int:
@@ -95,25 +98,33 @@ def _number(file: Path) -> int:
 def read_bounded(path: Path) -> bytes:
     """The bytes of a text of the run. Raises BadInput where it is larger than any run's."""
     if (size := path.stat().st_size) > MOST_TEXT_BYTES:
-        raise BadInput(f"{path}: has {size / 1e6:.0f} MB, where {MOST_TEXT_BYTES / 1e6:.0f} MB are the most")
+        raise BadInput(
+            f"{path}: has {size / 1e6:.0f} MB, where {MOST_TEXT_BYTES / 1e6:.0f} MB are the most"
+        )
     return path.read_bytes()
 
 
 def is_inside(name: str) -> bool:
     """Whether a path that a file states stays in the folder it belongs to, on any system."""
     paths = PurePosixPath(name), PureWindowsPath(name)
-    return not any(path.is_absolute() or path.drive or ".." in path.parts for path in paths) and "\0" not in name
+    return (
+        not any(path.is_absolute() or path.drive or ".." in path.parts for path in paths)
+        and "\0" not in name
+    )
 
 
 def refuse_links(folder: Path) -> None:
-    """Raises BadInput where a file of the run in `folder` is a link that leads out of it, or neither file nor folder.
+    """Raises BadInput where a file of the run in `folder` is a link that leads out of it, or
+    neither file nor folder.
 
     A run from elsewhere could otherwise show any file of its reader, or a pipe that never ends.
     """
     refuse_links_among(folder, (HEADER, EVENTS, ENDING, RECORDING, SUMS, STAGES, PHOTOS, OVERLAYS))
     for name in (STAGES, PHOTOS, OVERLAYS):
         if (folder / name).is_dir():
-            refuse_links_among(folder, (f"{name}/{file.name}" for file in (folder / name).iterdir()))
+            refuse_links_among(
+                folder, (f"{name}/{file.name}" for file in (folder / name).iterdir())
+            )
 
 
 def refuse_links_among(folder: Path, names: Iterable[str]) -> None:
@@ -122,9 +133,18 @@ def refuse_links_among(folder: Path, names: Iterable[str]) -> None:
     for name in names:
         file = folder / name
         if file.is_symlink() and not (_resolve(file).is_relative_to(root) and file.exists()):
-            raise BadInput(f"{file}: is a link to elsewhere, which is not followed; put the file itself into its place")
-        if file.exists() and not (file.is_dir() if name in (STAGES, PHOTOS, OVERLAYS) else file.is_file()):
-            raise BadInput(f"{file}: is no {'folder' if name in (STAGES, PHOTOS, OVERLAYS) else 'file'}; take it out of the run's folder")
+            raise BadInput(
+                f"{file}: is a link to elsewhere, which is not followed; put the file "
+                "itself into its place"
+            )
+        if file.exists() and not (
+            file.is_dir() if name in (STAGES, PHOTOS, OVERLAYS) else file.is_file()
+        ):
+            raise BadInput(
+                f"{file}: is no "
+                f"{'folder' if name in (STAGES, PHOTOS, OVERLAYS) else 'file'}; take it "
+                "out of the run's folder"
+            )
 
 
 def _resolve(link: Path) -> Path:
@@ -145,16 +165,22 @@ KINDS_OF_AN_EXPERIMENT = ("h5", "hdf5", "mcap", "db3", "zstd")
 def write_sums(folder: Path, coming: Mapping[str, bytes] | None = None) -> None:
     """`SHA256SUMS`. `coming` has the content of files, by name, that will be written after it."""
     coming = coming or {}
-    # Sorted, so that the same run gives the same bytes.
-    # The reserve is gone after the run, files being written are not part of it, and links may show files of somebody else.
+    # Sorted, so that the same run gives the same bytes. The reserve is gone after the run, files
+    # being written are not part of it, and links may show files of somebody else.
     files = sorted(
         file
         for file in folder.rglob("*")
-        if file.is_file() and file.name not in (SUMS, BALLAST) and file.suffix != WRITING and not file.is_symlink()
+        if file.is_file()
+        and file.name not in (SUMS, BALLAST)
+        and file.suffix != WRITING
+        and not file.is_symlink()
     )
     names = {file: file.relative_to(folder).as_posix() for file in files}
     lines = (
-        f"{hashlib.sha256(coming[name]).hexdigest()}  {name}" if name in coming else sum_line(file, folder) for file, name in names.items()
+        f"{hashlib.sha256(coming[name]).hexdigest()}  {name}"
+        if name in coming
+        else sum_line(file, folder)
+        for file, name in names.items()
     )
     write_atomically(folder / SUMS, "".join(f"{line}\n" for line in lines).encode())
 
@@ -165,7 +191,9 @@ def sum_line(file: Path, folder: Path) -> str:
 
 
 def read_sums(folder: Path) -> dict[str, str]:
-    """Hash by path in the folder; empty for a run that has not been finished. Raises BadInput for malformed lines."""
+    """Hash by path in the folder; empty for a run that has not been finished. Raises BadInput
+    for malformed lines.
+    """
     path = folder / SUMS
     if not path.is_file():
         return {}
@@ -189,7 +217,8 @@ def sha256_of(file: Path) -> str:
 
 
 def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
-    """32 hexadecimal digits from title, source and provenance. The provenance has the SHA-256 of the recorded files.
+    """32 hexadecimal digits from title, source and provenance. The provenance has the SHA-256 of
+    the recorded files.
 
     A run that was continued or recovered has another identity than before.
     """
@@ -201,7 +230,9 @@ def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
 def list_described_files(folder: Path) -> list[Path]:
     """Of recordings from elsewhere: description, model file and recordings, sorted by name."""
     kinds = ("csv", *KINDS_OF_AN_EXPERIMENT) if (folder / EXPERIMENT).is_file() else ("csv",)
-    descriptions = (file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}"))
+    descriptions = (
+        file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}")
+    )
     tables = (file for ending in kinds for file in folder.rglob(f"*.{ending}"))
     # A diagnosis that was written below the folder has tables of its own.
     files = (*descriptions, *(file for file in tables if not (file.parent / DIAGNOSIS).is_file()))
@@ -210,6 +241,8 @@ def list_described_files(folder: Path) -> list[Path]:
 
 
 def identity_of_tables(title: str, folder: Path) -> str:
-    """Identity of recordings from elsewhere that are read in place, a description and tables below `folder`. Raises OSError."""
+    """Identity of recordings from elsewhere that are read in place, a description and tables
+    below `folder`. Raises OSError.
+    """
     sums = "".join(f"{sum_line(file, folder)}\n" for file in list_described_files(folder))
     return identity_of(title, "IMPORT", {"sha256": hashlib.sha256(sums.encode()).hexdigest()})

@@ -18,7 +18,9 @@ Direction = Literal["loading", "unloading"]
 
 @dataclass(frozen=True)
 class Column:
-    """One recorded quantity as the device gave it: `raw` (m,). Its value in `unit` is raw * conversion + offset."""
+    """One recorded quantity as the device gave it: `raw` (m,). Its value in `unit` is raw *
+    conversion + offset.
+    """
 
     raw: NDArray[Any]
     unit: str
@@ -33,7 +35,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Stream:
-    """Columns that share one time base. `t_s` (m,) comes from the device's sample counter; 0 is the commanded start."""
+    """Columns that share one time base. `t_s` (m,) comes from the device's sample counter; 0 is
+    the commanded start.
+    """
 
     t_s: Floats
     columns: Mapping[str, Column]
@@ -41,10 +45,11 @@ class Stream:
 
 @dataclass(frozen=True)
 class Stroke:
-    """One flap at one condition. Streams are named for their device: "shaft" and "force", or "table" where one file held all.
+    """One flap at one condition. Streams are named for their device: "shaft" and "force", or
+    "table" where one file held all.
 
-    `strokes_before` is the number of strokes that the leg had made before in this campaign, None where it was not counted.
-    """
+    `strokes_before` is the number of strokes that the leg had made before in this campaign, None
+    where it was not counted."""
 
     height_m: float
     speed_rad_s: float
@@ -53,7 +58,9 @@ class Stroke:
     strokes_before: int | None = None
 
     def channel(self, name: str) -> tuple[Floats, Floats] | None:
-        """(t_s, values), each (m,), of a channel by its name in `channels`; None where it was not recorded."""
+        """(t_s, values), each (m,), of a channel by its name in `channels`; None where it was
+        not recorded.
+        """
         for stream in self.streams.values():
             if name in stream.columns:
                 return stream.t_s, stream.columns[name].values
@@ -64,11 +71,11 @@ class Stroke:
 class StaticStage:
     """One settled stage of the static experiment: means after settling.
 
-    `hinge_deg` (6,) is NaN where no photo gave the angle. `hinge_std_deg` (6,), one standard deviation of each hinge angle, is NaN where
-    unknown. `settled` is None where the recording does not say. `photo` and `overlay` are paths in the run's folder, `photo_doubts` what
-    the photo did not show; "" for none. `strokes_before` as in `Stroke`. `held_s` is how long the shaft had stood in the middle of the
-    reading, None where unknown.
-    """
+    `hinge_deg` (6,) is NaN where no photo gave the angle. `hinge_std_deg` (6,), one standard
+    deviation of each hinge angle, is NaN where unknown. `settled` is None where the recording does
+    not say. `photo` and `overlay` are paths in the run's folder, `photo_doubts` what the photo did
+    not show; "" for none. `strokes_before` as in `Stroke`. `held_s` is how long the shaft had stood
+    in the middle of the reading, None where unknown."""
 
     height_m: float
     stage: int
@@ -90,20 +97,27 @@ class StaticStage:
     def __post_init__(self) -> None:
         """Raises ValueError for a photo that lies outside the run's folder."""
         if not (is_inside(self.photo) and is_inside(self.overlay)):
-            raise ValueError(f"the picture {self.photo or self.overlay} of a static stage lies outside the run's folder")
+            raise ValueError(
+                f"the picture {self.photo or self.overlay} of a static stage lies outside "
+                "the run's folder"
+            )
         if not self.hinge_std_deg:
-            # The dataclass is frozen; the default depends on the number of hinges, so a field default cannot state
-            # it.
+            # The dataclass is frozen; the default depends on the number of hinges, so a field
+            # default cannot state it.
             object.__setattr__(self, "hinge_std_deg", (math.nan,) * len(self.hinge_deg))
 
     @property
     def bend_deg(self) -> float:
-        """Angle between the first link and the last, without sign: the sum of the hinge angles. NaN where one of them is unknown."""
+        """Angle between the first link and the last, without sign: the sum of the hinge angles.
+        NaN where one of them is unknown.
+        """
         return abs(math.fsum(self.hinge_deg)) if self.hinge_deg else math.nan
 
 
 def collect_strokes_before(recorded: Iterable[Stroke | StaticStage]) -> tuple[int, ...]:
-    """How many strokes the leg had made before each of these; () where one of them was not counted."""
+    """How many strokes the leg had made before each of these; () where one of them was not
+    counted.
+    """
     counts = [each.strokes_before for each in recorded]
     # All or none: a sequence with gaps is of no use as an order.
     known = tuple(count for count in counts if count is not None)
@@ -112,11 +126,11 @@ def collect_strokes_before(recorded: Iterable[Stroke | StaticStage]) -> tuple[in
 
 @dataclass(frozen=True)
 class RawStage:
-    """Samples of a stage that is no stroke: those behind the means of a static stage, or of a stage that was cut short.
+    """Samples of a stage that is no stroke: those behind the means of a static stage, or of a stage
+    that was cut short.
 
-    `cut_short` is the reason, "" for a complete stage. Times count from the commanded start, or from the first sample where that never
-    came.
-    """
+    `cut_short` is the reason, "" for a complete stage. Times count from the commanded start, or
+    from the first sample where that never came."""
 
     label: str
     height_m: float
@@ -126,11 +140,12 @@ class RawStage:
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything that one run or one campaign recorded. Analyses take `strokes` and `static`; `raw` is for a closer look.
+    """Everything that one run or one campaign recorded. Analyses take `strokes` and `static`; `raw`
+    is for a closer look.
 
-    `nominal` holds the sections leg, ground, sensor, drive of the nominal model, `known_to` one standard deviation of each nominal value,
-    both as plain data in the file's own units. `provenance` is text by name (versions, seed, plan ...).
-    """
+    `nominal` holds the sections leg, ground, sensor, drive of the nominal model, `known_to` one
+    standard deviation of each nominal value, both as plain data in the file's own units.
+    `provenance` is text by name (versions, seed, plan ...)."""
 
     title: str
     source: Source
@@ -146,15 +161,24 @@ class Recording:
         object.__setattr__(self, "title", printable(str(self.title)))
 
     def with_order(self) -> "Recording":
-        """The same with its strokes counted, where a rig or a twin recorded them: there they are stored in the order of time."""
+        """The same with its strokes counted, where a rig or a twin recorded them: there they are
+        stored in the order of time.
+        """
         # Nothing says in which order imported strokes were made.
         if self.source == "IMPORT":
             return self
-        return replace(self, strokes=tuple(replace(stroke, strokes_before=before) for before, stroke in enumerate(self.strokes)))
+        return replace(
+            self,
+            strokes=tuple(
+                replace(stroke, strokes_before=before) for before, stroke in enumerate(self.strokes)
+            ),
+        )
 
 
 def check_header(found: Recording) -> Recording:
-    """The recording from a file. Raises ValueError where its source or its nominal values are none."""
+    """The recording from a file. Raises ValueError where its source or its nominal values are
+    none.
+    """
     check_source(found.source)
     if not (isinstance(found.nominal, dict) and isinstance(found.known_to, dict)):
         raise ValueError("its nominal values are not values by name")
@@ -170,6 +194,8 @@ def check_source(source: object) -> Source:
 
 def check_texts(provenance: object) -> dict[str, str]:
     """The provenance. Raises ValueError where it is not text by name."""
-    if not (isinstance(provenance, dict) and all(isinstance(text, str) for text in provenance.values())):
+    if not (
+        isinstance(provenance, dict) and all(isinstance(text, str) for text in provenance.values())
+    ):
         raise ValueError("its provenance is not text by name")
     return provenance

@@ -1,8 +1,8 @@
 """Files outside a folder of recordings: refused, unless the user allows them.
 
-A folder from a stranger may hold links to any file of its reader, and models that name such files. What a command then prints or writes,
-even the message about a file that it cannot read, would show their content.
-"""
+A folder from a stranger may hold links to any file of its reader, and models that name such files.
+What a command then prints or writes, even the message about a file that it cannot read, would show
+their content."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,14 +13,18 @@ ALLOW_OUTSIDE = "--allow-outside"
 
 
 def refuse_outside(files: Iterable[Path], folders: Iterable[Path]) -> None:
-    """Raises BadInput for the first file that lies in none of the folders once all links are followed, or that is in a folder of links."""
+    """Raises BadInput for the first file that lies in none of the folders once all links are
+    followed, or that is in a folder of links.
+    """
     roots = [_resolve(folder) for folder in folders]
     for file in files:
         place = _resolve(file)
         if not any(place.is_relative_to(root) for root in roots):
             raise BadInput(
-                f"{file}: leads to {place}, outside {roots[0]}, and is not read; put a copy into the folder, "
-                f"or give {ALLOW_OUTSIDE}, which import, check, report, fit and diagnose take, if you trust who made the folder"
+                f"{file}: leads to {place}, outside {roots[0]}, and is not read; put a "
+                "copy into the folder, "
+                f"or give {ALLOW_OUTSIDE}, which import, check, report, fit and diagnose "
+                "take, if you trust who made the folder"
             )
 
 

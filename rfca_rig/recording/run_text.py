@@ -1,4 +1,5 @@
-"""Text files of a run: its header, its end, and the events in between, whose file is the run's lock.
+"""Text files of a run: its header, its end, and the events in between, whose file is the run's
+lock.
 
 One process writes at a time. The lock ends with its process.
 """
@@ -25,8 +26,8 @@ INTERRUPTED = "interrupted"
 class Ending:
     """How a run ended: text by name, and its static stages with the angles read from their photos.
 
-    `is_closed` says that `run.h5` and the checksums were made too. None in files of versions that did not say so.
-    """
+    `is_closed` says that `run.h5` and the checksums were made too. None in files of versions that
+    did not say so."""
 
     provenance: Mapping[str, str]
     static: tuple[StaticStage, ...] | None = None
@@ -41,14 +42,26 @@ def write_header(folder: Path, header: Recording) -> None:
 
 
 def read_header(folder: Path) -> Recording:
-    """The recording as it was before its first stage. Raises BadInput where there is none, or none of this format."""
+    """The recording as it was before its first stage. Raises BadInput where there is none, or
+    none of this format.
+    """
     path = folder / HEADER
     content = _read(path)
     if content.get("format") != FORMAT:
         raise BadInput(f"{path}: format {content.get('format')!r}, where {FORMAT!r} is needed")
     try:
         provenance = check_texts(content["provenance"])
-        return check_header(Recording(content["title"], content["source"], content["believed"], content["known_to"], (), (), provenance))
+        return check_header(
+            Recording(
+                content["title"],
+                content["source"],
+                content["believed"],
+                content["known_to"],
+                (),
+                (),
+                provenance,
+            )
+        )
     except LookupError as error:
         raise BadInput(f"{path}: {error} is missing") from None
     except ValueError as error:
@@ -64,27 +77,42 @@ def ending_bytes(ending: Ending) -> bytes:
     """What `write_ending` writes."""
     content = asdict(ending)
     # The last key, so that two ends of one run differ at their end alone.
-    return _bytes_of({**{name: content[name] for name in ("provenance", "static")}, "closed": ending.is_closed})
+    return _bytes_of(
+        {**{name: content[name] for name in ("provenance", "static")}, "closed": ending.is_closed}
+    )
 
 
 def read_ending(folder: Path) -> Ending | None:
-    """None for a run that has not ended, or was cut short. Raises BadInput for a file that is damaged."""
+    """None for a run that has not ended, or was cut short. Raises BadInput for a file that is
+    damaged.
+    """
     path = folder / ENDING
     if not path.is_file():
         return None
     content = _read(path)
     try:
-        static = None if content["static"] is None else tuple(static_stage_of(stage) for stage in content["static"])
+        static = (
+            None
+            if content["static"] is None
+            else tuple(static_stage_of(stage) for stage in content["static"])
+        )
         return Ending(check_texts(content["provenance"]), static, content.get("closed"))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{path}: is not the end of a run: {error}") from None
 
 
-def run_provenance(folder: Path, known: Recording, ending: Ending | None, strokes: int) -> Mapping[str, str]:
-    """Provenance of a run with so many strokes and the static stages of `known`, and how it ended, or that it has not."""
+def run_provenance(
+    folder: Path, known: Recording, ending: Ending | None, strokes: int
+) -> Mapping[str, str]:
+    """Provenance of a run with so many strokes and the static stages of `known`, and how it
+    ended, or that it has not.
+    """
     found = {**known.provenance, "events": events_text(folder)}
     if ending is None:
-        interruption = f"the run ended without being finished, after {strokes} strokes and {len(known.static)} static stages"
+        interruption = (
+            f"the run ended without being finished, after {strokes} strokes and "
+            f"{len(known.static)} static stages"
+        )
         return {**found, INTERRUPTED: interruption}
     return {**found, **ending.provenance}
 
@@ -107,7 +135,9 @@ def events_of(folder: Path) -> list[dict[str, Any]]:
 
 
 def parse_events(text: str, where: str) -> list[dict[str, Any]]:
-    """The events of a text, one a line. Raises BadInput, naming `where` and the line, for a line that is no event."""
+    """The events of a text, one a line. Raises BadInput, naming `where` and the line, for a line
+    that is no event.
+    """
     events = []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
@@ -116,9 +146,18 @@ def parse_events(text: str, where: str) -> list[dict[str, Any]]:
                 raise ValueError("it has no name")
             if "file" in event:
                 file, samples = event["file"], event.get("samples")
-                if not (isinstance(file, str) and is_inside(file) and isinstance(event.get("sha256"), str)):
-                    raise ValueError("its file should be a path in the run's folder, with its SHA-256")
-                if not (isinstance(samples, dict) and all(isinstance(count, int) for count in samples.values())):
+                if not (
+                    isinstance(file, str)
+                    and is_inside(file)
+                    and isinstance(event.get("sha256"), str)
+                ):
+                    raise ValueError(
+                        "its file should be a path in the run's folder, with its SHA-256"
+                    )
+                if not (
+                    isinstance(samples, dict)
+                    and all(isinstance(count, int) for count in samples.values())
+                ):
                     raise ValueError("its samples should be a count by name of the stream")
             events.append(event)
         except (ValueError, RecursionError) as error:
@@ -154,18 +193,23 @@ def lock(events: AppendOnlyFile) -> None:
         return
     fcntl = importlib.import_module("fcntl")
     try:
-        # On the open file, not by a file of its own: the system releases it however the process ends.
+        # On the open file, not by a file of its own: the system releases it however the process
+        # ends.
         fcntl.flock(events.handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         events.close()
-        raise BadInput(f"{events.path.parent}: the run is still going on; wait for its end") from None
+        raise BadInput(
+            f"{events.path.parent}: the run is still going on; wait for its end"
+        ) from None
     except OSError:
         # A disk without locks must not prevent a run.
         return
 
 
 def check_not_running(folder: Path) -> None:
-    """Raises BadInput where the run in `folder` is still going on. Creates an empty file of events where there is none."""
+    """Raises BadInput where the run in `folder` is still going on. Creates an empty file of
+    events where there is none.
+    """
     events = AppendOnlyFile(folder / EVENTS)
     lock(events)
     events.close()

@@ -1,7 +1,8 @@
-"""Writes a run: takes the blocks of the control loop one by one, and knows when a stage is safe on disk.
+"""Writes a run: takes the blocks of the control loop one by one, and knows when a stage is safe on
+disk.
 
-Photos of static stages become lossless PNG files. A thread sends them to the recorder, so that the control loop never waits.
-"""
+Photos of static stages become lossless PNG files. A thread sends them to the recorder, so that the
+control loop never waits."""
 
 import importlib
 import queue
@@ -20,18 +21,33 @@ from rfca_rig.errors import BadInput, DiskFull, RigError
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder, write_atomically
 from rfca_rig.recording.hdf5_file import Steps
 from rfca_rig.recording.journal import BlockKind, End, JournalBlock, event_block, frame_block
-from rfca_rig.recording.layout import BALLAST, EVENTS, PHOTOS, STAGES, journal_path, next_number, stage_path
+from rfca_rig.recording.layout import (
+    BALLAST,
+    EVENTS,
+    PHOTOS,
+    STAGES,
+    journal_path,
+    next_number,
+    stage_path,
+)
 from rfca_rig.recording.run_text import complete_lines_length, lock, read_header
 from rfca_rig.recording.stage_file import StageOnDisk, write_stage
 
-# PNG compression, 0 to 9: camera noise hardly compresses, and a higher level takes many times longer.
+# PNG compression, 0 to 9: camera noise hardly compresses, and a higher level takes many times
+# longer.
 PACKING = 1
 Picture = NDArray[np.uint8]
 
 
 def next_photo(folder: Path) -> int:
     """Number of the run's next photo."""
-    return max((int(file.stem) for file in (folder / PHOTOS).glob("*.png") if file.stem.isdecimal()), default=0) + 1
+    return (
+        max(
+            (int(file.stem) for file in (folder / PHOTOS).glob("*.png") if file.stem.isdecimal()),
+            default=0,
+        )
+        + 1
+    )
 
 
 def photo_name(number: int) -> str:
@@ -56,7 +72,9 @@ class AnnouncedPhoto:
     shape: tuple[int, ...]
 
     def receive(self, parent: Connection) -> Picture:
-        """The photo (rows, columns, 3). Raises EOFError, OSError where the sender dies meanwhile."""
+        """The photo (rows, columns, 3). Raises EOFError, OSError where the sender dies
+        meanwhile.
+        """
         return np.frombuffer(parent.recv_bytes(), np.uint8).reshape(self.shape)
 
 
@@ -65,11 +83,15 @@ class PhotoSender:
 
     def __init__(self, child: Connection) -> None:
         self._child = child
-        self._waiting: queue.SimpleQueue[tuple[AnnouncedPhoto, Picture] | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[tuple[AnnouncedPhoto, Picture] | None] = (
+            queue.SimpleQueue()
+        )
         self._thread = threading.Thread(target=self._work, name="photos", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread, if that is not done. Raises RuntimeError where the system allows no further one."""
+        """Starts the thread, if that is not done. Raises RuntimeError where the system allows no
+        further one.
+        """
         # With the first photo: runs without a camera have no such thread.
         if not self._thread.ident:
             self._thread.start()
@@ -103,12 +125,15 @@ ROOM_FACTOR = 2
 
 
 def check_room(folder: Path, plan_bytes: int) -> None:
-    """Raises BadInput where the disk has less than twice the room that the plan needs; `folder` need not exist yet."""
+    """Raises BadInput where the disk has less than twice the room that the plan needs; `folder`
+    need not exist yet.
+    """
     existing = next(above for above in (folder, *folder.absolute().parents) if above.is_dir())
     needed, free = ROOM_FACTOR * plan_bytes + RESERVE_BYTES, shutil.disk_usage(existing).free
     if free < needed:
         raise BadInput(
-            f"{existing}: {1e-6 * free:.0f} MB free, the run may need {1e-6 * needed:.0f} MB; make room, or choose another disk with --runs"
+            f"{existing}: {1e-6 * free:.0f} MB free, the run may need {1e-6 * needed:.0f} "
+            "MB; make room, or choose another disk with --runs"
         )
 
 
@@ -139,13 +164,15 @@ class DiskReserve:
 class RunWriter:
     """Owns the folder of a run while it goes on.
 
-    A stage that ends is safe in its journal. `work` makes its file from it, step by step, while the next stage may go on already.
-    `acknowledged` stages are on disk, whatever happens later. A full disk uses up the reserve: what is under way is still recorded, and
-    `complaint` then says that the run must stop.
-    """
+    A stage that ends is safe in its journal. `work` makes its file from it, step by step, while the
+    next stage may go on already. `acknowledged` stages are on disk, whatever happens later. A full
+    disk uses up the reserve: what is under way is still recorded, and `complaint` then says that
+    the run must stop."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder` was made by `run_folder.create`. Raises BadInput where another process writes into it."""
+        """`folder` was made by `run_folder.create`. Raises BadInput where another process writes
+        into it.
+        """
         self._folder = folder
         self._header = read_header(folder)
         self._events = AppendOnlyFile(folder / EVENTS)
@@ -163,7 +190,9 @@ class RunWriter:
         self.complaint = ""
 
     def take(self, block: JournalBlock) -> None:
-        """Raises RigError where the disk refuses for good. Samples reach the disk with `flush`, the file of a stage with `work`."""
+        """Raises RigError where the disk refuses for good. Samples reach the disk with `flush`,
+        the file of a stage with `work`.
+        """
         match block.kind:
             case BlockKind.EVENT:
                 self._write_or_use_reserve(lambda: self._events.append(block.payload + b"\n"))
@@ -176,14 +205,18 @@ class RunWriter:
                 self._end(block)
 
     def flush(self) -> None:
-        """Hands everything taken to the system: it then survives this process, though not yet a power cut."""
+        """Hands everything taken to the system: it then survives this process, though not yet a
+        power cut.
+        """
         waiting, self._waiting = b"".join(self._waiting), []
         if self._journal is not None and waiting:
             journal = self._journal
             self._write_or_use_reserve(lambda: journal.append(waiting))
 
     def work(self) -> bool:
-        """Does one step towards the files of ended stages; False where there is nothing to do. Raises as `take` does."""
+        """Does one step towards the files of ended stages; False where there is nothing to do.
+        Raises as `take` does.
+        """
         if not self._ended:
             return False
         number = self._ended[0]
@@ -195,12 +228,14 @@ class RunWriter:
             self._making = None
             self._ended.popleft()
             self._acknowledge(journal, path, done.value)
-        # Once the reserve is released there is room again: the file is begun again with the next step.
+        # Once the reserve is released there is room again: the file is begun again with the next
+        # step.
         except DiskFull as full:
             self._making = None
             self._use_ballast(full)
         except BaseException:
-            # A generator that has raised is exhausted: its next step would look like a stage without samples, and cost its journal.
+            # A generator that has raised is exhausted: its next step would look like a stage
+            # without samples, and cost its journal.
             self._making = None
             raise
         return True
@@ -211,7 +246,9 @@ class RunWriter:
             pass
 
     def keep_picture(self, name: str, picture: Picture) -> None:
-        """Returns when the photo is on disk, at that path in the run's folder. Raises RigError where the disk finally refuses."""
+        """Returns when the photo is on disk, at that path in the run's folder. Raises RigError
+        where the disk finally refuses.
+        """
         self._write_or_use_reserve(lambda: write_picture(self._folder / name, picture))
 
     def force(self) -> None:
@@ -221,14 +258,16 @@ class RunWriter:
         self._events.force()
 
     def close(self, why: str) -> None:
-        """Ends the run; a stage in progress is cut short for the reason `why`. Removes the reserve."""
+        """Ends the run; a stage in progress is cut short for the reason `why`. Removes the
+        reserve.
+        """
         try:
             if self._journal is not None:
                 self._end(End(cut_short=why).block())
             self.work_off()
             self.take(event_block({"event": "run ends", "why": why}))
-            # The event that names the end is the last word of the run; it must be on disk before the lock is
-            # released.
+            # The event that names the end is the last word of the run; it must be on disk before
+            # the lock is released.
             self._events.force()
         finally:
             self._events.close()
@@ -249,16 +288,20 @@ class RunWriter:
         self._ended.append(number)
 
     def _acknowledge(self, journal: Path, path: Path, written: StageOnDisk | None) -> None:
-        """Records that the stage is on disk, and removes its journal. A stage without its photo is kept, but not acknowledged."""
+        """Records that the stage is on disk, and removes its journal. A stage without its photo
+        is kept, but not acknowledged.
+        """
         if written is not None:
             photo = written.end.static.photo if written.end.static else ""
             has_photo = not photo or (self._folder / photo).is_file()
             self.acknowledged += has_photo
-            event = written.event(f"{STAGES}/{path.name}", **({} if has_photo else {"photo": f"{photo} is lost"}))
+            event = written.event(
+                f"{STAGES}/{path.name}", **({} if has_photo else {"photo": f"{photo} is lost"})
+            )
             self._write_or_use_reserve(lambda: self._events.append(event))
             self._events.force()
-        # Only after the event is on disk: as long as the journal exists, a crash loses neither samples nor the record
-        # of them.
+        # Only after the event is on disk: as long as the journal exists, a crash loses neither
+        # samples nor the record of them.
         remove(journal)
 
     def _write_or_use_reserve(self, write: Callable[[], object]) -> None:
@@ -270,9 +313,12 @@ class RunWriter:
             write()
 
     def _use_ballast(self, full: DiskFull) -> None:
-        """Releases the reserve for what the disk refused. Raises that error where the reserve is used up."""
+        """Releases the reserve for what the disk refused. Raises that error where the reserve is
+        used up.
+        """
         if not self._ballast.release():
             raise full
         self.complaint = f"stopped: disk full: {full}"
-        # Forces the removal to disk, so that its room is really free before the write is tried again.
+        # Forces the removal to disk, so that its room is really free before the write is tried
+        # again.
         sync_folder(self._folder)

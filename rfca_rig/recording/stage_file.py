@@ -1,8 +1,8 @@
-"""Makes a stage's file from its journal. A stage that ends in good order goes the same way as one that a crash left.
+"""Makes a stage's file from its journal. A stage that ends in good order goes the same way as one
+that a crash left.
 
-The journal is read twice: once to learn how long the stage is and when it began, once to copy. A stage of hours takes no more memory than
-one of seconds.
-"""
+The journal is read twice: once to learn how long the stage is and when it began, once to copy. A
+stage of hours takes no more memory than one of seconds."""
 
 import json
 import struct
@@ -29,7 +29,15 @@ from rfca_rig.recording.hdf5_file import NewHdf5File, Steps, new_hdf5_file
 from rfca_rig.recording.journal import Begin, BlockKind, End, read_blocks, start_of
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.store import mark_recording
-from rfca_rig.recording.strokes import TIME, make_raw_stages, make_streams, make_strokes, mark_raw_stage, mark_stroke, write_rows
+from rfca_rig.recording.strokes import (
+    TIME,
+    make_raw_stages,
+    make_streams,
+    make_strokes,
+    mark_raw_stage,
+    mark_stroke,
+    write_rows,
+)
 from rfca_rig.recording.tables import write_static
 
 INTERRUPTED = "the recording was interrupted"
@@ -39,9 +47,8 @@ INTERRUPTED = "the recording was interrupted"
 class Survey:
     """Content of a journal.
 
-    Per stream, in the order of `begin.forms`: `lengths` are numbers of samples, `host_offsets_s` what to add to the device's clock to get
-    the host's.
-    """
+    Per stream, in the order of `begin.forms`: `lengths` are numbers of samples, `host_offsets_s`
+    what to add to the device's clock to get the host's."""
 
     begin: Begin
     start: CommandedStart
@@ -52,7 +59,9 @@ class Survey:
 
 @dataclass(frozen=True)
 class StageOnDisk:
-    """A stage on disk: samples by stream, SHA-256 of its file, and the block with which it ended."""
+    """A stage on disk: samples by stream, SHA-256 of its file, and the block with which it
+    ended.
+    """
 
     samples: Mapping[str, int]
     sha256: str
@@ -67,7 +76,8 @@ class StageOnDisk:
 
 
 def write_stage(journal: Path, path: Path, header: Recording) -> Steps[StageOnDisk | None]:
-    """Writes a journal, up to its last whole block, into a stage file; the result is None, without a file, where it holds no sample.
+    """Writes a journal, up to its last whole block, into a stage file; the result is None, without
+    a file, where it holds no sample.
 
     The stage counts as recorded when the last step is done.
 
@@ -94,7 +104,9 @@ def write_stage(journal: Path, path: Path, header: Recording) -> Steps[StageOnDi
     with new_hdf5_file(path) as made:
         yield from _fill(made, survey, journal, header)
         sha256 = yield from made.put_in_place()
-    samples = {form.name: length for form, length in zip(survey.begin.forms, survey.lengths, strict=True)}
+    samples = {
+        form.name: length for form, length in zip(survey.begin.forms, survey.lengths, strict=True)
+    }
     return StageOnDisk(samples, sha256, survey.end)
 
 
@@ -103,7 +115,9 @@ def _sense_in(journal: Path) -> Iterator[None]:
     try:
         yield
     except (ValueError, LookupError, TypeError, OSError, RecursionError, struct.error) as error:
-        raise BadInput(f"{journal}: is no journal of a stage: {type(error).__name__}: {error}") from None
+        raise BadInput(
+            f"{journal}: is no journal of a stage: {type(error).__name__}: {error}"
+        ) from None
 
 
 def _survey(journal: Path) -> Steps[Survey | None]:
@@ -117,9 +131,13 @@ def _survey(journal: Path) -> Steps[Survey | None]:
     for stream, rows in found.batches(begin, journal):
         counts[stream].add(rows)
         yield
-    # Without a commanded start the stage was cut short before it; times then count from the first sample.
+    # Without a commanded start the stage was cut short before it; times then count from the first
+    # sample.
     first_s = min((count.first_s for count in counts if count.length), default=0.0)
-    lengths, offsets_s = tuple(count.length for count in counts), tuple(count.offset_s for count in counts)
+    lengths, offsets_s = (
+        tuple(count.length for count in counts),
+        tuple(count.offset_s for count in counts),
+    )
     return Survey(begin, found.start or CommandedStart(first_s), found.end, lengths, offsets_s)
 
 
@@ -132,7 +150,9 @@ class _Found:
         self.end = End(cut_short=INTERRUPTED)
 
     def batches(self, begin: Begin, journal: Path) -> Iterator[tuple[int, Rows]]:
-        """The samples of a journal, in batches of ROWS_PER_CHUNK, each with the number of its stream."""
+        """The samples of a journal, in batches of ROWS_PER_CHUNK, each with the number of its
+        stream.
+        """
         gathering = RowBatches(begin.forms, ROWS_PER_CHUNK)
         for block in read_blocks(journal):
             match block.kind:
@@ -178,8 +198,14 @@ def _fill(made: NewHdf5File, survey: Survey, journal: Path, header: Recording) -
         target = group[link_name(forms[stream].name)]
         for column in forms[stream].columns:
             write_rows(target, column.name, filled[stream], rows[column.name])
-        # One offset for the whole stage: times keep the device's even spacing, free of the jitter of arrival.
-        write_rows(target, TIME, filled[stream], rows[DEVICE_TIME] + (survey.host_offsets_s[stream] - survey.start.start_s))
+        # One offset for the whole stage: times keep the device's even spacing, free of the jitter
+        # of arrival.
+        write_rows(
+            target,
+            TIME,
+            filled[stream],
+            rows[DEVICE_TIME] + (survey.host_offsets_s[stream] - survey.start.start_s),
+        )
         filled[stream] += len(rows)
         # After each batch: writes that the disk refused stay in memory, which must not grow.
         made.check()

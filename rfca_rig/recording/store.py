@@ -8,8 +8,8 @@
     /static      a column per quantity, a row per stage, see `static_table`
     /raw/001     samples of stages that are no strokes, see `strokes`
 
-Behind the end stands a seal, see `hdf5_file`. `summarize` and `outline_of` say what a file holds without holding it in memory.
-"""
+Behind the end stands a seal, see `hdf5_file`. `summarize` and `outline_of` say what a file holds
+without holding it in memory."""
 
 import json
 from collections import Counter
@@ -24,7 +24,13 @@ import h5py
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import strokes
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
-from rfca_rig.recording.hdf5_file import SEALED, new_hdf5_file, open_plain, read_seal, run_to_completion
+from rfca_rig.recording.hdf5_file import (
+    SEALED,
+    new_hdf5_file,
+    open_plain,
+    read_seal,
+    run_to_completion,
+)
 from rfca_rig.recording.model import Recording, Source, StaticStage, check_source, check_texts
 from rfca_rig.recording.strokes import (
     RAW,
@@ -45,12 +51,15 @@ MOST_TITLE = 1000
 
 
 def write_recording(recording: Recording, path: Path) -> Path:
-    """Writes the recording to `path`, complete or not at all; the same recording always gives the same bytes. Returns `path`.
+    """Writes the recording to `path`, complete or not at all; the same recording always gives the
+    same bytes. Returns `path`.
 
-    Raises RigError when the disk refuses, ValueError for columns that are not equally long rows of numbers.
-    """
+    Raises RigError when the disk refuses, ValueError for columns that are not equally long rows of
+    numbers."""
     with new_hdf5_file(path) as made:
-        mark_recording(made.root, recording, has_strokes=bool(recording.strokes or not recording.raw))
+        mark_recording(
+            made.root, recording, has_strokes=bool(recording.strokes or not recording.raw)
+        )
         write_strokes(made.root, recording.strokes, recording.source)
         write_static(made.root, recording.static)
         write_raw_stages(made.root, recording.raw, recording.source)
@@ -65,14 +74,23 @@ def mark_recording(file: h5py.Group, recording: Recording, has_strokes: bool) ->
     file.attrs["source"] = recording.source
     strokes.mark_root(file, STROKES if has_strokes else RAW)
     # Datasets, because HDF5 attributes end at 64 kB and a plan may be longer.
-    for name, content in (("believed", recording.nominal), ("known_to", recording.known_to), ("provenance", recording.provenance)):
+    for name, content in (
+        ("believed", recording.nominal),
+        ("known_to", recording.known_to),
+        ("provenance", recording.provenance),
+    ):
         text = json.dumps(dict(content), ensure_ascii=False).encode()
-        # Without track_times the file holds no date of its making, so that equal recordings give equal bytes.
-        file.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8", len(text)), track_times=False)
+        # Without track_times the file holds no date of its making, so that equal recordings give
+        # equal bytes.
+        file.create_dataset(
+            name, data=text, dtype=h5py.string_dtype("utf-8", len(text)), track_times=False
+        )
 
 
 def read_recording(path: Path) -> Recording:
-    """The recording in `path`, all of it in memory. Raises BadInput for a file that is damaged or of another kind."""
+    """The recording in `path`, all of it in memory. Raises BadInput for a file that is damaged
+    or of another kind.
+    """
     with open_sealed(path) as (file, source):
         return Recording(
             title=read_title(file),
@@ -94,12 +112,21 @@ def read_texts(path: Path, has_right_seal: bool = False) -> Recording:
 
 def texts_of(file: h5py.File, source: Source) -> Recording:
     """The same of an open file."""
-    return Recording(read_title(file), source, read_text(file, "believed"), read_text(file, "known_to"), (), (), read_provenance(file))
+    return Recording(
+        read_title(file),
+        source,
+        read_text(file, "believed"),
+        read_text(file, "known_to"),
+        (),
+        (),
+        read_provenance(file),
+    )
 
 
 @contextmanager
 def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py.File, Source]]:
-    """Yields the open file and its source, after its seal was checked, unless it is known to be right.
+    """Yields the open file and its source, after its seal was checked, unless it is known to be
+    right.
 
     Raises BadInput for a damaged file or another format.
     """
@@ -107,28 +134,51 @@ def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py
         # Before HDF5 opens it: a damaged index can make the library search for ever.
         is_right = has_right_seal or read_seal(path)
         if is_right is False:
-            raise ValueError("its checksum does not match, so bytes were changed after it was written")
+            raise ValueError(
+                "its checksum does not match, so bytes were changed after it was written"
+            )
         with open_plain(path) as file:
             if is_right is None and file.attrs.get(SEALED, False):
-                raise ValueError("its checksum is gone from its end, so it was changed after it was written")
+                raise ValueError(
+                    "its checksum is gone from its end, so it was changed after it was written"
+                )
             found = file.attrs.get("format")
             if not isinstance(found, str) or found != FORMAT:
-                description = f"format {str(found)[:60]!r}" if isinstance(found, str) else "an HDF5 file without format attribute"
-                raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
+                description = (
+                    f"format {str(found)[:60]!r}"
+                    if isinstance(found, str)
+                    else "an HDF5 file without format attribute"
+                )
+                raise BadInput(
+                    f"{path}: {description}, where a recording of format {FORMAT!r} is needed"
+                )
             yield file, check_source(file.attrs["source"])
 
 
 @contextmanager
 def report_damage(path: Path) -> Iterator[None]:
-    """Turns any error of HDF5 or of the layout into one message: this file is not a whole recording."""
+    """Turns any error of HDF5 or of the layout into one message: this file is not a whole
+    recording.
+    """
     if not path.is_file():
         raise BadInput(f"{path}: is not there")
     try:
         yield
     # h5py raises nearly any of these for damaged bytes, depending on where they are.
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError, ArithmeticError) as error:
+    except (
+        OSError,
+        RuntimeError,
+        LookupError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        MemoryError,
+        ArithmeticError,
+    ) as error:
         message = " ".join(str(error).split()) or type(error).__name__
-        raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {message[:240]}") from error
+        raise BadInput(
+            f"{path}: is not a whole recording of format {FORMAT!r}: {message[:240]}"
+        ) from error
 
 
 def read_text(file: h5py.File, name: str) -> dict[str, Any]:
@@ -159,9 +209,8 @@ SEQUENCE = "rdt_sequence"
 class RecordingSummary:
     """Counts of a recording. `samples` are by name of the stream.
 
-    `missing` has, for each stream with gaps, the number of records that the sensor's own numbering leaves out. `cut_short` are the labels
-    of stages that were.
-    """
+    `missing` has, for each stream with gaps, the number of records that the sensor's own numbering
+    leaves out. `cut_short` are the labels of stages that were."""
 
     strokes: int
     static: int
@@ -171,11 +220,15 @@ class RecordingSummary:
     cut_short: tuple[str, ...]
 
     def text(self) -> str:
-        return f"{self.strokes} strokes, {self.static} static stages, {self.raw} raw, {sum(self.samples.values())} samples"
+        return (
+            f"{self.strokes} strokes, {self.static} static stages, {self.raw} raw, "
+            f"{sum(self.samples.values())} samples"
+        )
 
 
 def summarize(path: Path, thorough: bool = True, has_right_seal: bool = False) -> RecordingSummary:
-    """Counts what the file holds. `thorough` reads every value once, a piece at a time; otherwise the file's seal is trusted.
+    """Counts what the file holds. `thorough` reads every value once, a piece at a time; otherwise
+    the file's seal is trusted.
 
     `has_right_seal` where it was compared already.
 
@@ -187,14 +240,18 @@ def summarize(path: Path, thorough: bool = True, has_right_seal: bool = False) -
             read_condition(stroke)
         samples: Counter[str] = Counter()
         missing = []
-        for name, group in (each for stage in (*strokes, *raw) for each in streams_in(stage, source)):
+        for name, group in (
+            each for stage in (*strokes, *raw) for each in streams_in(stage, source)
+        ):
             samples[name] += len(group[TIME])
             # Only reading every chunk finds all damage: HDF5 decodes a chunk no earlier.
             if thorough:
                 _read_through(group)
             missing += [gone for gone in _missing(group) if gone]
         cut_short = tuple(str(group.attrs["label"]) for group in raw if group.attrs["cut_short"])
-        return RecordingSummary(len(strokes), len(read_static(file)), len(raw), dict(samples), tuple(missing), cut_short)
+        return RecordingSummary(
+            len(strokes), len(read_static(file)), len(raw), dict(samples), tuple(missing), cut_short
+        )
 
 
 def add_up(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
@@ -203,9 +260,18 @@ def add_up(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
     samples: Counter[str] = Counter()
     for part in parts:
         samples.update(part.samples)
-    strokes, static, raw = (sum(getattr(part, name) for part in parts) for name in ("strokes", "static", "raw"))
+    strokes, static, raw = (
+        sum(getattr(part, name) for part in parts) for name in ("strokes", "static", "raw")
+    )
     missing = tuple(gone for part in parts for gone in part.missing)
-    return RecordingSummary(strokes, static, raw, dict(samples), missing, tuple(label for part in parts for label in part.cut_short))
+    return RecordingSummary(
+        strokes,
+        static,
+        raw,
+        dict(samples),
+        missing,
+        tuple(label for part in parts for label in part.cut_short),
+    )
 
 
 def _in_order(group: h5py.Group) -> list[h5py.Group]:
@@ -223,7 +289,9 @@ def _read_through(stream: h5py.Group) -> None:
 
 
 def _missing(stream: h5py.Group) -> Iterator[int]:
-    """Number of records missing between the first sample and the last, by the device's own numbering."""
+    """Number of records missing between the first sample and the last, by the device's own
+    numbering.
+    """
     if link_name(SEQUENCE) in stream and len(stream[SEQUENCE]):
         numbers = stream[SEQUENCE]
         yield int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers)
@@ -246,14 +314,18 @@ class RunOutline:
 
 
 def outline_of(path: Path) -> RunOutline:
-    """Reads the outline of a file. Raises BadInput for a file that is damaged or of another kind."""
+    """Reads the outline of a file. Raises BadInput for a file that is damaged or of another
+    kind.
+    """
     with open_sealed(path) as (file, source):
         tables = [stage[CYCLES][NUMBER] for stage in file.get(RAW, {}).values() if CYCLES in stage]
         return RunOutline(
             title=read_title(file),
             source=source,
             provenance=read_provenance(file),
-            strokes=tuple(read_condition(file[STROKES][number]) for number in sorted(file[STROKES], key=int)),
+            strokes=tuple(
+                read_condition(file[STROKES][number]) for number in sorted(file[STROKES], key=int)
+            ),
             static=read_static(file),
             cycles=sum(len(table) for table in tables),
             last_cycle=max((int(table[-1]) for table in tables if len(table)), default=0),

@@ -1,9 +1,8 @@
 """Strokes and other stages as HDF5 groups, and their streams.
 
-Each stream is a group of equally long 1-d datasets with its own `t_s`, to which the others are bound as a dimension scale: that is how
-xarray, MATLAB and HDFView find the axis. NeXus attributes let viewers find something to plot: a chain of defaults that ends at a signal
-and its axis.
-"""
+Each stream is a group of equally long 1-d datasets with its own `t_s`, to which the others are
+bound as a dimension scale: that is how xarray, MATLAB and HDFView find the axis. NeXus attributes
+let viewers find something to plot: a chain of defaults that ends at a signal and its axis."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -63,7 +62,10 @@ def mark_stream(group: h5py.Group, columns: Sequence[str], time: str) -> None:
     """Columns over a time; the vertical force is shown where there is one."""
     group.attrs["NX_class"] = "NXdata"
     if columns:
-        group.attrs["signal"], group.attrs["axes"] = link_name(PLOTTED if PLOTTED in columns else columns[0]), time
+        group.attrs["signal"], group.attrs["axes"] = (
+            link_name(PLOTTED if PLOTTED in columns else columns[0]),
+            time,
+        )
 
 
 def write_strokes(parent: h5py.Group, strokes: Iterable[Stroke], source: Source) -> None:
@@ -103,17 +105,28 @@ def mark_stroke(group: h5py.Group, height_m: float, speed_rad_s: float, repeat: 
 
 def write_streams(group: h5py.Group, streams: Mapping[str, Stream], source: Source) -> None:
     """A group per stream, and their order."""
-    make_streams(group, [(_form_of(name, stream), len(stream.t_s)) for name, stream in streams.items()], source)
+    make_streams(
+        group,
+        [(_form_of(name, stream), len(stream.t_s)) for name, stream in streams.items()],
+        source,
+    )
     for name, stream in streams.items():
-        for column, values in {TIME: stream.t_s, **{name: column.raw for name, column in stream.columns.items()}}.items():
+        for column, values in {
+            TIME: stream.t_s,
+            **{name: column.raw for name, column in stream.columns.items()},
+        }.items():
             write_rows(group[link_name(name)], column, 0, values)
 
 
-def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], source: Source) -> None:
+def make_streams(
+    group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], source: Source
+) -> None:
     """Streams of the given numbers of samples, still without values."""
     # An iterator would be used up by the names, before the streams are made.
     streams = list(streams)
-    groups = _make_groups(group, {form.name: [column.name for column in form.columns] for form, _ in streams}, source)
+    groups = _make_groups(
+        group, {form.name: [column.name for column in form.columns] for form, _ in streams}, source
+    )
     for (form, length), stream in zip(streams, groups, strict=True):
         time = make_column(stream, _TIME_FORM, length)
         time.make_scale(TIME)
@@ -121,7 +134,9 @@ def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], s
             make_column(stream, column, length).dims[0].attach_scale(time)
 
 
-def _make_groups(stage: h5py.Group, columns: Mapping[str, Sequence[str]], source: Source) -> list[h5py.Group]:
+def _make_groups(
+    stage: h5py.Group, columns: Mapping[str, Sequence[str]], source: Source
+) -> list[h5py.Group]:
     """A group for each stream, with the names of its columns, still without any."""
     stage.attrs["order"] = json.dumps(list(columns))
     mark_stage(stage, list(columns))
@@ -142,14 +157,18 @@ def write_rows(group: h5py.Group, column: str, at: int, values: Rows) -> None:
 
 
 def read_stroke(group: h5py.Group, source: Source) -> Stroke:
-    """The stroke in the group. Raises ValueError where one of its streams is not of the recording's source."""
+    """The stroke in the group. Raises ValueError where one of its streams is not of the
+    recording's source.
+    """
     height_mm, speed_rad_s, repeat = read_condition(group)
     before = int(group.attrs[BEFORE]) if BEFORE in group.attrs else None
     return Stroke(height_mm / 1e3, speed_rad_s, repeat, read_streams(group, source), before)
 
 
 def read_condition(stroke: h5py.Group) -> tuple[float, float, int]:
-    """Height in mm, speed in rad/s, and repeat. Raises ValueError for a height or speed that no stroke has."""
+    """Height in mm, speed in rad/s, and repeat. Raises ValueError for a height or speed that no
+    stroke has.
+    """
     height, speed_rad_s = read_height_mm(stroke), float(stroke.attrs["speed_rad_s"])
     if not 0.0 < speed_rad_s < MOST_SPEED_RAD_S:
         raise ValueError(f"{stroke.name} has the speed {speed_rad_s:g} rad/s")
@@ -169,8 +188,12 @@ def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:
     return {name: _read_stream(stream) for name, stream in streams_in(group, source)}
 
 
-def copy_streams(source_group: h5py.Group, target_group: h5py.Group, source: Source) -> Iterator[None]:
-    """Copies all streams of a stage unchanged, a column per step. Raises ValueError where one is not of the recording's source."""
+def copy_streams(
+    source_group: h5py.Group, target_group: h5py.Group, source: Source
+) -> Iterator[None]:
+    """Copies all streams of a stage unchanged, a column per step. Raises ValueError where one is
+    not of the recording's source.
+    """
     groups = dict(streams_in(source_group, source))
     columns = {name: read_names(group.attrs["order"]) for name, group in groups.items()}
     targets = _make_groups(target_group, columns, source)
@@ -184,13 +207,19 @@ def copy_streams(source_group: h5py.Group, target_group: h5py.Group, source: Sou
 
 
 def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Group]]:
-    """The groups of a stage's streams by name. Raises ValueError where one is not of the recording's source."""
+    """The groups of a stage's streams by name. Raises ValueError where one is not of the
+    recording's source.
+    """
     for name in read_names(stage.attrs["order"]):
         group = stage[link_name(name)]
         if group.attrs["source"] != source:
-            raise ValueError(f"{group.name} is marked {group.attrs['source']} in a recording marked {source}")
+            raise ValueError(
+                f"{group.name} is marked {group.attrs['source']} in a recording marked {source}"
+            )
         length = len(check_column(group, TIME))
-        if any(len(check_column(group, name)) != length for name in read_names(group.attrs["order"])):
+        if any(
+            len(check_column(group, name)) != length for name in read_names(group.attrs["order"])
+        ):
             raise ValueError(f"the columns of {group.name} differ in length")
         yield name, group
 
@@ -199,7 +228,9 @@ def _form_of(name: str, stream: Stream) -> StreamForm:
     forms = tuple(column_form_of(name, column) for name, column in stream.columns.items())
     for column, known in stream.columns.items():
         if known.raw.shape != stream.t_s.shape:
-            raise ValueError(f"column {column} has shape {known.raw.shape}, its time {stream.t_s.shape}")
+            raise ValueError(
+                f"column {column} has shape {known.raw.shape}, its time {stream.t_s.shape}"
+            )
     return StreamForm(name, forms)
 
 
@@ -219,9 +250,12 @@ def check_times(group: h5py.Group, t_s: Rows) -> None:
 
 
 def height_mm(height_m: float) -> float:
-    """In mm without binary rounding errors: 0.215 m becomes 215 mm, and reading 215 mm gives 0.215 m again."""
+    """In mm without binary rounding errors: 0.215 m becomes 215 mm, and reading 215 mm gives
+    0.215 m again.
+    """
     clean = round(1e3 * height_m, 9)
-    # Rounded only where reading gives back the very same number: the height is a key that plans are compared by.
+    # Rounded only where reading gives back the very same number: the height is a key that plans are
+    # compared by.
     return clean if clean / 1e3 == height_m else 1e3 * height_m
 
 
@@ -260,4 +294,9 @@ def read_raw_stages(parent: h5py.Group, source: Source) -> tuple[RawStage, ...]:
 
 def _read(group: h5py.Group, source: Source) -> RawStage:
     attributes = group.attrs
-    return RawStage(str(attributes["label"]), read_height_mm(group) / 1e3, read_streams(group, source), str(attributes["cut_short"]))
+    return RawStage(
+        str(attributes["label"]),
+        read_height_mm(group) / 1e3,
+        read_streams(group, source),
+        str(attributes["cut_short"]),
+    )

@@ -1,4 +1,5 @@
-"""The static experiment as an HDF5 group of columns, one row per settled stage, and the table of a fatigue run's cycles.
+"""The static experiment as an HDF5 group of columns, one row per settled stage, and the table of a
+fatigue run's cycles.
 
 The cycles are stored block by block like every other stage, a row of numbers each.
 """
@@ -13,13 +14,23 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME, ColumnForm, Rows, StreamForm, read_column, read_names, write_column
+from rfca_rig.recording.columns import (
+    DEVICE_TIME,
+    HOST_TIME,
+    ColumnForm,
+    Rows,
+    StreamForm,
+    read_column,
+    read_names,
+    write_column,
+)
 from rfca_rig.recording.model import Column, Direction, Floats, Recording, StaticStage
 from rfca_rig.recording.strokes import BEFORE, height_mm
 
 STATIC = "static"
 DIRECTION_BYTES = 16
-# Value of `strokes_before` where strokes were not counted; older files have neither this column nor `held_s`.
+# Value of `strokes_before` where strokes were not counted; older files have neither this column nor
+# `held_s`.
 NOT_COUNTED = -1
 
 _SETTLED = {None: -1, False: 0, True: 1}
@@ -46,14 +57,22 @@ _DTYPE = CYCLE_FORM.dtype
 
 
 def write_static(parent: h5py.Group, stages: Sequence[StaticStage]) -> None:
-    """The group `static`; none where there are no stages. All stages must have the same number of hinges."""
+    """The group `static`; none where there are no stages. All stages must have the same number
+    of hinges.
+    """
     if not stages:
         return
     group = parent.create_group(STATIC)
-    directions = np.array([stage.direction.encode() for stage in stages], dtype=f"S{DIRECTION_BYTES}")
+    directions = np.array(
+        [stage.direction.encode() for stage in stages], dtype=f"S{DIRECTION_BYTES}"
+    )
     group.create_dataset("direction", data=directions, track_times=False)
     for name in _TEXTS:
-        group.create_dataset(name, data=np.array([getattr(stage, name).encode() for stage in stages]), track_times=False)
+        group.create_dataset(
+            name,
+            data=np.array([getattr(stage, name).encode() for stage in stages]),
+            track_times=False,
+        )
     for name, column in _columns(stages).items():
         write_column(group, name, column)
     group.attrs["hinges"] = len(stages[0].hinge_deg)
@@ -61,18 +80,44 @@ def write_static(parent: h5py.Group, stages: Sequence[StaticStage]) -> None:
 
 
 def _columns(stages: Sequence[StaticStage]) -> dict[str, Column]:
-    hinges = np.array([stage.hinge_deg for stage in stages], dtype=np.float64).reshape(len(stages), -1)
-    stds = np.array([stage.hinge_std_deg for stage in stages], dtype=np.float64).reshape(hinges.shape)
+    hinges = np.array([stage.hinge_deg for stage in stages], dtype=np.float64).reshape(
+        len(stages), -1
+    )
+    stds = np.array([stage.hinge_std_deg for stage in stages], dtype=np.float64).reshape(
+        hinges.shape
+    )
     return {
         "height_mm": _floats([height_mm(stage.height_m) for stage in stages], "mm"),
         "stage": Column(np.array([stage.stage for stage in stages], dtype=np.int64), ""),
-        **{name: _floats([getattr(stage, name) for stage in stages], unit) for name, unit in _PLAIN.items()},
-        **{name: _floats(angles, "deg") for name, angles in zip(_hinge_names(hinges.shape[1]), hinges.T, strict=True)},
-        **{name: _floats(angles, "deg") for name, angles in zip(_hinge_std_names(hinges.shape[1]), stds.T, strict=True)},
-        **{f"std_{name}": _floats([stage.std.get(name, math.nan) for stage in stages], "") for name in _std_names(stages)},
-        "settled": Column(np.array([_SETTLED[stage.settled] for stage in stages], dtype=np.int8), ""),
-        "held_s": _floats([math.nan if stage.held_s is None else stage.held_s for stage in stages], "s"),
-        BEFORE: Column(np.array([NOT_COUNTED if s.strokes_before is None else s.strokes_before for s in stages], dtype=np.int64), ""),
+        **{
+            name: _floats([getattr(stage, name) for stage in stages], unit)
+            for name, unit in _PLAIN.items()
+        },
+        **{
+            name: _floats(angles, "deg")
+            for name, angles in zip(_hinge_names(hinges.shape[1]), hinges.T, strict=True)
+        },
+        **{
+            name: _floats(angles, "deg")
+            for name, angles in zip(_hinge_std_names(hinges.shape[1]), stds.T, strict=True)
+        },
+        **{
+            f"std_{name}": _floats([stage.std.get(name, math.nan) for stage in stages], "")
+            for name in _std_names(stages)
+        },
+        "settled": Column(
+            np.array([_SETTLED[stage.settled] for stage in stages], dtype=np.int8), ""
+        ),
+        "held_s": _floats(
+            [math.nan if stage.held_s is None else stage.held_s for stage in stages], "s"
+        ),
+        BEFORE: Column(
+            np.array(
+                [NOT_COUNTED if s.strokes_before is None else s.strokes_before for s in stages],
+                dtype=np.int64,
+            ),
+            "",
+        ),
     }
 
 
@@ -103,12 +148,26 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
     # Columns that older files lack are read only where they exist.
     std = read_names(group.attrs["std"])
     nominal = [name for name in _hinge_std_names(hinges) if name in group]
-    names = ["height_mm", "stage", *_PLAIN, *_hinge_names(hinges), *nominal, *(f"std_{name}" for name in std), "settled"]
+    names = [
+        "height_mm",
+        "stage",
+        *_PLAIN,
+        *_hinge_names(hinges),
+        *nominal,
+        *(f"std_{name}" for name in std),
+        "settled",
+    ]
     names += [name for name in (BEFORE, "held_s") if name in group]
     columns = {name: read_column(group, name).raw.tolist() for name in names}
-    texts = {name: [text.decode() for text in group[name][:].tolist()] for name in ("direction", *_TEXTS) if name in group}
+    texts = {
+        name: [text.decode() for text in group[name][:].tolist()]
+        for name in ("direction", *_TEXTS)
+        if name in group
+    }
     rows = zip(*columns.values(), *texts.values(), strict=True)
-    return tuple(_stage(dict(zip((*columns, *texts), row, strict=True)), hinges, std) for row in rows)
+    return tuple(
+        _stage(dict(zip((*columns, *texts), row, strict=True)), hinges, std) for row in rows
+    )
 
 
 def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
@@ -129,14 +188,20 @@ def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
     )
 
 
-def cycle_row(number: int, values: tuple[float, float, float, float], host_s: float, device_s: float) -> Rows:
-    """One cycle as a record array (1,); `values` are peak force, peak moment, least fz and mean speed."""
+def cycle_row(
+    number: int, values: tuple[float, float, float, float], host_s: float, device_s: float
+) -> Rows:
+    """One cycle as a record array (1,); `values` are peak force, peak moment, least fz and mean
+    speed.
+    """
     return np.array([(number, *values, host_s, device_s)], _DTYPE)
 
 
 @dataclass(frozen=True)
 class CycleTable:
-    """All cycles of a run in order; all (m,). `numbers` count from 1 over the whole run; cycles recorded as full strokes are not here."""
+    """All cycles of a run in order; all (m,). `numbers` count from 1 over the whole run; cycles
+    recorded as full strokes are not here.
+    """
 
     numbers: NDArray[np.uint32]
     peak_force_N: Floats
@@ -152,5 +217,13 @@ def cycle_table(recording: Recording) -> CycleTable:
     def join_column(name: str) -> NDArray[np.float64]:
         return np.concatenate([np.zeros(0), *(stream.columns[name].values for stream in streams)])
 
-    numbers = np.concatenate([np.zeros(0, np.uint32), *(stream.columns[NUMBER].raw for stream in streams)])
-    return CycleTable(numbers, *(join_column(name) for name in ("peak_force_N", "peak_moment_Nm", "min_fz_N", "mean_speed_rad_s")))
+    numbers = np.concatenate(
+        [np.zeros(0, np.uint32), *(stream.columns[NUMBER].raw for stream in streams)]
+    )
+    return CycleTable(
+        numbers,
+        *(
+            join_column(name)
+            for name in ("peak_force_N", "peak_moment_Nm", "min_fz_N", "mean_speed_rad_s")
+        ),
+    )

@@ -1,11 +1,21 @@
-"""Units of what people read, on pages and in the terminal: angles in degrees, relative values in per cent. Files keep their units."""
+"""Units of what people read, on pages and in the terminal: angles in degrees, relative values in
+per cent. Files keep their units.
+"""
 
 import re
 from collections.abc import Mapping
 from dataclasses import replace
 from math import degrees
 
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, MovedPrior, NotSeen, Value
+from rfca_rig.diagnosis.result import (
+    BeforeAfter,
+    Diagnosis,
+    Located,
+    MapCell,
+    MovedPrior,
+    NotSeen,
+    Value,
+)
 from rfca_rig.diagnosis.result import SignalOverlay as Overlay
 from rfca_rig.diagnosis.window_fit import FittedShift, SignalError, WindowFit
 from rfca_rig.reports.text import MINUS, decimals, words_and_unit
@@ -14,11 +24,14 @@ DEGREES = "deg"
 # Unit of a name: the unit of the page's name, and the factor to it.
 SHOWN = {"rad": (DEGREES, degrees(1.0)), "relative": ("pct", 100.0)}
 # An angle in a sentence, perhaps with its uncertainty; "rad/s" and "N m/rad" are not.
-ANGLE = re.compile(r"(?<![\w.,/\u2212-])([-\u2212]?\d+(?:\.\d+)?)(?:( ± )(\d+(?:\.\d+)?))?([ \u00a0])rad(?![\w/²])")
+ANGLE = re.compile(
+    r"(?<![\w.,/\u2212-])([-\u2212]?\d+(?:\.\d+)?)(?:( ± )(\d+(?:\.\d+)?))?([ \u00a0])rad(?![\w/²])"
+)
 
 
 def page_name(name: str) -> tuple[str, float]:
-    """Name and factor with which a page shows a quantity: angles in degrees, relative values in per cent, all others unchanged.
+    """Name and factor with which a page shows a quantity: angles in degrees, relative values in per
+    cent, all others unchanged.
 
     A quotient by an angle, as of a stiffness, is no angle.
     """
@@ -46,7 +59,9 @@ def _scale(one: Value, factor: float) -> Value:
     return Value(factor * one.value, factor * one.std)
 
 
-def _values(values: Mapping[str, Value], units: Mapping[str, str] | None = None) -> dict[str, Value]:
+def _values(
+    values: Mapping[str, Value], units: Mapping[str, str] | None = None
+) -> dict[str, Value]:
     """Values by the names shown; where a name carries no unit, that of `units` counts."""
     found = {}
     for name, one in values.items():
@@ -59,18 +74,28 @@ def _misfits(misfits: Mapping[str, BeforeAfter]) -> dict[str, BeforeAfter]:
     found = {}
     for name, one in misfits.items():
         shown, k = page_name(name)
-        found[shown] = BeforeAfter(k * one.before, k * one.after, None if one.noise_floor is None else k * one.noise_floor)
+        found[shown] = BeforeAfter(
+            k * one.before, k * one.after, None if one.noise_floor is None else k * one.noise_floor
+        )
     return found
 
 
 def _limits(one: NotSeen) -> NotSeen:
     limits = {page_name(name): size for name, size in (one.would_have_seen or {}).items()}
-    return replace(one, would_have_seen=one.would_have_seen and {name: factor * size for (name, factor), size in limits.items()})
+    return replace(
+        one,
+        would_have_seen=one.would_have_seen
+        and {name: factor * size for (name, factor), size in limits.items()},
+    )
 
 
 def _place(place: Located) -> Located:
     signal, factor = page_name(place.signal)
-    return replace(place, signal=signal, size=factor * place.size, unit=DEGREES) if factor != 1.0 else place
+    return (
+        replace(place, signal=signal, size=factor * place.size, unit=DEGREES)
+        if factor != 1.0
+        else place
+    )
 
 
 def _cell(cell: MapCell) -> MapCell:
@@ -81,7 +106,13 @@ def _cell(cell: MapCell) -> MapCell:
 def _prior(one: MovedPrior) -> MovedPrior:
     name, factor = page_name(one.name)
     unit, factor = SHOWN.get(one.unit, (one.unit, factor))
-    return replace(one, name=name, unit=unit.replace("pct", "%"), prior=_scale(one.prior, factor), now=_scale(one.now, factor))
+    return replace(
+        one,
+        name=name,
+        unit=unit.replace("pct", "%"),
+        prior=_scale(one.prior, factor),
+        now=_scale(one.now, factor),
+    )
 
 
 def convert_overlay(one: Overlay) -> Overlay:
@@ -100,8 +131,14 @@ def convert_diagnosis(found: Diagnosis) -> Diagnosis:
         located=tuple(map(_place, found.located)),
         remaining=tuple(map(_place, found.remaining)),
         cells=tuple(map(_cell, found.cells)),
-        effects=tuple(replace(one, parameters=_values(one.parameters), wording=text_in_degrees(one.wording)) for one in found.effects),
-        criteria=tuple(replace(one, found=text_in_degrees(one.found), required=text_in_degrees(one.required)) for one in found.criteria),
+        effects=tuple(
+            replace(one, parameters=_values(one.parameters), wording=text_in_degrees(one.wording))
+            for one in found.effects
+        ),
+        criteria=tuple(
+            replace(one, found=text_in_degrees(one.found), required=text_in_degrees(one.required))
+            for one in found.criteria
+        ),
         not_seen=tuple(map(_limits, found.not_seen)),
         fit=_misfits(found.fit),
         held_out=_misfits(found.held_out),
@@ -110,7 +147,9 @@ def convert_diagnosis(found: Diagnosis) -> Diagnosis:
         remarks=tuple(map(text_in_degrees, found.remarks)),
         believed_values=_values(found.believed_values, units),
         priors=_values(found.priors, units),
-        nuisance_units={page_name(name)[0]: SHOWN.get(unit, (unit, 1.0))[0] for name, unit in units.items()},
+        nuisance_units={
+            page_name(name)[0]: SHOWN.get(unit, (unit, 1.0))[0] for name, unit in units.items()
+        },
         nuisance_keys={page_name(name)[0]: key for name, key in found.nuisance_keys.items()},
         moved_priors=tuple(map(_prior, found.moved_priors)),
         overlays=tuple(map(convert_overlay, found.overlays)),
@@ -120,12 +159,21 @@ def convert_diagnosis(found: Diagnosis) -> Diagnosis:
 def _error(error: SignalError) -> SignalError:
     signal, k = page_name(error.signal)
     held_out = None if error.held_out is None else k * error.held_out
-    return replace(error, signal=signal, noise=k * error.noise, nominal=k * error.nominal, fitted=k * error.fitted, held_out=held_out)
+    return replace(
+        error,
+        signal=signal,
+        noise=k * error.noise,
+        nominal=k * error.nominal,
+        fitted=k * error.fitted,
+        held_out=held_out,
+    )
 
 
 def _shift(shift: FittedShift) -> FittedShift:
     name, k = page_name(shift.name)
-    return replace(shift, name=name, prior_std=k * shift.prior_std, value=k * shift.value, std=k * shift.std)
+    return replace(
+        shift, name=name, prior_std=k * shift.prior_std, value=k * shift.value, std=k * shift.std
+    )
 
 
 def convert_fit(fit: WindowFit) -> WindowFit:

@@ -1,8 +1,8 @@
 """A page as PDF, printed by a browser of this machine, so that it looks as it does on the screen.
 
-Chromium, Chrome, Edge and Brave print without a window. WeasyPrint was tried instead: it is slower, joins lines of the figures that are
-interrupted, ignores clipping of curves, and needs system libraries as well.
-"""
+Chromium, Chrome, Edge and Brave print without a window. WeasyPrint was tried instead: it is slower,
+joins lines of the figures that are interrupted, ignores clipping of curves, and needs system
+libraries as well."""
 
 import os
 import re
@@ -18,9 +18,16 @@ from rfca_rig.recording.atomic import write_atomically
 
 VARIABLE = "RFCA_RIG_BROWSER"
 NAMES = (
-    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge", "microsoft-edge-stable", "msedge",
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "microsoft-edge",
+    "microsoft-edge-stable",
+    "msedge",
     "brave-browser",
-)  # fmt: skip
+)
 PLACES = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
@@ -31,9 +38,16 @@ PLACES = (
 WITHIN_S = 120.0
 # No window, no network traffic of the browser itself, no page header or footer.
 QUIET = (
-    "--headless", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--disable-extensions", "--no-pdf-header-footer",
-)  # fmt: skip
+    "--headless",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-extensions",
+    "--no-pdf-header-footer",
+)
 # Dates in the PDF, which are replaced so that the same page gives the same bytes.
 DATE = re.compile(rb"/(CreationDate|ModDate) \(D:\d{14}\+00'00'\)")
 # Links to other files; those within the page begin with "#" and stay.
@@ -43,17 +57,28 @@ LINK = re.compile(r'<a href="(?!#)[^"]*">')
 def find_browser() -> Path:
     """A browser that can print. Raises BadInput with advice where there is none."""
     chosen = os.environ.get(VARIABLE)
-    found = shutil.which(chosen) if chosen else next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
+    found = (
+        shutil.which(chosen)
+        if chosen
+        else next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
+    )
     if found is None:
         missing = (
-            f"{chosen!r}, which {VARIABLE} names, is not there" if chosen else "no Chromium, Chrome, Edge or Brave is there to print with"
+            f"{chosen!r}, which {VARIABLE} names, is not there"
+            if chosen
+            else "no Chromium, Chrome, Edge or Brave is there to print with"
         )
-        raise BadInput(f"--pdf: {missing}; install one, name it with {VARIABLE}, or open the page in any browser and print it to a file")
+        raise BadInput(
+            f"--pdf: {missing}; install one, name it with {VARIABLE}, or open the page in "
+            "any browser and print it to a file"
+        )
     return Path(found)
 
 
 def print_pdfs(browser: Path, pages: Iterable[Path]) -> list[Path]:
-    """Prints each page to a PDF beside it. The same page and browser give the same bytes. Raises RigError where the browser fails."""
+    """Prints each page to a PDF beside it. The same page and browser give the same bytes. Raises
+    RigError where the browser fails.
+    """
     return [_print(browser, page) for page in pages]
 
 
@@ -66,18 +91,34 @@ def _print(browser: Path, page: Path) -> Path:
         # A profile in the temporary folder: the user's own profile is neither read nor changed.
         # Option for running as root, as in a container: Chromium refuses its sandbox there.
         root = ["--no-sandbox"] if sys.platform != "win32" and os.geteuid() == 0 else []
-        message = _run([str(browser), *QUIET, *root, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}", copy.as_uri()])
+        message = _run(
+            [
+                str(browser),
+                *QUIET,
+                *root,
+                f"--user-data-dir={folder}/profile",
+                f"--print-to-pdf={printed}",
+                copy.as_uri(),
+            ]
+        )
         # The file tells success: browsers report warnings on stderr when all went well.
         if not printed.is_file():
-            raise RigError(f"{page}: {browser.name} made no PDF of it: {message or 'without a word'}; open the page and print it to a file")
+            raise RigError(
+                f"{page}: {browser.name} made no PDF of it: "
+                f"{message or 'without a word'}; open the page and print it to a file"
+            )
         write_atomically(target, DATE.sub(rb"/\1 (D:20000101000000+00'00')", printed.read_bytes()))
     return target
 
 
 def _run(command: list[str]) -> str:
-    """Runs a command and returns the last line of its stderr, or the error that kept it from running."""
+    """Runs a command and returns the last line of its stderr, or the error that kept it from
+    running.
+    """
     try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=WITHIN_S, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=WITHIN_S, check=False
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"{type(error).__name__}: {error}".replace("\n", " ")
     return (done.stderr.strip().splitlines() or [""])[-1]

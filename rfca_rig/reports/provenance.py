@@ -1,4 +1,5 @@
-"""Provenance at the foot of every page: the command that makes it again, the recordings with their hashes, the version.
+"""Provenance at the foot of every page: the command that makes it again, the recordings with their
+hashes, the version.
 
 The hash identifies a recording, whatever its form on disk.
 """
@@ -16,7 +17,16 @@ from rfca_rig.campaign.layout import CAMPAIGN
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.clock import TwinClock
 from rfca_rig.description.sections import AboutSection
-from rfca_rig.recording.layout import ENDING, EXPERIMENT, HEADER, RECORDING, list_described_files, sha256_of, stage_files, sum_line
+from rfca_rig.recording.layout import (
+    ENDING,
+    EXPERIMENT,
+    HEADER,
+    RECORDING,
+    list_described_files,
+    sha256_of,
+    stage_files,
+    sum_line,
+)
 from rfca_rig.recording.model import Recording
 
 PROGRAM = "rfca-rig"
@@ -34,7 +44,9 @@ PAGES = {
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """SHA-256 of `of`: of one file, or, for several files, of the lines of sha256sum for them, ordered by name."""
+    """SHA-256 of `of`: of one file, or, for several files, of the lines of sha256sum for them,
+    ordered by name.
+    """
 
     of: str
     sha256: str
@@ -49,11 +61,15 @@ def fingerprint(path: Path) -> Fingerprint:
     files = _files(path)
     # Text in the format of sha256sum: the fingerprint can be verified without this program.
     lines = "".join(f"{sum_line(file, path)}\n" for file in files)
-    return Fingerprint(f"the lines of sha256sum for {len(files)} files", hashlib.sha256(lines.encode()).hexdigest())
+    return Fingerprint(
+        f"the lines of sha256sum for {len(files)} files", hashlib.sha256(lines.encode()).hexdigest()
+    )
 
 
 def _files(folder: Path) -> list[Path]:
-    """For a campaign its description and tables; for an unmerged run its header, its stages and its end."""
+    """For a campaign its description and tables; for an unmerged run its header, its stages and
+    its end.
+    """
     if any((folder / name).is_file() for name in (CAMPAIGN, PENDULUM, EXPERIMENT)):
         return list_described_files(folder)
     named = [file for file in (folder / HEADER, folder / ENDING) if file.is_file()]
@@ -64,8 +80,8 @@ def _files(folder: Path) -> list[Path]:
 class Origin:
     """Origin of a page.
 
-    `command` is the command line, "" where no command made the page. `again` states what it reproduces, by default the same bytes.
-    """
+    `command` is the command line, "" where no command made the page. `again` states what it
+    reproduces, by default the same bytes."""
 
     command: str = ""
     recordings: tuple["RecordingSource", ...] = ()
@@ -74,18 +90,39 @@ class Origin:
 
     @property
     def facts(self) -> list[tuple[str, str]]:
-        """What the head of every page states: when, who, on which specimen and rig, and the version. Several recordings are joined."""
-        names = {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"} if self.recordings else {}
-        each = {name: list(dict.fromkeys(getattr(one, field) for one in self.recordings)) for name, field in names.items()}
-        joined = [(name, ", ".join(filter(None, values[:MOST_FACTS])), len(values)) for name, values in each.items()]
-        shown = [(name, text + (" ..." if count > MOST_FACTS else "")) for name, text, count in joined if text]
+        """What the head of every page states: when, who, on which specimen and rig, and the
+        version. Several recordings are joined.
+        """
+        names = (
+            {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"}
+            if self.recordings
+            else {}
+        )
+        each = {
+            name: list(dict.fromkeys(getattr(one, field) for one in self.recordings))
+            for name, field in names.items()
+        }
+        joined = [
+            (name, ", ".join(filter(None, values[:MOST_FACTS])), len(values))
+            for name, values in each.items()
+        ]
+        shown = [
+            (name, text + (" ..." if count > MOST_FACTS else ""))
+            for name, text, count in joined
+            if text
+        ]
         absent = ", ".join(name.lower() for name, text, _ in joined if not text)
-        return [*shown, *([(NOT_STATED, absent)] if absent else []), ("Version", f"rfca-rig {self.version}")]
+        return [
+            *shown,
+            *([(NOT_STATED, absent)] if absent else []),
+            ("Version", f"rfca-rig {self.version}"),
+        ]
 
 
 @dataclass(frozen=True)
 class RecordingSource:
-    """One recording: SIM, REAL or IMPORT (`mark`), where it was read, and a hash; `hashed` names the files that the hash covers.
+    """One recording: SIM, REAL or IMPORT (`mark`), where it was read, and a hash; `hashed` names
+    the files that the hash covers.
 
     `date`, `operator`, `specimen` and `rig` are as recorded, "" where not stated.
     """
@@ -103,7 +140,9 @@ class RecordingSource:
 
 @dataclass(frozen=True)
 class PageLink:
-    """Link to a page at a relative path; where there is none yet, `file` is "" and `command` makes it."""
+    """Link to a page at a relative path; where there is none yet, `file` is "" and `command`
+    makes it.
+    """
 
     file: str
     words: str
@@ -114,8 +153,8 @@ class PageLink:
 class PageContext:
     """Origin of a page, the pages beside it, and the model.
 
-    `model_file` names the model that all recordings were compared with; None where each was compared with its own nominal model.
-    """
+    `model_file` names the model that all recordings were compared with; None where each was
+    compared with its own nominal model."""
 
     origin: Origin
     links: tuple[PageLink, ...] = ()
@@ -123,14 +162,19 @@ class PageContext:
 
 
 def command_line(*words: str | PurePath, options: Mapping[str, object] | None = None) -> str:
-    """The command line: `words` first, then `options` that are not None or False; True stands for a bare option.
+    """The command line: `words` first, then `options` that are not None or False; True stands for a
+    bare option.
 
-    Only the last part of an absolute path is shown: pages are passed on, and need not show the folders of their author.
-    """
+    Only the last part of an absolute path is shown: pages are passed on, and need not show the
+    folders of their author."""
     given = [path_text(word) if isinstance(word, PurePath) else word for word in words]
     for name, value in (options or {}).items():
         if value is not None and value is not False:
-            given += [name] if value is True else [name, path_text(value) if isinstance(value, PurePath) else f"{value}"]
+            given += (
+                [name]
+                if value is True
+                else [name, path_text(value) if isinstance(value, PurePath) else f"{value}"]
+            )
     return shlex.join([PROGRAM, *given])
 
 
@@ -156,14 +200,21 @@ def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recordin
     OSError
         Where a recording cannot be read for its hash.
     """
-    found = tuple(recording_source(recording, path) for path, recording in zip(paths, recordings, strict=False))
+    found = tuple(
+        recording_source(recording, path)
+        for path, recording in zip(paths, recordings, strict=False)
+    )
     later = tuple(recording_source(recording) for recording in recordings[len(paths) :])
     return Origin(command, (*found, *later), version_text())
 
 
 def origin_of_import(command: str, path: Path, title: str, about: AboutSection) -> Origin:
     """Origin of a page about imported data, read at `path`. Raises OSError."""
-    return Origin(command, (_with_hash(RecordingSource("IMPORT", title, **about.model_dump()), path),), version_text())
+    return Origin(
+        command,
+        (_with_hash(RecordingSource("IMPORT", title, **about.model_dump()), path),),
+        version_text(),
+    )
 
 
 def origin_in_memory(recordings: Sequence[Recording]) -> Origin:
@@ -177,11 +228,16 @@ def version_text() -> str:
     revision = state["git_revision"]
     if revision in (NOT_A_CHECKOUT, UNKNOWN):
         return __version__
-    return f"{__version__}, git {revision[:12]}{', changed since' if state['git_dirty'] == 'yes' else ''}"
+    return (
+        f"{__version__}, git "
+        f"{revision[:12]}{', changed since' if state['git_dirty'] == 'yes' else ''}"
+    )
 
 
 def recording_source(recording: Recording, path: Path | None = None) -> RecordingSource:
-    """What a recording states of itself, and where it was read. Raises OSError where it cannot be read for its hash."""
+    """What a recording states of itself, and where it was read. Raises OSError where it cannot
+    be read for its hash.
+    """
     known = recording.provenance
     source = RecordingSource(
         recording.source,
@@ -200,7 +256,9 @@ def _with_hash(source: RecordingSource, path: Path) -> RecordingSource:
 
 
 def date_text(started_at: str) -> str:
-    """Date and time of an ISO 8601 text, to the minute, or a date alone; on the clock of simulated time, which has no date, that."""
+    """Date and time of an ISO 8601 text, to the minute, or a date alone; on the clock of
+    simulated time, which has no date, that.
+    """
     if started_at.startswith(f"{TwinClock().start_time():%Y-%m-%dT%H:%M}"):
         return SIMULATED_TIME
     try:
@@ -212,14 +270,16 @@ def date_text(started_at: str) -> str:
 
 
 def find_pages(out: Path, origin: Origin, own: Collection[str]) -> tuple[PageLink, ...]:
-    """Links to pages on the same recordings: beside `out`, or in the usual folders next to it. Where there is none, the command for it.
+    """Links to pages on the same recordings: beside `out`, or in the usual folders next to it.
+    Where there is none, the command for it.
 
     Parameters
     ----------
     out
         Folder of the new page.
     origin
-        Origin of the new page; another one is on the same recordings if it holds one of their hashes.
+        Origin of the new page; another one is on the same recordings if it holds one of their
+        hashes.
     own
         File names that the same command writes.
     """
@@ -227,10 +287,27 @@ def find_pages(out: Path, origin: Origin, own: Collection[str]) -> tuple[PageLin
     paths = " ".join(shlex.quote(one.path) for one in origin.recordings if one.path)
     links = []
     for name, (words, folder, command) in PAGES.items():
-        candidates = [place for place in (out / name, out.parent / folder / name) if name not in own and place.is_file()]
-        found = next((place for place in candidates if any(one in place.read_text("utf-8") for one in hashes)), None)
+        candidates = [
+            place
+            for place in (out / name, out.parent / folder / name)
+            if name not in own and place.is_file()
+        ]
+        found = next(
+            (
+                place
+                for place in candidates
+                if any(one in place.read_text("utf-8") for one in hashes)
+            ),
+            None,
+        )
         if found is not None:
-            links.append(PageLink(found.name if found.parent == out else f"../{folder}/{name}", words))
-        elif command and paths and not any(page in own for page in PAGES if PAGES[page][2] == command):
+            links.append(
+                PageLink(found.name if found.parent == out else f"../{folder}/{name}", words)
+            )
+        elif (
+            command
+            and paths
+            and not any(page in own for page in PAGES if PAGES[page][2] == command)
+        ):
             links.append(PageLink("", words, f"{PROGRAM} {command} {paths}"))
     return tuple(links)

@@ -1,11 +1,12 @@
 """Common style of all figures: colours with one meaning everywhere, line widths, font sizes.
 
-Measured is a dark thin line over simulated, a broad lighter one. The two differ in greyscale and for every kind of colour vision. Both have
-a contrast of at least 3 : 1 to the paper and to each other (WCAG 2, graphics), and both remain visible where they coincide.
+Measured is a dark thin line over simulated, a broad lighter one. The two differ in greyscale and
+for every kind of colour vision. Both have a contrast of at least 3 : 1 to the paper and to each
+other (WCAG 2, graphics), and both remain visible where they coincide.
 
-Inline figures refer to the colours by name, so that a page in dark mode replaces them. Also panels on one scale, values that a pointer
-shows, decimation of lines, inline SVG without ids that two figures could share, and pictures as files.
-"""
+Inline figures refer to the colours by name, so that a page in dark mode replaces them. Also panels
+on one scale, values that a pointer shows, decimation of lines, inline SVG without ids that two
+figures could share, and pictures as files."""
 
 import io
 import re
@@ -71,9 +72,11 @@ DARK = {
     "paper": "#15171a",
 }
 
-# Sizes in inches of a figure across the page, and of a panel, with its margins for tick labels and titles.
+# Sizes in inches of a figure across the page, and of a panel, with its margins for tick labels and
+# titles.
 WIDTH_IN = 8.6
-# On a phone a wide figure is replaced by one of this width, whose letters are as large as the page's.
+# On a phone a wide figure is replaced by one of this width, whose letters are as large as the
+# page's.
 NARROW_IN = 4.4
 PANEL_IN, LEFT_IN, BOTTOM_IN, TOP_IN, RIGHT_IN = (4.2, 1.95), 0.68, 0.46, 0.24, 0.1
 # Values that a pointer finds along one panel.
@@ -83,13 +86,16 @@ HOVERS = 24
 LINE = re.compile(r' d="(M [\d. ML\n-]{400,}?)\s*"')
 POINT = re.compile(r"[ML] (-?[\d.]+) (-?[\d.]+)")
 
-# Decimals of a coordinate in points: 1/720 inch, finer than any screen or printer shows at this size.
+# Decimals of a coordinate in points: 1/720 inch, finer than any screen or printer shows at this
+# size.
 DECIMALS = 1
 
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Context in which figures look alike on every machine: a user's own matplotlibrc must not change a page."""
+    """Context in which figures look alike on every machine: a user's own matplotlibrc must not
+    change a page.
+    """
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(STYLE)
@@ -114,7 +120,10 @@ def colours() -> dict[str, str]:
 def check_picture_path(path: Path) -> None:
     """Raises BadInput where the ending is not one of FORMATS."""
     if path.suffix.lower() not in FORMATS:
-        raise BadInput(f"{path}: a picture ends in {', '.join(FORMATS)}; give --picture {path.stem or 'picture'}.svg")
+        raise BadInput(
+            f"{path}: a picture ends in {', '.join(FORMATS)}; give --picture "
+            f"{path.stem or 'picture'}.svg"
+        )
 
 
 def save_picture(figure: Figure, path: Path) -> None:
@@ -123,15 +132,20 @@ def save_picture(figure: Figure, path: Path) -> None:
     Raises BadInput where its folder is missing, RigError where the disk refuses.
     """
     if not path.parent.is_dir():
-        raise BadInput(f"{path}: cannot be written: {path.parent} is no folder; make it, or name another one")
+        raise BadInput(
+            f"{path}: cannot be written: {path.parent} is no folder; make it, or name another one"
+        )
     drawn, kind = io.BytesIO(), path.suffix.lower()
     # Without its date, an SVG has the same bytes each time.
-    figure.savefig(drawn, format=kind.lstrip("."), dpi=200, metadata={"Date": None} if kind == ".svg" else None)
+    figure.savefig(
+        drawn, format=kind.lstrip("."), dpi=200, metadata={"Date": None} if kind == ".svg" else None
+    )
     write_atomically(path, drawn.getvalue())
 
 
 def envelope(x: Floats, y: Floats, columns: int) -> tuple[Floats, Floats]:
-    """At most two points, minimum and maximum, for each of `columns` equal intervals of x, so that no peak is lost.
+    """At most two points, minimum and maximum, for each of `columns` equal intervals of x, so that
+    no peak is lost.
 
     Parameters
     ----------
@@ -182,18 +196,36 @@ class Panel:
     ended: bool = False
 
 
-def make_panel(quantity: str, x_name: str, size_in: tuple[float, float] = PANEL_IN) -> tuple[Figure, Axes]:
-    """A figure of one panel. `quantity` with its unit is above the axis, where no tick label pushes it out of the figure."""
+def make_panel(
+    quantity: str, x_name: str, size_in: tuple[float, float] = PANEL_IN
+) -> tuple[Figure, Axes]:
+    """A figure of one panel. `quantity` with its unit is above the axis, where no tick label
+    pushes it out of the figure.
+    """
     (wide, high), figure = size_in, Figure(figsize=size_in)
-    box = (LEFT_IN / wide, BOTTOM_IN / high, (wide - LEFT_IN - RIGHT_IN) / wide, (high - BOTTOM_IN - TOP_IN) / high)
+    box = (
+        LEFT_IN / wide,
+        BOTTOM_IN / high,
+        (wide - LEFT_IN - RIGHT_IN) / wide,
+        (high - BOTTOM_IN - TOP_IN) / high,
+    )
     axes = figure.add_axes(box)
     # parse_math=False: a "$" in a name is a character.
-    axes.set_title(printable(quantity), loc="left", x=-LEFT_IN / (wide - LEFT_IN - RIGHT_IN), fontsize=9.2, pad=3.5, parse_math=False)
+    axes.set_title(
+        printable(quantity),
+        loc="left",
+        x=-LEFT_IN / (wide - LEFT_IN - RIGHT_IN),
+        fontsize=9.2,
+        pad=3.5,
+        parse_math=False,
+    )
     axes.set_xlabel(printable(x_name), labelpad=2.0, parse_math=False)
     return figure, axes
 
 
-def hover_values(axes: Axes, x: Floats, x_unit: str, series: Mapping[str, Floats], unit: str, count: int = HOVERS) -> list[Hover]:
+def hover_values(
+    axes: Axes, x: Floats, x_unit: str, series: Mapping[str, Floats], unit: str, count: int = HOVERS
+) -> list[Hover]:
     """Values of lines over equal stretches of x, each taken in the middle of its stretch.
 
     Parameters
@@ -211,22 +243,41 @@ def hover_values(axes: Axes, x: Floats, x_unit: str, series: Mapping[str, Floats
         return []
     found, edges = [], np.linspace(x[0], x[-1], count + 1)
     # Rounding errors of a line that is zero are zero to a reader.
-    least = 1e-6 * max((np.abs(values[np.isfinite(values)]).max(initial=0.0) for values in series.values()), default=0.0)
+    least = 1e-6 * max(
+        (np.abs(values[np.isfinite(values)]).max(initial=0.0) for values in series.values()),
+        default=0.0,
+    )
     for left, right in pairwise(edges.tolist()):
         at = int(np.argmin(np.abs(x - 0.5 * (left + right))))
         if not left <= x[at] <= right:
             continue
         values = ", ".join(
-            f"{name} {values[at] if abs(values[at]) > least else 0.0:.3g}" for name, values in series.items() if np.isfinite(values[at])
+            f"{name} {values[at] if abs(values[at]) > least else 0.0:.3g}"
+            for name, values in series.items()
+            if np.isfinite(values[at])
         )
-        found.append(Hover(axes, left, right, f"{x[at]:.3f} {x_unit}: {values} {unit}".strip().replace("-", "\u2212")))
+        found.append(
+            Hover(
+                axes,
+                left,
+                right,
+                f"{x[at]:.3f} {x_unit}: {values} {unit}".strip().replace("-", "\u2212"),
+            )
+        )
     return found
 
 
 def compress_paths(svg: str) -> str:
-    """The same drawing in fewer bytes; coordinates with one decimal, as `inline_svg` gives them, stay exact."""
+    """The same drawing in fewer bytes; coordinates with one decimal, as `inline_svg` gives them,
+    stay exact.
+    """
     # Path in relative steps; each piece of an interrupted line begins with M.
-    return LINE.sub(lambda found: f' d="{"".join(_piece(piece) for piece in re.split(r"(?=M)", found[1]) if piece)}"', svg)
+    return LINE.sub(
+        lambda found: (
+            f' d="{"".join(_piece(piece) for piece in re.split(r"(?=M)", found[1]) if piece)}"'
+        ),
+        svg,
+    )
 
 
 def _piece(piece: str) -> str:
@@ -261,21 +312,32 @@ def inline_svg(figure: Figure, salt: str, label: str, hovers: Sequence[Hover] = 
         Values that a pointer shows.
     """
     drawn = io.StringIO()
-    # fonttype "none" keeps text as text, which can be searched and takes fewer bytes. No date, so that the bytes are reproducible.
+    # fonttype "none" keeps text as text, which can be searched and takes fewer bytes. No date, so
+    # that the bytes are reproducible.
     with mpl.rc_context({"svg.hashsalt": salt, "svg.fonttype": "none"}):
-        figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        figure.savefig(
+            drawn,
+            format="svg",
+            transparent=True,
+            metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
+        )
     svg = drawn.getvalue()
     size = re.search(r'viewBox="[^"]*"', svg)
     body = _name_colours(compress_paths(_slim(svg[svg.index(">", svg.index("<svg")) + 1 :])))
-    # The width in points: on a narrow screen a figure scrolls rather than becoming too small to read.
+    # The width in points: on a narrow screen a figure scrolls rather than becoming too small to
+    # read.
     style = f'style="--width: {72.0 * figure.get_figwidth():.0f}px"'
     pointed = "".join(_hover_area(hover, figure) for hover in hovers)
     end = body.rindex("</svg>")
-    return f'<svg {size[0] if size else ""} role="img" aria-label="{label}" {style}>{body[:end]}{pointed}{body[end:]}'.strip()
+    return (
+        f'<svg {size[0] if size else ""} role="img" aria-label="{label}" '
+        f"{style}>{body[:end]}{pointed}{body[end:]}"
+    ).strip()
 
 
 def for_both_widths(draw: Callable[[Drawn, bool], str]) -> Callable[[Drawn], str]:
-    """Decorator: a figure across the page and, for a narrow screen, the same redrawn in its width; the style sheet shows one of them.
+    """Decorator: a figure across the page and, for a narrow screen, the same redrawn in its width;
+    the style sheet shows one of them.
 
     `draw` returns the narrow figure where its second argument is True.
     """
@@ -283,31 +345,58 @@ def for_both_widths(draw: Callable[[Drawn, bool], str]) -> Callable[[Drawn], str
     @wraps(draw)
     def both(drawn: Drawn) -> str:
         pair = ((False, "desk"), (True, "phone"))
-        return "".join(draw(drawn, is_narrow).replace("<svg ", f'<svg class="{name}" ', 1) for is_narrow, name in pair)
+        return "".join(
+            draw(drawn, is_narrow).replace("<svg ", f'<svg class="{name}" ', 1)
+            for is_narrow, name in pair
+        )
 
     return both
 
 
 def _hover_area(hover: Hover, figure: Figure) -> str:
-    """A transparent rectangle over the panel's height with its text, in points from the top left corner."""
+    """A transparent rectangle over the panel's height with its text, in points from the top left
+    corner.
+    """
     points = 72.0 / figure.dpi
-    (left, right), box = (hover.axes.transData.transform([[x, 0.0] for x in (hover.left, hover.right)])[:, 0] * points, hover.axes.bbox)
+    (left, right), box = (
+        hover.axes.transData.transform([[x, 0.0] for x in (hover.left, hover.right)])[:, 0]
+        * points,
+        hover.axes.bbox,
+    )
     top = 72.0 * figure.get_figheight() - box.y1 * points
-    place = f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{box.height * points:.1f}"'
+    place = (
+        f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" '
+        f'height="{box.height * points:.1f}"'
+    )
     return f'<rect class="hover" {place}><title>{html_text(hover.text)}</title></rect>'
 
 
 def _name_colours(svg: str) -> str:
-    """The drawing with palette colours as variables of the page's style sheet, and black as the colour of the text."""
+    """The drawing with palette colours as variables of the page's style sheet, and black as the
+    colour of the text.
+    """
     for name, value in {**colours(), "soft": "#555555"}.items():
         svg = svg.replace(value, f"var(--{name})")
     return re.sub(r"#000000\b", "currentColor", svg)
 
 
 def _slim(body: str) -> str:
-    body = re.sub(r"<metadata>.*?</metadata>|<defs>\s*<style.*?</style>\s*</defs>|<!--.*?-->", "", body, flags=re.DOTALL)
+    body = re.sub(
+        r"<metadata>.*?</metadata>|<defs>\s*<style.*?</style>\s*</defs>|<!--.*?-->",
+        "",
+        body,
+        flags=re.DOTALL,
+    )
     body = re.sub(r'<g id="[^"]*"', "<g", body).replace("xlink:href", "href")
     # The page's style sheet sets the font; only its size stays with the text.
-    body = re.sub(r"font-family: [^;\"]*;?|font: ([\d.]+px) [^;\"]*", lambda m: f"font-size: {m[1]}" if m[1] else "", body)
-    body = re.sub(r'(?<= d=")[^"]*', lambda path: re.sub(r"-?\d+\.\d+", lambda m: f"{float(m[0]):.{DECIMALS}f}", path[0]), body)
+    body = re.sub(
+        r"font-family: [^;\"]*;?|font: ([\d.]+px) [^;\"]*",
+        lambda m: f"font-size: {m[1]}" if m[1] else "",
+        body,
+    )
+    body = re.sub(
+        r'(?<= d=")[^"]*',
+        lambda path: re.sub(r"-?\d+\.\d+", lambda m: f"{float(m[0]):.{DECIMALS}f}", path[0]),
+        body,
+    )
     return re.sub(r"\s*\n\s*", "\n", body)

@@ -1,4 +1,6 @@
-"""Tables independent of their format: CSV for programs, LaTeX for a paper, HTML for a page, plain text for a terminal."""
+"""Tables independent of their format: CSV for programs, LaTeX for a paper, HTML for a page,
+plain text for a terminal.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -49,7 +51,15 @@ SPECIAL = {
 }
 
 # The paper's symbols for quantities of the reports.
-SYMBOLS = {"|F|": "$|F|$", "fx": "$F_x$", "fy": "$F_y$", "fz": "$F_z$", "tx": "$T_x$", "k0": "$k_0$", "k2": "$k_2$"}
+SYMBOLS = {
+    "|F|": "$|F|$",
+    "fx": "$F_x$",
+    "fy": "$F_y$",
+    "fz": "$F_z$",
+    "tx": "$T_x$",
+    "k0": "$k_0$",
+    "k2": "$k_2$",
+}
 
 
 @dataclass(frozen=True)
@@ -65,7 +75,8 @@ class TableColumn:
     digits
         Decimals of numbers; by default as many as show two digits of the uncertainty.
     half
-        Key of the column with the uncertainty: one standard deviation or half an interval, as the table's caption states.
+        Key of the column with the uncertainty: one standard deviation or half an interval, as the
+        table's caption states.
     over
         Heading above this one, common to neighbouring columns.
     role
@@ -98,7 +109,8 @@ class TableColumn:
 
 @dataclass(frozen=True)
 class TableRow:
-    """Values by the keys of the columns; missing ones and None are unknown. `digits` overrides that of the columns.
+    """Values by the keys of the columns; missing ones and None are unknown. `digits` overrides that
+    of the columns.
 
     A `marked` row needs attention, and is highlighted.
     """
@@ -119,7 +131,9 @@ class Foot:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; `name` is that of its files. The `caption` states what is shown, over how many repeats, and the meaning of ±."""
+    """A table; `name` is that of its files. The `caption` states what is shown, over how many
+    repeats, and the meaning of ±.
+    """
 
     name: str
     caption: str
@@ -135,13 +149,20 @@ class Table:
     @cached_property
     def numeric(self) -> frozenset[str]:
         """Keys of the columns that hold numbers, which are aligned right."""
-        return frozenset(column.key for column in self.columns if any(_is_number(row.values.get(column.key)) for row in self.rows))
+        return frozenset(
+            column.key
+            for column in self.columns
+            if any(_is_number(row.values.get(column.key)) for row in self.rows)
+        )
 
     def groups(self) -> list[tuple[str, tuple[TableRow, ...]]]:
         """The rows by their group; without a name where there is only one."""
         # groupby joins neighbours only, so that rows keep their order.
         key = next((column.key for column in self.columns if column.role == "group"), "")
-        groups = [(str(name), tuple(rows)) for name, rows in groupby(self.rows, lambda row: row.values.get(key) or "")]
+        groups = [
+            (str(name), tuple(rows))
+            for name, rows in groupby(self.rows, lambda row: row.values.get(key) or "")
+        ]
         return groups if len(groups) > 1 else [("", self.rows)]
 
     def notes(self, row: TableRow) -> list[str]:
@@ -150,14 +171,21 @@ class Table:
         return [str(text) for text in texts if text]
 
     def overs(self) -> list[tuple[str, int]]:
-        """Headings above the columns with the number of columns each spans, "" where there is none; empty without any heading."""
-        spans = [(over, len(list(columns))) for over, columns in groupby(self.shown, lambda column: column.over)]
+        """Headings above the columns with the number of columns each spans, "" where there is
+        none; empty without any heading.
+        """
+        spans = [
+            (over, len(list(columns)))
+            for over, columns in groupby(self.shown, lambda column: column.over)
+        ]
         return spans if any(over for over, _ in spans) else []
 
 
 @dataclass(frozen=True)
 class TableCell:
-    """A value as text with an ASCII minus sign; `half` is the uncertainty after ±, "" for none. Both are "" for an unknown value."""
+    """A value as text with an ASCII minus sign; `half` is the uncertainty after ±, "" for none.
+    Both are "" for an unknown value.
+    """
 
     text: str
     half: str = ""
@@ -178,7 +206,11 @@ def cell(column: TableColumn, row: TableRow) -> TableCell:
     if known is None and 0.0 < value < 0.5 * 10.0**-digits:
         # Rounded to zero, a small value would look like none.
         return TableCell(f"< {format_rounded(10.0**-digits, digits)}", is_number=True)
-    return TableCell(format_rounded(value, digits), "" if known is None else format_rounded(known, digits), is_number=True)
+    return TableCell(
+        format_rounded(value, digits),
+        "" if known is None else format_rounded(known, digits),
+        is_number=True,
+    )
 
 
 def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
@@ -188,11 +220,16 @@ def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
 
 def head_span(table: Table, foot: Foot) -> int:
     """Number of shown columns before the first value of a foot, which its words may span."""
-    return next((place for place, column in enumerate(table.shown) if column.key in foot.values), len(table.shown))
+    return next(
+        (place for place, column in enumerate(table.shown) if column.key in foot.values),
+        len(table.shown),
+    )
 
 
 def format_rounded(value: float, digits: int) -> str:
-    """A value with `digits` decimals, negative ones for tens and hundreds; no minus where all digits shown are zero."""
+    """A value with `digits` decimals, negative ones for tens and hundreds; no minus where all
+    digits shown are zero.
+    """
     # Adding 0.0 turns the -0.0 that rounding leaves into 0.0.
     return f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"
 
@@ -206,8 +243,11 @@ def _digits(value: float, half: float | None, asked: int | None) -> int:
 
 
 def places(size: float, digits: int) -> int:
-    """Decimals that show `size` with so many digits; negative where it is rounded to tens or hundreds."""
-    # The exponent of the formatted text, which is rounded to seven digits first: 999.99999999 counts as 1000.
+    """Decimals that show `size` with so many digits; negative where it is rounded to tens or
+    hundreds.
+    """
+    # The exponent of the formatted text, which is rounded to seven digits first: 999.99999999
+    # counts as 1000.
     return digits - 1 - (int(f"{abs(size):e}".partition("e")[2]) if size and isfinite(size) else 0)
 
 
@@ -216,9 +256,15 @@ def _is_number(value: Value) -> bool:
 
 
 def with_common_decimals(column: TableColumn, rows: Sequence[TableRow]) -> TableColumn:
-    """The column with the same decimals in all rows, as many as show two digits of the median uncertainty."""
+    """The column with the same decimals in all rows, as many as show two digits of the median
+    uncertainty.
+    """
     halves = [row.values.get(column.half) for row in rows]
-    known = sorted(float(half) for half in halves if isinstance(half, int | float) and isfinite(half) and half > 0)
+    known = sorted(
+        float(half)
+        for half in halves
+        if isinstance(half, int | float) and isfinite(half) and half > 0
+    )
     return replace(column, digits=max(places(known[len(known) // 2], 2), 0)) if known else column
 
 
@@ -228,8 +274,12 @@ def tex_head(text: str) -> str:
 
 
 def tex_text(text: str) -> str:
-    """Any text with LaTeX's special characters escaped; letters with accents are left to the document's encoding."""
-    return "".join(SPECIAL.get(character, character if character.isprintable() else " ") for character in text)
+    """Any text with LaTeX's special characters escaped; letters with accents are left to the
+    document's encoding.
+    """
+    return "".join(
+        SPECIAL.get(character, character if character.isprintable() else " ") for character in text
+    )
 
 
 def tex_unit(unit: str) -> str:
@@ -240,25 +290,40 @@ def tex_unit(unit: str) -> str:
 
 
 def tex_number(text: str, half: str = "") -> str:
-    r"""A number in math mode, which sets a proper minus sign; with $\pm$ where there is an uncertainty."""
+    r"""A number in math mode, which sets a proper minus sign; with $\pm$ where there is an
+    uncertainty.
+    """
     return rf"${text} \pm {half}$" if half else f"${text}$"
 
 
 def as_csv(table: Table) -> str:
-    """The table as CSV: every column under its key, numbers with up to twelve digits, unknown values empty."""
+    """The table as CSV: every column under its key, numbers with up to twelve digits, unknown
+    values empty.
+    """
     head = csv_line(column.key for column in table.columns)
-    return head + "".join(csv_line(_plain(row.values.get(column.key)) for column in table.columns) for row in table.rows)
+    return head + "".join(
+        csv_line(_plain(row.values.get(column.key)) for column in table.columns)
+        for row in table.rows
+    )
 
 
 def _plain(value: Value) -> Value:
-    """Numbers with twelve digits: more than any measurement has, and few enough that rounding errors of machines do not show."""
+    """Numbers with twelve digits: more than any measurement has, and few enough that rounding
+    errors of machines do not show.
+    """
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return (float(f"{value:.12g}") + 0.0 if isfinite(value) else "") if isinstance(value, float) else value
+    return (
+        (float(f"{value:.12g}") + 0.0 if isfinite(value) else "")
+        if isinstance(value, float)
+        else value
+    )
 
 
 def as_tex(table: Table) -> str:
-    """The table as a LaTeX tabular for a document that loads booktabs; the caption is in a comment above it."""
+    """The table as a LaTeX tabular for a document that loads booktabs; the caption is in a
+    comment above it.
+    """
     alignment = "".join("r" if column.key in table.numeric else "l" for column in table.shown)
     packages = "booktabs,graphicx" if any(column.upright for column in table.shown) else "booktabs"
     lines = [
@@ -271,8 +336,18 @@ def as_tex(table: Table) -> str:
         lines.append(r"\midrule")
         lines += [rf"\multicolumn{{{len(alignment)}}}{{l}}{{{tex_text(name)}}} \\"] if name else []
         for row in rows:
-            lines.append(_tex_line([_tex_cell(column, cell(column, row), column.key in table.numeric) for column in table.shown]))
-            lines += [rf"\multicolumn{{{len(alignment)}}}{{l}}{{\quad {tex_text(note)}}} \\" for note in table.notes(row)]
+            lines.append(
+                _tex_line(
+                    [
+                        _tex_cell(column, cell(column, row), column.key in table.numeric)
+                        for column in table.shown
+                    ]
+                )
+            )
+            lines += [
+                rf"\multicolumn{{{len(alignment)}}}{{l}}{{\quad {tex_text(note)}}} \\"
+                for note in table.notes(row)
+            ]
     lines += [r"\midrule", *(_tex_foot(table, foot) for foot in table.foot)] if table.foot else []
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
@@ -282,7 +357,10 @@ def _tex_heads(table: Table) -> list[str]:
     overs = table.overs()
     if not overs:
         return [heads]
-    above = [rf"\multicolumn{{{span}}}{{c}}{{{tex_text(over)}}}" if over else " & ".join([""] * span) for over, span in overs]
+    above = [
+        rf"\multicolumn{{{span}}}{{c}}{{{tex_text(over)}}}" if over else " & ".join([""] * span)
+        for over, span in overs
+    ]
     rules, at = [], 1
     for over, span in overs:
         rules += [rf"\cmidrule(lr){{{at}-{at + span - 1}}}"] if over else []
@@ -300,7 +378,10 @@ def _tex_head(column: TableColumn, is_number: bool) -> str:
 
 def _tex_foot(table: Table, foot: Foot) -> str:
     span = head_span(table, foot)
-    cells = [_tex_cell(column, foot_cell(column, foot), column.key in table.numeric) for column in table.shown[span:]]
+    cells = [
+        _tex_cell(column, foot_cell(column, foot), column.key in table.numeric)
+        for column in table.shown[span:]
+    ]
     return _tex_line([rf"\multicolumn{{{span}}}{{l}}{{{tex_text(foot.words)}}}", *cells])
 
 
@@ -319,7 +400,10 @@ def _tex_cell(column: TableColumn, found: TableCell, is_number: bool) -> str:
 
 def as_text(table: Table) -> str:
     """The table as aligned columns of ASCII for a terminal, without feet and notes."""
-    lines = [[_head_text(column) for column in table.shown], *(row_texts(table, row) for row in table.rows)]
+    lines = [
+        [_head_text(column) for column in table.shown],
+        *(row_texts(table, row) for row in table.rows),
+    ]
     widths = [max(len(line[place]) for line in lines) for place in range(len(table.shown))]
     return "".join(f"{_align(table, line, widths)}\n" for line in lines)
 
@@ -331,7 +415,10 @@ def row_texts(table: Table, row: TableRow) -> list[str]:
 
 def _align(table: Table, line: Sequence[str], widths: Sequence[int]) -> str:
     placed = zip(line, widths, table.shown, strict=True)
-    return "  ".join(text.rjust(width) if column.key in table.numeric else text.ljust(width) for text, width, column in placed).rstrip()
+    return "  ".join(
+        text.rjust(width) if column.key in table.numeric else text.ljust(width)
+        for text, width, column in placed
+    ).rstrip()
 
 
 def _head_text(column: TableColumn) -> str:
@@ -344,11 +431,16 @@ def _text(found: TableCell) -> str:
 
 
 def write_all(out: Path, contents: Mapping[str, str]) -> None:
-    """Writes texts by their file names; `out` is made where it does not exist. Raises RigError where a file cannot be written."""
+    """Writes texts by their file names; `out` is made where it does not exist. Raises RigError
+    where a file cannot be written.
+    """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RigError(f"{out}: the folder for the report cannot be made: {error.strerror}; give another with --out") from None
+        raise RigError(
+            f"{out}: the folder for the report cannot be made: {error.strerror}; give "
+            "another with --out"
+        ) from None
     for name, text in contents.items():
         write_atomically(out / name, text.encode("utf-8"))
 
@@ -356,7 +448,10 @@ def write_all(out: Path, contents: Mapping[str, str]) -> None:
 def table_files(tables: Iterable[Table]) -> dict[str, str]:
     """CSV and LaTeX of each table, by file name.
 
-    A table without rows is written too: otherwise the file of an earlier report would remain beside the page.
-    """
-    each = (((f"{table.name}.csv", as_csv(table)), (f"{table.name}.tex", as_tex(table))) for table in tables)
+    A table without rows is written too: otherwise the file of an earlier report would remain beside
+    the page."""
+    each = (
+        ((f"{table.name}.csv", as_csv(table)), (f"{table.name}.tex", as_tex(table)))
+        for table in tables
+    )
     return {name: text for pair in each for name, text in pair}

@@ -11,7 +11,16 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from rfca_rig import __version__
 from rfca_rig.escaping import printable
 from rfca_rig.reports.style import DARK, colours
-from rfca_rig.reports.table import Foot, Table, TableCell, TableColumn, TableRow, cell, foot_cell, head_span
+from rfca_rig.reports.table import (
+    Foot,
+    Table,
+    TableCell,
+    TableColumn,
+    TableRow,
+    cell,
+    foot_cell,
+    head_span,
+)
 from rfca_rig.reports.text import MARK_MEANINGS, MINUS, NO_BREAK, NOTHING, in_thousands
 
 # Width of a phone of 390 px in characters of a table, and of the gap between two columns.
@@ -50,7 +59,8 @@ class ShownFoot:
 
 @dataclass(frozen=True)
 class ShownTable:
-    """Content for the macro `table` in parts.html; `stacked` are the headings where cells stand below each other.
+    """Content for the macro `table` in parts.html; `stacked` are the headings where cells stand
+    below each other.
 
     `unit_place` is the column with units, which a phone shows behind the row's name.
     """
@@ -65,10 +75,18 @@ class ShownTable:
 
     @property
     def is_wide(self) -> bool:
-        """True where a phone shows each row as a card, as the columns do not fit beside each other."""
+        """True where a phone shows each row as a card, as the columns do not fit beside each
+        other.
+        """
         rows = [row.cells for _, rows in self.groups for row in rows]
         widths = [
-            max([*map(len, head.text.split()), len(unit) + 2, *(_characters(row[place]) for row in rows)])
+            max(
+                [
+                    *map(len, head.text.split()),
+                    len(unit) + 2,
+                    *(_characters(row[place]) for row in rows),
+                ]
+            )
             for place, (head, unit) in enumerate(zip(self.heads, self.units, strict=True))
         ]
         return sum(widths) + GAP_CHARACTERS * (len(widths) - 1) > PHONE_CHARACTERS
@@ -79,17 +97,25 @@ def cells_as_text(table: Table) -> ShownTable:
     return ShownTable(
         heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
         stacked=tuple(_card_head(column) for column in table.shown),
-        unit_place=next((place for place, column in enumerate(table.shown) if column.key == "unit"), None),
+        unit_place=next(
+            (place for place, column in enumerate(table.shown) if column.key == "unit"), None
+        ),
         units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
         overs=tuple(table.overs()),
-        groups=tuple((name, tuple(_row(table, row) for row in rows)) for name, rows in table.groups()),
+        groups=tuple(
+            (name, tuple(_row(table, row) for row in rows)) for name, rows in table.groups()
+        ),
         foot=tuple(_foot(table, foot) for foot in table.foot),
     )
 
 
 def _card_head(column: TableColumn) -> str:
     over = f"{column.over}, " if column.over else ""
-    return f"{over}{column.title} ({column.unit.replace(' ', NO_BREAK)})" if column.unit else f"{over}{column.title}"
+    return (
+        f"{over}{column.title} ({column.unit.replace(' ', NO_BREAK)})"
+        if column.unit
+        else f"{over}{column.title}"
+    )
 
 
 def _characters(cell: ShownCell) -> int:
@@ -112,7 +138,9 @@ def _to_cell(table: Table, column: TableColumn, found: TableCell) -> ShownCell:
     text = in_thousands(found.text).replace("-", MINUS) if found.is_number else found.text
     if found.half:
         text += f"{NO_BREAK}±{NO_BREAK}{found.half}"
-    return ShownCell(text or (NOTHING if column.key in table.numeric else ""), column.key in table.numeric)
+    return ShownCell(
+        text or (NOTHING if column.key in table.numeric else ""), column.key in table.numeric
+    )
 
 
 def template(name: str) -> Template:
@@ -122,7 +150,9 @@ def template(name: str) -> Template:
 
 @cache
 def _environment() -> Environment:
-    """Environment of all templates, with colours, meanings of the marks, version and the filters."""
+    """Environment of all templates, with colours, meanings of the marks, version and the
+    filters.
+    """
     # StrictUndefined: a misspelt name fails in tests instead of leaving a gap in a page.
     environment = Environment(
         loader=FunctionLoader(beside),

@@ -22,25 +22,53 @@ MARK_MEANINGS = {
 SHAFT_WORDS = {
     "average": "the shaft at the average speed of the strokes, as the paper does",
     "commanded": "the shaft at the commanded speed",
-    "recorded": "the shaft following the recorded motion of each stroke, valleys averaged over the repeats",
+    "recorded": (
+        "the shaft following the recorded motion of each stroke, valleys averaged over the repeats"
+    ),
 }
 
 DEFINITION = (
-    "The valley is the most negative fz between touchdown, the first 30 ms of contact, and lift-off, where fz comes back to its level "
-    "before the motion; its time counts from the start of the motion, and parabolas over 20 ms of the trace give both, alike for "
-    "measured and simulated strokes. The phases of a stroke are rest before the start, free until contact, touchdown, loading to the "
+    "The valley is the most negative fz between touchdown, the first 30 ms of contact, "
+    "and lift-off, where fz comes back to its level "
+    "before the motion; its time counts from the start of the motion, and parabolas over "
+    "20 ms of the trace give both, alike for "
+    "measured and simulated strokes. The phases of a stroke are rest before the start, "
+    "free until contact, touchdown, loading to the "
     "valley, release to lift-off, and rebound."
 )
 
 REGIONS_DEFINITION = (
-    "The ruler above each picture divides the stroke into three regions. I is the free swing, from the start of the motion to the first "
-    "contact. II is the loading, from there to the valley. III is the release, from the valley to lift-off. The paper compares lead and "
-    "lag of its simulation in regions I to III. Its text does not define their borders; these are the borders of the phases above."
+    "The ruler above each picture divides the stroke into three regions. I is the free "
+    "swing, from the start of the motion to the first "
+    "contact. II is the loading, from there to the valley. III is the release, from the "
+    "valley to lift-off. The paper compares lead and "
+    "lag of its simulation in regions I to III. Its text does not define their borders; "
+    "these are the borders of the phases above."
 )
 
 UNIT_WORDS = {"Nm": "N m", "pct": "%", "Ns": "N s"} | {
     unit: unit
-    for unit in ("N", "m", "mm", "ppm", "kHz", "s", "ms", "kg", "g", "rad", "deg", "Hz", "V", "A", "W", "J", "K", "degC", "relative")
+    for unit in (
+        "N",
+        "m",
+        "mm",
+        "ppm",
+        "kHz",
+        "s",
+        "ms",
+        "kg",
+        "g",
+        "rad",
+        "deg",
+        "Hz",
+        "V",
+        "A",
+        "W",
+        "J",
+        "K",
+        "degC",
+        "relative",
+    )
 }
 SIGNAL_WORDS = dict.fromkeys(("shaft_angle_rad", "shaft_angle_deg"), "shaft angle less command")
 POWERS = {"": "", "2": "²", "3": "³", "1p5": "^1.5"}
@@ -49,21 +77,27 @@ SPEEDS = (["m", "s"], ["mm", "s"], ["rad", "s"], ["deg", "s"])
 
 
 def number(value: float | None, digits: int) -> str:
-    """A number with `digits` decimals and a typographic minus sign, without a sign where all digits shown are zero."""
+    """A number with `digits` decimals and a typographic minus sign, without a sign where all
+    digits shown are zero.
+    """
     if value is None:
         return NOTHING
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
 
 
 def format_significant(value: float | None, digits: int = 3) -> str:
-    """A value with `digits` significant digits, without an exponent; an en dash for an unknown one."""
+    """A value with `digits` significant digits, without an exponent; an en dash for an unknown
+    one.
+    """
     if value is None or not isfinite(value):
         return NOTHING
     return format_decimals(value, decimals(value, digits))
 
 
 def decimals(size: float, digits: int) -> int:
-    """Decimals that show `size` with so many significant digits; negative where it is rounded to tens or hundreds."""
+    """Decimals that show `size` with so many significant digits; negative where it is rounded to
+    tens or hundreds.
+    """
     return digits - 1 - floor(log10(abs(size))) if size and isfinite(size) else 0
 
 
@@ -73,9 +107,13 @@ def format_decimals(value: float, places: int) -> str:
 
 
 def in_thousands(text: str) -> str:
-    """Groups the digits of a number by thousands, as SI recommends for more than four digits before the point."""
+    """Groups the digits of a number by thousands, as SI recommends for more than four digits
+    before the point.
+    """
     # Digits after a point, or that continue a number, are excluded.
-    return re.sub(r"(?<![\d.])\d{5,}", lambda whole: f"{int(whole[0]):,}".replace(",", THIN), text, count=1)
+    return re.sub(
+        r"(?<![\d.])\d{5,}", lambda whole: f"{int(whole[0]):,}".replace(",", THIN), text, count=1
+    )
 
 
 def spread(mean: float | None, std: float | None, digits: int) -> str:
@@ -84,7 +122,9 @@ def spread(mean: float | None, std: float | None, digits: int) -> str:
 
 
 def keep_units_together(text: str) -> str:
-    """The text with no-break spaces between numbers and units, so that no line begins with a unit."""
+    """The text with no-break spaces between numbers and units, so that no line begins with a
+    unit.
+    """
     # "N" before the space is for "N m": the unit itself must not be broken either.
     return re.sub(r"(?<=[\dN]) (?=(?:N|mm|ms|m|rad/s|deg|s|%)(?![\w]))", NO_BREAK, text)
 
@@ -106,7 +146,9 @@ def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:
     taken_from = " and ".join(sorted({model.shaft_taken_from for model in compared.simulated}))
     if shaft == "recorded":
         return f"Simulated along the recorded motion ({taken_from}; {mean} on average)."
-    return f"Simulated at {mean} ({'commanded' if taken_from == 'command' else 'average, from the recorded ' + taken_from})."
+    if taken_from == "command":
+        return f"Simulated at {mean} (commanded)."
+    return f"Simulated at {mean} (average, from the recorded {taken_from})."
 
 
 def regions_sentence(compared: ComparedCondition, overlay: OverlayDrawing) -> str:
@@ -115,7 +157,11 @@ def regions_sentence(compared: ComparedCondition, overlay: OverlayDrawing) -> st
         return "No regions II and III: neither a repeat nor the model touches the ground."
     first, *others = overlay.regions
     later = ", ".join(f"{region.name} to {region.end_s:.3f} s" for region in others)
-    whose = "mean over the repeats" if compared.contact_is_measured else "by the simulated stroke, for no repeat shows its contact"
+    whose = (
+        "mean over the repeats"
+        if compared.contact_is_measured
+        else "by the simulated stroke, for no repeat shows its contact"
+    )
     return f"Regions: {first.name} to {first.end_s:.3f} s, {later} ({whose})."
 
 
@@ -124,25 +170,38 @@ def rms_sentence(compared: ComparedCondition) -> str:
     rms = compared.rms_N()
     if not rms:
         return "There is no residual: fz was not recorded."
-    return "Residual (measured minus simulated), rms: " + ", ".join(f"{phase} {value:.2f} N" for phase, value in rms.items()) + "."
+    return (
+        "Residual (measured minus simulated), rms: "
+        + ", ".join(f"{phase} {value:.2f} N" for phase, value in rms.items())
+        + "."
+    )
 
 
 def scales_sentence(overlay: OverlayDrawing) -> str:
-    """Sentence on the two scales, which a reader might otherwise compare, and on what exceeds the residual's."""
+    """Sentence on the two scales, which a reader might otherwise compare, and on what exceeds
+    the residual's.
+    """
     wide, narrow = overlay.force_span_N, 2.0 * overlay.residual_limit_N
-    sentence = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N, {wide / narrow:.0f} times finer than the force axis."
+    sentence = (
+        f"The axis of the residual spans ±{overlay.residual_limit_N:g} N, {wide / narrow:.0f} "
+        "times finer than the force axis."
+    )
     if wide / narrow < 1.5:
         sentence = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N."
     if overlay.beyond_N is None:
         return sentence
-    return f"{sentence} After the first valley the residual goes beyond it, to {overlay.beyond_N:.1f} N."
+    return (
+        f"{sentence} After the first valley the residual goes beyond it, to "
+        f"{overlay.beyond_N:.1f} N."
+    )
 
 
 def words_and_unit(name: str) -> tuple[str, str]:
     """The name in words and its unit, empty where it has none. The value is not converted."""
     tokens = name.split("_")
     start = len(tokens)
-    # Backwards from the end, as long as parts are units; the first part is always a word, as in "s" or "m_kg".
+    # Backwards from the end, as long as parts are units; the first part is always a word, as in "s"
+    # or "m_kg".
     while start > 1 and (tokens[start - 1] == "per" or _unit(tokens[start - 1])):
         start -= 1
     if tokens[-1] == "per":
@@ -152,7 +211,9 @@ def words_and_unit(name: str) -> tuple[str, str]:
 
 
 def signal_words(signal: str) -> str:
-    """A signal in words. The shaft's is compared as its deviation from the command, and must say so."""
+    """A signal in words. The shaft's is compared as its deviation from the command, and must say
+    so.
+    """
     return SIGNAL_WORDS.get(signal) or words_and_unit(signal)[0]
 
 

@@ -1,4 +1,5 @@
-"""Runs a sweep: sends ranges of cases to an executor, stores their results on disk, and merges them at the end.
+"""Runs a sweep: sends ranges of cases to an executor, stores their results on disk, and merges them
+at the end.
 
 The division into ranges depends on the speed of the cases; the content of their rows does not.
 """
@@ -57,7 +58,9 @@ class Shards:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Within the context no other process writes here. Raises BadInput where one already does."""
+        """Within the context no other process writes here. Raises BadInput where one already
+        does.
+        """
         with translate_os_errors(self.folder, "the folder cannot be made"):
             self.folder.mkdir(exist_ok=True)
         file = AppendOnlyFile(self.folder / LOCK)
@@ -74,26 +77,42 @@ class Shards:
         with h5py.File(content, "w") as file:
             file.attrs["plan"] = self._digest
             file.create_dataset("values", data=rows.values)
-            file.create_dataset("remarks", data=np.array([remark.encode() for remark in rows.remarks], dtype=TEXT), compression=1)
+            file.create_dataset(
+                "remarks",
+                data=np.array([remark.encode() for remark in rows.remarks], dtype=TEXT),
+                compression=1,
+            )
         write_atomically(self._path(span), content.getvalue())
 
     def spans(self) -> list[CaseRange]:
         """Ranges of all existing shards, in order."""
         names = (path.stem.split("-") for path in self.folder.glob("cases-*.h5"))
-        return sorted((CaseRange(int(first), int(last)) for _, first, last in names), key=lambda span: span.first)
+        return sorted(
+            (CaseRange(int(first), int(last)) for _, first, last in names),
+            key=lambda span: span.first,
+        )
 
     def read(self, span: CaseRange) -> CaseRows:
-        """Read the rows of a range. Raises BadInput where the file is damaged, or of another plan."""
+        """Read the rows of a range. Raises BadInput where the file is damaged, or of another
+        plan.
+        """
         path = self._path(span)
         try:
             with open_plain(path) as file:
-                digest, values = file.attrs["plan"], np.asarray(file["values"][()], dtype=np.float64)
+                digest, values = (
+                    file.attrs["plan"],
+                    np.asarray(file["values"][()], dtype=np.float64),
+                )
                 remarks = tuple(remark.decode() for remark in file["remarks"][()])
         except (OSError, KeyError, ValueError) as error:
             reason = " ".join(str(error).split())
-            raise BadInput(f"{path}: cannot be read ({reason}); remove it, and its cases are computed again") from None
+            raise BadInput(
+                f"{path}: cannot be read ({reason}); remove it, and its cases are computed again"
+            ) from None
         if digest != self._digest or len(values) != len(span) != len(remarks):
-            raise BadInput(f"{path}: is of another sweep; remove it, and its cases are computed again")
+            raise BadInput(
+                f"{path}: is of another sweep; remove it, and its cases are computed again"
+            )
         return CaseRows(values, remarks)
 
     def clear(self) -> None:
@@ -119,7 +138,11 @@ def find_gaps(count: int, there: Iterable[CaseRange]) -> list[CaseRange]:
 
 def split_gaps(gaps: Iterable[CaseRange], size: int) -> list[CaseRange]:
     """Divide the gaps into ranges of at most `size` cases."""
-    return [CaseRange(first, min(first + size, gap.last)) for gap in gaps for first in range(gap.first, gap.last, size)]
+    return [
+        CaseRange(first, min(first + size, gap.last))
+        for gap in gaps
+        for first in range(gap.first, gap.last, size)
+    ]
 
 
 @dataclass(frozen=True)
@@ -135,7 +158,9 @@ class Pace:
 
 
 def measure_pace(plan: SweepPlan, clock: Clock) -> Pace:
-    """Pace of this process. The first case is not counted, because it loads and compiles what all cases need."""
+    """Pace of this process. The first case is not counted, because it loads and compiles what
+    all cases need.
+    """
     count = min(MAX_PILOT_CASES, plan.count)
     case_row(plan, 0)
     start_s, done = clock.now_s(), 0
@@ -158,7 +183,11 @@ def all_cases(plan: SweepPlan) -> CaseRange:
 
 
 def run_sweep(
-    plan: SweepPlan, folder: Path, executor: TaskExecutor, clocks: Callable[[], Clock], report_progress: ProgressReport
+    plan: SweepPlan,
+    folder: Path,
+    executor: TaskExecutor,
+    clocks: Callable[[], Clock],
+    report_progress: ProgressReport,
 ) -> SweepResult:
     """Run the whole sweep, continuing from what `folder` already holds.
 
@@ -184,8 +213,8 @@ def run_sweep(
 
     Notes
     -----
-    The files are bitwise the same however often the sweep was interrupted. Results received before an exception are on disk.
-    """
+    The files are bitwise the same however often the sweep was interrupted. Results received before
+    an exception are on disk."""
     shards = Shards(folder, claim_folder(plan, folder))
     with shards.lock():
         # A finished sweep that stopped before its shards were removed only needs that.
@@ -199,7 +228,11 @@ def run_sweep(
 
 
 def _compute_missing(
-    plan: SweepPlan, shards: Shards, executor: TaskExecutor, clocks: Callable[[], Clock], report_progress: ProgressReport
+    plan: SweepPlan,
+    shards: Shards,
+    executor: TaskExecutor,
+    clocks: Callable[[], Clock],
+    report_progress: ProgressReport,
 ) -> None:
     gaps = find_gaps(plan.count, shards.spans())
     if not gaps:
@@ -209,14 +242,17 @@ def _compute_missing(
     computed = plan.count - sum(map(len, gaps))
     report_progress(CASES, computed, plan.count)
     lost = []
-    for span, rows in map_unordered(executor, partial(compute, plan), split_gaps(gaps, size), clocks):
+    for span, rows in map_unordered(
+        executor, partial(compute, plan), split_gaps(gaps, size), clocks
+    ):
         if isinstance(rows, TaskFailure):
             lost.append(span)
             continue
         shards.write(span, rows)
         computed += len(span)
         report_progress(CASES, computed, plan.count)
-    # A lost shard is tried again case by case, so that one case that ends its worker does not take its neighbours along.
+    # A lost shard is tried again case by case, so that one case that ends its worker does not take
+    # its neighbours along.
     for span, found in map_unordered(executor, partial(compute, plan), split_gaps(lost, 1), clocks):
         shards.write(span, _rows(plan, span, found))
         computed += 1
@@ -229,9 +265,18 @@ def _rows(plan: SweepPlan, span: CaseRange, found: CaseRows | TaskFailure) -> Ca
 
 
 def merge_shards(plan: SweepPlan, shards: Shards) -> SweepResult:
-    """All shards as one table, in the order of the cases. Raises BadInput for a damaged shard, or for cases that are stored twice."""
+    """All shards as one table, in the order of the cases. Raises BadInput for a damaged shard,
+    or for cases that are stored twice.
+    """
     spans = shards.spans()
     if sum(map(len, spans)) != plan.count:
-        raise BadInput(f"{shards.folder}: holds some cases twice; remove the folder, and the same command computes them again")
+        raise BadInput(
+            f"{shards.folder}: holds some cases twice; remove the folder, and the same "
+            "command computes them again"
+        )
     rows = [shards.read(span) for span in spans]
-    return SweepResult(plan, np.concatenate([each.values for each in rows]), tuple(remark for each in rows for remark in each.remarks))
+    return SweepResult(
+        plan,
+        np.concatenate([each.values for each in rows]),
+        tuple(remark for each in rows for remark in each.remarks),
+    )

@@ -1,9 +1,10 @@
 """Outputs of a sweep: each with its unit, its definition and its source.
 
-Over a stroke, t runs from the commanded start, 0, to the end of the shaft's turn. N_k and F_k are the ground's forces on the end of link k,
-up and along +y. fy, fz, tx are the sensor's values; tau is the torque of the shaft, w its speed; phi_i are hinge angles. The leg presses
-where sum N_k > 0 and more than 30 ms have passed since touchdown. t* is the moment of the greatest load, -fz, while it presses.
-"""
+Over a stroke, t runs from the commanded start, 0, to the end of the shaft's turn. N_k and F_k are
+the ground's forces on the end of link k, up and along +y. fy, fz, tx are the sensor's values; tau
+is the torque of the shaft, w its speed; phi_i are hinge angles. The leg presses where sum N_k > 0
+and more than 30 ms have passed since touchdown. t* is the moment of the greatest load, -fz, while
+it presses."""
 
 import difflib
 from collections.abc import Callable, Sequence
@@ -54,7 +55,12 @@ class CaseResults:
     @cached_property
     def motion(self) -> ShaftMotion:
         """Rest, the drive's ramp, constant speed."""
-        return ramp_to_speed(self.rig.leg.start_angle_rad, self.design.speed_rad_s, self.rig.drive.ramp_s, self._end_s)
+        return ramp_to_speed(
+            self.rig.leg.start_angle_rad,
+            self.design.speed_rad_s,
+            self.rig.drive.ramp_s,
+            self._end_s,
+        )
 
     @cached_property
     def chain(self) -> Chain:
@@ -63,14 +69,23 @@ class CaseResults:
 
     @property
     def stroke(self) -> SimulatedStroke:
-        """From 0.1 s before the start to the end of the turn. Raises SimulationFailed, on every access."""
+        """From 0.1 s before the start to the end of the turn. Raises SimulationFailed, on every
+        access.
+        """
         if isinstance(self._stroke, SimulationFailed):
             raise self._stroke
         return self._stroke
 
     @cached_property
     def _stroke(self) -> SimulatedStroke | SimulationFailed:
-        t_s = np.arange(-round(BEFORE_S * SAMPLES_PER_S), int(self._end_s * SAMPLES_PER_S) + 1, dtype=np.float64) / SAMPLES_PER_S
+        t_s = (
+            np.arange(
+                -round(BEFORE_S * SAMPLES_PER_S),
+                int(self._end_s * SAMPLES_PER_S) + 1,
+                dtype=np.float64,
+            )
+            / SAMPLES_PER_S
+        )
         # The failure is cached too: otherwise every output of the case would simulate again.
         try:
             return simulate_stroke(self.rig, self.design.height_m, self.motion, t_s)
@@ -79,7 +94,8 @@ class CaseResults:
 
     @property
     def _end_s(self) -> float:
-        # The ramp covers half the angle of a turn at full speed, so the turn takes half a ramp longer.
+        # The ramp covers half the angle of a turn at full speed, so the turn takes half a ramp
+        # longer.
         return self.design.turn_rad / self.design.speed_rad_s + 0.5 * self.rig.drive.ramp_s
 
     @cached_property
@@ -115,18 +131,25 @@ class CaseResults:
 
     @cached_property
     def pressing(self) -> int:
-        """The sample of the greatest load while the leg presses: in contact, more than 30 ms after touchdown."""
+        """The sample of the greatest load while the leg presses: in contact, more than 30 ms
+        after touchdown.
+        """
         stroke = self.stroke
-        pressed = (stroke.t_s >= stroke.t_s[self.touchdown] + TOUCHDOWN_LASTS_S) & (self.normal_N > 0.0)
+        pressed = (stroke.t_s >= stroke.t_s[self.touchdown] + TOUCHDOWN_LASTS_S) & (
+            self.normal_N > 0.0
+        )
         if not pressed.any():
-            raise OutputMissing(f"the leg does not press for longer than {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
+            raise OutputMissing(
+                f"the leg does not press for longer than {1e3 * TOUCHDOWN_LASTS_S:.0f} ms"
+            )
         return int(np.where(pressed, -stroke.fz_N, -np.inf).argmax())
 
     def integrate(self, values: Floats) -> float:
-        """Integral of values (m,) over the stroke from the start on, by the trapezoidal rule (order 2).
+        """Integral of values (m,) over the stroke from the start on, by the trapezoidal rule (order
+        2).
 
-        It is a plain sum, because the rounding of a dot product may depend on the number of threads.
-        """
+        It is a plain sum, because the rounding of a dot product may depend on the number of
+        threads."""
         moving, t_s = values[self.moving], self.stroke.t_s[self.moving]
         return float(np.sum(0.5 * (moving[1:] + moving[:-1]) * np.diff(t_s)))
 
@@ -149,7 +172,9 @@ def energy_put_in_J(case: CaseResults) -> float:
 def dissipated_J(case: CaseResults) -> float:
     ends = [case.moving.start, -1]
     # The work that is neither stored in links, springs, height nor floor was dissipated.
-    before, after = mechanical_energy_J(case.chain, case.stroke.q_rad[ends], case.stroke.w_rad_s[ends])
+    before, after = mechanical_energy_J(
+        case.chain, case.stroke.q_rad[ends], case.stroke.w_rad_s[ends]
+    )
     return energy_J(case) - float(after - before)
 
 
@@ -235,13 +260,23 @@ def equivalent_stiffness_Nm_per_rad(case: CaseResults, angle_deg: float) -> floa
 
 
 def strip_used_pct(case: CaseResults) -> float:
-    return 100.0 * largest_hinge_angle_rad(case) / case.design.cell_m() / case.design.strip.breaking_curvature_per_m
+    return (
+        100.0
+        * largest_hinge_angle_rad(case)
+        / case.design.cell_m()
+        / case.design.strip.breaking_curvature_per_m
+    )
 
 
 def strip_used_short_pct(case: CaseResults) -> float:
     # The length over which the strip bends if k0 is its doing alone, as in `analysis.strips`.
     length_m = case.design.strip.bending_stiffness_Nm2 / case.rig.leg.k0_Nm_per_rad
-    return 100.0 * largest_hinge_angle_rad(case) / length_m / case.design.strip.breaking_curvature_per_m
+    return (
+        100.0
+        * largest_hinge_angle_rad(case)
+        / length_m
+        / case.design.strip.breaking_curvature_per_m
+    )
 
 
 def strip_used_torque_pct(case: CaseResults) -> float:
@@ -283,7 +318,10 @@ class Output:
 
 # Sources that several outputs share.
 TABLE = "Table II, by the estimator of every report"
-IMPACT_TEST = "the paper's impact test (IV.A), “a driving force of 188 N under a load of 23.7 kg” for fy 188 N and fz 232 N at the peak"
+IMPACT_TEST = (
+    "the paper's impact test (IV.A), “a driving force of 188 N under a load of 23.7 kg” for "
+    "fy 188 N and fz 232 N at the peak"
+)
 SENSOR = "what the sensor reads"
 GROUND = "the ground's forces in the model"
 WORK = "work of the driven joint"
@@ -294,34 +332,86 @@ REST = "eq. (10) with contact, turned there slowly from the start angle"
 
 
 ALL = (
-    Output(valley_time_s, "time of the valley", "t where fz is lowest between touchdown and lift-off", TABLE),
+    Output(
+        valley_time_s,
+        "time of the valley",
+        "t where fz is lowest between touchdown and lift-off",
+        TABLE,
+    ),
     Output(valley_fz_N, "fz in the valley", "min fz between touchdown and lift-off", TABLE),
-    Output(peak_force_N, "largest force on the mount", "max |(fy, fz)|, the spike of touchdown included", SENSOR),
+    Output(
+        peak_force_N,
+        "largest force on the mount",
+        "max |(fy, fz)|, the spike of touchdown included",
+        SENSOR,
+    ),
     Output(peak_moment_Nm, "largest moment on the sensor", "max |tx|", SENSOR),
     Output(load_capacity_N, "load capacity, as a force", "-fz(t*)", IMPACT_TEST),
     Output(load_capacity_kg, "load capacity", "-fz(t*) / g", IMPACT_TEST),
-    Output(driving_force_N, "driving force under that load", "-fy(t*); above 0 the ground pushes along +y", IMPACT_TEST),
+    Output(
+        driving_force_N,
+        "driving force under that load",
+        "-fy(t*); above 0 the ground pushes along +y",
+        IMPACT_TEST,
+    ),
     Output(impulse_Ns, "what the ground bears over a stroke", "integral of sum N_k dt", GROUND),
     Output(driving_impulse_Ns, "net push along +y over a stroke", "integral of sum F_k dt", GROUND),
     Output(touchdown_s, "first contact", "first t with sum N_k > 0", GROUND),
     Output(contact_time_s, "how long the leg touches", "integral of [sum N_k > 0] dt", GROUND),
-    Output(peak_shaft_torque_Nm, "largest torque of the shaft", "max |tau|", "eq. (16), the driven joint"),
+    Output(
+        peak_shaft_torque_Nm,
+        "largest torque of the shaft",
+        "max |tau|",
+        "eq. (16), the driven joint",
+    ),
     Output(peak_power_W, "largest power of the shaft", "max tau w", WORK),
-    Output(energy_J, "energy per stroke", "W = integral of tau w dt, what comes back counted off", WORK),
-    Output(energy_put_in_J, "energy per stroke of a drive that takes nothing back", "integral of max(tau w, 0) dt", WORK),
-    Output(dissipated_J, "energy lost in a stroke", "W - (E(end) - E(0)), E of links, springs, height, floor", "energy balance"),
-    Output(hinge_loss_J, "of that, lost in the hinges' damping", "integral of c sum (dphi_i/dt)^2 dt", "the hinges' law"),
+    Output(
+        energy_J, "energy per stroke", "W = integral of tau w dt, what comes back counted off", WORK
+    ),
+    Output(
+        energy_put_in_J,
+        "energy per stroke of a drive that takes nothing back",
+        "integral of max(tau w, 0) dt",
+        WORK,
+    ),
+    Output(
+        dissipated_J,
+        "energy lost in a stroke",
+        "W - (E(end) - E(0)), E of links, springs, height, floor",
+        "energy balance",
+    ),
+    Output(
+        hinge_loss_J,
+        "of that, lost in the hinges' damping",
+        "integral of c sum (dphi_i/dt)^2 dt",
+        "the hinges' law",
+    ),
     Output(largest_hinge_angle_deg, "largest angle of a hinge", "max |phi_i|", SHAPE),
     Output(bend_deg, "largest bend from first to last link", "max |sum phi_i|", SHAPE),
-    Output(strip_used_pct, "strength used, bent over the pitch: kindest", "(max |phi_i| / p) (t / 2) E / strength", STRENGTH),
-    Output(strip_used_short_pct, "strength used, bent over EI / k0", "(max |phi_i| k0 / EI) (t / 2) E / strength", STRENGTH),
+    Output(
+        strip_used_pct,
+        "strength used, bent over the pitch: kindest",
+        "(max |phi_i| / p) (t / 2) E / strength",
+        STRENGTH,
+    ),
+    Output(
+        strip_used_short_pct,
+        "strength used, bent over EI / k0",
+        "(max |phi_i| k0 / EI) (t / 2) E / strength",
+        STRENGTH,
+    ),
     Output(
         strip_used_torque_pct,
         "strength used if the strips bear a hinge's torque alone",
         "T(max |phi_i|) / (2 EI strength / (E t))",
         STRENGTH,
     ),
-    Output(hinge_k0_Nm_per_rad, "stiffness of a straight hinge", "k0 of the leg as simulated", "eq. (6) at phi = 0"),
+    Output(
+        hinge_k0_Nm_per_rad,
+        "stiffness of a straight hinge",
+        "k0 of the leg as simulated",
+        "eq. (6) at phi = 0",
+    ),
     Output(
         equivalent_stiffness_Nm_per_rad,
         "equivalent stiffness of a hinge",
@@ -357,7 +447,9 @@ class RequestedOutput:
     @property
     def header(self) -> str:
         """The column's name."""
-        return self.name if self.at_deg is None else f"{self.name}{ANGLE_SEPARATOR}{self.at_deg:g}deg"
+        return (
+            self.name if self.at_deg is None else f"{self.name}{ANGLE_SEPARATOR}{self.at_deg:g}deg"
+        )
 
     @property
     def output(self) -> Output:
@@ -365,7 +457,11 @@ class RequestedOutput:
 
     @property
     def words(self) -> str:
-        return self.output.words if self.at_deg is None else f"{self.output.words} at {self.at_deg:g} degrees of {self.output.at}"
+        return (
+            self.output.words
+            if self.at_deg is None
+            else f"{self.output.words} at {self.at_deg:g} degrees of {self.output.at}"
+        )
 
     def of(self, case: CaseResults) -> float:
         """The value. Raises OutputMissing, SimulationFailed, BadInput."""
@@ -387,7 +483,11 @@ def parse_output(text: str) -> RequestedOutput:
     name, at, angle = text.strip().partition(ANGLE_SEPARATOR)
     if name not in OUTPUTS:
         close = difflib.get_close_matches(name, OUTPUTS, n=1, cutoff=0.5)
-        raise BadInput(f"{name!r} is no output; {f'did you mean {close[0]}? ' if close else ''}rfca-rig sweep --list prints all there are")
+        raise BadInput(
+            f"{name!r} is no output; "
+            f"{f'did you mean {close[0]}? ' if close else ''}rfca-rig sweep --list prints "
+            "all there are"
+        )
     if not OUTPUTS[name].at:
         if at:
             raise BadInput(f"{text!r}: {name} takes no angle; leave {ANGLE_SEPARATOR}{angle} out")
@@ -397,5 +497,8 @@ def parse_output(text: str) -> RequestedOutput:
     except ValueError:
         at_deg = float("nan")
     if not isfinite(at_deg):
-        raise BadInput(f"{text!r}: {name} needs a {OUTPUTS[name].at} in degrees, as in {name}{ANGLE_SEPARATOR}60")
+        raise BadInput(
+            f"{text!r}: {name} needs a {OUTPUTS[name].at} in degrees, as in "
+            f"{name}{ANGLE_SEPARATOR}60"
+        )
     return RequestedOutput(name, at_deg)

@@ -1,18 +1,22 @@
-"""A sweep as data: varied quantities with their values, outputs, and the design of every case by its number.
+"""A sweep as data: varied quantities with their values, outputs, and the design of every case by
+its number.
 
-Sample points are a Latin hypercube or Sobol's sequence, from a seed that is part of the plan. First-order Sobol indices of samples are
+Sample points are a Latin hypercube or Sobol's sequence, from a seed that is part of the plan.
+First-order Sobol indices of samples are
 
     S_i = Var(E[y | x_i]) / Var(y)
 
-E[y | x_i] is estimated by least squares of y on a cubic spline of x_i's share u of its range. The spline has as many even segments as the
-samples allow (n / 32, at most 12). S_i is the adjusted coefficient of determination
+E[y | x_i] is estimated by least squares of y on a cubic spline of x_i's share u of its range. The
+spline has as many even segments as the samples allow (n / 32, at most 12). S_i is the adjusted
+coefficient of determination
 
     S_i = 1 - (RSS / (n - p)) / (TSS / (n - 1)),        p = segments + 3 coefficients
 
-so that a parameter without influence has S_i = 0 on average instead of (p - 1) / (n - 1). Any independent samples serve; no pairs of sample
-matrices are needed. The standard error comes from a bootstrap of the cases. Points of a hypercube or a Sobol sequence are more even than
-the independent points of a bootstrap, so it is rather too large. The rest of 1 after all S_i is due to interactions of parameters.
-"""
+so that a parameter without influence has S_i = 0 on average instead of (p - 1) / (n - 1). Any
+independent samples serve; no pairs of sample matrices are needed. The standard error comes from a
+bootstrap of the cases. Points of a hypercube or a Sobol sequence are more even than the independent
+points of a bootstrap, so it is rather too large. The rest of 1 after all S_i is due to interactions
+of parameters."""
 
 import hashlib
 import json
@@ -84,7 +88,10 @@ def why_unbalanced(method: Method, n: int) -> str | None:
     if method != "sobol" or n.bit_count() == 1:
         return None
     below = 1 << (n.bit_length() - 1)
-    return f"n = {n}: Sobol points are balanced in powers of two only; take {below} or {2 * below}, or a latin hypercube"
+    return (
+        f"n = {n}: Sobol points are balanced in powers of two only; take {below} or "
+        f"{2 * below}, or a latin hypercube"
+    )
 
 
 @cache
@@ -136,13 +143,17 @@ def first_order(share: Floats, y: Floats, rng: np.random.Generator) -> FirstOrde
     B = spline_basis(share, min(max(1, y.size // PER_SEGMENT), MOST_SEGMENTS))
     even = np.full(y.size, 1.0 / y.size)
     # Drawing n cases with replacement is the same as multinomial weights on them.
-    repeated = [_r2_adjusted(B, y, rng.multinomial(y.size, even).astype(np.float64)) for _ in range(BOOTSTRAP_SAMPLES)]
+    repeated = [
+        _r2_adjusted(B, y, rng.multinomial(y.size, even).astype(np.float64))
+        for _ in range(BOOTSTRAP_SAMPLES)
+    ]
     return FirstOrder(_r2_adjusted(B, y, np.ones(y.size)), float(np.std(repeated, ddof=1)))
 
 
 def _r2_adjusted(B: Floats, y: Floats, weights: Floats) -> float:
     n, p = y.size, B.shape[1]
-    # The total sum of squares is about the weighted mean; the fit does not change, because the splines contain the constant.
+    # The total sum of squares is about the weighted mean; the fit does not change, because the
+    # splines contain the constant.
     y = y - weights @ y / n
     weighted = B.T * weights
     coefficients, *_ = np.linalg.lstsq(weighted @ B, weighted @ y, rcond=1e-10)
@@ -168,18 +179,20 @@ class Axis:
 
 
 def make_grid(low: float, high: float, steps: int, log: bool) -> tuple[float, ...]:
-    """`steps` values from `low` to `high`, both included, rounded to 12 digits so that a step of 0.1 gives 0.3, not 0.30000000000000004."""
+    """`steps` values from `low` to `high`, both included, rounded to 12 digits so that a step of
+    0.1 gives 0.3, not 0.30000000000000004.
+    """
     values = np.geomspace(low, high, steps) if log else np.linspace(low, high, steps)
     return tuple(float(f"{value:.12g}") for value in values)
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Every combination of the `axes`' values with every point of the `samples`. `fixed` values are set in all cases.
+    """Every combination of the `axes`' values with every point of the `samples`. `fixed` values are
+    set in all cases.
 
-    Cases are numbered with the samples running fastest and the first axis slowest. The plan is sent to the workers, which draw the sample
-    points again from their seed.
-    """
+    Cases are numbered with the samples running fastest and the first axis slowest. The plan is sent
+    to the workers, which draw the sample points again from their seed."""
 
     title: str
     rig: RigModel
@@ -196,7 +209,9 @@ class SweepPlan:
     @cached_property
     def count(self) -> int:
         """Number of cases."""
-        return prod(len(axis.values) for axis in self.axes) * (self.samples.n if self.samples else 1)
+        return prod(len(axis.values) for axis in self.axes) * (
+            self.samples.n if self.samples else 1
+        )
 
     def point(self, case: int) -> tuple[Value, ...]:
         """Values of the varied quantities, in the order of `varied`."""
@@ -226,7 +241,10 @@ INSIDE = 0.381966
 def check_plan(plan: SweepPlan) -> SweepPlan:
     """Return the plan after checking all of its values. Raises BadInput."""
     if not plan.varied:
-        raise BadInput('nothing is varied; name what, as in --vary height_mm=195:255:13, or in the file with [[vary]] name = "height_mm"')
+        raise BadInput(
+            "nothing is varied; name what, as in --vary height_mm=195:255:13, or in the "
+            'file with [[vary]] name = "height_mm"'
+        )
     if plan.count > MAX_CASES:
         raise BadInput(f"{plan.count} cases: at most {MAX_CASES} in one sweep; take fewer values")
     _check_names((*(name for name, _ in plan.fixed), *plan.varied))
@@ -235,7 +253,8 @@ def check_plan(plan: SweepPlan) -> SweepPlan:
     for axis in plan.axes:
         for value in axis.values:
             _check_value(axis.name, value)
-    # Limits are intervals, so the ends of a range are checked, and a value between them for quantities that take whole numbers only.
+    # Limits are intervals, so the ends of a range are checked, and a value between them for
+    # quantities that take whole numbers only.
     for each in plan.samples.ranges if plan.samples else ():
         for value in (each.low, each.high, each.low + INSIDE * (each.high - each.low)):
             _check_value(each.name, value)
@@ -245,10 +264,16 @@ def check_plan(plan: SweepPlan) -> SweepPlan:
         try:
             resolve_effect(present)
         except BadInput as error:
-            raise BadInput(f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in the file under [fixed]") from None
+            raise BadInput(
+                f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in "
+                "the file under [fixed]"
+            ) from None
     at_rest = next((asked.header for asked in plan.outputs if asked.output.at == REST_AT), None)
     if effects and at_rest:
-        raise BadInput(f"{at_rest}: statics know the plain leg only; leave it out, or the effect {effects[0].id}")
+        raise BadInput(
+            f"{at_rest}: statics know the plain leg only; leave it out, or the effect "
+            f"{effects[0].id}"
+        )
     return plan
 
 
@@ -257,7 +282,11 @@ def _check_names(names: Iterable[str]) -> None:
     for name in names:
         what = find_quantity(name).sets or find_quantity(name).name
         if what in setting:
-            raise BadInput(f"{name} is set twice" if setting[what] == name else f"{setting[what]} and {name} set the same; leave one out")
+            raise BadInput(
+                f"{name} is set twice"
+                if setting[what] == name
+                else f"{setting[what]} and {name} set the same; leave one out"
+            )
         setting[what] = name
 
 
@@ -267,11 +296,16 @@ def _check_value(name: str, value: Value) -> None:
 
 
 def describe_plan(plan: SweepPlan) -> dict[str, Any]:
-    """The plan and its model as plain data, with the versions of the code, because changed code gives other numbers."""
-    # Everything that can change a result to the last digit: versions of the numerical packages, and hashes of our own sources.
+    """The plan and its model as plain data, with the versions of the code, because changed code
+    gives other numbers.
+    """
+    # Everything that can change a result to the last digit: versions of the numerical packages, and
+    # hashes of our own sources.
     facts = collect_facts()
     versions = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
-    sources = "".join(hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep))
+    sources = "".join(
+        hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep)
+    )
     own = os.environ.get(FOLDER_VARIABLE)
     return {
         "format": FORMAT,
@@ -281,7 +315,11 @@ def describe_plan(plan: SweepPlan) -> dict[str, Any]:
         "grid": [{"name": axis.name, "values": list(axis.values)} for axis in plan.axes],
         "samples": asdict(plan.samples) if plan.samples else None,
         "outputs": [asked.header for asked in plan.outputs],
-        MADE_WITH: {**versions, "source": digest(sources)[:12], "own effects": hash_source(Path(own)) if own else "none"},
+        MADE_WITH: {
+            **versions,
+            "source": digest(sources)[:12],
+            "own effects": hash_source(Path(own)) if own else "none",
+        },
     }
 
 
@@ -296,19 +334,26 @@ def digest(text: str) -> str:
 
 
 def claim_folder(plan: SweepPlan, folder: Path) -> str:
-    """Prepare `folder` for the plan, or check that it belongs to it; returns the plan's digest. Raises BadInput for another
-    sweep's folder.
+    """Prepare `folder` for the plan, or check that it belongs to it; returns the plan's digest.
+    Raises BadInput for another sweep's folder.
     """
     with translate_os_errors(folder, "the folder cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)
     path, text = folder / PLAN_FILE, as_text(plan)
     if not path.exists():
-        # A folder with other content was most likely named by mistake; nothing may be mixed into it.
+        # A folder with other content was most likely named by mistake; nothing may be mixed into
+        # it.
         if strangers := sorted(each.name for each in folder.iterdir()):
-            raise BadInput(f"{folder}: holds {strangers[0]}, which is of no sweep; give a new folder with --out")
+            raise BadInput(
+                f"{folder}: holds {strangers[0]}, which is of no sweep; give a new folder "
+                "with --out"
+            )
         write_atomically(path, text.encode())
     elif (existing := path.read_text("utf-8", errors="replace")) != text:
-        raise BadInput(f"{folder}: {_difference(existing, describe_plan(plan))}; give a new folder with --out, or remove this one")
+        raise BadInput(
+            f"{folder}: {_difference(existing, describe_plan(plan))}; give a new folder "
+            "with --out, or remove this one"
+        )
     return digest(text)
 
 
@@ -316,10 +361,22 @@ def _difference(found: str, wanted: dict[str, Any]) -> str:
     try:
         there = json.loads(found)
         # Through JSON and back, so that tuples compare equal to lists.
-        differing = [key.replace("_", " ") for key, value in json.loads(json.dumps(wanted)).items() if there.get(key) != value]
+        differing = [
+            key.replace("_", " ")
+            for key, value in json.loads(json.dumps(wanted)).items()
+            if there.get(key) != value
+        ]
     except (ValueError, AttributeError):
         return f"{PLAN_FILE} is damaged"
     if differing == [MADE_WITH.replace("_", " ")]:
-        unlike = [name for name, value in wanted[MADE_WITH].items() if there[MADE_WITH].get(name) != value]
-        return f"its sweep was made with another {' and '.join(unlike)}, and results would not fit together"
-    return f"holds a sweep with another {' and '.join(name for name in differing if name != 'made with') or 'form'}"
+        unlike = [
+            name for name, value in wanted[MADE_WITH].items() if there[MADE_WITH].get(name) != value
+        ]
+        return (
+            f"its sweep was made with another {' and '.join(unlike)}, and results would not "
+            "fit together"
+        )
+    return (
+        "holds a sweep with another "
+        f"{' and '.join(name for name in differing if name != 'made with') or 'form'}"
+    )

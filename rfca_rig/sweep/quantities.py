@@ -14,16 +14,27 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS
 from rfca_rig.model.effect import Parameter as OfEffect
-from rfca_rig.model.paper.strip import MOST_LINKS, Strip, cell_m, paper_strips, table_1_materials, with_first_link, with_links
+from rfca_rig.model.paper.strip import (
+    MOST_LINKS,
+    Strip,
+    cell_m,
+    paper_strips,
+    table_1_materials,
+    with_first_link,
+    with_links,
+)
 from rfca_rig.model.parameters import Leg, PresentEffect, RigModel
 
-FITTED_STRIP = paper_strips({material.name: material for material in table_1_materials()}["CFSP"], 0.8e-3)
+FITTED_STRIP = paper_strips(
+    {material.name: material for material in table_1_materials()}["CFSP"], 0.8e-3
+)
 
 Value = float | str
 
 # Replaced in this order: the unit of k0, N m/rad, becomes Nm_per_rad.
 KEY_OF_UNIT = {"N m": "Nm", "1/": "per_", "/": "_per_", " ": "_"}
-# Parameter of a fit: the rack's offset. A sweep varies the height itself, and its error is an effect.
+# Parameter of a fit: the rack's offset. A sweep varies the height itself, and its error is an
+# effect.
 HEIGHT = "height"
 
 # Descriptions of the nominal values, by the names of `analysis.fitting.parameters`.
@@ -52,10 +63,11 @@ NOMINAL_WORDS = {
 
 @dataclass(frozen=True)
 class SweepCase:
-    """One simulated design. `rig` is the nominal model with its own links and strip; `strip`, `links` and `first_link_m` are applied last.
+    """One simulated design. `rig` is the nominal model with its own links and strip; `strip`,
+    `links` and `first_link_m` are applied last.
 
-    k0, k2 and hinge damping are therefore always those of the nominal leg. Other links and strips are derived from it.
-    """
+    k0, k2 and hinge damping are therefore always those of the nominal leg. Other links and strips
+    are derived from it."""
 
     rig: RigModel
     height_m: float = 0.215
@@ -71,7 +83,9 @@ class SweepCase:
         return replace(self.rig, leg=leg if self.links is None else with_links(leg, self.links))
 
     def cell_m(self) -> float:
-        """The length of strip that each hinge represents; see `model.paper.strip`. Raises BadInput."""
+        """The length of strip that each hinge represents; see `model.paper.strip`. Raises
+        BadInput.
+        """
         leg = self._leg()
         hinges = len(leg.link_lengths_m) - 1
         # Fewer hinges share the same strip, so each represents more of it.
@@ -84,7 +98,8 @@ class SweepCase:
 
 
 def replace_strip(rig: RigModel, strip: Strip) -> RigModel:
-    """The rig with another strip in its leg: k0 scales with E I, and the change of the strips' mass is spread over the links in proportion.
+    """The rig with another strip in its leg: k0 scales with E I, and the change of the strips' mass
+    is spread over the links in proportion.
 
     Hardening and hinge damping are unchanged, as in `analysis.strips`.
     """
@@ -94,7 +109,14 @@ def replace_strip(rig: RigModel, strip: Strip) -> RigModel:
         return rig
     heavier = 1.0 + (strip.mass_kg - fitted.mass_kg) / sum(leg.link_masses_kg)
     k0 = leg.k0_Nm_per_rad * strip.bending_stiffness_Nm2 / fitted.bending_stiffness_Nm2
-    return replace(rig, leg=replace(leg, k0_Nm_per_rad=k0, link_masses_kg=tuple(heavier * mass for mass in leg.link_masses_kg)))
+    return replace(
+        rig,
+        leg=replace(
+            leg,
+            k0_Nm_per_rad=k0,
+            link_masses_kg=tuple(heavier * mass for mass in leg.link_masses_kg),
+        ),
+    )
 
 
 def set_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigModel:
@@ -104,15 +126,18 @@ def set_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigMod
     return replace(
         rig,
         effects=tuple(
-            replace(each, values=tuple({**dict(each.values), name: value}.items())) if each.id == id_ else each for each in rig.effects
+            replace(each, values=tuple({**dict(each.values), name: value}.items()))
+            if each.id == id_
+            else each
+            for each in rig.effects
         ),
     )
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity that can be varied. `name` carries its unit. `why_not` gives the reason against a value. `choices` lists the words of a
-    quantity that is no number.
+    """One quantity that can be varied. `name` carries its unit. `why_not` gives the reason against
+    a value. `choices` lists the words of a quantity that is no number.
 
     `sets` names what it changes, where another quantity changes the same.
     """
@@ -126,13 +151,17 @@ class Quantity:
 
 
 def find_quantity(name: str) -> Quantity:
-    """Look up a quantity by its name, also by its name in `fit` or in a model file. Raises BadInput for an unknown name."""
+    """Look up a quantity by its name, also by its name in `fit` or in a model file. Raises
+    BadInput for an unknown name.
+    """
     known = list_quantities()
     canonical = aliases().get(name, name)
     if canonical not in known:
         close = difflib.get_close_matches(name, [*known, *aliases()], n=1, cutoff=0.5)
         hint = f"did you mean {close[0]}? " if close else ""
-        raise BadInput(f"{name!r} cannot be varied; {hint}rfca-rig sweep --list prints all that can")
+        raise BadInput(
+            f"{name!r} cannot be varied; {hint}rfca-rig sweep --list prints all that can"
+        )
     return known[canonical]
 
 
@@ -143,14 +172,18 @@ def list_quantities() -> dict[str, Quantity]:
     nominal = (_nominal(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
     # The catalogue also holds effects of pendulums, which a leg cannot have.
     of_legs = (effect for _, effect in sorted(catalogue().items()) if effect.where != OF_PENDULUMS)
-    effects = (_of_effect(effect.id, parameter) for effect in of_legs for parameter in effect.parameters)
+    effects = (
+        _of_effect(effect.id, parameter) for effect in of_legs for parameter in effect.parameters
+    )
     return {each.name: each for each in (*own, *nominal, *effects)}
 
 
 @cache
 def aliases() -> dict[str, str]:
     """Names of the same quantities in `fit` and model files, where they differ."""
-    of_fit = {name: _with_unit(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT}
+    of_fit = {
+        name: _with_unit(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT
+    }
     return of_fit | {"friction_coefficient": "friction"}
 
 
@@ -162,7 +195,12 @@ def _of_the_stroke() -> tuple[Quantity, ...]:
             lambda at, x: replace(at, height_m=1e-3 * _number(x)),
             _between(1.0, 1000.0),
         ),
-        Quantity("speed_rad_s", "speed of the shaft", lambda at, x: replace(at, speed_rad_s=_number(x)), _between(0.01, 100.0)),
+        Quantity(
+            "speed_rad_s",
+            "speed of the shaft",
+            lambda at, x: replace(at, speed_rad_s=_number(x)),
+            _between(0.01, 100.0),
+        ),
         Quantity(
             "turn_deg",
             "how far the shaft turns in a stroke",
@@ -172,14 +210,18 @@ def _of_the_stroke() -> tuple[Quantity, ...]:
         Quantity(
             "start_angle_rad",
             "where a stroke begins, below the horizontal",
-            lambda at, x: replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=_number(x)))),
+            lambda at, x: replace(
+                at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=_number(x)))
+            ),
             _between(-np.pi, np.pi),
             sets="start_angle",
         ),
         Quantity(
             "ramp_s",
             "time in which the drive reaches its speed",
-            lambda at, x: replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=_number(x)))),
+            lambda at, x: replace(
+                at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=_number(x)))
+            ),
             _above_zero,
             sets="ramp",
         ),
@@ -189,9 +231,22 @@ def _of_the_stroke() -> tuple[Quantity, ...]:
 def _of_the_strip() -> tuple[Quantity, ...]:
     materials = tuple(material.name for material in table_1_materials())
     return (
-        Quantity("strip.material", "material of the strips, of Table I", _material, partial(_one_of, materials), materials),
-        Quantity("strip.thickness_mm", "thickness of each strip", partial(_of_strip, "thickness_m"), _above_zero),
-        Quantity("strip.width_mm", "width of each strip", partial(_of_strip, "width_m"), _above_zero),
+        Quantity(
+            "strip.material",
+            "material of the strips, of Table I",
+            _material,
+            partial(_one_of, materials),
+            materials,
+        ),
+        Quantity(
+            "strip.thickness_mm",
+            "thickness of each strip",
+            partial(_of_strip, "thickness_m"),
+            _above_zero,
+        ),
+        Quantity(
+            "strip.width_mm", "width of each strip", partial(_of_strip, "width_m"), _above_zero
+        ),
     )
 
 
@@ -264,7 +319,12 @@ def _material(at: SweepCase, value: Value) -> SweepCase:
 def _of_strip(field: str, at: SweepCase, value: Value) -> SweepCase:
     # 0.8 mm is then bitwise the thickness of the paper's strip.
     metres = round(1e-3 * _number(value), 9)
-    return replace(at, strip=replace(at.strip, thickness_m=metres) if field == "thickness_m" else replace(at.strip, width_m=metres))
+    return replace(
+        at,
+        strip=replace(at.strip, thickness_m=metres)
+        if field == "thickness_m"
+        else replace(at.strip, width_m=metres),
+    )
 
 
 def _number(value: Value) -> float:
@@ -287,16 +347,24 @@ def _not_negative(value: Value) -> str | None:
 
 
 def _is_monotone(k2_per_rad2: Value) -> str | None:
-    softest = f"must be {MIN_K2_PER_RAD2:.3f} or more: below, the torque of a hinge falls before 90 degrees"
+    softest = (
+        f"must be {MIN_K2_PER_RAD2:.3f} or more: below, the torque of a hinge falls before 90 "
+        "degrees"
+    )
     return _finite(k2_per_rad2) or (None if _number(k2_per_rad2) >= MIN_K2_PER_RAD2 else softest)
 
 
 def _between(low: float, high: float) -> Callable[[Value], str | None]:
-    return lambda value: _finite(value) or (None if low <= _number(value) <= high else f"must be {low:g} to {high:g}")
+    return lambda value: (
+        _finite(value)
+        or (None if low <= _number(value) <= high else f"must be {low:g} to {high:g}")
+    )
 
 
 def _whole_links(value: Value) -> str | None:
-    fits = _finite(value) is None and _number(value).is_integer() and 2 <= _number(value) <= MOST_LINKS
+    fits = (
+        _finite(value) is None and _number(value).is_integer() and 2 <= _number(value) <= MOST_LINKS
+    )
     return None if fits else f"must be a whole number of 2 to {MOST_LINKS}"
 
 

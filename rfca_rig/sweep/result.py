@@ -42,7 +42,9 @@ class CaseRange:
 
 @dataclass(frozen=True)
 class CaseRows:
-    """`values` (m, outputs), NaN where there is none, and a remark for each case that gives the reason, else ""."""
+    """`values` (m, outputs), NaN where there is none, and a remark for each case that gives the
+    reason, else "".
+    """
 
     values: Floats
     remarks: tuple[str, ...]
@@ -51,7 +53,10 @@ class CaseRows:
 def compute(plan: SweepPlan, span: CaseRange) -> CaseRows:
     """The cases of a range, in their order. A failed case gives a row too."""
     rows = [case_row(plan, case) for case in range(span.first, span.last)]
-    return CaseRows(np.array([values for values, _ in rows]).reshape(len(span), len(plan.outputs)), tuple(remark for _, remark in rows))
+    return CaseRows(
+        np.array([values for values, _ in rows]).reshape(len(span), len(plan.outputs)),
+        tuple(remark for _, remark in rows),
+    )
 
 
 def make_failed_rows(plan: SweepPlan, span: CaseRange, reason: str) -> CaseRows:
@@ -60,7 +65,9 @@ def make_failed_rows(plan: SweepPlan, span: CaseRange, reason: str) -> CaseRows:
 
 
 def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
-    """The outputs of one case and its remark. They depend only on the plan and the number of the case."""
+    """The outputs of one case and its remark. They depend only on the plan and the number of the
+    case.
+    """
     computed = CaseResults(plan.design(case))
     values, reasons = [], []
     for asked in plan.outputs:
@@ -88,7 +95,9 @@ def _short(text: str) -> str:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """`values` (cases, outputs) with NaN where there is none; `remarks` give the reasons, "" for none."""
+    """`values` (cases, outputs) with NaN where there is none; `remarks` give the reasons, "" for
+    none.
+    """
 
     plan: SweepPlan
     values: Floats
@@ -101,7 +110,9 @@ class SweepResult:
 
     def output(self, header: str) -> Floats:
         """Values (cases,) of an output."""
-        return np.asarray(self.values[:, [asked.header for asked in self.plan.outputs].index(header)])
+        return np.asarray(
+            self.values[:, [asked.header for asked in self.plan.outputs].index(header)]
+        )
 
     @property
     def failed(self) -> int:
@@ -119,12 +130,17 @@ class SweepResult:
         return sum(INTERNAL_ERROR in remark for remark in self.remarks)
 
     def reasons(self) -> list[tuple[str, int]]:
-        """Reasons in the remarks with their counts, most frequent first; reasons that differ only in numbers are counted together."""
+        """Reasons in the remarks with their counts, most frequent first; reasons that differ
+        only in numbers are counted together.
+        """
         counts: dict[str, int] = {}
         for remark in self.remarks:
             for reason in filter(None, remark.split("; ")):
-                # Messages contain times and forces of their own case, which would make every reason unique.
-                key = " ".join("…" if any(sign.isdigit() for sign in word) else word for word in reason.split())
+                # Messages contain times and forces of their own case, which would make every reason
+                # unique.
+                key = " ".join(
+                    "…" if any(sign.isdigit() for sign in word) else word for word in reason.split()
+                )
                 counts[key] = counts.get(key, 0) + 1
         return sorted(counts.items(), key=lambda each: (-each[1], each[0]))
 
@@ -138,12 +154,19 @@ def write_result(result: SweepResult, folder: Path) -> None:
     with new_hdf5_file(folder / H5) as file:
         root, plan = file.root, result.plan
         root.attrs.update({"format": FORMAT, "title": plan.title, "plan": as_text(plan)})
-        columns: list[tuple[str, str, Any]] = [(name, find_quantity(name).words, result.values_of(name)) for name in plan.varied]
-        columns += [(asked.header, f"{asked.words}: {asked.output.equation}", result.output(asked.header)) for asked in plan.outputs]
+        columns: list[tuple[str, str, Any]] = [
+            (name, find_quantity(name).words, result.values_of(name)) for name in plan.varied
+        ]
+        columns += [
+            (asked.header, f"{asked.words}: {asked.output.equation}", result.output(asked.header))
+            for asked in plan.outputs
+        ]
         columns.append((REMARK, "why an output is missing", np.array(result.remarks)))
         for name, words, values in columns:
             # HDF5 stores text as bytes.
-            data = np.array([each.encode() for each in values]) if values.dtype.kind == "U" else values
+            data = (
+                np.array([each.encode() for each in values]) if values.dtype.kind == "U" else values
+            )
             dataset = root.create_dataset(name, data=data, compression=1, shuffle=True)
             dataset.attrs["long_name"] = words
         # Raises here what the disk refused while the content was written.
@@ -152,7 +175,9 @@ def write_result(result: SweepResult, folder: Path) -> None:
 
 
 def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:
-    """Read the result of a plan from its folder; None where there is none. Raises BadInput for a damaged file."""
+    """Read the result of a plan from its folder; None where there is none. Raises BadInput for a
+    damaged file.
+    """
     path = folder / H5
     if not path.exists():
         return None
@@ -164,7 +189,10 @@ def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:
             values = np.stack([file[asked.header][()] for asked in plan.outputs], axis=1)
             remarks = tuple(remark.decode() for remark in file[REMARK][()])
     except (OSError, KeyError, ValueError) as error:
-        raise BadInput(f"{path}: cannot be read ({' '.join(str(error).split())}); remove it, and the same command makes it again") from None
+        raise BadInput(
+            f"{path}: cannot be read ({' '.join(str(error).split())}); remove it, and the "
+            "same command makes it again"
+        ) from None
     return SweepResult(plan, values, remarks)
 
 
@@ -174,7 +202,9 @@ def _csv(result: SweepResult) -> str:
     lines = [csv_line([CASE, *plan.varied, *(asked.header for asked in plan.outputs), REMARK])]
     for case in range(plan.count):
         values = ["" if np.isnan(value) else repr(float(value)) for value in result.values[case]]
-        lines.append(csv_line([case, *map(_format_value, plan.point(case)), *values, result.remarks[case]]))
+        lines.append(
+            csv_line([case, *map(_format_value, plan.point(case)), *values, result.remarks[case]])
+        )
     return "".join(lines)
 
 

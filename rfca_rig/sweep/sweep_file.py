@@ -1,4 +1,6 @@
-"""A sweep as its user states it: a sweep file (sweeps/*.toml), or the options --vary, --set and --samples."""
+"""A sweep as its user states it: a sweep file (sweeps/*.toml), or the options --vary, --set and
+--samples.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,7 +11,17 @@ from pydantic import Field, model_validator
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.sweep.outputs import DEFAULT_OUTPUTS, parse_outputs
-from rfca_rig.sweep.plan import METHODS, Axis, Method, Range, SweepPlan, SweepSamples, check_plan, make_grid, why_unbalanced
+from rfca_rig.sweep.plan import (
+    METHODS,
+    Axis,
+    Method,
+    Range,
+    SweepPlan,
+    SweepSamples,
+    check_plan,
+    make_grid,
+    why_unbalanced,
+)
 from rfca_rig.sweep.quantities import Quantity, Value, find_quantity
 from rfca_rig.toml import Key, Section, place_of, read_toml
 
@@ -25,10 +37,14 @@ RANGE_SYNTAX = "NAME=FROM:TO or NAME=FROM:TO:log"
 
 
 class VarySection(Section):
-    """[[vary]]: one quantity over `values`, or over `steps` values between `from` and `to`, both included; `log` for equal ratios."""
+    """[[vary]]: one quantity over `values`, or over `steps` values between `from` and `to`, both
+    included; `log` for equal ratios.
+    """
 
     name: str = Field(description="quantity, as in `rfca-rig sweep --help`")
-    values: Annotated[tuple[float | str, ...], Field(min_length=1, strict=False)] | None = Field(default=None, description="list of values")
+    values: Annotated[tuple[float | str, ...], Field(min_length=1, strict=False)] | None = Field(
+        default=None, description="list of values"
+    )
     from_: Annotated[float | None, Field(alias="from")] = None
     to: float | None = Field(default=None, description="last value")
     steps: Steps | None = Field(default=None, description="number of values")
@@ -56,7 +72,9 @@ class VarySection(Section):
 
 
 class RangeSection(Section):
-    """[[samples.vary]]: one quantity between `from` and `to`, evenly, or with `log` evenly in its logarithm."""
+    """[[samples.vary]]: one quantity between `from` and `to`, evenly, or with `log` evenly in
+    its logarithm.
+    """
 
     name: str = Field(description="quantity")
     from_: Annotated[float, Field(alias="from")]
@@ -76,7 +94,9 @@ class RangeSection(Section):
 
 
 class SamplesSection(Section):
-    """[samples]: `n` points of a Latin hypercube or of a Sobol sequence in all the ranges at once, drawn from `seed`."""
+    """[samples]: `n` points of a Latin hypercube or of a Sobol sequence in all the ranges at
+    once, drawn from `seed`.
+    """
 
     method: Method = Field(default="sobol", description="Sobol sequence or Latin hypercube")
     n: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = Field(description="number of samples")
@@ -93,8 +113,8 @@ class SamplesSection(Section):
 class SweepFile(Section):
     """A whole sweep file.
 
-    `rig` is a name in calibration/ or a rig file, `model` a model file; their paths count from this file's folder.
-    """
+    `rig` is a name in calibration/ or a rig file, `model` a model file; their paths count from this
+    file's folder."""
 
     title: str = Field(description="name of the sweep")
     rig: str | None = Field(default=None, description="name or rig file")
@@ -119,14 +139,27 @@ def read_sweep(path: Path) -> SweepFile:
 
 
 def make_plan(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
-    """The plan of a file that was read from `path`. Raises BadInput with the line of the faulty key."""
-    axes = tuple(_at(path, ("vary", place, "name"), section.axis) for place, section in enumerate(file.vary))
+    """The plan of a file that was read from `path`. Raises BadInput with the line of the faulty
+    key.
+    """
+    axes = tuple(
+        _at(path, ("vary", place, "name"), section.axis) for place, section in enumerate(file.vary)
+    )
     samples = None
     if file.samples:
         section = file.samples
-        ranges = tuple(_at(path, ("samples", "vary", place, "name"), each.range) for place, each in enumerate(section.vary))
+        ranges = tuple(
+            _at(path, ("samples", "vary", place, "name"), each.range)
+            for place, each in enumerate(section.vary)
+        )
         samples = SweepSamples(ranges, section.method, section.n, section.seed)
-    fixed = _at(path, ("fixed",), lambda: tuple((find_quantity(name).name, value) for name, value in flatten_names(file.fixed)))
+    fixed = _at(
+        path,
+        ("fixed",),
+        lambda: tuple(
+            (find_quantity(name).name, value) for name, value in flatten_names(file.fixed)
+        ),
+    )
     outputs = _at(path, ("outputs",), lambda: parse_outputs(file.outputs))
     # The whole plan was checked, not a single key, so no line can be given.
     try:
@@ -136,10 +169,16 @@ def make_plan(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
 
 
 def flatten_names(fixed: Fixed) -> list[tuple[str, Value]]:
-    """Names with dots and their values: TOML reads strip.thickness_mm = 0.8 as a table in a table."""
+    """Names with dots and their values: TOML reads strip.thickness_mm = 0.8 as a table in a
+    table.
+    """
     found: list[tuple[str, Value]] = []
     for name, value in fixed.items():
-        found += [(f"{name}.{inner}", each) for inner, each in value.items()] if isinstance(value, dict) else [(name, value)]
+        found += (
+            [(f"{name}.{inner}", each) for inner, each in value.items()]
+            if isinstance(value, dict)
+            else [(name, value)]
+        )
     return found
 
 
@@ -157,29 +196,58 @@ def _check_log(log: bool, low: float | None, high: float | None) -> None:
 
 
 def plan_from_options(
-    rig: RigModel, vary: Sequence[str], fixed: Sequence[str], outputs: str, samples: int | None, method: str, seed: int
+    rig: RigModel,
+    vary: Sequence[str],
+    fixed: Sequence[str],
+    outputs: str,
+    samples: int | None,
+    method: str,
+    seed: int,
 ) -> SweepPlan:
     """The plan of the command line's options. Raises BadInput, naming the option."""
     parts = [_split_option("--vary", each) for each in vary]
     # One colon makes FROM:TO, a range to sample; two make FROM:TO:STEPS, a grid.
-    ranges = [(varied, text) for varied, text in parts if text.removesuffix(f":{LOG}").count(":") == 1]
+    ranges = [
+        (varied, text) for varied, text in parts if text.removesuffix(f":{LOG}").count(":") == 1
+    ]
     if bool(ranges) != (samples is not None):
         raise BadInput(
-            f"--vary {ranges[0][0].name}={ranges[0][1]}: a range is for --samples N; for a grid say how many steps, {GRID_SYNTAX}"
+            (
+                f"--vary {ranges[0][0].name}={ranges[0][1]}: a range is for --samples N; for "
+                f"a grid say how many steps, {GRID_SYNTAX}"
+            )
             if ranges
             else f"--samples {samples}: name the ranges to draw from, --vary {RANGE_SYNTAX}"
         )
     axes = tuple(_axis(varied, text) for varied, text in parts if (varied, text) not in ranges)
-    drawn = None if samples is None else _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
+    drawn = (
+        None
+        if samples is None
+        else _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
+    )
     names = parse_outputs(outputs.split(",") if outputs else DEFAULT_OUTPUTS)
-    set_ = tuple((varied.name, _value(varied, text)) for varied, text in (_split_option("--set", each) for each in fixed))
-    return check_plan(SweepPlan(f"Sweep over {', '.join(varied.name for varied, _ in parts)}", rig, set_, axes, drawn, names))
+    set_ = tuple(
+        (varied.name, _value(varied, text))
+        for varied, text in (_split_option("--set", each) for each in fixed)
+    )
+    return check_plan(
+        SweepPlan(
+            f"Sweep over {', '.join(varied.name for varied, _ in parts)}",
+            rig,
+            set_,
+            axes,
+            drawn,
+            names,
+        )
+    )
 
 
 def _split_option(option: str, text: str) -> tuple[Quantity, str]:
     name, equals, value = text.partition("=")
     if not equals or not value:
-        raise BadInput(f"{option} {text}: should be {GRID_SYNTAX if option == '--vary' else 'NAME=VALUE'}")
+        raise BadInput(
+            f"{option} {text}: should be {GRID_SYNTAX if option == '--vary' else 'NAME=VALUE'}"
+        )
     return find_quantity(name.strip()), value.strip()
 
 

@@ -1,4 +1,6 @@
-"""CAN buses that other processes join: by TCP (socketcand), or by a serial adapter on a pseudo terminal (slcan, fdcanusb)."""
+"""CAN buses that other processes join: by TCP (socketcand), or by a serial adapter on a pseudo
+terminal (slcan, fdcanusb).
+"""
 
 import os
 import pty
@@ -16,7 +18,8 @@ from rfca_rig.twin_server.tcp import TcpClient, accept_all, is_http, listening_t
 from rfca_rig.twins.wires import CanEnd
 
 NEVER = float("inf")
-# Clients expect the answer to `rawmode` alone in their next read, so frames are held back for this long.
+# Clients expect the answer to `rawmode` alone in their next read, so frames are held back for this
+# long.
 FRAME_DELAY_S = 0.05
 
 # Limit of the send queue in bytes.
@@ -62,12 +65,20 @@ def is_classic(message: can.Message) -> bool:
 def frame_of(message: can.Message) -> ClassicFrame:
     """Converts a python-can message, which must be classic, to a frame."""
     remote = message.is_remote_frame
-    return ClassicFrame(message.arbitration_id, b"" if remote else bytes(message.data), message.is_extended_id, remote, message.dlc)
+    return ClassicFrame(
+        message.arbitration_id,
+        b"" if remote else bytes(message.data),
+        message.is_extended_id,
+        remote,
+        message.dlc,
+    )
 
 
 @dataclass
 class _Member:
-    """A client, its end of the bus, and the time from which it is sent frames; never unless it requested raw mode."""
+    """A client, its end of the bus, and the time from which it is sent frames; never unless it
+    requested raw mode.
+    """
 
     client: TcpClient
     end: CanEnd
@@ -77,10 +88,11 @@ class _Member:
 
 
 class SocketcandPort:
-    """Answers `open`, `rawmode`, `bcmmode`, `echo` and `send`; everything else is refused with an `error` message.
+    """Answers `open`, `rawmode`, `bcmmode`, `echo` and `send`; everything else is refused with an
+    `error` message.
 
-    Every bus name leads to the same bus. Frames carry the time since the epoch; `epoch_s` is that of the clock's zero.
-    """
+    Every bus name leads to the same bus. Frames carry the time since the epoch; `epoch_s` is that
+    of the clock's zero."""
 
     def __init__(self, wire: SharedWire, host: str, port: int, epoch_s: float) -> None:
         self._wire = wire
@@ -133,7 +145,9 @@ class SocketcandPort:
         elif command == "echo":
             member.client.send(b"< echo >")
         else:
-            member.client.send(classic_can.error("unknown command" if member.is_open else "open a bus first"))
+            member.client.send(
+                classic_can.error("unknown command" if member.is_open else "open a bus first")
+            )
 
     def _send(self, member: _Member, words: list[str]) -> None:
         try:
@@ -148,7 +162,9 @@ class SocketcandPort:
         while (message := member.end.recv(timeout=0)) is not None:
             # The protocol carries neither remote frames nor CAN FD.
             if member.frames_from_s < NEVER and is_classic(message) and not message.is_remote_frame:
-                member.client.send(classic_can.encode_socketcand(frame_of(message), self._epoch_s + now_s))
+                member.client.send(
+                    classic_can.encode_socketcand(frame_of(message), self._epoch_s + now_s)
+                )
 
     def _remove_closed(self) -> None:
         for member in [member for member in self._members if not member.client.open]:
@@ -164,7 +180,9 @@ class SocketcandPort:
 
 
 class PseudoTerminal:
-    """Raw byte stream without echo or translation. The client's side stays open here too, so that clients may come and go."""
+    """Raw byte stream without echo or translation. The client's side stays open here too, so
+    that clients may come and go.
+    """
 
     def __init__(self) -> None:
         self._device_side, self._client_side = pty.openpty()
@@ -181,7 +199,9 @@ class PseudoTerminal:
             return b""
 
     def write(self, data: bytes) -> int:
-        """Sends bytes; returns how many fitted. The line holds a few kilobytes until the client reads."""
+        """Sends bytes; returns how many fitted. The line holds a few kilobytes until the client
+        reads.
+        """
         try:
             return os.write(self._device_side, data)
         except BlockingIOError:
@@ -196,7 +216,9 @@ class PseudoTerminal:
 
 
 class _SerialAdapter(ABC):
-    """A CAN adapter on a pseudo terminal: one end of the bus, and the bytes that wait for the client."""
+    """A CAN adapter on a pseudo terminal: one end of the bus, and the bytes that wait for the
+    client.
+    """
 
     def __init__(self, wire: SharedWire) -> None:
         self._wire = wire
@@ -220,7 +242,9 @@ class _SerialAdapter(ABC):
 
     @abstractmethod
     def _queue_frames(self) -> None:
-        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
+        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the
+        client does not read.
+        """
 
     def close(self) -> None:
         self._wire.leave(self._end)
@@ -228,7 +252,9 @@ class _SerialAdapter(ABC):
 
 
 class SlcanPort(_SerialAdapter):
-    """Answers open, close, bit rate, version, serial number, status and frames; a bell character refuses everything else."""
+    """Answers open, close, bit rate, version, serial number, status and frames; a bell character
+    refuses everything else.
+    """
 
     def __init__(self, wire: SharedWire) -> None:
         super().__init__(wire)
@@ -258,7 +284,9 @@ class SlcanPort(_SerialAdapter):
             # Frames from before the channel was opened are not delivered.
             self._waiting.clear()
             return classic_can.END
-        answer = {"V": VERSION, "N": SERIAL_NUMBER, "F": b"F00"}.get(letter, b"" if letter in "SsZMmXW" else None)
+        answer = {"V": VERSION, "N": SERIAL_NUMBER, "F": b"F00"}.get(
+            letter, b"" if letter in "SsZMmXW" else None
+        )
         return classic_can.REFUSED if answer is None else answer + classic_can.END
 
     def _send(self, line: str) -> bytes:
@@ -278,10 +306,11 @@ class SlcanPort(_SerialAdapter):
 
 
 class FdcanusbPort(_SerialAdapter):
-    """Answers `can on`, `can off` and `can send`, and forwards every frame of the bus; refuses everything else.
+    """Answers `can on`, `can off` and `can send`, and forwards every frame of the bus; refuses
+    everything else.
 
-    Every sent line carries a checksum. Once a received line had one, all must have one, as on the UART of a drive.
-    """
+    Every sent line carries a checksum. Once a received line had one, all must have one, as on the
+    UART of a drive."""
 
     def __init__(self, wire: SharedWire) -> None:
         super().__init__(wire)
@@ -325,7 +354,16 @@ class FdcanusbPort(_SerialAdapter):
     def _queue_frames(self) -> None:
         while (message := self._end.recv(timeout=0)) is not None:
             # The adapter carries CAN-FD frames only.
-            if message.is_fd and not message.is_error_frame and len(self._waiting) < MAX_QUEUED_BYTES:
+            if (
+                message.is_fd
+                and not message.is_error_frame
+                and len(self._waiting) < MAX_QUEUED_BYTES
+            ):
                 self._waiting += fdcanusb.encode_received(
-                    FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)
+                    FdFrame(
+                        message.arbitration_id,
+                        bytes(message.data),
+                        message.is_extended_id,
+                        message.bitrate_switch,
+                    )
                 )

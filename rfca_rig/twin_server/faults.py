@@ -1,10 +1,10 @@
-"""Catalogue of injected faults, their schedule, and the panel that switches them while the server runs.
+"""Catalogue of injected faults, their schedule, and the panel that switches them while the server
+runs.
 
 Also how the faults of a drive and its bus act. Those of one make are in its folder (`devices`).
 
-The schedule comes from the command line, NAME@SECONDS or NAME@FROM-TO, or from text commands to the TCP port of the running server, which
-is always on the loopback address only.
-"""
+The schedule comes from the command line, NAME@SECONDS or NAME@FROM-TO, or from text commands to the
+TCP port of the running server, which is always on the loopback address only."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +27,9 @@ VERBS = "on NAME, off NAME, off all, faults, status, height MM"
 
 @dataclass(frozen=True)
 class Fault:
-    """A `once` fault happens when it is switched on; the others last until they are switched off."""
+    """A `once` fault happens when it is switched on; the others last until they are switched
+    off.
+    """
 
     name: str
     meaning: str
@@ -43,9 +45,19 @@ CAN_FAULTS = (
     Fault("can-twice", "every frame of the drive comes twice"),
 )
 DRIVE_FAULTS = (
-    Fault("drive-restart", "the drive starts again: without torque, and its position counts from elsewhere", once=True),
-    Fault("drive-hot", "the motor warms by 5 K every second, and the drive has no limit of its own", once=True),
-    Fault("temperature-stuck", "the temperature that the drive tells never changes again", once=True),
+    Fault(
+        "drive-restart",
+        "the drive starts again: without torque, and its position counts from elsewhere",
+        once=True,
+    ),
+    Fault(
+        "drive-hot",
+        "the motor warms by 5 K every second, and the drive has no limit of its own",
+        once=True,
+    ),
+    Fault(
+        "temperature-stuck", "the temperature that the drive tells never changes again", once=True
+    ),
     Fault("encoder-frozen", "every report of the position is the next one over again", once=True),
 )
 
@@ -89,7 +101,11 @@ class FaultPanel:
     def lines(self) -> list[str]:
         """One line per fault with its state and meaning."""
         return [
-            f"{fault.name:<18} {'once' if fault.once else 'on  ' if self.is_on(fault.name) else 'off '} {fault.meaning}"
+            (
+                f"{fault.name:<18} "
+                f"{'once' if fault.once else 'on  ' if self.is_on(fault.name) else 'off '} "
+                f"{fault.meaning}"
+            )
             for fault in self._known.values()
         ]
 
@@ -120,7 +136,13 @@ def _parse(order: str) -> list[FaultEvent]:
         times_s = [float(time) for time in ((begin, end) if dash else (begin,))]
     except ValueError:
         times_s = []
-    if not at or not name or not times_s or times_s != sorted(times_s) or not all(isfinite(s) and s >= 0 for s in times_s):
+    if (
+        not at
+        or not name
+        or not times_s
+        or times_s != sorted(times_s)
+        or not all(isfinite(s) and s >= 0 for s in times_s)
+    ):
         raise BadInput(f"--fault {order}: write NAME@SECONDS or NAME@FROM-TO, as in force-lost@2-4")
     # With one time only, the fault stays on.
     return [FaultEvent(at_s, name, on) for at_s, on in zip(times_s, (True, False), strict=False)]
@@ -158,11 +180,18 @@ class ControlPort:
     `set_height` takes metres; `status` returns the server's state in one line.
     """
 
-    def __init__(self, panel: FaultPanel, port: int, set_height: Callable[[float], None], status: Callable[[], str]) -> None:
+    def __init__(
+        self,
+        panel: FaultPanel,
+        port: int,
+        set_height: Callable[[float], None],
+        status: Callable[[], str],
+    ) -> None:
         self._panel = panel
         self._set_height = set_height
         self._status = status
-        # Faults and heights are for the local user, even if the device ports are open to the network.
+        # Faults and heights are for the local user, even if the device ports are open to the
+        # network.
         self._listening = listening_tcp(LOOPBACK, port)
         self.port = int(self._listening.getsockname()[1])
         self._connections: list[_Connection] = []
@@ -171,11 +200,15 @@ class ControlPort:
         return f"control lines on TCP {LOOPBACK}:{self.port} ({VERBS})"
 
     def poll(self, now_s: float) -> None:
-        self._connections += [_Connection(client) for client in accept_all(self._listening, len(self._connections))]
+        self._connections += [
+            _Connection(client) for client in accept_all(self._listening, len(self._connections))
+        ]
         for connection in self._connections:
             self._listen(connection)
             connection.client.flush(now_s)
-        for connection in [connection for connection in self._connections if not connection.client.open]:
+        for connection in [
+            connection for connection in self._connections if not connection.client.open
+        ]:
             self._connections.remove(connection)
             connection.client.close()
 
@@ -188,7 +221,9 @@ class ControlPort:
         *lines, connection.rest = received.split(b"\n")
         for line in lines:
             answer = self._answer(line.decode("ascii", "replace").split())
-            connection.client.send("".join(f"{reply}\n" for reply in answer).encode("ascii", "replace"))
+            connection.client.send(
+                "".join(f"{reply}\n" for reply in answer).encode("ascii", "replace")
+            )
         # A client that never ends its line must not fill the memory.
         if len(connection.rest) > LONGEST_LINE:
             connection.client.open = False
@@ -196,7 +231,8 @@ class ControlPort:
     def _answer(self, words: list[str]) -> list[str]:
         try:
             return [*self._execute(words), "ok"] if words else []
-        # Also of the simulation: where the leg has no rest pose at a height, the server goes on at the height before.
+        # Also of the simulation: where the leg has no rest pose at a height, the server goes on at
+        # the height before.
         except RigError as error:
             return [f"error {error}"]
 
@@ -246,7 +282,9 @@ def drive_events(motor: DriveTwin) -> Mapping[str, Callable[[], None]]:
 
 
 class DriveDialect:
-    """Knowledge of the drive's frames that bus faults need; this one is for drives without faults that depend on it."""
+    """Knowledge of the drive's frames that bus faults need; this one is for drives without
+    faults that depend on it.
+    """
 
     def is_heartbeat(self, message: can.Message) -> bool:  # noqa: ARG002 (none is)
         return False
@@ -258,7 +296,9 @@ class DriveDialect:
 
 @dataclass(frozen=True)
 class DriveFaults:
-    """The faults of one kind of drive: their list, one-time events inside its twin by name, and what bus faults need of its frames."""
+    """The faults of one kind of drive: their list, one-time events inside its twin by name, and
+    what bus faults need of its frames.
+    """
 
     faults: tuple[Fault, ...] = ()
     events: Callable[[Any], Mapping[str, Callable[[], None]]] = lambda _: {}
@@ -276,7 +316,9 @@ class TamperedBus(can.BusABC):
         self._dialect = dialect
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Sends a frame with the active faults. Raises can.CanOperationError once the end is shut down."""
+        """Sends a frame with the active faults. Raises can.CanOperationError once the end is
+        shut down.
+        """
         # Without faults, the usual case, a frame costs no further lookups.
         if self._panel.any_on():
             if self._panel.is_on("can-silent") or self._panel.is_on("bus-off"):

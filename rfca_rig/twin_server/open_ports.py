@@ -1,4 +1,6 @@
-"""Ports of the twin server: those that a user asks for, those that were opened, and the wires by which a sensor's twin is reached."""
+"""Ports of the twin server: those that a user asks for, those that were opened, and the wires by
+which a sensor's twin is reached.
+"""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -15,7 +17,9 @@ TwinMaker = Callable[[Any], Any]
 
 
 class Port(Protocol):
-    """A port to the outside. It never waits; the server polls it before and after each step of the twins."""
+    """A port to the outside. It never waits; the server polls it before and after each step of
+    the twins.
+    """
 
     def address(self) -> str:
         """Address of the port, as shown to the user."""
@@ -45,7 +49,9 @@ class Openings:
 
 
 class OpenPorts:
-    """The opened ones: `ports` to be polled, `addresses` for people, `names` for programs. They are closed with the stack."""
+    """The opened ones: `ports` to be polled, `addresses` for people, `names` for programs. They
+    are closed with the stack.
+    """
 
     def __init__(self, openings: Openings, stack: ExitStack) -> None:
         self.openings = openings
@@ -67,11 +73,11 @@ class OpenPorts:
 
 
 class SensorWire:
-    """What is between the driver of a force sensor and its twin, in this process or on ports for other programs.
+    """What is between the driver of a force sensor and its twin, in this process or on ports for
+    other programs.
 
-    This one is a serial line. Override both methods for another wire. `faults` can happen to any twin on it, `port_faults` only to one on
-    ports.
-    """
+    This one is a serial line. Override both methods for another wire. `faults` can happen to any
+    twin on it, `port_faults` only to one on ports."""
 
     faults: tuple[Fault, ...] = ()
     port_faults: tuple[Fault, ...] = ()
@@ -80,21 +86,39 @@ class SensorWire:
         """`name` is the sensor's in the addresses of its ports; without it the section has it."""
         self._name = name
 
-    def connect(self, keys: Any, make_twin: TwinMaker, panel: FaultPanel | None) -> tuple[SensorTwin, Any]:  # noqa: ARG002 (no faults)
-        """The twin in this process, and the way to it for the driver. `panel` switches faults; None for a wire without any."""
+    def connect(
+        self,
+        keys: Any,  # noqa: ARG002
+        make_twin: TwinMaker,
+        panel: FaultPanel | None,  # noqa: ARG002
+    ) -> tuple[SensorTwin, Any]:
+        """The twin in this process, and the way to it for the driver. `panel` switches faults;
+        None for a wire without any.
+        """
         host, device = serial_line()
         return make_twin(device), host
 
-    def open(self, keys: Any, panel: FaultPanel, ports: OpenPorts) -> Callable[[TwinMaker], SensorTwin]:  # noqa: ARG002 (no faults)
-        """Opens the requested ports, so that an occupied one is found before anything is computed; here a pseudo terminal.
+    def open(
+        self,
+        keys: Any,
+        panel: FaultPanel,  # noqa: ARG002
+        ports: OpenPorts,
+    ) -> Callable[[TwinMaker], SensorTwin]:
+        """Opens the requested ports, so that an occupied one is found before anything is computed;
+        here a pseudo terminal.
 
-        Returns a function that puts the twin on them. Raises BadInput for ports that cannot be opened.
-        """
+        Returns a function that puts the twin on them. Raises BadInput for ports that cannot be
+        opened."""
         # Windows has none.
         from rfca_rig.twin_server.can_ports import PseudoTerminal  # noqa: PLC0415
 
         line = PseudoTerminal()
-        ports.note(f"{self._name or keys.title} on serial line {line.path}", line.close, host=ports.openings.host, serial=line.path)
+        ports.note(
+            f"{self._name or keys.title} on serial line {line.path}",
+            line.close,
+            host=ports.openings.host,
+            serial=line.path,
+        )
         return lambda make_twin: make_twin(line)
 
 

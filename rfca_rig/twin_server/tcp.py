@@ -13,17 +13,31 @@ ANY_FREE = 0
 # Limit of the send queue, and largest read, in bytes.
 MAX_QUEUED_BYTES = 4 << 20
 BLOCK = 1 << 16
-# Of one port. Some five ports of these stay far below the 1024 files that a process may usually have open.
+# Of one port. Some five ports of these stay far below the 1024 files that a process may usually
+# have open.
 MAX_CLIENTS = 64
-# A client that neither sends nor is sent anything for so long is disconnected; one that hung would keep its place for ever.
-# A person at a control line pauses for minutes; a bus, even a quiet one, brings frames every second.
+# A client that neither sends nor is sent anything for so long is disconnected; one that hung would
+# keep its place for ever. A person at a control line pauses for minutes; a bus, even a quiet one,
+# brings frames every second.
 IDLE_S = 300.0
 # A browser can send these to any port of its own machine, from any page: no device speaks so.
-HTTP_METHODS = (b"GET ", b"POST ", b"PUT ", b"DELETE ", b"HEAD ", b"OPTIONS ", b"PATCH ", b"CONNECT ", b"TRACE ")
+HTTP_METHODS = (
+    b"GET ",
+    b"POST ",
+    b"PUT ",
+    b"DELETE ",
+    b"HEAD ",
+    b"OPTIONS ",
+    b"PATCH ",
+    b"CONNECT ",
+    b"TRACE ",
+)
 
 
 def listening_tcp(host: str, port: int) -> socket.socket:
-    """Opens a non-blocking listening TCP socket. Raises BadInput if host and port are not available."""
+    """Opens a non-blocking listening TCP socket. Raises BadInput if host and port are not
+    available.
+    """
     return _bind(socket.SOCK_STREAM, host, port)
 
 
@@ -36,7 +50,8 @@ def _bind(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
     opened = socket.socket(socket.AF_INET, kind)
     try:
         if kind == socket.SOCK_STREAM:
-            # A restarted server can take its port again at once, although old connections are still in TIME_WAIT.
+            # A restarted server can take its port again at once, although old connections are still
+            # in TIME_WAIT.
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((host, port))
         if kind == socket.SOCK_STREAM:
@@ -45,7 +60,10 @@ def _bind(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
         opened.close()
         if getattr(error, "errno", None) == errno.EADDRNOTAVAIL:
             raise BadInput(f"cannot listen on {host}: {NO_SUCH_ADDRESS}") from error
-        raise BadInput(f"cannot listen on {host} port {port}: {error}; another server may be running, port 0 takes any free one") from error
+        raise BadInput(
+            f"cannot listen on {host} port {port}: {error}; another server may be "
+            "running, port 0 takes any free one"
+        ) from error
     opened.setblocking(False)
     return opened
 
@@ -55,14 +73,21 @@ def is_loopback(host: str) -> bool:
     try:
         address = ip_address(host)
     except ValueError as error:
-        raise BadInput(f"{host!r} is no address to listen on; write it in numbers, as 127.0.0.1 or 192.168.1.10") from error
+        raise BadInput(
+            f"{host!r} is no address to listen on; write it in numbers, as 127.0.0.1 or "
+            "192.168.1.10"
+        ) from error
     if address.version != 4:
-        raise BadInput(f"{host}: the twin listens on IPv4 only; for this machine that is {LOOPBACK}")
+        raise BadInput(
+            f"{host}: the twin listens on IPv4 only; for this machine that is {LOOPBACK}"
+        )
     return address.is_loopback
 
 
 class TcpClient:
-    """Sends and receives without waiting. `open` becomes false when the client left, stopped reading, or was idle for IDLE_S."""
+    """Sends and receives without waiting. `open` becomes false when the client left, stopped
+    reading, or was idle for IDLE_S.
+    """
 
     def __init__(self, connection: socket.socket) -> None:
         connection.setblocking(False)
@@ -93,7 +118,9 @@ class TcpClient:
         self._waiting += data
 
     def flush(self, now_s: float) -> None:
-        """Sends what fits. A client with more than 4 MiB unread is disconnected: it would never catch up."""
+        """Sends what fits. A client with more than 4 MiB unread is disconnected: it would never
+        catch up.
+        """
         self._send_waiting()
         if self._has_moved or self._active_s is None:
             self._has_moved, self._active_s = False, now_s
@@ -127,7 +154,9 @@ class TcpClient:
 
 
 def accept_all(listening: socket.socket, connected: int) -> list[TcpClient]:
-    """Accepts the clients that have connected since the last call, beside `connected` ones; beyond MAX_CLIENTS they are disconnected."""
+    """Accepts the clients that have connected since the last call, beside `connected` ones;
+    beyond MAX_CLIENTS they are disconnected.
+    """
     clients: list[TcpClient] = []
     # Who connects again and again must not keep the loop here.
     for _ in range(MAX_CLIENTS):

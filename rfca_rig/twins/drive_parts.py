@@ -1,4 +1,6 @@
-"""What motor twins share: their base class, encoder, thermal model of the motor, and a cascaded speed loop."""
+"""What motor twins share: their base class, encoder, thermal model of the motor, and a cascaded
+speed loop.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -40,11 +42,12 @@ class Encoder:
 
 @dataclass(frozen=True)
 class ThermalParameters:
-    """First order: dT/dt = (T_air - T) / time_constant_s + rise_K_per_Nm2 * torque^2 / time_constant_s.
+    """First order: dT/dt = (T_air - T) / time_constant_s + rise_K_per_Nm2 * torque^2 /
+    time_constant_s.
 
-    The steady-state rise above the air is `rise_K_per_Nm2` times the squared torque, as copper losses grow with the squared current.
-    By default 10 N m at the shaft lead to a rise of 30 K, after some ten minutes.
-    """
+    The steady-state rise above the air is `rise_K_per_Nm2` times the squared torque, as copper
+    losses grow with the squared current. By default 10 N m at the shaft lead to a rise of 30 K,
+    after some ten minutes."""
 
     air_degC: float = 30.0
     time_constant_s: float = 600.0
@@ -52,7 +55,9 @@ class ThermalParameters:
 
 
 class MotorThermalModel:
-    """True and reported temperature. `fever_K_s` is an additional heating rate of a fault, independent of the torque."""
+    """True and reported temperature. `fever_K_s` is an additional heating rate of a fault,
+    independent of the torque.
+    """
 
     def __init__(self, warming: ThermalParameters) -> None:
         self._warming = warming
@@ -63,8 +68,14 @@ class MotorThermalModel:
     def advance(self, elapsed_s: float, torque_Nm: float) -> None:
         """Advances the temperature; exact for a constant torque over the step."""
         warming = self._warming
-        steady_degC = warming.air_degC + warming.rise_K_per_Nm2 * torque_Nm**2 + self.fever_K_s * warming.time_constant_s
-        self._degC = steady_degC + (self._degC - steady_degC) * exp(-elapsed_s / warming.time_constant_s)
+        steady_degC = (
+            warming.air_degC
+            + warming.rise_K_per_Nm2 * torque_Nm**2
+            + self.fever_K_s * warming.time_constant_s
+        )
+        self._degC = steady_degC + (self._degC - steady_degC) * exp(
+            -elapsed_s / warming.time_constant_s
+        )
 
     def stick(self) -> None:
         """Fault: from now on the drive reports the present temperature, whatever it becomes."""
@@ -76,11 +87,11 @@ class MotorThermalModel:
 
 
 class DriveTwin(ABC):
-    """Base class of the twin of any drive: what faults and conformance tests need beside a `MotorTwin`.
+    """Base class of the twin of any drive: what faults and conformance tests need beside a
+    `MotorTwin`.
 
-    `tells_temperature`: reports carry the motor's temperature. `tolerances` replaces values of `contracts.motor_rig.MotorHooks`, for a
-    protocol that is coarser than most.
-    """
+    `tells_temperature`: reports carry the motor's temperature. `tolerances` replaces values of
+    `contracts.motor_rig.MotorHooks`, for a protocol that is coarser than most."""
 
     tells_temperature: ClassVar[bool] = False
     tolerances: ClassVar[Mapping[str, float]] = {}
@@ -98,7 +109,9 @@ class DriveTwin(ABC):
 
     @abstractmethod
     def fail(self) -> str:
-        """Puts the drive into an error; returns the regular expression that the driver's text must match: code and meaning."""
+        """Puts the drive into an error; returns the regular expression that the driver's text
+        must match: code and meaning.
+        """
 
     @abstractmethod
     def refuse(self) -> str:
@@ -126,7 +139,9 @@ class MotorSetPoint:
 
 
 class SpeedLoop:
-    """Control loop with an integrator. `law` is the torque until the next step; `advance` updates the integrator after it."""
+    """Control loop with an integrator. `law` is the torque until the next step; `advance`
+    updates the integrator after it.
+    """
 
     def __init__(self, gains: LoopGains) -> None:
         self._gains = gains
@@ -139,9 +154,9 @@ class SpeedLoop:
     def law(self, wanted: MotorSetPoint, shaft: ShaftState) -> ShaftDrive:
         """Torque law, limited at the beginning of the step.
 
-        Beyond the limit the whole law is scaled down to it for that step, so that the torque still decreases with the error. A
-        constant torque would drive a light shaft past its set-point within one step, and cause chatter.
-        """
+        Beyond the limit the whole law is scaled down to it for that step, so that the torque still
+        decreases with the error. A constant torque would drive a light shaft past its set-point
+        within one step, and cause chatter."""
         free = self._law_without_limit(wanted)
         torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
         self._limited = torque_Nm > self._gains.torque_limit_Nm
@@ -152,12 +167,21 @@ class SpeedLoop:
         if wanted.mode == LoopMode.TORQUE:
             return ShaftDrive(feed_Nm=wanted.torque_Nm)
         # The angle error times the angle gain is a speed, which the speed gain turns into torque.
-        angle_gain = gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad if wanted.mode == LoopMode.POSITION else 0.0
+        angle_gain = (
+            gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad
+            if wanted.mode == LoopMode.POSITION
+            else 0.0
+        )
         feed_Nm = wanted.torque_Nm + self._integral_Nm
-        return ShaftDrive(feed_Nm, angle_gain, wanted.angle_rad, gains.speed_gain_Nm_s_per_rad, wanted.speed_rad_s)
+        return ShaftDrive(
+            feed_Nm, angle_gain, wanted.angle_rad, gains.speed_gain_Nm_s_per_rad, wanted.speed_rad_s
+        )
 
-    def advance(self, wanted: MotorSetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
-        """Updates the integrator with the speed error over the step. The rotation is exact, the mean angle is trapezoidal.
+    def advance(
+        self, wanted: MotorSetPoint, elapsed_s: float, before: ShaftState, after: ShaftState
+    ) -> None:
+        """Updates the integrator with the speed error over the step. The rotation is exact, the
+        mean angle is trapezoidal.
 
         The integrator is held while the torque is limited, the usual anti-windup of drives.
         """

@@ -23,7 +23,8 @@ MAX_COORDINATE_PX = 30_000.0
 
 # So many rows of a picture stay in the processor's cache with what is computed from them.
 ROWS_AT_ONCE = 16
-# Bits of a light's 32 bit floating point number that do not choose its interval in the table of counts.
+# Bits of a light's 32 bit floating point number that do not choose its interval in the table of
+# counts.
 TABLE_SHIFT = np.uint32(15)
 
 # Linear light at which `noise_counts` applies.
@@ -32,8 +33,12 @@ MID_GREY = 0.2
 DARK_SHARE = 0.02
 
 
-def paint(picture: Light, outline_px: Floats, colour: tuple[float, float, float], opacity: float = 1.0) -> None:
-    """Paints `colour` (blue, green, red; 1 is white) over the inside of a closed outline (n, 2) in `picture` (rows, columns, 3)."""
+def paint(
+    picture: Light, outline_px: Floats, colour: tuple[float, float, float], opacity: float = 1.0
+) -> None:
+    """Paints `colour` (blue, green, red; 1 is white) over the inside of a closed outline (n, 2)
+    in `picture` (rows, columns, 3).
+    """
     covered = compute_coverage(picture.shape[:2], outline_px)
     if covered is None:
         return
@@ -42,7 +47,9 @@ def paint(picture: Light, outline_px: Floats, colour: tuple[float, float, float]
     region += (opacity * share)[..., None] * (np.array(colour, np.float32) - region)
 
 
-def compute_coverage(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice, slice, Light] | None:
+def compute_coverage(
+    shape: tuple[int, ...], outline_px: Floats
+) -> tuple[slice, slice, Light] | None:
     """Share of each pixel that lies inside an outline.
 
     Parameters
@@ -55,7 +62,8 @@ def compute_coverage(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice,
     Returns
     -------
     tuple or None
-        Row slice, column slice and shares (rows, columns) in 0..1 of the bounding box; None if it is outside the image.
+        Row slice, column slice and shares (rows, columns) in 0..1 of the bounding box; None if it
+        is outside the image.
     """
     outline = np.clip(outline_px, -MAX_COORDINATE_PX, MAX_COORDINATE_PX)
     first = np.clip(np.floor(outline.min(axis=0) - 1.0), 0, (shape[1], shape[0])).astype(int)
@@ -67,7 +75,9 @@ def compute_coverage(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice,
     mask = np.zeros((height * finer, width * finer), np.uint8)
     at = (outline - first + 0.5) * finer - 0.5
     cv2.fillPoly(mask, [np.round(at * (1 << SHIFT)).astype(np.int32)], 255, shift=SHIFT)
-    share = cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32) / np.float32(255.0)
+    share = cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA).astype(
+        np.float32
+    ) / np.float32(255.0)
     return slice(first[1], last[1]), slice(first[0], last[0]), share
 
 
@@ -75,11 +85,13 @@ def compute_coverage(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice,
 class ImageDisturbance:
     """Image disturbances; by default there are none.
 
-    `defocus_px`: radius of the disc into which a point is blurred. `noise_counts`: standard deviation at mid grey in counts of 255;
-    it grows with the square root of the light. `uneven_light`: share of the light missing at the darkest edge, on a random side.
-    `glints`: number of bright streaks on the shells. `hidden_mark`: index from 0 of a mark that the rig's frame partly hides, by
-    `hidden_share` of its diameter. `red_things`: number of red discs and strips behind the leg. `reflection`: share of the light that
-    the ground reflects, if there is one. `jpeg_quality`: None or 1 to 100, with chroma stored at half the resolution, as in cameras.
+    `defocus_px`: radius of the disc into which a point is blurred. `noise_counts`: standard
+    deviation at mid grey in counts of 255; it grows with the square root of the light.
+    `uneven_light`: share of the light missing at the darkest edge, on a random side. `glints`:
+    number of bright streaks on the shells. `hidden_mark`: index from 0 of a mark that the rig's
+    frame partly hides, by `hidden_share` of its diameter. `red_things`: number of red discs and
+    strips behind the leg. `reflection`: share of the light that the ground reflects, if there is
+    one. `jpeg_quality`: None or 1 to 100, with chroma stored at half the resolution, as in cameras.
     """
 
     defocus_px: float = 0.0
@@ -93,20 +105,29 @@ class ImageDisturbance:
     jpeg_quality: int | None = None
 
 
-def apply_uneven_light(scene: Light, disturbance: ImageDisturbance, random: np.random.Generator) -> Light:
-    """The scene (rows, columns, 3), in linear light, under a light that falls off from one side of the image to the other."""
+def apply_uneven_light(
+    scene: Light, disturbance: ImageDisturbance, random: np.random.Generator
+) -> Light:
+    """The scene (rows, columns, 3), in linear light, under a light that falls off from one side
+    of the image to the other.
+    """
     turn = random.uniform(0.0, 2.0 * np.pi)
     rows, columns = scene.shape[:2]
     across = np.linspace(-1.0, 1.0, columns, dtype=np.float32) * np.float32(np.cos(turn))
     down = np.linspace(-1.0, 1.0, rows, dtype=np.float32) * np.float32(np.sin(turn))
     # -1 at the darkest corner, +1 at the brightest, for any direction of the light.
     toward = (across[None, :] + down[:, None]) / np.float32(abs(np.cos(turn)) + abs(np.sin(turn)))
-    light = np.float32(1.0) - np.float32(0.5 * disturbance.uneven_light) * (np.float32(1.0) - toward)
+    light = np.float32(1.0) - np.float32(0.5 * disturbance.uneven_light) * (
+        np.float32(1.0) - toward
+    )
     return np.asarray(scene * light[..., None])
 
 
-def render_sensor_image(light: Light, disturbance: ImageDisturbance, random: np.random.Generator) -> NDArray[np.uint8]:
-    """Image of the sensor: defocus, noise, sRGB encoding (IEC 61966-2-1) in 256 steps, and JPEG compression.
+def render_sensor_image(
+    light: Light, disturbance: ImageDisturbance, random: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Image of the sensor: defocus, noise, sRGB encoding (IEC 61966-2-1) in 256 steps, and JPEG
+    compression.
 
     Parameters
     ----------
@@ -123,7 +144,10 @@ def render_sensor_image(light: Light, disturbance: ImageDisturbance, random: np.
         The image, uint8, in BGR order.
     """
     if disturbance.defocus_px > 0.0:
-        light = np.asarray(cv2.filter2D(light, -1, _disc(disturbance.defocus_px), borderType=cv2.BORDER_REPLICATE), np.float32)
+        light = np.asarray(
+            cv2.filter2D(light, -1, _disc(disturbance.defocus_px), borderType=cv2.BORDER_REPLICATE),
+            np.float32,
+        )
     counts = np.empty(light.shape, np.uint8)
     for first in range(0, len(light), ROWS_AT_ONCE):
         rows = light[first : first + ROWS_AT_ONCE]
@@ -137,7 +161,9 @@ def render_sensor_image(light: Light, disturbance: ImageDisturbance, random: np.
 
 
 def _disc(radius_px: float) -> Light:
-    """Image of a point: a disc (n, n) with partly covered pixels at its edge, normalised to sum 1."""
+    """Image of a point: a disc (n, n) with partly covered pixels at its edge, normalised to sum
+    1.
+    """
     # Nine points per pixel and axis give the covered share of edge pixels.
     reach, finer = int(np.ceil(radius_px)), 9
     steps = (np.arange((2 * reach + 1) * finer) + 0.5) / finer - 0.5 - reach
@@ -147,7 +173,9 @@ def _disc(radius_px: float) -> Light:
 
 
 def _noise(light: Light, counts: float, random: np.random.Generator) -> Light:
-    """Sensor noise (rows, columns, 3) in linear light: shot noise with the square root of the light, and a floor."""
+    """Sensor noise (rows, columns, 3) in linear light: shot noise with the square root of the
+    light, and a floor.
+    """
     # Slope of the sRGB curve at mid grey, to convert the noise from counts to linear light.
     counts_per_light = 255.0 * 1.055 / 2.4 * MID_GREY ** (1 / 2.4 - 1.0)
     scale = np.float32(counts / counts_per_light / np.sqrt(MID_GREY + DARK_SHARE))
@@ -156,7 +184,14 @@ def _noise(light: Light, counts: float, random: np.random.Generator) -> Light:
 
 
 def _srgb(light: Light) -> Light:
-    return np.asarray(np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055), np.float32)
+    return np.asarray(
+        np.where(
+            light <= 0.0031308,
+            12.92 * light,
+            1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055,
+        ),
+        np.float32,
+    )
 
 
 def _round_to_count(light: Light) -> NDArray[np.uint8]:
@@ -175,11 +210,15 @@ def _encode(light: Light) -> NDArray[np.uint8]:
 
 @cache
 def _make_count_table() -> tuple[NDArray[np.uint8], Light]:
-    """The count at the lower end of each interval of light, and the light from which on it is one more.
+    """The count at the lower end of each interval of light, and the light from which on it is one
+    more.
 
-    An interval has all numbers with the same leading bits. It is 0.4 % of the light wide, so no interval has a third count.
-    """
-    ends = np.arange(1, (int(np.float32(1.0).view(np.uint32)) >> TABLE_SHIFT) + 2, dtype=np.uint32) << TABLE_SHIFT
+    An interval has all numbers with the same leading bits. It is 0.4 % of the light wide, so no
+    interval has a third count."""
+    ends = (
+        np.arange(1, (int(np.float32(1.0).view(np.uint32)) >> TABLE_SHIFT) + 2, dtype=np.uint32)
+        << TABLE_SHIFT
+    )
     # Bisection of the bits, whose order is that of the numbers they stand for.
     low, high = ends - (1 << TABLE_SHIFT), ends
     least = _round_to_count(low.view(np.float32))

@@ -1,4 +1,6 @@
-"""Base classes of plug-in twins: motor twins for drives with a speed command on a CAN bus, sensor twins for devices that stream records."""
+"""Base classes of plug-in twins: motor twins for drives with a speed command on a CAN bus,
+sensor twins for devices that stream records.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -39,13 +41,16 @@ class TwinnedKeys(Protocol):
 
 
 class SpeedDriveTwin(DriveTwin):
-    """Handles speed loop, encoder, watchdog and time. Inherit, and implement the commands and the reports of the drive.
+    """Handles speed loop, encoder, watchdog and time. Inherit, and implement the commands and the
+    reports of the drive.
 
-    `is_on` means that the drive is energised. `fault` is its error code, 0 for none; `refuses_with` is the error that every attempt to
-    energise ends in. A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`.
-    """
+    `is_on` means that the drive is energised. `fault` is its error code, 0 for none; `refuses_with`
+    is the error that every attempt to energise ends in. A world advances it in steps:
+    `take_frames`, `drive`, then, after the plant has moved, `advance`."""
 
-    def __init__(self, bus: can.BusABC, keys: TwinnedKeys, gains: LoopGains, watchdog_s: float | None) -> None:
+    def __init__(
+        self, bus: can.BusABC, keys: TwinnedKeys, gains: LoopGains, watchdog_s: float | None
+    ) -> None:
         """`watchdog_s` None: a drive without a watchdog."""
         self._bus = bus
         self._gear = keys.gear_ratio, keys.direction, keys.zero_turns
@@ -53,14 +58,17 @@ class SpeedDriveTwin(DriveTwin):
         self._wanted = MotorSetPoint(LoopMode.VELOCITY)
         self._watchdog_s = watchdog_s
         self._fed_s = self.now_s = 0.0
-        self._ticks = None if keys.report_period_ms is None else SampleGrid(1e-3 * keys.report_period_ms)
+        self._ticks = (
+            None if keys.report_period_ms is None else SampleGrid(1e-3 * keys.report_period_ms)
+        )
         self._asked = self._restarts = False
         self._counted_from_rad = 0.0
         self.encoder, self.warmth = Encoder(), MotorThermalModel(ThermalParameters())
         self.is_on = False
         self.fault = self.refuses_with = 0
 
-    # -- behaviour of the drive, to be implemented ---------------------------------------------------------------------------
+    # -- behaviour of the drive, to be implemented
+    # ---------------------------------------------------------------------------
 
     @abstractmethod
     def obey(self, message: can.Message) -> None:
@@ -68,7 +76,9 @@ class SpeedDriveTwin(DriveTwin):
 
     @abstractmethod
     def report(self, turns: float, turns_s: float, torque_Nm: float) -> Sequence[can.Message]:
-        """Frames of one report; position, speed and torque are those of the motor, before the gear."""
+        """Frames of one report; position, speed and torque are those of the motor, before the
+        gear.
+        """
 
     @abstractmethod
     def starve(self) -> None:
@@ -100,10 +110,13 @@ class SpeedDriveTwin(DriveTwin):
             self._loop.reset()
         self.is_on = True
 
-    # -- as a world carries it -----------------------------------------------------------------------------------------------
+    # -- as a world carries it
+    # ----------------------------------------------------------------------------------------------
 
     def restart(self) -> None:
-        """Power cycle: no torque, no error; the encoder counts from zero at its present position."""
+        """Power cycle: no torque, no error; the encoder counts from zero at its present
+        position.
+        """
         self.is_on, self.fault, self._restarts = False, 0, True
         self._wanted = MotorSetPoint(LoopMode.VELOCITY)
         self._send(self.reboot())
@@ -121,16 +134,24 @@ class SpeedDriveTwin(DriveTwin):
         """Torque law on the shaft until the next step; also sends a requested report."""
         ratio, direction, zero_turns = self._gear
         if self._restarts:
-            # Where the shaft is known only here: after a restart the encoder starts to count from zero at this angle.
-            self._restarts, self._counted_from_rad = False, shaft.angle_rad + zero_turns * direction * tau / ratio
+            # Where the shaft is known only here: after a restart the encoder starts to count from
+            # zero at this angle.
+            self._restarts, self._counted_from_rad = (
+                False,
+                shaft.angle_rad + zero_turns * direction * tau / ratio,
+            )
         law = self._loop.law(self._wanted, shaft) if self.is_on else ShaftDrive()
         if self._asked:
             self._asked = False
             self._send_shaft_report(shaft.angle_rad, shaft.speed_rad_s, law)
         return law
 
-    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
+    def advance(
+        self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive
+    ) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports
+        that became due in it.
+        """
         if self.is_on:
             self._loop.advance(self._wanted, elapsed_s, before, after)
         self.warmth.advance(elapsed_s, after.torque_Nm)
@@ -141,10 +162,18 @@ class SpeedDriveTwin(DriveTwin):
     def _send_shaft_report(self, angle_rad: float, speed_rad_s: float, law: ShaftDrive) -> None:
         ratio, direction, zero_turns = self._gear
         torque_Nm = law.torque_Nm(angle_rad, speed_rad_s)
-        reported_rad, reported_rad_s = self.encoder.report(angle_rad - self._counted_from_rad, speed_rad_s)
+        reported_rad, reported_rad_s = self.encoder.report(
+            angle_rad - self._counted_from_rad, speed_rad_s
+        )
         # From shaft radians to motor turns.
         per_rad = direction * ratio / tau
-        self._send(self.report(zero_turns + reported_rad * per_rad, reported_rad_s * per_rad, torque_Nm / (direction * ratio)))
+        self._send(
+            self.report(
+                zero_turns + reported_rad * per_rad,
+                reported_rad_s * per_rad,
+                torque_Nm / (direction * ratio),
+            )
+        )
 
     def _send(self, frames: Sequence[can.Message]) -> None:
         for message in frames:
@@ -161,13 +190,19 @@ class TwinnedStream(Protocol):
 class RecordStreamTwin(ABC):
     """Handles noise, range and time. Inherit, and implement the commands and the record format.
 
-    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`.
-    """
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved,
+    `take_wrench`."""
 
     # Range per axis, in N and N m.
     full_scale: tuple[float, ...] = (1000.0,) * 3 + (50.0,) * 3
 
-    def __init__(self, line: SerialLine, keys: TwinnedStream, noise_std: tuple[float, ...], random: np.random.Generator) -> None:
+    def __init__(
+        self,
+        line: SerialLine,
+        keys: TwinnedStream,
+        noise_std: tuple[float, ...],
+        random: np.random.Generator,
+    ) -> None:
         """`noise_std`: noise standard deviation of a sample per axis, in N and N m."""
         self._line = line
         self._ticks = SampleGrid(1.0 / keys.rate_Hz)
@@ -195,8 +230,15 @@ class RecordStreamTwin(ABC):
         return self._due_s
 
     def take_wrench(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a record for each."""
+        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a
+        record for each.
+        """
         noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
         clipped = np.clip(noisy, -self._range, self._range)
-        for time_s, values, saturated in zip(self._due_s.tolist(), clipped.tolist(), (clipped != noisy).any(axis=1).tolist(), strict=True):
+        for time_s, values, saturated in zip(
+            self._due_s.tolist(),
+            clipped.tolist(),
+            (clipped != noisy).any(axis=1).tolist(),
+            strict=True,
+        ):
             self._line.write(self.record(time_s, tuple(values), saturated))

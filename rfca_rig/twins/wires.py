@@ -1,4 +1,5 @@
-"""In-process wires between drivers and twins: a CAN bus, a datagram link and a serial line, without loss and without delay.
+"""In-process wires between drivers and twins: a CAN bus, a datagram link and a serial line, without
+loss and without delay.
 
 `SampleGrid` gives the times at which a twin sends on them.
 """
@@ -26,9 +27,9 @@ NO_TIMES = np.empty(0)
 class CanEnd(can.BusABC):
     """One end of the bus: a frame sent here arrives at every other end, in order and at once.
 
-    python-can's `virtual` bus does the same and can replace it. It makes a deep copy of each message, behind thread locks, which
-    takes half the time of a simulated rig. Here no message is changed after sending, so none is copied.
-    """
+    python-can's `virtual` bus does the same and can replace it. It makes a deep copy of each
+    message, behind thread locks, which takes half the time of a simulated rig. Here no message is
+    changed after sending, so none is copied."""
 
     def __init__(self, name: str, others: list["CanEnd"]) -> None:
         super().__init__(channel=name)
@@ -45,8 +46,14 @@ class CanEnd(can.BusABC):
                 end._arrived.append(msg)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """As every bus. A look without waiting skips the clock and the log of the base class, which cost more than the message."""
-        return super().recv(timeout) if timeout != 0 or self._filters else self._recv_internal(timeout)[0]
+        """As every bus. A look without waiting skips the clock and the log of the base class,
+        which cost more than the message.
+        """
+        return (
+            super().recv(timeout)
+            if timeout != 0 or self._filters
+            else self._recv_internal(timeout)[0]
+        )
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002 (nothing can arrive meanwhile)
         self._check_open()
@@ -63,7 +70,9 @@ class CanEnd(can.BusABC):
 
 @contextmanager
 def can_wire(name: str = "twin CAN wire", ends: int = 2) -> Iterator[tuple[CanEnd, ...]]:
-    """Creates a bus with `ends` ends: driver, twin, and optional observers. They are shut down when the block ends."""
+    """Creates a bus with `ends` ends: driver, twin, and optional observers. They are shut down
+    when the block ends.
+    """
     wire: list[CanEnd] = []
     with ExitStack() as stack:
         for _ in range(ends):
@@ -151,7 +160,9 @@ class DeviceEnd:
 
 
 class HostEnd:
-    """The driver's end, with the members of `serial.Serial` that a driver uses. A closed end raises OSError, as pyserial does."""
+    """The driver's end, with the members of `serial.Serial` that a driver uses. A closed end
+    raises OSError, as pyserial does.
+    """
 
     def __init__(self, outgoing: bytearray, incoming: bytearray) -> None:
         self._outgoing = outgoing
@@ -189,7 +200,9 @@ def serial_line() -> tuple[HostEnd, DeviceEnd]:
 
 
 class SampleGrid:
-    """The times n * period, n = 1, 2 ..., each returned once. They are computed from zero, so rounding errors do not accumulate."""
+    """The times n * period, n = 1, 2 ..., each returned once. They are computed from zero, so
+    rounding errors do not accumulate.
+    """
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s

@@ -1,4 +1,5 @@
-"""The simulated rig: interfaces of plant, motor twin and sensor twin, and their co-simulation by `TwinWorld`.
+"""The simulated rig: interfaces of plant, motor twin and sensor twin, and their co-simulation by
+`TwinWorld`.
 
 The plants, which are based on the model, are in other packages.
 """
@@ -19,7 +20,9 @@ MAX_RESTING_SPEED_RAD_S = 1e-3
 
 
 class ShaftDrive(NamedTuple):
-    """Linear torque law of a drive, in SI units at the shaft: feed + angle_gain (angle - q) + speed_gain (speed - dq/dt)."""
+    """Linear torque law of a drive, in SI units at the shaft: feed + angle_gain (angle - q) +
+    speed_gain (speed - dq/dt).
+    """
 
     feed_Nm: float = 0.0
     angle_gain_Nm_per_rad: float = 0.0
@@ -56,7 +59,9 @@ class TwinPlant(Protocol):
     """Mechanics of leg, rack and ground: driven by the motor twin, measured by the sensor twin."""
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
-        """Advances to `to_s` under `drive`; returns the true wrench (m, 6) [N, N m] at `force_times_s` (m,), ascending and <= to_s."""
+        """Advances to `to_s` under `drive`; returns the true wrench (m, 6) [N, N m] at
+        `force_times_s` (m,), ascending and <= to_s.
+        """
         ...
 
     def shaft(self) -> ShaftState:
@@ -69,7 +74,9 @@ class TwinPlant(Protocol):
 
 
 class SensorTwin(Protocol):
-    """The sensor's side of the wire, advanced in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`."""
+    """The sensor's side of the wire, advanced in steps: `take_requests`, `due`, then, after the
+    plant has moved, `take_wrench`.
+    """
 
     def take_requests(self) -> None:
         """Executes requests received since the last step."""
@@ -80,12 +87,16 @@ class SensorTwin(Protocol):
         ...
 
     def take_wrench(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6) [N, N m] at the times that were due, and sends the records that are due."""
+        """Takes the true wrench (m, 6) [N, N m] at the times that were due, and sends the
+        records that are due.
+        """
         ...
 
 
 class MotorTwin(Protocol):
-    """The drive's side of the bus, advanced in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`."""
+    """The drive's side of the bus, advanced in steps: `take_frames`, `drive`, then, after the
+    plant has moved, `advance`.
+    """
 
     def take_frames(self, now_s: float) -> None:
         """Executes frames received since the last step."""
@@ -95,8 +106,12 @@ class MotorTwin(Protocol):
         """Torque law on the shaft until the next step; `shaft` is its present state."""
         ...
 
-    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
+    def advance(
+        self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive
+    ) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports
+        that became due in it.
+        """
         ...
 
 
@@ -110,7 +125,10 @@ def interpolate_motion(
     turned_rad = after.angle_rad - before.angle_rad
     left_rad, right_rad = before.speed_rad_s * elapsed_s, after.speed_rad_s * elapsed_s
     # Coefficients in x = 0..1 over the step; speeds are scaled by its length.
-    square, cube = 3.0 * turned_rad - 2.0 * left_rad - right_rad, left_rad + right_rad - 2.0 * turned_rad
+    square, cube = (
+        3.0 * turned_rad - 2.0 * left_rad - right_rad,
+        left_rad + right_rad - 2.0 * turned_rad,
+    )
     for moment_s in due_s:
         x = 1.0 + (moment_s - now_s) / elapsed_s
         yield (
@@ -120,14 +138,20 @@ def interpolate_motion(
 
 
 class TwinWorld:
-    """Advances all twins together; `process(to_s)` is registered with a twin clock. The same calls give the same bytes.
+    """Advances all twins together; `process(to_s)` is registered with a twin clock. The same calls
+    give the same bytes.
 
-    Steps are at most `longest_step_s` long, or five times that while the shaft is at rest. Integrator, torque limit and watchdog of
-    the drive are updated once per step. Encoder reports within a step lie on a cubic between its ends; force samples come from the
-    plant.
-    """
+    Steps are at most `longest_step_s` long, or five times that while the shaft is at rest.
+    Integrator, torque limit and watchdog of the drive are updated once per step. Encoder reports
+    within a step lie on a cubic between its ends; force samples come from the plant."""
 
-    def __init__(self, plant: TwinPlant, motor: MotorTwin, sensor: SensorTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
+    def __init__(
+        self,
+        plant: TwinPlant,
+        motor: MotorTwin,
+        sensor: SensorTwin,
+        longest_step_s: float = LONGEST_STEP_S,
+    ) -> None:
         self._plant = plant
         self._motor = motor
         self._sensor = sensor
@@ -145,7 +169,8 @@ class TwinWorld:
             self._step(to_s if step == steps else began_s + (to_s - began_s) * step / steps)
 
     def _step(self, to_s: float) -> None:
-        # Commands first, then the torque law from the state before the step, then the plant, then the reports.
+        # Commands first, then the torque law from the state before the step, then the plant, then
+        # the reports.
         self._motor.take_frames(self._now_s)
         self._sensor.take_requests()
         before = self._plant.shaft()

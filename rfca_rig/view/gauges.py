@@ -1,8 +1,8 @@
-"""What the page shows in numbers: each monitored value beside its limit, and the health of the streams.
+"""What the page shows in numbers: each monitored value beside its limit, and the health of the
+streams.
 
-A gauge has the current value, its share of the limit, and the largest share since the stage began. A stream has its data rate, its losses
-and delays, and its sample times on the run's clock.
-"""
+A gauge has the current value, its share of the limit, and the largest share since the stage began.
+A stream has its data rate, its losses and delays, and its sample times on the run's clock."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -24,7 +24,9 @@ from rfca_rig.view.run_queue import SeenTicks
 
 @dataclass
 class Gauge:
-    """One limit. It reports the value that came nearest to the limit since the last report; `limit` may change during a stage."""
+    """One limit. It reports the value that came nearest to the limit since the last report;
+    `limit` may change during a stage.
+    """
 
     name: str
     unit: str
@@ -45,20 +47,30 @@ class Gauge:
         self.peak_share = max(self.peak_share, share)
 
     def read_values(self) -> dict[str, float]:
-        """The worst value since the last call, as numbers for the page; the next value starts a new report."""
+        """The worst value since the last call, as numbers for the page; the next value starts a
+        new report.
+        """
         self.is_reported = True
-        numbers = {"value": self.value, "share": self.share, "peak_share": max(self.peak_share, self.share), "limit": self.limit}
+        numbers = {
+            "value": self.value,
+            "share": self.share,
+            "peak_share": max(self.peak_share, self.share),
+            "limit": self.limit,
+        }
         return {name: round(number, 4) for name, number in numbers.items()}
 
 
 class Gauges:
-    """All limits that the run monitors, evaluated on the ticks that the view receives. For display only: it trips nothing."""
+    """All limits that the run monitors, evaluated on the ticks that the view receives. For
+    display only: it trips nothing.
+    """
 
     def __init__(self, limits: Limits, scale: SensorScale) -> None:
         self._limits = limits
         self._per_unit = np.array([scale.counts_per_N, scale.counts_per_Nm])
         self._heard_s = -np.inf
-        # A following error is allowed to grow with speed; the gauge begins with the limit of a shaft at rest.
+        # A following error is allowed to grow with speed; the gauge begins with the limit of a
+        # shaft at rest.
         still_deg = float(np.degrees(limits.following_error_rad))
         lasting_ms = 1e3 * limits.above_expected_s
         self._force = Gauge("force", "N", Trip.FORCE, limits.force_N)
@@ -67,21 +79,35 @@ class Gauges:
         self._moment_lasts = Gauge("moment above expected", "ms", Trip.MOMENT_LASTS, lasting_ms)
         self._speed = Gauge("speed", "rad/s", Trip.OVERSPEED, limits.speed_rad_s)
         self._following = Gauge("following error", "deg", Trip.FOLLOWING, still_deg)
-        self._sensor = Gauge("sensor silent", "ms", Trip.SENSOR_SILENT, 1e3 * limits.sensor_silent_s)
+        self._sensor = Gauge(
+            "sensor silent", "ms", Trip.SENSOR_SILENT, 1e3 * limits.sensor_silent_s
+        )
         self._drive = Gauge("drive silent", "ms", Trip.DRIVE_SILENT, 1e3 * limits.drive_silent_s)
         self._warmth = Gauge("drive temperature", "degC", Trip.DRIVE_HOT, limits.temperature_C)
         self._late = Gauge("loop late", "ms", Trip.LATE, 1e3 * limits.late_s)
-        load, motion = (self._force, self._moment, self._force_lasts, self._moment_lasts), (self._speed, self._following)
+        load, motion = (
+            (self._force, self._moment, self._force_lasts, self._moment_lasts),
+            (self._speed, self._following),
+        )
         self._all = (*load, *motion, self._sensor, self._drive, self._warmth, self._late)
         self.stage(None)
 
     def describe(self) -> list[dict[str, object]]:
         """Names, units, limits and trip codes of all gauges, for the first message to a page."""
-        return [{"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)} for gauge in self._all]
+        return [
+            {
+                "name": gauge.name,
+                "unit": gauge.unit,
+                "limit": round(gauge.limit, 4),
+                "code": str(gauge.code),
+            }
+            for gauge in self._all
+        ]
 
     def stage(self, expected: Load | None) -> None:
         """A stage begins with the load that the model expects; None where that is unknown."""
-        # The same ceilings as in `engine.limit_monitor`, so that the page shows what the run is stopped by.
+        # The same ceilings as in `engine.limit_monitor`, so that the page shows what the run is
+        # stopped by.
         load, factor = expected or Load(np.inf, np.inf), self._limits.above_expected
         self._ceilings = (
             max(factor * load.force_N, MIN_CEILING_SHARE * self._limits.force_N),
@@ -97,7 +123,9 @@ class Gauges:
             self._loads(ticks.force_device_s, ticks.counts)
         self._motion(ticks)
         # Age of the newest force record at each tick; none before the first record arrived.
-        heard_s = np.maximum.accumulate(np.where(ticks.force_records > 0, ticks.now_s, self._heard_s))
+        heard_s = np.maximum.accumulate(
+            np.where(ticks.force_records > 0, ticks.now_s, self._heard_s)
+        )
         self._heard_s = float(heard_s[-1])
         if np.isfinite(heard_s).any():
             self._sensor.show(1e3 * float((ticks.now_s - heard_s)[np.isfinite(heard_s)].max()))
@@ -109,31 +137,46 @@ class Gauges:
     def _loads(self, device_s: Floats, counts: np.ndarray) -> None:
         # In floats: squares of raw counts may exceed 32 bits.
         squares = np.square(counts, dtype=np.float64)
-        sizes = np.sqrt(np.column_stack([squares[:, :3].sum(axis=1), squares[:, 3:].sum(axis=1)])) / self._per_unit
-        for axis, (gauge, lasts) in enumerate(((self._force, self._force_lasts), (self._moment, self._moment_lasts))):
+        sizes = (
+            np.sqrt(np.column_stack([squares[:, :3].sum(axis=1), squares[:, 3:].sum(axis=1)]))
+            / self._per_unit
+        )
+        for axis, (gauge, lasts) in enumerate(
+            ((self._force, self._force_lasts), (self._moment, self._moment_lasts))
+        ):
             gauge.show(float(sizes[:, axis].max()))
             lasts.show(1e3 * self._lasting_s(axis, device_s, sizes[:, axis]))
 
     def _lasting_s(self, axis: int, device_s: Floats, sizes: Floats) -> float:
-        """Longest time in s for which a load has stayed above its ceiling, over records at `device_s` (n,) of `sizes` (n,)."""
-        # Last time below the ceiling before these records. Where unknown, or after a restart of the device, counting starts here.
+        """Longest time in s for which a load has stayed above its ceiling, over records at
+        `device_s` (n,) of `sizes` (n,).
+        """
+        # Last time below the ceiling before these records. Where unknown, or after a restart of the
+        # device, counting starts here.
         before_s = self._below_s[axis] if self._below_s[axis] <= device_s[0] else float(device_s[0])
         below_s = np.maximum.accumulate(np.where(sizes <= self._ceilings[axis], device_s, before_s))
         self._below_s[axis] = float(below_s[-1])
         return float((device_s - below_s).max())
 
     def _motion(self, ticks: SeenTicks) -> None:
-        """Compares each tick's target with the last angle that the drive reported within that tick."""
+        """Compares each tick's target with the last angle that the drive reported within that
+        tick.
+        """
         reported = ticks.shaft_samples > 0
         if not reported.any():
             return
-        # Samples of all ticks stand in one row: running sums of their numbers give the column of each tick's last sample.
+        # Samples of all ticks stand in one row: running sums of their numbers give the column of
+        # each tick's last sample.
         last = ticks.shaft[:, np.cumsum(ticks.shaft_samples)[reported] - 1]
         self._speed.show(float(np.abs(last[3]).max()))
-        allowed_rad = self._limits.following_error_rad + self._limits.following_error_s * np.abs(ticks.target_speed_rad_s[reported])
+        allowed_rad = self._limits.following_error_rad + self._limits.following_error_s * np.abs(
+            ticks.target_speed_rad_s[reported]
+        )
         behind_rad = np.abs(ticks.target_rad[reported] - last[2])
         worst = int((behind_rad / allowed_rad).argmax())
-        self._following.show(float(np.degrees(behind_rad[worst])), float(np.degrees(allowed_rad[worst])))
+        self._following.show(
+            float(np.degrees(behind_rad[worst])), float(np.degrees(allowed_rad[worst]))
+        )
 
     def read_values(self) -> Mapping[str, Mapping[str, float]]:
         """The worst values since the last call, by name of the gauge."""
@@ -142,16 +185,19 @@ class Gauges:
 
 # Window in s for rates and delays.
 RATE_OVER_S = 1.0
-# Thresholds of display only; the run is stopped by its limits. Below 90 % of the sensor's nominal rate records are missing.
+# Thresholds of display only; the run is stopped by its limits. Below 90 % of the sensor's nominal
+# rate records are missing.
 LEAST_OF_RATE = 0.9
 # Share of the delay at which the control loop trips.
 GAP_SHARE = 0.5
 BACKLOG_MB = 1.0
 DELAY_MS = 200.0
 
-# Window in s of the smallest delay. Clocks drift apart, so that an old offset is wrong after a while.
+# Window in s of the smallest delay. Clocks drift apart, so that an old offset is wrong after a
+# while.
 REMEMBERED_S = 10.0
-# Records overtake each other by less than this; a larger step back means that the device started its clock again.
+# Records overtake each other by less than this; a larger step back means that the device started
+# its clock again.
 BACK_S = 0.05
 # A jump of the offset by more than this means the same.
 LEAP_S = 1.0
@@ -180,7 +226,9 @@ class LiveHealth:
         self._vitals = message
 
     def delay(self, wall_s: float, oldest_s: float) -> None:
-        """The queue was read at `wall_s`; its oldest tick was put there at `oldest_s`, infinity where it was empty."""
+        """The queue was read at `wall_s`; its oldest tick was put there at `oldest_s`, infinity
+        where it was empty.
+        """
         if oldest_s < wall_s:
             self._delays_s.append((wall_s, wall_s - oldest_s))
         while self._delays_s and self._delays_s[0][0] < wall_s - RATE_OVER_S:
@@ -189,28 +237,52 @@ class LiveHealth:
     def list_lines(self) -> list[Health]:
         """All lines for the page; none before the first tick."""
         ticks = self._last
-        return [] if ticks is None else [self._rate(), *self._stream(), *self._loop(ticks), *self._view(ticks.lost)]
+        return (
+            []
+            if ticks is None
+            else [self._rate(), *self._stream(), *self._loop(ticks), *self._view(ticks.lost)]
+        )
 
     def _rate(self) -> Health:
         elapsed_s = self._counted[-1][0] - self._counted[0][0]
-        # The first block's records came before the interval that its time begins, so it does not count.
-        rate_Hz = sum(count for _, count in list(self._counted)[1:]) / elapsed_s if elapsed_s > 0.0 else 0.0
-        return Health("force records", f"{rate_Hz:.0f}/s", rate_Hz >= LEAST_OF_RATE * self._scale.rate_Hz)
+        # The first block's records came before the interval that its time begins, so it does not
+        # count.
+        rate_Hz = (
+            sum(count for _, count in list(self._counted)[1:]) / elapsed_s
+            if elapsed_s > 0.0
+            else 0.0
+        )
+        return Health(
+            "force records", f"{rate_Hz:.0f}/s", rate_Hz >= LEAST_OF_RATE * self._scale.rate_Hz
+        )
 
     def _stream(self) -> list[Health]:
         health = self._vitals.get("health", {})
-        lost, faulty = health.get("lost", 0), health.get("malformed", 0) + health.get("faulty_status", 0)
+        lost, faulty = (
+            health.get("lost", 0),
+            health.get("malformed", 0) + health.get("faulty_status", 0),
+        )
         notes = "; ".join(health.get("notes", ()))
         status = notes or ("healthy" if not faulty else f"{faulty} bad records")
-        return [Health("records lost", str(lost), lost == 0), Health("sensor", status, not notes and not faulty)]
+        return [
+            Health("records lost", str(lost), lost == 0),
+            Health("sensor", status, not notes and not faulty),
+        ]
 
     def _loop(self, ticks: SeenTicks) -> list[Health]:
-        limits, gap_s, warmth_C = self._limits, float(ticks.worst_gap_s[-1]), float(ticks.temperature_C[-1])
+        limits, gap_s, warmth_C = (
+            self._limits,
+            float(ticks.worst_gap_s[-1]),
+            float(ticks.temperature_C[-1]),
+        )
         backlog_MB = 1e-6 * self._vitals.get("backlog_bytes", 0)
         warm = [] if isnan(warmth_C) else [warmth_C]
         return [
             Health("worst loop gap", f"{1e3 * gap_s:.1f} ms", gap_s < GAP_SHARE * limits.late_s),
-            *(Health("drive", f"{warmth_C:.0f} degC", warmth_C < 0.9 * limits.temperature_C) for warmth_C in warm),
+            *(
+                Health("drive", f"{warmth_C:.0f} degC", warmth_C < 0.9 * limits.temperature_C)
+                for warmth_C in warm
+            ),
             Health("recorder behind", f"{backlog_MB:.2f} MB", backlog_MB < BACKLOG_MB),
         ]
 
@@ -225,8 +297,8 @@ class LiveHealth:
 class StreamClock:
     """Adds to the device's time the smallest recent difference between arrival and device time.
 
-    A recording does the same with the smallest difference of a whole stage. A restarted stream is recognised by a step of its time.
-    """
+    A recording does the same with the smallest difference of a whole stage. A restarted stream is
+    recognised by a step of its time."""
 
     def __init__(self) -> None:
         self._minima: deque[tuple[float, float]] = deque()
@@ -251,10 +323,13 @@ class StreamClock:
 
     def _of_one_stream(self, host_s: Floats, device_s: Floats) -> Floats:
         least_s = float((host_s - device_s).min())
-        if device_s[0] < self._last_s - BACK_S or (self._minima and abs(least_s - self._offset_s()) > LEAP_S):
+        if device_s[0] < self._last_s - BACK_S or (
+            self._minima and abs(least_s - self._offset_s()) > LEAP_S
+        ):
             self._minima.clear()
         self._last_s = float(device_s[-1])
-        # Keeps a sliding minimum: offsets ascend in the deque, so that the first is the smallest of the window.
+        # Keeps a sliding minimum: offsets ascend in the deque, so that the first is the smallest of
+        # the window.
         now_s = float(host_s[-1])
         while self._minima and self._minima[-1][1] >= least_s:
             self._minima.pop()

@@ -1,4 +1,6 @@
-"""Pose of the leg for the page: the current shape, and the shape that the model predicts at the commanded angle."""
+"""Pose of the leg for the page: the current shape, and the shape that the model predicts at the
+commanded angle.
+"""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -20,9 +22,11 @@ from rfca_rig.view.pyramid import Floats
 from rfca_rig.view.run_facts import Scene, SceneStroke
 
 TURN_RAD = 2.0 * math.pi
-# Sampling of precomputed strokes: between two samples the leg bends by less than the width of a line on any screen.
+# Sampling of precomputed strokes: between two samples the leg bends by less than the width of a
+# line on any screen.
 ROWS_PER_S = 2000.0
-# Rack height at which no part of the leg reaches the floor: a model "without floor" needs no code of its own.
+# Rack height at which no part of the leg reaches the floor: a model "without floor" needs no code
+# of its own.
 IN_THE_AIR_M = 1e3
 
 BY_MODEL, BY_PHOTO, STRAIGHT = "model at measured shaft angle", "photo", "shaft only"
@@ -32,7 +36,9 @@ UM = 6
 
 @dataclass(frozen=True)
 class StrokeShapes:
-    """Link angles of one stroke over the shaft angle: `shaft_rad` (m,) strictly ascending, `q_rad` (m, n) absolute, for n links."""
+    """Link angles of one stroke over the shaft angle: `shaft_rad` (m,) strictly ascending,
+    `q_rad` (m, n) absolute, for n links.
+    """
 
     shaft_rad: Floats
     q_rad: Floats
@@ -49,10 +55,11 @@ class StrokeShapes:
 
 
 class LegShapes:
-    """Shapes of one rig's leg as points (links + 1, 2) in m, shaft first. `prepare` computes a stroke once; the rest is a look-up.
+    """Shapes of one rig's leg as points (links + 1, 2) in m, shaft first. `prepare` computes a
+    stroke once; the rest is a look-up.
 
-    The first `prepare` or `hanging` of a process compiles the model. Never call it in the process whose loop drives a motor.
-    """
+    The first `prepare` or `hanging` of a process compiles the model. Never call it in the process
+    whose loop drives a motor."""
 
     def __init__(self, rig: RigModel) -> None:
         self._rig = rig
@@ -61,19 +68,24 @@ class LegShapes:
         self._hanging: dict[float, Floats] = {}
 
     def prepare(self, height_m: float, speed_rad_s: float, sweep_deg: float) -> None:
-        """Simulates the stroke of a condition, for `at_shaft`. Raises BadInput, SimulationFailed."""
-        self._strokes[_condition(height_m, speed_rad_s)] = stroke_shapes(self._rig, height_m, speed_rad_s, sweep_deg)
+        """Simulates the stroke of a condition, for `at_shaft`. Raises BadInput,
+        SimulationFailed.
+        """
+        self._strokes[_condition(height_m, speed_rad_s)] = stroke_shapes(
+            self._rig, height_m, speed_rad_s, sweep_deg
+        )
 
     def at_shaft(self, height_m: float, shaft_rad: float, speed_rad_s: float) -> Floats:
         """Shape (links + 1, 2) m in the stroke of a condition at a shaft angle, modulo whole turns.
 
-        Where the stroke was not prepared, or does not pass this angle (as on the way back over the top), the leg hangs in the air.
-        """
+        Where the stroke was not prepared, or does not pass this angle (as on the way back over the
+        top), the leg hangs in the air."""
         stroke = self._strokes.get(_condition(height_m, speed_rad_s))
         if stroke is None:
             return self.hanging(shaft_rad)
-        # The same angle in the turn that begins one degree before the stroke's start.
-        # One degree of margin: a shaft that stands a little before the start would otherwise count as a whole turn ahead.
+        # The same angle in the turn that begins one degree before the stroke's start. One degree of
+        # margin: a shaft that stands a little before the start would otherwise count as a whole
+        # turn ahead.
         begin_rad = float(stroke.shaft_rad[0]) - float(np.radians(1.0))
         in_turn_rad = begin_rad + (shaft_rad - begin_rad) % TURN_RAD
         if not stroke.covers(in_turn_rad):
@@ -82,41 +94,57 @@ class LegShapes:
 
     def hanging(self, shaft_rad: float) -> Floats:
         """Shape (links + 1, 2) m of the leg at rest under its own weight, without a floor."""
-        # Equilibria are computed at whole degrees, cached, and interpolated: one for each frame would be too slow.
+        # Equilibria are computed at whole degrees, cached, and interpolated: one for each frame
+        # would be too slow.
         degrees = np.degrees(shaft_rad)
         below = float(np.floor(degrees))
         weight = degrees - below
-        hinges = (1.0 - weight) * self._hanging_hinges(below) + weight * self._hanging_hinges(below + 1.0)
+        hinges = (1.0 - weight) * self._hanging_hinges(below) + weight * self._hanging_hinges(
+            below + 1.0
+        )
         return leg_points(shaft_rad + hinges, self._lengths_m)
 
     def from_hinge_angles(self, shaft_rad: float, hinge_deg: Floats) -> Floats:
-        """Shape (links + 1, 2) m with the hinge angles (links - 1,) deg of a photo, hinge 2 first."""
+        """Shape (links + 1, 2) m with the hinge angles (links - 1,) deg of a photo, hinge 2
+        first.
+        """
         # A hinge angle is that of a link relative to the previous one: sums give absolute angles.
-        return leg_points(shaft_rad + np.concatenate([[0.0], np.cumsum(np.radians(hinge_deg))]), self._lengths_m)
+        return leg_points(
+            shaft_rad + np.concatenate([[0.0], np.cumsum(np.radians(hinge_deg))]), self._lengths_m
+        )
 
     def _hanging_hinges(self, degrees: float) -> Floats:
         """Link angles at rest relative to the shaft, (links,) rad."""
         turned = degrees % 360.0
         if turned not in self._hanging:
-            self._hanging[turned] = hanging_angles(self._rig, float(np.radians(turned))) - np.radians(turned)
+            self._hanging[turned] = hanging_angles(
+                self._rig, float(np.radians(turned))
+            ) - np.radians(turned)
         return self._hanging[turned]
 
 
 def leg_points(q_rad: Floats, lengths_m: Floats) -> Floats:
-    """Points (n + 1, 2) m of shaft, hinges and tip, for links with absolute angles (n,) rad and lengths (n,) m."""
+    """Points (n + 1, 2) m of shaft, hinges and tip, for links with absolute angles (n,) rad and
+    lengths (n,) m.
+    """
     steps = lengths_m[:, None] * np.column_stack([np.cos(q_rad), np.sin(q_rad)])
     return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
 
 
-def stroke_shapes(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float) -> StrokeShapes:
+def stroke_shapes(
+    rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float
+) -> StrokeShapes:
     """Simulates a stroke from rest through `sweep_deg`: m samples, link angles (m, n).
 
     Raises BadInput, SimulationFailed.
     """
     end_s = np.radians(sweep_deg) / speed_rad_s + rig.drive.ramp_s
-    stroke = simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, end_s, 1.0 / ROWS_PER_S))
+    stroke = simulate_stroke_at_speed(
+        rig, height_m, speed_rad_s, np.arange(0.0, end_s, 1.0 / ROWS_PER_S)
+    )
     shaft_rad = stroke.shaft_angle_rad
-    # A compliant shaft may be thrown back by the contact. Only samples at a new maximum count, so that shapes are a function of the angle.
+    # A compliant shaft may be thrown back by the contact. Only samples at a new maximum count, so
+    # that shapes are a function of the angle.
     forward = np.concatenate([[True], shaft_rad[1:] > np.maximum.accumulate(shaft_rad)[:-1]])
     return StrokeShapes(shaft_rad[forward], stroke.q_rad[forward])
 
@@ -129,7 +157,9 @@ def hanging_angles(rig: RigModel, shaft_rad: float) -> Floats:
 
 
 def _condition(height_m: float, speed_rad_s: float) -> tuple[float, float]:
-    """Key of a condition: rounded to 10 um and 1e-4 rad/s, so that rounding errors of floats do not matter."""
+    """Key of a condition: rounded to 10 um and 1e-4 rad/s, so that rounding errors of floats do
+    not matter.
+    """
     return round(height_m, 5), round(speed_rad_s, 4)
 
 
@@ -137,9 +167,8 @@ def _condition(height_m: float, speed_rad_s: float) -> tuple[float, float]:
 class LegMoment:
     """State of the leg at one moment.
 
-    `shaft_rad` is the measured angle, `planned_rad` the commanded one, `hinge_deg` (6,) the hinge angles from a photo,
-    `force_N` the measured fy and fz.
-    """
+    `shaft_rad` is the measured angle, `planned_rad` the commanded one, `hinge_deg` (6,) the hinge
+    angles from a photo, `force_N` the measured fy and fz."""
 
     scene: Scene
     shaft_rad: float
@@ -149,14 +178,16 @@ class LegMoment:
 
 
 class Legs:
-    """Poses of one leg. They are straight until `prepare` has computed the model's shapes, on a thread of its own.
+    """Poses of one leg. They are straight until `prepare` has computed the model's shapes, on a
+    thread of its own.
 
     Without a nominal model, as in some imported campaigns, there is no leg.
     """
 
     def __init__(self, nominal: Mapping[str, Any]) -> None:
         self._rig: RigModel | None = None
-        # A model section that this version cannot read costs the picture of the leg, not the whole view.
+        # A model section that this version cannot read costs the picture of the leg, not the whole
+        # view.
         with suppress(RigError):
             self._rig = nominal_model(nominal) if nominal else None
         self._shapes: LegShapes | None = None
@@ -168,7 +199,10 @@ class Legs:
         if self._rig is None:
             return None
         leg = self._rig.leg
-        return {"link_lengths_m": list(leg.link_lengths_m), "link_thickness_m": 2.0 * leg.link_radius_m}
+        return {
+            "link_lengths_m": list(leg.link_lengths_m),
+            "link_thickness_m": 2.0 * leg.link_radius_m,
+        }
 
     @property
     def start_rad(self) -> float | None:
@@ -181,7 +215,9 @@ class Legs:
         return 0.0 if self._rig is None else self._rig.drive.ramp_s
 
     def prepare(self, scenes: Iterable[Scene]) -> None:
-        """Computes the shapes of all strokes, which takes seconds. Where the model fails for a stroke, the leg is shown hanging."""
+        """Computes the shapes of all strokes, which takes seconds. Where the model fails for a
+        stroke, the leg is shown hanging.
+        """
         if self._rig is None:
             return
         shapes = LegShapes(self._rig)
@@ -191,7 +227,8 @@ class Legs:
         except RigError:
             return
         self._shapes = shapes
-        # Repeats share one stroke; dict.fromkeys removes duplicates and keeps the order of the plan.
+        # Repeats share one stroke; dict.fromkeys removes duplicates and keeps the order of the
+        # plan.
         for stroke in dict.fromkeys(scene.stroke for scene in scenes if scene.stroke is not None):
             try:
                 shapes.prepare(stroke.height_m, stroke.speed_rad_s, stroke.sweep_deg)
@@ -204,7 +241,11 @@ class Legs:
         if self._rig is None or moment.scene.height_m is None:
             return None
         leg, source = self._leg(self._rig, moment)
-        ghost = None if moment.planned_rad is None or self._shapes is None else self._at(self._shapes, moment.scene, moment.planned_rad)
+        ghost = (
+            None
+            if moment.planned_rad is None or self._shapes is None
+            else self._at(self._shapes, moment.scene, moment.planned_rad)
+        )
         return {
             "kind": "leg",
             "height_m": round(moment.scene.height_m, UM),
@@ -212,7 +253,9 @@ class Legs:
             "leg": _as_lists(leg),
             "ghost": None if ghost is None else _as_lists(ghost),
             "source": source,
-            "force": None if moment.force_N is None else [round(value, 3) for value in moment.force_N],
+            "force": None
+            if moment.force_N is None
+            else [round(value, 3) for value in moment.force_N],
         }
 
     def _leg(self, rig: RigModel, moment: LegMoment) -> tuple[Floats, str]:

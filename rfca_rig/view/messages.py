@@ -1,4 +1,6 @@
-"""Messages from the server to the page, the same for live view and replay, and the interface to their sources."""
+"""Messages from the server to the page, the same for live view and replay, and the interface to
+their sources.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,7 +16,8 @@ Message = Mapping[str, Any]
 SPAN_S = 8.0
 DOCS = "/trips/{code}"
 
-# Traces and the leg are sent at the first rate, which looks continuous; limits and health, which people read, at the second.
+# Traces and the leg are sent at the first rate, which looks continuous; limits and health, which
+# people read, at the second.
 BEATS_HZ = 25.0
 STATES_HZ = 5.0
 SHORTEST_SPAN_S = 0.05
@@ -22,7 +25,9 @@ SHORTEST_SPAN_S = 0.05
 
 @dataclass(frozen=True)
 class Channel:
-    """One trace of the page, in the unit that it is drawn in. It is sent with `decimals`, finer than the noise of any sensor."""
+    """One trace of the page, in the unit that it is drawn in. It is sent with `decimals`, finer
+    than the noise of any sensor.
+    """
 
     name: str
     label: str
@@ -35,7 +40,10 @@ WRENCH = (
     *(Channel(f"f{axis}_N", f"f{axis}", "N", "force") for axis in "xyz"),
     *(Channel(f"t{axis}_Nm", f"t{axis}", "N m", "moment", 5) for axis in "xyz"),
 )
-SHAFT = (Channel("shaft_angle_deg", "shaft", "deg", "angle", 3), Channel("shaft_speed_rad_s", "speed", "rad/s", "speed"))
+SHAFT = (
+    Channel("shaft_angle_deg", "shaft", "deg", "angle", 3),
+    Channel("shaft_speed_rad_s", "speed", "rad/s", "speed"),
+)
 CHANNELS = (*WRENCH, *SHAFT)
 
 
@@ -63,7 +71,10 @@ def hello(
         "mode": "live" if is_live else "replay",
         "can_stop": is_live,
         "span_s": SPAN_S,
-        "channels": [{"name": one.name, "label": one.label, "unit": one.unit, "plot": one.plot} for one in channels],
+        "channels": [
+            {"name": one.name, "label": one.label, "unit": one.unit, "plot": one.plot}
+            for one in channels
+        ],
         "stages": [asdict(stage) for stage in stages],
         "limits": list(limits),
         "leg": leg,
@@ -72,20 +83,42 @@ def hello(
     }
 
 
-def trace(dt_s: float, first: int, extrema: Extrema, is_reset: bool, channels: Sequence[Channel] = CHANNELS) -> Message:
-    """Extrema (n, channels) of consecutive buckets of `dt_s` s; the first begins at first * dt_s. `is_reset` clears the page's traces."""
+def trace(
+    dt_s: float,
+    first: int,
+    extrema: Extrema,
+    is_reset: bool,
+    channels: Sequence[Channel] = CHANNELS,
+) -> Message:
+    """Extrema (n, channels) of consecutive buckets of `dt_s` s; the first begins at first *
+    dt_s. `is_reset` clears the page's traces.
+    """
     sides = {"low": extrema.low, "high": extrema.high}
     drawn = {
-        side: {channel.name: _as_json_numbers(values[:, place], channel.decimals) for place, channel in enumerate(channels)}
+        side: {
+            channel.name: _as_json_numbers(values[:, place], channel.decimals)
+            for place, channel in enumerate(channels)
+        }
         for side, values in sides.items()
     }
-    return {"kind": "trace", "dt_s": dt_s, "from_s": first * dt_s, **({"reset": True} if is_reset else {}), **drawn}
+    return {
+        "kind": "trace",
+        "dt_s": dt_s,
+        "from_s": first * dt_s,
+        **({"reset": True} if is_reset else {}),
+        **drawn,
+    }
 
 
 def _as_json_numbers(values: Floats, decimals: int) -> list[float | None]:
     rounded = np.round(values, decimals).tolist()
-    # JSON has no NaN. The test for any at all comes first because most traces have none, and the loop is slow.
-    return [None if isnan(value) else value for value in rounded] if np.isnan(values).any() else rounded
+    # JSON has no NaN. The test for any at all comes first because most traces have none, and the
+    # loop is slow.
+    return (
+        [None if isnan(value) else value for value in rounded]
+        if np.isnan(values).any()
+        else rounded
+    )
 
 
 @dataclass(frozen=True)
@@ -119,12 +152,19 @@ class FeedSource(Protocol):
         ...
 
     def stop(self, how: str) -> bool:
-        """Requests a stop; False where there is nothing to stop. Raises LookupError for an unknown kind of stop."""
+        """Requests a stop; False where there is nothing to stop. Raises LookupError for an
+        unknown kind of stop.
+        """
         ...
 
 
 def number_in(message: Mapping[str, Any], name: str) -> float | None:
     """A number from a page's message, None where it is missing or not a number."""
     value = message.get(name)
-    # bool is a subclass of int in Python. The bound keeps infinity and NaN out, which Python's JSON parser accepts.
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9 else None
+    # bool is a subclass of int in Python. The bound keeps infinity and NaN out, which Python's JSON
+    # parser accepts.
+    return (
+        float(value)
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9
+        else None
+    )

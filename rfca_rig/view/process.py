@@ -1,8 +1,9 @@
-"""The process that serves the live view of a run. The control loop never waits for it and does not need it.
+"""The process that serves the live view of a run. The control loop never waits for it and does not
+need it.
 
-It reads the run's queue, builds messages, and feeds each page at the resolution that it shows. It outlives the run for as long as a page
-is open, so that the operator sees how the run ended. It stays a while longer for a page that is opened late or loaded again.
-"""
+It reads the run's queue, builds messages, and feeds each page at the resolution that it shows. It
+outlives the run for as long as a page is open, so that the operator sees how the run ended. It
+stays a while longer for a page that is opened late or loaded again."""
 
 import asyncio
 import json
@@ -50,8 +51,8 @@ from rfca_rig.view.server import DEBUG_VARIABLE, Pages, listen_on, port_of, serv
 
 # Buckets stay open this long for the slower of the two streams.
 WAITS_S = 0.1
-# Without ticks for this long, all buckets are closed. Longer than a loop is late on a busy machine: a sample that comes
-# after its bucket was closed is drawn too far to the right.
+# Without ticks for this long, all buckets are closed. Longer than a loop is late on a busy machine:
+# a sample that comes after its bucket was closed is drawn too far to the right.
 SILENT_S = 0.25
 # Buckets are closed up to a multiple of this, 16 buckets of the finest level.
 FLUSH_S = 0.008
@@ -68,7 +69,9 @@ STATE_EVERY = round(BEATS_HZ / STATES_HZ)
 
 
 class LiveSource:
-    """State of a run as received so far. `look` reads the queue; afterwards `pyramid`, `state` and `leg` are up to date."""
+    """State of a run as received so far. `look` reads the queue; afterwards `pyramid`, `state`
+    and `leg` are up to date.
+    """
 
     def __init__(self, facts: RunFacts, queue: BlockQueue, clock: Clock, legs: Legs) -> None:
         """`clock` is the one that the run's queue stamps its ticks with."""
@@ -105,14 +108,19 @@ class LiveSource:
 
     def hello(self) -> Message:
         facts = self._facts
-        return hello(facts.title, facts.mark, facts.stages, self._gauges.describe(), self._legs.description)
+        return hello(
+            facts.title, facts.mark, facts.stages, self._gauges.describe(), self._legs.description
+        )
 
     def stop(self, how: str) -> bool:
-        """Requests a stop of the run; False where the run is over. Raises LookupError for an unknown kind of stop."""
+        """Requests a stop of the run; False where the run is over. Raises LookupError for an
+        unknown kind of stop.
+        """
         level = STOP_LEVELS[how]
         if self.is_over:
             return False
-        # A request is only ever replaced by a more urgent one. It travels in the queue's word for acknowledged stages.
+        # A request is only ever replaced by a more urgent one. It travels in the queue's word for
+        # acknowledged stages.
         if level > self._queue.acknowledged:
             self._queue.tell(level, False)
             self._asked = how
@@ -123,15 +131,23 @@ class LiveSource:
         blocks, length = parse_blocks(self._queue.look())
         # Only whole blocks are released.
         self._queue.consume(length)
-        # Consecutive ticks are decoded together, which is much faster than one by one; events keep their place between them.
-        oldest_s = [self._take(kind, list(some)) for kind, some in groupby(blocks, key=lambda block: block.kind)]
+        # Consecutive ticks are decoded together, which is much faster than one by one; events keep
+        # their place between them.
+        oldest_s = [
+            self._take(kind, list(some))
+            for kind, some in groupby(blocks, key=lambda block: block.kind)
+        ]
         wall_s = self._clock.now_s()
         is_silent = self._began_s is not None and wall_s - self._ticked_s > SILENT_S
-        self.pyramid.close_before(self._end_of_data_s() if is_silent else max(min(self._newest), self._now_s - WAITS_S))
+        self.pyramid.close_before(
+            self._end_of_data_s() if is_silent else max(min(self._newest), self._now_s - WAITS_S)
+        )
         self._health.delay(wall_s, min(oldest_s, default=np.inf))
 
     def _end_of_data_s(self) -> float:
-        """Time in s after all received samples: when the loop has stopped, its last samples must still be drawn."""
+        """Time in s after all received samples: when the loop has stopped, its last samples must
+        still be drawn.
+        """
         return (max(*self._newest, self._now_s) // FLUSH_S + 1) * FLUSH_S
 
     def on_run_exit(self) -> None:
@@ -142,7 +158,9 @@ class LiveSource:
             self._end(SILENT_END, "", self._clock.now_s())
 
     def _take(self, kind: BlockKind, blocks: Sequence[JournalBlock]) -> float:
-        """Takes in consecutive blocks of one kind. Returns when the first tick was put into the queue, infinity for events."""
+        """Takes in consecutive blocks of one kind. Returns when the first tick was put into the
+        queue, infinity for events.
+        """
         if kind is BlockKind.SAMPLES:
             ticks = ticks_of(blocks)
             self._samples(ticks)
@@ -177,25 +195,39 @@ class LiveSource:
         self._target_rad = float(ticks.target_rad[-1])
         # The page's time starts with the first tick, not with the rig's clock.
         self._began_s = float(ticks.now_s[0]) if self._began_s is None else self._began_s
-        self._now_s, self._ticked_s = float(ticks.now_s[-1]) - self._began_s, float(ticks.wall_s[-1])
+        self._now_s, self._ticked_s = (
+            float(ticks.now_s[-1]) - self._began_s,
+            float(ticks.wall_s[-1]),
+        )
         self._gauges.take(ticks)
         self._health.take(ticks)
         if ticks.shaft.shape[1]:
             host_s, device_s, angle_rad, speed_rad_s, _ = ticks.shaft
             self._shaft_rad = float(angle_rad[-1])
-            self._add_to_pyramid(0, host_s, device_s, np.column_stack([hanging_deg(angle_rad), speed_rad_s]), SHAFT)
+            self._add_to_pyramid(
+                0, host_s, device_s, np.column_stack([hanging_deg(angle_rad), speed_rad_s]), SHAFT
+            )
         if len(ticks.counts):
             wrench = ticks.counts / self._per_unit
             self._force_N = float(wrench[-1, 1]), float(wrench[-1, 2])
             self._add_to_pyramid(1, ticks.force_host_s, ticks.force_device_s, wrench, FORCE)
 
-    def _add_to_pyramid(self, stream: int, host_s: np.ndarray, device_s: np.ndarray, values: np.ndarray, channels: slice) -> None:
+    def _add_to_pyramid(
+        self,
+        stream: int,
+        host_s: np.ndarray,
+        device_s: np.ndarray,
+        values: np.ndarray,
+        channels: slice,
+    ) -> None:
         t_s = self._clocks[stream].run_s(host_s, device_s) - (self._began_s or 0.0)
         self._newest[stream] = max(self._newest[stream], float(t_s[-1]))
         self.pyramid.take(t_s, values, channels)
 
     def state(self) -> Message:
-        """State for the page. Each limit shows the value that came nearest to it since the last call."""
+        """State for the page. Each limit shows the value that came nearest to it since the last
+        call.
+        """
         at = self._progress.at(self._clock.now_s())
         return {
             "kind": "state",
@@ -218,7 +250,9 @@ class LiveSource:
         """Pose of the leg for the page; None before the first angle of the shaft."""
         if self._shaft_rad is None:
             return None
-        return self._legs.message(LegMoment(self._scene, self._shaft_rad, self._target_rad, force_N=self._force_N))
+        return self._legs.message(
+            LegMoment(self._scene, self._shaft_rad, self._target_rad, force_N=self._force_N)
+        )
 
 
 class LiveRun:
@@ -279,32 +313,43 @@ class LiveFeed:
 
     def new_messages(self) -> Sequence[Message]:
         shown, self._shown = self._shown, (self._run.state, self._run.leg)
-        # States and legs are shared by all pages: identity tells whether this page has had the current one.
-        changed = [now for before, now in zip(shown, self._shown, strict=True) if now is not None and now is not before]
+        # States and legs are shared by all pages: identity tells whether this page has had the
+        # current one.
+        changed = [
+            now
+            for before, now in zip(shown, self._shown, strict=True)
+            if now is not None and now is not before
+        ]
         traced = self._trace()
         return [*changed] if traced is None else [traced, *changed]
 
     def _trace(self) -> Message | None:
         pyramid = self._run.source.pyramid
         end = pyramid.count_closed(self._level)
-        # A page that fell behind the oldest bucket kept cannot be continued without a gap: its window starts again.
+        # A page that fell behind the oldest bucket kept cannot be continued without a gap: its
+        # window starts again.
         is_reset = self._sent is None or self._sent < pyramid.oldest(self._level)
         begin = max(end - ceil(self._span_s / width_s(self._level)), 0) if is_reset else self._sent
         if begin is None or begin >= end:
             return None
         self._sent = end
-        return trace(width_s(self._level), begin, pyramid.between(self._level, begin, end), is_reset)
+        return trace(
+            width_s(self._level), begin, pyramid.between(self._level, begin, end), is_reset
+        )
 
 
 # Lower priority than the control loop's process.
 NICE = 5
-# After the run: how long the view waits for a page, and how long it lasts at most, so that a forgotten page keeps no process for ever.
+# After the run: how long the view waits for a page, and how long it lasts at most, so that a
+# forgotten page keeps no process for ever.
 LINGERS_S = 60.0
 LONGEST_S = 12 * 3600.0
 
 
 def show(parent: Connection) -> None:
-    """Receives its assignment from the parent, answers (READY, port) or (FAILED, why), and serves the run until a while after its end."""
+    """Receives its assignment from the parent, answers (READY, port) or (FAILED, why), and
+    serves the run until a while after its end.
+    """
     # ^C in the terminal is for the run, which may need its view to the end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _lower_priority()
@@ -327,10 +372,11 @@ def show(parent: Connection) -> None:
 
 
 def _lower_priority() -> None:
-    """Lowers the priority below the control loop's, and sends output to the null device, because the run's terminal may be gone.
+    """Lowers the priority below the control loop's, and sends output to the null device, because
+    the run's terminal may be gone.
 
-    Must come first: Python's tracker of shared memory is a process of its own, which keeps the streams that it inherits.
-    """
+    Must come first: Python's tracker of shared memory is a process of its own, which keeps the
+    streams that it inherits."""
     os.nice(NICE)
     if os.environ.get(DEBUG_VARIABLE):
         return
@@ -340,7 +386,9 @@ def _lower_priority() -> None:
         os.dup2(nowhere, stream.fileno())
 
 
-async def _serve(run: LiveRun, assignment: ViewAssignment, parent: Connection, listening: socket.socket) -> None:
+async def _serve(
+    run: LiveRun, assignment: ViewAssignment, parent: Connection, listening: socket.socket
+) -> None:
     patience = LingerPolicy(assignment.clock)
     loop = asyncio.get_running_loop()
 

@@ -1,7 +1,8 @@
-"""Minimum and maximum of a run's traces at every zoom level (a min/max pyramid), in memory that does not grow.
+"""Minimum and maximum of a run's traces at every zoom level (a min/max pyramid), in memory that
+does not grow.
 
-Level 0 has buckets of half a millisecond; each level above has buckets twice as wide. Each level keeps its newest buckets: seconds at the
-finest level, days at the coarsest.
+Level 0 has buckets of half a millisecond; each level above has buckets twice as wide. Each level
+keeps its newest buckets: seconds at the finest level, days at the coarsest.
 
 A picture drawn from minimum and maximum of every bucket shows every recorded peak at any zoom.
 """
@@ -21,7 +22,8 @@ BASE_S = 5e-4
 LEVELS = 24
 # Buckets that a level keeps, as a ring.
 CAPACITY = 4096
-# Of level 0, at most so many buckets are open for samples. The other half of the ring holds closed ones that pages still read.
+# Of level 0, at most so many buckets are open for samples. The other half of the ring holds closed
+# ones that pages still read.
 AHEAD = CAPACITY // 2
 # A window is shown in at most so many buckets, about one for each pixel.
 ACROSS = 1000
@@ -29,7 +31,9 @@ ACROSS = 1000
 
 @dataclass(frozen=True)
 class Extrema:
-    """Minimum `low` and maximum `high`, both (n, channels), of n consecutive buckets; NaN where a bucket has no sample."""
+    """Minimum `low` and maximum `high`, both (n, channels), of n consecutive buckets; NaN where
+    a bucket has no sample.
+    """
 
     low: Floats
     high: Floats
@@ -42,7 +46,9 @@ class Extrema:
     def merge_pairs(self) -> "Extrema":
         """Pairs of buckets merged, (n / 2, channels); n must be even."""
         # fmin and fmax ignore NaN: a pair is empty only where both of its buckets are.
-        return Extrema(np.fmin(self.low[::2], self.low[1::2]), np.fmax(self.high[::2], self.high[1::2]))
+        return Extrema(
+            np.fmin(self.low[::2], self.low[1::2]), np.fmax(self.high[::2], self.high[1::2])
+        )
 
 
 def sort_by_bucket(buckets: Numbers, values: Floats) -> tuple[Numbers, Floats]:
@@ -70,9 +76,12 @@ def extrema_by_bucket(buckets: Numbers, values: Floats) -> tuple[Numbers, Extrem
         Distinct bucket numbers (n,), ascending, and their extrema (n, channels).
     """
     buckets, values = sort_by_bucket(buckets, values)
-    # The prepended number differs from the first bucket, so that the first sample counts as a beginning.
+    # The prepended number differs from the first bucket, so that the first sample counts as a
+    # beginning.
     begins = np.flatnonzero(np.diff(buckets, prepend=buckets[0] - 1))
-    return buckets[begins], Extrema(np.fmin.reduceat(values, begins), np.fmax.reduceat(values, begins))
+    return buckets[begins], Extrema(
+        np.fmin.reduceat(values, begins), np.fmax.reduceat(values, begins)
+    )
 
 
 def decimate(t_s: Floats, values: Floats, dt_s: float, first: int, count: int) -> Extrema:
@@ -106,11 +115,11 @@ def decimate(t_s: Floats, values: Floats, dt_s: float, first: int, count: int) -
 
 
 class Pyramid:
-    """Takes samples in any order and in chunks of any size; a closed bucket does not change any more.
+    """Takes samples in any order and in chunks of any size; a closed bucket does not change any
+    more.
 
-    Bucket n of level k begins at n * 2**k * BASE_S. A sample that comes too late for its bucket counts in the first open one, so that no
-    peak is lost.
-    """
+    Bucket n of level k begins at n * 2**k * BASE_S. A sample that comes too late for its bucket
+    counts in the first open one, so that no peak is lost."""
 
     def __init__(self, channels: int) -> None:
         self._levels = [Extrema.none(CAPACITY, channels) for _ in range(LEVELS)]
@@ -124,8 +133,11 @@ class Pyramid:
         """Takes in samples (m, k) at `t_s` (m,) s, of the k channels in `channels`."""
         if not len(t_s):
             return
-        places, extrema = extrema_by_bucket(np.maximum((t_s / BASE_S).astype(np.int64), self._closed[0]), values)
-        # Samples farther ahead than the ring is long are taken in steps, closing buckets in between.
+        places, extrema = extrema_by_bucket(
+            np.maximum((t_s / BASE_S).astype(np.int64), self._closed[0]), values
+        )
+        # Samples farther ahead than the ring is long are taken in steps, closing buckets in
+        # between.
         while len(places):
             now = places < self._closed[0] + AHEAD
             self._add(places[now], Extrema(extrema.low[now], extrema.high[now]), channels)
@@ -140,14 +152,18 @@ class Pyramid:
         base.high[slots, channels] = np.fmax(base.high[slots, channels], extrema.high)
 
     def close_before(self, t_s: float) -> None:
-        """Closes all buckets that end before `t_s`: their samples have arrived, or are not waited for any longer."""
+        """Closes all buckets that end before `t_s`: their samples have arrived, or are not
+        waited for any longer.
+        """
         self._close_to(floor(t_s / BASE_S))
 
     def _close_to(self, bucket: int) -> None:
-        # After a long silence nothing is open any more, and buckets that are all empty need no stepping.
+        # After a long silence nothing is open any more, and buckets that are all empty need no
+        # stepping.
         if bucket - self._closed[0] > AHEAD + CAPACITY:
             self._step_to(self._closed[0] + AHEAD)
-            # A long time without samples is skipped when level 0 holds nothing open. What coarser open buckets hold so far stays in them.
+            # A long time without samples is skipped when level 0 holds nothing open. What coarser
+            # open buckets hold so far stays in them.
             open_buckets, base = self._open_buckets(), self._levels[0]
             base.low[:] = base.high[:] = np.nan
             for level in range(LEVELS):
@@ -156,15 +172,20 @@ class Pyramid:
                 here = self._levels[level]
                 here.low[slots] = here.high[slots] = np.nan
                 if end - CAPACITY <= first < end:
-                    here.low[first % CAPACITY], here.high[first % CAPACITY] = open_buckets[level].low[0], open_buckets[level].high[0]
+                    here.low[first % CAPACITY], here.high[first % CAPACITY] = (
+                        open_buckets[level].low[0],
+                        open_buckets[level].high[0],
+                    )
                 self._closed[level] = end
         self._step_to(bucket)
 
     def _step_to(self, bucket: int) -> None:
         while self._closed[0] < bucket:
-            # At most half of AHEAD at once, so that slots are not cleared before the level above has read them.
+            # At most half of AHEAD at once, so that slots are not cleared before the level above
+            # has read them.
             begin, end = self._closed[0], min(bucket, self._closed[0] + AHEAD // 2)
-            # Empties slots of level 0 for buckets that are now open; their old content was CAPACITY buckets earlier.
+            # Empties slots of level 0 for buckets that are now open; their old content was CAPACITY
+            # buckets earlier.
             slots = np.arange(begin + AHEAD, end + AHEAD) % CAPACITY
             self._levels[0].low[slots] = self._levels[0].high[slots] = np.nan
             self._closed[0] = end
@@ -173,14 +194,24 @@ class Pyramid:
     def _open_buckets(self) -> list[Extrema]:
         """Content so far of each level's open bucket.
 
-        It is the open bucket of the level below, and, where that is the second half, also the closed bucket before it.
-        """
+        It is the open bucket of the level below, and, where that is the second half, also the
+        closed bucket before it."""
         open_buckets = [Extrema.none(1, self._levels[0].low.shape[1])]
         for level in range(1, LEVELS):
             first = 2 * self._closed[level]
-            half, rest = self._read_slots(level - 1, first, min(first + 1, self._closed[level - 1])), open_buckets[-1]
-            both = Extrema(np.concatenate([half.low, rest.low]), np.concatenate([half.high, rest.high]))
-            open_buckets.append(Extrema(np.fmin.reduce(both.low, keepdims=True), np.fmax.reduce(both.high, keepdims=True)))
+            half, rest = (
+                self._read_slots(level - 1, first, min(first + 1, self._closed[level - 1])),
+                open_buckets[-1],
+            )
+            both = Extrema(
+                np.concatenate([half.low, rest.low]), np.concatenate([half.high, rest.high])
+            )
+            open_buckets.append(
+                Extrema(
+                    np.fmin.reduce(both.low, keepdims=True),
+                    np.fmax.reduce(both.high, keepdims=True),
+                )
+            )
         return open_buckets
 
     def _merge_upwards(self) -> None:
@@ -204,10 +235,17 @@ class Pyramid:
         return max(self._closed[level] - (CAPACITY - AHEAD if level == 0 else CAPACITY), 0)
 
     def between(self, level: int, begin: int, end: int) -> Extrema:
-        """Extrema (end - begin, channels) of closed buckets `begin` to before `end`; those no longer held are NaN."""
+        """Extrema (end - begin, channels) of closed buckets `begin` to before `end`; those no
+        longer held are NaN.
+        """
         begin_known = min(max(begin, self.oldest(level)), end)
-        known, older = self._read_slots(level, begin_known, end), Extrema.none(begin_known - begin, self._levels[level].low.shape[1])
-        return Extrema(np.concatenate([older.low, known.low]), np.concatenate([older.high, known.high]))
+        known, older = (
+            self._read_slots(level, begin_known, end),
+            Extrema.none(begin_known - begin, self._levels[level].low.shape[1]),
+        )
+        return Extrema(
+            np.concatenate([older.low, known.low]), np.concatenate([older.high, known.high])
+        )
 
 
 def width_s(level: int) -> float:
@@ -218,4 +256,7 @@ def width_s(level: int) -> float:
 def level_for(span_s: float) -> int:
     """The finest level at which a window of `span_s` s has at most ACROSS buckets."""
     # The tolerance lets a span that is exactly ACROSS buckets wide, up to rounding, keep its level.
-    return next((level for level in range(LEVELS) if ACROSS * width_s(level) >= span_s * (1 - 1e-9)), LEVELS - 1)
+    return next(
+        (level for level in range(LEVELS) if ACROSS * width_s(level) >= span_s * (1 - 1e-9)),
+        LEVELS - 1,
+    )

@@ -14,7 +14,19 @@ from rfca_rig.errors import BadInput, Trip
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.view.gauges import Gauge
 from rfca_rig.view.leg_pose import Legs
-from rfca_rig.view.messages import BEATS_HZ, CHANNELS, SHORTEST_SPAN_S, SPAN_S, STATES_HZ, Feed, Health, Message, hello, number_in, trace
+from rfca_rig.view.messages import (
+    BEATS_HZ,
+    CHANNELS,
+    SHORTEST_SPAN_S,
+    SPAN_S,
+    STATES_HZ,
+    Feed,
+    Health,
+    Message,
+    hello,
+    number_in,
+    trace,
+)
 from rfca_rig.view.pyramid import ACROSS
 from rfca_rig.view.run_facts import ListedStage, new_token
 from rfca_rig.view.run_queue import url_of
@@ -24,7 +36,11 @@ from rfca_rig.view.time_line import Player, plan_in, time_line
 LONGEST_SPAN_S = 60.0
 FASTEST = 100.0
 STATE_EVERY = round(BEATS_HZ / STATES_HZ)
-TOLD = {"sensor_records": "sensor records", "worst_loop_gap_ms": "worst loop gap, ms", "tare_drift": "tare drift"}
+TOLD = {
+    "sensor_records": "sensor records",
+    "worst_loop_gap_ms": "worst loop gap, ms",
+    "tare_drift": "tare drift",
+}
 
 
 class Replay:
@@ -41,12 +57,28 @@ class Replay:
     def hello(self) -> Message:
         recorded = self.player.channels()
         channels = [channel for channel in CHANNELS if recorded[channel.name]]
-        stages = [ListedStage(clip.label, clip.kind, round(clip.duration_s, 4)) for clip in self.player.clips]
+        stages = [
+            ListedStage(clip.label, clip.kind, round(clip.duration_s, 4))
+            for clip in self.player.clips
+        ]
         limits: list[dict[str, object]] = [
-            {"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)}
+            {
+                "name": gauge.name,
+                "unit": gauge.unit,
+                "limit": round(gauge.limit, 4),
+                "code": str(gauge.code),
+            }
             for gauge in (gauges(self._limits) if self._limits else ())
         ]
-        return hello(self._stored.title, self._stored.source, stages, limits, self._legs.description, self.player.duration_s, channels)
+        return hello(
+            self._stored.title,
+            self._stored.source,
+            stages,
+            limits,
+            self._legs.description,
+            self.player.duration_s,
+            channels,
+        )
 
     def feed(self) -> Feed:
         return ReplayFeed(self.player, self._limits, self._health(), self._ending(), self._clock)
@@ -63,31 +95,46 @@ class Replay:
         return [*lines, *([] if why is None else [Health("ended", why, why == "done")])]
 
     def _end_reason(self) -> str | None:
-        # A run that crashed has no end of its own; what put its recording together wrote "interrupted".
+        # A run that crashed has no end of its own; what put its recording together wrote
+        # "interrupted".
         known = self._stored.provenance
         return known.get("ended", known.get("interrupted"))
 
     def _ending(self) -> Mapping[str, Any]:
         why, reason = self._end_reason(), self._stored.provenance.get("reason", "")
         tripped = reason in set(Trip)
-        return {"ended": why or "the recording ends here", "trip": {"code": reason, "text": why} if tripped else None}
+        return {
+            "ended": why or "the recording ends here",
+            "trip": {"code": reason, "text": why} if tripped else None,
+        }
 
 
 def _health_line(name: str, text: str) -> Health:
-    """A line of health. Counts of zero are left out; counts of faults of the sensor make it a bad line."""
+    """A line of health. Counts of zero are left out; counts of faults of the sensor make it a
+    bad line.
+    """
     parts = [part for part in text.split(", ") if not part.startswith("0 ")]
     return Health(name, ", ".join(parts), name != TOLD["sensor_records"] or len(parts) == 1)
 
 
 def gauges(limits: Limits) -> tuple[Gauge, Gauge]:
     """Gauges of the limits that a recording allows to evaluate: force and moment."""
-    return Gauge("force", "N", Trip.FORCE, limits.force_N), Gauge("moment", "N m", Trip.MOMENT, limits.torque_Nm)
+    return Gauge("force", "N", Trip.FORCE, limits.force_N), Gauge(
+        "moment", "N m", Trip.MOMENT, limits.torque_Nm
+    )
 
 
 class ReplayFeed:
     """Implements `messages.Feed`; starts to play at once."""
 
-    def __init__(self, player: Player, limits: Limits | None, health: Sequence[Health], ending: Mapping[str, Any], clock: Clock) -> None:
+    def __init__(
+        self,
+        player: Player,
+        limits: Limits | None,
+        health: Sequence[Health],
+        ending: Mapping[str, Any],
+        clock: Clock,
+    ) -> None:
         self._player = player
         self._limits = limits
         self._health = [asdict(line) for line in health]
@@ -101,7 +148,8 @@ class ReplayFeed:
 
     def _show(self, span_s: float) -> None:
         self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
-        # Buckets of any width: samples are at hand, so the fixed levels of the live pyramid are not needed.
+        # Buckets of any width: samples are at hand, so the fixed levels of the live pyramid are not
+        # needed.
         self._dt_s = self._span_s / ACROSS
         self._sent: int | None = None
         self._beats = 0
@@ -121,7 +169,9 @@ class ReplayFeed:
 
     def _play(self) -> None:
         now_s = self._clock.now_s()
-        self._at_s = min(self._at_s + self._speed * (now_s - self._played_s), self._player.duration_s)
+        self._at_s = min(
+            self._at_s + self._speed * (now_s - self._played_s), self._player.duration_s
+        )
         self._played_s = now_s
 
     def new_messages(self) -> Sequence[Message]:
@@ -129,7 +179,11 @@ class ReplayFeed:
         if not self._player.clips:
             return [self._state()] if self._is_due() else []
         traced, leg = self._trace(), self._player.leg(self._at_s)
-        return [*([traced] if traced else []), *([leg] if leg else []), *([self._state()] if self._is_due() else [])]
+        return [
+            *([traced] if traced else []),
+            *([leg] if leg else []),
+            *([self._state()] if self._is_due() else []),
+        ]
 
     def _is_due(self) -> bool:
         # Remainder 1: after a reset to 0 the first beat sends a state at once.
@@ -140,13 +194,16 @@ class ReplayFeed:
         # Number of buckets that are complete; at the end of the recording also the last one.
         is_at_end = self._at_s >= self._player.duration_s
         end = floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
-        # At high speed a beat may skip more than a window: then nothing of what was sent is visible any more.
+        # At high speed a beat may skip more than a window: then nothing of what was sent is visible
+        # any more.
         is_reset = self._sent is None or end - self._sent > ACROSS
         begin = max(end - ACROSS, 0) if self._sent is None or is_reset else self._sent
         if begin == end and not is_reset:
             return None
         self._sent = end
-        return trace(self._dt_s, begin, self._player.extrema(self._dt_s, begin, end - begin), is_reset)
+        return trace(
+            self._dt_s, begin, self._player.extrema(self._dt_s, begin, end - begin), is_reset
+        )
 
     def _state(self) -> Message:
         player = self._player
@@ -180,8 +237,11 @@ class ReplayFeed:
         if self._limits is None or not self._player.clips:
             return {}
         states = {}
-        for gauge, value, peak in zip(gauges(self._limits), *self._player.loads(self._at_s), strict=True):
-            # The peak since the stage began first, marked as reported, so that the gauge shows the current value and this peak.
+        for gauge, value, peak in zip(
+            gauges(self._limits), *self._player.loads(self._at_s), strict=True
+        ):
+            # The peak since the stage began first, marked as reported, so that the gauge shows the
+            # current value and this peak.
             gauge.show(float(peak))
             gauge.is_reported = True
             gauge.show(float(value))
@@ -210,9 +270,13 @@ def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
     legs = Legs(stored.nominal)
     source = Replay(stored, legs, WallClock())
     if not source.player.clips:
-        raise BadInput(f"{path}: holds neither strokes nor static stages, so there is nothing to view")
+        raise BadInput(
+            f"{path}: holds neither strokes nor static stages, so there is nothing to view"
+        )
     listening, token = listen_on(port), new_token()
     ready(url_of(port_of(listening), token))
     # Shapes take seconds to compute; until then the page shows a straight leg.
-    threading.Thread(target=legs.prepare, args=([clip.scene for clip in source.player.clips],), daemon=True).start()
+    threading.Thread(
+        target=legs.prepare, args=([clip.scene for clip in source.player.clips],), daemon=True
+    ).start()
     asyncio.run(serve(source, token, listening, asyncio.Event(), lambda _pages: True))

@@ -1,11 +1,11 @@
-"""What the view's process is given of a run before it begins: its facts, the scenes of its stages, where to serve it, and the token.
+"""What the view's process is given of a run before it begins: its facts, the scenes of its stages,
+where to serve it, and the token.
 
-A scene is what a picture of the leg needs besides the shaft's angle: rack height and stroke. Who presents the token may watch the run and
-stop it.
+A scene is what a picture of the leg needs besides the shaft's angle: rack height and stroke. Who
+presents the token may watch the run and stop it.
 
-`Progress` estimates the time that a plan will still take. Planned times are the longest that stages may take. The stages done so far show
-which share of that each kind of stage needs.
-"""
+`Progress` estimates the time that a plan will still take. Planned times are the longest that stages
+may take. The stages done so far show which share of that each kind of stage needs."""
 
 import secrets
 from collections import defaultdict
@@ -16,7 +16,17 @@ from typing import Any
 
 from rfca_rig.clock import WallClock
 from rfca_rig.drivers.roles import SensorScale
-from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold, Limits, MoveShaft, Plan, SetHeight, Stage
+from rfca_rig.protocol.plan import (
+    Approach,
+    Cycles,
+    Flap,
+    Hold,
+    Limits,
+    MoveShaft,
+    Plan,
+    SetHeight,
+    Stage,
+)
 
 KINDS = {
     "Flap": "flap",
@@ -29,7 +39,8 @@ KINDS = {
     "StiffnessCheck": "check",
 }
 
-# Angles over which shapes are computed. Cycles turn on and on, but the leg is in contact for less than this part of a turn.
+# Angles over which shapes are computed. Cycles turn on and on, but the leg is in contact for less
+# than this part of a turn.
 STATIC_SWEEP_DEG = 180.0
 CYCLE_SWEEP_DEG = 250.0
 
@@ -60,7 +71,9 @@ def list_stages(stages: Sequence[Stage]) -> tuple[ListedStage, ...]:
 
 @dataclass(frozen=True)
 class Position:
-    """Progress as shares from 0 to 1, and the remaining seconds `eta_s`, None between stages; `stage` is -1 then."""
+    """Progress as shares from 0 to 1, and the remaining seconds `eta_s`, None between stages;
+    `stage` is -1 then.
+    """
 
     stage: int
     stage_done: float
@@ -69,7 +82,9 @@ class Position:
 
 
 class Progress:
-    """Follows the plan by wall time: planned durations are times of the rig, and operators take their own time."""
+    """Follows the plan by wall time: planned durations are times of the rig, and operators take
+    their own time.
+    """
 
     def __init__(self, stages: Sequence[ListedStage]) -> None:
         self._stages = stages
@@ -84,7 +99,9 @@ class Progress:
         self._over: float | None = None
 
     def begin(self, number: int, wall_s: float) -> None:
-        """A stage begins, which ends the one before; `number` is -1 for one that is not in the plan."""
+        """A stage begins, which ends the one before; `number` is -1 for one that is not in the
+        plan.
+        """
         if self._now >= 0:
             stage = self._stages[self._now]
             took_s, planned_s = self._took[stage.kind]
@@ -103,22 +120,28 @@ class Progress:
         needs_s = self._needs_s(self._stages[self._now])
         elapsed_s = wall_s - self._began_s
         stage_done = min(elapsed_s / needs_s, 1.0) if needs_s > 0.0 else 0.0
-        # Progress of the whole plan counts planned times, not estimates: it must never run backwards when an estimate changes.
+        # Progress of the whole plan counts planned times, not estimates: it must never run
+        # backwards when an estimate changes.
         all_s, after_s = self._planned_from_s[0], self._planned_from_s[self._now + 1]
         planned_s = self._stages[self._now].duration_s
         done = 1.0 - (after_s + (1.0 - stage_done) * planned_s) / all_s if all_s else 0.0
-        remaining_s = max(needs_s - elapsed_s, 0.0) + sum(self._needs_s(stage) for stage in self._stages[self._now + 1 :])
+        remaining_s = max(needs_s - elapsed_s, 0.0) + sum(
+            self._needs_s(stage) for stage in self._stages[self._now + 1 :]
+        )
         return Position(self._now, round(stage_done, 4), round(done, 4), round(remaining_s, 1))
 
     def _needs_s(self, stage: ListedStage) -> float:
-        # Stages of one kind take a similar share of their planned time; without experience the planned time counts.
+        # Stages of one kind take a similar share of their planned time; without experience the
+        # planned time counts.
         took_s, planned_s = self._took[stage.kind]
         return stage.duration_s * (took_s / planned_s if planned_s > 0.0 else 1.0)
 
 
 @dataclass(frozen=True)
 class SceneStroke:
-    """A stroke that the model simulates, so that the leg's shape is known at every angle of the shaft."""
+    """A stroke that the model simulates, so that the leg's shape is known at every angle of the
+    shaft.
+    """
 
     height_m: float
     speed_rad_s: float
@@ -127,7 +150,9 @@ class SceneStroke:
 
 @dataclass(frozen=True)
 class Scene:
-    """Height of the rack, None before it was set, and the stroke in progress, None where the leg hangs in the air."""
+    """Height of the rack, None before it was set, and the stroke in progress, None where the leg
+    hangs in the air.
+    """
 
     height_m: float | None = None
     stroke: SceneStroke | None = None
@@ -142,17 +167,26 @@ def scenes(plan: Plan) -> tuple[Scene, ...]:
 
 
 def _scenes(stages: Sequence[Stage]) -> Iterator[Scene]:
-    """Between static stages the leg stays bent, so that moves next to a hold count as strokes; other moves go through the air."""
+    """Between static stages the leg stays bent, so that moves next to a hold count as strokes;
+    other moves go through the air.
+    """
     height_m, speed_rad_s = None, 0.0
     for stage, *neighbours in zip(stages, (None, *stages), (*stages[1:], None), strict=False):
         height_m = stage.height_m if isinstance(stage, SetHeight) else height_m
         speed_rad_s = stage.speed_rad_s if isinstance(stage, MoveShaft) else speed_rad_s
         match stage:
             case Flap() | Approach():
-                yield Scene(height_m, SceneStroke(stage.height_m, stage.speed_rad_s, degrees(stage.sweep_rad)))
+                yield Scene(
+                    height_m,
+                    SceneStroke(stage.height_m, stage.speed_rad_s, degrees(stage.sweep_rad)),
+                )
             case Cycles():
-                yield Scene(height_m, SceneStroke(stage.height_m, stage.speed_rad_s, CYCLE_SWEEP_DEG))
-            case _ if height_m is not None and any(isinstance(one, Hold) for one in (stage, *neighbours)):
+                yield Scene(
+                    height_m, SceneStroke(stage.height_m, stage.speed_rad_s, CYCLE_SWEEP_DEG)
+                )
+            case _ if height_m is not None and any(
+                isinstance(one, Hold) for one in (stage, *neighbours)
+            ):
                 yield Scene(height_m, SceneStroke(height_m, speed_rad_s, STATIC_SWEEP_DEG))
             case _:
                 yield Scene(height_m)
@@ -160,7 +194,9 @@ def _scenes(stages: Sequence[Stage]) -> Iterator[Scene]:
 
 @dataclass(frozen=True)
 class RunFacts:
-    """Facts of a run. `mark` is SIM or REAL; `nominal` holds the sections of the nominal model as in recordings."""
+    """Facts of a run. `mark` is SIM or REAL; `nominal` holds the sections of the nominal model
+    as in recordings.
+    """
 
     title: str
     mark: str
@@ -185,15 +221,17 @@ def run_facts(plan: Plan, mark: str, scale: SensorScale, nominal: Mapping[str, A
     nominal
         Sections of the nominal model as in recordings.
     """
-    return RunFacts(plan.title, mark, list_stages(plan.stages), scenes(plan), plan.limits, scale, nominal)
+    return RunFacts(
+        plan.title, mark, list_stages(plan.stages), scenes(plan), plan.limits, scale, nominal
+    )
 
 
 @dataclass(frozen=True)
 class ViewAssignment:
     """The run to show, and where to serve it; port 0 is any free port.
 
-    `clock` is that of the run's queue. Both processes read the same monotonic clock of the machine, so its times can be compared.
-    """
+    `clock` is that of the run's queue. Both processes read the same monotonic clock of the machine,
+    so its times can be compared."""
 
     facts: RunFacts
     queue_name: str

@@ -1,8 +1,9 @@
-"""The run's end of the view: ticks and events go into a queue in shared memory, and the operator's stop request comes back.
+"""The run's end of the view: ticks and events go into a queue in shared memory, and the operator's
+stop request comes back.
 
-It costs the loop microseconds a tick, whatever happens to the view. A view that is slow, stopped or gone leaves a full queue, and what does
-not fit is dropped. A `LiveView` is started before anything moves, fed during the run, and left open at the end.
-"""
+It costs the loop microseconds a tick, whatever happens to the view. A view that is slow, stopped or
+gone leaves a full queue, and what does not fit is dropped. A `LiveView` is started before anything
+moves, fed during the run, and left open at the end."""
 
 import json
 import struct
@@ -26,7 +27,8 @@ from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
 from rfca_rig.view.pyramid import Floats, Numbers
 from rfca_rig.view.run_facts import MODULE, READY, RunFacts, ViewAssignment, new_token
 
-# Little-endian without padding: eight doubles, the lost records, the numbers of shaft samples and of force records.
+# Little-endian without padding: eight doubles, the lost records, the numbers of shaft samples and
+# of force records.
 _HEAD = struct.Struct("<8dQII")
 SHAFT_COLUMNS, FORCE_TIMES, AXES = 5, 2, 6
 
@@ -35,12 +37,17 @@ VITALS_EVERY_S = 0.25
 MAX_WAITING = 500
 
 Vitals = Callable[[], tuple[StreamHealth, int]]
-WHY = {StopLevel.SAFE_POINT: "stopped by the operator, in the view", StopLevel.TORQUE_OFF: "stopped at once by the operator, in the view"}
+WHY = {
+    StopLevel.SAFE_POINT: "stopped by the operator, in the view",
+    StopLevel.TORQUE_OFF: "stopped at once by the operator, in the view",
+}
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """What the run adds to a tick: time on the clock that both processes share, and the number of force records dropped so far."""
+    """What the run adds to a tick: time on the clock that both processes share, and the number
+    of force records dropped so far.
+    """
 
     wall_s: float
     lost: int
@@ -48,12 +55,14 @@ class Stamp:
 
 @dataclass(frozen=True)
 class SeenTicks:
-    """Consecutive ticks at the view's end, joined. Times of samples are those of the host and of the devices.
+    """Consecutive ticks at the view's end, joined. Times of samples are those of the host and of
+    the devices.
 
-    One value for each of k ticks, (k,): `wall_s` as stamped; `temperature_C`, NaN where the drive does not report it; `shaft_samples` and
-    `force_records`, the numbers that the tick brought; the others as in `Tick`. `lost` is that of the last tick. `shaft` (5, m) holds host
-    time, device time, angle, speed and torque. `force_host_s` and `force_device_s` are (n,), `counts` (n, 6) those of the force sensor.
-    """
+    One value for each of k ticks, (k,): `wall_s` as stamped; `temperature_C`, NaN where the drive
+    does not report it; `shaft_samples` and `force_records`, the numbers that the tick brought; the
+    others as in `Tick`. `lost` is that of the last tick. `shaft` (5, m) holds host time, device
+    time, angle, speed and torque. `force_host_s` and `force_device_s` are (n,), `counts` (n, 6)
+    those of the force sensor."""
 
     wall_s: Floats
     now_s: Floats
@@ -75,7 +84,9 @@ class SeenTicks:
 def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
     """A tick as one block. It takes microseconds, because it is called within the control loop."""
     shaft, force, status = tick.shaft, tick.force, tick.status
-    temperature_C = np.nan if status is None or status.temperature_C is None else status.temperature_C
+    temperature_C = (
+        np.nan if status is None or status.temperature_C is None else status.temperature_C
+    )
     head = _HEAD.pack(
         stamp.wall_s,
         tick.now_s,
@@ -89,26 +100,55 @@ def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
         len(shaft.host_s),
         len(force.host_s),
     )
-    columns = (shaft.host_s, shaft.device_s, shaft.angle_rad, shaft.speed_rad_s, shaft.torque_Nm, force.host_s, force.device_s)
+    columns = (
+        shaft.host_s,
+        shaft.device_s,
+        shaft.angle_rad,
+        shaft.speed_rad_s,
+        shaft.torque_Nm,
+        force.host_s,
+        force.device_s,
+    )
     pieces = [column.tobytes() for column in columns]
     return JournalBlock(BlockKind.SAMPLES, b"".join((head, *pieces, force.counts.tobytes())))
 
 
 def ticks_of(blocks: Sequence[JournalBlock]) -> SeenTicks:
-    """Decodes one or more blocks. Raises ValueError or struct.error where a block does not hold a tick."""
+    """Decodes one or more blocks. Raises ValueError or struct.error where a block does not hold
+    a tick.
+    """
     heads, shafts, times, counts = [], [], [], []
     for block in blocks:
         *head, m, n = _HEAD.unpack_from(block.payload)
         heads.append((*head, m, n))
         at = _HEAD.size
         # frombuffer reads without a copy; the concatenation below copies everything once.
-        shafts.append(np.frombuffer(block.payload, "<f8", SHAFT_COLUMNS * m, at).reshape(SHAFT_COLUMNS, m))
+        shafts.append(
+            np.frombuffer(block.payload, "<f8", SHAFT_COLUMNS * m, at).reshape(SHAFT_COLUMNS, m)
+        )
         at += shafts[-1].nbytes
-        times.append(np.frombuffer(block.payload, "<f8", FORCE_TIMES * n, at).reshape(FORCE_TIMES, n))
+        times.append(
+            np.frombuffer(block.payload, "<f8", FORCE_TIMES * n, at).reshape(FORCE_TIMES, n)
+        )
         at += times[-1].nbytes
         counts.append(np.frombuffer(block.payload, "<i4", AXES * n, at).reshape(n, AXES))
-    wall_s, now_s, target_rad, target_speed_rad_s, late_s, gap_s, temperature_C, silent_s, lost, m, n = np.array(heads).T
-    motion, sizes = (target_rad, target_speed_rad_s, late_s, gap_s), (int(lost[-1]), m.astype(np.int64), n.astype(np.int64))
+    (
+        wall_s,
+        now_s,
+        target_rad,
+        target_speed_rad_s,
+        late_s,
+        gap_s,
+        temperature_C,
+        silent_s,
+        lost,
+        m,
+        n,
+    ) = np.array(heads).T
+    motion, sizes = (
+        (target_rad, target_speed_rad_s, late_s, gap_s),
+        (int(lost[-1]), m.astype(np.int64), n.astype(np.int64)),
+    )
     both = np.concatenate(times, axis=1)
     samples = np.concatenate(shafts, axis=1), both[0], both[1], np.concatenate(counts)
     return SeenTicks(wall_s, now_s, *motion, temperature_C, silent_s, *sizes, *samples)
@@ -117,10 +157,10 @@ def ticks_of(blocks: Sequence[JournalBlock]) -> SeenTicks:
 class RunQueue:
     """Implements `engine.interfaces.RunObserver`.
 
-    `lost` counts force records that the view did not get; the recording has them all. The queue's word for acknowledged stages, which a
-    recorder uses, carries the operator's stop request here. `vitals` returns the state of the sensor's stream, and the bytes that the
-    recorder is behind. `announce` is called with a line of text when a stop is requested.
-    """
+    `lost` counts force records that the view did not get; the recording has them all. The queue's
+    word for acknowledged stages, which a recorder uses, carries the operator's stop request here.
+    `vitals` returns the state of the sensor's stream, and the bytes that the recorder is behind.
+    `announce` is called with a line of text when a stop is requested."""
 
     def __init__(
         self,
@@ -145,13 +185,28 @@ class RunQueue:
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
         load = None if expected is None else [expected.force_N, expected.torque_Nm]
-        self._send_event({"about": "stage", "number": self._number(stage), "label": stage.label, "expected": load})
+        self._send_event(
+            {
+                "about": "stage",
+                "number": self._number(stage),
+                "label": stage.label,
+                "expected": load,
+            }
+        )
         self._check_stop_request()
 
     def _number(self, stage: Stage) -> int:
         """Index of a stage in the plan; -1 for one that is not in it, or was passed already."""
-        # By identity: a plan may hold equal stages. The search starts after the last one found, because a run only goes forward.
-        found = next((place for place in range(self._next, len(self._stages)) if self._stages[place] is stage), -1)
+        # By identity: a plan may hold equal stages. The search starts after the last one found,
+        # because a run only goes forward.
+        found = next(
+            (
+                place
+                for place in range(self._next, len(self._stages))
+                if self._stages[place] is stage
+            ),
+            -1,
+        )
         self._next = max(self._next, found + 1)
         return found
 
@@ -163,9 +218,15 @@ class RunQueue:
         if now_s - self._vitals_s >= VITALS_EVERY_S:
             self._vitals_s = now_s
             health, backlog_bytes = self._vitals()
-            self._send_event({"about": "vitals", "backlog_bytes": backlog_bytes, "health": asdict(health)})
-        # Events that still wait come first: a tick after the start of a stage must not be counted to the stage before.
-        if not (self._send_waiting() and self._queue.put(frame_block(tick_block(tick, Stamp(now_s, self.lost))))):
+            self._send_event(
+                {"about": "vitals", "backlog_bytes": backlog_bytes, "health": asdict(health)}
+            )
+        # Events that still wait come first: a tick after the start of a stage must not be counted
+        # to the stage before.
+        if not (
+            self._send_waiting()
+            and self._queue.put(frame_block(tick_block(tick, Stamp(now_s, self.lost))))
+        ):
             self.lost += len(tick.force.host_s)
         self._check_stop_request()
 
@@ -174,12 +235,20 @@ class RunQueue:
         self._send_event({"about": "line", "text": text})
 
     def end(self, why: str, code: str) -> None:
-        """The run is over and the motor is off. `code` is the trip code of the limit that was exceeded, "" for none."""
+        """The run is over and the motor is off. `code` is the trip code of the limit that was
+        exceeded, "" for none.
+        """
         self._send_event({"about": "end", "why": why, "code": code})
         self._send_waiting()
 
     def _send_event(self, event: Mapping[str, object]) -> None:
-        self._owed.append(frame_block(JournalBlock(BlockKind.EVENT, json.dumps({**event, "wall_s": self._clock.now_s()}).encode())))
+        self._owed.append(
+            frame_block(
+                JournalBlock(
+                    BlockKind.EVENT, json.dumps({**event, "wall_s": self._clock.now_s()}).encode()
+                )
+            )
+        )
         self._send_waiting()
 
     def _send_waiting(self) -> bool:
@@ -195,7 +264,10 @@ class RunQueue:
         level = StopLevel(min(self._queue.acknowledged, StopLevel.TORQUE_OFF))
         if level > self._stop_request.level and level in WHY and not self._stop_request.is_over:
             self._stop_request.ask(level, WHY[level])
-            self._notify("the view asks for a stop " + ("at the next safe point" if level is StopLevel.SAFE_POINT else "now"))
+            self._notify(
+                "the view asks for a stop "
+                + ("at the next safe point" if level is StopLevel.SAFE_POINT else "now")
+            )
 
 
 HOST = "127.0.0.1"
@@ -206,32 +278,49 @@ NEEDED = ("starlette", "uvicorn", "websockets")
 
 
 def url_of(port: int, token: str) -> str:
-    """Address of the page for the operator. A browser keeps the part behind # to itself: no request, Referer or log has it."""
+    """Address of the page for the operator. A browser keeps the part behind # to itself: no
+    request, Referer or log has it.
+    """
     return f"http://{HOST}:{port}/#token={token}"
 
 
 def check_view_is_installed() -> None:
-    """Raises BadInput, with the command to install it, where the optional dependency of the view is missing."""
-    # find_spec looks for the packages without importing them: an import takes long, and this process does not need them.
+    """Raises BadInput, with the command to install it, where the optional dependency of the view
+    is missing.
+    """
+    # find_spec looks for the packages without importing them: an import takes long, and this
+    # process does not need them.
     if any(find_spec(name) is None for name in NEEDED):
-        raise BadInput('the view is an extra that is not installed; type pip install "rfca-rig[view]"')
+        raise BadInput(
+            'the view is an extra that is not installed; type pip install "rfca-rig[view]"'
+        )
 
 
 def check_live_view() -> None:
     """The same for the live view of a run, which not every operating system supports."""
     check_view_is_installed()
     if not subprocesses.can_be_started():
-        raise BadInput("a run cannot be viewed live on this system; look at its recording afterwards, with rfca-rig view RUN")
+        raise BadInput(
+            "a run cannot be viewed live on this system; look at its recording "
+            "afterwards, with rfca-rig view RUN"
+        )
 
 
 class LiveView:
-    """Live view of one run. `run_queue` is the observer for its supervision, `url` the address for the operator.
+    """Live view of one run. `run_queue` is the observer for its supervision, `url` the address for
+    the operator.
 
-    Close it when the motor is off. A view that ends by itself does not disturb the run; `is_alive` shows it.
-    """
+    Close it when the motor is off. A view that ends by itself does not disturb the run; `is_alive`
+    shows it."""
 
     def __init__(
-        self, facts: RunFacts, plan: Plan, stop_request: StopRequest, vitals: Vitals, announce: Callable[[str], None], port: int
+        self,
+        facts: RunFacts,
+        plan: Plan,
+        stop_request: StopRequest,
+        vitals: Vitals,
+        announce: Callable[[str], None],
+        port: int,
     ) -> None:
         """Starts the view's process; returns when the page can be opened.
 
@@ -261,7 +350,9 @@ class LiveView:
         self._queue = BlockQueue.create(QUEUE_BYTES)
         self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, announce)
         try:
-            self._process, self._child = subprocesses.spawn(MODULE, ViewAssignment(facts, self._queue.name, clock, port, token))
+            self._process, self._child = subprocesses.spawn(
+                MODULE, ViewAssignment(facts, self._queue.name, clock, port, token)
+            )
         except OSError as error:
             self._queue.remove()
             raise RigError(f"the view cannot be started: {error}") from error
@@ -269,7 +360,11 @@ class LiveView:
 
     def _receive_port(self) -> int:
         try:
-            what, answer = self._child.recv() if self._child.poll(STARTED_WITHIN_S) else ("", f"no word within {STARTED_WITHIN_S:g} s")
+            what, answer = (
+                self._child.recv()
+                if self._child.poll(STARTED_WITHIN_S)
+                else ("", f"no word within {STARTED_WITHIN_S:g} s")
+            )
         # The socket closes when the child ends before it has answered.
         except (EOFError, OSError):
             what, answer = "", "it ended by itself"
@@ -289,7 +384,9 @@ class LiveView:
         return self._process.poll() is None
 
     def close(self) -> None:
-        """The run is over. The view keeps what it has received, and stays for as long as a page is open."""
+        """The run is over. The view keeps what it has received, and stays for as long as a page
+        is open.
+        """
         if not self._child.closed:
             self._child.close()
             self._queue.remove()

@@ -37,7 +37,10 @@ from rfca_rig.view.run_queue import HOST
 
 STATIC = Path(__file__).with_name("static")
 # Pages of trip codes: in a checkout, and in an installed package.
-TRIPS = (Path(__file__).parents[2] / "docs" / "trips", Path(__file__).parents[1] / "shipped" / "docs" / "trips")
+TRIPS = (
+    Path(__file__).parents[2] / "docs" / "trips",
+    Path(__file__).parents[1] / "shipped" / "docs" / "trips",
+)
 # Each page costs work at every beat, on the machine that runs the rig.
 MOST_PAGES = 12
 # WebSocket close code 1013, "try again later".
@@ -48,30 +51,38 @@ LARGEST_BODY = 1000
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 # Time in s that open connections get to close at the end.
 CLOSED_WITHIN_S = 1
-# Of all pages and requests. 12 pages with a browser's 6 connections each are 72 while they load; of 1024 files that a process may usually
-# have open, the run's own take some 50.
+# Of all pages and requests. 12 pages with a browser's 6 connections each are 72 while they load; of
+# 1024 files that a process may usually have open, the run's own take some 50.
 MOST_CONNECTIONS = 128
-# Connections that wait to be accepted. asyncio accepts so many at once, before the first of them can be refused. Where no file is left
-# it fails so often in a row: with uvicorn's 2048 that were 2048 complaints a second. A browser opens 6 at once.
+# Connections that wait to be accepted. asyncio accepts so many at once, before the first of them
+# can be refused. Where no file is left it fails so often in a row: with uvicorn's 2048 that were
+# 2048 complaints a second. A browser opens 6 at once.
 BACKLOG = 32
-# From a connection's begin to the end of its one response, which takes milliseconds on this machine.
+# From a connection's begin to the end of its one response, which takes milliseconds on this
+# machine.
 LONGEST_REQUEST_S = 10.0
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-# Served without a token: the empty page, scripts, style sheets and documentation, nothing of any run.
+# Served without a token: the empty page, scripts, style sheets and documentation, nothing of any
+# run.
 PAGE = "/"
 FOR_ALL = ("/static/", "/trips/")
 # Subprotocol of the stream. Its client names the token as a second one, which is never chosen.
 PROTOCOL = "rfca-view"
 BEARER = "Bearer"
-# default-src 'self': the page loads nothing from elsewhere. no-referrer: linked pages do not learn of the view.
-# frame-ancestors 'none': no other page can frame this one and make the operator click on its stop button unawares.
+# default-src 'self': the page loads nothing from elsewhere. no-referrer: linked pages do not learn
+# of the view. frame-ancestors 'none': no other page can frame this one and make the operator click
+# on its stop button unawares.
 POLICY = {
-    "content-security-policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'",
+    "content-security-policy": (
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+        "frame-ancestors 'none'"
+    ),
     "referrer-policy": "no-referrer",
     "x-content-type-options": "nosniff",
     "cache-control": "no-store",
-    # One request per connection: one that is kept open may be closed at the moment at which a stop is sent on it.
+    # One request per connection: one that is kept open may be closed at the moment at which a stop
+    # is sent on it.
     "connection": "close",
 }
 REFUSED = 1008  # websocket: policy violation
@@ -85,7 +96,8 @@ class Beats:
 
     def notify_pages(self) -> None:
         """Wakes all waiting pages."""
-        # A new event for each beat: a page that is slow simply waits for the next one, and misses nothing.
+        # A new event for each beat: a page that is slow simply waits for the next one, and misses
+        # nothing.
         struck, self._next = self._next, asyncio.Event()
         struck.set()
 
@@ -147,7 +159,8 @@ class Pages:
 async def _listen(socket: WebSocket, feed: Feed) -> None:
     """Reads messages of the page until it is closed."""
     while True:
-        # Invalid or deeply nested JSON, or a binary message (KeyError), is ignored: it must not end the stream.
+        # Invalid or deeply nested JSON, or a binary message (KeyError), is ignored: it must not end
+        # the stream.
         with suppress(ValueError, KeyError, RecursionError):
             message = json.loads(await socket.receive_text())
             if isinstance(message, dict):
@@ -209,10 +222,11 @@ def application(pages: Pages, token: str) -> ASGIApp:
 
 
 class BoundedProtocol(H11Protocol):
-    """HTTP for one request per connection, within a time, on no more than MOST_CONNECTIONS; a WebSocket may stay.
+    """HTTP for one request per connection, within a time, on no more than MOST_CONNECTIONS; a
+    WebSocket may stay.
 
-    Clients that send nothing, or a byte now and then, would otherwise hold their connections for ever.
-    """
+    Clients that send nothing, or a byte now and then, would otherwise hold their connections for
+    ever."""
 
     _expiry: asyncio.TimerHandle | None = None
 
@@ -237,8 +251,11 @@ class BoundedProtocol(H11Protocol):
 
 
 def listen_on(port: int) -> socket.socket:
-    """A socket that listens on a port of this machine, 0 for any free port. Raises BadInput where it cannot."""
-    # Bound before the server starts, so that an occupied port is an error of the command and the port is known.
+    """A socket that listens on a port of this machine, 0 for any free port. Raises BadInput
+    where it cannot.
+    """
+    # Bound before the server starts, so that an occupied port is an error of the command and the
+    # port is known.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     # A port whose last server ended a moment ago can be used again at once.
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -248,7 +265,9 @@ def listen_on(port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         if error.errno == errno.EADDRINUSE:
-            raise BadInput(f"port {port} is taken; name another one, or none for any that is free") from None
+            raise BadInput(
+                f"port {port} is taken; name another one, or none for any that is free"
+            ) from None
         if error.errno == errno.EADDRNOTAVAIL:
             raise BadInput(f"cannot listen on {HOST}: {NO_SUCH_ADDRESS}") from None
         raise BadInput(f"port {port} cannot be listened on: {error}; name another one") from None
@@ -259,7 +278,13 @@ def port_of(listening: socket.socket) -> int:
     return int(listening.getsockname()[1])
 
 
-async def serve(source: FeedSource, token: str, listening: socket.socket, ended: asyncio.Event, beat: Callable[[Pages], bool]) -> None:
+async def serve(
+    source: FeedSource,
+    token: str,
+    listening: socket.socket,
+    ended: asyncio.Event,
+    beat: Callable[[Pages], bool],
+) -> None:
     """Serves pages until `beat` returns False or `ended` is set.
 
     Parameters
@@ -280,7 +305,8 @@ async def serve(source: FeedSource, token: str, listening: socket.socket, ended:
     pages = Pages(source, beats)
     config = uvicorn.Config(
         application(pages, token),
-        # No start-up events, and no log: the terminal belongs to the run, and any client can make a server complain of its requests.
+        # No start-up events, and no log: the terminal belongs to the run, and any client can make a
+        # server complain of its requests.
         lifespan="off",
         log_config=None,
         log_level=None if os.environ.get(DEBUG_VARIABLE) else logging.CRITICAL,
@@ -299,7 +325,8 @@ async def serve(source: FeedSource, token: str, listening: socket.socket, ended:
         beats.notify_pages()
         await _next_beat(ended)
     server.should_exit = True
-    # A page notices that its socket is closed only at a beat, so beats go on until the server has ended.
+    # A page notices that its socket is closed only at a beat, so beats go on until the server has
+    # ended.
     while not serving.done():
         beats.notify_pages()
         await asyncio.wait([serving], timeout=1.0 / BEATS_HZ)
@@ -314,7 +341,9 @@ async def _next_beat(ended: asyncio.Event) -> None:
 
 
 class _FailureReport:
-    """Exception handler of the loop: that no file is left for a connection is one line, not one per attempt."""
+    """Exception handler of the loop: that no file is left for a connection is one line, not one
+    per attempt.
+    """
 
     def __init__(self, listening: socket.socket) -> None:
         self._listening = listening
@@ -329,19 +358,26 @@ class _FailureReport:
             loop.default_exception_handler(context)
         elif not self._is_announced:
             self._is_announced = True
-            print(f"the view takes no more connections until others are closed: {error.strerror} (ulimit -n)", file=sys.stderr)
+            print(
+                (
+                    "the view takes no more connections until others are closed: "
+                    f"{error.strerror} (ulimit -n)"
+                ),
+                file=sys.stderr,
+            )
 
 
 class Admission:
     """ASGI middleware that passes only admitted requests to the wrapped application.
 
-    A request needs the token, and must come from this machine and from a page of this server. The page reads the token from the fragment
-    of its own address, which browsers never send. It presents it in a header: as a bearer, and where a browser sets no headers, on a
-    WebSocket, as the second subprotocol. No cookie holds it: browsers send those to every port of a host.
+    A request needs the token, and must come from this machine and from a page of this server. The
+    page reads the token from the fragment of its own address, which browsers never send. It
+    presents it in a header: as a bearer, and where a browser sets no headers, on a WebSocket, as
+    the second subprotocol. No cookie holds it: browsers send those to every port of a host.
 
-    A page from elsewhere, open in the same browser, can send requests to this machine. It does not know the token, and its Origin differs.
-    A domain name that resolves to this machine (DNS rebinding) shows in Host.
-    """
+    A page from elsewhere, open in the same browser, can send requests to this machine. It does not
+    know the token, and its Origin differs. A domain name that resolves to this machine (DNS
+    rebinding) shows in Host."""
 
     def __init__(self, application: ASGIApp, token: str) -> None:
         self._application = application
@@ -368,16 +404,29 @@ class Admission:
         # Exactly one Host: with two, this check and the server could go by different ones.
         if len(hosts) != 1 or not is_loopback(f"//{hosts[0]}"):
             return "only for this machine"
-        # Browsers send Origin with every WebSocket and every POST; programs such as curl send none and need the token only.
+        # Browsers send Origin with every WebSocket and every POST; programs such as curl send none
+        # and need the token only.
         if origins and not _is_same(origins, hosts[0]):
             return "only for pages from here"
         if scope["type"] == "http" and (scope["path"] == PAGE or scope["path"].startswith(FOR_ALL)):
             return ""
-        return "" if self._has_token(scope, headers) else "the token is missing or wrong; open the address that was printed"
+        return (
+            ""
+            if self._has_token(scope, headers)
+            else "the token is missing or wrong; open the address that was printed"
+        )
 
     def _has_token(self, scope: Scope, headers: Headers) -> bool:
-        given = scope["subprotocols"] if scope["type"] == "websocket" else " ".join(headers.getlist("authorization")).split()
-        return len(given) == 2 and given[0] == (PROTOCOL if scope["type"] == "websocket" else BEARER) and is_token(given[1], self._token)
+        given = (
+            scope["subprotocols"]
+            if scope["type"] == "websocket"
+            else " ".join(headers.getlist("authorization")).split()
+        )
+        return (
+            len(given) == 2
+            and given[0] == (PROTOCOL if scope["type"] == "websocket" else BEARER)
+            and is_token(given[1], self._token)
+        )
 
 
 def _with_policy(send: Send) -> Send:
@@ -394,7 +443,9 @@ def _with_policy(send: Send) -> Send:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether the host of an address is a loopback name, which no DNS server of somebody else can define."""
+    """Whether the host of an address is a loopback name, which no DNS server of somebody else
+    can define.
+    """
     try:
         return urlsplit(address).hostname in LOOPBACK
     except ValueError:

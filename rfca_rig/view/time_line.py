@@ -1,4 +1,5 @@
-"""Time line of a recording: its stages one after the other, prepared for playback, with a short pause for what was not recorded.
+"""Time line of a recording: its stages one after the other, prepared for playback, with a short
+pause for what was not recorded.
 
 `Player` gives the samples at one time, and in a window before it.
 """
@@ -31,7 +32,8 @@ PAUSE_S = 0.25
 HOLD_S = 1.0
 # Speed between static stages where the recording does not state it.
 STATIC_SPEED_RAD_S = 0.5
-# Shapes are computed this far beyond the recorded end of a stroke, because a measured shaft may be ahead of the command.
+# Shapes are computed this far beyond the recorded end of a stroke, because a measured shaft may be
+# ahead of the command.
 MORE_SWEEP_DEG = 3.0
 
 # Limit of the cache of loaded stages.
@@ -48,7 +50,9 @@ def channel_of(column: str) -> str | None:
 
 @dataclass(frozen=True)
 class Track:
-    """Samples of one device: `t_s` (m,) from the stage's first sample, ascending; `values` (m, channels) of the channels at `places`."""
+    """Samples of one device: `t_s` (m,) from the stage's first sample, ascending; `values` (m,
+    channels) of the channels at `places`.
+    """
 
     t_s: Floats
     values: Floats
@@ -59,9 +63,8 @@ class Track:
 class StageSamples:
     """Samples of a whole stage; times in s from its first sample.
 
-    `shaft_rad` (m, 2) holds times and shaft angles as recorded; `sizes` (m, 3) times, force [N] and moment [N m] as vector lengths.
-    Either may be empty.
-    """
+    `shaft_rad` (m, 2) holds times and shaft angles as recorded; `sizes` (m, 3) times, force [N] and
+    moment [N m] as vector lengths. Either may be empty."""
 
     tracks: Sequence[Track]
     shaft_rad: Floats
@@ -70,10 +73,16 @@ class StageSamples:
     @property
     def nbytes(self) -> int:
         """Memory of all arrays, for the limit of a cache."""
-        return sum(track.values.nbytes + track.t_s.nbytes for track in self.tracks) + self.shaft_rad.nbytes + self.sizes.nbytes
+        return (
+            sum(track.values.nbytes + track.t_s.nbytes for track in self.tracks)
+            + self.shaft_rad.nbytes
+            + self.sizes.nbytes
+        )
 
     def extrema(self, begin_s: float, dt_s: float, first: int, count: int) -> Extrema:
-        """Extrema (count, channels) in buckets of a time line on which the stage begins at `begin_s`."""
+        """Extrema (count, channels) in buckets of a time line on which the stage begins at
+        `begin_s`.
+        """
         found = Extrema.none(count, len(CHANNELS))
         for track in self.tracks:
             part = decimate(track.t_s + begin_s, track.values, dt_s, first, count)
@@ -81,14 +90,22 @@ class StageSamples:
         return found
 
     def shaft_at(self, t_s: float) -> float | None:
-        """Shaft angle at a time from the stage's first sample, linearly interpolated; None where none was recorded."""
-        return float(np.interp(t_s, self.shaft_rad[:, 0], self.shaft_rad[:, 1])) if len(self.shaft_rad) else None
+        """Shaft angle at a time from the stage's first sample, linearly interpolated; None where
+        none was recorded.
+        """
+        return (
+            float(np.interp(t_s, self.shaft_rad[:, 0], self.shaft_rad[:, 1]))
+            if len(self.shaft_rad)
+            else None
+        )
 
     def value_at(self, channel: str, t_s: float) -> float | None:
         """Last value up to a time; None where the channel was not recorded, or began later."""
         place = _PLACES[channel]
         for track in self.tracks:
-            if place in track.places and (row := int(np.searchsorted(track.t_s, t_s, side="right"))):
+            if place in track.places and (
+                row := int(np.searchsorted(track.t_s, t_s, side="right"))
+            ):
                 return float(track.values[row - 1, list(track.places).index(place)])
         return None
 
@@ -97,9 +114,9 @@ class StageSamples:
 class Clip:
     """One stage: its place on the time line, what it was, and `load` to read its samples.
 
-    `rest_s` is the time recorded before the commanded start. `planned_rad` gives the commanded shaft angle at a time from the commanded
-    start; None where it is unknown. `hinge_deg` (6,) are hinge angles from a photo.
-    """
+    `rest_s` is the time recorded before the commanded start. `planned_rad` gives the commanded
+    shaft angle at a time from the commanded start; None where it is unknown. `hinge_deg` (6,) are
+    hinge angles from a photo."""
 
     label: str
     kind: str
@@ -117,7 +134,9 @@ class Clip:
 
 
 def samples_of(streams: Mapping[str, Stream]) -> StageSamples:
-    """Samples of the streams of a recorded stage, with times from the earliest sample of all streams."""
+    """Samples of the streams of a recorded stage, with times from the earliest sample of all
+    streams.
+    """
     used = [stream for stream in streams.values() if len(stream.t_s)]
     zero_s = min((float(stream.t_s.min()) for stream in used), default=0.0)
     tracks = [track for stream in used if (track := _track(stream, zero_s)) is not None]
@@ -125,10 +144,13 @@ def samples_of(streams: Mapping[str, Stream]) -> StageSamples:
 
 
 def _track(stream: Stream, zero_s: float) -> Track | None:
-    names = [(column, shown) for column in stream.columns if (shown := channel_of(column)) is not None]
+    names = [
+        (column, shown) for column in stream.columns if (shown := channel_of(column)) is not None
+    ]
     if not names:
         return None
-    # Streams are nearly always sorted; a stable sort keeps records of equal time in order of arrival.
+    # Streams are nearly always sorted; a stable sort keeps records of equal time in order of
+    # arrival.
     values = np.column_stack([_in_page_units(stream, column) for column, _ in names])
     order = _order(stream)
     return Track(stream.t_s[order] - zero_s, values[order], [_PLACES[shown] for _, shown in names])
@@ -147,7 +169,9 @@ def _shaft(streams: Iterable[Stream], zero_s: float) -> Floats:
     for stream in streams:
         if "shaft_angle_rad" in stream.columns:
             order = _order(stream)
-            both: Floats = np.column_stack([stream.t_s - zero_s, stream.columns["shaft_angle_rad"].values])[order]
+            both: Floats = np.column_stack(
+                [stream.t_s - zero_s, stream.columns["shaft_angle_rad"].values]
+            )[order]
             return both
     return np.zeros((0, 2))
 
@@ -199,7 +223,8 @@ def _in_order(stored: StoredRecording, start_rad: float | None, ramp_s: float) -
     whole = [stage for stage in stored.raw if not stage.cut_short and not stage.is_cycle_table]
     behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
     holds = iter([_hold_clip(stage, raw) for stage, raw in zip(stored.static, behind, strict=True)])
-    # A plan may be longer than what was recorded: `_next` then gives nothing. Without a plan, strokes come before static stages.
+    # A plan may be longer than what was recorded: `_next` then gives nothing. Without a plan,
+    # strokes come before static stages.
     plan = plan_in(stored)
     for stage, scene in zip(plan.stages, scenes(plan), strict=True) if plan else ():
         if isinstance(stage, Flap):
@@ -207,10 +232,14 @@ def _in_order(stored: StoredRecording, start_rad: float | None, ramp_s: float) -
         elif isinstance(stage, Hold):
             for clip in _next(holds):
                 planned = partial(_constant, stage.angle_rad)
-                yield replace(clip, label=stage.label, scene=scene, planned_rad=clip.planned_rad or planned)
+                yield replace(
+                    clip, label=stage.label, scene=scene, planned_rad=clip.planned_rad or planned
+                )
     yield from strokes
     yield from holds
-    yield from (_cut_short(stage) for stage in stored.raw if stage.cut_short and not stage.is_cycle_table)
+    yield from (
+        _cut_short(stage) for stage in stored.raw if stage.cut_short and not stage.is_cycle_table
+    )
 
 
 def _next(clips: Iterator[Clip]) -> Iterable[Clip]:
@@ -233,7 +262,9 @@ def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) ->
         rest_s=-first_s,
         scene=Scene(stroke.height_m, SceneStroke(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
         load=partial(_load_samples, stroke),
-        planned_rad=None if start_rad is None else partial(_command_rad, start_rad, stroke.speed_rad_s, ramp_s),
+        planned_rad=None
+        if start_rad is None
+        else partial(_command_rad, start_rad, stroke.speed_rad_s, ramp_s),
     )
 
 
@@ -253,12 +284,17 @@ def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
     hinges = None if any(isnan(angle) for angle in stage.hinge_deg) else np.array(stage.hinge_deg)
     first_s, last_s = (0.0, 0.0) if raw is None else raw.samples.span_s
     return Clip(
-        label=f"hold {stage.stage} at {degrees(shaft_rad):.1f} deg, {1e3 * stage.height_m:.0f} mm, {stage.direction}",
+        label=(
+            f"hold {stage.stage} at {degrees(shaft_rad):.1f} deg, {1e3 * stage.height_m:.0f} "
+            f"mm, {stage.direction}"
+        ),
         kind="hold",
         begin_s=0.0,
         duration_s=max(HOLD_S, last_s - first_s),
         rest_s=-first_s,
-        scene=Scene(stage.height_m, SceneStroke(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)),
+        scene=Scene(
+            stage.height_m, SceneStroke(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)
+        ),
         load=partial(_means, stage) if raw is None else partial(_load_samples, raw),
         planned_rad=None if hinges is None else partial(_constant, shaft_rad),
         hinge_deg=hinges,
@@ -266,14 +302,20 @@ def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
 
 
 def _means(stage: StaticStage) -> StageSamples:
-    """Samples of a static stage of which only means are known: constant, at 1 kHz, for as long as it is shown."""
+    """Samples of a static stage of which only means are known: constant, at 1 kHz, for as long
+    as it is shown.
+    """
     values: Mapping[str, float] = {
         "shaft_angle_rad": stage.shaft_angle_rad,
         "fy_N": stage.fy_N,
         "fz_N": stage.fz_N,
         "tx_Nm": stage.tx_Nm,
     }
-    columns = {name: Column(np.full(int(HOLD_S * 1000), value), "") for name, value in values.items() if not isnan(value)}
+    columns = {
+        name: Column(np.full(int(HOLD_S * 1000), value), "")
+        for name, value in values.items()
+        if not isnan(value)
+    }
     return samples_of({"means": Stream(np.linspace(0.0, HOLD_S, int(HOLD_S * 1000)), columns)})
 
 
@@ -305,8 +347,12 @@ class Player:
             self._loaded.move_to_end(place)
             return self._loaded[place]
         samples = self._loaded[place] = self.clips[place].load()
-        # The oldest come first in the dictionary. The stage just loaded is never dropped, however large it is.
-        while len(self._loaded) > 1 and sum(stage.nbytes for stage in self._loaded.values()) > CACHE_BYTES:
+        # The oldest come first in the dictionary. The stage just loaded is never dropped, however
+        # large it is.
+        while (
+            len(self._loaded) > 1
+            and sum(stage.nbytes for stage in self._loaded.values()) > CACHE_BYTES
+        ):
             self._loaded.popitem(last=False)
         return samples
 
@@ -315,7 +361,9 @@ class Player:
         return max(bisect_right(self._begins_s, at_s) - 1, 0)
 
     def extrema(self, dt_s: float, first: int, count: int) -> Extrema:
-        """Extrema (count, channels) in buckets of `dt_s` s, the first of which begins at first * dt_s."""
+        """Extrema (count, channels) in buckets of `dt_s` s, the first of which begins at first *
+        dt_s.
+        """
         found = Extrema.none(count, len(CHANNELS))
         begin_s, end_s = first * dt_s, (first + count) * dt_s
         for place in range(self.place_at(begin_s), self.place_at(end_s) + 1):
@@ -334,24 +382,41 @@ class Player:
         planned_rad = None if clip.planned_rad is None else clip.planned_rad(t_s - clip.rest_s)
         fy_N, fz_N = samples.value_at("fy_N", t_s), samples.value_at("fz_N", t_s)
         force_N = None if fy_N is None or fz_N is None else (fy_N, fz_N)
-        return self._legs.message(LegMoment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N))
+        return self._legs.message(
+            LegMoment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N)
+        )
 
     def _at(self, at_s: float) -> tuple[Clip, StageSamples, float]:
-        """The clip at a time, its samples, and the time in s since its first sample, within the clip."""
+        """The clip at a time, its samples, and the time in s since its first sample, within the
+        clip.
+        """
         place = self.place_at(at_s)
         clip = self.clips[place]
         return clip, self._samples(place), min(at_s - clip.begin_s, clip.duration_s)
 
     def loads(self, at_s: float) -> tuple[Floats, Floats]:
-        """Largest force [N] and moment [N m], each pair (2,): over the last RECENT_S, and since the stage began."""
+        """Largest force [N] and moment [N m], each pair (2,): over the last RECENT_S, and since
+        the stage began.
+        """
         _, samples, t_s = self._at(at_s)
         before = samples.sizes[: int(np.searchsorted(samples.sizes[:, 0], t_s, side="right"))]
         # At least the last sample: a slow stream may have none within the interval.
-        lately = before[min(int(np.searchsorted(before[:, 0], t_s - RECENT_S)), max(len(before) - 1, 0)) :]
+        lately = before[
+            min(int(np.searchsorted(before[:, 0], t_s - RECENT_S)), max(len(before) - 1, 0)) :
+        ]
         return lately[:, 1:].max(axis=0, initial=0.0), before[:, 1:].max(axis=0, initial=0.0)
 
     def channels(self) -> Mapping[str, bool]:
-        """Which channels were recorded, judged by the first clip of each kind: loading all stages would take long."""
-        places = {self.clips[place].kind: place for place in reversed(range(len(self.clips)))}.values()
-        recorded = {place for clip in places for track in self._samples(clip).tracks for place in track.places}
+        """Which channels were recorded, judged by the first clip of each kind: loading all
+        stages would take long.
+        """
+        places = {
+            self.clips[place].kind: place for place in reversed(range(len(self.clips)))
+        }.values()
+        recorded = {
+            place
+            for clip in places
+            for track in self._samples(clip).tracks
+            for place in track.places
+        }
         return {channel.name: place in recorded for place, channel in enumerate(CHANNELS)}

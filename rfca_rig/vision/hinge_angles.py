@@ -1,15 +1,17 @@
 """Link and hinge angles from identified marks, with their standard deviations.
 
-All photos of a leg are fitted together by least squares: the angles of each photo, and what the photos share. That is the shaft's
-position, the distances between the marks, and the distance of each mark from the plane of motion. A mark out of the plane is seen beside
-its place, so that the distances between marks seem to change with the pose. From several poses the fit finds the offsets and corrects for
-them. From one photo it can only widen the standard deviations.
+All photos of a leg are fitted together by least squares: the angles of each photo, and what the
+photos share. That is the shaft's position, the distances between the marks, and the distance of
+each mark from the plane of motion. A mark out of the plane is seen beside its place, so that the
+distances between marks seem to change with the pose. From several poses the fit finds the offsets
+and corrects for them. From one photo it can only widen the standard deviations.
 
-An angle that is known to worse than 0.3 degrees is None. Where a mark is missing, the known lengths leave two solutions that are
-reflections of each other; one is reported only if the other photos of the leg exclude its reflection.
+An angle that is known to worse than 0.3 degrees is None. Where a mark is missing, the known lengths
+leave two solutions that are reflections of each other; one is reported only if the other photos of
+the leg exclude its reflection.
 
-The standard deviations do not include the camera's calibration or the placement of the marks within the plane.
-"""
+The standard deviations do not include the camera's calibration or the placement of the marks within
+the plane."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,24 +25,30 @@ from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
 
 Floats = NDArray[np.float64]
 
-# Lengths this uncertain regularise and do not determine angles: used to find out what the marks alone determine.
+# Lengths this uncertain regularise and do not determine angles: used to find out what the marks
+# alone determine.
 WEAK_LENGTH_STD_M = 2.0e-3
 # Keeps the equations regular where no mark determines an angle.
 ANGLE_PRIOR_STD_RAD = float(np.radians(60.0))
 # Angles with a larger standard deviation are reported as None.
 MAX_REPORTED_STD_RAD = float(np.radians(0.3))
-# Standard deviations of the marks' distances from the plane of motion: glued well, badly, on spacers. They are equally probable a priori:
-# six photos of a leg often cannot tell 0.1 mm from 1 mm, and a prior for 0.1 mm would then decide (errors of 0.9 degrees stated as 0.2).
+# Standard deviations of the marks' distances from the plane of motion: glued well, badly, on
+# spacers. They are equally probable a priori: six photos of a leg often cannot tell 0.1 mm from 1
+# mm, and a prior for 0.1 mm would then decide (errors of 0.9 degrees stated as 0.2).
 OFFSET_STD_M = (1.0e-4, 1.0e-3, 3.0e-3)
-# Smallest weight of a deviation of the offsets that explains the marks as well as the others do. On 108 ray-traced legs, of which half each
-# were used, 0, 0.05, 0.1 and 0.2 give a largest error of 3.7, 2.8, 2.4 and 2.3 deviations, and state 76, 75, 73 and 68 % of the angles.
+# Smallest weight of a deviation of the offsets that explains the marks as well as the others do. On
+# 108 ray-traced legs, of which half each were used, 0, 0.05, 0.1 and 0.2 give a largest error of
+# 3.7, 2.8, 2.4 and 2.3 deviations, and state 76, 75, 73 and 68 % of the angles.
 MIN_WEIGHT = 0.1
-# Largest distance of a mark from the plane that is corrected, and largest misfit of the distances between marks.
+# Largest distance of a mark from the plane that is corrected, and largest misfit of the distances
+# between marks.
 MAX_OFFSET_M, MAX_MISFIT_M = 5.0e-3, 0.5e-3
-# An angle from lengths may be outside the range of the other photos by so much, and its reflection must be farther outside.
+# An angle from lengths may be outside the range of the other photos by so much, and its reflection
+# must be farther outside.
 NEAR_OTHERS_RAD = float(np.radians(4.0))
-# Of 1,777 fits to ray-traced photos 88 % converged within 5 full steps and 97 % within 40. Damped steps took 38 to 120 for the others;
-# two thirds of these were then still moving slowly, along a valley that no mark determines.
+# Of 1,777 fits to ray-traced photos 88 % converged within 5 full steps and 97 % within 40. Damped
+# steps took 38 to 120 for the others; two thirds of these were then still moving slowly, along a
+# valley that no mark determines.
 FULL_STEPS, DAMPED_STEPS = 40, 120
 # Step (rad, m, or a ratio) from which on nothing changes any more.
 CONVERGED = 1e-9
@@ -50,10 +58,11 @@ FIRST_DAMPING = 1e-4
 
 @dataclass(frozen=True)
 class HingeAngles:
-    """Absolute link angles and relative hinge angles in rad; the first hinge angle is the shaft's. None where it is not determined.
+    """Absolute link angles and relative hinge angles in rad; the first hinge angle is the shaft's.
+    None where it is not determined.
 
-    Standard deviations accordingly. Covariances (links, links) rad2 are NaN in rows and columns of undetermined angles.
-    """
+    Standard deviations accordingly. Covariances (links, links) rad2 are NaN in rows and columns of
+    undetermined angles."""
 
     link_rad: tuple[float | None, ...]
     link_std_rad: tuple[float | None, ...]
@@ -67,10 +76,10 @@ class HingeAngles:
 class LegFit:
     """Angles of each photo of a leg, and what its photos share.
 
-    `offsets_m` (marks,) are the marks' distances from their mean plane towards the camera, with standard deviations `offset_std_m`
-    (marks,); NaN for marks that no photo shows. `misfit_m` is the root mean square difference between seen and fitted marks.
-    `refused` says why no angle is reported, else "".
-    """
+    `offsets_m` (marks,) are the marks' distances from their mean plane towards the camera, with
+    standard deviations `offset_std_m` (marks,); NaN for marks that no photo shows. `misfit_m` is
+    the root mean square difference between seen and fitted marks. `refused` says why no angle is
+    reported, else ""."""
 
     angles: tuple[HingeAngles, ...]
     offsets_m: Floats
@@ -81,7 +90,9 @@ class LegFit:
 
 @dataclass(frozen=True)
 class _Seen:
-    """Indices of the seen marks in the plan, their positions (n, 2) m, and the whitening (n, 2, 2) 1/m of their errors."""
+    """Indices of the seen marks in the plan, their positions (n, 2) m, and the whitening (n, 2,
+    2) 1/m of their errors.
+    """
 
     planned: list[int]
     places_m: Floats
@@ -119,7 +130,14 @@ def hinge_angles(
     HingeAngles
         None for angles that are not determined.
     """
-    return fit_leg([identified], camera, plan, link_lengths_m, shaft_std_m=shaft_std_m, offset_std_m=offset_std_m).angles[0]
+    return fit_leg(
+        [identified],
+        camera,
+        plan,
+        link_lengths_m,
+        shaft_std_m=shaft_std_m,
+        offset_std_m=offset_std_m,
+    ).angles[0]
 
 
 def fit_leg(
@@ -153,7 +171,11 @@ def fit_leg(
     if not used:
         return LegFit(tuple(angles), unknown, unknown, 0.0)
     problem = _Problem(
-        tuple(seen[number] for number in used), plan, lengths, np.asarray(-camera.rotation.T @ camera.translation_m), shaft_std_m
+        tuple(seen[number] for number in used),
+        plan,
+        lengths,
+        np.asarray(-camera.rotation.T @ camera.translation_m),
+        shaft_std_m,
     )
     fit = _mix([_solve(problem, LENGTH_STD_M, std) for std in offset_std_m])
     offsets, offset_std = _offsets(problem, fit)
@@ -163,12 +185,15 @@ def fit_leg(
     refused = ""
     if abs(offsets[worst]) > MAX_OFFSET_M:
         refused = (
-            f"the {plan.name(worst)} would be {1e3 * offsets[worst]:+.1f} mm out of the plane of the others, "
-            f"limit {1e3 * MAX_OFFSET_M:g} mm; glue all marks in one plane, check the lengths; no angles taken"
+            f"the {plan.name(worst)} would be {1e3 * offsets[worst]:+.1f} mm out of the "
+            "plane of the others, "
+            f"limit {1e3 * MAX_OFFSET_M:g} mm; glue all marks in one plane, check the "
+            "lengths; no angles taken"
         )
     elif misfit > MAX_MISFIT_M:
         refused = (
-            f"the marks miss a leg of the stated lengths by {1e3 * misfit:.2f} mm rms, limit {1e3 * MAX_MISFIT_M:g} mm; "
+            f"the marks miss a leg of the stated lengths by {1e3 * misfit:.2f} mm rms, "
+            f"limit {1e3 * MAX_MISFIT_M:g} mm; "
             "check lengths, places of the marks and calibration; no angles taken"
         )
     if refused:
@@ -188,7 +213,8 @@ def _whiten(identified: IdentifiedMarks, camera: CameraModel, plan: MarkPlan) ->
     marks = [mark for mark in identified.marks if mark is not None]
     px = np.array([mark.px for mark in marks]).reshape(-1, 2)
     std = np.array([mark.std_px for mark in marks]).reshape(-1, 2)
-    # Errors in px are independent along x and y: errors in the plane are whitened by mapping them to pixels and dividing there.
+    # Errors in px are independent along x and y: errors in the plane are whitened by mapping them
+    # to pixels and dividing there.
     whitening = camera.project_jacobian(camera.on_plane(px)) / std[..., None]
     return _Seen(planned, camera.discs_on_plane(px, plan.diameter_m), whitening)
 
@@ -200,7 +226,9 @@ def _nothing(links: int) -> HingeAngles:
 
 @dataclass(frozen=True)
 class _Problem:
-    """The seen marks of each photo, the leg, and the camera's position (3,) m in the plane's frame."""
+    """The seen marks of each photo, the leg, and the camera's position (3,) m in the plane's
+    frame.
+    """
 
     photos: tuple[_Seen, ...]
     plan: MarkPlan
@@ -210,7 +238,9 @@ class _Problem:
 
     @property
     def free(self) -> int:
-        """Number of the angles of all photos; shaft (2), stretches (links,) and offsets (marks,) follow in the values."""
+        """Number of the angles of all photos; shaft (2), stretches (links,) and offsets (marks,)
+        follow in the values.
+        """
         return len(self.photos) * len(self.lengths_m)
 
 
@@ -234,11 +264,16 @@ def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solu
     links = len(problem.lengths_m)
     starts = [_start(seen, problem.plan, problem.lengths_m) for seen in problem.photos]
     _bend_hidden_hinges(starts, problem)
-    nominal = np.concatenate([*starts, np.zeros(2), np.ones(links), np.zeros(len(problem.plan.marks))])
-    precise = (
-        [1 / problem.shaft_std_m] * 2 + list(problem.lengths_m / length_std_m) + [1 / max(offset_std_m, 1e-7)] * len(problem.plan.marks)
+    nominal = np.concatenate(
+        [*starts, np.zeros(2), np.ones(links), np.zeros(len(problem.plan.marks))]
     )
-    # The prior of the angles is on those between neighbouring links: the start angles are the most probable ones.
+    precise = (
+        [1 / problem.shaft_std_m] * 2
+        + list(problem.lengths_m / length_std_m)
+        + [1 / max(offset_std_m, 1e-7)] * len(problem.plan.marks)
+    )
+    # The prior of the angles is on those between neighbouring links: the start angles are the most
+    # probable ones.
     prior = _Prior(nominal, _bends(links) / ANGLE_PRIOR_STD_RAD, np.array(precise))
     values, there, is_converged = _descend(problem, prior, is_damped=False)
     if not is_converged:
@@ -246,13 +281,18 @@ def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solu
     covariance, log_size = _form_normal_equations(values, there, prior).invert()
     squares = [float(residual @ residual) for residual in there.residuals]
     evidence = -0.5 * _cost(values, there, prior) - 0.5 * log_size + float(np.log(precise).sum())
-    scale = [max(1.0, square / max(1, 2 * len(seen.planned) - links)) for square, seen in zip(squares, problem.photos, strict=True)]
+    scale = [
+        max(1.0, square / max(1, 2 * len(seen.planned) - links))
+        for square, seen in zip(squares, problem.photos, strict=True)
+    ]
     return _Solution(values, covariance, evidence, sum(squares), there.misses_m, scale)
 
 
 @dataclass(frozen=True)
 class _Prior:
-    """Nominal values; precision matrices in units of deviations: of each photo's angles (links, links), and of what photos share (n,)."""
+    """Nominal values; precision matrices in units of deviations: of each photo's angles (links,
+    links), and of what photos share (n,).
+    """
 
     nominal: Floats
     of_angles: Floats
@@ -260,12 +300,16 @@ class _Prior:
 
     def split(self, values: Floats) -> tuple[Floats, Floats]:
         """The angles (photos, links), and what the photos share (n,)."""
-        return values[: -len(self.of_shared)].reshape(-1, len(self.of_angles)), values[-len(self.of_shared) :]
+        return values[: -len(self.of_shared)].reshape(-1, len(self.of_angles)), values[
+            -len(self.of_shared) :
+        ]
 
 
 @dataclass(frozen=True)
 class _Linearization:
-    """For each photo the whitened residuals (rows,), their Jacobian (rows, links + shared) and the misses (rows,) in m."""
+    """For each photo the whitened residuals (rows,), their Jacobian (rows, links + shared) and
+    the misses (rows,) in m.
+    """
 
     residuals: list[Floats]
     jacobians: list[Floats]
@@ -274,11 +318,12 @@ class _Linearization:
 
 @dataclass(frozen=True)
 class _NormalEquations:
-    """Information and pull of least squares, scaled to a diagonal of ones: angles, metres and ratios differ by orders of magnitude.
+    """Information and pull of least squares, scaled to a diagonal of ones: angles, metres and
+    ratios differ by orders of magnitude.
 
-    The angles of different photos have no common entries. So only blocks are kept: `own` (photos, links, links), `cross`
-    (photos, links, shared), `shared` (shared, shared). The sizes are the square roots of the diagonal before.
-    """
+    The angles of different photos have no common entries. So only blocks are kept: `own` (photos,
+    links, links), `cross` (photos, links, shared), `shared` (shared, shared). The sizes are the
+    square roots of the diagonal before."""
 
     own: Floats
     cross: Floats
@@ -291,12 +336,18 @@ class _NormalEquations:
     def step(self, damping: float) -> Floats:
         """The step of all values, by the Schur complement of the angles."""
         own, shared = (one + damping * np.eye(one.shape[-1]) for one in (self.own, self.shared))
-        reduced = np.linalg.solve(own, np.concatenate([self.cross, self.pull_own[..., None]], axis=-1))
+        reduced = np.linalg.solve(
+            own, np.concatenate([self.cross, self.pull_own[..., None]], axis=-1)
+        )
         by_shared, alone = reduced[..., :-1], reduced[..., -1]
         transposed = self.cross.swapaxes(1, 2)
         complement = shared - (transposed @ by_shared).sum(axis=0)
-        step = np.linalg.solve(complement, self.pull_shared - (transposed @ alone[..., None])[..., 0].sum(axis=0))
-        return np.concatenate([((alone - by_shared @ step) / self.size_own).ravel(), step / self.size_shared])
+        step = np.linalg.solve(
+            complement, self.pull_shared - (transposed @ alone[..., None])[..., 0].sum(axis=0)
+        )
+        return np.concatenate(
+            [((alone - by_shared @ step) / self.size_own).ravel(), step / self.size_shared]
+        )
 
     def invert(self) -> tuple[Floats, float]:
         """The covariance of all values, and the logarithm of the determinant of the information."""
@@ -309,17 +360,29 @@ class _NormalEquations:
             here = slice(photo * links, (photo + 1) * links)
             covariance[here, here] += own
         size = np.concatenate([self.size_own.ravel(), self.size_shared])
-        log_size = np.linalg.slogdet(self.own)[1].sum() + np.linalg.slogdet(complement)[1] + 2.0 * np.log(size).sum()
+        log_size = (
+            np.linalg.slogdet(self.own)[1].sum()
+            + np.linalg.slogdet(complement)[1]
+            + 2.0 * np.log(size).sum()
+        )
         return covariance / size / size[:, None], float(log_size)
 
 
 def _form_normal_equations(values: Floats, here: _Linearization, prior: _Prior) -> _NormalEquations:
     links = len(prior.of_angles)
     gram = np.array([jacobian.T @ jacobian for jacobian in here.jacobians])
-    pull = np.array([jacobian.T @ residual for jacobian, residual in zip(here.jacobians, here.residuals, strict=True)])
+    pull = np.array(
+        [
+            jacobian.T @ residual
+            for jacobian, residual in zip(here.jacobians, here.residuals, strict=True)
+        ]
+    )
     angles, shared = prior.split(prior.nominal - values)
     precise = prior.of_angles.T @ prior.of_angles
-    own, of_shared = gram[:, :links, :links] + precise, gram[:, links:, links:].sum(axis=0) + np.diag(prior.of_shared**2)
+    own, of_shared = (
+        gram[:, :links, :links] + precise,
+        gram[:, links:, links:].sum(axis=0) + np.diag(prior.of_shared**2),
+    )
     size_own, size_shared = np.sqrt(np.diagonal(own, axis1=1, axis2=2)), np.sqrt(np.diag(of_shared))
     return _NormalEquations(
         own / size_own[:, :, None] / size_own[:, None, :],
@@ -332,12 +395,15 @@ def _form_normal_equations(values: Floats, here: _Linearization, prior: _Prior) 
     )
 
 
-def _descend(problem: _Problem, prior: _Prior, *, is_damped: bool) -> tuple[Floats, _Linearization, bool]:
-    """Values of least squares, from the nominal ones on; residuals, Jacobians and misses there; whether the steps have converged.
+def _descend(
+    problem: _Problem, prior: _Prior, *, is_damped: bool
+) -> tuple[Floats, _Linearization, bool]:
+    """Values of least squares, from the nominal ones on; residuals, Jacobians and misses there;
+    whether the steps have converged.
 
-    Full steps (Gauss-Newton) follow the curved valley of hidden hinges quickly. Where these leave two solutions, full steps may jump
-    between them and end at neither; damped ones (Levenberg-Marquardt) only go down.
-    """
+    Full steps (Gauss-Newton) follow the curved valley of hidden hinges quickly. Where these leave
+    two solutions, full steps may jump between them and end at neither; damped ones
+    (Levenberg-Marquardt) only go down."""
     values, damping, here = prior.nominal.copy(), 0.0, _linearize(prior.nominal, problem)
     equations = _form_normal_equations(values, here, prior)
     for _ in range(DAMPED_STEPS if is_damped else FULL_STEPS):
@@ -346,7 +412,11 @@ def _descend(problem: _Problem, prior: _Prior, *, is_damped: bool) -> tuple[Floa
         if is_damped and _cost(values + step, there, prior) > _cost(values, here, prior):
             damping = max(FIRST_DAMPING, 10.0 * damping)
         else:
-            values, here, damping = values + step, there, 0.1 * damping if damping > FIRST_DAMPING else 0.0
+            values, here, damping = (
+                values + step,
+                there,
+                0.1 * damping if damping > FIRST_DAMPING else 0.0,
+            )
             equations = _form_normal_equations(values, here, prior)
         if np.abs(step).max() < CONVERGED:
             return values, here, True
@@ -354,26 +424,37 @@ def _descend(problem: _Problem, prior: _Prior, *, is_damped: bool) -> tuple[Floa
 
 
 def _cost(values: Floats, here: _Linearization, prior: _Prior) -> float:
-    """Sum of squares, in deviations, of the residuals and of the differences from the nominal values."""
+    """Sum of squares, in deviations, of the residuals and of the differences from the nominal
+    values.
+    """
     angles, shared = prior.split(values - prior.nominal)
     rows = [*here.residuals, (angles @ prior.of_angles.T).ravel(), shared * prior.of_shared]
     return float(sum(row @ row for row in rows))
 
 
 def _mix(solutions: Sequence[_Solution]) -> _Solution:
-    """Mean and covariance over the possible deviations of the offsets, weighted by how well each explains the marks.
+    """Mean and covariance over the possible deviations of the offsets, weighted by how well each
+    explains the marks.
 
-    The evidence prefers small offsets, by up to a factor of ten for each mark. That decides where the marks hardly do, and a leg that is
-    glued to 1 mm is then stated as one glued to 0.1 mm. So each deviation keeps a share, unless the marks exclude it.
-    """
+    The evidence prefers small offsets, by up to a factor of ten for each mark. That decides where
+    the marks hardly do, and a leg that is glued to 1 mm is then stated as one glued to 0.1 mm. So
+    each deviation keeps a share, unless the marks exclude it."""
     logs = np.array([one.log_evidence for one in solutions])
     misfits = np.array([one.squared_misfit for one in solutions])
     weights = np.exp(logs - logs.max())
-    weights = np.maximum(weights / weights.sum(), MIN_WEIGHT * np.exp(-0.5 * (misfits - misfits.min())))
+    weights = np.maximum(
+        weights / weights.sum(), MIN_WEIGHT * np.exp(-0.5 * (misfits - misfits.min()))
+    )
     weights /= weights.sum()
-    values = sum((weight * one.values for weight, one in zip(weights, solutions, strict=True)), np.zeros(1))
-    spread = [one.covariance + np.outer(one.values - values, one.values - values) for one in solutions]
-    covariance = sum((weight * one for weight, one in zip(weights, spread, strict=True)), np.zeros(1))
+    values = sum(
+        (weight * one.values for weight, one in zip(weights, solutions, strict=True)), np.zeros(1)
+    )
+    spread = [
+        one.covariance + np.outer(one.values - values, one.values - values) for one in solutions
+    ]
+    covariance = sum(
+        (weight * one for weight, one in zip(weights, spread, strict=True)), np.zeros(1)
+    )
     return replace(solutions[int(np.argmax(weights))], values=values, covariance=covariance)
 
 
@@ -383,10 +464,16 @@ def _bends(links: int) -> Floats:
 
 
 def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
-    """Give hinges whose mark a photo does not show the median angle of the photos that do: straight ones are between two solutions."""
+    """Give hinges whose mark a photo does not show the median angle of the photos that do:
+    straight ones are between two solutions.
+    """
     bends = _bends(len(problem.lengths_m))
     on_axis = [
-        {i for i, mark in enumerate(problem.plan.marks) if mark.link == link and mark.along_m == mark.across_m == 0.0}
+        {
+            i
+            for i, mark in enumerate(problem.plan.marks)
+            if mark.link == link and mark.along_m == mark.across_m == 0.0
+        }
         for link in range(1, len(bends) + 1)
     ]
     shown = np.array([[marks <= set(seen.planned) for marks in on_axis] for seen in problem.photos])
@@ -403,8 +490,17 @@ def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
 
 def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     links, free, plan = len(problem.lengths_m), problem.free, problem.plan
-    shaft, stretch, offsets = values[free : free + 2], values[free + 2 : free + 2 + links], values[free + 2 + links :]
-    stretched = replace(plan, marks=tuple(replace(mark, along_m=mark.along_m * stretch[mark.link - 1]) for mark in plan.marks))
+    shaft, stretch, offsets = (
+        values[free : free + 2],
+        values[free + 2 : free + 2 + links],
+        values[free + 2 + links :],
+    )
+    stretched = replace(
+        plan,
+        marks=tuple(
+            replace(mark, along_m=mark.along_m * stretch[mark.link - 1]) for mark in plan.marks
+        ),
+    )
     away, foot = abs(float(problem.camera_m[0])), problem.camera_m[1:]
     along, across = _compute_lever_arms(plan, problem.lengths_m)
     poses = values[:free].reshape(-1, links)
@@ -413,7 +509,8 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     for seen, angles, marks in zip(problem.photos, poses, positions, strict=True):
         planned = seen.planned
         there, near = marks[planned], offsets[planned]
-        # A mark nearer to the camera is seen farther from the foot of the camera's normal on the plane.
+        # A mark nearer to the camera is seen farther from the foot of the camera's normal on the
+        # plane.
         wider = (1.0 + near / (away - near))[:, None]
         miss = seen.places_m - foot - (there - foot) * wider
         cos, sin = np.cos(angles), np.sin(angles)
@@ -425,7 +522,9 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
         block[:, 0, links + 2 : 2 * links + 2] = along[planned] * cos
         block[:, 1, links + 2 : 2 * links + 2] = -along[planned] * sin
         block *= wider[:, None]
-        block[np.arange(len(near)), :, 2 * links + 2 + np.array(planned)] = (there - foot) * (away / (away - near) ** 2)[:, None]
+        block[np.arange(len(near)), :, 2 * links + 2 + np.array(planned)] = (there - foot) * (
+            away / (away - near) ** 2
+        )[:, None]
         residuals.append((seen.whitening @ miss[..., None]).ravel())
         jacobians.append((seen.whitening @ block).reshape(2 * len(near), -1))
         misses.append(miss.ravel())
@@ -437,13 +536,17 @@ def _compute_lever_arms(plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floa
     links = np.arange(1, len(lengths_m) + 1)
     own = np.array([[mark.link] for mark in plan.marks]) == links
     along = np.where(
-        np.array([[mark.link] for mark in plan.marks]) > links, lengths_m, own * np.array([[mark.along_m] for mark in plan.marks])
+        np.array([[mark.link] for mark in plan.marks]) > links,
+        lengths_m,
+        own * np.array([[mark.along_m] for mark in plan.marks]),
     )
     return along, own * np.array([[mark.across_m] for mark in plan.marks])
 
 
 def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
-    """Start values of the link angles (links,): each link points from its hinge to the next seen mark outwards."""
+    """Start values of the link angles (links,): each link points from its hinge to the next seen
+    mark outwards.
+    """
     angles: list[float] = []
     hinge = np.zeros(2)
     for link in range(1, len(lengths_m) + 1):
@@ -467,43 +570,72 @@ def _beyond(plan: MarkPlan, index: int, link: int) -> bool:
     return mark.link > link or (mark.link == link and mark.along_m > 0.0)
 
 
-def _keep_determined(angles_rad: Floats, covariance: Floats) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
+def _keep_determined(
+    angles_rad: Floats, covariance: Floats
+) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
     std = np.sqrt(np.diag(covariance))
     determined = std <= MAX_REPORTED_STD_RAD
     shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
-    angles = tuple(float(angle) if ok else None for angle, ok in zip(angles_rad, determined, strict=True))
-    return angles, tuple(float(value) if ok else None for value, ok in zip(std, determined, strict=True)), shown
+    angles = tuple(
+        float(angle) if ok else None for angle, ok in zip(angles_rad, determined, strict=True)
+    )
+    return (
+        angles,
+        tuple(float(value) if ok else None for value, ok in zip(std, determined, strict=True)),
+        shown,
+    )
 
 
 def _photo_angles(problem: _Problem, fit: _Solution, place: int) -> HingeAngles:
     """Angles of one photo; a photo that fits badly gets larger deviations (Birge ratio)."""
     links = len(problem.lengths_m)
     here = slice(links * place, links * (place + 1))
-    angles, covariance, bends = fit.values[here], fit.covariance[here, here] * fit.scale[place], _bends(links)
-    return HingeAngles(*_keep_determined(angles, covariance), *_keep_determined(bends @ angles, bends @ covariance @ bends.T))
+    angles, covariance, bends = (
+        fit.values[here],
+        fit.covariance[here, here] * fit.scale[place],
+        _bends(links),
+    )
+    return HingeAngles(
+        *_keep_determined(angles, covariance),
+        *_keep_determined(bends @ angles, bends @ covariance @ bends.T),
+    )
 
 
 def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Floats:
-    """Smallest and largest angle of each hinge (links, 2) over the photos whose marks determine it; NaN without any."""
+    """Smallest and largest angle of each hinge (links, 2) over the photos whose marks determine
+    it; NaN without any.
+    """
     rows = [
-        [np.nan if sure is None or angle is None else angle for angle, sure in zip(one.hinge_rad, marks.hinge_rad, strict=True)]
+        [
+            np.nan if sure is None or angle is None else angle
+            for angle, sure in zip(one.hinge_rad, marks.hinge_rad, strict=True)
+        ]
         for one, marks in zip(stated, direct, strict=True)
     ]
     angles = np.array(rows, np.float64)
     empty = np.atleast_1d(np.isnan(angles).all(axis=0))
-    low, high = np.where(np.isnan(angles), np.inf, angles).min(axis=0), np.where(np.isnan(angles), -np.inf, angles).max(axis=0)
+    low, high = (
+        np.where(np.isnan(angles), np.inf, angles).min(axis=0),
+        np.where(np.isnan(angles), -np.inf, angles).max(axis=0),
+    )
     return np.where(empty[:, None], np.nan, np.column_stack([low, high]))
 
 
 def _only_certain(angles: HingeAngles, direct: HingeAngles, ranges_rad: Floats) -> HingeAngles:
-    """The angles, without those from lengths whose reflection the other photos of the leg, with `ranges_rad` (links, 2), do not exclude."""
+    """The angles, without those from lengths whose reflection the other photos of the leg, with
+    `ranges_rad` (links, 2), do not exclude.
+    """
     hinges = [k for k, sure in enumerate(direct.hinge_rad) if sure is None]
     links = [k for k, sure in enumerate(direct.link_rad) if sure is None]
     if all(angles.hinge_rad[k] is None for k in hinges):
         return angles
-    # Hinges between two links that the marks do not determine: a reflection turns them the other way.
+    # Hinges between two links that the marks do not determine: a reflection turns them the other
+    # way.
     middles = [k for k in links if k - 1 in links] or hinges
-    values = np.array([np.nan if angles.hinge_rad[k] is None else angles.hinge_rad[k] for k in middles], np.float64)
+    values = np.array(
+        [np.nan if angles.hinge_rad[k] is None else angles.hinge_rad[k] for k in middles],
+        np.float64,
+    )
     low, high = ranges_rad[middles, 0] - NEAR_OTHERS_RAD, ranges_rad[middles, 1] + NEAR_OTHERS_RAD
     is_usual = (low <= values) & (values <= high)
     is_reflection_usual = (low <= -values) & (-values <= high)
@@ -516,21 +648,32 @@ def _only_certain(angles: HingeAngles, direct: HingeAngles, ranges_rad: Floats) 
 
 
 def _without(
-    angles_rad: Sequence[float | None], std_rad: Sequence[float | None], covariance: Floats, gone: Sequence[int]
+    angles_rad: Sequence[float | None],
+    std_rad: Sequence[float | None],
+    covariance: Floats,
+    gone: Sequence[int],
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
     shown = covariance.copy()
     shown[list(gone)] = np.nan
     shown[:, list(gone)] = np.nan
-    kept = [tuple(None if k in gone else value for k, value in enumerate(values)) for values in (angles_rad, std_rad)]
+    kept = [
+        tuple(None if k in gone else value for k, value in enumerate(values))
+        for values in (angles_rad, std_rad)
+    ]
     return kept[0], kept[1], shown
 
 
 def _offsets(problem: _Problem, fit: _Solution) -> tuple[Floats, Floats]:
-    """Offsets (marks,) m from their mean, and standard deviations (marks,); a common offset is one of the camera's calibration."""
+    """Offsets (marks,) m from their mean, and standard deviations (marks,); a common offset is
+    one of the camera's calibration.
+    """
     seen = np.array(sorted({index for photo in problem.photos for index in photo.planned}))
     first = problem.free + 2 + len(problem.lengths_m)
     centring = np.eye(len(seen)) - 1.0 / len(seen)
     covariance = centring @ fit.covariance[np.ix_(first + seen, first + seen)] @ centring.T
-    offsets, std = np.full(len(problem.plan.marks), np.nan), np.full(len(problem.plan.marks), np.nan)
+    offsets, std = (
+        np.full(len(problem.plan.marks), np.nan),
+        np.full(len(problem.plan.marks), np.nan),
+    )
     offsets[seen], std[seen] = centring @ fit.values[first + seen], np.sqrt(np.diag(covariance))
     return offsets, std

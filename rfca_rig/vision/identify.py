@@ -1,7 +1,8 @@
-"""Identifies the marks by the chain: known link lengths, order from the shaft outwards, and the range of the hinges.
+"""Identifies the marks by the chain: known link lengths, order from the shaft outwards, and the
+range of the hinges.
 
-Nothing is guessed: a mark that another, about equally good assignment places elsewhere or not at all is reported and omitted.
-"""
+Nothing is guessed: a mark that another, about equally good assignment places elsewhere or not at
+all is reported and omitted."""
 
 import heapq
 from collections.abc import Iterator, Sequence
@@ -19,9 +20,11 @@ from rfca_rig.vision.marks import Mark, RejectedPatch
 
 Floats = NDArray[np.float64]
 
-# Range of squared distance up to which one mark ties another; two marks with one missing between them have three times as much.
+# Range of squared distance up to which one mark ties another; two marks with one missing between
+# them have three times as much.
 LOOSE_M2 = 3e-4
-# Grid points per hinge, by the number of hinges between two marks. Odd numbers include the straight hinge, coarser grids limit the work.
+# Grid points per hinge, by the number of hinges between two marks. Odd numbers include the straight
+# hinge, coarser grids limit the work.
 POSITIONS_PER_HINGE = {0: 1, 1: 9, 2: 9, 3: 5, 4: 5}
 MOST_HINGES = max(POSITIONS_PER_HINGE)
 
@@ -29,7 +32,8 @@ MOST_HINGES = max(POSITIONS_PER_HINGE)
 MAX_SIGMAS = 4.5
 # Squared misfit up to which a found mark is preferred to a missing one.
 MISSING_COST = 25.0
-# Standard deviation of the logarithm of a diameter: focus and exposure change it, for all marks alike.
+# Standard deviation of the logarithm of a diameter: focus and exposure change it, for all marks
+# alike.
 SIZE_STD = 0.12
 MAX_SIZE_SIGMAS = 3.0
 # Number of earlier marks that each mark is compared with.
@@ -51,7 +55,8 @@ MIN_RUN = 2
 MIN_SEEN = 0.5
 # A red thing this near to where a missing mark may be is reported as misplaced.
 MISPLACED_WITHIN_M = 0.02
-# A red patch without a measured centre may be this far from where the lengths allow the mark: half a mark.
+# A red patch without a measured centre may be this far from where the lengths allow the mark: half
+# a mark.
 REJECTED_WITHIN_M = 0.004
 
 Kind = Literal["missing", "dropped", "misplaced", "extra", "ambiguous", "refused"]
@@ -59,32 +64,48 @@ Kind = Literal["missing", "dropped", "misplaced", "extra", "ambiguous", "refused
 
 @dataclass(frozen=True)
 class ChainBounds:
-    """nearest_m and farthest_m (marks + 1, marks + 1); the first index is the smaller one, 0 is the shaft axis, 1 the first mark."""
+    """nearest_m and farthest_m (marks + 1, marks + 1); the first index is the smaller one, 0 is
+    the shaft axis, 1 the first mark.
+    """
 
     nearest_m: Floats
     farthest_m: Floats
 
     def is_tied(self, a: int, b: int) -> bool:
-        """Whether one of the two marks restricts the other to a small part of the plane, in which chance hardly puts a red thing."""
+        """Whether one of the two marks restricts the other to a small part of the plane, in
+        which chance hardly puts a red thing.
+        """
         return float(self.farthest_m[a, b] ** 2 - self.nearest_m[a, b] ** 2) < LOOSE_M2
 
     def excess_m(self, a: int, b: int, distance_m: float) -> float:
-        """By how much a distance in metres is outside the possible range; negative where it is too small, 0 inside."""
-        return max(0.0, distance_m - float(self.farthest_m[a, b])) + min(0.0, distance_m - float(self.nearest_m[a, b]))
+        """By how much a distance in metres is outside the possible range; negative where it is
+        too small, 0 inside.
+        """
+        return max(0.0, distance_m - float(self.farthest_m[a, b])) + min(
+            0.0, distance_m - float(self.nearest_m[a, b])
+        )
 
 
-def chain_bounds(plan: MarkPlan, link_lengths_m: Sequence[float], hinge_range_rad: float) -> ChainBounds:
+def chain_bounds(
+    plan: MarkPlan, link_lengths_m: Sequence[float], hinge_range_rad: float
+) -> ChainBounds:
     """Bounds for all pairs of marks of a leg whose hinges turn by at most the range either way."""
     points = (PlannedMark(1, 0.0), *plan.marks)
     nearest, farthest = np.zeros((len(points), len(points))), np.zeros((len(points), len(points)))
     for a in range(len(points)):
         for b in range(a + 1, len(points)):
-            nearest[a, b], farthest[a, b] = _pair_m(points[a], points[b], np.asarray(link_lengths_m, np.float64), hinge_range_rad)
+            nearest[a, b], farthest[a, b] = _pair_m(
+                points[a], points[b], np.asarray(link_lengths_m, np.float64), hinge_range_rad
+            )
     return ChainBounds(nearest, farthest)
 
 
-def _pair_m(a: PlannedMark, b: PlannedMark, lengths_m: Floats, hinge_range_rad: float) -> tuple[float, float]:
-    """Smallest and largest distance of two marks over a grid of poses; with many hinges between them the smallest is taken as 0."""
+def _pair_m(
+    a: PlannedMark, b: PlannedMark, lengths_m: Floats, hinge_range_rad: float
+) -> tuple[float, float]:
+    """Smallest and largest distance of two marks over a grid of poses; with many hinges between
+    them the smallest is taken as 0.
+    """
     # A mark on a hinge axis is not moved by the turn of its own hinge.
     on_hinge = b.along_m == 0.0 and b.across_m == 0.0
     hinges = max(0, b.link - a.link - int(on_hinge))
@@ -100,7 +121,9 @@ def _pair_m(a: PlannedMark, b: PlannedMark, lengths_m: Floats, hinge_range_rad: 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Found marks: places_m (n, 2) in the plane, std_m (n,), and log_size (n,), the logarithm of measured over expected diameter."""
+    """Found marks: places_m (n, 2) in the plane, std_m (n,), and log_size (n,), the logarithm of
+    measured over expected diameter.
+    """
 
     places_m: Floats
     std_m: Floats
@@ -122,20 +145,27 @@ class Tolerances:
 
 @dataclass(frozen=True, order=True)
 class MarkAssignment:
-    """For each planned mark the number of a found one, or -1 for missing; the cost is the squared misfit plus that of missing marks."""
+    """For each planned mark the number of a found one, or -1 for missing; the cost is the
+    squared misfit plus that of missing marks.
+    """
 
     cost: float
     chosen: tuple[int, ...]
 
 
 def assignments_within(
-    margin: float, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances, most: int = MAX_STEPS
+    margin: float,
+    candidates: Candidates,
+    bounds: ChainBounds,
+    tolerances: Tolerances,
+    most: int = MAX_STEPS,
 ) -> tuple[tuple[MarkAssignment, ...], bool]:
-    """All assignments that cost at most `margin` more than the cheapest, and whether the search was finished.
+    """All assignments that cost at most `margin` more than the cheapest, and whether the search was
+    finished.
 
-    A best-first search over partial assignments, from the shaft outwards. Costs only grow, so complete assignments are found in the order
-    of their costs. `most` limits the number of extended partial assignments.
-    """
+    A best-first search over partial assignments, from the shaft outwards. Costs only grow, so
+    complete assignments are found in the order of their costs. `most` limits the number of extended
+    partial assignments."""
     planned = len(bounds.nearest_m) - 1
     open_ones = [MarkAssignment(0.0, ())]
     done: list[MarkAssignment] = []
@@ -151,7 +181,9 @@ def assignments_within(
     return tuple(done), False
 
 
-def _extensions(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> Iterator[MarkAssignment]:
+def _extensions(
+    so_far: MarkAssignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances
+) -> Iterator[MarkAssignment]:
     yield MarkAssignment(so_far.cost + MISSING_COST, (*so_far.chosen, -1))
     for found in range(len(candidates.places_m)):
         looks = candidates.size_cost(found)
@@ -162,17 +194,25 @@ def _extensions(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBou
             yield MarkAssignment(so_far.cost + misfit + looks, (*so_far.chosen, found))
 
 
-def _misfit(chosen: tuple[int, ...], found: int, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> float | None:
-    """Squared misfit of a found mark as the next planned one, to the shaft and the last seen marks; None where it is impossible.
+def _misfit(
+    chosen: tuple[int, ...],
+    found: int,
+    candidates: Candidates,
+    bounds: ChainBounds,
+    tolerances: Tolerances,
+) -> float | None:
+    """Squared misfit of a found mark as the next planned one, to the shaft and the last seen marks;
+    None where it is impossible.
 
-    It is twice the negative log likelihood of the distances, above that of a mark without an error of its own: a mark of large deviation,
-    as a reflection has, fits anywhere, and pays for it.
-    """
+    It is twice the negative log likelihood of the distances, above that of a mark without an error
+    of its own: a mark of large deviation, as a reflection has, fits anywhere, and pays for it."""
     here, own_std = candidates.places_m[found], float(candidates.std_m[found])
     index = len(chosen) + 1
     seen = [(i + 1, mark) for i, mark in enumerate(chosen) if mark >= 0][-LOOK_BACK:]
     references = [(0, np.zeros(2), tolerances.shaft_m)]
-    references += [(i, candidates.places_m[mark], float(candidates.std_m[mark])) for i, mark in seen]
+    references += [
+        (i, candidates.places_m[mark], float(candidates.std_m[mark])) for i, mark in seen
+    ]
     total = 0.0
     for other, place, other_std in references:
         excess = bounds.excess_m(other, index, float(np.hypot(*(here - place))))
@@ -186,7 +226,9 @@ def _misfit(chosen: tuple[int, ...], found: int, candidates: Candidates, bounds:
 
 @dataclass(frozen=True)
 class MarkDoubt:
-    """One deviation from the planned marks. `planned` is the mark's index in the plan, None for a mark that is not in it."""
+    """One deviation from the planned marks. `planned` is the mark's index in the plan, None for
+    a mark that is not in it.
+    """
 
     kind: Kind
     planned: int | None
@@ -195,7 +237,9 @@ class MarkDoubt:
 
 @dataclass(frozen=True)
 class IdentifiedMarks:
-    """The found mark for each planned one, None where it is not determined; marks that are not the leg's (`extra`); and all doubts."""
+    """The found mark for each planned one, None where it is not determined; marks that are not
+    the leg's (`extra`); and all doubts.
+    """
 
     marks: tuple[Mark | None, ...]
     extra: tuple[Mark, ...]
@@ -250,24 +294,61 @@ def identify(
         Where plan and link lengths do not belong together.
     """
     if plan.marks[-1].link > len(link_lengths_m):
-        raise BadInput(f"marks: the plan names link {plan.marks[-1].link}, the leg has {len(link_lengths_m)} links")
+        raise BadInput(
+            f"marks: the plan names link {plan.marks[-1].link}, the leg has "
+            f"{len(link_lengths_m)} links"
+        )
     candidates = _candidates(marks, camera, plan)
     bounds = chain_bounds(plan, link_lengths_m, hinge_range_rad)
-    found, finished = assignments_within(MARGIN, candidates, bounds, Tolerances(length_std_m, shaft_std_m))
+    found, finished = assignments_within(
+        MARGIN, candidates, bounds, Tolerances(length_std_m, shaft_std_m)
+    )
     if not finished:
-        return _refuse(marks, plan, f"{len(marks)} red marks can be put together in too many ways; clear the picture of red things")
+        return _refuse(
+            marks,
+            plan,
+            (
+                f"{len(marks)} red marks can be put together in too many ways; clear the "
+                "picture of red things"
+            ),
+        )
     best = found[0]
     seen = sum(mark >= 0 for mark in best.chosen)
     if seen < MIN_SEEN * len(plan.marks):
-        return _refuse(marks, plan, f"only {seen} of {len(plan.marks)} marks fit the chain of known lengths; look at the overlay picture")
+        return _refuse(
+            marks,
+            plan,
+            (
+                f"only {seen} of {len(plan.marks)} marks fit the chain of known lengths; look "
+                "at the overlay picture"
+            ),
+        )
     # Doubtful are planned marks that differ in some other assignment within the margin.
-    doubtful = frozenset(i for other in found for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True)) if a != b)
+    doubtful = frozenset(
+        i
+        for other in found
+        for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True))
+        if a != b
+    )
     # Later entries replace earlier ones, so an ambiguity outranks the other reasons.
-    reasons = dict.fromkeys(_find_odd_sized(best, candidates, marks), "the red mark there differs in size from the others")
-    reasons |= dict.fromkeys(_find_loose(best, doubtful, bounds), "a red mark is there, but too loosely tied to the marks before it")
+    reasons = dict.fromkeys(
+        _find_odd_sized(best, candidates, marks),
+        "the red mark there differs in size from the others",
+    )
+    reasons |= dict.fromkeys(
+        _find_loose(best, doubtful, bounds),
+        "a red mark is there, but too loosely tied to the marks before it",
+    )
     reasons |= dict.fromkeys(doubtful, "two readings of the photo fit about equally well")
     nearly = _describe_near_misses(best, candidates, bounds, plan)
-    return _report(marks, best, reasons, plan, nearly, _describe_rejected(best, candidates, bounds, rejected, camera))
+    return _report(
+        marks,
+        best,
+        reasons,
+        plan,
+        nearly,
+        _describe_rejected(best, candidates, bounds, rejected, camera),
+    )
 
 
 def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> Candidates:
@@ -278,16 +359,22 @@ def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> C
     # Metres per pixel: the root of the area that a pixel covers in the plane.
     scale = np.sqrt(np.abs(np.linalg.det(camera.on_plane_jacobian(px))))
     std = scale * np.array([float(mark.std_px.max()) for mark in marks])
-    log_size = np.log([mark.diameter_px for mark in marks] / camera.disc_diameter_px(places, plan.diameter_m))
+    log_size = np.log(
+        [mark.diameter_px for mark in marks] / camera.disc_diameter_px(places, plan.diameter_m)
+    )
     return Candidates(places, std, log_size)
 
 
 def _refuse(marks: Sequence[Mark], plan: MarkPlan, words: str) -> IdentifiedMarks:
-    return IdentifiedMarks((None,) * len(plan.marks), tuple(marks), (MarkDoubt("refused", None, words),))
+    return IdentifiedMarks(
+        (None,) * len(plan.marks), tuple(marks), (MarkDoubt("refused", None, words),)
+    )
 
 
 def _find_loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBounds) -> list[int]:
-    """Marks of runs that no known length ties to the shaft, unless a run is too long to occur by chance."""
+    """Marks of runs that no known length ties to the shaft, unless a run is too long to occur by
+    chance.
+    """
     # Index -1 is the shaft axis; the bounds count from it, hence + 1 below.
     identified_ones = [i for i, found in enumerate(best.chosen) if found >= 0 and i not in doubtful]
     runs: list[list[int]] = [[-1]]
@@ -297,11 +384,19 @@ def _find_loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBou
     return [i for run in runs[1:] if len(run) < MIN_RUN for i in run]
 
 
-def _find_odd_sized(best: MarkAssignment, candidates: Candidates, marks: Sequence[Mark]) -> list[int]:
-    """Whole marks that differ in size from the leg's others: focus and exposure change the size of all marks alike."""
+def _find_odd_sized(
+    best: MarkAssignment, candidates: Candidates, marks: Sequence[Mark]
+) -> list[int]:
+    """Whole marks that differ in size from the leg's others: focus and exposure change the size
+    of all marks alike.
+    """
     seen = [(i, found) for i, found in enumerate(best.chosen) if found >= 0]
     usual = float(np.median([candidates.log_size[found] for _, found in seen]))
-    return [i for i, found in seen if marks[found].whole and abs(candidates.log_size[found] - usual) > MAX_SIZE_DEVIATION]
+    return [
+        i
+        for i, found in seen
+        if marks[found].whole and abs(candidates.log_size[found] - usual) > MAX_SIZE_DEVIATION
+    ]
 
 
 def _report(
@@ -312,26 +407,50 @@ def _report(
     nearly: dict[int, str],
     dropped: dict[int, str],
 ) -> IdentifiedMarks:
-    chosen = tuple(marks[found] if found >= 0 and i not in reasons else None for i, found in enumerate(best.chosen))
-    doubts = [MarkDoubt("ambiguous", i, f"{plan.name(i)}: {words}") for i, words in sorted(reasons.items())]
+    chosen = tuple(
+        marks[found] if found >= 0 and i not in reasons else None
+        for i, found in enumerate(best.chosen)
+    )
+    doubts = [
+        MarkDoubt("ambiguous", i, f"{plan.name(i)}: {words}")
+        for i, words in sorted(reasons.items())
+    ]
     for i, found in enumerate(best.chosen):
         if found < 0 and i not in reasons:
             kind: Kind = "dropped" if i in dropped else "misplaced" if i in nearly else "missing"
-            doubts.append(MarkDoubt(kind, i, f"{plan.name(i)}: {dropped.get(i) or nearly.get(i) or 'not seen'}"))
+            doubts.append(
+                MarkDoubt(
+                    kind, i, f"{plan.name(i)}: {dropped.get(i) or nearly.get(i) or 'not seen'}"
+                )
+            )
     extra = tuple(mark for number, mark in enumerate(marks) if number not in best.chosen)
-    doubts += [MarkDoubt("extra", None, f"red mark at ({mark.px[0]:.0f}, {mark.px[1]:.0f}) px is none of the leg's") for mark in extra]
+    doubts += [
+        MarkDoubt(
+            "extra",
+            None,
+            f"red mark at ({mark.px[0]:.0f}, {mark.px[1]:.0f}) px is none of the leg's",
+        )
+        for mark in extra
+    ]
     return IdentifiedMarks(chosen, extra, tuple(doubts))
 
 
-def _describe_near_misses(best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan) -> dict[int, str]:
-    """For missing marks, the distance of the nearest unused red mark from the places that the neighbour allows, in words."""
+def _describe_near_misses(
+    best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan
+) -> dict[int, str]:
+    """For missing marks, the distance of the nearest unused red mark from the places that the
+    neighbour allows, in words.
+    """
     unused = [n for n in range(len(candidates.places_m)) if n not in best.chosen]
     reports = {}
     for i in (i for i, found in enumerate(best.chosen) if found < 0):
         before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
         start = np.zeros(2) if before is None else candidates.places_m[best.chosen[before]]
         pair = (0 if before is None else before + 1, i + 1)
-        misses = [bounds.excess_m(*pair, float(np.linalg.norm(candidates.places_m[n] - start))) for n in unused]
+        misses = [
+            bounds.excess_m(*pair, float(np.linalg.norm(candidates.places_m[n] - start)))
+            for n in unused
+        ]
         if misses and min(map(abs, misses)) < MISPLACED_WITHIN_M:
             miss = min(misses, key=abs)
             origin = "the shaft axis" if before is None else f"the {plan.name(before)}"
@@ -346,18 +465,42 @@ def _describe_near_misses(best: MarkAssignment, candidates: Candidates, bounds: 
 
 
 def _describe_rejected(
-    best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, rejected: Sequence[RejectedPatch], camera: CameraModel
+    best: MarkAssignment,
+    candidates: Candidates,
+    bounds: ChainBounds,
+    rejected: Sequence[RejectedPatch],
+    camera: CameraModel,
 ) -> dict[int, str]:
-    """For missing marks, why the red patch at a place that both neighbours allow was not measured, in words."""
-    places = camera.on_plane(np.array([patch.px for patch in rejected])) if rejected else np.zeros((0, 2))
+    """For missing marks, why the red patch at a place that both neighbours allow was not
+    measured, in words.
+    """
+    places = (
+        camera.on_plane(np.array([patch.px for patch in rejected]))
+        if rejected
+        else np.zeros((0, 2))
+    )
     reports = {}
     for i in (i for i, found in enumerate(best.chosen) if found < 0):
         before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
-        after = min((j for j in range(i + 1, len(best.chosen)) if best.chosen[j] >= 0), default=None)
-        ties = [(0, np.zeros(2))] if before is None else [(before + 1, candidates.places_m[best.chosen[before]])]
+        after = min(
+            (j for j in range(i + 1, len(best.chosen)) if best.chosen[j] >= 0), default=None
+        )
+        ties = (
+            [(0, np.zeros(2))]
+            if before is None
+            else [(before + 1, candidates.places_m[best.chosen[before]])]
+        )
         ties += [] if after is None else [(after + 1, candidates.places_m[best.chosen[after]])]
         for patch, place in zip(rejected, places, strict=True):
-            off = [bounds.excess_m(min(other, i + 1), max(other, i + 1), float(np.linalg.norm(place - there))) for other, there in ties]
+            off = [
+                bounds.excess_m(
+                    min(other, i + 1), max(other, i + 1), float(np.linalg.norm(place - there))
+                )
+                for other, there in ties
+            ]
             if max(map(abs, off)) < REJECTED_WITHIN_M:
-                reports[i] = f"found at ({patch.px[0]:.0f}, {patch.px[1]:.0f}) px, but not used: {patch.reason}"
+                reports[i] = (
+                    f"found at ({patch.px[0]:.0f}, {patch.px[1]:.0f}) px, but not used: "
+                    f"{patch.reason}"
+                )
     return reports

@@ -14,7 +14,9 @@ DIAMETER_M = 0.008
 
 @dataclass(frozen=True)
 class PlannedMark:
-    """A mark on a link (1 is at the shaft): distance along the link from its hinge, and across it, positive towards growing angles."""
+    """A mark on a link (1 is at the shaft): distance along the link from its hinge, and across
+    it, positive towards growing angles.
+    """
 
     link: int
     along_m: float
@@ -37,10 +39,14 @@ class MarkPlan:
             raise BadInput("marks: list the marks in their order from the shaft outwards")
 
     @classmethod
-    def at_hinges(cls, link_lengths_m: Sequence[float], diameter_m: float = DIAMETER_M) -> "MarkPlan":
+    def at_hinges(
+        cls, link_lengths_m: Sequence[float], diameter_m: float = DIAMETER_M
+    ) -> "MarkPlan":
         """A mark on the shaft axis, one on every hinge axis, one at the tip: joints + 1 in all."""
         hinges = [PlannedMark(link, 0.0) for link in range(1, len(link_lengths_m) + 1)]
-        return cls((*hinges, PlannedMark(len(link_lengths_m), float(link_lengths_m[-1]))), diameter_m)
+        return cls(
+            (*hinges, PlannedMark(len(link_lengths_m), float(link_lengths_m[-1]))), diameter_m
+        )
 
     def name(self, index: int) -> str:
         """Readable name of the mark."""
@@ -74,14 +80,21 @@ def mark_positions(link_angles_rad: ArrayLike, link_lengths_m: ArrayLike, plan: 
     BadInput
         Where the plan names a link that the leg does not have.
     """
-    angles, lengths = np.asarray(link_angles_rad, dtype=np.float64), np.asarray(link_lengths_m, dtype=np.float64)
+    angles, lengths = (
+        np.asarray(link_angles_rad, dtype=np.float64),
+        np.asarray(link_lengths_m, dtype=np.float64),
+    )
     links = np.array([mark.link for mark in plan.marks]) - 1
     if links.max() >= lengths.shape[-1]:
-        raise BadInput(f"marks: the plan names link {links.max() + 1}, the leg has {lengths.shape[-1]} links")
+        raise BadInput(
+            f"marks: the plan names link {links.max() + 1}, the leg has {lengths.shape[-1]} links"
+        )
     outwards = np.stack([np.cos(angles), -np.sin(angles)], axis=-1)
     sideways = np.stack([-np.sin(angles), -np.cos(angles)], axis=-1)
     ends = np.cumsum(outwards * lengths[..., None], axis=-2)
     hinges = np.concatenate([np.zeros_like(ends[..., :1, :]), ends[..., :-1, :]], axis=-2)
     along = np.array([[mark.along_m] for mark in plan.marks])
     across = np.array([[mark.across_m] for mark in plan.marks])
-    return np.asarray(hinges[..., links, :] + along * outwards[..., links, :] + across * sideways[..., links, :])
+    return np.asarray(
+        hinges[..., links, :] + along * outwards[..., links, :] + across * sideways[..., links, :]
+    )

@@ -26,12 +26,16 @@ WIDTH_OF_PLAIN_PEN_PX = 1200.0
 
 
 def draw_overlay(
-    photo: Pixels, identified: IdentifiedMarks, camera: CameraModel, plan: MarkPlan, angles: HingeAngles | None = None
+    photo: Pixels,
+    identified: IdentifiedMarks,
+    camera: CameraModel,
+    plan: MarkPlan,
+    angles: HingeAngles | None = None,
 ) -> Pixels:
     """A copy of the photo (height, width, 3) with the reading drawn over it.
 
-    Green rings are identified marks, yellow ones are partly hidden; purple crosses do not belong to the leg. Every doubt is in words.
-    """
+    Green rings are identified marks, yellow ones are partly hidden; purple crosses do not belong to
+    the leg. Every doubt is in words."""
     picture = np.ascontiguousarray(photo).copy()
     pen = max(1.0, photo.shape[1] / WIDTH_OF_PLAIN_PEN_PX)
     _axis(picture, camera, pen)
@@ -41,36 +45,79 @@ def draw_overlay(
             _ring(picture, mark, plan.name(index).replace("mark at ", "").replace(" mark", ""), pen)
     for mark in identified.extra:
         _cross(picture, mark, pen)
-    _lines(picture, _angle_words(angles) + [f"{doubt.kind}: {doubt.words}" for doubt in identified.doubts if doubt.kind != "extra"], pen)
+    _lines(
+        picture,
+        _angle_words(angles)
+        + [f"{doubt.kind}: {doubt.words}" for doubt in identified.doubts if doubt.kind != "extra"],
+        pen,
+    )
     return picture
 
 
 def _axis(picture: Pixels, camera: CameraModel, pen: float) -> None:
     """Draw the shaft axis of the calibration, and the direction of +y."""
     start, end = camera.project(np.array([[0.0, 0.0], [0.02, 0.0]]))
-    cv2.arrowedLine(picture, _whole(start), _whole(end), TEXT, round(pen), cv2.LINE_AA, tipLength=0.2)
+    cv2.arrowedLine(
+        picture, _whole(start), _whole(end), TEXT, round(pen), cv2.LINE_AA, tipLength=0.2
+    )
 
 
 def _chain(picture: Pixels, identified: IdentifiedMarks, pen: float) -> None:
     for before, after in zip(identified.marks, identified.marks[1:], strict=False):
         if before is not None and after is not None:
-            cv2.line(picture, _fine(before.px), _fine(after.px), WHOLE, round(pen), cv2.LINE_AA, FINE_BITS)
+            cv2.line(
+                picture,
+                _fine(before.px),
+                _fine(after.px),
+                WHOLE,
+                round(pen),
+                cv2.LINE_AA,
+                FINE_BITS,
+            )
 
 
 def _ring(picture: Pixels, mark: Mark, label: str, pen: float) -> None:
     colour: Colour = WHOLE if mark.whole else PARTLY
-    cv2.circle(picture, _fine(mark.px), round(mark.diameter_px / 2 * 2**FINE_BITS), colour, round(pen), cv2.LINE_AA, FINE_BITS)
+    cv2.circle(
+        picture,
+        _fine(mark.px),
+        round(mark.diameter_px / 2 * 2**FINE_BITS),
+        colour,
+        round(pen),
+        cv2.LINE_AA,
+        FINE_BITS,
+    )
     arm = mark.diameter_px / 8
     for way in (np.array([arm, 0.0]), np.array([0.0, arm])):
-        cv2.line(picture, _fine(mark.px - way), _fine(mark.px + way), colour, round(pen), cv2.LINE_AA, FINE_BITS)
-    words = label if mark.whole else f"{label} ({mark.roundness:.0%} seen, +-{mark.std_px.max():.2f} px)"
+        cv2.line(
+            picture,
+            _fine(mark.px - way),
+            _fine(mark.px + way),
+            colour,
+            round(pen),
+            cv2.LINE_AA,
+            FINE_BITS,
+        )
+    words = (
+        label
+        if mark.whole
+        else f"{label} ({mark.roundness:.0%} seen, +-{mark.std_px.max():.2f} px)"
+    )
     _write(picture, words, mark.px + np.array([0.8, -0.5]) * mark.diameter_px, colour, pen)
 
 
 def _cross(picture: Pixels, mark: Mark, pen: float) -> None:
     arm = 0.7 * mark.diameter_px
     for way in (np.array([arm, arm]), np.array([arm, -arm])):
-        cv2.line(picture, _fine(mark.px - way), _fine(mark.px + way), EXTRA, round(pen), cv2.LINE_AA, FINE_BITS)
+        cv2.line(
+            picture,
+            _fine(mark.px - way),
+            _fine(mark.px + way),
+            EXTRA,
+            round(pen),
+            cv2.LINE_AA,
+            FINE_BITS,
+        )
     _write(picture, "not the leg's", mark.px + np.array([0.9, 0.2]) * mark.diameter_px, EXTRA, pen)
 
 
@@ -84,7 +131,11 @@ def _angle_words(angles: HingeAngles | None) -> list[str]:
 
 def _one_angle(number: int, angle: float | None, std: float | None) -> str:
     name = "shaft" if number == 1 else f"hinge {number}"
-    return f"{name} ?" if angle is None or std is None else f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"
+    return (
+        f"{name} ?"
+        if angle is None or std is None
+        else f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"
+    )
 
 
 def _lines(picture: Pixels, lines: Sequence[str], pen: float) -> None:
@@ -93,7 +144,16 @@ def _lines(picture: Pixels, lines: Sequence[str], pen: float) -> None:
 
 
 def _write(picture: Pixels, words: str, at_px: Floats, colour: Colour, pen: float) -> None:
-    cv2.putText(picture, words, _whole(at_px), cv2.FONT_HERSHEY_SIMPLEX, 0.42 * pen, colour, round(pen), cv2.LINE_AA)
+    cv2.putText(
+        picture,
+        words,
+        _whole(at_px),
+        cv2.FONT_HERSHEY_SIMPLEX,
+        0.42 * pen,
+        colour,
+        round(pen),
+        cv2.LINE_AA,
+    )
 
 
 def _whole(px: Floats) -> tuple[int, int]:
@@ -106,7 +166,9 @@ def _fine(px: Floats) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class PhotoSetup:
-    """Everything that reading a photo needs: the calibrated camera, the positions of the marks on the leg, the link lengths (n,)."""
+    """Everything that reading a photo needs: the calibrated camera, the positions of the marks
+    on the leg, the link lengths (n,).
+    """
 
     camera: CameraModel
     plan: MarkPlan
@@ -130,10 +192,16 @@ def read_marks(image: Pixels, eye: PhotoSetup) -> IdentifiedMarks:
     size_px = (image.shape[1], image.shape[0])
     if size_px != eye.camera.image_size_px:
         width, height = eye.camera.image_size_px
-        raise BadInput(f"a photo of {size_px[0]} x {size_px[1]} pixels, the camera was calibrated with {width} x {height}")
-    # Expected size: marks of a leg that hangs straight down, about the middle of its range of motion.
+        raise BadInput(
+            f"a photo of {size_px[0]} x {size_px[1]} pixels, the camera was calibrated "
+            f"with {width} x {height}"
+        )
+    # Expected size: marks of a leg that hangs straight down, about the middle of its range of
+    # motion.
     down = np.full(len(eye.link_lengths_m), 0.5 * np.pi)
-    diameters_px = eye.camera.disc_diameter_px(mark_positions(down, eye.link_lengths_m, eye.plan), eye.plan.diameter_m)
+    diameters_px = eye.camera.disc_diameter_px(
+        mark_positions(down, eye.link_lengths_m, eye.plan), eye.plan.diameter_m
+    )
     marks, rejected = find_marks_and_rejected(image, float(np.median(diameters_px)))
     return identify(marks, eye.camera, eye.plan, eye.link_lengths_m, rejected=rejected)
 
@@ -142,4 +210,6 @@ def read_leg_photo(image: Pixels, eye: PhotoSetup) -> LegPhoto:
     """Read a photo (rows, columns, 3) uint8 by itself. Raises BadInput as `read_marks` does."""
     identified = read_marks(image, eye)
     angles = hinge_angles(identified, eye.camera, eye.plan, eye.link_lengths_m)
-    return LegPhoto(identified, angles, draw_overlay(image, identified, eye.camera, eye.plan, angles))
+    return LegPhoto(
+        identified, angles, draw_overlay(image, identified, eye.camera, eye.plan, angles)
+    )

@@ -1,8 +1,9 @@
-"""Detects red round marks on black in the redness of a picture, with an accuracy of a small part of a pixel.
+"""Detects red round marks on black in the redness of a picture, with an accuracy of a small part of
+a pixel.
 
-Every mark is measured twice: first alone, then with the shape that the whole marks of the photo share. The shared shape gives partly
-hidden marks a correct centre. Pixel (0, 0) is the centre of the first pixel.
-"""
+Every mark is measured twice: first alone, then with the shape that the whole marks of the photo
+share. The shared shape gives partly hidden marks a correct centre. Pixel (0, 0) is the centre of
+the first pixel."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -41,17 +42,21 @@ Floats = NDArray[np.float64]
 # Diameter of a mark in the picture that is searched for patches; larger pictures are reduced first.
 SEARCH_DIAMETER_PX = 14.0
 MIN_COUNTS = 8.0
-# Shares of the brightest red thing's redness at which patches are searched: marks in shadow have a tenth of it, a cable may have more.
+# Shares of the brightest red thing's redness at which patches are searched: marks in shadow have a
+# tenth of it, a cable may have more.
 SHARES = (0.5, 0.2, 0.08)
 BRIGHTEST_PERCENTILE = 99.97
-# Widths of the cuts that are closed, in diameters: a glint may cut a mark in two, but a cable beside a mark must not join it.
+# Widths of the cuts that are closed, in diameters: a glint may cut a mark in two, but a cable
+# beside a mark must not join it.
 GAP_SHARES = (0.2, 0.35)
 # Patches nearer to each other than this share of a diameter are one mark.
 SAME_SHARE = 0.25
 RED_PEAK_PERCENTILE = 97.0
 # Counts in proportion to the light, for the counts 0 to 255 of the sRGB curve (IEC 61966-2-1).
 _CODED = np.arange(256) / 255.0
-LIGHT_OF_COUNTS = (255.0 * np.where(_CODED <= 0.04045, _CODED / 12.92, ((_CODED + 0.055) / 1.055) ** 2.4)).astype(np.float32)
+LIGHT_OF_COUNTS = (
+    255.0 * np.where(_CODED <= 0.04045, _CODED / 12.92, ((_CODED + 0.055) / 1.055) ** 2.4)
+).astype(np.float32)
 # Whiteness up to which surroundings count as black, as a share of the mark's redness.
 DARK_SHARE = 0.5
 # Limits of a patch's sides, in diameters.
@@ -67,22 +72,27 @@ class Patch:
 
 
 def redness(image_bgr: Pixels | NDArray[np.float32]) -> NDArray[np.float32]:
-    """Red minus the larger of green and blue, in counts (height, width). White glints and grey things have none."""
+    """Red minus the larger of green and blue, in counts (height, width). White glints and grey
+    things have none.
+    """
     blue, green, red = cv2.split(image_bgr)
     return np.asarray(cv2.subtract(red, cv2.max(green, blue), dtype=cv2.CV_32F), np.float32)
 
 
 def whiteness(image_bgr: Pixels) -> NDArray[np.float32]:
-    """The smaller of green and blue, in counts (height, width): glints have it, red things do not."""
+    """The smaller of green and blue, in counts (height, width): glints have it, red things do
+    not.
+    """
     return np.asarray(cv2.min(image_bgr[..., 0], image_bgr[..., 1]), np.float32)
 
 
 def is_on_black(image_bgr: Pixels) -> bool:
-    """Whether a cutout (height, width, 3) shows a red thing on black: then its rim is searched in the red channel alone.
+    """Whether a cutout (height, width, 3) shows a red thing on black: then its rim is searched in
+    the red channel alone.
 
-    It has less noise than a difference of channels, and JPEG, which stores colours at half the resolution, keeps most of its sharpness. In
-    front of something light the red channel has no rim, and redness is used.
-    """
+    It has less noise than a difference of channels, and JPEG, which stores colours at half the
+    resolution, keeps most of its sharpness. In front of something light the red channel has no rim,
+    and redness is used."""
     peak = float(np.percentile(redness(image_bgr), RED_PEAK_PERCENTILE))
     return float(np.median(whiteness(image_bgr))) < DARK_SHARE * peak
 
@@ -90,42 +100,63 @@ def is_on_black(image_bgr: Pixels) -> bool:
 def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, ...]:
     """Connected red patches of about a mark's size in a photo (height, width, 3), in picture order.
 
-    Patches are searched at several thresholds, relative to the reddest part of the photo. Shadows make marks darker than others, and a
-    mark and a cable beside it are separate at some thresholds only.
-    """
+    Patches are searched at several thresholds, relative to the reddest part of the photo. Shadows
+    make marks darker than others, and a mark and a cable beside it are separate at some thresholds
+    only."""
     shrink = max(1, int(expected_diameter_px / SEARCH_DIAMETER_PX))
     small = _shrink(image_bgr, shrink)
     diameter = expected_diameter_px / shrink
-    red = np.asarray(cv2.GaussianBlur(redness(small), (0, 0), max(0.6, diameter / 14.0)), np.float32)
+    red = np.asarray(
+        cv2.GaussianBlur(redness(small), (0, 0), max(0.6, diameter / 14.0)), np.float32
+    )
     brightest = float(np.percentile(red, BRIGHTEST_PERCENTILE))
     thresholds = sorted({max(MIN_COUNTS, share * brightest) for share in SHARES}, reverse=True)
     sizes = [max(3, round(gap * diameter) | 1) for gap in GAP_SHARES]
-    # Only the part of the photo with red things, and room to close gaps at its edges: components cost as much for black pixels.
+    # Only the part of the photo with red things, and room to close gaps at its edges: components
+    # cost as much for black pixels.
     corner, part = _crop_to_red(red, thresholds[-1], max(sizes))
     patches: list[Patch] = []
     for threshold in thresholds:
         found = (part > threshold).astype(np.uint8)
         for size in sizes:
-            closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
-            _, _, boxes, middles = cv2.connectedComponentsWithStats(np.asarray(closed, np.uint8), connectivity=8)
+            closed = cv2.morphologyEx(
+                found, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+            )
+            _, _, boxes, middles = cv2.connectedComponentsWithStats(
+                np.asarray(closed, np.uint8), connectivity=8
+            )
             # Component 0 is the background.
-            own = (_patch(box, middle + corner, shrink) for box, middle in zip(boxes[1:], middles[1:], strict=True))
+            own = (
+                _patch(box, middle + corner, shrink)
+                for box, middle in zip(boxes[1:], middles[1:], strict=True)
+            )
             patches += [patch for patch in own if _has_size_of_mark(patch, expected_diameter_px)]
     return _without_repeats(patches, expected_diameter_px)
 
 
-def _crop_to_red(red: NDArray[np.float32], threshold: float, room: int) -> tuple[Floats, NDArray[np.float32]]:
-    """First place (x, y) and the part of a picture (height, width) with all that is above the threshold and `room` pixels around."""
+def _crop_to_red(
+    red: NDArray[np.float32], threshold: float, room: int
+) -> tuple[Floats, NDArray[np.float32]]:
+    """First place (x, y) and the part of a picture (height, width) with all that is above the
+    threshold and `room` pixels around.
+    """
     x, y, width, height = cv2.boundingRect((red > threshold).astype(np.uint8))
     left, top = max(0, x - room), max(0, y - room)
     return np.array([left, top], np.float64), red[top : y + height + room, left : x + width + room]
 
 
 def _without_repeats(patches: list[Patch], diameter_px: float) -> tuple[Patch, ...]:
-    """Of patches at nearly the same place, the one whose size is nearest to a mark's, from top to bottom."""
+    """Of patches at nearly the same place, the one whose size is nearest to a mark's, from top
+    to bottom.
+    """
     unique: list[Patch] = []
-    for patch in sorted(patches, key=lambda patch: sum(abs(np.log(side / diameter_px)) for side in patch.sides_px)):
-        if all(np.hypot(*np.subtract(patch.middle_px, other.middle_px)) > SAME_SHARE * diameter_px for other in unique):
+    for patch in sorted(
+        patches, key=lambda patch: sum(abs(np.log(side / diameter_px)) for side in patch.sides_px)
+    ):
+        if all(
+            np.hypot(*np.subtract(patch.middle_px, other.middle_px)) > SAME_SHARE * diameter_px
+            for other in unique
+        ):
             unique.append(patch)
     return tuple(sorted(unique, key=lambda patch: patch.middle_px[::-1]))
 
@@ -135,13 +166,18 @@ def _shrink(image_bgr: Pixels, shrink: int) -> Pixels:
         return image_bgr
     height, width = image_bgr.shape[:2]
     whole = image_bgr[: height - height % shrink, : width - width % shrink]
-    return np.asarray(cv2.resize(whole, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(
+        cv2.resize(whole, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA),
+        np.uint8,
+    )
 
 
 def _patch(box: NDArray[np.int32], middle: Floats, shrink: int) -> Patch:
     # The centre of a small pixel is the centre of the large ones that it stands for.
     x, y = (float(value) * shrink + (shrink - 1) / 2 for value in middle)
-    return Patch((x, y), (float(box[cv2.CC_STAT_WIDTH] * shrink), float(box[cv2.CC_STAT_HEIGHT] * shrink)))
+    return Patch(
+        (x, y), (float(box[cv2.CC_STAT_WIDTH] * shrink), float(box[cv2.CC_STAT_HEIGHT] * shrink))
+    )
 
 
 def _has_size_of_mark(patch: Patch, diameter_px: float) -> bool:
@@ -155,41 +191,49 @@ def _has_size_of_mark(patch: Patch, diameter_px: float) -> bool:
 
 MIN_ROUNDNESS = 0.4
 WHOLE = 0.9
-# Largest share of rays that stay red beyond the rim: a disc that touches another red thing may be either of the two.
+# Largest share of rays that stay red beyond the rim: a disc that touches another red thing may be
+# either of the two.
 MAX_SPILL = 0.08
 MIN_CONTRAST_COUNTS = 10.0
 # Range of a mark's radius around the expected one, as a share.
 SIZE_SPREAD = 0.4
 # A rim this close to the border of the photo is that of the photo.
 BORDER_PX = 2.0
-# Error that remains however sharp the photo is: pixels, and the blocks of JPEG, in which whole rims err together.
+# Error that remains however sharp the photo is: pixels, and the blocks of JPEG, in which whole rims
+# err together.
 PIXEL_FLOOR_PX = 0.02
 # Smoothing of the whiteness, in diameters: glints are wider than noise.
 WHITE_SMOOTHING = 0.06
 # Standard deviations of the noise from which something is a glint.
 GLARE_SIGMAS = 5.0
-# Share of the rim from which glare is left out, and factors of the limit up to which it is used where less is left.
+# Share of the rim from which glare is left out, and factors of the limit up to which it is used
+# where less is left.
 ENOUGH_RIM, MORE_GLARE = 0.7, (2.0, 4.0, np.inf)
-# Error of the centre over the amplitude of the rim's slow deviations: 1.6 to 2.5 in ray-traced photos of six kinds of light and focus.
+# Error of the centre over the amplitude of the rim's slow deviations: 1.6 to 2.5 in ray-traced
+# photos of six kinds of light and focus.
 WAVE_ERROR = 1.7
 # Error of the centre of a mark whose whole rim is beside glare, in radii.
 GLARE_ERROR = 0.02
-# Error of the centre of a half hidden mark, in radii: the rim near a cover's edge is shifted along with it.
+# Error of the centre of a half hidden mark, in radii: the rim near a cover's edge is shifted along
+# with it.
 COVER_ERROR = 0.012
-# Error of the centre over its spread between ASSUMPTIONS. On 36 ray-traced legs, 26 of them with rods, 0, 0.5, 1, 1.25 and 1.5 leave 0.85,
-# 0.27, 0.06, 0 and 0 % of the coordinates off by more than 3 deviations; their median deviation is 0.10, 0.11, 0.13, 0.14 and 0.15 px.
+# Error of the centre over its spread between ASSUMPTIONS. On 36 ray-traced legs, 26 of them with
+# rods, 0, 0.5, 1, 1.25 and 1.5 leave 0.85, 0.27, 0.06, 0 and 0 % of the coordinates off by more
+# than 3 deviations; their median deviation is 0.10, 0.11, 0.13, 0.14 and 0.15 px.
 SPREAD_ERROR = 1.25
-# Largest spread between ASSUMPTIONS, in radii: beyond, it is no measure of the error any more. The largest of 1,728 tuned marks has 0.083.
+# Largest spread between ASSUMPTIONS, in radii: beyond, it is no measure of the error any more. The
+# largest of 1,728 tuned marks has 0.083.
 MAX_SPREAD = 0.1
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A red disc: centre `px` (2,) with standard deviations `std_px` (2,) along x and y, diameter, roundness, contrast.
+    """A red disc: centre `px` (2,) with standard deviations `std_px` (2,) along x and y, diameter,
+    roundness, contrast.
 
-    Roundness is the share of the rim that is seen and round: 1 for a whole mark, 0.5 for one half hidden.
-    Contrast is the difference in redness between the mark and its surroundings, in counts of the picture.
-    """
+    Roundness is the share of the rim that is seen and round: 1 for a whole mark, 0.5 for one half
+    hidden. Contrast is the difference in redness between the mark and its surroundings, in counts
+    of the picture."""
 
     px: Floats
     std_px: Floats
@@ -205,7 +249,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class RejectedPatch:
-    """A red patch at `px` (2,) that was found and not measured as a mark, and the reason in words."""
+    """A red patch at `px` (2,) that was found and not measured as a mark, and the reason in
+    words.
+    """
 
     px: Floats
     reason: str
@@ -215,16 +261,17 @@ class RejectedPatch:
 class _Assumption:
     """What a rim's place depends on and no photo tells.
 
-    `linear`: counts are made proportional to light, as if the camera had the sRGB curve; otherwise they count as they are. `local`: the
-    level inside is that of each part of the rim, otherwise a plane through the disc. `share`: the rim's level between outside and inside.
-    """
+    `linear`: counts are made proportional to light, as if the camera had the sRGB curve; otherwise
+    they count as they are. `local`: the level inside is that of each part of the rim, otherwise a
+    plane through the disc. `share`: the rim's level between outside and inside."""
 
     linear: bool
     local: bool
     share: float
 
 
-# The centre of an undisturbed disc is the same under all of them. The first one gives the shape and what is seen of the rim.
+# The centre of an undisturbed disc is the same under all of them. The first one gives the shape and
+# what is seen of the rim.
 ASSUMPTIONS = (
     _Assumption(linear=False, local=False, share=0.5),
     _Assumption(linear=False, local=True, share=0.5),
@@ -237,7 +284,9 @@ ASSUMPTIONS = (
 
 @dataclass(frozen=True)
 class _Rim:
-    """Rim points px (n, 2), the number of rays that looked for them, and the share of the points that are beside a glare."""
+    """Rim points px (n, 2), the number of rays that looked for them, and the share of the points
+    that are beside a glare.
+    """
 
     px: Floats
     rays: int
@@ -246,11 +295,11 @@ class _Rim:
 
 @dataclass(frozen=True)
 class _Cutout:
-    """Smoothed pictures (h, w) around a patch: the one in which rims are searched, as it is and linear in light, redness and whiteness.
+    """Smoothed pictures (h, w) around a patch: the one in which rims are searched, as it is and
+    linear in light, redness and whiteness.
 
-    `corner_px` (2,) is the position of the first pixel in the photo. `inside_px` (2, 2) are the first and last position (x, y) of the
-    cutout that are well inside the photo.
-    """
+    `corner_px` (2,) is the position of the first pixel in the photo. `inside_px` (2, 2) are the
+    first and last position (x, y) of the cutout that are well inside the photo."""
 
     rims: NDArray[np.float32]
     linear_rims: NDArray[np.float32]
@@ -291,25 +340,49 @@ def find_marks(image_bgr_uint8: Pixels, expected_diameter_px: float) -> tuple[Ma
     return find_marks_and_rejected(image_bgr_uint8, expected_diameter_px)[0]
 
 
-def find_marks_and_rejected(image_bgr_uint8: Pixels, expected_diameter_px: float) -> tuple[tuple[Mark, ...], tuple[RejectedPatch, ...]]:
-    """As `find_marks` for a photo (height, width, 3), with the red patches of about a mark's size that were not measured, and why."""
-    if image_bgr_uint8.ndim != 3 or image_bgr_uint8.shape[2] != 3 or image_bgr_uint8.dtype != np.uint8:
-        raise BadInput(f"photo: expected 8 bit colour (height, width, 3), not {image_bgr_uint8.dtype} {image_bgr_uint8.shape}")
+def find_marks_and_rejected(
+    image_bgr_uint8: Pixels, expected_diameter_px: float
+) -> tuple[tuple[Mark, ...], tuple[RejectedPatch, ...]]:
+    """As `find_marks` for a photo (height, width, 3), with the red patches of about a mark's
+    size that were not measured, and why.
+    """
+    if (
+        image_bgr_uint8.ndim != 3
+        or image_bgr_uint8.shape[2] != 3
+        or image_bgr_uint8.dtype != np.uint8
+    ):
+        raise BadInput(
+            "photo: expected 8 bit colour (height, width, 3), not "
+            f"{image_bgr_uint8.dtype} {image_bgr_uint8.shape}"
+        )
     if not expected_diameter_px >= 6.0:
-        raise BadInput(f"photo: marks of {expected_diameter_px:.1f} px are too small to measure, at least 6 px; move the camera closer")
+        raise BadInput(
+            f"photo: marks of {expected_diameter_px:.1f} px are too small to measure, at "
+            "least 6 px; move the camera closer"
+        )
     patches = red_patches(image_bgr_uint8, expected_diameter_px)
     cutouts = [_cutout(image_bgr_uint8, patch, expected_diameter_px) for patch in patches]
     alone = _fit_alone(cutouts, patches, expected_diameter_px / 2)
     # A blurred disc's radius depends on the assumption, so each of them has its own shape.
-    shapes = [_estimate_shape([found[k] for found in alone if found], expected_diameter_px / 2) for k in range(len(ASSUMPTIONS))]
-    waves = [found[0].waves_px for found in alone if found and found[0] and np.isfinite(found[0].waves_px)]
+    shapes = [
+        _estimate_shape([found[k] for found in alone if found], expected_diameter_px / 2)
+        for k in range(len(ASSUMPTIONS))
+    ]
+    waves = [
+        found[0].waves_px
+        for found in alone
+        if found and found[0] and np.isfinite(found[0].waves_px)
+    ]
     typical_waves_px = float(np.median(waves)) if waves else 0.0
     results = _measure_marks(cutouts, alone, shapes, typical_waves_px)
     marks = _without_duplicates([mark for mark in results if isinstance(mark, Mark)])
     rejected = [
         RejectedPatch(np.array(patch.middle_px), reason)
         for patch, reason in zip(patches, results, strict=True)
-        if isinstance(reason, str) and all(np.linalg.norm(mark.px - patch.middle_px) > 0.5 * mark.diameter_px for mark in marks)
+        if isinstance(reason, str)
+        and all(
+            np.linalg.norm(mark.px - patch.middle_px) > 0.5 * mark.diameter_px for mark in marks
+        )
     ]
     return marks, tuple(rejected)
 
@@ -321,25 +394,57 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
     left, top = max(0, int(x - reach)), max(0, int(y - reach))
     piece = image[top : int(y + reach) + 2, left : int(x + reach) + 2]
     light = LIGHT_OF_COUNTS[piece]
-    seen = (piece[..., 2].astype(np.float32), light[..., 2]) if is_on_black(piece) else (redness(piece), redness(light))
+    seen = (
+        (piece[..., 2].astype(np.float32), light[..., 2])
+        if is_on_black(piece)
+        else (redness(piece), redness(light))
+    )
     # Scaled to the same brightest counts, so that limits in counts hold for both.
     brightest = [max(1.0, float(np.percentile(picture, RED_PEAK_PERCENTILE))) for picture in seen]
-    pictures = (seen[0], seen[1] * np.float32(brightest[0] / brightest[1]), redness(piece), whiteness(piece))
-    widths = (SMOOTHING_PX, SMOOTHING_PX, SMOOTHING_PX, max(SMOOTHING_PX, WHITE_SMOOTHING * diameter_px))
+    pictures = (
+        seen[0],
+        seen[1] * np.float32(brightest[0] / brightest[1]),
+        redness(piece),
+        whiteness(piece),
+    )
+    widths = (
+        SMOOTHING_PX,
+        SMOOTHING_PX,
+        SMOOTHING_PX,
+        max(SMOOTHING_PX, WHITE_SMOOTHING * diameter_px),
+    )
     rims, linear_rims, red, white = (
-        np.asarray(cv2.GaussianBlur(picture, (0, 0), width), np.float32) for picture, width in zip(pictures, widths, strict=True)
+        np.asarray(cv2.GaussianBlur(picture, (0, 0), width), np.float32)
+        for picture, width in zip(pictures, widths, strict=True)
     )
     corner = np.array([left, top], dtype=np.float64)
     last = np.array(image.shape[1::-1], dtype=np.float64) - 1.0
-    return _Cutout(rims, linear_rims, red, white, corner, np.stack([BORDER_PX - corner, last - BORDER_PX - corner]))
+    return _Cutout(
+        rims,
+        linear_rims,
+        red,
+        white,
+        corner,
+        np.stack([BORDER_PX - corner, last - BORDER_PX - corner]),
+    )
 
 
-def _fit_alone(cutouts: Sequence[_Cutout], patches: Sequence[Patch], radius_px: float) -> list[list[MarkOutline | None] | None]:
-    """First outlines of each patch, one for each assumption, with a free shape; their centres are in cutout coordinates."""
+def _fit_alone(
+    cutouts: Sequence[_Cutout], patches: Sequence[Patch], radius_px: float
+) -> list[list[MarkOutline | None] | None]:
+    """First outlines of each patch, one for each assumption, with a free shape; their centres
+    are in cutout coordinates.
+    """
     if not patches:
         return []
-    middles = np.array([patch.middle_px - cutout.corner_px for patch, cutout in zip(patches, cutouts, strict=True)])
-    rims = _find_rims(_look(cutouts, middles, radius_px, [False] * len(cutouts)), range(len(cutouts)), ASSUMPTIONS[:1] * len(cutouts))
+    middles = np.array(
+        [patch.middle_px - cutout.corner_px for patch, cutout in zip(patches, cutouts, strict=True)]
+    )
+    rims = _find_rims(
+        _look(cutouts, middles, radius_px, [False] * len(cutouts)),
+        range(len(cutouts)),
+        ASSUMPTIONS[:1] * len(cutouts),
+    )
     circles = [likely_circle(rim.px, radius_px, SIZE_SPREAD) for rim in rims]
     found = [number for number, circle in enumerate(circles) if circle is not None]
     starts = np.array([circle[:2] for circle in circles if circle is not None]).reshape(-1, 2)
@@ -348,7 +453,15 @@ def _fit_alone(cutouts: Sequence[_Cutout], patches: Sequence[Patch], radius_px: 
     # Of each patch two views, which its assumptions share: sampling takes most of the time.
     measured = [
         _find_rims(
-            _look([cutouts[number]] * 2, starts[[place, place]], shapes[place].radius_px, [False, True]), linear, ASSUMPTIONS, square=True
+            _look(
+                [cutouts[number]] * 2,
+                starts[[place, place]],
+                shapes[place].radius_px,
+                [False, True],
+            ),
+            linear,
+            ASSUMPTIONS,
+            square=True,
         )
         for place, number in enumerate(found)
     ]
@@ -359,19 +472,28 @@ def _fit_alone(cutouts: Sequence[_Cutout], patches: Sequence[Patch], radius_px: 
     return alone
 
 
-def _fit(rims: Sequence[Sequence[_Rim]], starts: Floats, shapes: Sequence[Sequence[Shape]]) -> list[list[MarkOutline | None]]:
-    """The outlines of patches from first centres (patches, 2): of each patch one for each rim and its prior shape."""
+def _fit(
+    rims: Sequence[Sequence[_Rim]], starts: Floats, shapes: Sequence[Sequence[Shape]]
+) -> list[list[MarkOutline | None]]:
+    """The outlines of patches from first centres (patches, 2): of each patch one for each rim
+    and its prior shape.
+    """
     flat = [rim for own in rims for rim in own]
     each = len(ASSUMPTIONS)
     found = fit_outlines(
-        [rim.px for rim in flat], np.repeat(starts, each, axis=0), [shape for own in shapes for shape in own], [rim.rays for rim in flat]
+        [rim.px for rim in flat],
+        np.repeat(starts, each, axis=0),
+        [shape for own in shapes for shape in own],
+        [rim.rays for rim in flat],
     )
     return [found[first : first + each] for first in range(0, len(found), each)]
 
 
 @dataclass(frozen=True)
 class _View:
-    """Patches as sampled from a centre each: rays in the pictures of rims and in whiteness, and the levels of the discs."""
+    """Patches as sampled from a centre each: rays in the pictures of rims and in whiteness, and
+    the levels of the discs.
+    """
 
     cutouts: Sequence[_Cutout]
     is_linear: Sequence[bool]
@@ -381,27 +503,48 @@ class _View:
     radius_px: float
 
 
-def _look(cutouts: Sequence[_Cutout], middles: Floats, radius_px: float, is_linear: Sequence[bool]) -> _View:
+def _look(
+    cutouts: Sequence[_Cutout], middles: Floats, radius_px: float, is_linear: Sequence[bool]
+) -> _View:
     """Views of patches from centres (views, 2), for discs of one radius."""
     rays = cast_rays(
-        [cutout.linear_rims if linear else cutout.rims for cutout, linear in zip(cutouts, is_linear, strict=True)], middles, radius_px
+        [
+            cutout.linear_rims if linear else cutout.rims
+            for cutout, linear in zip(cutouts, is_linear, strict=True)
+        ],
+        middles,
+        radius_px,
     )
-    white = measure_whiteness(cast_rays([cutout.white for cutout in cutouts], middles, radius_px), radius_px)
+    white = measure_whiteness(
+        cast_rays([cutout.white for cutout in cutouts], middles, radius_px), radius_px
+    )
     return _View(cutouts, is_linear, rays, white, measure_levels(rays, white, radius_px), radius_px)
 
 
-def _find_rims(seen: _View, views: Iterable[int], assumptions: Sequence[_Assumption], square: bool = False) -> list[_Rim]:
-    """Rim points in views, each under an assumption; points beside a glare, at the border or askew are rejected.
+def _find_rims(
+    seen: _View, views: Iterable[int], assumptions: Sequence[_Assumption], square: bool = False
+) -> list[_Rim]:
+    """Rim points in views, each under an assumption; points beside a glare, at the border or askew
+    are rejected.
 
-    Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts are used as well.
-    """
+    Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts
+    are used as well."""
     view = np.array(list(views), np.int64)
     level, rays = seen.level, len(seen.rays.directions)
-    inside = follow_rim(level, seen.rays, seen.radius_px).inside if any(one.local for one in assumptions) else level.inside
-    is_local, share = np.array([one.local for one in assumptions]), np.array([one.share for one in assumptions])
+    inside = (
+        follow_rim(level, seen.rays, seen.radius_px).inside
+        if any(one.local for one in assumptions)
+        else level.inside
+    )
+    is_local, share = (
+        np.array([one.local for one in assumptions]),
+        np.array([one.share for one in assumptions]),
+    )
     # The level at this share of the way from outside to inside; NaN where no disc is.
     outside = level.outside[view]
-    at = outside + share[:, None] * (np.where(is_local[:, None], inside[view], level.inside[view]) - outside)
+    at = outside + share[:, None] * (
+        np.where(is_local[:, None], inside[view], level.inside[view]) - outside
+    )
     points = rim_points(seen.rays, view, at)
     of_view = view[points.rim]
     limits = np.array([cutout.inside_px for cutout in seen.cutouts])[of_view]
@@ -412,11 +555,18 @@ def _find_rims(seen: _View, views: Iterable[int], assumptions: Sequence[_Assumpt
             slopes = cutout.linear_slopes if seen.is_linear[number] else cutout.slopes
             spoilt[own] |= is_oblique(points.px[own], seen.rays.middle_px[number], slopes)
     glare = measure_glare(points, view, seen.white, seen.radius_px)
-    limit = np.maximum(GLARE * np.maximum(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * seen.white.noise)[of_view]
+    limit = np.maximum(
+        GLARE * np.maximum(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * seen.white.noise
+    )[of_view]
     ends = np.searchsorted(points.rim, np.arange(len(view) + 1))
     rims = []
     for first, last in pairwise(ends.tolist()):
-        px, plain, light, most = points.px[first:last], ~spoilt[first:last], glare[first:last], limit[first:last]
+        px, plain, light, most = (
+            points.px[first:last],
+            ~spoilt[first:last],
+            glare[first:last],
+            limit[first:last],
+        )
         kept = plain & (light <= most)
         for factor in MORE_GLARE:
             if kept.sum() >= ENOUGH_RIM * rays:
@@ -427,16 +577,26 @@ def _find_rims(seen: _View, views: Iterable[int], assumptions: Sequence[_Assumpt
 
 
 def _estimate_shape(found: Sequence[MarkOutline | None], radius_px: float) -> Shape:
-    """Median shape of the whole marks, as a prior of a few per cent; the expected circle where fewer than three marks are whole."""
+    """Median shape of the whole marks, as a prior of a few per cent; the expected circle where
+    fewer than three marks are whole.
+    """
     whole = [outline for outline in found if outline and outline.seen >= WHOLE]
     if len(whole) < 3:
         return Shape(radius_px)
     bend = np.median([outline.bend for outline in whole], axis=0)
-    return Shape(float(np.median([outline.radius_px for outline in whole])), (float(bend[0]), float(bend[1])), 0.04, 0.006)
+    return Shape(
+        float(np.median([outline.radius_px for outline in whole])),
+        (float(bend[0]), float(bend[1])),
+        0.04,
+        0.006,
+    )
 
 
 def _measure_marks(
-    cutouts: Sequence[_Cutout], alone: Sequence[list[MarkOutline | None] | None], shapes: Sequence[Shape], typical_waves_px: float
+    cutouts: Sequence[_Cutout],
+    alone: Sequence[list[MarkOutline | None] | None],
+    shapes: Sequence[Shape],
+    typical_waves_px: float,
 ) -> list[Mark | str]:
     """The measured mark of each patch, or why it is none."""
     firsts = [found[0] if found else None for found in alone]
@@ -450,13 +610,23 @@ def _measure_marks(
         key = assumption.linear, shape.radius_px
         if key not in seen:
             seen[key] = _look(chosen, starts, shape.radius_px, [assumption.linear] * len(chosen))
-        by_assumption.append(_find_rims(seen[key], range(len(chosen)), [assumption] * len(chosen), square=True))
+        by_assumption.append(
+            _find_rims(seen[key], range(len(chosen)), [assumption] * len(chosen), square=True)
+        )
     rims = list(zip(*by_assumption, strict=True))
     measured = iter(zip(chosen, rims, _fit(rims, starts, [shapes] * len(chosen)), strict=True))
-    return ["no round rim" if first is None else _mark(*next(measured), typical_waves_px) for first in firsts]
+    return [
+        "no round rim" if first is None else _mark(*next(measured), typical_waves_px)
+        for first in firsts
+    ]
 
 
-def _mark(cutout: _Cutout, rims: Sequence[_Rim], measured: Sequence[MarkOutline | None], typical_waves_px: float) -> Mark | str:
+def _mark(
+    cutout: _Cutout,
+    rims: Sequence[_Rim],
+    measured: Sequence[MarkOutline | None],
+    typical_waves_px: float,
+) -> Mark | str:
     """The measured mark, or why it is none."""
     outline, rim = measured[0], rims[0]
     if outline is None:
@@ -465,24 +635,42 @@ def _mark(cutout: _Cutout, rims: Sequence[_Rim], measured: Sequence[MarkOutline 
     outlines = [one for one in measured if one is not None]
     middles = np.array([one.middle_px for one in outlines])
     middle = middles.mean(axis=0)
-    spread = float(np.sqrt(((middles - middle) ** 2).sum(axis=1).mean())) if len(outlines) == len(measured) else np.inf
+    spread = (
+        float(np.sqrt(((middles - middle) ** 2).sum(axis=1).mean()))
+        if len(outlines) == len(measured)
+        else np.inf
+    )
     if reason := _find_reason(cutout, outline, contrast, spread):
         return reason
-    # Errors that the scatter of the rim points does not show; the second term grows with the hidden share.
-    systematic = PIXEL_FLOOR_PX + outline.radius_px * (COVER_ERROR * (1.0 - outline.seen) / 0.5 + GLARE_ERROR * rim.glare_share)
+    # Errors that the scatter of the rim points does not show; the second term grows with the hidden
+    # share.
+    systematic = PIXEL_FLOOR_PX + outline.radius_px * (
+        COVER_ERROR * (1.0 - outline.seen) / 0.5 + GLARE_ERROR * rim.glare_share
+    )
     own = outline.waves_px if np.isfinite(outline.waves_px) else typical_waves_px
     waves = WAVE_ERROR * np.hypot(own, typical_waves_px) / np.sqrt(2.0)
-    std = np.sqrt(np.diag(outline.covariance_px2) + systematic**2 + waves**2 + (SPREAD_ERROR * spread) ** 2)
+    std = np.sqrt(
+        np.diag(outline.covariance_px2) + systematic**2 + waves**2 + (SPREAD_ERROR * spread) ** 2
+    )
     return Mark(middle + cutout.corner_px, std, 2 * outline.radius_px, outline.seen, contrast)
 
 
 def _contrast(cutout: _Cutout, outline: MarkOutline) -> float:
-    return float(_look([cutout], outline.middle_px[None], outline.radius_px, [False]).level.contrast[0])
+    return float(
+        _look([cutout], outline.middle_px[None], outline.radius_px, [False]).level.contrast[0]
+    )
 
 
 def _find_reason(cutout: _Cutout, outline: MarkOutline, contrast: float, spread_px: float) -> str:
-    """Why an outline is no mark that can be measured; "" where it is one. The spread is infinite where an assumption gives no outline."""
-    if color_bleed_share(cast_rays([cutout.red], outline.middle_px[None], outline.radius_px), outline.radius_px) > MAX_SPILL:
+    """Why an outline is no mark that can be measured; "" where it is one. The spread is infinite
+    where an assumption gives no outline.
+    """
+    if (
+        color_bleed_share(
+            cast_rays([cutout.red], outline.middle_px[None], outline.radius_px), outline.radius_px
+        )
+        > MAX_SPILL
+    ):
         return "it touches another red thing, or a shadow leaves only a part of it bright"
     if outline.seen < MIN_ROUNDNESS:
         return f"only {outline.seen:.0%} of its rim is seen, at least {MIN_ROUNDNESS:.0%}"
@@ -491,13 +679,21 @@ def _find_reason(cutout: _Cutout, outline: MarkOutline, contrast: float, spread_
     if spread_px > MAX_SPREAD * outline.radius_px:
         most = f"at most {MAX_SPREAD * outline.radius_px:.1f} px"
         if not np.isfinite(spread_px):
-            return "a part of its rim is seen at some levels of brightness only: a shadow, a cover or a glint"
-        return f"its centre moves by {spread_px:.1f} px with the level at which its rim is taken, {most}: a shadow, a cover or a glint"
+            return (
+                "a part of its rim is seen at some levels of brightness only: a shadow, a "
+                "cover or a glint"
+            )
+        return (
+            f"its centre moves by {spread_px:.1f} px with the level at which its rim is "
+            f"taken, {most}: a shadow, a cover or a glint"
+        )
     return ""
 
 
 def _without_duplicates(marks: Sequence[Mark]) -> tuple[Mark, ...]:
-    """Keep one of marks that were found twice (a glint can cut one in two): the one with the larger visible share."""
+    """Keep one of marks that were found twice (a glint can cut one in two): the one with the
+    larger visible share.
+    """
     unique: list[Mark] = []
     for mark in sorted(marks, key=lambda mark: -mark.roundness):
         if all(np.linalg.norm(mark.px - other.px) > 0.5 * other.diameter_px for other in unique):

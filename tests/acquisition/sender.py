@@ -1,4 +1,6 @@
-"""A sensor box in a process of its own: sends numbered records at a rate once it is asked to, as fast or slow as it is told."""
+"""A sensor box in a process of its own: sends numbered records at a rate once it is asked to, as
+fast or slow as it is told.
+"""
 
 import multiprocessing
 import socket
@@ -18,7 +20,9 @@ Made = Callable[[int, int], bytes]
 
 
 def send_records(pipe: Connection, rate_Hz: float, in_one: int, seconds: float, made: Made) -> None:
-    """Waits for a start request, then sends for that long; tells its port first and the number of records last."""
+    """Waits for a start request, then sends for that long; tells its port first and the number
+    of records last.
+    """
     box = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     box.bind(("127.0.0.1", 0))
     pipe.send(box.getsockname()[1])
@@ -39,23 +43,40 @@ def send_records(pipe: Connection, rate_Hz: float, in_one: int, seconds: float, 
 def datagram(first: int, count: int) -> bytes:
     """Records whose counts are their own number."""
     numbers = np.arange(first, first + count).astype(np.uint32)
-    return encode_records(Records(numbers, numbers, np.zeros(count, np.uint32), np.repeat(numbers.view(np.int32)[:, None], 6, axis=1)))
+    return encode_records(
+        Records(
+            numbers,
+            numbers,
+            np.zeros(count, np.uint32),
+            np.repeat(numbers.view(np.int32)[:, None], 6, axis=1),
+        )
+    )
 
 
 def restless(first: int, count: int) -> bytes:
-    """Records of which every axis jumps about, by up to 100 N or N m at a million counts each; the number alone decides."""
+    """Records of which every axis jumps about, by up to 100 N or N m at a million counts each;
+    the number alone decides.
+    """
     numbers = np.arange(first, first + count).astype(np.uint32)
-    mixed = (numbers[:, None] + np.arange(6, dtype=np.uint32) * np.uint32(7919)) * np.uint32(2654435761)
+    mixed = (numbers[:, None] + np.arange(6, dtype=np.uint32) * np.uint32(7919)) * np.uint32(
+        2654435761
+    )
     counts = (mixed ^ (mixed >> np.uint32(15))) % np.uint32(200_000_001)
-    return encode_records(Records(numbers, numbers, np.zeros(count, np.uint32), counts.astype(np.int32) - 100_000_000))
+    return encode_records(
+        Records(numbers, numbers, np.zeros(count, np.uint32), counts.astype(np.int32) - 100_000_000)
+    )
 
 
 @contextmanager
-def sending(rate_Hz: float, in_one: int, seconds: float, made: Made = datagram) -> Iterator[tuple[int, Connection]]:
+def sending(
+    rate_Hz: float, in_one: int, seconds: float, made: Made = datagram
+) -> Iterator[tuple[int, Connection]]:
     """(port, pipe): the pipe tells how many records were sent once that is over."""
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
-    process = context.Process(target=send_records, args=(there, rate_Hz, in_one, seconds, made), daemon=True)
+    process = context.Process(
+        target=send_records, args=(there, rate_Hz, in_one, seconds, made), daemon=True
+    )
     process.start()
     try:
         yield here.recv(), here

@@ -33,7 +33,9 @@ def box():
 
 @pytest.fixture
 def acquired(box):
-    datagrams = AcquiredDatagrams(record_source("127.0.0.1", box.getsockname()[1]), WallClock(), ring_records=4096)
+    datagrams = AcquiredDatagrams(
+        record_source("127.0.0.1", box.getsockname()[1]), WallClock(), ring_records=4096
+    )
     yield datagrams
     datagrams.close()
 
@@ -77,7 +79,10 @@ def test_values_stay_with_their_records(acquired, box):
     client = told(acquired, box)
     sensor = NetFtSensor(acquired, WallClock(), NetFtSettings())
     sensor.start()
-    assert [decode_request(box.recv(100)).command for _ in range(2)] == [RdtCommand.STOP, RdtCommand.START_BUFFERED]
+    assert [decode_request(box.recv(100)).command for _ in range(2)] == [
+        RdtCommand.STOP,
+        RdtCommand.START_BUFFERED,
+    ]
     for first in (1, 2, 42):
         box.sendto(datagram(first, 40 if first == 2 else 1), client)
     seen = []
@@ -92,7 +97,12 @@ def test_a_datagram_of_a_wrong_length_is_counted_and_the_rest_goes_on(acquired, 
     for sent in (datagram(1, 1), b"x" * 37, b"", datagram(2, 1), b"x" * 41 * 36, b"x" * 35):
         box.sendto(sent, client)
     seen = []
-    until(lambda: seen.extend(sensor.read().sequence.tolist()) or (len(seen), sensor.health().malformed) == (2, 4))
+    until(
+        lambda: (
+            seen.extend(sensor.read().sequence.tolist())
+            or (len(seen), sensor.health().malformed) == (2, 4)
+        )
+    )
     assert seen == [1, 2]
     assert "35 bytes" in " ".join(sensor.health().notes)
 
@@ -138,7 +148,12 @@ def test_a_box_that_is_not_there_is_said_so(box):
 def test_a_host_that_cannot_be_is_refused_and_nothing_is_left_running():
     with pytest.raises(DeviceError, match=r"no way to no\.such\.host\.invalid"):
         AcquiredDatagrams(record_source("no.such.host.invalid", 49152), WallClock())
-    children = subprocess.run(["ps", "--ppid", str(os.getpid()), "-o", "args="], capture_output=True, text=True, check=False).stdout
+    children = subprocess.run(
+        ["ps", "--ppid", str(os.getpid()), "-o", "args="],
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout
     assert "acquisition" not in children
 
 
@@ -184,7 +199,9 @@ time.sleep(60)
 def test_the_process_ends_when_its_parent_is_killed(tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(ORPHAN)
-    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as parent:
+    with subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as parent:
         child = int(parent.stdout.readline())
         parent.kill()
     until(lambda: not is_running(child))

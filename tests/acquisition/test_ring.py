@@ -27,7 +27,9 @@ def ring():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize("create", [lambda: Ring.create(16, BYTES), lambda: BlockQueue.create(4096)])
+@pytest.mark.parametrize(
+    "create", [lambda: Ring.create(16, BYTES), lambda: BlockQueue.create(4096)]
+)
 def test_memory_that_the_system_has_no_room_for_is_refused_at_once(monkeypatch, create):
     """Not at the first write, which would kill the process with the motor on."""
     files = []
@@ -37,7 +39,9 @@ def test_memory_that_the_system_has_no_room_for_is_refused_at_once(monkeypatch, 
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "posix_fallocate", refuse)
-    with pytest.raises(DeviceError, match=r"0\.1 MB of shared memory .* No space left on device; .* --shm-size"):
+    with pytest.raises(
+        DeviceError, match=r"0\.1 MB of shared memory .* No space left on device; .* --shm-size"
+    ):
         create()
     assert files and not files[0].exists()
 
@@ -52,7 +56,9 @@ def numbers(records: np.ndarray) -> list[int]:
 
 @given(st.lists(st.tuples(st.integers(0, 40), st.booleans()), max_size=30))
 @settings(max_examples=50, deadline=None)
-def test_every_record_is_read_once_in_order_or_counted_as_overrun(steps: list[tuple[int, bool]]) -> None:
+def test_every_record_is_read_once_in_order_or_counted_as_overrun(
+    steps: list[tuple[int, bool]],
+) -> None:
     ring = Ring.create(16, BYTES)
     try:
         reader, written, seen = RingReader(ring), 0, []
@@ -123,7 +129,9 @@ def test_a_view_in_another_program_reads_and_leaves_the_ring_in_place(ring):
     look = f"from rfca_rig.acquisition.ring import *; ring = Ring.attach({ring.name!r}); "
     look += "print(RingReader(ring, True).read().records[:, 0].tolist()); ring.close()"
     for _ in range(2):
-        seen = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, timeout=60, check=True)
+        seen = subprocess.run(
+            [sys.executable, "-c", look], capture_output=True, text=True, timeout=60, check=True
+        )
         assert (seen.stdout, seen.stderr) == ("[7, 8]\n", "")
 
 
@@ -152,7 +160,9 @@ def write_on(name: str, count: int) -> None:
 
 
 def test_no_record_is_ever_half_one_and_half_another():
-    """A writer in another process goes round a small ring as fast as it can while this one reads."""
+    """A writer in another process goes round a small ring as fast as it can while this one
+    reads.
+    """
     ring, count, seen = Ring.create(256, 8 * BYTES), 21_000, 0
     reader = RingReader(ring)
     writer = get_context("spawn").Process(target=write_on, args=(ring.name, count))

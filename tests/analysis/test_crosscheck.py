@@ -18,7 +18,13 @@ from rfca_rig.analysis.crosscheck import (
     check_own_contact,
     difference_pct,
 )
-from rfca_rig.analysis.mujoco_leg import leg_on_springs, mujoco_leg, settle_at_rest, stroke_in_mujoco, stroke_on_springs
+from rfca_rig.analysis.mujoco_leg import (
+    leg_on_springs,
+    mujoco_leg,
+    settle_at_rest,
+    stroke_in_mujoco,
+    stroke_on_springs,
+)
 from rfca_rig.cli.commands.crosscheck import crosscheck
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import find_rest_state, make_chain
@@ -27,9 +33,17 @@ from rfca_rig.protocol.experiments import PlannedCondition
 from rfca_rig.reports.strokes.overlay import write_crosscheck_picture
 from tests.model.legs import PAPER
 
-needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"')
+needs_mujoco = pytest.mark.skipif(
+    find_spec("mujoco") is None,
+    reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"',
+)
 
-PAPERS = (PlannedCondition(0.215, 2.433), PlannedCondition(0.215, 3.249), PlannedCondition(0.235, 2.478), PlannedCondition(0.235, 3.276))
+PAPERS = (
+    PlannedCondition(0.215, 2.433),
+    PlannedCondition(0.215, 3.249),
+    PlannedCondition(0.235, 2.478),
+    PlannedCondition(0.235, 3.276),
+)
 QUICK = PAPERS[3]
 SWEEP_DEG = 200.0
 COARSE_S = 5e-5
@@ -54,7 +68,9 @@ def typed(tmp_path, monkeypatch, capsys):
         protocol.write_text(ONE_CONDITION.format(height_mm=height_mm))
         app = typer.Typer()
         app.command()(crosscheck)
-        monkeypatch.setattr(sys, "argv", ["crosscheck", "--protocol", str(protocol), *map(str, words)])
+        monkeypatch.setattr(
+            sys, "argv", ["crosscheck", "--protocol", str(protocol), *map(str, words)]
+        )
         app(standalone_mode=False)
         return capsys.readouterr().out
 
@@ -76,13 +92,17 @@ def test_the_difference_of_two_curves_is_that_of_their_norms():
 
 @pytest.mark.long
 @needs_mujoco
-@pytest.mark.parametrize("condition", PAPERS, ids=lambda one: f"{1e3 * one.height_m:g} mm, {one.speed_rad_s:g} rad/s")
+@pytest.mark.parametrize(
+    "condition", PAPERS, ids=lambda one: f"{1e3 * one.height_m:g} mm, {one.speed_rad_s:g} rad/s"
+)
 def test_under_the_papers_conditions_the_contact_force_is_mujocos(condition):
     checked = check_condition(PAPER, condition, SWEEP_DEG)
     assert checked.stroke_pct < 0.1
     assert checked.loading_pct < 0.05
     assert difference_pct(checked.ours.fz_N, checked.theirs.fz_N) < 0.1
-    assert difference_pct(checked.ours.tangential_N.sum(axis=1), checked.theirs.tangential_N) < 0.5  # it jumps where stick ends
+    assert (
+        difference_pct(checked.ours.tangential_N.sum(axis=1), checked.theirs.tangential_N) < 0.5
+    )  # it jumps where stick ends
     assert abs(checked.theirs.speed_error) < 1e-8
     assert average_pct([checked, checked]) == checked.stroke_pct < PAPER_PCT
 
@@ -90,9 +110,19 @@ def test_under_the_papers_conditions_the_contact_force_is_mujocos(condition):
 @pytest.mark.slow
 @needs_mujoco
 @pytest.mark.parametrize(("rise", "leaving"), [(1.0, 1.0), (0.0, 0.0), (0.6, 0.3)])
-def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is_damped_less(rise, leaving):
+def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is_damped_less(
+    rise, leaving
+):
     soft, plain = (
-        replace(PAPER, ground=replace(PAPER.ground, stiffness_N_per_m1p5=1.2e4, friction_rise_share=r, leaving_damping_share=share))
+        replace(
+            PAPER,
+            ground=replace(
+                PAPER.ground,
+                stiffness_N_per_m1p5=1.2e4,
+                friction_rise_share=r,
+                leaving_damping_share=share,
+            ),
+        )
         for r, share in ((rise, leaving), (0.0, 1.0))
     )
     checked = check_condition(soft, QUICK, SWEEP_DEG)
@@ -104,7 +134,9 @@ def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is
 @pytest.mark.slow
 @needs_mujoco
 def test_a_leg_that_is_bent_at_rest_agrees_with_mujoco():
-    bent = replace(PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02)))
+    bent = replace(
+        PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02))
+    )
     checked = check_condition(bent, QUICK, SWEEP_DEG)
     assert checked.stroke_pct < 0.01
     straight = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s)
@@ -115,7 +147,9 @@ def test_a_leg_that_is_bent_at_rest_agrees_with_mujoco():
 @needs_mujoco
 def test_what_difference_there_is_comes_from_the_tolerance():
     checked = check_condition(PAPER, QUICK, SWEEP_DEG)
-    tight = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s, TIGHT_TOLERANCE)
+    tight = simulate_stroke_at_speed(
+        PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s, TIGHT_TOLERANCE
+    )
     assert difference_pct(tight.normal_N.sum(axis=1), checked.theirs.normal_N) < 0.002
 
 
@@ -137,7 +171,10 @@ def test_a_parameter_two_percent_off_on_one_side_is_seen(section, name):
     other = replace(PAPER, **{section: replace(part, **{name: 1.02 * getattr(part, name)})})
     t_s = np.arange(600) * 1e-3
     ours = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, TIGHT_TOLERANCE)
-    same, off = (stroke_in_mujoco(rig, QUICK.height_m, QUICK.speed_rad_s, t_s, COARSE_S) for rig in (PAPER, other))
+    same, off = (
+        stroke_in_mujoco(rig, QUICK.height_m, QUICK.speed_rad_s, t_s, COARSE_S)
+        for rig in (PAPER, other)
+    )
     contact_N = ours.normal_N.sum(axis=1)
     assert difference_pct(contact_N, off.normal_N) > 10.0 * difference_pct(contact_N, same.normal_N)
 
@@ -146,7 +183,9 @@ def test_a_parameter_two_percent_off_on_one_side_is_seen(section, name):
 def test_both_hang_alike_and_weigh_what_they_weigh():
     leg = mujoco_leg(PAPER, 0.3, floor=False, integrator="RK4")
     settle_at_rest(leg, PAPER.leg.start_angle_rad)
-    assert np.cumsum(leg.data.qpos) == pytest.approx(find_rest_state(make_chain(PAPER, 0.3), PAPER.leg.start_angle_rad).q, abs=1e-9)
+    assert np.cumsum(leg.data.qpos) == pytest.approx(
+        find_rest_state(make_chain(PAPER, 0.3), PAPER.leg.start_angle_rad).q, abs=1e-9
+    )
     resting = stroke_in_mujoco(PAPER, 0.3, 1.0, np.array([-0.1, 0.0]))
     assert resting.fz_N == pytest.approx(0.32 * 9.81)
     assert resting.steps == 0
@@ -156,14 +195,18 @@ def test_both_hang_alike_and_weigh_what_they_weigh():
 def test_mujocos_own_contact_agrees_in_the_loading_phase():
     checked = check_own_contact(PAPER, QUICK, SWEEP_DEG)
     assert checked.loading_pct < 0.15
-    assert checked.summary()["valley_ours"] == pytest.approx(checked.summary()["valley_mujoco"], rel=3e-3)
+    assert checked.summary()["valley_ours"] == pytest.approx(
+        checked.summary()["valley_mujoco"], rel=3e-3
+    )
 
 
 @needs_mujoco
 def test_mujocos_contact_pushes_back_with_stiffness_times_indentation():
     height_m, indentation_m = 0.2, 1e-3
     leg = leg_on_springs(PAPER, height_m, 5e4)
-    leg.data.qpos[0] = np.arcsin((height_m + indentation_m - PAPER.leg.link_radius_m) / sum(PAPER.leg.link_lengths_m))
+    leg.data.qpos[0] = np.arcsin(
+        (height_m + indentation_m - PAPER.leg.link_radius_m) / sum(PAPER.leg.link_lengths_m)
+    )
     leg.mujoco.mj_forward(leg.model, leg.data)
     force = np.zeros(6)
     leg.mujoco.mj_contactForce(leg.model, leg.data, 0, force)
@@ -172,7 +215,9 @@ def test_mujocos_contact_pushes_back_with_stiffness_times_indentation():
 
 
 @needs_mujoco
-def test_a_step_too_long_is_told_in_one_line_and_leaves_nothing_behind(tmp_path, monkeypatch, capfd):
+def test_a_step_too_long_is_told_in_one_line_and_leaves_nothing_behind(
+    tmp_path, monkeypatch, capfd
+):
     import mujoco
 
     monkeypatch.chdir(tmp_path)
@@ -194,7 +239,9 @@ def test_a_stroke_that_has_no_contact_of_its_own_is_refused(height_m, reason):
 def test_a_recording_that_ends_before_the_valley_has_no_loading_phase():
     t_s = np.arange(450) * 1e-3
     ours = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s)
-    short = CheckedCondition(QUICK, ours, stroke_in_mujoco(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, COARSE_S))
+    short = CheckedCondition(
+        QUICK, ours, stroke_in_mujoco(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, COARSE_S)
+    )
     assert short.loading_pct is None
     assert short.summary()["valley_mujoco"] is None
 
@@ -205,7 +252,9 @@ def test_the_command_answers_a_program_and_draws(typed, tmp_path):
     answer = json.loads(typed("--json", "--picture", tmp_path / "p.svg"))
     assert answer["paper_against_recurdyn_pct"] == 4.91
     (same,) = answer["same_ground"]
-    assert same["contact_force_difference_pct"] == answer["average_contact_force_difference_pct"] < 0.1
+    assert (
+        same["contact_force_difference_pct"] == answer["average_contact_force_difference_pct"] < 0.1
+    )
     assert len(answer["own_contact_on_stiff_ground"]) == 1
     assert "235 mm, 3.276 rad/s" in (tmp_path / "p.svg").read_text()
 
@@ -215,7 +264,10 @@ def test_the_command_answers_a_program_and_draws(typed, tmp_path):
 def test_the_command_answers_a_person(typed):
     said = typed().splitlines()
     assert said[1].split() == ["condition", "whole", "stroke", "(%)", "loading", "(%)"]
-    assert said[2].split()[:4] == ["235", "mm,", "3.276", "rad/s"] and 0.0 < float(said[2].split()[4]) < 0.1
+    assert (
+        said[2].split()[:4] == ["235", "mm,", "3.276", "rad/s"]
+        and 0.0 < float(said[2].split()[4]) < 0.1
+    )
     assert "the paper's model and RecurDyn: 4.91 %" in said[3]
 
 
@@ -232,4 +284,6 @@ def test_a_picture_that_cannot_be_written_is_told(tmp_path):
     ours = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s)
     theirs = stroke_on_springs(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, 1e4, 1e-4)
     with pytest.raises(BadInput, match="cannot be written"):
-        write_crosscheck_picture([CheckedCondition(QUICK, ours, theirs)], tmp_path / "nowhere" / "p.png")
+        write_crosscheck_picture(
+            [CheckedCondition(QUICK, ours, theirs)], tmp_path / "nowhere" / "p.png"
+        )

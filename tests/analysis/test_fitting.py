@@ -1,4 +1,6 @@
-"""Fitting parameters. Recordings here come from the model itself with noise and scatter: that examines the solver, not the model."""
+"""Fitting parameters. Recordings here come from the model itself with noise and scatter: that
+examines the solver, not the model.
+"""
 
 import json
 from collections.abc import Callable
@@ -14,7 +16,12 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint, make_pr
 from rfca_rig.analysis.fitting.residuals import StrokeWindow, make_stroke_problem
 from rfca_rig.analysis.fitting.result import write_model_file
 from rfca_rig.analysis.fitting.scatter import make_whitening
-from rfca_rig.analysis.fitting.strokes import StrokeComparison, ValleyRow, fit_recordings, fit_valleys
+from rfca_rig.analysis.fitting.strokes import (
+    StrokeComparison,
+    ValleyRow,
+    fit_recordings,
+    fit_valleys,
+)
 from rfca_rig.analysis.phases import StrokePhases, find_valley
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.model_file import model_of, nominal_model, read_model_file
@@ -42,28 +49,52 @@ def supposing(**values: float) -> ModelPoint:
     return supposed
 
 
-def recording(seed: int, repeats: int = 2, truth: dict | None = None, scatter: bool = True, channels=tuple(NOISE)) -> Recording:
+def recording(
+    seed: int,
+    repeats: int = 2,
+    truth: dict | None = None,
+    scatter: bool = True,
+    channels=tuple(NOISE),
+) -> Recording:
     rng = np.random.default_rng(seed)
     strokes = []
     for height_m, speed_rad_s in CONDITIONS:
         for repeat in range(1, repeats + 1):
             off = rng.normal(0.0, [0.1, 0.005]) * scatter
             true = truth or TRUTH
-            supposed = supposing(**{**true, "height": true["height"] + off[0], "friction": true["friction"] + off[1]})
+            supposed = supposing(
+                **{**true, "height": true["height"] + off[0], "friction": true["friction"] + off[1]}
+            )
             t_s = traces.even(1000.0, end_s=3.6 / speed_rad_s)
-            stroke = simulate_stroke_at_speed(supposed.rig, height_m + supposed.height_offset_m, speed_rad_s, t_s)
-            noisy = {c: getattr(stroke, c) + rng.normal(0.0, NOISE[c], len(t_s)) for c in channels if c != "fz_N"}
+            stroke = simulate_stroke_at_speed(
+                supposed.rig, height_m + supposed.height_offset_m, speed_rad_s, t_s
+            )
+            noisy = {
+                c: getattr(stroke, c) + rng.normal(0.0, NOISE[c], len(t_s))
+                for c in channels
+                if c != "fz_N"
+            }
             fz_N = stroke.fz_N + rng.normal(0.0, NOISE["fz_N"], len(t_s))
             angle_rad = stroke.shaft_angle_rad + rng.normal(0.0, 5e-4, len(t_s))
             strokes.append(
-                traces.stroke(t_s, fz_N, height_m=height_m, speed_rad_s=speed_rad_s, repeat=repeat, shaft_angle_rad=angle_rad, **noisy)
+                traces.stroke(
+                    t_s,
+                    fz_N,
+                    height_m=height_m,
+                    speed_rad_s=speed_rad_s,
+                    repeat=repeat,
+                    shaft_angle_rad=angle_rad,
+                    **noisy,
+                )
             )
     return Recording("a campaign", "IMPORT", SECTIONS, KNOWN_TO, tuple(strokes), ())
 
 
 @dataclass(frozen=True)
 class Toy:
-    """Residuals by a formula of the supposed rig, so that the right answer is known; None where the formula gives None."""
+    """Residuals by a formula of the supposed rig, so that the right answer is known; None where
+    the formula gives None.
+    """
 
     formula: Callable[[ModelPoint], np.ndarray | None]
     stroke_of_row: np.ndarray
@@ -75,7 +106,10 @@ class Toy:
 def with_encoder_off(stroke, off_rad: float):
     stream = stroke.streams["table"]
     column = replace(stream.columns["shaft_angle_rad"], offset=off_rad)
-    return replace(stroke, streams={"table": replace(stream, columns={**stream.columns, "shaft_angle_rad": column})})
+    return replace(
+        stroke,
+        streams={"table": replace(stream, columns={**stream.columns, "shaft_angle_rad": column})},
+    )
 
 
 def k0_of(supposed: ModelPoint) -> float:
@@ -121,7 +155,11 @@ def test_an_encoder_that_reads_too_little_is_noticed():
     off_deg = 0.4
     strokes = tuple(with_encoder_off(stroke, -np.radians(off_deg)) for stroke in made.strokes)
     belief = {**KNOWN_TO, "start_angle_deg": 0.3}
-    (start,) = fit_recordings([replace(made, strokes=strokes, known_to=belief)], ("start_angle",), StrokeComparison("recorded")).parameters
+    (start,) = fit_recordings(
+        [replace(made, strokes=strokes, known_to=belief)],
+        ("start_angle",),
+        StrokeComparison("recorded"),
+    ).parameters
     true_deg = np.degrees(SECTIONS["leg"]["start_angle_rad"])
     assert start.nominal == pytest.approx(true_deg - off_deg, abs=0.01)
     assert start.value > start.nominal + 0.1
@@ -137,7 +175,10 @@ def test_what_differs_from_stroke_to_stroke_is_found():
 def test_nothing_moves_where_nothing_is_off():
     true = {"k0": 11.0, "friction": 0.45, "height": 0.0}
     result = fit_recordings([recording(3, truth=true)], (), COMMANDED)
-    assert all(abs(p.value - p.nominal) < 3.0 * p.std and abs(p.shift_in_std) < 0.5 for p in result.parameters)
+    assert all(
+        abs(p.value - p.nominal) < 3.0 * p.std and abs(p.shift_in_std) < 0.5
+        for p in result.parameters
+    )
 
 
 def test_force_alone_is_enough_and_its_noise_need_not_be_stated():
@@ -183,14 +224,19 @@ def test_no_value_leaves_its_bounds_and_one_that_wants_to_is_named(pull, bound):
 
 def test_a_scaled_parameter_stays_positive():
     space = make_prior(("hinge_damping",), BELIEF, {"hinge_damping_relative": 0.5})
-    result = fit(one_row(lambda s: np.array([(s.rig.leg.hinge_damping_Nm_s_per_rad + 1.0) / 1e-3])), space)
+    result = fit(
+        one_row(lambda s: np.array([(s.rig.leg.hinge_damping_Nm_s_per_rad + 1.0) / 1e-3])), space
+    )
     assert 0.0 < result.parameters[0].value < 0.01
 
 
 def test_a_point_is_clipped_to_the_lowest_values():
-    coulomb = replace(BELIEF, rig=replace(BELIEF.rig, ground=replace(BELIEF.rig.ground, drag_N_s_per_m=0.0)))
+    coulomb = replace(
+        BELIEF, rig=replace(BELIEF.rig, ground=replace(BELIEF.rig.ground, drag_N_s_per_m=0.0))
+    )
     space = make_prior(("tangential_damping", "friction_rise"), coulomb, {})
-    # Damping that drives a sliding point does not exist; friction may act below the lowest point of a print.
+    # Damping that drives a sliding point does not exist; friction may act below the lowest point of
+    # a print.
     assert space.values(space.clip(np.array([-0.5, -0.5]))) == pytest.approx([0.0, -0.25])
     assert space.at(space.clip(np.array([-0.5, 0.0]))).rig.ground.drag_N_s_per_m == 0.0
     assert space.clip(np.array([0.5, 0.0])).tolist() == [0.5, 0.0]
@@ -205,7 +251,11 @@ def test_two_answers_show_as_starts_that_disagree():
         x = (mu_of(s) - 0.45) / 0.1
         return np.array([10.0 * (x**2 - 4.0), (x + 2.0) / 10.0])
 
-    result = fit(Toy(two_answers, np.zeros(2, dtype=np.intp)), space, Search(starts=8, rng=np.random.default_rng(5)))
+    result = fit(
+        Toy(two_answers, np.zeros(2, dtype=np.intp)),
+        space,
+        Search(starts=8, rng=np.random.default_rng(5)),
+    )
     assert result.starts.count == 8
     assert 1 <= result.starts.agreeing < 8
     assert result.parameters[0].value == pytest.approx(0.25, abs=2e-3)
@@ -232,7 +282,10 @@ def test_a_warm_start_begins_where_it_is_told():
 
 def test_a_side_where_the_model_has_no_answer_is_done_without():
     space = make_prior(("friction",), BELIEF, {"friction_coefficient": 0.05})
-    result = fit(one_row(lambda s: np.array([(mu_of(s) - 0.5) / 1e-3]) if mu_of(s) <= 0.4505 else None), space)
+    result = fit(
+        one_row(lambda s: np.array([(mu_of(s) - 0.5) / 1e-3]) if mu_of(s) <= 0.4505 else None),
+        space,
+    )
     assert 0.45 <= result.parameters[0].value <= 0.4505
     with pytest.raises(SimulationFailed, match="with its nominal values"):
         fit(one_row(lambda _: None), space)
@@ -240,7 +293,9 @@ def test_a_side_where_the_model_has_no_answer_is_done_without():
 
 def test_correlated_parameters_are_named():
     space = make_prior(("k0", "friction"), BELIEF, KNOWN_TO)
-    result = fit(one_row(lambda s: np.array([(k0_of(s) / 11.0 + mu_of(s) / 0.45 - 2.0) / 1e-4])), space)
+    result = fit(
+        one_row(lambda s: np.array([(k0_of(s) / 11.0 + mu_of(s) / 0.45 - 2.0) / 1e-4])), space
+    )
     assert [(a, b) for a, b, c in result.high_correlations() if c < -0.9] == [("k0", "friction")]
 
 
@@ -279,16 +334,31 @@ def test_only_what_the_window_says_counts():
 
 def test_repeats_are_simulated_once_unless_their_recorded_turns_differ():
     made = recording(5, repeats=3)
-    assert len(make_stroke_problem(group_by_condition(made.strokes), 0.05, NOISE, "commanded").turns) == 2
-    assert len(make_stroke_problem(group_by_condition(made.strokes), 0.05, NOISE, "recorded").turns) == 2
+    assert (
+        len(make_stroke_problem(group_by_condition(made.strokes), 0.05, NOISE, "commanded").turns)
+        == 2
+    )
+    assert (
+        len(make_stroke_problem(group_by_condition(made.strokes), 0.05, NOISE, "recorded").turns)
+        == 2
+    )
     other = with_encoder_off(made.strokes[0], 0.01)
-    assert len(make_stroke_problem(group_by_condition([other, *made.strokes[1:]]), 0.05, NOISE, "recorded").turns) == 3
+    assert (
+        len(
+            make_stroke_problem(
+                group_by_condition([other, *made.strokes[1:]]), 0.05, NOISE, "recorded"
+            ).turns
+        )
+        == 3
+    )
 
 
 def test_a_stroke_that_cannot_be_used_is_left_out_and_named():
     made = recording(6)
     blind = replace(made.strokes[1], streams={})
-    result = fit_recordings([replace(made, strokes=(made.strokes[0], blind, *made.strokes[2:]))], ("k0",), COMMANDED)
+    result = fit_recordings(
+        [replace(made, strokes=(made.strokes[0], blind, *made.strokes[2:]))], ("k0",), COMMANDED
+    )
     assert result.strokes == 3
     assert any("215 mm, 3.25 rad/s, repeat 2: fz was not recorded" in note for note in result.notes)
     with pytest.raises(BadInput, match=r"no stroke to fit to; left out: .*fz was not recorded"):
@@ -297,7 +367,9 @@ def test_a_stroke_that_cannot_be_used_is_left_out_and_named():
 
 def test_unusable_requests_are_refused_in_one_line():
     made = recording(6)
-    with pytest.raises(BadInput, match=r"'stiffness' is no parameter; did you mean contact_stiffness\?"):
+    with pytest.raises(
+        BadInput, match=r"'stiffness' is no parameter; did you mean contact_stiffness\?"
+    ):
         fit_recordings([made], ("stiffness",))
     with pytest.raises(BadInput, match="named twice"):
         fit_recordings([made], ("k0", "k0"))
@@ -311,29 +383,40 @@ def test_valleys_alone_are_fitted():
     true = supposing(k0=11.6, friction=0.40)
     rows = []
     for height_m, speed_rad_s in ((0.215, 2.433), (0.235, 3.276)):
-        (stroke,) = simulate_strokes([ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).job(true)])
+        (stroke,) = simulate_strokes(
+            [ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).job(true)]
+        )
         valley = find_valley(stroke.t_s, stroke.fz_N)
         rows.append(ValleyRow(height_m, speed_rad_s, valley.time_s, valley.fz_N, 0.01, 0.1))
     result = fit_valleys(BELIEF.rig, rows, ("k0", "friction"), {})
-    assert [p.value for p in result.parameters] == [pytest.approx(11.6, abs=0.02), pytest.approx(0.40, abs=0.005)]
+    assert [p.value for p in result.parameters] == [
+        pytest.approx(11.6, abs=0.02),
+        pytest.approx(0.40, abs=0.005),
+    ]
     assert result.rms["valley_fz_N"] < 0.05 < result.rms_before["valley_fz_N"]
 
 
 def test_the_fitted_model_is_read_back_as_it_was_written(tmp_path):
     space = make_prior(
-        ("k0", "mass", "friction", "start_angle", "height", "k2", "link_radius"), BELIEF, {**KNOWN_TO, "start_angle_deg": 0.3}
+        ("k0", "mass", "friction", "start_angle", "height", "k2", "link_radius"),
+        BELIEF,
+        {**KNOWN_TO, "start_angle_deg": 0.3},
     )
     toy = one_row(lambda s: np.array([(k0_of(s) - 11.4) / 0.1]))
     result = fit(toy, space, Search(start={"mass": 325.0, "start_angle": 13.3}))
     nominal = {**SECTIONS, "sensor": {**SECTIONS["sensor"], "tared": 'without "the" leg\n'}}
-    write_model_file(tmp_path / "model.toml", result, nominal, {**KNOWN_TO, "mass_relative": 0.01}, ["runs/a\nb"])
+    write_model_file(
+        tmp_path / "model.toml", result, nominal, {**KNOWN_TO, "mass_relative": 0.01}, ["runs/a\nb"]
+    )
     read = read_model_file(tmp_path / "model.toml")
     written = result.supposed.rig
     again = model_of(read)
     assert again.leg.link_masses_kg == pytest.approx(written.leg.link_masses_kg, rel=1e-6)
     assert again.leg.k0_Nm_per_rad == pytest.approx(written.leg.k0_Nm_per_rad, rel=1e-6)
     assert again.leg.start_angle_rad == pytest.approx(written.leg.start_angle_rad, rel=1e-5)
-    assert again.ground.friction_coefficient == pytest.approx(written.ground.friction_coefficient, rel=1e-6)
+    assert again.ground.friction_coefficient == pytest.approx(
+        written.ground.friction_coefficient, rel=1e-6
+    )
     assert (again.sensor, again.drive) == (written.sensor, written.drive)
     assert read.sensor.tared == nominal["sensor"]["tared"]
     assert read.sensor.noise_std.fz_N == 0.15
@@ -350,7 +433,10 @@ def test_effects_that_were_believed_stay_and_a_fitted_height_adds_to_a_believed_
     rack = PresentEffect("height_offset", (("offset_mm", 1.5),))
     play = PresentEffect("hinge_backlash", (("half_gap_deg", 0.7),))
     centre = replace(BELIEF, rig=replace(BELIEF.rig, effects=(rack, play)))
-    result = fit(one_row(lambda s: np.array([(1e3 * s.height_offset_m - 0.4) / 0.01])), make_prior(("height",), centre, {"height_mm": 0.2}))
+    result = fit(
+        one_row(lambda s: np.array([(1e3 * s.height_offset_m - 0.4) / 0.01])),
+        make_prior(("height",), centre, {"height_mm": 0.2}),
+    )
     nominal = {**SECTIONS, "effects": [{"id": "height_offset", "parameters": {"offset_mm": 1.5}}]}
     write_model_file(tmp_path / "model.toml", result, nominal, KNOWN_TO, [])
     play_again, offset = read_model_file(tmp_path / "model.toml").model().effects
@@ -369,7 +455,15 @@ def app() -> typer.Typer:
 def test_the_command_fits_tells_and_writes(tmp_path):
     write_recording(recording(8), tmp_path / "run.h5")
     out = tmp_path / "model.toml"
-    words = [str(tmp_path / "run.h5"), "--parameters", "k0,friction", "--shaft", "commanded", "--out", str(out)]
+    words = [
+        str(tmp_path / "run.h5"),
+        "--parameters",
+        "k0,friction",
+        "--shaft",
+        "commanded",
+        "--out",
+        str(out),
+    ]
     said = CliRunner().invoke(app(), words)
     assert said.exit_code == 0
     assert "k0" in said.stdout and "without the first 200 ms of contact" in said.stdout
@@ -379,7 +473,9 @@ def test_the_command_fits_tells_and_writes(tmp_path):
 
 def test_json_owns_the_output(tmp_path):
     write_recording(recording(8), tmp_path / "run.h5")
-    said = CliRunner().invoke(app(), [str(tmp_path / "run.h5"), "--parameters", "k0", "--shaft", "commanded", "--json"])
+    said = CliRunner().invoke(
+        app(), [str(tmp_path / "run.h5"), "--parameters", "k0", "--shaft", "commanded", "--json"]
+    )
     answer = json.loads(said.stdout)
     assert said.stderr == ""
     assert answer["format"] == "rfca-fit/1"

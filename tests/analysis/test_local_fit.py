@@ -17,7 +17,9 @@ def test_a_parabola_is_returned_exactly_from_uneven_samples():
 def test_the_window_is_one_of_time_whatever_the_rate(rate_Hz):
     t = np.arange(0, int(rate_Hz)) / rate_Hz
     cubic = local_quadratic(t, t**3, np.array([0.5]), 0.1)
-    assert cubic.slope[0] == pytest.approx(3 * 0.25 + 3.0 / 5.0 * 0.05**2, rel=3e-4), "slope of x^3 over +-h is 3x^2 + 3h^2/5"
+    assert cubic.slope[0] == pytest.approx(3 * 0.25 + 3.0 / 5.0 * 0.05**2, rel=3e-4), (
+        "slope of x^3 over +-h is 3x^2 + 3h^2/5"
+    )
 
 
 def test_a_gap_gives_nan_and_not_a_guess():

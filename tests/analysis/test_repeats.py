@@ -13,9 +13,18 @@ def flap(height_m, speed_rad_s, repeat):
 
 
 def test_strokes_of_one_height_and_speed_belong_together_in_order():
-    strokes = [flap(0.235, 2.433, 1), flap(0.215, 3.25, 2), flap(0.215, 3.25, 1), flap(0.21500001, 2.433, 1)]
+    strokes = [
+        flap(0.235, 2.433, 1),
+        flap(0.215, 3.25, 2),
+        flap(0.215, 3.25, 1),
+        flap(0.21500001, 2.433, 1),
+    ]
     found = [(c.label, [s.repeat for s in c.strokes]) for c in group_by_condition(strokes)]
-    assert found == [("215 mm, 2.433 rad/s", [1]), ("215 mm, 3.25 rad/s", [1, 2]), ("235 mm, 2.433 rad/s", [1])]
+    assert found == [
+        ("215 mm, 2.433 rad/s", [1]),
+        ("215 mm, 3.25 rad/s", [1, 2]),
+        ("235 mm, 2.433 rad/s", [1]),
+    ]
 
 
 def test_spread_is_the_samples_own():
@@ -26,13 +35,18 @@ def test_spread_is_the_samples_own():
 
 def turned(speed_rad_s, ramp_s=0.05, until_s=np.inf):
     moving = np.clip(np.minimum(T, until_s), 0.0, None)
-    return 0.25 + speed_rad_s * np.where(moving < ramp_s, 0.5 * moving**2 / ramp_s, moving - 0.5 * ramp_s)
+    return 0.25 + speed_rad_s * np.where(
+        moving < ramp_s, 0.5 * moving**2 / ramp_s, moving - 0.5 * ramp_s
+    )
 
 
 def test_average_speed_is_the_turn_over_its_time():
     noise = np.random.default_rng(2).normal(0.0, 1e-4, len(T))
     average = average_speed(traces.stroke(T, None, shaft_angle_rad=turned(2.3) + noise), 0.05)
-    assert (average.speed_rad_s, average.taken_from) == (pytest.approx(2.3, abs=1e-3), "shaft angle")
+    assert (average.speed_rad_s, average.taken_from) == (
+        pytest.approx(2.3, abs=1e-3),
+        "shaft angle",
+    )
 
 
 def test_a_shaft_that_stands_still_afterwards_does_not_lower_the_average():

@@ -12,7 +12,10 @@ FIRST = ((4.0, -9.0), (8.0, -20.0), (12.0, -35.0))
 def stages(*checks):
     """Static stages of checks, each a list of (fy, fz)."""
     forces = [force for check in checks for force in check]
-    return [StaticStage(0.2, number, "loading", 1.0, (0.0,) * 6, fy, fz, 0.0) for number, (fy, fz) in enumerate(forces, start=1)]
+    return [
+        StaticStage(0.2, number, "loading", 1.0, (0.0,) * 6, fy, fz, 0.0)
+        for number, (fy, fz) in enumerate(forces, start=1)
+    ]
 
 
 def scaled(factor):
@@ -31,7 +34,9 @@ def test_the_standard_error_covers_what_noise_does():
         noisy = [tuple(np.array(force) + 0.2 * random.standard_normal(2)) for force in scaled(0.95)]
         drift = stiffness_drift(stages(FIRST, noisy), 3, 2)
         pulls.append((drift.relative + 0.05) / drift.std)
-    assert np.mean(np.abs(pulls) < 2.57) == pytest.approx(0.95, abs=0.035)  # Student's t with 5 degrees of freedom
+    assert np.mean(np.abs(pulls) < 2.57) == pytest.approx(
+        0.95, abs=0.035
+    )  # Student's t with 5 degrees of freedom
 
 
 def test_a_check_that_is_not_whole_says_nothing():

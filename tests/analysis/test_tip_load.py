@@ -33,10 +33,15 @@ def test_a_force_does_the_work_that_springs_and_weight_take_up():
         middles = 0.5e-3 * (shape.ends_mm[1:, 1] + shape.ends_mm[:-1, 1])
         phi = shape.angles_rad[1:]
         leg = PAPER.leg
-        return 0.5 * leg.k0_Nm_per_rad * np.sum(phi**2 + 0.5 * leg.k2_per_rad2 * phi**4) - 9.81 * masses @ middles
+        return (
+            0.5 * leg.k0_Nm_per_rad * np.sum(phi**2 + 0.5 * leg.k2_per_rad2 * phi**4)
+            - 9.81 * masses @ middles
+        )
 
     places = np.array([1e-3 * shape.ends_mm[-1] for shape in shapes])
-    places[:, 0] -= PAPER.leg.link_radius_m * np.array([shape.angles_rad.sum() for shape in shapes])  # it rolls on a round end
+    places[:, 0] -= PAPER.leg.link_radius_m * np.array(
+        [shape.angles_rad.sum() for shape in shapes]
+    )  # it rolls on a round end
     middle = 0.5 * (shares[1:] + shares[:-1])[:, None] * FORCE_N
     work = np.sum(middle * np.diff(places, axis=0))
     assert work == pytest.approx(energy(shapes[-1]) - energy(shapes[0]), rel=1e-4)
@@ -65,6 +70,9 @@ def test_the_picture_shows_every_torque(tmp_path):
     shape = load_tip(PAPER.leg, 0.5, FORCE_N)
     write_tip_load_picture(shape, tmp_path / "load.svg")
     drawn = (tmp_path / "load.svg").read_text()
-    assert all(f"{torque:.2f}".replace("-", "\u2212") in drawn or f"{torque:.2f}" in drawn for torque in shape.torques_Nm[1:])
+    assert all(
+        f"{torque:.2f}".replace("-", "\u2212") in drawn or f"{torque:.2f}" in drawn
+        for torque in shape.torques_Nm[1:]
+    )
     with pytest.raises(BadInput, match="a picture ends in"):
         write_tip_load_picture(shape, tmp_path / "load.doc")

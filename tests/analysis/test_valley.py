@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.phases import Undetermined, Valley, find_valley, stroke_valley, valley_and_phases
+from rfca_rig.analysis.phases import (
+    Undetermined,
+    Valley,
+    find_valley,
+    stroke_valley,
+    valley_and_phases,
+)
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.analysis import traces
 from tests.model.legs import PAPER
@@ -17,7 +23,9 @@ def test_a_clean_valley_is_found_between_the_samples(rate_Hz):
 
 @pytest.mark.parametrize("rate_Hz", [1000.0, 4000.0, 15000.0])
 def test_noise_and_spike_do_not_move_the_valley(rate_Hz):
-    """Time scatters by the noise of the slope over the curvature, which falls with the root of the rate."""
+    """Time scatters by the noise of the slope over the curvature, which falls with the root of
+    the rate.
+    """
     t = traces.even(rate_Hz)
     slope_std = 0.15 * np.sqrt(12.0 / (0.02 * rate_Hz)) / 0.02
     for seed in range(8):
@@ -30,7 +38,9 @@ def test_noise_and_spike_do_not_move_the_valley(rate_Hz):
 def test_uneven_time_stamps_give_the_same_valley():
     t = traces.uneven(np.random.default_rng(3))
     valley = find_valley(t, traces.fz(t))
-    assert (valley.time_s, valley.fz_N) == pytest.approx((traces.VALLEY_S, traces.VALLEY_N), abs=1e-6)
+    assert (valley.time_s, valley.fz_N) == pytest.approx(
+        (traces.VALLEY_S, traces.VALLEY_N), abs=1e-6
+    )
 
 
 def test_a_deeper_rebound_is_not_the_valley():
@@ -54,7 +64,10 @@ def test_the_valley_of_the_models_own_stroke_is_its_minimum_and_found_again_in_n
     clean = find_valley(t, simulated.fz_N)
     assert clean.fz_N == pytest.approx(simulated.fz_N.min(), abs=0.1)
     assert clean.time_s == pytest.approx(t[simulated.fz_N.argmin()], abs=0.003)
-    noisy = [find_valley(t, simulated.fz_N + np.random.default_rng(seed).normal(0.0, 0.15, len(t))) for seed in range(12)]
+    noisy = [
+        find_valley(t, simulated.fz_N + np.random.default_rng(seed).normal(0.0, 0.15, len(t)))
+        for seed in range(12)
+    ]
     assert np.std([v.time_s for v in noisy]) < 0.0015
     assert np.std([v.fz_N for v in noisy]) < 0.08
     assert np.mean([v.time_s for v in noisy]) == pytest.approx(clean.time_s, abs=0.0015)
@@ -79,7 +92,9 @@ def test_a_swing_in_the_air_has_no_contact():
     t = traces.even(1000.0)
     for speed_rad_s in (2.433, 4.5):
         simulated = simulate_stroke_at_speed(PAPER, 1.0, speed_rad_s, t)
-        refused = find_valley(t, simulated.fz_N + np.random.default_rng(0).normal(0.0, 0.15, len(t)))
+        refused = find_valley(
+            t, simulated.fz_N + np.random.default_rng(0).normal(0.0, 0.15, len(t))
+        )
         assert isinstance(refused, Undetermined) and "no contact" in refused.reason
 
 
@@ -98,4 +113,6 @@ def test_the_valley_divides_loading_from_release():
     assert isinstance(valley, Valley)
     assert phases.touchdown_s == pytest.approx(traces.TOUCHDOWN_S, abs=0.004)
     assert phases.valley_s == valley.time_s
-    assert phases.lift_off_s == pytest.approx(traces.LIFT_OFF_S, abs=0.011), "smoothing brings it forward by half a window at most"
+    assert phases.lift_off_s == pytest.approx(traces.LIFT_OFF_S, abs=0.011), (
+        "smoothing brings it forward by half a window at most"
+    )

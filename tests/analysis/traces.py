@@ -23,9 +23,15 @@ CURVATURE = 6000.0  # N/s^2, about that of the paper's leg
 
 
 def fz(
-    t_s: np.ndarray, valley_s: float = VALLEY_S, valley_N: float = VALLEY_N, spike_N: float = 0.0, rebound_N: float = -60.0
+    t_s: np.ndarray,
+    valley_s: float = VALLEY_S,
+    valley_N: float = VALLEY_N,
+    spike_N: float = 0.0,
+    rebound_N: float = -60.0,
 ) -> np.ndarray:
-    """Rest; from touchdown a straight fall that rounds off into a parabola, the valley; a whip up to +45 N; a rebound, maybe deeper."""
+    """Rest; from touchdown a straight fall that rounds off into a parabola, the valley; a whip
+    up to +45 N; a rebound, maybe deeper.
+    """
     fall = -valley_N / (valley_s - TOUCHDOWN_S)
     straight_until = valley_s - fall / CURVATURE
     parabola = valley_N + 0.5 * CURVATURE * (t_s - valley_s) ** 2
@@ -33,8 +39,14 @@ def fz(
     lift_off_s = valley_s + 0.05
     whip = 45.0 * np.exp(-(((t_s - lift_off_s - 0.015) / 0.008) ** 2))
     rebound = (rebound_N - REST_N) * np.exp(-(((t_s - lift_off_s - 0.07) / 0.012) ** 2))
-    after = np.where(t_s >= lift_off_s, REST_N + whip + rebound, np.where(t_s < straight_until, straight, parabola))
-    return np.where(t_s < TOUCHDOWN_S, REST_N, after) + spike_N * np.exp(-(((t_s - TOUCHDOWN_S - 0.002) / 0.001) ** 2))
+    after = np.where(
+        t_s >= lift_off_s,
+        REST_N + whip + rebound,
+        np.where(t_s < straight_until, straight, parabola),
+    )
+    return np.where(t_s < TOUCHDOWN_S, REST_N, after) + spike_N * np.exp(
+        -(((t_s - TOUCHDOWN_S - 0.002) / 0.001) ** 2)
+    )
 
 
 def stroke(

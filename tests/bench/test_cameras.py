@@ -19,12 +19,16 @@ EYE = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml").eye()
 
 
 def test_a_photo_folder_s_camera_tells_the_person_and_takes_what_comes(tmp_path, capsys):
-    section = PhotoFolderSection(device="photo-folder", calibration_file="c.toml", folder=str(tmp_path), photo_limit_s=10.0)
+    section = PhotoFolderSection(
+        device="photo-folder", calibration_file="c.toml", folder=str(tmp_path), photo_limit_s=10.0
+    )
     with ExitStack() as stack:
         camera = make_camera(section, EYE, WallClock(), stack)
         camera.begin()
         assert camera.fetch_photo() is None
-        threading.Timer(0.3, cv2.imwrite, (str(tmp_path / "a.png"), np.full((4, 4, 3), 9, np.uint8))).start()
+        threading.Timer(
+            0.3, cv2.imwrite, (str(tmp_path / "a.png"), np.full((4, 4, 3), 9, np.uint8))
+        ).start()
         photo, wait = None, threading.Event()
         for _ in range(1000):
             if photo := camera.fetch_photo():
@@ -36,7 +40,12 @@ def test_a_photo_folder_s_camera_tells_the_person_and_takes_what_comes(tmp_path,
 
 def test_a_camera_that_does_not_open_is_known_before_anything_moves():
     with ExitStack() as stack, pytest.raises(DeviceError, match="camera 99 does not open"):
-        make_camera(OpenCvCameraSection(device="opencv", calibration_file="c.toml", number=99), EYE, WallClock(), stack)
+        make_camera(
+            OpenCvCameraSection(device="opencv", calibration_file="c.toml", number=99),
+            EYE,
+            WallClock(),
+            stack,
+        )
 
 
 class Counting:

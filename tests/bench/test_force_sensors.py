@@ -22,9 +22,17 @@ from tests.engine.rigs import ROOT
 
 CAL = ROOT / "calibration" / "made-up-gamma.cal"
 SECTIONS = {
-    "ati-net-ft": 'counts_per_N = 1e6\ncounts_per_Nm = 1e6\nrate_Hz = 7000.0\nconfiguration = "http"\n',
-    "ati-serial": 'counts_per_N = 20.0\ncounts_per_Nm = 333.3333\nrate_Hz = 250.0\nrecord = "binary-checksum"\n',
-    "ati-daq": 'calibration_file = "gamma.cal"\nrate_Hz = 15000.0\nunloaded_V = [0.3, -0.2, 0.1, 0.0, 0.2, -0.1]\n',
+    "ati-net-ft": (
+        'counts_per_N = 1e6\ncounts_per_Nm = 1e6\nrate_Hz = 7000.0\nconfiguration = "http"\n'
+    ),
+    "ati-serial": (
+        "counts_per_N = 20.0\ncounts_per_Nm = 333.3333\nrate_Hz = 250.0\nrecord = "
+        '"binary-checksum"\n'
+    ),
+    "ati-daq": (
+        'calibration_file = "gamma.cal"\nrate_Hz = 15000.0\nunloaded_V = [0.3, -0.2, 0.1, '
+        "0.0, 0.2, -0.1]\n"
+    ),
 }
 
 
@@ -35,7 +43,9 @@ def written(folder: Path, device: str, section: str | None = None, real: bool = 
     after = rest[rest.index("[twin]") :] if "[twin]" in rest else ""
     (folder / "gamma.cal").write_bytes(CAL.read_bytes())
     path = folder / f"{device}.toml"
-    path.write_text(f'{before}[force_sensor]\ndevice = "{device}"\n{section or SECTIONS[device]}\n{after}')
+    path.write_text(
+        f'{before}[force_sensor]\ndevice = "{device}"\n{section or SECTIONS[device]}\n{after}'
+    )
     return path
 
 
@@ -45,7 +55,11 @@ def rig_with(folder: Path, device: str, section: str | None = None, real: bool =
 
 @pytest.mark.parametrize(
     ("device", "section", "driver"),
-    [("ati-net-ft", NetFtSection, NetFtSensor), ("ati-serial", AtiSerialSection, AtiSerialSensor), ("ati-daq", AtiDaqSection, DaqFtSensor)],
+    [
+        ("ati-net-ft", NetFtSection, NetFtSensor),
+        ("ati-serial", AtiSerialSection, AtiSerialSensor),
+        ("ati-daq", AtiDaqSection, DaqFtSensor),
+    ],
 )
 def test_a_rig_file_names_its_force_sensor(tmp_path, device, section, driver):
     rig = rig_with(tmp_path, device)
@@ -57,12 +71,28 @@ def test_a_rig_file_names_its_force_sensor(tmp_path, device, section, driver):
 
 
 @pytest.mark.slow
-def test_a_dynamic_run_works_with_each_sensor_and_they_measure_the_same_valley(tmp_path, monkeypatch, capsys):
+def test_a_dynamic_run_works_with_each_sensor_and_they_measure_the_same_valley(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     valleys = {}
     for device in SECTIONS:
         path = written(tmp_path, device)
-        said = typed(monkeypatch, capsys, "dynamic", "run", "--rig", path, "--height", 215, "--speed", 3.249, "--repeats", 1, "--json")
+        said = typed(
+            monkeypatch,
+            capsys,
+            "dynamic",
+            "run",
+            "--rig",
+            path,
+            "--height",
+            215,
+            "--speed",
+            3.249,
+            "--repeats",
+            1,
+            "--json",
+        )
         assert said.exit_code == 0
         (stroke,) = json.loads(said.out)["strokes"]
         valleys[device] = (stroke["valley_time_s"], stroke["valley_fz_N"])
@@ -100,18 +130,37 @@ def test_every_sensor_feels_the_same_plant(tmp_path, device):
         (
             "ati-netft",
             SECTIONS["ati-net-ft"],
-            r"force_sensor: 'device' should be one of 'ati-net-ft', 'ati-serial', 'ati-daq', 'own', not 'ati-netft'",
+            (
+                r"force_sensor: 'device' should be one of 'ati-net-ft', 'ati-serial', "
+                r"'ati-daq', 'own', not 'ati-netft'"
+            ),
         ),
-        ("ati-serial", SECTIONS["ati-net-ft"], r"force_sensor\.configuration: unknown key; known are device, counts_per_N"),
+        (
+            "ati-serial",
+            SECTIONS["ati-net-ft"],
+            r"force_sensor\.configuration: unknown key; known are device, counts_per_N",
+        ),
         (
             "ati-serial",
             "counts_per_N = 20.0\ncounts_per_Nm = 333.0\nrate_Hz = 250.0\n",
             r"the line carries 85\.3 records/s in the form 'ascii'",
         ),
-        ("ati-serial", SECTIONS["ati-serial"].replace("binary-checksum", "hex"), r"force_sensor\.record: should be 'ascii', 'binary' or"),
+        (
+            "ati-serial",
+            SECTIONS["ati-serial"].replace("binary-checksum", "hex"),
+            r"force_sensor\.record: should be 'ascii', 'binary' or",
+        ),
         ("ati-daq", "rate_Hz = 15000.0\n", r"force_sensor\.calibration_file: missing"),
-        ("ati-daq", SECTIONS["ati-daq"].replace("0.3, ", ""), r"unloaded_V: should have 6 or more entries, not 5"),
-        ("ati-net-ft", SECTIONS["ati-net-ft"].replace('"http"', '"web"'), r"force_sensor\.configuration: should be 'http', 'commands' or"),
+        (
+            "ati-daq",
+            SECTIONS["ati-daq"].replace("0.3, ", ""),
+            r"unloaded_V: should have 6 or more entries, not 5",
+        ),
+        (
+            "ati-net-ft",
+            SECTIONS["ati-net-ft"].replace('"http"', '"web"'),
+            r"force_sensor\.configuration: should be 'http', 'commands' or",
+        ),
     ],
 )
 def test_a_sensor_that_cannot_be_is_refused_with_file_and_line(tmp_path, device, section, said):
@@ -127,7 +176,10 @@ def test_a_calibration_file_that_is_missing_or_none_is_one_line(tmp_path):
     with pytest.raises(BadInput, match=r"gamma\.cal: begins with <html>"), open_bench(rig, 1):
         pass
     (tmp_path / "gamma.cal").unlink()
-    with pytest.raises(BadInput, match=r"gamma\.cal: cannot be read: No such file"), open_bench(rig, 1):
+    with (
+        pytest.raises(BadInput, match=r"gamma\.cal: cannot be read: No such file"),
+        open_bench(rig, 1),
+    ):
         pass
 
 
@@ -161,5 +213,8 @@ def test_the_shipped_rig_with_a_daq_sensor_differs_from_the_twin_in_nothing_else
     assert isinstance(daq.force_sensor, AtiDaqSection)
     assert daq.force_sensor.rate_Hz == 15_000.0
     assert Path(daq.force_sensor.calibration_file).is_file()
-    same = {"force_sensor": plain.force_sensor, "rig": daq.rig.model_copy(update={"title": plain.rig.title})}
+    same = {
+        "force_sensor": plain.force_sensor,
+        "rig": daq.rig.model_copy(update={"title": plain.rig.title}),
+    }
     assert daq.model_copy(update=same) == plain

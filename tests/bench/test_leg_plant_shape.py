@@ -1,4 +1,6 @@
-"""The plant's shape as a camera asks for it: absolute angles, positive downwards, of a leg that hangs still."""
+"""The plant's shape as a camera asks for it: absolute angles, positive downwards, of a leg that
+hangs still.
+"""
 
 from dataclasses import replace
 from math import cos, pi, radians
@@ -17,13 +19,21 @@ RIG = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml").model()
 
 def test_a_twin_that_is_to_fade_is_refused_as_it_counts_no_strokes():
     fading = PresentEffect("stiffness_fading", (("loss_per_decade_relative", 0.1),))
-    with pytest.raises(BadInput, match="effect stiffness_fading: the twin does not count its strokes"):
-        LegPlant(replace(RIG, effects=(fading,)), 0.5, 0.3, 1e-3, TwinScatter(), np.random.default_rng(1))
+    with pytest.raises(
+        BadInput, match="effect stiffness_fading: the twin does not count its strokes"
+    ):
+        LegPlant(
+            replace(RIG, effects=(fading,)), 0.5, 0.3, 1e-3, TwinScatter(), np.random.default_rng(1)
+        )
 
 
 def test_every_hinge_carries_the_weight_beyond_it():
     plant = LegPlant(RIG, 0.5, 0.3, 1e-3, TwinScatter(), np.random.default_rng(1))
-    angles_rad, lengths_m, masses_kg = plant.link_angles_rad(), plant.link_lengths_m(), RIG.leg.link_masses_kg
+    angles_rad, lengths_m, masses_kg = (
+        plant.link_angles_rad(),
+        plant.link_lengths_m(),
+        RIG.leg.link_masses_kg,
+    )
     assert angles_rad.shape == lengths_m.shape == (7,)
     assert angles_rad[0] == pytest.approx(plant.shaft().angle_rad) == pytest.approx(0.3)
     assert plant.ground_depth_m() == 0.5
@@ -34,7 +44,9 @@ def test_every_hinge_carries_the_weight_beyond_it():
             moment_Nm += 9.81 * masses_kg[link] * (reach_m + 0.5 * along_m)
             reach_m += along_m
         phi = angles_rad[hinge] - angles_rad[hinge - 1]
-        assert RIG.leg.k0_Nm_per_rad * (phi + RIG.leg.k2_per_rad2 * phi**3) == pytest.approx(moment_Nm, rel=2e-3)
+        assert RIG.leg.k0_Nm_per_rad * (phi + RIG.leg.k2_per_rad2 * phi**3) == pytest.approx(
+            moment_Nm, rel=2e-3
+        )
 
 
 def test_the_shape_is_a_copy():
@@ -47,7 +59,10 @@ def test_a_height_without_a_rest_pose_changes_nothing():
     """The control line of a served twin answers with the error, and the twin goes on."""
     plant = LegPlant(RIG, 0.5, radians(97.9), 1e-3, TwinScatter(), np.random.default_rng(1))
     before_rad = plant.link_angles_rad()
-    with pytest.raises(SimulationFailed, match=r"no rest pose found with the shaft at 97\.9 degrees and 250\.0 mm above the ground"):
+    with pytest.raises(
+        SimulationFailed,
+        match=r"no rest pose found with the shaft at 97\.9 degrees and 250\.0 mm above the ground",
+    ):
         plant.set_height(0.25)
     assert plant.ground_depth_m() == 0.5
     assert (plant.link_angles_rad() == before_rad).all()

@@ -1,4 +1,6 @@
-"""Rig files with a moteus, and with an ODrive of either dialect: read, opened, and run through a stroke on their twins."""
+"""Rig files with a moteus, and with an ODrive of either dialect: read, opened, and run through a
+stroke on their twins.
+"""
 
 from pathlib import Path
 
@@ -57,15 +59,20 @@ def run(folder: Path, motor: str) -> tuple[Recording, dict[str, str]]:
         (NEWER_ODRIVE, {"node_id": "4", "dialect": "0.6", "torque_from": "torques (0x1C)"}),
     ],
 )
-def test_a_stroke_runs_and_its_time_is_the_drives(tmp_path: Path, motor: str, named: dict[str, str]) -> None:
+def test_a_stroke_runs_and_its_time_is_the_drives(
+    tmp_path: Path, motor: str, named: dict[str, str]
+) -> None:
     recording, identity = run(tmp_path, motor)
     assert named.items() <= identity.items()
     stroke = recording.strokes[0]
     shaft_s, angle_rad = stroke.channel("shaft_angle_rad")
     assert np.diff(shaft_s) == pytest.approx(2e-3, rel=1e-6)
-    free = (shaft_s > 0.1) & (shaft_s < 0.3)  # ramp of 0.05 s, then steady: angle = start + speed (t - 0.025 s)
+    free = (shaft_s > 0.1) & (
+        shaft_s < 0.3
+    )  # ramp of 0.05 s, then steady: angle = start + speed (t - 0.025 s)
     expected_rad = 0.246091 + SPEED_rad_s * (shaft_s[free] - 0.025)
-    # 1 ms of time would be 2.4e-3. The leg, bent by gravity before it moves, shakes the shaft by up to 6.6e-3.
+    # 1 ms of time would be 2.4e-3. The leg, bent by gravity before it moves, shakes the shaft by up
+    # to 6.6e-3.
     assert np.abs(angle_rad[free] - expected_rad).max() < 8e-3
     assert stroke.channel("fz_N")[1].min() == pytest.approx(-53.5, abs=1.5)
 
@@ -74,13 +81,21 @@ def test_a_stroke_runs_and_its_time_is_the_drives(tmp_path: Path, motor: str, na
     ("motor", "said"),
     [
         (MOTEUS + "node_id = 1\n", r"motor\.node_id: unknown key"),
-        (MOTEUS.replace("drive_id = 3", "drive_id = 0"), r"motor\.drive_id: should be greater than or equal to 1"),
+        (
+            MOTEUS.replace("drive_id = 3", "drive_id = 0"),
+            r"motor\.drive_id: should be greater than or equal to 1",
+        ),
         (MOTEUS + "watchdog_ms = 0.0\n", r"motor\.watchdog_ms: should be greater than 0"),
-        (OLDER_ODRIVE.replace("torque_constant_Nm_per_A = 0.0827\n", ""), r'motor: dialect "0\.5" needs torque_constant_Nm_per_A'),
+        (
+            OLDER_ODRIVE.replace("torque_constant_Nm_per_A = 0.0827\n", ""),
+            r'motor: dialect "0\.5" needs torque_constant_Nm_per_A',
+        ),
         (OLDER_ODRIVE.replace('"0.5"', '"0.4"'), r"motor\.dialect: should be '0\.5' or '0\.6'"),
     ],
 )
-def test_what_such_a_motor_cannot_be_is_refused_in_one_line(tmp_path: Path, motor: str, said: str) -> None:
+def test_what_such_a_motor_cannot_be_is_refused_in_one_line(
+    tmp_path: Path, motor: str, said: str
+) -> None:
     with pytest.raises(BadInput, match=r"rig\.toml:\d+: " + said) as refused:
         rig_with(tmp_path, motor)
     assert "\n" not in str(refused.value)
@@ -90,12 +105,20 @@ def test_an_odrive_without_a_dialect_speaks_the_newer_one(tmp_path: Path) -> Non
     assert rig_with(tmp_path, NEWER_ODRIVE.replace('dialect = "0.6"\n', "")).motor.dialect == "0.6"
 
 
-def test_a_bus_for_a_moteus_is_opened_for_can_fd_and_others_are_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bus_for_a_moteus_is_opened_for_can_fd_and_others_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened = []
     monkeypatch.setattr(can, "Bus", lambda **asked: opened.append(asked))
     for motor in (MOTEUS + 'channel = "can1"\n', NEWER_ODRIVE):
         rig_with(tmp_path, motor).motor.open()
     assert opened == [
-        {"interface": "socketcan", "channel": "can1", "bitrate": 1_000_000, "data_bitrate": 5_000_000, "fd": True},
+        {
+            "interface": "socketcan",
+            "channel": "can1",
+            "bitrate": 1_000_000,
+            "data_bitrate": 5_000_000,
+            "fd": True,
+        },
         {"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000},
     ]

@@ -49,9 +49,13 @@ def rig_with(folder: Path, motor: str) -> RigFile:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("motor", "make", "rate_Hz"), [(MIT, "CubeMars AK, MIT mode", 500.0), (SERVO, "CubeMars AK, servo mode", 500.0)], ids=["mit", "servo"]
+    ("motor", "make", "rate_Hz"),
+    [(MIT, "CubeMars AK, MIT mode", 500.0), (SERVO, "CubeMars AK, servo mode", 500.0)],
+    ids=["mit", "servo"],
 )
-def test_a_plan_runs_on_the_twin_of_every_motor(tmp_path: Path, motor: str, make: str, rate_Hz: float) -> None:
+def test_a_plan_runs_on_the_twin_of_every_motor(
+    tmp_path: Path, motor: str, make: str, rate_Hz: float
+) -> None:
     rig = rig_with(tmp_path, motor)
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         assert bench.motor.identity()["make"] == make
@@ -68,17 +72,37 @@ def test_a_plan_runs_on_the_twin_of_every_motor(tmp_path: Path, motor: str, make
 @pytest.mark.parametrize(
     ("motor", "said"),
     [
-        (MIT + "node_id = 1\n", r"motor\.node_id: unknown key; known are direction, interface, .*model, zero_rad"),
+        (
+            MIT + "node_id = 1\n",
+            r"motor\.node_id: unknown key; known are direction, interface, .*model, zero_rad",
+        ),
         (SERVO + "model = 'AK10-9'\n", r"motor\.model: unknown key; known are .*pole_pairs"),
-        (SERVO.replace("zero_deg", "zero_degs"), r"motor\.zero_degs: unknown key; did you mean zero_deg\?"),
-        (MIT.replace("AK10-9", "AK99"), r"motor\.model: should be one of AK10-9, .*AK80-9-V2\.0, not 'AK99'"),
-        (MIT.replace("cubemars-mit", "cubemars"), r"motor: 'device' should be one of 'odrive', 'cubemars-mit', .*not 'cubemars'"),
+        (
+            SERVO.replace("zero_deg", "zero_degs"),
+            r"motor\.zero_degs: unknown key; did you mean zero_deg\?",
+        ),
+        (
+            MIT.replace("AK10-9", "AK99"),
+            r"motor\.model: should be one of AK10-9, .*AK80-9-V2\.0, not 'AK99'",
+        ),
+        (
+            MIT.replace("cubemars-mit", "cubemars"),
+            r"motor: 'device' should be one of 'odrive', 'cubemars-mit', .*not 'cubemars'",
+        ),
         (SERVO.replace("pole_pairs = 21", ""), r"motor\.pole_pairs: missing"),
-        (MIT.replace("drive_id = 3", "drive_id = 127"), r"motor\.drive_id: should be less than or equal to 126, not 127"),
-        (MIT + "speed_gain_Nm_s_per_rad = 6.0\n", r"motor\.speed_gain_Nm_s_per_rad: should be less than or equal to 5"),
+        (
+            MIT.replace("drive_id = 3", "drive_id = 127"),
+            r"motor\.drive_id: should be less than or equal to 126, not 127",
+        ),
+        (
+            MIT + "speed_gain_Nm_s_per_rad = 6.0\n",
+            r"motor\.speed_gain_Nm_s_per_rad: should be less than or equal to 5",
+        ),
     ],
 )
-def test_what_a_motor_does_not_have_is_refused_in_one_line(tmp_path: Path, motor: str, said: str) -> None:
+def test_what_a_motor_does_not_have_is_refused_in_one_line(
+    tmp_path: Path, motor: str, said: str
+) -> None:
     with pytest.raises(BadInput, match=r"rig\.toml:\d+: " + said) as refused:
         rig_with(tmp_path, motor)
     assert "\n" not in str(refused.value)
@@ -90,10 +114,16 @@ def test_files_from_before_there_was_a_choice_are_still_read(name: str) -> None:
 
 
 @pytest.mark.parametrize("motor", [MIT, SERVO])
-def test_the_twin_of_a_motor_is_opened_with_its_own_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, motor: str) -> None:
+def test_the_twin_of_a_motor_is_opened_with_its_own_scale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, motor: str
+) -> None:
     """The leg falls from where it is parked, and the motor holds it where it then hangs."""
     rig, plants = rig_with(tmp_path, motor), []
-    monkeypatch.setattr(factory, "LegPlant", lambda *args, **named: plants.append(LegPlant(*args, **named)) or plants[-1])
+    monkeypatch.setattr(
+        factory,
+        "LegPlant",
+        lambda *args, **named: plants.append(LegPlant(*args, **named)) or plants[-1],
+    )
     with open_bench(rig, 1) as bench:
         bench.motor.enable()
         shaft = bench.motor.read()

@@ -27,10 +27,14 @@ def photograph(path: Path, seed: int) -> None:
 
 
 def places(marks: IdentifiedMarks) -> list[list[float] | None]:
-    return [None if mark is None else [*mark.px.tolist(), *mark.std_px.tolist()] for mark in marks.marks]
+    return [
+        None if mark is None else [*mark.px.tolist(), *mark.std_px.tolist()] for mark in marks.marks
+    ]
 
 
-def test_photos_that_come_before_or_after_they_are_announced_are_read_as_in_this_process(tmp_path: Path) -> None:
+def test_photos_that_come_before_or_after_they_are_announced_are_read_as_in_this_process(
+    tmp_path: Path,
+) -> None:
     photograph(tmp_path / "1.png", 1)
     with PhotoReader(tmp_path, EYE) as reader:
         reader.expect("1.png")
@@ -53,7 +57,9 @@ def test_broken_and_lost_photos_are_left_to_the_caller(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("module", ["rfca_rig.no_such_module", "rfca_rig.errors"])
-def test_a_reader_that_ends_by_itself_leaves_all_photos_to_the_caller(module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_that_ends_by_itself_leaves_all_photos_to_the_caller(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(photo_reader, "MODULE", module)
     with PhotoReader(tmp_path, EYE) as reader:
         reader.expect("1.png")
@@ -71,7 +77,9 @@ def test_a_reader_that_is_killed_is_noticed_at_the_next_look(tmp_path: Path) -> 
             helpers.check()
 
 
-def test_a_system_that_starts_no_process_leaves_all_photos_to_the_caller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_that_starts_no_process_leaves_all_photos_to_the_caller(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(_module: str, _assignment: object) -> None:
         raise BlockingIOError
 

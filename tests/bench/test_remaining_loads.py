@@ -1,4 +1,6 @@
-"""What the model expects of what remains of a plan: the rig can take it wherever the run had stopped."""
+"""What the model expects of what remains of a plan: the rig can take it wherever the run had
+stopped.
+"""
 
 from pathlib import Path
 
@@ -33,7 +35,9 @@ def test_what_remains_passes_the_check_that_the_whole_plan_passed(name, done):
     left = make_remaining_plan(plan_of(name), done)
     expected = predict_loads(left, RIG.model())
     check_plan(left, expected)
-    assert all(stage in expected for stage in left.stages if isinstance(stage, Flap | Hold | Cycles))
+    assert all(
+        stage in expected for stage in left.stages if isinstance(stage, Flap | Hold | Cycles)
+    )
     assert expected[left.stages[1]].force_N > 10.0  # the way home may go through the ground
 
 

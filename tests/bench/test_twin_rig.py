@@ -31,7 +31,11 @@ def test_behind_a_stiff_drive_the_plant_is_the_model():
     leg, felt, times = plant(), [], np.arange(1, 1000) * 1e-3
     speed = float(np.radians(65.9))
     for t_s in times:
-        felt.append(leg.advance(t_s, ShaftDrive(speed_gain_Nm_s_per_rad=1e4, speed_rad_s=speed), np.array([t_s]))[0])
+        felt.append(
+            leg.advance(
+                t_s, ShaftDrive(speed_gain_Nm_s_per_rad=1e4, speed_rad_s=speed), np.array([t_s])
+            )[0]
+        )
     _, motion = pressed_and_held()
     model = simulate_stroke(twin_rig().model(), 0.215, motion, times)
     assert leg.shaft().angle_rad == pytest.approx(model.shaft_angle_rad[-1], abs=1e-3)
@@ -73,7 +77,9 @@ def test_the_bending_protocol_bends_the_twin_beyond_130_degrees_within_its_limit
     assert max(load.force_N for load in expected.values()) < 0.5 * plan.limits.force_N
     (height_m,) = protocol.heights_m
     angles_rad = [angle_rad for angle_rad, _ in protocol.angles_rad]
-    states = simulate_static_stages(rig.model(), height_m, angles_rad, StageMoves(protocol.move_speed_rad_s, 0.05))
+    states = simulate_static_stages(
+        rig.model(), height_m, angles_rad, StageMoves(protocol.move_speed_rad_s, 0.05)
+    )
     bends_deg = [abs(float(np.degrees(state.q_rad[-1] - state.q_rad[0]))) for state in states]
     assert bends_deg == sorted(bends_deg)
     assert bends_deg[0] < 40.0
@@ -88,7 +94,10 @@ def test_a_leg_pushed_back_under_load_is_seen_to_wedge_beforehand():
     safe = predict_loads(plan, rig.model())
     assert max(load.force_N for load in safe.values()) < 150.0
     assert {stage for stage in plan.stages if isinstance(stage, Hold)} <= set(safe)
-    back = [replace(stage, forwards=False) if isinstance(stage, MoveShaft) else stage for stage in plan.stages]
+    back = [
+        replace(stage, forwards=False) if isinstance(stage, MoveShaft) else stage
+        for stage in plan.stages
+    ]
     wedged = predict_loads(replace(plan, stages=tuple(back)), rig.model())
     assert max(load.force_N for load in wedged.values()) > 300.0
 
@@ -98,7 +107,9 @@ def test_a_leg_pushed_back_under_load_is_seen_to_wedge_beforehand():
     [
         PresentEffect("sensor_gain", (("factor", 1.1),)),
         PresentEffect("shaft_compliance", (("stiffness_Nm_per_rad", 50.0),)),
-        PresentEffect("motor_speed_ripple", (("amplitude_relative", 0.1), ("cycles_per_turn", 8.0))),
+        PresentEffect(
+            "motor_speed_ripple", (("amplitude_relative", 0.1), ("cycles_per_turn", 8.0))
+        ),
     ],
     ids=lambda effect: effect.id,
 )
@@ -111,5 +122,7 @@ def test_an_effect_that_the_twin_cannot_show_is_refused_not_forgotten(effect):
 def test_an_effect_of_the_leg_is_felt_on_the_twin():
     rig = replace(twin_rig().model(), effects=(PresentEffect("tip_mass", (("mass_g", 50.0),)),))
     leg = LegPlant(rig, 0.235, rig.leg.start_angle_rad, 0.01, NO_SCATTER, np.random.default_rng(0))
-    held = ShaftDrive(angle_gain_Nm_per_rad=4e4, angle_rad=rig.leg.start_angle_rad, speed_gain_Nm_s_per_rad=4e2)
+    held = ShaftDrive(
+        angle_gain_Nm_per_rad=4e4, angle_rad=rig.leg.start_angle_rad, speed_gain_Nm_s_per_rad=4e2
+    )
     assert leg.advance(0.2, held, np.array([0.2]))[0, 2] == pytest.approx(0.37 * 9.81, abs=0.05)

@@ -1,8 +1,10 @@
-"""Speed of the parts that people wait for, as ratios within one run: python -m tests.benchmarks [--short] [--check | --record NAME]
+"""Speed of the parts that people wait for, as ratios within one run: python -m tests.benchmarks
+[--short] [--check | --record NAME]
 
-Absolute times depend on the machine and are printed for orientation only. `history.csv` holds the ratios of earlier versions, one row each:
-`--record` appends one. `--check` ends with exit code 1 where a ratio is worse than in each of the last rows by more than WORSE, in two
-measurements, one right after the other. The rows show how far a ratio scatters on a shared machine: by half and more.
+Absolute times depend on the machine and are printed for orientation only. `history.csv` holds the
+ratios of earlier versions, one row each: `--record` appends one. `--check` ends with exit code 1
+where a ratio is worse than in each of the last rows by more than WORSE, in two measurements, one
+right after the other. The rows show how far a ratio scatters on a shared machine: by half and more.
 """
 
 import argparse
@@ -44,11 +46,14 @@ def _time_s(work: Callable[[], object]) -> float:
     return time.perf_counter() - begin
 
 
-def compare_s(work: Callable[[], object], reference: Callable[[], object], rounds: int) -> tuple[float, float]:
-    """Median wall time of `work`, and the median of its ratios to `reference`, which is timed right before and after each time.
+def compare_s(
+    work: Callable[[], object], reference: Callable[[], object], rounds: int
+) -> tuple[float, float]:
+    """Median wall time of `work`, and the median of its ratios to `reference`, which is timed right
+    before and after each time.
 
-    The speed of a shared machine changes by half within seconds: only neighbours in time can be compared.
-    """
+    The speed of a shared machine changes by half within seconds: only neighbours in time can be
+    compared."""
     work()
     reference()
     times, ratios, before = [], [], _time_s(reference)
@@ -65,33 +70,51 @@ def main() -> None:
     parser.add_argument("--short", action="store_true", help="fewer rounds")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--check", action="store_true", help="compare with the history")
-    what.add_argument("--record", metavar="NAME", help="append the ratios to the history, for example under a version")
+    what.add_argument(
+        "--record",
+        metavar="NAME",
+        help="append the ratios to the history, for example under a version",
+    )
     asked = parser.parse_args()
     rounds = 3 if asked.short else 11
     ratios = measure(rounds)
     if asked.record:
         with HISTORY.open("a", encoding="utf-8", newline="") as file:
-            csv.writer(file).writerow([asked.record, *(f"{value:.4g}" for value in ratios.values())])
+            csv.writer(file).writerow(
+                [asked.record, *(f"{value:.4g}" for value in ratios.values())]
+            )
     if asked.check:
         history = read_history()
         slower = find_slower(history, ratios)
         if slower:
-            print(f"{', '.join(slower)}: more than {WORSE:.0%} worse than before; measured once more")
+            print(
+                f"{', '.join(slower)}: more than {WORSE:.0%} worse than before; measured once more"
+            )
             slower = sorted(set(slower) & set(find_slower(history, measure(rounds))))
         for name in slower:
-            print(f"{name}: more than {WORSE:.0%} worse than the history twice in a row; find the change, or state it with --record")
+            print(
+                f"{name}: more than {WORSE:.0%} worse than the history twice in a row; "
+                "find the change, or state it with --record"
+            )
         sys.exit(bool(slower))
 
 
 def read_history() -> list[dict[str, float]]:
     """The ratios of earlier versions, oldest first."""
     with HISTORY.open(encoding="utf-8", newline="") as file:
-        return [{name: float(value) for name, value in row.items() if name != "version"} for row in csv.DictReader(file)]
+        return [
+            {name: float(value) for name, value in row.items() if name != "version"}
+            for row in csv.DictReader(file)
+        ]
 
 
 def find_slower(history: Sequence[Mapping[str, float]], ratios: Mapping[str, float]) -> list[str]:
-    """Names of the ratios that are worse than in each of the last rows by more than WORSE; larger is worse."""
-    worst = {name: max((row[name] for row in history[-LAST_ROWS:]), default=np.inf) for name in ratios}
+    """Names of the ratios that are worse than in each of the last rows by more than WORSE;
+    larger is worse.
+    """
+    worst = {
+        name: max((row[name] for row in history[-LAST_ROWS:]), default=np.inf) for name in ratios
+    }
     return sorted(name for name, value in ratios.items() if value > (1.0 + WORSE) * worst[name])
 
 
@@ -104,26 +127,45 @@ def measure(rounds: int) -> dict[str, float]:
 
     recordings = open_recordings([SMALL])
     with tempfile.TemporaryDirectory() as folder:
-        report_s, report_ratio = compare_s(lambda: write_report(recordings, Path(folder)), strokes, rounds)
+        report_s, report_ratio = compare_s(
+            lambda: write_report(recordings, Path(folder)), strokes, rounds
+        )
     run_s, run_ratio = compare_s(run_on_twin, strokes, rounds)
-    ice_s, ice_ratio = compare_s(lambda: strokes(ICE), lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), 3 * rounds)
+    ice_s, ice_ratio = compare_s(
+        lambda: strokes(ICE), lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), 3 * rounds
+    )
     stroke_s, rig_s = median_s(strokes, 5 * rounds) / STROKES, run_on_twin()
     ratios = {
         "stroke_per_lsoda": ice_ratio / STROKES,
         "run_in_strokes": run_ratio * STROKES,
         "report_in_strokes": report_ratio * STROKES,
     }
-    print(f"one simulated stroke, 1.4 s of motion      {1e3 * stroke_s:8.2f} ms   {1.4 / stroke_s:8.0f} x real time")
-    print(f"the same without friction                  {1e3 * ice_s / STROKES:8.2f} ms   {STROKES / ice_ratio:8.1f} times as fast as LSODA")
-    print(f"a run on the twin, {rig_s:.1f} s of rig time       {run_s:8.2f} s    {ratios['run_in_strokes']:8.0f} strokes' worth")
-    print(f"a report over 4 recordings                 {report_s:8.2f} s    {ratios['report_in_strokes']:8.0f} strokes' worth")
+    print(
+        f"one simulated stroke, 1.4 s of motion      {1e3 * stroke_s:8.2f} ms   "
+        f"{1.4 / stroke_s:8.0f} x real time"
+    )
+    print(
+        f"the same without friction                  {1e3 * ice_s / STROKES:8.2f} ms   "
+        f"{STROKES / ice_ratio:8.1f} times as fast as LSODA"
+    )
+    print(
+        f"a run on the twin, {rig_s:.1f} s of rig time       {run_s:8.2f} s    "
+        f"{ratios['run_in_strokes']:8.0f} strokes' worth"
+    )
+    print(
+        f"a report over 4 recordings                 {report_s:8.2f} s    "
+        f"{ratios['report_in_strokes']:8.0f} strokes' worth"
+    )
     return ratios
 
 
 def run_on_twin() -> float:
     """One stroke on the twin, recorded by a process of its own; returns the rig's time."""
     rig = twin_rig()
-    with tempfile.TemporaryDirectory() as folder, recorder_on(rig, Path(folder) / "run") as (bench, recorder, _):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        recorder_on(rig, Path(folder) / "run") as (bench, recorder, _),
+    ):
         run_plan(one_condition(rig), bench, recorder, nothing)
         return bench.clock.now_s()
 

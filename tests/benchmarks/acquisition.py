@@ -1,9 +1,10 @@
-"""Force records and a command loop at full speed, over real sockets: python -m tests.benchmarks.acquisition [--seconds 600]
+"""Force records and a command loop at full speed, over real sockets: python -m
+tests.benchmarks.acquisition [--seconds 600]
 
-A box in a process of its own sends 7000 and 15 000 records/s, one and 40 to a datagram. This process reads them through the
-acquisition process, and commands a drive in a third process over socketcand at 500 Hz. Shown are records lost, processor shares
-in per cent of one core, and the gaps between commands as the drive saw them.
-"""
+A box in a process of its own sends 7000 and 15 000 records/s, one and 40 to a datagram. This
+process reads them through the acquisition process, and commands a drive in a third process over
+socketcand at 500 Hz. Shown are records lost, processor shares in per cent of one core, and the gaps
+between commands as the drive saw them."""
 
 import argparse
 import socket
@@ -30,7 +31,9 @@ WATCHDOG_S = 0.1
 
 
 def listening_drive(pipe: Connection) -> None:
-    """A drive that only listens: tells its port, then the gaps between the frames it heard [s] once the other side hung up."""
+    """A drive that only listens: tells its port, then the gaps between the frames it heard [s]
+    once the other side hung up.
+    """
     with closing(socket.create_server(("127.0.0.1", 0))) as server:
         pipe.send(server.getsockname()[1])
         client, _ = server.accept()
@@ -57,13 +60,21 @@ def one(rate_Hz: float, in_one: int, seconds: float) -> str:
     drive = context.Process(target=listening_drive, args=(there,), daemon=True)
     drive.start()
     clock = WallClock()
-    bus = can.Bus(interface="socketcand", channel="can0", host="127.0.0.1", port=here.recv(), tcp_tune=True)
+    bus = can.Bus(
+        interface="socketcand", channel="can0", host="127.0.0.1", port=here.recv(), tcp_tune=True
+    )
     motor = OdriveMotor(bus, clock, OdriveSettings(node_id=0))
     with sending(rate_Hz, in_one, seconds) as (port, pipe):
         datagrams = AcquiredDatagrams(record_source("127.0.0.1", port), clock)
-        sensor = NetFtSensor(datagrams, clock, NetFtSettings(rate_Hz=rate_Hz, internal_rate_Hz=rate_Hz))
+        sensor = NetFtSensor(
+            datagrams, clock, NetFtSettings(rate_Hz=rate_Hz, internal_rate_Hz=rate_Hz)
+        )
         sensor.start()
-        reader_s, loop_s, began_s = processor_s(datagrams.process_id), time.process_time(), clock.now_s()
+        reader_s, loop_s, began_s = (
+            processor_s(datagrams.process_id),
+            time.process_time(),
+            clock.now_s(),
+        )
         due_s = began_s
         while not pipe.poll():
             motor.command_speed(1.0)
@@ -83,15 +94,22 @@ def one(rate_Hz: float, in_one: int, seconds: float) -> str:
     drive.join()
     lost = sent - health.received
     return (
-        f"{rate_Hz:6.0f} records/s, {in_one:2d} in one: {sent:9d} sent, {lost} lost, reader {100 * reader / elapsed_s:4.1f} %, "
+        f"{rate_Hz:6.0f} records/s, {in_one:2d} in one: {sent:9d} sent, {lost} lost, "
+        f"reader {100 * reader / elapsed_s:4.1f} %, "
         f"this loop {100 * loop / elapsed_s:4.1f} %, receive buffer {granted} B; "
-        f"commands: median {np.median(gaps_ms):.2f}, p99 {np.percentile(gaps_ms, 99):.2f}, worst {gaps_ms.max():.2f} ms"
+        f"commands: median {np.median(gaps_ms):.2f}, p99 "
+        f"{np.percentile(gaps_ms, 99):.2f}, worst {gaps_ms.max():.2f} ms"
     )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=10.0, help="length of each of the four; 600 for the long one")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=10.0,
+        help="length of each of the four; 600 for the long one",
+    )
     seconds = parser.parse_args().seconds
     print(f"command gaps must stay below half the drive's watchdog of {1e3 * WATCHDOG_S:.0f} ms")
     for rate_Hz in (7000.0, 15000.0):

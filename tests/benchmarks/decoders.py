@@ -1,9 +1,11 @@
-"""Random and damaged frames into every decoder: python -m tests.benchmarks.decoders [--frames 1000000]
+"""Random and damaged frames into every decoder: python -m tests.benchmarks.decoders [--frames
+1000000]
 
-Half of what each is given is noise of any length, half a good frame that was damaged: bits turned, bytes lost, doubled or added. What
-it takes must have a length and a checksum that its protocol allows, worked out here anew from the bytes; what it refuses must be
-refused with its own error. Printed are the shares taken and refused, and frames/s; any other exception or a wrong frame taken ends it.
-"""
+Half of what each is given is noise of any length, half a good frame that was damaged: bits turned,
+bytes lost, doubled or added. What it takes must have a length and a checksum that its protocol
+allows, worked out here anew from the bytes; what it refuses must be refused with its own error.
+Printed are the shares taken and refused, and frames/s; any other exception or a wrong frame taken
+ends it."""
 
 import argparse
 import time
@@ -35,7 +37,8 @@ STRUCTURED_BYTES = b"0123456789ABCDEFabcdef ,*<>tTrR\r\n-+sendrcv"
 
 @dataclass(frozen=True)
 class Decoder:
-    """`decode` returns None for what is not for it; `good` are frames as a device sends them; `allowed` judges what was taken.
+    """`decode` returns None for what is not for it; `good` are frames as a device sends them;
+    `allowed` judges what was taken.
 
     A stream that must find its step again is harmed by every so manieth frame only.
     """
@@ -76,17 +79,26 @@ def _servo_allowed(data: bytes) -> bool:
 def _serial(form: ati_serial.RecordForm) -> Decoder:
     def allowed(data: bytes) -> bool:
         if form is ati_serial.RecordForm.ASCII:
-            return data.count(b",") == 6 and all(part.strip().lstrip(b"-").isdigit() for part in data.split(b","))
+            return data.count(b",") == 6 and all(
+                part.strip().lstrip(b"-").isdigit() for part in data.split(b",")
+            )
         whole = len(data) == (14 if form is ati_serial.RecordForm.BINARY_CHECKSUM else 13)
         return whole and (form is ati_serial.RecordForm.BINARY or sum(data[:-1]) % 256 == data[-1])
 
     return Decoder(
-        f"F/T record, {form}", lambda data: ati_serial.decode_record(data, form), (ati_serial.encode_record(RECORD, form),), allowed
+        f"F/T record, {form}",
+        lambda data: ati_serial.decode_record(data, form),
+        (ati_serial.encode_record(RECORD, form),),
+        allowed,
     )
 
 
-def _stream(name: str, make: Callable[[], AsciiStream | BinaryStream], form: ati_serial.RecordForm) -> Decoder:
-    """Fed on and on; what it finds is judged by its counters in the tests, here it must only never fail nor hoard."""
+def _stream(
+    name: str, make: Callable[[], AsciiStream | BinaryStream], form: ati_serial.RecordForm
+) -> Decoder:
+    """Fed on and on; what it finds is judged by its counters in the tests, here it must only
+    never fail nor hoard.
+    """
     stream = make()
 
     def feed(data: bytes) -> object:
@@ -94,7 +106,9 @@ def _stream(name: str, make: Callable[[], AsciiStream | BinaryStream], form: ati
         assert len(stream._held) < 4096, "it hoards what it was fed"
         return found or None
 
-    return Decoder(name, feed, (ati_serial.encode_record(RECORD, form),), lambda _: True, harmed_every=12)
+    return Decoder(
+        name, feed, (ati_serial.encode_record(RECORD, form),), lambda _: True, harmed_every=12
+    )
 
 
 def _socketcand(data: bytes) -> object:
@@ -130,7 +144,12 @@ def _fdcanusb_allowed(data: bytes) -> bool:
     """A checksum is the protocol's own, CRC-8 with polynomial 0x97, where a line carries one."""
     for line in (one for one in data.replace(b"\r", b"\n").split(b"\n")[:-1] if one):
         guarded, star, digits = line.rpartition(b"*")
-        if star and len(digits) == 2 and all(letter in b"0123456789abcdefABCDEF" for letter in digits) and int(digits, 16) != _crc(guarded):
+        if (
+            star
+            and len(digits) == 2
+            and all(letter in b"0123456789abcdefABCDEF" for letter in digits)
+            and int(digits, 16) != _crc(guarded)
+        ):
             return False
     return True
 
@@ -147,15 +166,50 @@ def _crc(data: bytes) -> int:
 DECODERS = (
     _odrive(cansimple.OdriveFirmware.V0_5),
     _odrive(cansimple.OdriveFirmware.V0_6),
-    Decoder("CubeMars MIT reply", lambda data: cubemars_mit.decode_reply(RANGES, data), (bytes(8), bytes(6)), _length(6, 7, 8), 12),
     Decoder(
-        "CubeMars MIT command", lambda data: cubemars_mit.decode_command(RANGES, data), (bytes(8), b"\xff" * 7 + b"\xfc"), _length(8), 12
+        "CubeMars MIT reply",
+        lambda data: cubemars_mit.decode_reply(RANGES, data),
+        (bytes(8), bytes(6)),
+        _length(6, 7, 8),
+        12,
     ),
-    Decoder("CubeMars servo", _servo, tuple(bytes([p]) + bytes(8) for p in range(50)), _servo_allowed, 12),
-    Decoder("moteus", moteus.decode, (bytes.fromhex("240400110f5050"), bytes.fromhex("27040a00aabb2f01")), lambda data: len(data) in FD),
-    Decoder("RDT records", netft.decode_records, (bytes(36), bytes(1440)), lambda d: len(d) % 36 == 0 < len(d) <= 1440, 1500),
-    Decoder("RDT request", netft.decode_request, (netft.encode_request(2, 7),), lambda d: len(d) == 8 and d[:2] == b"\x12\x34", 12),
-    Decoder("Net F/T command", netft.decode_command, (bytes(20), b"\x01" + bytes(19)), _length(20), 32),
+    Decoder(
+        "CubeMars MIT command",
+        lambda data: cubemars_mit.decode_command(RANGES, data),
+        (bytes(8), b"\xff" * 7 + b"\xfc"),
+        _length(8),
+        12,
+    ),
+    Decoder(
+        "CubeMars servo",
+        _servo,
+        tuple(bytes([p]) + bytes(8) for p in range(50)),
+        _servo_allowed,
+        12,
+    ),
+    Decoder(
+        "moteus",
+        moteus.decode,
+        (bytes.fromhex("240400110f5050"), bytes.fromhex("27040a00aabb2f01")),
+        lambda data: len(data) in FD,
+    ),
+    Decoder(
+        "RDT records",
+        netft.decode_records,
+        (bytes(36), bytes(1440)),
+        lambda d: len(d) % 36 == 0 < len(d) <= 1440,
+        1500,
+    ),
+    Decoder(
+        "RDT request",
+        netft.decode_request,
+        (netft.encode_request(2, 7),),
+        lambda d: len(d) == 8 and d[:2] == b"\x12\x34",
+        12,
+    ),
+    Decoder(
+        "Net F/T command", netft.decode_command, (bytes(20), b"\x01" + bytes(19)), _length(20), 32
+    ),
     Decoder(
         "Net F/T reading",
         netft.decode_reading,
@@ -170,18 +224,38 @@ DECODERS = (
         lambda d: len(d) == 24 and d[:2] == b"\x12\x34",
         32,
     ),
-    Decoder("Net F/T configuration", netft.decode_configuration, (PAGE,), lambda d: b"cfgcpf" in d, 220),
+    Decoder(
+        "Net F/T configuration", netft.decode_configuration, (PAGE,), lambda d: b"cfgcpf" in d, 220
+    ),
     *(_serial(form) for form in ati_serial.RecordForm),
     _stream("F/T stream of lines", AsciiStream, ati_serial.RecordForm.ASCII),
-    _stream("F/T stream of records", lambda: BinaryStream(ati_serial.RecordForm.BINARY_CHECKSUM), ati_serial.RecordForm.BINARY_CHECKSUM),
-    Decoder("socketcand", _socketcand, (b"< send 123 2 1 ff >", b"< send 1 0 >"), _socketcand_allowed),
-    Decoder("serial CAN (slcan)", _slcan, (b"t1232AABB\r", b"T0000012310A\r", b"r1230\r"), _slcan_allowed),
-    Decoder("fdcanusb", _fdcanusb, (fdcanusb.encode_line("rcv 0123 AABB e b f"), b"rcv 12 0011\n"), _fdcanusb_allowed),
+    _stream(
+        "F/T stream of records",
+        lambda: BinaryStream(ati_serial.RecordForm.BINARY_CHECKSUM),
+        ati_serial.RecordForm.BINARY_CHECKSUM,
+    ),
+    Decoder(
+        "socketcand", _socketcand, (b"< send 123 2 1 ff >", b"< send 1 0 >"), _socketcand_allowed
+    ),
+    Decoder(
+        "serial CAN (slcan)",
+        _slcan,
+        (b"t1232AABB\r", b"T0000012310A\r", b"r1230\r"),
+        _slcan_allowed,
+    ),
+    Decoder(
+        "fdcanusb",
+        _fdcanusb,
+        (fdcanusb.encode_line("rcv 0123 AABB e b f"), b"rcv 12 0011\n"),
+        _fdcanusb_allowed,
+    ),
 )
 
 
 def frames(decoder: Decoder, count: int, random: np.random.Generator) -> Iterator[bytes]:
-    """Noise and damaged frames by turns, some of the noise in the letters that texts are made of."""
+    """Noise and damaged frames by turns, some of the noise in the letters that texts are made
+    of.
+    """
     letters = np.frombuffer(STRUCTURED_BYTES, np.uint8)
     pool = random.integers(0, 256, 1 << 20, dtype=np.uint8).tobytes()
     texts = letters[random.integers(0, len(letters), 1 << 20)].tobytes()
@@ -207,11 +281,17 @@ def _damaged(good: bytes, harm: int, noise: bytes) -> bytes:
         return good[:at] + bytes([noise[2]]) + good[at + 1 :]
     if harm == 2:
         return good[:at] + good[at + 1 + noise[2] % 3 :]
-    return good[:at] + (noise[: 1 + noise[2] % 3] if harm == 3 else good[max(at - 2, 0) : at]) + good[at:]
+    return (
+        good[:at]
+        + (noise[: 1 + noise[2] % 3] if harm == 3 else good[max(at - 2, 0) : at])
+        + good[at:]
+    )
 
 
 def tried(decoder: Decoder, count: int, seed: int) -> tuple[int, int, float]:
-    """(taken, refused, seconds in the decoder). Raises AssertionError for a frame taken wrongly, anything for a crash."""
+    """(taken, refused, seconds in the decoder). Raises AssertionError for a frame taken wrongly,
+    anything for a crash.
+    """
     taken = refused = 0
     spent = 0.0
     for data in frames(decoder, count, np.random.default_rng(seed)):
@@ -238,7 +318,10 @@ def main() -> None:
         taken, refused, spent = tried(decoder, asked.frames, asked.seed)
         rate = asked.frames / spent
         share = f"taken {taken / asked.frames:6.1%}, refused {refused / asked.frames:6.1%}"
-        print(f"{decoder.name:26s} {asked.frames:9d} frames   {share}   {rate:10.0f} frames/s", flush=True)
+        print(
+            f"{decoder.name:26s} {asked.frames:9d} frames   {share}   {rate:10.0f} frames/s",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Edits of a finished run: whether `check` finds each, and `check` and `recover` agree on what helps.
+"""Edits of a finished run: whether `check` finds each, and `check` and `recover` agree on what
+helps.
 
 python -m tests.benchmarks.edits [--random N] [--seed SEED]
 """
@@ -29,7 +30,10 @@ def main() -> None:
             if fault := find_fault(place / "run", edit, place / "copy"):
                 faults[fault] += 1
                 print(f"{edit.name}: {fault}", flush=True)
-        print(f"{len(edits)} edits: {faults['not found']} not found, {faults.total() - faults['not found']} where check and recover differ")
+        print(
+            f"{len(edits)} edits: {faults['not found']} not found, "
+            f"{faults.total() - faults['not found']} where check and recover differ"
+        )
 
 
 if __name__ == "__main__":

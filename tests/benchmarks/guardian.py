@@ -1,9 +1,10 @@
-"""What a guardian costs, and how soon it lets go: python -m tests.benchmarks.guardian [--frames 500]
+"""What a guardian costs, and how soon it lets go: python -m tests.benchmarks.guardian [--frames
+500]
 
-A serial CAN adapter (slcan) on a pseudo terminal, of which this program plays the far end: the time from `send` until the frame is
-there, and from a frame there until `recv` gives it, with the bus opened here and with a guardian that holds it; 2 ms apart, as the
-control loop sends them. Then the time beyond the agreed silence until the last word is on the wire.
-"""
+A serial CAN adapter (slcan) on a pseudo terminal, of which this program plays the far end: the time
+from `send` until the frame is there, and from a frame there until `recv` gives it, with the bus
+opened here and with a guardian that holds it; 2 ms apart, as the control loop sends them. Then the
+time beyond the agreed silence until the last word is on the wire."""
 
 import argparse
 import os
@@ -89,7 +90,10 @@ def beyond_silence(bus: GuardedBus, far: FarEnd, times: int) -> np.ndarray:
 
 def shown(name: str, values_s: np.ndarray) -> None:
     p50, p99 = np.percentile(values_s, [50, 99])
-    print(f"{name:42} p50 {1e3 * p50:7.3f} ms   p99 {1e3 * p99:7.3f} ms   worst {1e3 * values_s.max():7.3f} ms")
+    print(
+        f"{name:42} p50 {1e3 * p50:7.3f} ms   p99 {1e3 * p99:7.3f} ms   worst "
+        f"{1e3 * values_s.max():7.3f} ms"
+    )
 
 
 def both_ways(how: str, measured_s: tuple[np.ndarray, np.ndarray]) -> None:

@@ -1,8 +1,9 @@
-"""Every hostile model, TOML file, table and bag through `rfca-rig check`, as a user would: python -m tests.benchmarks.hostile_files [WORDS]
+"""Every hostile model, TOML file, table and bag through `rfca-rig check`, as a user would: python
+-m tests.benchmarks.hostile_files [WORDS]
 
-Each is one file of an experiment that is otherwise sound, or a TOML file alone. Each must end in one line with exit code 2, or be taken
-where it is harmless, within 15 s. Prints what ends otherwise, and a summary. WORDS select inputs by their names.
-"""
+Each is one file of an experiment that is otherwise sound, or a TOML file alone. Each must end in
+one line with exit code 2, or be taken where it is harmless, within 15 s. Prints what ends
+otherwise, and a summary. WORDS select inputs by their names."""
 
 import argparse
 import os
@@ -27,7 +28,9 @@ MISTAKE = "mistake in rfca-rig"
 
 @dataclass(frozen=True)
 class Case:
-    """`file` is written by `write`; `recording` is the file that the experiment names, `checked` what the command gets, in the folder."""
+    """`file` is written by `write`; `recording` is the file that the experiment names, `checked`
+    what the command gets, in the folder.
+    """
 
     name: str
     file: str
@@ -47,7 +50,9 @@ class Result:
     def faults(self) -> list[str]:
         """What must not be, in words."""
         # Progress is written over itself within one line.
-        lines = [line for line in self.error.splitlines() if line.startswith(("error", "rfca-rig:"))]
+        lines = [
+            line for line in self.error.splitlines() if line.startswith(("error", "rfca-rig:"))
+        ]
         faults = {
             f"exit code {self.exit_code}": self.exit_code not in (0, 2),
             f"{len(lines)} lines of error": self.exit_code == 2 and len(lines) != 1,
@@ -72,7 +77,11 @@ def list_cases() -> Iterator[Case]:
 
 def check(case: Case, folder: Path) -> Result:
     """Runs the command on the case in an empty folder."""
-    sound = {"experiment.toml": EXPERIMENT.replace("a.csv", case.recording), "model.xml": MECHANISM, "a.csv": CART}
+    sound = {
+        "experiment.toml": EXPERIMENT.replace("a.csv", case.recording),
+        "model.xml": MECHANISM,
+        "a.csv": CART,
+    }
     for name in sound.keys() - {case.file}:
         (folder / name).write_text(sound[name], encoding="utf-8")
     case.write(folder / case.file)
@@ -91,11 +100,18 @@ def check(case: Case, folder: Path) -> Result:
         time_s = time.monotonic() - began_s
         process.returncode = os.waitstatus_to_exitcode(status)
         error.seek(0)
-        return Result(process.returncode, error.read().decode("utf-8", "replace"), time_s, usage.ru_maxrss * 1024 / 1e9)
+        return Result(
+            process.returncode,
+            error.read().decode("utf-8", "replace"),
+            time_s,
+            usage.ru_maxrss * 1024 / 1e9,
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("words", nargs="*")
     parser.add_argument("--show", action="store_true", help="print the line of each")
     arguments = parser.parse_args()
@@ -106,14 +122,31 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             result = results[case.name] = check(case, Path(folder))
         if result.faults or arguments.show:
-            print(f"{case.name}: {', '.join(result.faults) or 'as it should'}; {result.error.strip()[-400:]}", flush=True)
+            print(
+                (
+                    f"{case.name}: {', '.join(result.faults) or 'as it should'}; "
+                    f"{result.error.strip()[-400:]}"
+                ),
+                flush=True,
+            )
     refused = [result for result in results.values() if result.exit_code == 2 and not result.faults]
     taken = [result for result in results.values() if result.exit_code == 0 and not result.faults]
     slowest = max(results, key=lambda name: results[name].time_s)
     largest = max(results, key=lambda name: results[name].memory_GB)
-    print(f"{len(results)} inputs: {len(refused)} refused in one line with exit code 2, {len(taken)} taken, ", end="")
-    print(f"{sum(MISTAKE in result.error for result in results.values())} times {MISTAKE!r}; ", end="")
-    print(f"longest {results[slowest].time_s:.1f} s ({slowest}), most memory {results[largest].memory_GB:.2f} GB ({largest})")
+    print(
+        (
+            f"{len(results)} inputs: {len(refused)} refused in one line with exit code 2, "
+            f"{len(taken)} taken, "
+        ),
+        end="",
+    )
+    print(
+        f"{sum(MISTAKE in result.error for result in results.values())} times {MISTAKE!r}; ", end=""
+    )
+    print(
+        f"longest {results[slowest].time_s:.1f} s ({slowest}), most memory "
+        f"{results[largest].memory_GB:.2f} GB ({largest})"
+    )
     sys.exit(len(refused) + len(taken) < len(results))
 
 

@@ -1,9 +1,11 @@
-"""Runs on the twin whose recorder hangs and then dies with the run: is every announced stroke in what `recover` brings back?
+"""Runs on the twin whose recorder hangs and then dies with the run: is every announced stroke in
+what `recover` brings back?
 
     python -m tests.benchmarks.hung_recorder [--runs 32] [--seed SEED]
 
-At a random moment the recorder is stopped (SIGSTOP), as by a disk that does not answer; half a second to six seconds later recorder and run
-are killed (SIGKILL). A stroke counts as announced when its line was printed. Exit code 1 where one is lost. Linux only.
+At a random moment the recorder is stopped (SIGSTOP), as by a disk that does not answer; half a
+second to six seconds later recorder and run are killed (SIGKILL). A stroke counts as announced when
+its line was printed. Exit code 1 where one is lost. Linux only.
 
 A power cut is not the same: here the pages that the kernel has taken over survive.
 """
@@ -60,7 +62,10 @@ class Watched:
         for folder in Path("/proc").glob("[0-9]*"):
             try:
                 parent = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
-                if parent == self.process.pid and b"recorder_process" in (folder / "cmdline").read_bytes():
+                if (
+                    parent == self.process.pid
+                    and b"recorder_process" in (folder / "cmdline").read_bytes()
+                ):
                     return int(folder.name)
             # Ended meanwhile.
             except OSError:
@@ -70,14 +75,18 @@ class Watched:
 
 def watch(runs: Path) -> Watched:
     words = [sys.executable, "-m", "rfca_rig", *RUN, "--runs", str(runs)]
-    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True)
+    process = subprocess.Popen(
+        words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True
+    )
     assert process.stderr is not None
     os.set_blocking(process.stderr.fileno(), False)
     return Watched(process)
 
 
 def hang_and_kill(run: Watched, chance: random.Random) -> bool:
-    """Whether the run was killed while its recorder hung; a run that has ended before does not count."""
+    """Whether the run was killed while its recorder hung; a run that has ended before does not
+    count.
+    """
     wanted, until_s = chance.randint(*STROKES), time.monotonic() + BEGINS_WITHIN_S
     while run.announced < wanted and not run.is_over and time.monotonic() < until_s:
         run.read()
@@ -105,7 +114,12 @@ def hang_and_kill(run: Watched, chance: random.Random) -> bool:
 
 def recovered_strokes(folder: Path) -> int:
     """The strokes of the run in what `recover` makes of it, 0 where it makes nothing."""
-    done = subprocess.run([sys.executable, "-m", "rfca_rig", "recover", str(folder)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "rfca_rig", "recover", str(folder)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode:
         print(done.stderr.strip())
         return 0
@@ -134,7 +148,10 @@ def main() -> None:
             silent = "yes" if b"silent" in run.printed else "no"
             print(f"{number:5d}  {run.announced:9d}  {have:9d}  {lost:4d}  {silent}", flush=True)
             shutil.rmtree(runs)
-    counts = f"{total['killed']} runs killed, {total['announced']} strokes announced, {total['lost']} lost"
+    counts = (
+        f"{total['killed']} runs killed, {total['announced']} strokes announced, "
+        f"{total['lost']} lost"
+    )
     print(f"{counts}, {total['ended before']} ended before, seed {asked.seed}")
     sys.exit(bool(total["lost"]))
 

@@ -1,11 +1,13 @@
-"""What the live view costs a run of 15 kHz, and what it shows of it: python -m tests.benchmarks.live_view [--seconds 60] [--short]
+"""What the live view costs a run of 15 kHz, and what it shows of it: python -m
+tests.benchmarks.live_view [--seconds 60] [--short]
 
-As in `soak` the twin server is the rig and a sender the force sensor, whose every axis jumps about so that each record may be a peak. The
-engine runs at 500 Hz with the recorder behind it, in turn without and with a view, which has one page open that takes in everything in
-a process of its own. Shown are: how late ticks come in either case; what a tick costs to hand over; processor shares in per cent of one
-core; the time from a sample to the message that brings it; and how many of the recording's extrema are found in what was sent. Those
-are the least and the greatest of every channel in every 20 ms of every stroke.
-"""
+As in `soak` the twin server is the rig and a sender the force sensor, whose every axis jumps about
+so that each record may be a peak. The engine runs at 500 Hz with the recorder behind it, in turn
+without and with a view, which has one page open that takes in everything in a process of its own.
+Shown are: how late ticks come in either case; what a tick costs to hand over; processor shares in
+per cent of one core; the time from a sample to the message that brings it; and how many of the
+recording's extrema are found in what was sent. Those are the least and the greatest of every
+channel in every 20 ms of every stroke."""
 
 import argparse
 import builtins
@@ -58,7 +60,9 @@ WARM_S = 2.0  # until the first stroke
 
 
 class Timed:
-    """An observer that hands on, and notes how late every tick came, and what it cost to hand it over."""
+    """An observer that hands on, and notes how late every tick came, and what it cost to hand it
+    over.
+    """
 
     def __init__(self, observer: RunObserver) -> None:
         self._observer = observer
@@ -95,16 +99,26 @@ class Outcome:
     def ticks(self) -> str:
         late = 1e3 * np.array(self.timed.late_s)
         cost = 1e6 * np.array(self.timed.cost_s)
-        cost_text = f"handing over {np.median(cost):.0f} us, p99 {np.percentile(cost, 99):.0f}, worst {cost.max():.0f} us"
-        late_text = f"p99 {np.percentile(late, 99):.2f}, p99.9 {np.percentile(late, 99.9):.2f}, worst {late.max():.1f} ms"
+        cost_text = (
+            f"handing over {np.median(cost):.0f} us, p99 {np.percentile(cost, 99):.0f}, worst "
+            f"{cost.max():.0f} us"
+        )
+        late_text = (
+            f"p99 {np.percentile(late, 99):.2f}, p99.9 {np.percentile(late, 99.9):.2f}, worst "
+            f"{late.max():.1f} ms"
+        )
         return f"{len(late)} ticks late by {late_text}; {cost_text}"
 
 
 @contextmanager
 def page_on(url: str, folder: Path) -> Iterator[Path]:
-    """A page in a process of its own; afterwards the file holds what it was sent, each message after the moment it came."""
+    """A page in a process of its own; afterwards the file holds what it was sent, each message
+    after the moment it came.
+    """
     file = folder / "messages.jsonl"
-    page = subprocess.Popen([sys.executable, "-m", "tests.benchmarks.live_view", "--page", url, "--to", str(file)])
+    page = subprocess.Popen(
+        [sys.executable, "-m", "tests.benchmarks.live_view", "--page", url, "--to", str(file)]
+    )
     while not file.exists():
         time.sleep(0.05)
     yield file
@@ -138,8 +152,13 @@ def cpu_s(process_id: int | str) -> float:
 
 @contextmanager
 def restless_sensor(clock: Clock) -> Iterator[NetFtSensor]:
-    with sending(RATE_HZ, 40, 1e6, restless) as (port, _), closing(AcquiredDatagrams(record_source("127.0.0.1", port), clock)) as datagrams:
-        yield NetFtSensor(datagrams, clock, NetFtSettings(rate_Hz=RATE_HZ, internal_rate_Hz=RATE_HZ))
+    with (
+        sending(RATE_HZ, 40, 1e6, restless) as (port, _),
+        closing(AcquiredDatagrams(record_source("127.0.0.1", port), clock)) as datagrams,
+    ):
+        yield NetFtSensor(
+            datagrams, clock, NetFtSettings(rate_Hz=RATE_HZ, internal_rate_Hz=RATE_HZ)
+        )
 
 
 def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bool) -> Outcome:
@@ -152,13 +171,23 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
         view, file = None, None
         if has_view:
             facts = run_facts(plan, "REAL", bench.sensor.scale(), rig.nominal())
-            view = LiveView(facts, plan, stop_request, lambda: (bench.sensor.health(), keeper.backlog_bytes), print, 0)
+            view = LiveView(
+                facts,
+                plan,
+                stop_request,
+                lambda: (bench.sensor.health(), keeper.backlog_bytes),
+                print,
+                0,
+            )
             file = things.enter_context(page_on(view.url, folder))
             processes["view"] = view.process_id
             time.sleep(WARM_S)  # the shapes of the leg
         timed = Timed(NULL_OBSERVER if view is None else view.run_queue)
         zero_s = time.monotonic() - bench.clock.now_s()
-        before_s, began_s = {name: cpu_s(number) for name, number in processes.items()}, time.monotonic()
+        before_s, began_s = (
+            {name: cpu_s(number) for name, number in processes.items()},
+            time.monotonic(),
+        )
 
         def progress(_: Stage) -> None:
             if time.monotonic() > began_s + seconds:
@@ -166,13 +195,22 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
 
         why = "done"
         try:
-            run_plan(plan, bench, recorder, progress, Supervision(stop_request=stop_request, observer=timed))
+            run_plan(
+                plan,
+                bench,
+                recorder,
+                progress,
+                Supervision(stop_request=stop_request, observer=timed),
+            )
         except TimeIsUp:
             why = "time is up"
         except RigError as error:
             why = str(error)
         lasted_s = time.monotonic() - began_s
-        shares = {name: 100.0 * (cpu_s(number) - before_s[name]) / lasted_s for name, number in processes.items()}
+        shares = {
+            name: 100.0 * (cpu_s(number) - before_s[name]) / lasted_s
+            for name, number in processes.items()
+        }
         if view is not None:
             view.run_queue.ended(why, "")
             view.close()
@@ -181,39 +219,59 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
     sent = [] if file is None else messages_in(file)
     if view is not None:
         view._process.kill()
-    return Outcome(timed, strokes, shares, why, zero_s, sent, 0 if view is None else view.run_queue.lost)
+    return Outcome(
+        timed, strokes, shares, why, zero_s, sent, 0 if view is None else view.run_queue.lost
+    )
 
 
 def soon_at_rest(plan: Plan) -> Plan:
     """For a sensor that never comes to rest."""
-    shorter = [replace(stage, settle=replace(stage.settle, limit_s=REST_S)) if isinstance(stage, Rest) else stage for stage in plan.stages]
+    shorter = [
+        replace(stage, settle=replace(stage.settle, limit_s=REST_S))
+        if isinstance(stage, Rest)
+        else stage
+        for stage in plan.stages
+    ]
     return replace(plan, stages=tuple(shorter))
 
 
 def delays_ms(outcome: Outcome) -> np.ndarray:
-    """From the middle of every bucket until it came, on the clock that all processes share; what was there before the page is left out."""
+    """From the middle of every bucket until it came, on the clock that all processes share; what
+    was there before the page is left out.
+    """
     began_s = outcome.timed.began[1] + outcome.zero_s
     found = []
     for message in outcome.sent:
         if message["kind"] == "trace" and not message.get("reset"):
             buckets = np.arange(len(message["low"]["fz_N"])) + 0.5
-            found.append(message["came_s"] - began_s - message["from_s"] - message["dt_s"] * buckets)
+            found.append(
+                message["came_s"] - began_s - message["from_s"] - message["dt_s"] * buckets
+            )
     return 1e3 * np.concatenate(found)
 
 
 def drawn(outcome: Outcome, side: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """For each channel the beginnings of the buckets that were sent, and their values."""
     traces = [message for message in outcome.sent if message["kind"] == "trace"]
-    begins_s = np.concatenate([trace["from_s"] + trace["dt_s"] * np.arange(len(trace[side]["fz_N"])) for trace in traces])
+    begins_s = np.concatenate(
+        [trace["from_s"] + trace["dt_s"] * np.arange(len(trace[side]["fz_N"])) for trace in traces]
+    )
     names = [channel.name for channel in WRENCH]
-    return {name: (begins_s, np.array([np.nan if v is None else v for trace in traces for v in trace[side][name]])) for name in names}
+    return {
+        name: (
+            begins_s,
+            np.array([np.nan if v is None else v for trace in traces for v in trace[side][name]]),
+        )
+        for name in names
+    }
 
 
 def extrema_found(outcome: Outcome) -> tuple[int, int]:
-    """(found, all): of each piece of each stroke and channel the least and the greatest, in the buckets that the piece lies in.
+    """(found, all): of each piece of each stroke and channel the least and the greatest, in the
+    buckets that the piece lies in.
 
-    A bucket more on either side, for the view knows less of the stream's delay than the recording does.
-    """
+    A bucket more on either side, for the view knows less of the stream's delay than the recording
+    does."""
     found = every = 0
     for side, extreme, sign in (("low", np.min, 1.0), ("high", np.max, -1.0)):
         shown = drawn(outcome, side)
@@ -221,7 +279,9 @@ def extrema_found(outcome: Outcome) -> tuple[int, int]:
             start_s = -stroke.streams["force"].columns["host_s"].offset - outcome.timed.began[1]
             for name, (begins_s, values) in shown.items():
                 t_s, recorded = stroke.channel(name)
-                for piece in np.split(np.arange(len(t_s)), np.flatnonzero(np.diff((t_s / PIECE_S).astype(int))) + 1):
+                for piece in np.split(
+                    np.arange(len(t_s)), np.flatnonzero(np.diff((t_s / PIECE_S).astype(int))) + 1
+                ):
                     at_s = t_s[piece] + start_s
                     near = slice(*np.searchsorted(begins_s, [at_s[0] - 0.016, at_s[-1] + 0.009]))
                     every += 1
@@ -231,23 +291,38 @@ def extrema_found(outcome: Outcome) -> tuple[int, int]:
 
 
 def told(outcome: Outcome) -> Iterator[str]:
-    yield f"  {outcome.ticks()}; {', '.join(f'{name} {share:.0f} %' for name, share in outcome.shares.items())} of a core; {outcome.why}"
+    yield (
+        f"  {outcome.ticks()}; "
+        f"{', '.join(f'{name} {share:.0f} %' for name, share in outcome.shares.items())} of a "
+        f"core; {outcome.why}"
+    )
     if outcome.sent:
         delays = delays_ms(outcome)
         found, every = extrema_found(outcome)
         size = sum(len(json.dumps(message)) for message in outcome.sent)
         yield (
-            f"  {len(outcome.strokes)} strokes, {found} of {every} extrema found in what was sent; from sample to message "
-            f"p50 {np.percentile(delays, 50):.0f}, p99 {np.percentile(delays, 99):.0f}, worst {delays.max():.0f} ms; "
-            f"{len(outcome.sent)} messages, {1e-3 * size / (outcome.sent[-1]['came_s'] - outcome.sent[0]['came_s']):.0f} kB/s; "
+            f"  {len(outcome.strokes)} strokes, {found} of {every} extrema found in what "
+            "was sent; from sample to message "
+            f"p50 {np.percentile(delays, 50):.0f}, p99 {np.percentile(delays, 99):.0f}, "
+            f"worst {delays.max():.0f} ms; "
+            f"{len(outcome.sent)} messages, "
+            f"{1e-3 * size / (outcome.sent[-1]['came_s'] - outcome.sent[0]['came_s']):.0f} "
+            "kB/s; "
             f"{outcome.lost} records lost to the view"
         )
 
 
 def benchmark(seconds: float, rounds: int) -> None:
-    logging.getLogger("can").setLevel(logging.ERROR)  # python-can warns of every frame that came in two pieces
-    with tempfile.TemporaryDirectory() as place, serving("--rig", str(at_rate(Path(place), 7000.0)), "--quiet") as served:
-        os.environ["CAN_CONFIG"] = json.dumps({"host": served.host, "port": served.ports["can_port"]})
+    logging.getLogger("can").setLevel(
+        logging.ERROR
+    )  # python-can warns of every frame that came in two pieces
+    with (
+        tempfile.TemporaryDirectory() as place,
+        serving("--rig", str(at_rate(Path(place), 7000.0)), "--quiet") as served,
+    ):
+        os.environ["CAN_CONFIG"] = json.dumps(
+            {"host": served.host, "port": served.ports["can_port"]}
+        )
         builtins.input = hand_of(served)
         rig = real_rig(Path(place), served)
         plan = soon_at_rest(plan_of(rig, lenient=True, rate_Hz=RATE_HZ))

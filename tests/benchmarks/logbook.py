@@ -1,8 +1,9 @@
-"""How long `rfca-rig runs` and <TAB> take: python -m tests.benchmarks.logbook [--runs 5000] [--short]
+"""How long `rfca-rig runs` and <TAB> take: python -m tests.benchmarks.logbook [--runs 5000]
+[--short]
 
-Runs without samples, as they are listed from three small text files each. First without an index, then with it, then with one run
-changed; the same as commands, which also start Python; and what the shell waits for behind <TAB>.
-"""
+Runs without samples, as they are listed from three small text files each. First without an index,
+then with it, then with one run changed; the same as commands, which also start Python; and what the
+shell waits for behind <TAB>."""
 
 import argparse
 import json
@@ -32,12 +33,22 @@ def main() -> None:
         runs = _made(Path("runs"), number)
         first_s = _seconds(lambda: list_runs(runs))
         again_s = _median(lambda: list_runs(runs), rounds)
-        changed_s = _median(lambda: (os.utime(runs / "SIM-0" / "run.json"), list_runs(runs)), rounds)
+        changed_s = _median(
+            lambda: (os.utime(runs / "SIM-0" / "run.json"), list_runs(runs)), rounds
+        )
         size_MB = (runs / NAME).stat().st_size / 1e6
-        command_s = _median(lambda: _command("runs", "--paths", "--height", "235", "--last", "1"), rounds)
+        command_s = _median(
+            lambda: _command("runs", "--paths", "--height", "235", "--last", "1"), rounds
+        )
         tab_s = _median(lambda: _command(**_asking("rfca-rig check runs/")), rounds)
-    print(f"{number} runs listed without an index   {1e3 * first_s:8.0f} ms   {1e3 * first_s / number:6.2f} ms a run")
-    print(f"the same with it, {size_MB:4.1f} MB            {1e3 * again_s:8.0f} ms   {first_s / again_s:6.1f} times as fast")
+    print(
+        f"{number} runs listed without an index   {1e3 * first_s:8.0f} ms   "
+        f"{1e3 * first_s / number:6.2f} ms a run"
+    )
+    print(
+        f"the same with it, {size_MB:4.1f} MB            {1e3 * again_s:8.0f} ms   "
+        f"{first_s / again_s:6.1f} times as fast"
+    )
     print(f"with one run changed                {1e3 * changed_s:8.0f} ms")
     print(f"rfca-rig runs, with Python's start  {1e3 * command_s:8.0f} ms")
     print(f"rfca-rig check runs/<TAB>           {1e3 * tab_s:8.0f} ms")
@@ -57,11 +68,19 @@ def _made(runs: Path, number: int) -> Path:
 
 
 def _asking(line: str) -> dict[str, dict[str, str]]:
-    return {"env": {"_RFCA_RIG_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split(" ")) - 1)}}
+    return {
+        "env": {
+            "_RFCA_RIG_COMPLETE": "complete_bash",
+            "COMP_WORDS": line,
+            "COMP_CWORD": str(len(line.split(" ")) - 1),
+        }
+    }
 
 
 def _command(*words: str, env: dict[str, str] | None = None) -> None:
-    subprocess.run([COMMAND, *words], env={**os.environ, **(env or {})}, check=True, capture_output=True)
+    subprocess.run(
+        [COMMAND, *words], env={**os.environ, **(env or {})}, check=True, capture_output=True
+    )
 
 
 def _seconds(work: Callable[[], object]) -> float:

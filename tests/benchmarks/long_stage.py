@@ -1,9 +1,9 @@
 """A stage of an hour: python -m tests.benchmarks.long_stage [--seconds 3600] [--folder DIR]
 
-A journal as the recorder leaves it of a shaft at 500 Hz and a force sensor at 15 000 records/s is made into a stage file, that into
-run.h5, and the run is checked, each in a process of its own. Shown are bytes a second and the most memory that the process ever took,
-above what it took when it began. The stage file is made twice, and its bytes compared.
-"""
+A journal as the recorder leaves it of a shaft at 500 Hz and a force sensor at 15 000 records/s is
+made into a stage file, that into run.h5, and the run is checked, each in a process of its own.
+Shown are bytes a second and the most memory that the process ever took, above what it took when it
+began. The stage file is made twice, and its bytes compared."""
 
 import argparse
 import hashlib
@@ -21,7 +21,14 @@ from rfca_rig.recording.atomic import AppendOnlyFile, remove
 from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.columns import CommandedStart, Rows
 from rfca_rig.recording.hdf5_file import run_to_completion
-from rfca_rig.recording.journal import Begin, End, JournalBlock, frame_block, samples_block, start_block
+from rfca_rig.recording.journal import (
+    Begin,
+    End,
+    JournalBlock,
+    frame_block,
+    samples_block,
+    start_block,
+)
 from rfca_rig.recording.layout import journal_path, sha256_of, stage_path
 from rfca_rig.recording.run_writer import RunWriter
 from rfca_rig.recording.stage_file import write_stage
@@ -32,7 +39,9 @@ KILOBYTE = 1024
 
 
 def second(number: int, noise: np.ndarray) -> tuple[Rows, Rows]:
-    """What the devices report within a second; force with the noise of a resting sensor, 0.2 N in counts of 1e-6 N."""
+    """What the devices report within a second; force with the noise of a resting sensor, 0.2 N
+    in counts of 1e-6 N.
+    """
     shaft, force = np.zeros(TICKS_HZ, SHAFT.dtype), np.zeros(RATE_HZ, FORCE.dtype)
     for rows in (shaft, force):
         rows["device_s"] = number + np.arange(len(rows)) / len(rows)
@@ -51,7 +60,9 @@ def blocks(seconds: int) -> Iterator[JournalBlock]:
         shaft, force = second(number, np.roll(noise, 37 * number, axis=0))
         per_tick = RATE_HZ // TICKS_HZ
         for tick in range(TICKS_HZ):
-            yield samples_block((shaft[tick : tick + 1], force[tick * per_tick : (tick + 1) * per_tick]))
+            yield samples_block(
+                (shaft[tick : tick + 1], force[tick * per_tick : (tick + 1) * per_tick])
+            )
     yield End().block()
 
 
@@ -96,11 +107,22 @@ def peak_MB() -> float:
 
 
 def measured(phase: str, folder: Path, size: int) -> str:
-    words = [sys.executable, "-m", "tests.benchmarks.long_stage", "--phase", phase, "--folder", str(folder)]
+    words = [
+        sys.executable,
+        "-m",
+        "tests.benchmarks.long_stage",
+        "--phase",
+        phase,
+        "--folder",
+        str(folder),
+    ]
     said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     took_s, cpu_s, most_MB, began_MB = (float(word) for word in said.split())
     rate = f"{1e-6 * size / took_s:.0f} MB/s, {1e-6 * size / cpu_s:.0f} MB per s of processor"
-    return f"{phase:10s} {took_s:7.1f} s, {rate}; at most {most_MB:.0f} MB, {most_MB - began_MB:.0f} MB above its start"
+    return (
+        f"{phase:10s} {took_s:7.1f} s, {rate}; at most {most_MB:.0f} MB, "
+        f"{most_MB - began_MB:.0f} MB above its start"
+    )
 
 
 def digest(path: Path) -> str:
@@ -113,7 +135,13 @@ def whole(folder: Path, seconds: int) -> None:
     journal, stage = journal_path(folder, 1), stage_path(folder, 1)
     size = journal.stat().st_size
     made_s = time.perf_counter() - began_s
-    print(f"{seconds} s, {seconds * RATE_HZ} records of force: journal of {1e-9 * size:.2f} GB, made in {made_s:.0f} s", flush=True)
+    print(
+        (
+            f"{seconds} s, {seconds * RATE_HZ} records of force: journal of {1e-9 * size:.2f} "
+            f"GB, made in {made_s:.0f} s"
+        ),
+        flush=True,
+    )
     again = journal.with_name("0009.h5")
     if seconds <= 60:  # an hour needs the disk for other things
         run_to_completion(write_stage(journal, again, header()))

@@ -29,7 +29,11 @@ def main() -> None:
         os.environ["XDG_CONFIG_HOME"] = place
         recordings = Recordings(Path(place))
         if asked.only is not None:
-            _, case = next(one for one in enumerate(make_cases(asked.seed, asked.cases, recordings)) if one[0] == asked.only)
+            _, case = next(
+                one
+                for one in enumerate(make_cases(asked.seed, asked.cases, recordings))
+                if one[0] == asked.only
+            )
             print(case.label, case.words)
             print(show(case, Path(tempfile.mkdtemp(dir=place))))
             return
@@ -42,7 +46,10 @@ def main() -> None:
                 print(f"{number:5d}  {case.label}: {violation}", flush=True)
             found["violated"] += bool(violations)
             shutil.rmtree(folder, ignore_errors=True)
-    print(f"{found['violated']} of {asked.cases} cases violated, seed {asked.seed}, {time.monotonic() - began_s:.0f} s")
+    print(
+        f"{found['violated']} of {asked.cases} cases violated, seed {asked.seed}, "
+        f"{time.monotonic() - began_s:.0f} s"
+    )
     sys.exit(bool(found["violated"]))
 
 

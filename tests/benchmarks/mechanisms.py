@@ -1,12 +1,14 @@
-"""How often the diagnosis of a mechanism is right: arms of three geared joints, and hoppers on a rail, simulated from their own equations.
+"""How often the diagnosis of a mechanism is right: arms of three geared joints, and hoppers on a
+rail, simulated from their own equations.
 
-Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper|hopper-own-contact] [--cases 40] [--seed 1] [--statements FILE]
+Run: python -m tests.benchmarks.mechanisms FOLDER [--mechanism arm|hopper|hopper-own-contact]
+[--cases 40] [--seed 1] [--statements FILE]
 
-Every case draws a mechanism, nominal values that are off by their standard uncertainty, and what is concealed: nothing, or one effect. Its
-law is wrong by 20 to 40 %: dry friction is LuGre's or rises at rest, and a share of it follows the load; contacts are Hunt and Crossley's;
-behind gears that yield the rotors are bodies of their own.
-Answers stay in FOLDER; the same command goes on. FILE gets all statements with their truth, for `rfca_rig.exam.calibrate`.
-"""
+Every case draws a mechanism, nominal values that are off by their standard uncertainty, and what is
+concealed: nothing, or one effect. Its law is wrong by 20 to 40 %: dry friction is LuGre's or rises
+at rest, and a share of it follows the load; contacts are Hunt and Crossley's; behind gears that
+yield the rotors are bodies of their own. Answers stay in FOLDER; the same command goes on. FILE
+gets all statements with their truth, for `rfca_rig.exam.calibrate`."""
 
 import argparse
 import json
@@ -70,13 +72,20 @@ class Case:
 
 
 def draw_arm(kind, random):
-    """An arm whose links are 20 % longer or shorter, and heavier or lighter, than the usual ones."""
+    """An arm whose links are 20 % longer or shorter, and heavier or lighter, than the usual
+    ones.
+    """
     mass_relative, zero_rad, usual_Nm = 0.02, 0.002, np.array([6.0, 2.5, 0.7])
     nominal = arm.Arm(
         length_m=tuple(np.array([0.35, 0.3, 0.2]) * random.uniform(0.8, 1.2, 3)),
         mass_kg=tuple(np.array([2.0, 1.4, 0.7]) * random.uniform(0.8, 1.2, 3)),
     )
-    actual = replace(nominal, mass_kg=tuple(np.array(nominal.mass_kg) * (1.0 + mass_relative * random.standard_normal(3))))
+    actual = replace(
+        nominal,
+        mass_kg=tuple(
+            np.array(nominal.mass_kg) * (1.0 + mass_relative * random.standard_normal(3))
+        ),
+    )
     actual = replace(actual, zero_rad=tuple(zero_rad * random.standard_normal(3)))
     size = random.uniform(0.05, 0.25, 3) * usual_Nm
     rise, load = random.uniform(0.2, 0.4), random.uniform(0.0, 0.03)
@@ -87,25 +96,53 @@ def draw_arm(kind, random):
         nominal, actual = replace(nominal, rotor_kg_m2=rotors), replace(actual, rotor_kg_m2=rotors)
     yields_rad, losing_s = of_gears.uniform(0.015, 0.04, 3), of_gears.uniform(0.003, 0.01)
     changes = {
-        "backlash": {"gear": arm.Gear((2e4, 8e3, 2e3), tuple(of_gears.uniform(0.02, 0.05, 3)), (5.0, 2.0, 0.5))},
-        "elastic gear": {"gear": arm.Gear(tuple(usual_Nm / yields_rad), (0.0, 0.0, 0.0), tuple(losing_s * usual_Nm / yields_rad))},
+        "backlash": {
+            "gear": arm.Gear(
+                (2e4, 8e3, 2e3), tuple(of_gears.uniform(0.02, 0.05, 3)), (5.0, 2.0, 0.5)
+            )
+        },
+        "elastic gear": {
+            "gear": arm.Gear(
+                tuple(usual_Nm / yields_rad),
+                (0.0, 0.0, 0.0),
+                tuple(losing_s * usual_Nm / yields_rad),
+            )
+        },
         "dry friction": {"friction": arm.Friction(tuple(size), rise, 0.3, of_load=load)},
         "dry friction of one": {"friction": arm.Friction(tuple(size * one), rise, 0.3)},
-        "damping": {"friction": arm.Friction((0.0, 0.0, 0.0), viscous_Nm_s_per_rad=tuple(0.5 * size))},
+        "damping": {
+            "friction": arm.Friction((0.0, 0.0, 0.0), viscous_Nm_s_per_rad=tuple(0.5 * size))
+        },
         "rotors": {"rotor_kg_m2": tuple(random.uniform(0.05, 0.2, 3) * (0.6, 0.15, 0.02))},
-        "gear loss": {"friction": arm.Friction(tuple(0.1 * size), of_load=random.uniform(0.05, 0.25))},
-        "torque scale": {"torque_factor": 1.0 + random.choice([-1.0, 1.0]) * random.uniform(0.08, 0.2)},
+        "gear loss": {
+            "friction": arm.Friction(tuple(0.1 * size), of_load=random.uniform(0.05, 0.25))
+        },
+        "torque scale": {
+            "torque_factor": 1.0 + random.choice([-1.0, 1.0]) * random.uniform(0.08, 0.2)
+        },
         "late torque": {"torque_delay_s": 0.002 * int(random.integers(3, 9))},
     }
-    known_to = {"mass_relative": mass_relative, "centre_of_mass_m": 0.002, "zero_offset_rad": zero_rad}
-    return partial(write, arm, replace(actual, **changes.get(kind, {})), nominal, 8.0, int(random.integers(2**31)), known_to)
+    known_to = {
+        "mass_relative": mass_relative,
+        "centre_of_mass_m": 0.002,
+        "zero_offset_rad": zero_rad,
+    }
+    return partial(
+        write,
+        arm,
+        replace(actual, **changes.get(kind, {})),
+        nominal,
+        8.0,
+        int(random.integers(2**31)),
+        known_to,
+    )
 
 
 def draw_hopper(kind, random, own_contact=False):
     """A hopper whose masses, sole and zeros are off by their standard uncertainties.
 
-    With `own_contact` the experiment states Hunt and Crossley's sole, and a concealed sole has other exponents.
-    """
+    With `own_contact` the experiment states Hunt and Crossley's sole, and a concealed sole has
+    other exponents."""
     known_to = {
         "mass_relative": 0.01,
         "zero_offset_m": 0.0002,
@@ -126,10 +163,17 @@ def draw_hopper(kind, random, own_contact=False):
     )
     share, sign = random.uniform(0.08, 0.2), random.choice([-1.0, 1.0])
     changes = {
-        "dry friction of the leg": {"dry_N": (0.0, random.uniform(1.5, 4.5)), "rise": random.uniform(0.2, 0.4)},
+        "dry friction of the leg": {
+            "dry_N": (0.0, random.uniform(1.5, 4.5)),
+            "rise": random.uniform(0.2, 0.4),
+        },
         "damping of the leg": {"viscous_N_s_per_m": (0.0, random.uniform(3.0, 9.0))},
-        "softer sole": {"stiffness_N_per_m1p5": actual.stiffness_N_per_m1p5 * random.uniform(0.15, 0.5)},
-        "sole that loses energy": {"damping_s_per_m": nominal.damping_s_per_m * random.uniform(3.0, 8.0)},
+        "softer sole": {
+            "stiffness_N_per_m1p5": actual.stiffness_N_per_m1p5 * random.uniform(0.15, 0.5)
+        },
+        "sole that loses energy": {
+            "damping_s_per_m": nominal.damping_s_per_m * random.uniform(3.0, 8.0)
+        },
         "payload": {"trunk_kg": actual.trunk_kg * (1.0 + share)},
         "force scale": {"force_factor": 1.0 + sign * share},
         "late force": {"force_delay_s": 0.002 * int(random.integers(3, 9))},
@@ -139,13 +183,22 @@ def draw_hopper(kind, random, own_contact=False):
     actual, seed = replace(actual, **changes.get(kind, {})), int(random.integers(2**31))
     of_sole = random.spawn(1)[0]
     if own_contact and kind in SOLES:
-        actual = replace(actual, other_powers=tuple(of_sole.uniform(0.15, 0.3, 2) * of_sole.choice([-1.0, 1.0], 2)))
+        actual = replace(
+            actual,
+            other_powers=tuple(of_sole.uniform(0.15, 0.3, 2) * of_sole.choice([-1.0, 1.0], 2)),
+        )
     return partial(write, hopper, actual, nominal, 5.2, seed, known_to, own_contact=own_contact)
 
 
 def write(module, actual, nominal, seconds, seed, known_to, folder, **how):
     """Two recordings of the actual mechanism, described by the nominal one."""
-    module.write_campaign(folder, nominal, [module.record(actual, seconds, seed + k) for k in range(2)], known_to, **how)
+    module.write_campaign(
+        folder,
+        nominal,
+        [module.record(actual, seconds, seed + k) for k in range(2)],
+        known_to,
+        **how,
+    )
 
 
 @dataclass(frozen=True)
@@ -172,7 +225,9 @@ def draw(mechanism, seed, number):
 
 
 def answer(name, seed, folder, number):
-    """Kind, grade, stated effects with their probabilities, family and seconds of a case, kept in a file."""
+    """Kind, grade, stated effects with their probabilities, family and seconds of a case, kept
+    in a file.
+    """
     path, campaign = folder / f"{name}-{number:04d}.json", folder / f"{name}-{number:04d}"
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
@@ -192,34 +247,63 @@ def answer(name, seed, folder, number):
             "cpu_s": time.process_time() - begun_s,
         }
     except RigError as error:
-        said = {"kind": case.kind, "grade": "refused", "effects": {}, "family": "", "closest": [str(error)], "support": [], "cpu_s": 0.0}
+        said = {
+            "kind": case.kind,
+            "grade": "refused",
+            "effects": {},
+            "family": "",
+            "closest": [str(error)],
+            "support": [],
+            "cpu_s": 0.0,
+        }
     path.write_text(json.dumps(said), encoding="utf-8")
     return said
 
 
 def mark(said, kinds):
-    """right, family, wrong, silent; a statement without its cause, beside a right one, is wrong too."""
+    """right, family, wrong, silent; a statement without its cause, beside a right one, is wrong
+    too.
+    """
     right = set(kinds[said["kind"]])
     families = {family.id for effect in right for family in families_of(effect)}
     if said["effects"]:
         if set(said["effects"]) <= right:
             return "right"
-        return "family" if all({f.id for f in families_of(name)} & families for name in said["effects"]) else "wrong"
+        return (
+            "family"
+            if all({f.id for f in families_of(name)} & families for name in said["effects"])
+            else "wrong"
+        )
     if said["grade"] == "family":
         return "family" if said["family"] in families else "wrong"
     return "right" if said["kind"] == NOTHING and said["grade"] == "nothing missing" else "silent"
 
 
 def label_statements(name, seed, answers):
-    """The statements of all answers as a source of `rfca_rig.exam.calibrate`; `answers` are in order of their numbers."""
+    """The statements of all answers as a source of `rfca_rig.exam.calibrate`; `answers` are in
+    order of their numbers.
+    """
     statements = []
     for number, said in enumerate(answers):
         right = set(MECHANISMS[name].kinds[said["kind"]])
         for one in said["support"]:
-            of_statement = {one["id"], *one["cannot_tell_from"]} if one["kind"] == "effect" else members_of(one["id"])
-            statement = {"case": f"{name}-{number:04d}", "rig": name, "kind": one["kind"], "values": one["values"]}
+            of_statement = (
+                {one["id"], *one["cannot_tell_from"]}
+                if one["kind"] == "effect"
+                else members_of(one["id"])
+            )
+            statement = {
+                "case": f"{name}-{number:04d}",
+                "rig": name,
+                "kind": one["kind"],
+                "values": one["values"],
+            }
             statements.append({**statement, "true": bool(right & of_statement)})
-    return {"format": STATEMENTS, "words": f"{name}, seed {seed}, {len(answers)} cases", "statements": statements}
+    return {
+        "format": STATEMENTS,
+        "words": f"{name}, seed {seed}, {len(answers)} cases",
+        "statements": statements,
+    }
 
 
 def main():
@@ -249,8 +333,14 @@ def main():
         print(f"{kind:<26}" + "".join(f"{counts[kind, word]:>8}" for word in words))
     for number, said in enumerate(found):
         if mark(said, kinds) in ("wrong", "silent"):
-            print(f"case {number}, {said['kind']}: {said['grade']}, {said['effects'] or said['family']}, closest {said['closest']}")
-    print(f"CPU seconds of a diagnosis: median {np.median([said.get('cpu_s', 0.0) for said in found]):.0f}")
+            print(
+                f"case {number}, {said['kind']}: {said['grade']}, "
+                f"{said['effects'] or said['family']}, closest {said['closest']}"
+            )
+    print(
+        "CPU seconds of a diagnosis: median "
+        f"{np.median([said.get('cpu_s', 0.0) for said in found]):.0f}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""What photos cost the control loop: python -m tests.benchmarks.photo_load [--seconds 20] [--every 1.0]
+"""What photos cost the control loop: python -m tests.benchmarks.photo_load [--seconds 20] [--every
+1.0]
 
-A loop of 500 Hz hands its samples, 30 records of force a tick, to the recorder process, in real time; now and then a photo of 1920 x 1080
-noise as well, which the recorder packs and forces to disk. Shown is the time between ticks, without and with photos; half the drive's
-watchdog, 50 ms, is the limit. For comparison the same photos packed in the loop's own process.
-"""
+A loop of 500 Hz hands its samples, 30 records of force a tick, to the recorder process, in real
+time; now and then a photo of 1920 x 1080 noise as well, which the recorder packs and forces to
+disk. Shown is the time between ticks, without and with photos; half the drive's watchdog, 50 ms, is
+the limit. For comparison the same photos packed in the loop's own process."""
 
 import argparse
 import tempfile
@@ -26,7 +27,9 @@ ROWS, COLUMNS = 1080, 1920
 Photographed = Callable[[np.ndarray], str]
 
 
-def gaps_ms(keeper: RecorderClient, seconds: float, every_s: float, photographed: Photographed) -> np.ndarray:
+def gaps_ms(
+    keeper: RecorderClient, seconds: float, every_s: float, photographed: Photographed
+) -> np.ndarray:
     """Between the ticks of a loop that ends a stage, with its photo, again and again."""
     clock, random = WallClock(), np.random.default_rng(1)
     pictures = [random.integers(0, 255, (ROWS, COLUMNS, 3), dtype=np.uint8) for _ in range(3)]
@@ -64,13 +67,18 @@ def main() -> None:
             folder = Path(place) / "run"
             run_folder.create(folder, Recording("benchmark", "REAL", {}, {}, (), ()))
             keeper = RecorderClient(folder, patient=False)
-            photographed = {"no photos": lambda _: "", "photos to the recorder": keeper.keep_photo}.get(name, in_the_loop(folder))
+            photographed = {
+                "no photos": lambda _: "",
+                "photos to the recorder": keeper.keep_photo,
+            }.get(name, in_the_loop(folder))
             found = gaps_ms(keeper, words.seconds, words.every, photographed)
             keeper.finish("done")
             kept = len(list((folder / "photos").glob("0*.png")))
             print(
-                f"{name:26s}: median {np.median(found):.2f}, p99 {np.percentile(found, 99):.2f}, worst {found.max():.1f} ms "
-                f"of {1e3 * WATCHDOG_S / 2:.0f}; {keeper.acknowledged} stages acknowledged, {kept} photos on disk",
+                f"{name:26s}: median {np.median(found):.2f}, p99 "
+                f"{np.percentile(found, 99):.2f}, worst {found.max():.1f} ms "
+                f"of {1e3 * WATCHDOG_S / 2:.0f}; {keeper.acknowledged} stages "
+                f"acknowledged, {kept} photos on disk",
                 flush=True,
             )
 

@@ -1,9 +1,10 @@
-"""What recording costs the control loop, in real time: python -m tests.benchmarks.recording [--strokes 4]
+"""What recording costs the control loop, in real time: python -m tests.benchmarks.recording
+[--strokes 4]
 
-A motor and a sensor that exist in memory only are run through a flapping plan by the engine, at 500 Hz, with 7000 and 15 000 records/s.
-Shown are the gaps between commands to the motor, with nothing recorded, with each stroke written by the loop itself when it is done,
-with a thread that records, and with the recorder process. Half the drive's watchdog, 50 ms, is the limit.
-"""
+A motor and a sensor that exist in memory only are run through a flapping plan by the engine, at 500
+Hz, with 7000 and 15 000 records/s. Shown are the gaps between commands to the motor, with nothing
+recorded, with each stroke written by the loop itself when it is done, with a thread that records,
+and with the recorder process. Half the drive's watchdog, 50 ms, is the limit."""
 
 import argparse
 import queue
@@ -53,7 +54,9 @@ class MemoryMotor:
         self._angle_rad += self._speed_rad_s * (now_s - self._read_s)
         self._read_s = now_s
         one = np.array([now_s])
-        return ShaftSamples(one, one, np.array([self._angle_rad]), np.array([self._speed_rad_s]), np.zeros(1))
+        return ShaftSamples(
+            one, one, np.array([self._angle_rad]), np.array([self._speed_rad_s]), np.zeros(1)
+        )
 
     def status(self) -> MotorStatus:
         return MotorStatus("closed loop", None, 0.0)
@@ -76,7 +79,9 @@ class MemorySensor:
         numbers = np.arange(self._sent, due)
         self._sent = due
         device_s, at = numbers / self._rate_Hz, numbers % len(self._counts)
-        return ForceSamples(device_s, device_s, numbers, np.zeros(len(numbers), np.uint32), self._counts[at])
+        return ForceSamples(
+            device_s, device_s, numbers, np.zeros(len(numbers), np.uint32), self._counts[at]
+        )
 
     def scale(self) -> SensorScale:
         return SCALE
@@ -132,7 +137,12 @@ def gaps_ms(make_sink, rate_Hz: float, strokes: int) -> np.ndarray:
     sink, finish = make_sink(clock)
     plan = one_condition(rig, strokes)
     # this machine may be busy with other work: late ticks are measured here, not tripped on
-    run_plan(replace(plan, limits=replace(plan.limits, following_error_rad=10.0, sensor_silent_s=10.0)), bench, sink, nothing)
+    run_plan(
+        replace(plan, limits=replace(plan.limits, following_error_rad=10.0, sensor_silent_s=10.0)),
+        bench,
+        sink,
+        nothing,
+    )
     finish()
     return 1e3 * np.diff(motor.commanded_s)
 
@@ -152,7 +162,10 @@ def ways(folder: Path):
     yield "nothing recorded", lambda _clock: (Nothing(), lambda: None)
     yield "by the loop itself", lambda _clock: (WrittenByTheLoop(folder), lambda: None)
     yield "by a thread", recorder(ThreadKeeper, "thread")
-    yield "by the recorder process", recorder(lambda place: RecorderClient(place, patient=False), "process")
+    yield (
+        "by the recorder process",
+        recorder(lambda place: RecorderClient(place, patient=False), "process"),
+    )
 
 
 def main() -> None:
@@ -166,8 +179,11 @@ def main() -> None:
                 found = gaps_ms(make_sink, rate_Hz, strokes)
                 cpu = time.process_time() - cpu_s
                 print(
-                    f"{rate_Hz:6.0f} records/s, {name:24s}: median {np.median(found):.2f}, p99 {np.percentile(found, 99):.2f}, "
-                    f"worst five {' '.join(f'{gap:.1f}' for gap in np.sort(found)[:-6:-1])} ms; loop's process {cpu:.1f} s",
+                    f"{rate_Hz:6.0f} records/s, {name:24s}: median "
+                    f"{np.median(found):.2f}, p99 {np.percentile(found, 99):.2f}, "
+                    "worst five "
+                    f"{' '.join(f'{gap:.1f}' for gap in np.sort(found)[:-6:-1])} ms; "
+                    f"loop's process {cpu:.1f} s",
                     flush=True,
                 )
 

@@ -1,20 +1,25 @@
-"""Every effect of the catalogue in the model and in the exam's simulators: python -m tests.benchmarks.second_implementation [ID ...]
+"""Every effect of the catalogue in the model and in the exam's simulators: python -m
+tests.benchmarks.second_implementation [ID ...]
 
-The exam's simulators share no code with the model. Two tables show the effects of the leg, in its forces, and those of pendulums, in
-their motion. The columns are:
+The exam's simulators share no code with the model. Two tables show the effects of the leg, in its
+forces, and those of pendulums, in their motion. The columns are:
 
-- size 0: largest deviation from the plain model where the effect has no strength, absolute and as a share of the largest value;
+- size 0: largest deviation from the plain model where the effect has no strength, absolute and as a
+  share of the largest value;
 - effect: rms change by the effect at a typical size, the middle of its plausible range;
-- as in the exam: rms and largest deviation of both implementations, with the exam's step and the model's default tolerance;
-- laws alone: the same with short steps and without what the simulators treat differently on purpose.
+- as in the exam: rms and largest deviation of both implementations, with the exam's step and the
+  model's default tolerance;
+- laws alone: the same with short steps and without what the simulators treat differently on
+  purpose.
 
-On purpose, the exam's sticking contacts and pins follow Dahl's law, and the model's yield like a spring up to the friction limit. A leg is
-therefore compared on a floor without friction too, and a pendulum up to the first reversal of a joint. Where joints are read late, the
-start of the model is fitted.
+On purpose, the exam's sticking contacts and pins follow Dahl's law, and the model's yield like a
+spring up to the friction limit. A leg is therefore compared on a floor without friction too, and a
+pendulum up to the first reversal of a joint. Where joints are read late, the start of the model is
+fitted.
 
-Forces are compared from 0.1 s on. The rms of fy and fz is over the loading, up to the valley, as a share of the valley's force. The
-largest deviation is over the whole stroke, as a share of the largest force. That of tx is a share of the largest tx, and the channel that
-deviates most counts.
+Forces are compared from 0.1 s on. The rms of fy and fz is over the loading, up to the valley, as a
+share of the valley's force. The largest deviation is over the whole stroke, as a share of the
+largest force. That of tx is a share of the largest tx, and the channel that deviates most counts.
 """
 
 import argparse
@@ -27,17 +32,40 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from rfca_rig.analysis.phases import Valley, find_valley
-from rfca_rig.exam.nominal_world import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, nominal_world
+from rfca_rig.exam.nominal_world import (
+    BELOW_SHAFT_M,
+    LENGTHS_M,
+    MASSES_KG,
+    RAMP_S,
+    START_RAD,
+    nominal_world,
+)
 from rfca_rig.exam.pendulums.cases import SPANS, PendulumCase, SamplingErrors
 from rfca_rig.exam.pendulums.world import Friction, PendulumWorld, Tones, swing
 from rfca_rig.exam.sampled_rig import EFFECTS, with_effect
-from rfca_rig.exam.simulator.experiment import BEFORE_S, RELEASED_S, SAMPLE_S, STEP_S, SWEEP_RAD, sense, simulate
+from rfca_rig.exam.simulator.experiment import (
+    BEFORE_S,
+    RELEASED_S,
+    SAMPLE_S,
+    STEP_S,
+    SWEEP_RAD,
+    sense,
+    simulate,
+)
 from rfca_rig.exam.simulator.world import World, for_each_hinge
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.effect import OF_PENDULUMS, Parameter
 from rfca_rig.model.effects.joint_torques import torque_trace
-from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
+from rfca_rig.model.parameters import (
+    Drive,
+    Ground,
+    Leg,
+    PresentEffect,
+    RigModel,
+    SensorMount,
+    Swing,
+)
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.effects.rigs import TIGHT, paper_stroke
@@ -46,19 +74,24 @@ from tests.model.effects.test_strength import NEUTRAL
 Floats = NDArray[np.float64]
 Values = dict[str, float]
 
-# Effects that no second simulator has, each with the reason. A new effect needs a second implementation or a line here.
+# Effects that no second simulator has, each with the reason. A new effect needs a second
+# implementation or a line here.
 WITHOUT_SECOND: Mapping[str, str] = {}
 
 OF_LEGS = tuple(id_ for id_ in catalogue() if id_ in EFFECTS)
-OF_JOINTS = tuple(id_ for id_, effect in catalogue().items() if effect.where == OF_PENDULUMS and id_ in SPANS)
+OF_JOINTS = tuple(
+    id_ for id_, effect in catalogue().items() if effect.where == OF_PENDULUMS and id_ in SPANS
+)
 
 HEIGHT_M, SPEED_RAD_S, STROKES_BEFORE = 0.215, 2.433, 30
-# Both simulators have passed the jump of the force at the end of the drive's ramp, whatever the clock of the sensor.
+# Both simulators have passed the jump of the force at the end of the drive's ramp, whatever the
+# clock of the sensor.
 FROM_S = 0.1
 FINE_STEP_S, FINE = 2.5e-5, Tolerance(1e-7, 3e-4)
 # Time for which a leg hangs before its command where both must begin at rest.
 HANGING_S = 3.0
-# Effects whose unloaded leg is bent: the exam releases every leg straight, the model unloaded, so both begin at rest.
+# Effects whose unloaded leg is bent: the exam releases every leg straight, the model unloaded, so
+# both begin at rest.
 FROM_REST = ("hinge_rest_angle", "hinge_rest_angle_of_one")
 # Presliding of floor, pins and adhesion where it shall not matter.
 SHORT_M, SHORT_RAD, SHORT_DEG = 3e-6, 1e-5, float(np.degrees(1e-5))
@@ -75,20 +108,30 @@ TYPICAL: Mapping[str, Values] = {
 
 
 def choose_values(id_: str) -> Values:
-    """The middle of the range of each parameter: geometric, or half of the largest where both signs are possible."""
-    return dict(TYPICAL[id_]) if id_ in TYPICAL else {parameter.name: _middle(parameter) for parameter in catalogue()[id_].parameters}
+    """The middle of the range of each parameter: geometric, or half of the largest where both
+    signs are possible.
+    """
+    return (
+        dict(TYPICAL[id_])
+        if id_ in TYPICAL
+        else {parameter.name: _middle(parameter) for parameter in catalogue()[id_].parameters}
+    )
 
 
 def _middle(parameter: Parameter) -> float:
     if parameter.whole:
         return float(int(0.5 * (parameter.low + parameter.high)))
-    middle = np.sqrt(parameter.low * parameter.high) if parameter.low > 0.0 else 0.5 * parameter.high
+    middle = (
+        np.sqrt(parameter.low * parameter.high) if parameter.low > 0.0 else 0.5 * parameter.high
+    )
     return float(f"{middle:.3g}")
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Deviation of two simulations in percent: rms and largest, and of the valley's force where there is one."""
+    """Deviation of two simulations in percent: rms and largest, and of the valley's force where
+    there is one.
+    """
 
     rms_pct: float
     most_pct: float
@@ -122,7 +165,14 @@ def make_rig(id_: str | None, values: Values) -> RigModel:
     effects = (PresentEffect(id_, tuple(values.items())),) if id_ else ()
     leg = Leg(LENGTHS_M, MASSES_KG, 0.003, 11.0, 4.2, 0.05, START_RAD)
     swing_before = None if id_ in FROM_REST else Swing(-RELEASED_S, 1.0, 0.0)
-    return RigModel(leg, Ground(1e5, 1.0, 0.45, 1e-4, 2.0), SensorMount(BELOW_SHAFT_M), Drive(RAMP_S), effects, swing_before)
+    return RigModel(
+        leg,
+        Ground(1e5, 1.0, 0.45, 1e-4, 2.0),
+        SensorMount(BELOW_SHAFT_M),
+        Drive(RAMP_S),
+        effects,
+        swing_before,
+    )
 
 
 def make_world(id_: str | None, values: Values) -> World:
@@ -132,7 +182,9 @@ def make_world(id_: str | None, values: Values) -> World:
 
 
 def without_differences(id_: str | None, rig: RigModel, world: World) -> tuple[RigModel, World]:
-    """Both rigs without what the simulators treat differently: friction of the floor, or presliding where the effect is friction."""
+    """Both rigs without what the simulators treat differently: friction of the floor, or
+    presliding where the effect is friction.
+    """
     ground, floor, hinges = rig.ground, world.floor, world.hinges
     if id_ == "ground_stribeck":
         ground, floor = replace(ground, presliding_m=SHORT_M), replace(floor, presliding_m=SHORT_M)
@@ -141,15 +193,22 @@ def without_differences(id_: str | None, rig: RigModel, world: World) -> tuple[R
         floor = replace(floor, mu=0.0, drag_N_s_per_m=0.0)
     shape: Values = {}
     if id_ == "hinge_coulomb_friction":
-        shape, hinges = {"presliding_deg": SHORT_DEG}, replace(hinges, pin_creep_rad=for_each_hinge(SHORT_RAD))
+        shape, hinges = (
+            {"presliding_deg": SHORT_DEG},
+            replace(hinges, pin_creep_rad=for_each_hinge(SHORT_RAD)),
+        )
     if id_ == "ground_adhesion":
         shape, floor = {"reach_mm": 1e3 * SHORT_M}, replace(floor, adhesion_hold_m=SHORT_M)
-    effects = tuple(replace(effect, values=(*effect.values, *shape.items())) for effect in rig.effects)
+    effects = tuple(
+        replace(effect, values=(*effect.values, *shape.items())) for effect in rig.effects
+    )
     return replace(rig, ground=ground, effects=effects), replace(world, floor=floor, hinges=hinges)
 
 
 def stroke_of_exam(world: World, step_s: float, hanging_s: float) -> Forces:
-    """A stroke of the exam's simulator; the leg hangs for `hanging_s` longer than usual before the command."""
+    """A stroke of the exam's simulator; the leg hangs for `hanging_s` longer than usual before
+    the command.
+    """
     end_s = SWEEP_RAD / SPEED_RAD_S + RAMP_S
     t_s = np.arange(-round(BEFORE_S / SAMPLE_S), int(end_s / SAMPLE_S) + 1) * SAMPLE_S
     knots = np.array([[0.0, RAMP_S, end_s + 1.0], [0.0, SPEED_RAD_S, SPEED_RAD_S]])
@@ -158,9 +217,13 @@ def stroke_of_exam(world: World, step_s: float, hanging_s: float) -> Forces:
     return Forces(t_s, sense(world, traces), -traces.force_d_N)
 
 
-def stroke_of_model(rig: RigModel, t_s: Floats, tolerance: Tolerance | None) -> tuple[Floats, Floats, Floats]:
+def stroke_of_model(
+    rig: RigModel, t_s: Floats, tolerance: Tolerance | None
+) -> tuple[Floats, Floats, Floats]:
     """fy, fz and tx (m,) of the same stroke by the model."""
-    stroke = simulate_stroke_at_speed(rig, HEIGHT_M, SPEED_RAD_S, t_s, tolerance, strokes_before=(STROKES_BEFORE,))
+    stroke = simulate_stroke_at_speed(
+        rig, HEIGHT_M, SPEED_RAD_S, t_s, tolerance, strokes_before=(STROKES_BEFORE,)
+    )
     return stroke.fy_N, stroke.fz_N, stroke.tx_Nm
 
 
@@ -168,7 +231,11 @@ def measure_deviation(one: Forces, other: tuple[Floats, Floats, Floats]) -> Devi
     """Deviation of two strokes, of the channel that deviates most."""
     valley = find_valley(one.t_s, one.down_N)
     # A shaft that stalls has no valley: the whole stroke is loading then.
-    until_s, valley_N = (valley.time_s, abs(valley.fz_N)) if isinstance(valley, Valley) else (one.t_s[-1], np.abs(one.down_N).max())
+    until_s, valley_N = (
+        (valley.time_s, abs(valley.fz_N))
+        if isinstance(valley, Valley)
+        else (one.t_s[-1], np.abs(one.down_N).max())
+    )
     whole = one.t_s >= FROM_S
     loading = whole & (one.t_s <= until_s)
     largest_N, largest_Nm = np.abs(one.down_N).max(), np.abs(one.channels[2]).max()
@@ -180,7 +247,9 @@ def measure_deviation(one: Forces, other: tuple[Floats, Floats, Floats]) -> Devi
         most.append(100.0 * float(np.abs(off[whole]).max()) / largest)
     mine, theirs = (find_valley(one.t_s, fz) for fz in (one.channels[1], other[1]))
     both = isinstance(mine, Valley) and isinstance(theirs, Valley)
-    return Deviation(max(rms), max(most), 100.0 * abs(theirs.fz_N / mine.fz_N - 1.0) if both else np.nan)
+    return Deviation(
+        max(rms), max(most), 100.0 * abs(theirs.fz_N / mine.fz_N - 1.0) if both else np.nan
+    )
 
 
 @cache
@@ -191,9 +260,14 @@ def plain_stroke_at_rest() -> tuple[Floats, ...]:
 
 
 def compare_at_zero(id_: str) -> tuple[float, float]:
-    """Largest deviation of fz or fy from the plain stroke [N] at size 0, and of the worst channel in percent of the largest value."""
+    """Largest deviation of fz or fy from the plain stroke [N] at size 0, and of the worst
+    channel in percent of the largest value.
+    """
     stroke, plain = paper_stroke(TIGHT, **{id_: NEUTRAL[id_]}), plain_stroke_at_rest()
-    off = [float(np.abs(a - b).max()) for a, b in zip((stroke.fy_N, stroke.fz_N, stroke.tx_Nm), plain, strict=True)]
+    off = [
+        float(np.abs(a - b).max())
+        for a, b in zip((stroke.fy_N, stroke.fz_N, stroke.tx_Nm), plain, strict=True)
+    ]
     largest_N, largest_Nm = float(np.abs(plain[1]).max()), float(np.abs(plain[2]).max())
     return max(off[:2]), 100.0 * max(max(off[:2]) / largest_N, off[2] / largest_Nm)
 
@@ -205,7 +279,9 @@ def compare_in_leg(id_: str) -> Comparison:
     rig, world = make_rig(id_, values), make_world(id_, values)
     exam = stroke_of_exam(world, STEP_S, hanging_s)
     as_is = measure_deviation(exam, stroke_of_model(rig, exam.t_s, None))
-    effect = measure_deviation(exam, stroke_of_exam(make_world(None, {}), STEP_S, hanging_s).channels)
+    effect = measure_deviation(
+        exam, stroke_of_exam(make_world(None, {}), STEP_S, hanging_s).channels
+    )
     rig, world = without_differences(id_, rig, world)
     fine = stroke_of_exam(world, FINE_STEP_S, hanging_s)
     alone = measure_deviation(fine, stroke_of_model(rig, fine.t_s, FINE))
@@ -223,7 +299,8 @@ COMMAND = Tones(
 )
 # Speed of the regularised sign: far below the speeds of the motion.
 SIGN_RAD_S = 1e-4
-# Late readings: the model estimates the true start from the readings, to second order in the lag, and a diagnosis fits it.
+# Late readings: the model estimates the true start from the readings, to second order in the lag,
+# and a diagnosis fits it.
 READ_LATE, START_STD = ("angle_lag", "speed_lag"), np.array([1e-3, 1e-3, 1e-2, 1e-2])
 # Neutral sizes of the effects that only a pendulum can have.
 NEUTRAL_OF_JOINTS: Mapping[str, Values] = {
@@ -236,9 +313,20 @@ NEUTRAL_OF_JOINTS: Mapping[str, Values] = {
 }
 
 
-def swing_of_model(id_: str | None, values: Values, start: Floats, begin_s: float, t_s: Floats) -> Floats:
-    """Angles and speeds (m, 4) at `t_s` after `begin_s` by the model, from the readings `start` (4,)."""
-    columns = zip(RIG.length_m, RIG.mass_kg, RIG.centre_m, RIG.inertia_kg_m2, RIG.damping_Nm_s_per_rad, strict=True)
+def swing_of_model(
+    id_: str | None, values: Values, start: Floats, begin_s: float, t_s: Floats
+) -> Floats:
+    """Angles and speeds (m, 4) at `t_s` after `begin_s` by the model, from the readings `start`
+    (4,).
+    """
+    columns = zip(
+        RIG.length_m,
+        RIG.mass_kg,
+        RIG.centre_m,
+        RIG.inertia_kg_m2,
+        RIG.damping_Nm_s_per_rad,
+        strict=True,
+    )
     pendulum = Pendulum(tuple(PendulumLink(*link) for link in columns))
     recorded_s = np.arange(-0.2, t_s[-1] + 0.01, READ_S)
     trace = torque_trace(recorded_s, np.array([COMMAND.at(begin_s + t) for t in recorded_s]))
@@ -250,7 +338,17 @@ def swing_of_model(id_: str | None, values: Values, start: Floats, begin_s: floa
 def swing_of_exam(id_: str | None, values: Values) -> tuple[Floats, Floats, Floats]:
     """Times (m,), angles and speeds (m, 4) as read, and the true ones, by the exam's simulator."""
     effects = {id_: values} if id_ else {}
-    case = PendulumCase("", "", 1, RIG, RIG, SamplingErrors(), (True,), effects, friction=Friction(sign_rad_s=SIGN_RAD_S))
+    case = PendulumCase(
+        "",
+        "",
+        1,
+        RIG,
+        RIG,
+        SamplingErrors(),
+        (True,),
+        effects,
+        friction=Friction(sign_rad_s=SIGN_RAD_S),
+    )
     trace = swing(case.concealed, START, COMMAND, np.arange(0.0, RUN_S, READ_S))
     return trace.t_s, np.column_stack([trace.angle_rad, trace.speed_rad_s]), trace.state
 
@@ -258,8 +356,8 @@ def swing_of_exam(id_: str | None, values: Values) -> tuple[Floats, Floats, Floa
 def compare_in_pendulum(id_: str) -> Comparison:
     """The line of one effect of joints.
 
-    The model begins from readings within the motion, so that the past of a lag is that of the motion.
-    """
+    The model begins from readings within the motion, so that the past of a lag is that of the
+    motion."""
     values = choose_values(id_)
     t_s, read, true = swing_of_exam(id_, values)
     begin = round(FROM_S / READ_S)
@@ -275,10 +373,14 @@ def compare_in_pendulum(id_: str) -> Comparison:
     turned = np.flatnonzero((np.sign(true[begin:, 2:]) != np.sign(true[begin, 2:])).any(axis=1))
     alone, until = off, turned[0] - 1 if len(turned) else len(off)
     if id_ in READ_LATE:
-        fitted = least_squares(lambda x: differ(x).ravel(), start, x_scale=START_STD, diff_step=1e-4)
+        fitted = least_squares(
+            lambda x: differ(x).ravel(), start, x_scale=START_STD, diff_step=1e-4
+        )
         alone, until = differ(fitted.x), len(off)
     neutral = {**NEUTRAL, **NEUTRAL_OF_JOINTS}[id_]
-    plain, at_zero = (swing_of_model(*what, START, 0.0, t_s[1:]) for what in ((None, {}), (id_, neutral)))
+    plain, at_zero = (
+        swing_of_model(*what, START, 0.0, t_s[1:]) for what in ((None, {}), (id_, neutral))
+    )
     zero = np.abs(at_zero - plain)
     return Comparison(
         id_,
@@ -296,12 +398,18 @@ def _rms_pct(x: Floats) -> float:
 
 
 def print_table(title: str, unit: str, rows: list[Comparison]) -> None:
-    print(f"{title:<26} {'size 0':>18} {'effect':>8} {'as in the exam, %':>26} {'laws alone, %':>18}")
-    print(f"{'':<26} {unit:>9} {'%':>8} {'rms %':>8} {'valley':>8} {'rms':>8} {'most':>8} {'rms':>9} {'most':>8}  values")
+    print(
+        f"{title:<26} {'size 0':>18} {'effect':>8} {'as in the exam, %':>26} {'laws alone, %':>18}"
+    )
+    print(
+        f"{'':<26} {unit:>9} {'%':>8} {'rms %':>8} {'valley':>8} {'rms':>8} {'most':>8} "
+        f"{'rms':>9} {'most':>8}  values"
+    )
     for row in rows:
         one, other = row.as_is, row.alone
         print(
-            f"{row.id:<26} {row.zero:9.1e} {row.zero_pct:8.4f} {row.effect_pct:8.2f} {one.valley_pct:8.4f} {one.rms_pct:8.4f} "
+            f"{row.id:<26} {row.zero:9.1e} {row.zero_pct:8.4f} {row.effect_pct:8.2f} "
+            f"{one.valley_pct:8.4f} {one.rms_pct:8.4f} "
             f"{one.most_pct:8.3f} {other.rms_pct:9.5f} {other.most_pct:8.4f}  "
             + ", ".join(f"{name} {value:g}" for name, value in row.values.items()),
             flush=True,
@@ -309,11 +417,17 @@ def print_table(title: str, unit: str, rows: list[Comparison]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("ids", nargs="*", metavar="ID", help="effects; all unless given")
     ids = parser.parse_args().ids or [*OF_LEGS, *OF_JOINTS]
     print_table("forces of a leg", "N", [compare_in_leg(id_) for id_ in ids if id_ in OF_LEGS])
-    print_table("motion of a pendulum", "rad/s", [compare_in_pendulum(id_) for id_ in ids if id_ in OF_JOINTS])
+    print_table(
+        "motion of a pendulum",
+        "rad/s",
+        [compare_in_pendulum(id_) for id_ in ids if id_ in OF_JOINTS],
+    )
     for id_, reason in WITHOUT_SECOND.items():
         print(f"{id_}: not compared, {reason}")
 

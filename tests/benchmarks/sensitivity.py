@@ -1,8 +1,10 @@
-"""What each constant of the diagnosis changes: python -m tests.benchmarks.sensitivity EXAM [--cases NAME...] [--only NAME]...
+"""What each constant of the diagnosis changes: python -m tests.benchmarks.sensitivity EXAM [--cases
+NAME...] [--only NAME]...
 
-EXAM is the folder of an exam whose truths are open. Its cases are diagnosed with one constant halved, and half as large again, or with one
-step of the search left out. The answers are kept in EXAM/sensitivity, so a run that is stopped goes on. Constants of the decision are
-changed on finished searches. Only the answer about the forces counts, not that about the shaft's own motion.
+EXAM is the folder of an exam whose truths are open. Its cases are diagnosed with one constant
+halved, and half as large again, or with one step of the search left out. The answers are kept in
+EXAM/sensitivity, so a run that is stopped goes on. Constants of the decision are changed on
+finished searches. Only the answer about the forces counts, not that about the shaft's own motion.
 """
 
 import argparse
@@ -61,17 +63,27 @@ def changes() -> Iterator[str]:
     yield BASE
     for name, value in vars(config).items():
         if name.isupper() and isinstance(value, int | float | tuple):
-            yield from (f"{name}={changed}" for factor in FACTORS if (changed := _scaled(value, factor)) != value)
+            yield from (
+                f"{name}={changed}"
+                for factor in FACTORS
+                if (changed := _scaled(value, factor)) != value
+            )
     for field in fields(config.DEFAULT_SEARCH):
         value = getattr(config.DEFAULT_SEARCH, field.name)
-        yield from (f"{field.name}={changed}" for factor in FACTORS if (changed := _scaled(value, factor)) != value)
+        yield from (
+            f"{field.name}={changed}"
+            for factor in FACTORS
+            if (changed := _scaled(value, factor)) != value
+        )
     yield from (f"-{step}" for step in STEPS)
 
 
 def _scaled(value: Any, factor: float) -> Any:
     if isinstance(value, tuple):
         return tuple(_scaled(one, factor) for one in value)
-    return max(1, round(factor * value)) if isinstance(value, int) else float(f"{factor * value:.4g}")
+    return (
+        max(1, round(factor * value)) if isinstance(value, int) else float(f"{factor * value:.4g}")
+    )
 
 
 def apply_change(change: str) -> None:
@@ -85,7 +97,9 @@ def apply_change(change: str) -> None:
         if hasattr(config, name):
             setattr(config, name, value)
         else:
-            config.DEFAULT_SEARCH = config.SearchConfig(**(asdict(config.DEFAULT_SEARCH) | {name: value}))
+            config.DEFAULT_SEARCH = config.SearchConfig(
+                **(asdict(config.DEFAULT_SEARCH) | {name: value})
+            )
 
 
 def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
@@ -106,7 +120,10 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
 
     on_saved = change.partition("=")[0] in OF_THE_DECISION
     for case in cases:
-        path, saved = _answers(exam, change) / f"{case}.json", _answers(exam, BASE) / f"{case}.search"
+        path, saved = (
+            _answers(exam, change) / f"{case}.json",
+            _answers(exam, BASE) / f"{case}.search",
+        )
         if path.exists():
             continue
         before = next(simulations)
@@ -114,12 +131,18 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
             search = cloudpickle.loads(saved.read_bytes())
             found = decide(search)
         else:
-            _, findings = find_omissions(open_with_nominal_model([exam / "campaigns" / case]), lambda *_: None)
+            _, findings = find_omissions(
+                open_with_nominal_model([exam / "campaigns" / case]), lambda *_: None
+            )
             search, found = findings.leg, findings.leg_decision
         simulated = next(simulations) - before - 1
         if change == BASE:
             saved.write_bytes(cloudpickle.dumps(search))
-        sizes = {f"{e.id}.{name}": (value.value, value.std) for e in found.effects for name, value in e.parameters.items()}
+        sizes = {
+            f"{e.id}.{name}": (value.value, value.std)
+            for e in found.effects
+            for name, value in e.parameters.items()
+        }
         best = max((search.nothing, *search.named), key=lambda hypothesis: hypothesis.log_joint)
         said = {
             "grade": found.grade,
@@ -138,12 +161,24 @@ def _answers(exam: Path, change: str) -> Path:
 
 
 def run_all(exam: Path, asked: Sequence[str], cases: Sequence[str]) -> None:
-    """Every change in a process of its own, as many at once as there are cores; first the answers as shipped."""
+    """Every change in a process of its own, as many at once as there are cores; first the
+    answers as shipped.
+    """
 
     def run(change: str, some: Sequence[str]) -> None:
         _answers(exam, change).mkdir(parents=True, exist_ok=True)
-        command = [sys.executable, "-m", "tests.benchmarks.sensitivity", str(exam), f"--change={change}", "--cases", *some]
-        subprocess.run(command, env=os.environ | ONE_THREAD, check=False)  # a search that fails under a change is a finding
+        command = [
+            sys.executable,
+            "-m",
+            "tests.benchmarks.sensitivity",
+            str(exam),
+            f"--change={change}",
+            "--cases",
+            *some,
+        ]
+        subprocess.run(
+            command, env=os.environ | ONE_THREAD, check=False
+        )  # a search that fails under a change is a finding
 
     with ThreadPoolExecutor(machine_cores()) as pool:
         list(pool.map(lambda case: run(BASE, [case]), cases))
@@ -153,7 +188,9 @@ def run_all(exam: Path, asked: Sequence[str], cases: Sequence[str]) -> None:
 
 
 def describe(exam: Path, change: str, cases: Sequence[str]) -> str:
-    """One line: answers that differ, how many of them became right or wrong, evidence lost, and simulations over those as shipped."""
+    """One line: answers that differ, how many of them became right or wrong, evidence lost, and
+    simulations over those as shipped.
+    """
     before, after = (_read(exam, one, cases) for one in (BASE, change))
     truths = {truth.case: set(truth.effects) for truth in map(parse_truth, open_all(exam))}
     both = [case for case in cases if case in before and case in after]
@@ -161,13 +198,23 @@ def describe(exam: Path, change: str, cases: Sequence[str]) -> str:
         return f"{change}: failed"
     differ = [case for case in both if _statement(before[case]) != _statement(after[case])]
     better, worse = (
-        sum(set(new[case]["effects"]) == truths[case] != set(old[case]["effects"]) for case in differ)
+        sum(
+            set(new[case]["effects"]) == truths[case] != set(old[case]["effects"])
+            for case in differ
+        )
         for old, new in ((before, after), (after, before))
     )
     lost = max(before[case]["log_joint"] - after[case]["log_joint"] for case in both)
-    cost = sum(after[case]["simulations"] for case in both) / max(sum(before[case]["simulations"] for case in both), 1)
-    detail = "; ".join(f"{case[-2:]} {_words(before[case])} -> {_words(after[case])}" for case in differ)
-    counted = f"{len(differ)} of {len(both)} differ, {better} better, {worse} worse; evidence lost {lost:.1f}; simulations {cost:.2f}"
+    cost = sum(after[case]["simulations"] for case in both) / max(
+        sum(before[case]["simulations"] for case in both), 1
+    )
+    detail = "; ".join(
+        f"{case[-2:]} {_words(before[case])} -> {_words(after[case])}" for case in differ
+    )
+    counted = (
+        f"{len(differ)} of {len(both)} differ, {better} better, {worse} worse; evidence lost "
+        f"{lost:.1f}; simulations {cost:.2f}"
+    )
     return f"{change:32s} {counted}; {detail}"
 
 
@@ -176,19 +223,30 @@ def _statement(said: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _words(said: Mapping[str, Any]) -> str:
-    return f"{said['grade']} {'+'.join(said['effects']) or said['family']} {said['probability']:.2f}"
+    return (
+        f"{said['grade']} {'+'.join(said['effects']) or said['family']} {said['probability']:.2f}"
+    )
 
 
 def _read(exam: Path, change: str, cases: Sequence[str]) -> dict[str, Any]:
     paths = {case: _answers(exam, change) / f"{case}.json" for case in cases}
-    return {case: json.loads(path.read_text(encoding="utf-8")) for case, path in paths.items() if path.exists()}
+    return {
+        case: json.loads(path.read_text(encoding="utf-8"))
+        for case, path in paths.items()
+        if path.exists()
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("exam", type=Path)
     parser.add_argument("--cases", nargs="+", default=[], help="names of cases; all if not given")
-    parser.add_argument("--only", action="append", default=[], help="NAME of a constant, NAME=VALUE, or STEP; all if not given")
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        help="NAME of a constant, NAME=VALUE, or STEP; all if not given",
+    )
     parser.add_argument("--change", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     cases = asked.cases or sorted(path.name for path in (asked.exam / "campaigns").iterdir())
@@ -196,7 +254,11 @@ def main() -> None:
         answer(asked.exam, asked.change, cases)
     else:
         given = [one for one in asked.only if "=" in one]
-        chosen = [one for one in changes() if not asked.only or one.removeprefix("-").partition("=")[0] in asked.only]
+        chosen = [
+            one
+            for one in changes()
+            if not asked.only or one.removeprefix("-").partition("=")[0] in asked.only
+        ]
         run_all(asked.exam, [*given, *chosen], cases)
 
 

@@ -1,11 +1,13 @@
-"""Flapping without end, in real time, over real sockets: python -m tests.benchmarks.soak [--seconds 3600] [--rate 15000] [--lenient]
+"""Flapping without end, in real time, over real sockets: python -m tests.benchmarks.soak [--seconds
+3600] [--rate 15000] [--lenient]
 
-The twin server in a process of its own is the rig: force records by UDP, the drive as socketcand. This process runs the engine at 500 Hz
-with the recorder process behind it, one plan after the other until the time is up. Above the 7912 records/s that the box can be set to, a
-sender in a third process is the force sensor; its counts are numbers and no forces, so that load is not watched. Shown every minute, and
-in the end: memory of this process and of the recorder, records lost by the sensor's own numbers, the longest gap of the loop, and what
-tripped. A trip ends its plan and the next one begins; with --runs what was recorded stays there, and another soak goes on behind it.
-"""
+The twin server in a process of its own is the rig: force records by UDP, the drive as socketcand.
+This process runs the engine at 500 Hz with the recorder process behind it, one plan after the other
+until the time is up. Above the 7912 records/s that the box can be set to, a sender in a third
+process is the force sensor; its counts are numbers and no forces, so that load is not watched.
+Shown every minute, and in the end: memory of this process and of the recorder, records lost by the
+sensor's own numbers, the longest gap of the loop, and what tripped. A trip ends its plan and the
+next one begins; with --runs what was recorded stays there, and another soak goes on behind it."""
 
 import argparse
 import builtins
@@ -59,7 +61,9 @@ class TimeIsUp(Exception):
 
 @dataclass
 class Watched:
-    """What a soak has seen so far. `memory` holds seconds, MB of this process, MB of the recorder."""
+    """What a soak has seen so far. `memory` holds seconds, MB of this process, MB of the
+    recorder.
+    """
 
     until_s: float
     strokes: int = 0
@@ -78,14 +82,18 @@ class Watched:
         seconds, ours, its = np.array(self.memory).T
         seconds = seconds - seconds[0]
         later = seconds >= min(60.0, 0.2 * seconds[-1])  # caches fill first
-        slopes = [3600.0 * np.polyfit(seconds[later], memory[later], 1)[0] if later.sum() > 2 else np.nan for memory in (ours, its)]
+        slopes = [
+            3600.0 * np.polyfit(seconds[later], memory[later], 1)[0] if later.sum() > 2 else np.nan
+            for memory in (ours, its)
+        ]
         memory = ", ".join(
             f"{name} {memory[0]:.0f} -> {memory[-1]:.0f} MB ({slope:+.1f} MB/h)"
             for name, memory, slope in zip(("loop", "recorder"), (ours, its), slopes, strict=True)
         )
         trips = f"{len(self.trips)} trips {sorted(set(self.trips))}" if self.trips else "no trip"
         return (
-            f"{seconds[-1]:6.0f} s, {self.strokes} strokes, {self.received} records, {self.lost} lost, "
+            f"{seconds[-1]:6.0f} s, {self.strokes} strokes, {self.received} records, "
+            f"{self.lost} lost, "
             f"worst gap {1e3 * self.worst_gap_s:.1f} ms, {trips}; {memory}"
         )
 
@@ -94,7 +102,14 @@ def plan_of(rig: RigFile, lenient: bool, rate_Hz: float) -> Plan:
     plan = one_condition(rig, REPEATS, 2.433)
     limits = plan.limits
     if lenient:
-        limits = replace(limits, sensor_silent_s=5.0, drive_silent_s=5.0, reading_age_s=5.0, late_s=5.0, following_error_rad=10.0)
+        limits = replace(
+            limits,
+            sensor_silent_s=5.0,
+            drive_silent_s=5.0,
+            reading_age_s=5.0,
+            late_s=5.0,
+            following_error_rad=10.0,
+        )
     if rate_Hz > BOX_RATE_HZ:
         limits = replace(limits, force_N=1e9, torque_Nm=1e9, above_expected=1e9)
     return replace(plan, limits=limits)
@@ -103,14 +118,23 @@ def plan_of(rig: RigFile, lenient: bool, rate_Hz: float) -> Plan:
 @contextmanager
 def fast_sensor(clock: Clock, rate_Hz: float) -> Iterator[NetFtSensor]:
     """Forty records to a datagram, as the box sends them at such rates."""
-    with sending(rate_Hz, 40, 1e6) as (port, _), closing(AcquiredDatagrams(record_source("127.0.0.1", port), clock)) as datagrams:
-        yield NetFtSensor(datagrams, clock, NetFtSettings(rate_Hz=rate_Hz, internal_rate_Hz=rate_Hz))
+    with (
+        sending(rate_Hz, 40, 1e6) as (port, _),
+        closing(AcquiredDatagrams(record_source("127.0.0.1", port), clock)) as datagrams,
+    ):
+        yield NetFtSensor(
+            datagrams, clock, NetFtSettings(rate_Hz=rate_Hz, internal_rate_Hz=rate_Hz)
+        )
 
 
 def one_run(rig: RigFile, folder: Path, seen: Watched, lenient: bool, rate_Hz: float) -> None:
     """One plan, or as much of it as there is time for."""
     with open_bench(rig, None) as opened, ExitStack() as things:
-        bench = opened if rate_Hz <= BOX_RATE_HZ else replace(opened, sensor=things.enter_context(fast_sensor(opened.clock, rate_Hz)))
+        bench = (
+            opened
+            if rate_Hz <= BOX_RATE_HZ
+            else replace(opened, sensor=things.enter_context(fast_sensor(opened.clock, rate_Hz)))
+        )
         run_folder.create(folder, Recording("soak", "REAL", rig.nominal(), {}, (), ()))
         keeper = RecorderClient(folder, patient=False)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
@@ -143,7 +167,11 @@ def one_run(rig: RigFile, folder: Path, seen: Watched, lenient: bool, rate_Hz: f
 
 def at_rate(folder: Path, rate_Hz: float) -> Path:
     """The twin's rig file with another rate of records."""
-    text, found = re.subn(r"(?m)^rate_Hz = .*$", f"rate_Hz = {rate_Hz}", (ROOT / "calibration" / "twin.toml").read_text())
+    text, found = re.subn(
+        r"(?m)^rate_Hz = .*$",
+        f"rate_Hz = {rate_Hz}",
+        (ROOT / "calibration" / "twin.toml").read_text(),
+    )
     assert found == 1
     file = folder / "twin-at-rate.toml"
     file.write_text(text)
@@ -161,11 +189,22 @@ def hand_of(served: Server):
 
 
 def soak(seconds: float, rate_Hz: float, runs: Path, lenient: bool) -> None:
-    with tempfile.TemporaryDirectory() as place, serving("--rig", str(at_rate(Path(place), min(rate_Hz, 7000.0))), "--quiet") as served:
-        os.environ["CAN_CONFIG"] = json.dumps({"host": served.host, "port": served.ports["can_port"]})
+    with (
+        tempfile.TemporaryDirectory() as place,
+        serving("--rig", str(at_rate(Path(place), min(rate_Hz, 7000.0))), "--quiet") as served,
+    ):
+        os.environ["CAN_CONFIG"] = json.dumps(
+            {"host": served.host, "port": served.ports["can_port"]}
+        )
         builtins.input = hand_of(served)
         rig = real_rig(Path(place), served)
-        rig = rig.model_copy(update={"force_sensor": rig.force_sensor.model_copy(update={"rate_Hz": min(rate_Hz, 7000.0)})})
+        rig = rig.model_copy(
+            update={
+                "force_sensor": rig.force_sensor.model_copy(
+                    update={"rate_Hz": min(rate_Hz, 7000.0)}
+                )
+            }
+        )
         seen = Watched(time.monotonic() + seconds)
         number = len(list(runs.glob("soak-*")))
         while time.monotonic() < seen.until_s:
@@ -174,7 +213,10 @@ def soak(seconds: float, rate_Hz: float, runs: Path, lenient: bool) -> None:
         print(f"{rate_Hz:.0f} records/s: {seen.text()}")
     for folder in sorted(runs.glob("soak-*")):
         damaged = [finding.file for finding in check_run(folder) if not finding.is_sound]
-        print(f"{folder.name}: {run_folder_text(folder)}{', DAMAGED ' + ', '.join(damaged) if damaged else ''}")
+        print(
+            f"{folder.name}: "
+            f"{run_folder_text(folder)}{', DAMAGED ' + ', '.join(damaged) if damaged else ''}"
+        )
 
 
 def run_folder_text(folder: Path) -> str:
@@ -184,12 +226,22 @@ def run_folder_text(folder: Path) -> str:
 
 
 def main() -> None:
-    logging.getLogger("can").setLevel(logging.ERROR)  # python-can warns of every frame that came in two pieces
+    logging.getLogger("can").setLevel(
+        logging.ERROR
+    )  # python-can warns of every frame that came in two pieces
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=15_000.0, help="records of force a second")
-    parser.add_argument("--runs", type=Path, help="where the runs stay; a folder that is gone afterwards if not given")
-    parser.add_argument("--lenient", action="store_true", help="late ticks are measured and not tripped on, for a machine that is busy")
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        help="where the runs stay; a folder that is gone afterwards if not given",
+    )
+    parser.add_argument(
+        "--lenient",
+        action="store_true",
+        help="late ticks are measured and not tripped on, for a machine that is busy",
+    )
     words = parser.parse_args()
     if words.runs is not None:
         words.runs.mkdir(parents=True, exist_ok=True)

@@ -5,15 +5,27 @@ import pytest
 
 from rfca_rig.model.chain import Tolerance, make_chain
 from tests.benchmarks.convergence import SPEED_TOLERANCE_PER_S3, SWING_FROM, free_motion
-from tests.benchmarks.impact import changed, passes, peaks, reversed_under_load, table_2_errors_pct, with_stop
+from tests.benchmarks.impact import (
+    changed,
+    passes,
+    peaks,
+    reversed_under_load,
+    table_2_errors_pct,
+    with_stop,
+)
 from tests.model.legs import NO_GROUND_M, PAPER
 
 HARD = changed(ground={"stiffness_N_per_m1p5": 3e6})
-MORE_FRICTION = {"k0_Nm_per_rad": 13.85, "k2_per_rad2": 4.08, "hinge_damping_Nm_s_per_rad": 0.142, "start_angle_rad": np.radians(15.2)}
+MORE_FRICTION = {
+    "k0_Nm_per_rad": 13.85,
+    "k2_per_rad2": 4.08,
+    "hinge_damping_Nm_s_per_rad": 0.142,
+    "start_angle_rad": np.radians(15.2),
+}
 ROUGH = changed(MORE_FRICTION, {"friction_coefficient": 0.6})
 
 
-def test_the_calibrated_leg_presses_with_a_third_of_the_measured_force_and_whips_with_less_than_half():
+def test_the_calibrated_leg_presses_with_a_third_of_the_force_and_whips_with_less_than_half():
     peak = peaks(passes(PAPER, count=1), 0)
     assert (peak["loading"].fy_N, peak["loading"].fz_N) == pytest.approx((-48.0, -88.0), abs=2.0)
     assert (peak["whip"].fy_N, peak["whip"].fz_N) == pytest.approx((45.4, 135.0), abs=2.0)
@@ -43,7 +55,12 @@ def test_a_rougher_plate_fits_table_2_as_well_and_turning_back_on_it_gives_both_
     [
         ({}, 0.41, (2.86, 6.17)),
         (
-            {"k0_Nm_per_rad": 5.2964, "k2_per_rad2": 9.2678, "hinge_damping_Nm_s_per_rad": 0.9273, "start_angle_rad": 0.2195},
+            {
+                "k0_Nm_per_rad": 5.2964,
+                "k2_per_rad2": 9.2678,
+                "hinge_damping_Nm_s_per_rad": 0.9273,
+                "start_angle_rad": 0.2195,
+            },
             0.0938,
             (2.90, 0.53),
         ),

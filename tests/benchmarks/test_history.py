@@ -20,4 +20,8 @@ def test_only_the_last_rows_count():
 def test_the_history_has_rows_with_every_ratio():
     rows = read_history()
     assert rows
-    assert all(set(row) == {"stroke_per_lsoda", "run_in_strokes", "report_in_strokes"} and min(row.values()) > 0.0 for row in rows)
+    assert all(
+        set(row) == {"stroke_per_lsoda", "run_in_strokes", "report_in_strokes"}
+        and min(row.values()) > 0.0
+        for row in rows
+    )

@@ -10,7 +10,12 @@ from tests.exam_cases.test_calibrate import VALUES
 def test_statements_are_labelled_by_what_was_concealed(tmp_path):
     support = [
         {"kind": "effect", "id": "joint_damping", "values": VALUES, "cannot_tell_from": ()},
-        {"kind": "effect", "id": "joint_drag", "values": VALUES, "cannot_tell_from": ("joint_damping",)},
+        {
+            "kind": "effect",
+            "id": "joint_drag",
+            "values": VALUES,
+            "cannot_tell_from": ("joint_damping",),
+        },
         {"kind": "effect", "id": "joint_spring", "values": VALUES, "cannot_tell_from": ()},
         {"kind": "family", "id": "joint_dissipation", "values": VALUES, "cannot_tell_from": ()},
         {"kind": "family", "id": "body_mass", "values": VALUES, "cannot_tell_from": ()},

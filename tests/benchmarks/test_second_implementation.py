@@ -1,14 +1,22 @@
-"""Each effect of the catalogue has a second implementation in the exam, and both agree; what benchmark `second_implementation` prints."""
+"""Each effect of the catalogue has a second implementation in the exam, and both agree; what
+benchmark `second_implementation` prints.
+"""
 
 import pytest
 
 from rfca_rig.model.catalogue import catalogue
-from tests.benchmarks.second_implementation import OF_JOINTS, OF_LEGS, WITHOUT_SECOND, compare_in_leg, compare_in_pendulum
+from tests.benchmarks.second_implementation import (
+    OF_JOINTS,
+    OF_LEGS,
+    WITHOUT_SECOND,
+    compare_in_leg,
+    compare_in_pendulum,
+)
 
 # Percent of the force: rms over the loading, at size 0, and with the same contacts.
 WITHIN_PCT, ZERO_PCT, ALONE_PCT = 0.1, 1e-4, 0.03
-# Percent as in the exam, where its simulator differs on purpose or its step shows: sticking joints, the impact of a play, a sensor that
-# rings on from touchdown, the start of late readings.
+# Percent as in the exam, where its simulator differs on purpose or its step shows: sticking joints,
+# the impact of a play, a sensor that rings on from touchdown, the start of late readings.
 LARGER_PCT = {
     "sensor_ringing": 0.12,
     "shaft_play": 0.2,

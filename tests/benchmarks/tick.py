@@ -1,9 +1,9 @@
 """What one tick of the control loop costs: python -m tests.benchmarks.tick [--against FOLDER]
 
-The loop as in a run: the driver of an ODrive with two reports of angle and torque per tick, a force sensor of 14 records, all limits, a
-helper process that is watched. The devices' samples are ready, and the clock does not wait, so only the loop's own work is timed. With
---against, another tree of this project is timed right before and after each time: the median of the ratios is printed.
-"""
+The loop as in a run: the driver of an ODrive with two reports of angle and torque per tick, a force
+sensor of 14 records, all limits, a helper process that is watched. The devices' samples are ready,
+and the clock does not wait, so only the loop's own work is timed. With --against, another tree of
+this project is timed right before and after each time: the median of the ratios is printed."""
 
 import argparse
 import os
@@ -59,8 +59,13 @@ class ReadyBus(can.BusABC):
         super().__init__(channel="ready")
         self.channel_info = "ready"
         frames = [codec.torques(0, 0.0, 0.5), codec.encoder_estimates(0, 0.0, 0.0)] * 2
-        frames.append(codec.heartbeat(0, Heartbeat(0, AxisState.CLOSED_LOOP, 0, trajectory_done=True)))
-        self._frames = [can.Message(arbitration_id=number, data=data, is_extended_id=False) for number, data in frames]
+        frames.append(
+            codec.heartbeat(0, Heartbeat(0, AxisState.CLOSED_LOOP, 0, trajectory_done=True))
+        )
+        self._frames = [
+            can.Message(arbitration_id=number, data=data, is_extended_id=False)
+            for number, data in frames
+        ]
         self._place = 0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -81,7 +86,13 @@ class ReadySensor:
         numbers = self._records + np.arange(RECORDS)
         self._records += RECORDS
         counts = self._noise[self._records // RECORDS % 64]
-        return ForceSamples(np.full(RECORDS, self._clock.t_s), numbers / 7000.0, numbers, np.zeros(RECORDS, np.uint32), counts)
+        return ForceSamples(
+            np.full(RECORDS, self._clock.t_s),
+            numbers / 7000.0,
+            numbers,
+            np.zeros(RECORDS, np.uint32),
+            counts,
+        )
 
     def scale(self) -> SensorScale:
         return SensorScale(1e4, 1e6, 7000.0)
@@ -122,13 +133,23 @@ def tick_us() -> float:
 def tick_of_us(folder: Path) -> float:
     """The same of the tree in that folder, by this very file, in a process of its own."""
     command = [sys.executable, __file__, "--once"]
-    run = subprocess.run(command, env={**os.environ, "PYTHONPATH": str(folder)}, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        command,
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return float(run.stdout)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--against", type=Path, metavar="FOLDER", help="another tree of this project")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--against", type=Path, metavar="FOLDER", help="another tree of this project"
+    )
     parser.add_argument("--once", action="store_true", help="print one number")
     arguments = parser.parse_args()
     if arguments.once:
@@ -146,7 +167,8 @@ def main() -> None:
         ratios.append(times_us[-1] / (0.5 * (before_us + after_us)))
         before_us = after_us
     print(
-        f"one tick: {statistics.median(times_us):.1f} us, {statistics.median(ratios):.3f} times that of {arguments.against} "
+        f"one tick: {statistics.median(times_us):.1f} us, {statistics.median(ratios):.3f} "
+        f"times that of {arguments.against} "
         f"({min(ratios):.3f} to {max(ratios):.3f} in {ROUNDS} pairs)"
     )
 

@@ -1,4 +1,6 @@
-"""Time from a photo of 12 megapixels to hinge angles, and where it goes: python -m tests.benchmarks.vision"""
+"""Time from a photo of 12 megapixels to hinge angles, and where it goes: python -m
+tests.benchmarks.vision
+"""
 
 import time
 
@@ -19,8 +21,17 @@ ROUNDS = 5
 def main() -> None:
     random, model = np.random.default_rng(1), camera(WIDTH_PX)
     angles = pose(random)
-    photo = draw(angles, LENGTHS_M, PLAN, model, Look(defocus_px=2.0, glints=8, red_bars=1, light_fall=0.5), random)
-    expected = float(np.mean(model.disc_diameter_px(mark_positions(angles, LENGTHS_M, PLAN), PLAN.diameter_m)))
+    photo = draw(
+        angles,
+        LENGTHS_M,
+        PLAN,
+        model,
+        Look(defocus_px=2.0, glints=8, red_bars=1, light_fall=0.5),
+        random,
+    )
+    expected = float(
+        np.mean(model.disc_diameter_px(mark_positions(angles, LENGTHS_M, PLAN), PLAN.diameter_m))
+    )
     times = []
     for _ in range(ROUNDS):
         begin = time.perf_counter()

@@ -38,7 +38,10 @@ def joint_state(t_s, names, position, velocity=(), effort=()):
 
 def wrench(t_s, force_z_N):
     vector = STORE.types["geometry_msgs/msg/Vector3"]
-    return STORE.types[WRENCH](header(t_s), STORE.types["geometry_msgs/msg/Wrench"](vector(0.0, 0.0, force_z_N), vector(0.0, 0.0, 0.0)))
+    return STORE.types[WRENCH](
+        header(t_s),
+        STORE.types["geometry_msgs/msg/Wrench"](vector(0.0, 0.0, force_z_N), vector(0.0, 0.0, 0.0)),
+    )
 
 
 def number(value):
@@ -50,12 +53,17 @@ def text(value):
 
 
 def write_rosbag(folder, topics, storage=StoragePlugin.SQLITE3, store=STORE, **definition):
-    """A folder as `ros2 bag record` writes it, of {topic: (type, [(t_s, message)])}; `definition` replaces that of the store."""
+    """A folder as `ros2 bag record` writes it, of {topic: (type, [(t_s, message)])};
+    `definition` replaces that of the store.
+    """
     with Writer(folder, version=9, storage_plugin=storage) as writer:
         logged = []
         for topic, (type_name, messages) in topics.items():
             connection = writer.add_connection(topic, type_name, typestore=store, **definition)
-            logged += [(ns_of(t_s), connection, store.serialize_cdr(message, type_name)) for t_s, message in messages]
+            logged += [
+                (ns_of(t_s), connection, store.serialize_cdr(message, type_name))
+                for t_s, message in messages
+            ]
         for ns, connection, data in sorted(logged, key=lambda one: one[0]):
             writer.write(connection, ns, data)
     return folder

@@ -12,6 +12,8 @@ def drafted(folder):
     """The draft of experiment.toml for `folder`."""
     (folder / "experiment.toml").unlink(missing_ok=True)
     (folder.parent / "cart.xml").write_text(MODEL, encoding="utf-8")
-    ran = CliRunner().invoke(app, ["init", "--mjcf", str(folder.parent / "cart.xml"), "--data", str(folder)])
+    ran = CliRunner().invoke(
+        app, ["init", "--mjcf", str(folder.parent / "cart.xml"), "--data", str(folder)]
+    )
     assert ran.exit_code == 0, ran.output
     return (folder / "experiment.toml").read_text(encoding="utf-8")

@@ -1,4 +1,6 @@
-"""Models, TOML files, tables and bags that nobody means well with: too large, too deep, without an end, or with absurd values."""
+"""Models, TOML files, tables and bags that nobody means well with: too large, too deep, without
+an end, or with absurd values.
+"""
 
 import os
 import struct
@@ -59,7 +61,10 @@ def include_itself(path: Path) -> None:
 
 
 def nest(depth: int) -> str:
-    return f'<body><geom size=".1" mass="1"/>{"<body>" * depth}<geom size=".1"/>{"</body>" * depth}</body>'
+    return (
+        f'<body><geom size=".1" mass="1"/>{"<body>" * depth}<geom '
+        f'size=".1"/>{"</body>" * depth}</body>'
+    )
 
 
 def replicate(count: str, within: str = '<geom size=".01"/>') -> Write:
@@ -67,19 +72,42 @@ def replicate(count: str, within: str = '<geom size=".01"/>') -> Write:
 
 
 def stl(triangles: int, written: int, coordinate: float = 0.1) -> Write:
-    points = struct.pack("<12fH", *([0.0] * 3), *([0.0, 0.0, 0.0, coordinate, 0.0, 0.0, 0.0, coordinate, coordinate]), 0)
-    return lambda path: path.write_bytes(bytes(80) + struct.pack("<I", triangles) + points * written) and None
+    points = struct.pack(
+        "<12fH",
+        *([0.0] * 3),
+        *([0.0, 0.0, 0.0, coordinate, 0.0, 0.0, 0.0, coordinate, coordinate]),
+        0,
+    )
+    return lambda path: (
+        path.write_bytes(bytes(80) + struct.pack("<I", triangles) + points * written) and None
+    )
 
 
-LAUGHS = "<!ENTITY e0 'aaaaaaaaaa'>" + "".join(f"<!ENTITY e{k} '" + f"&e{k - 1};" * 10 + "'>" for k in range(1, 10))
+LAUGHS = "<!ENTITY e0 'aaaaaaaaaa'>" + "".join(
+    f"<!ENTITY e{k} '" + f"&e{k - 1};" * 10 + "'>" for k in range(1, 10)
+)
 
 MODELS: dict[str, Write] = {
-    **{f"gravity {value}": model(rest=f'<option gravity="0 0 {value}"/>') for value in ("nan", "inf", "-inf", "1e300", "1e20")},
-    **{f"timestep {value}": model(rest=f'<option timestep="{value}"/>') for value in ("nan", "inf", "0", "-1", "1e300", "1e-300", "1e9")},
-    **{f"option {name} nan": model(rest=f'<option {name}="nan"/>') for name in ("density", "viscosity", "impratio")},
-    **{f"mass {value}": geom(f'size=".1" mass="{value}"') for value in ("nan", "inf", "1e300", "-1", "1e18")},
+    **{
+        f"gravity {value}": model(rest=f'<option gravity="0 0 {value}"/>')
+        for value in ("nan", "inf", "-inf", "1e300", "1e20")
+    },
+    **{
+        f"timestep {value}": model(rest=f'<option timestep="{value}"/>')
+        for value in ("nan", "inf", "0", "-1", "1e300", "1e-300", "1e9")
+    },
+    **{
+        f"option {name} nan": model(rest=f'<option {name}="nan"/>')
+        for name in ("density", "viscosity", "impratio")
+    },
+    **{
+        f"mass {value}": geom(f'size=".1" mass="{value}"')
+        for value in ("nan", "inf", "1e300", "-1", "1e18")
+    },
     **{f"density {value}": geom(f'size=".1" density="{value}"') for value in ("nan", "1e300")},
-    **{f"size {value}": geom(f'size="{value}" mass="1"') for value in ("nan", "inf", "1e300", "-1")},
+    **{
+        f"size {value}": geom(f'size="{value}" mass="1"') for value in ("nan", "inf", "1e300", "-1")
+    },
     **{
         f"joint {name} {value}": joint(f'{name}="{value}"')
         for name in ("damping", "stiffness", "armature", "frictionloss")
@@ -89,27 +117,66 @@ MODELS: dict[str, Write] = {
     "joint ref nan": joint('ref="nan"'),
     "joint axis nan": joint('axis="nan 0 0"'),
     "body pos nan": model(world='<body pos="nan 0 0"><joint name="j"/><geom size=".1"/></body>'),
-    "body pos 1e300": model(world='<body pos="1e300 0 0"><joint name="j"/><geom size=".1"/></body>'),
-    "inertia nan": model(world='<body><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="nan 1 1"/></body>'),
-    "inertia 1e300": model(world='<body><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1e300 1e300 1e300"/></body>'),
+    "body pos 1e300": model(
+        world='<body pos="1e300 0 0"><joint name="j"/><geom size=".1"/></body>'
+    ),
+    "inertia nan": model(
+        world='<body><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="nan 1 1"/></body>'
+    ),
+    "inertia 1e300": model(
+        world=(
+            '<body><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1e300 1e300 '
+            '1e300"/></body>'
+        )
+    ),
     "friction nan": geom('size=".1" friction="nan 0 0"'),
     "gear nan": model(rest='<actuator><motor joint="j" gear="nan"/></actuator>'),
     "gain 1e300": model(rest='<actuator><general joint="j" gainprm="1e300"/></actuator>'),
-    "hfield 60000": model(rest='<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'),
-    "hfield 2e9": model(rest='<asset><hfield name="h" nrow="2000000000" ncol="2000000000" size="1 1 1 1"/></asset>'),
-    "texture 40000": model(rest='<asset><texture name="t" type="2d" builtin="flat" width="40000" height="40000"/></asset>'),
-    **{f"{name} 1e9": model(rest=f'<size {name}="1000000000"/>') for name in ("nuser_body", "nuser_jnt", "nuser_geom", "nuser_sensor")},
-    **{f"memory {value}": model(rest=f'<size memory="{value}"/>') for value in ("900G", "9000000000T", "-5")},
-    **{f"{name} 2e9": model(rest=f'<size {name}="2000000000"/>') for name in ("nkey", "njmax", "nconmax", "nstack", "nuserdata")},
+    "hfield 60000": model(
+        rest='<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'
+    ),
+    "hfield 2e9": model(
+        rest='<asset><hfield name="h" nrow="2000000000" ncol="2000000000" size="1 1 1 1"/></asset>'
+    ),
+    "texture 40000": model(
+        rest=(
+            '<asset><texture name="t" type="2d" builtin="flat" width="40000" '
+            'height="40000"/></asset>'
+        )
+    ),
+    **{
+        f"{name} 1e9": model(rest=f'<size {name}="1000000000"/>')
+        for name in ("nuser_body", "nuser_jnt", "nuser_geom", "nuser_sensor")
+    },
+    **{
+        f"memory {value}": model(rest=f'<size memory="{value}"/>')
+        for value in ("900G", "9000000000T", "-5")
+    },
+    **{
+        f"{name} 2e9": model(rest=f'<size {name}="2000000000"/>')
+        for name in ("nkey", "njmax", "nconmax", "nstack", "nuserdata")
+    },
     "300,000 keyframes": model(rest="<keyframe>" + '<key qpos="1"/>' * 300_000 + "</keyframe>"),
     "keyframe nan": model(rest='<keyframe><key qpos="nan"/></keyframe>'),
-    **{f"replicate {count}": replicate(count) for count in ("100000000", "2000000000", "-1", "1000000")},
-    "replicate within replicate": replicate("10000", '<replicate count="10000"><geom size=".01"/></replicate>'),
+    **{
+        f"replicate {count}": replicate(count)
+        for count in ("100000000", "2000000000", "-1", "1000000")
+    },
+    "replicate within replicate": replicate(
+        "10000", '<replicate count="10000"><geom size=".01"/></replicate>'
+    ),
     "replicated joints": replicate("3000", '<body><joint name="k"/><geom size=".01"/></body>'),
     "20,000 bodies deep": model(world=f"{BODY}{nest(20_000)}"),
     "100,000 geoms": model(world=BODY + '<geom size=".1"/>' * 100_000),
-    "composite 1e9": model(world=f'{BODY}<composite type="cable" count="1000000000 1 1"><geom size=".1"/></composite>'),
-    "flexcomp 1e4 cubed": model(world=f'{BODY}<flexcomp name="f" type="grid" dim="3" count="10000 10000 10000" spacing="1 1 1"/>'),
+    "composite 1e9": model(
+        world=f'{BODY}<composite type="cable" count="1000000000 1 1"><geom size=".1"/></composite>'
+    ),
+    "flexcomp 1e4 cubed": model(
+        world=(
+            f'{BODY}<flexcomp name="f" type="grid" dim="3" count="10000 10000 10000" '
+            'spacing="1 1 1"/>'
+        )
+    ),
     "include a pipe": including("pipe.xml", os.mkfifo),
     "include a device": including("zero.xml", lambda path: path.symlink_to("/dev/zero")),
     "include a folder": including("folder.xml", Path.mkdir),
@@ -170,7 +237,9 @@ TABLES: dict[str, Write] = {
     "10,000,000 lines of nothing": csv("t,q", "", 10_000_000),
     "a fault after 2,000,000 lines": text("t,q\n" + "1,2\n" * 2_000_000 + "1,x\n"),
     "texts in 2,000,000 lines": csv("t,q", "a,b", 2_000_000),
-    "1,000,000 columns": csv(",".join(f"c{number}" for number in range(1_000_000)), "1," * 999_999 + "1", 3),
+    "1,000,000 columns": csv(
+        ",".join(f"c{number}" for number in range(1_000_000)), "1," * 999_999 + "1", 3
+    ),
     "1,000,000 cells in a line": csv("t,q", "1," * 1_000_000, 3),
     "one cell of 20 MB": csv("t,q", "1," + "9" * 20_000_000, 1),
     "an open quote": csv("t,q", '1,"' + "a" * 5_000_000, 2),

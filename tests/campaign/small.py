@@ -59,6 +59,8 @@ def without_column(name: str) -> Callable[[str], str]:
 def with_column(name: str, value: str) -> Callable[[str], str]:
     def change(text: str) -> str:
         header, *rows = text.rstrip("\n").split("\n")
-        return "".join(row + "\n" for row in (f"{header},{name}", *(f"{row},{value}" for row in rows)))
+        return "".join(
+            row + "\n" for row in (f"{header},{name}", *(f"{row},{value}" for row in rows))
+        )
 
     return change

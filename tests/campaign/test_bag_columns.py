@@ -1,4 +1,6 @@
-"""Recordings in MCAP files and ROS 2 bags: fields of messages as columns over one time base, and every fault in one line."""
+"""Recordings in MCAP files and ROS 2 bags: fields of messages as columns over one time base, and
+every fault in one line.
+"""
 
 import sqlite3
 from contextlib import closing
@@ -45,8 +47,12 @@ def topics(joint_states=None, wrenches=None):
 
 
 def read(path, *columns, time="header.stamp", unit="s", longest_gap_s=0.05):
-    holds = dict.fromkeys(columns or ("/joint_states:position[elbow]", FORCE), "the position of joint elbow")
-    return read_columns(path, ColumnRequest(TimeSection(column=time, unit=unit), holds, longest_gap_s))
+    holds = dict.fromkeys(
+        columns or ("/joint_states:position[elbow]", FORCE), "the position of joint elbow"
+    )
+    return read_columns(
+        path, ColumnRequest(TimeSection(column=time, unit=unit), holds, longest_gap_s)
+    )
 
 
 def refusal(path, *columns, **options):
@@ -80,9 +86,13 @@ def test_fields_of_ros_messages_are_columns_by_name_and_by_number(bag):
 
 def test_stamps_are_read_and_not_the_log_unless_asked_for(bag):
     """Logged with a delay that grows: its times are further apart than the stamps."""
-    path = bag({"/joint_states": (bags.JOINT_STATE, [(2.0 * t, message) for t, message in states()])})
+    path = bag(
+        {"/joint_states": (bags.JOINT_STATE, [(2.0 * t, message) for t, message in states()])}
+    )
     assert read(path, "/joint_states:position[0]").t_s == pytest.approx(T_S, abs=1e-9)
-    assert read(path, "/joint_states:position[0]", time="log time").t_s == pytest.approx(2.0 * T_S, abs=1e-9)
+    assert read(path, "/joint_states:position[0]", time="log time").t_s == pytest.approx(
+        2.0 * T_S, abs=1e-9
+    )
 
 
 def test_topics_of_other_rates_are_interpolated_to_the_first_signal_where_all_overlap(bag):
@@ -105,7 +115,11 @@ def test_a_gap_of_any_topic_is_left_out_and_so_remains_a_gap(bag):
 def test_joints_that_come_in_messages_of_their_own_are_put_together(bag):
     """As with a gripper whose driver publishes on the same topic as that of the arm."""
     both = sorted([*states(), *states(T_S + 0.003, names=("finger",))], key=lambda one: one[0])
-    found = read(bag(topics(joint_states=both)), "/joint_states:position[elbow]", "/joint_states:position[finger]")
+    found = read(
+        bag(topics(joint_states=both)),
+        "/joint_states:position[elbow]",
+        "/joint_states:position[finger]",
+    )
     assert found.values["/joint_states:position[elbow]"] == pytest.approx(2.0 * found.t_s, abs=1e-9)
     assert found.values["/joint_states:position[finger]"] == pytest.approx(found.t_s, abs=1e-9)
     assert len(found.t_s) == len(T_S) - 1
@@ -117,7 +131,9 @@ module my_robot { module msg { struct Motors { double torque_Nm[3]; uint32 count
 """
 
 
-@pytest.mark.parametrize("definition", [{}, {"msgdef": IDL, "rihs01": "RIHS01_00"}], ids=["msg", "idl"])
+@pytest.mark.parametrize(
+    "definition", [{}, {"msgdef": IDL, "rihs01": "RIHS01_00"}], ids=["msg", "idl"]
+)
 def test_a_message_type_that_only_the_bag_defines_is_read(bag, definition):
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg("float64[3] torque_Nm\nuint32 count\n", MOTORS))
@@ -131,7 +147,9 @@ def test_a_message_type_that_only_the_bag_defines_is_read(bag, definition):
 def forget_definitions(folder):
     """Makes a bag one from before ROS 2 Iron, when bags held no definitions."""
     with closing(sqlite3.connect(folder / f"{folder.name}.db3")) as database:
-        database.executescript("DROP TABLE message_definitions; UPDATE schema SET schema_version = 3;")
+        database.executescript(
+            "DROP TABLE message_definitions; UPDATE schema SET schema_version = 3;"
+        )
     return folder
 
 
@@ -144,13 +162,29 @@ def test_a_type_that_neither_the_bag_nor_ros_defines_is_one_line(tmp_path):
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg("float64 torque_Nm\n", MOTORS))
     messages = [(t, store.types[MOTORS](t)) for t in T_S]
-    path = forget_definitions(bags.write_rosbag(tmp_path / "run", {"/motors": (MOTORS, messages)}, store=store))
+    path = forget_definitions(
+        bags.write_rosbag(tmp_path / "run", {"/motors": (MOTORS, messages)}, store=store)
+    )
     said = refusal(path, "/motors:torque_Nm", time="log time")
-    assert "topic /motors: the bag does not define my_robot/msg/Motors; record it with mcap storage" in said
+    assert (
+        "topic /motors: the bag does not define my_robot/msg/Motors; record it with mcap storage"
+        in said
+    )
 
 
 def test_json_messages_are_read_with_times_of_their_own(tmp_path):
-    fields = [(t, {"tick": 5000 + round(1000 * t), "arm": {"q": [t, -t]}, "name": ["a", "b"], "angle": [t, 3.0 * t]}) for t in T_S]
+    fields = [
+        (
+            t,
+            {
+                "tick": 5000 + round(1000 * t),
+                "arm": {"q": [t, -t]},
+                "name": ["a", "b"],
+                "angle": [t, 3.0 * t],
+            },
+        )
+        for t in T_S
+    ]
     path = bags.write_mcap(tmp_path / "run.mcap", {"/state": fields})
     found = read(path, "/state:arm.q[1]", "/state:angle[b]", time="tick", unit="ms")
     assert found.t_s == pytest.approx(T_S)
@@ -168,13 +202,37 @@ def test_stamps_as_foxglove_writes_them_in_json_are_read(tmp_path):
     ("column", "said"),
     [
         ("/joint_state:position[0]", "there is no topic /joint_state; did you mean /joint_states?"),
-        ("position", "column position, which is to hold the position of joint elbow, names no field; write it as topic:field"),
+        (
+            "position",
+            (
+                "column position, which is to hold the position of joint elbow, names no "
+                "field; write it as topic:field"
+            ),
+        ),
         ("/joint_states:position[", "'position[' is no field; write it as"),
-        ("/joint_states:positions[0]", "message 1 of topic /joint_states: the message has no field positions; did you mean position?"),
-        ("/joint_states:position[2]", "position[2] is out of range: position has 2 entries, the first is position[0]"),
-        ("/joint_states:velocity[elbow]", "velocity[elbow] is out of range: velocity has 0 entries"),
-        ("/joint_states:position[elbo]", "column /joint_states:position[elbo]: no message names it; did you mean elbow?"),
-        ("/joint_states:position", "position is an array of 2; write position[0] for its first entry"),
+        (
+            "/joint_states:positions[0]",
+            (
+                "message 1 of topic /joint_states: the message has no field positions; did "
+                "you mean position?"
+            ),
+        ),
+        (
+            "/joint_states:position[2]",
+            "position[2] is out of range: position has 2 entries, the first is position[0]",
+        ),
+        (
+            "/joint_states:velocity[elbow]",
+            "velocity[elbow] is out of range: velocity has 0 entries",
+        ),
+        (
+            "/joint_states:position[elbo]",
+            "column /joint_states:position[elbo]: no message names it; did you mean elbow?",
+        ),
+        (
+            "/joint_states:position",
+            "position is an array of 2; write position[0] for its first entry",
+        ),
         ("/joint_states:name[0]", "name[0] is text, no number"),
         ("/joint_states:header", "header has the fields stamp, frame_id; name one of them"),
         ("/wrench:wrench.force[0]", "force is no array; leave [0] out"),
@@ -203,23 +261,37 @@ def test_time_that_runs_backwards_is_one_line(bag):
     wrong = states()
     wrong[7] = (T_S[7], bags.joint_state(0.02, JOINTS, (0.0, 0.0)))
     said = refusal(bag(topics(joint_states=wrong)))
-    assert "column /joint_states:position[elbow], sample 8: time does not run forwards: it comes 0.04 s before sample 7" in said
+    assert (
+        "column /joint_states:position[elbow], sample 8: time does not run forwards: it "
+        "comes 0.04 s before sample 7"
+    ) in said
     assert '[time] column = "log time"' in said
 
 
 def test_a_number_that_is_not_finite_is_one_line(bag):
-    said = refusal(bag(topics(wrenches=[*forces(T_S[:3]), (0.03, bags.wrench(0.03, float("nan")))])))
-    assert "message 4 of topic /wrench: wrench.force.z is nan; every message needs a finite number" in said
+    said = refusal(
+        bag(topics(wrenches=[*forces(T_S[:3]), (0.03, bags.wrench(0.03, float("nan")))]))
+    )
+    assert (
+        "message 4 of topic /wrench: wrench.force.z is nan; every message needs a finite number"
+        in said
+    )
 
 
 def test_columns_that_never_overlap_are_one_line(bag):
     said = refusal(bag(topics(wrenches=forces(T_S + 0.48))))
-    assert "2 samples of /joint_states:position[elbow] lie where all columns were recorded without a gap above 0.05 s" in said
+    assert (
+        "2 samples of /joint_states:position[elbow] lie where all columns were recorded "
+        "without a gap above 0.05 s"
+    ) in said
 
 
 def test_a_topic_that_is_slower_than_the_bins_is_one_line(bag):
     said = refusal(bag(topics(wrenches=forces(np.arange(0.0, 0.5, 0.1)))))
-    assert f"column {FORCE}: samples come 0.1 s apart, more than windows.bin_s = 0.05 s; lengthen bin_s" in said
+    assert (
+        f"column {FORCE}: samples come 0.1 s apart, more than windows.bin_s = 0.05 s; "
+        "lengthen bin_s"
+    ) in said
 
 
 def test_an_empty_bag_is_one_line(bag):
@@ -229,7 +301,9 @@ def test_an_empty_bag_is_one_line(bag):
 @pytest.mark.parametrize("kept", [0.0, 0.5, 0.9, 0.999])
 def test_a_file_that_is_cut_off_is_one_line(bag, kept):
     path = bag(topics())
-    (file,) = [path] if path.is_file() else [file for file in path.iterdir() if file.suffix != ".yaml"]
+    (file,) = (
+        [path] if path.is_file() else [file for file in path.iterdir() if file.suffix != ".yaml"]
+    )
     whole = file.read_bytes()
     file.write_bytes(whole[: round(kept * len(whole))])
     said = refusal(path)
@@ -238,25 +312,39 @@ def test_a_file_that_is_cut_off_is_one_line(bag, kept):
 
 
 def test_messages_of_another_encoding_are_refused_by_its_name(tmp_path):
-    path = bags.write_mcap(tmp_path / "run.mcap", {"/state": [(t, {"q": t}) for t in T_S]}, encoding="protobuf")
-    assert "topic /state: its messages are encoded as protobuf; json and cdr can be read" in refusal(path, "/state:q", time="log time")
+    path = bags.write_mcap(
+        tmp_path / "run.mcap", {"/state": [(t, {"q": t}) for t in T_S]}, encoding="protobuf"
+    )
+    assert (
+        "topic /state: its messages are encoded as protobuf; json and cdr can be read"
+        in refusal(path, "/state:q", time="log time")
+    )
 
 
 def test_json_that_is_damaged_or_no_number_is_one_line(tmp_path):
-    path = bags.write_mcap(tmp_path / "run.mcap", {"/state": [(t, {"q": None, "on": True}) for t in T_S]})
+    path = bags.write_mcap(
+        tmp_path / "run.mcap", {"/state": [(t, {"q": None, "on": True}) for t in T_S]}
+    )
     assert "q is None, no number" in refusal(path, "/state:q", time="log time")
     assert "on is True, no number" in refusal(path, "/state:on", time="log time")
 
 
 def test_a_folder_that_is_no_bag_is_one_line(tmp_path):
     (tmp_path / "run").mkdir()
-    assert "is a folder without the metadata.yaml of a ROS 2 bag; `ros2 bag reindex` writes it" in refusal(tmp_path / "run")
+    assert (
+        "is a folder without the metadata.yaml of a ROS 2 bag; `ros2 bag reindex` writes it"
+        in refusal(tmp_path / "run")
+    )
 
 
-def test_without_its_packages_a_bag_is_refused_with_the_command_that_installs_them(tmp_path, monkeypatch):
+def test_without_its_packages_a_bag_is_refused_with_the_command_that_installs_them(
+    tmp_path, monkeypatch
+):
     path = bags.write_mcap(tmp_path / "run.mcap", {"/state": [(0.0, {"q": 1.0})]})
     there = recorded_files.find_spec
-    monkeypatch.setattr(recorded_files, "find_spec", lambda name: None if name == "rosbags" else there(name))
+    monkeypatch.setattr(
+        recorded_files, "find_spec", lambda name: None if name == "rosbags" else there(name)
+    )
     said = "bags are read by packages that are not installed: pip install 'rfca-rig[bags]'"
     assert said in refusal(path)
     with pytest.raises(BadInput, match=r"rfca-rig\[bags\]"):
@@ -271,27 +359,41 @@ def test_a_list_of_columns_names_topics_and_their_numbers(bag):
         "topic /note: std_msgs/msg/String, 50 messages",
         "topic /wrench: geometry_msgs/msg/WrenchStamped, 50 messages",
     )
-    forces_and_torques = [f"/wrench:wrench.{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"]
-    assert list(found.values) == ["/joint_states:position[shoulder]", "/joint_states:position[elbow]", *forces_and_torques]
+    forces_and_torques = [
+        f"/wrench:wrench.{vector}.{axis}" for vector in ("force", "torque") for axis in "xyz"
+    ]
+    assert list(found.values) == [
+        "/joint_states:position[shoulder]",
+        "/joint_states:position[elbow]",
+        *forces_and_torques,
+    ]
     assert found.values["/joint_states:position[elbow]"] == pytest.approx(2.0 * T_S)
     assert (found.times, found.time_unit) == (("header.stamp",), "s")
 
 
 def test_a_list_leaves_long_arrays_out(tmp_path):
-    path = bags.write_mcap(tmp_path / "run.mcap", {"/scan": [(t, {"ranges": [t] * 65, "angle": [t] * 2}) for t in T_S]})
+    path = bags.write_mcap(
+        tmp_path / "run.mcap", {"/scan": [(t, {"ranges": [t] * 65, "angle": [t] * 2}) for t in T_S]}
+    )
     assert list(list_columns(path).values) == ["/scan:angle[0]", "/scan:angle[1]"]
 
 
 def test_a_list_names_no_time_where_a_topic_has_no_header(bag):
-    found = list_columns(bag({**topics(), "/effort": (bags.NUMBER, [(t, bags.number(t)) for t in T_S])}))
+    found = list_columns(
+        bag({**topics(), "/effort": (bags.NUMBER, [(t, bags.number(t)) for t in T_S])})
+    )
     assert found.times == ()
     assert found.no_time == "log time; or header.stamp, where every topic that is used has one"
 
 
 def test_a_list_of_a_bag_that_nothing_can_be_read_of_says_why(tmp_path):
-    path = bags.write_mcap(tmp_path / "run.mcap", {"/state": [(0.0, {"q": 1.0})]}, encoding="protobuf")
+    path = bags.write_mcap(
+        tmp_path / "run.mcap", {"/state": [(0.0, {"q": 1.0})]}, encoding="protobuf"
+    )
     found = list_columns(path)
-    assert found.notes == ("topic /state: state, its messages are encoded as protobuf; json and cdr can be read",)
+    assert found.notes == (
+        "topic /state: state, its messages are encoded as protobuf; json and cdr can be read",
+    )
     assert not found.values
     assert not found.times
 
@@ -303,7 +405,10 @@ def test_a_folder_of_a_bag_is_one_recording_and_files_beside_it_are_others(tmp_p
     (tmp_path / "notes" / "metadata.yaml").write_text("author: me\n", encoding="utf-8")
     (tmp_path / "notes" / "a.csv").write_text("t\n1\n", encoding="utf-8")
     found = find_recordings(tmp_path)
-    assert found == {"CSV": [tmp_path / "notes" / "a.csv"], "bag": [tmp_path / "runs" / "first", tmp_path / "runs" / "second.mcap"]}
+    assert found == {
+        "CSV": [tmp_path / "notes" / "a.csv"],
+        "bag": [tmp_path / "runs" / "first", tmp_path / "runs" / "second.mcap"],
+    }
 
 
 @pytest.mark.parametrize("has_summary", [True, False])
@@ -327,7 +432,10 @@ def test_a_file_without_an_index_is_read_in_the_order_of_its_log(tmp_path, has_s
 
 
 def test_a_topic_with_a_colon_is_not_taken_for_another(tmp_path):
-    path = bags.write_mcap(tmp_path / "run.mcap", {"/arm": [(t, {"q": t}) for t in T_S], "/arm:left": [(t, {"q": -t}) for t in T_S]})
+    path = bags.write_mcap(
+        tmp_path / "run.mcap",
+        {"/arm": [(t, {"q": t}) for t in T_S], "/arm:left": [(t, {"q": -t}) for t in T_S]},
+    )
     assert read(path, "/arm:left:q", time="log time").values["/arm:left:q"] == pytest.approx(-T_S)
 
 
@@ -344,18 +452,30 @@ def test_a_definition_that_cannot_be_parsed_is_one_line(tmp_path):
 
 
 def test_a_byte_that_changed_on_the_disk_is_found_by_its_sum(tmp_path):
-    path = bags.write_mcap(tmp_path / "run.mcap", {"/state": [(t, {"q": t}) for t in T_S]}, compression=CompressionType.NONE)
+    path = bags.write_mcap(
+        tmp_path / "run.mcap",
+        {"/state": [(t, {"q": t}) for t in T_S]},
+        compression=CompressionType.NONE,
+    )
     path.write_bytes(path.read_bytes().replace(b'{"q": 0.25}', b'{"q": 0.35}'))
     assert "cannot be read as a bag: " in refusal(path, "/state:q", time="log time")
 
 
 def test_what_this_package_exports_as_json_is_read_back(tmp_path):
     export_mcap(SMALL, tmp_path / "small.mcap", ignore_progress)
-    found = read(tmp_path / "small.mcap", "/static:fz_N", "/static:shaft_angle_rad", time="log time", longest_gap_s=2.0)
+    found = read(
+        tmp_path / "small.mcap",
+        "/static:fz_N",
+        "/static:shaft_angle_rad",
+        time="log time",
+        longest_gap_s=2.0,
+    )
     static = read_campaign(SMALL).static
     assert found.t_s == pytest.approx(np.arange(len(static)))
     assert found.values["/static:fz_N"] == pytest.approx([held.fz_N for held in static])
-    assert found.values["/static:shaft_angle_rad"] == pytest.approx([held.shaft_angle_rad for held in static])
+    assert found.values["/static:shaft_angle_rad"] == pytest.approx(
+        [held.shaft_angle_rad for held in static]
+    )
 
 
 def test_a_draft_for_bags_lists_topics_and_knows_the_time(tmp_path):
@@ -363,9 +483,9 @@ def test_a_draft_for_bags_lists_topics_and_knows_the_time(tmp_path):
     bags.write_rosbag(tmp_path / "data" / "second", topics())
     text = drafted(tmp_path / "data")
     assert (
-        "# Columns of first, with their smallest and largest values:\n#   topic /joint_states: sensor_msgs/msg/JointState, 50 messages"
-        in text
-    )
+        "# Columns of first, with their smallest and largest values:\n#   topic "
+        "/joint_states: sensor_msgs/msg/JointState, 50 messages"
+    ) in text
     assert "#   /joint_states:position[elbow]: 0 to 0.98\n" in text
     assert '[time]\ncolumn = "header.stamp"\nunit = "s"\n' in text
     assert 'file = "first"' in text

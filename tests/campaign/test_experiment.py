@@ -41,21 +41,33 @@ def test_stated_units_and_signs_become_the_model_s(folder):
 
 
 def test_a_held_command_counts_half_from_the_row_before(folder):
-    (folder / "experiment.toml").write_text(HEAD.replace('unit = "mA" }', 'unit = "mA", held = true }'), encoding="utf-8")
+    (folder / "experiment.toml").write_text(
+        HEAD.replace('unit = "mA" }', 'unit = "mA", held = true }'), encoding="utf-8"
+    )
     assert read_experiment(folder).runs[0].commands[:3, 0] == pytest.approx([0.100, 0.1005, 0.1015])
 
 
 def test_counts_may_run_the_other_way(folder):
-    (folder / "experiment.toml").write_text(HEAD.replace("counts_per_turn = 4000", "counts_per_turn = 4000, sign = -1"), encoding="utf-8")
+    (folder / "experiment.toml").write_text(
+        HEAD.replace("counts_per_turn = 4000", "counts_per_turn = 4000, sign = -1"),
+        encoding="utf-8",
+    )
     assert read_experiment(folder).runs[0].signals[3, 1] == pytest.approx(-2.0 * np.pi * 6 / 4000)
 
 
 def test_the_noise_of_a_signal_is_in_the_unit_of_its_column(folder):
-    assert [signal.noise_std for signal in read_experiment(folder).signals] == [pytest.approx(0.0005), None, None]
+    assert [signal.noise_std for signal in read_experiment(folder).signals] == [
+        pytest.approx(0.0005),
+        None,
+        None,
+    ]
 
 
 def test_a_sensor_is_a_signal_in_its_own_unit(folder):
-    sensor = '  { sensor = "plate_z", column = "rate", unit = "mN m", sign = -1, noise_std = 2.0 },\n]\ncommands'
+    sensor = (
+        '  { sensor = "plate_z", column = "rate", unit = "mN m", sign = -1, noise_std = 2.0 '
+        "},\n]\ncommands"
+    )
     (folder / "experiment.toml").write_text(HEAD.replace("]\ncommands", sensor), encoding="utf-8")
     read = read_experiment(folder)
     assert read.signals[3] == RecordedSignal("sensor", "plate_z", "N m", 0.002)
@@ -63,29 +75,54 @@ def test_a_sensor_is_a_signal_in_its_own_unit(folder):
 
 
 def test_the_part_that_counts_is_cut_out(folder):
-    (folder / "experiment.toml").write_text(HEAD.replace("from_s = 0.005", "from_s = 0.012"), encoding="utf-8")
+    (folder / "experiment.toml").write_text(
+        HEAD.replace("from_s = 0.005", "from_s = 0.012"), encoding="utf-8"
+    )
     assert read_experiment(folder).runs[1].t_s[0] == pytest.approx(0.012)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('unit = "ms"', 'unit = "minute"', "experiment.toml:4: time.unit: should be one of s, ms, us, ns, not 'minute'"),
+        (
+            'unit = "ms"',
+            'unit = "minute"',
+            "experiment.toml:4: time.unit: should be one of s, ms, us, ns, not 'minute'",
+        ),
         (
             'unit = "mm"',
             'unit = "inch"',
-            "experiment.toml:5: signals[1]: unit 'inch' of a position should be one of rad, deg, turn, m, mm, count",
+            (
+                "experiment.toml:5: signals[1]: unit 'inch' of a position should be one of "
+                "rad, deg, turn, m, mm, count"
+            ),
         ),
-        ('joint = "pole", quantity = "speed"', 'sensor = "pole", quantity = "speed"', "a signal has a joint with a quantity"),
-        ('quantity = "speed", column = "rate", unit = "deg/s"', 'column = "rate", unit = "deg/s"', "a signal has a joint with a quantity"),
+        (
+            'joint = "pole", quantity = "speed"',
+            'sensor = "pole", quantity = "speed"',
+            "a signal has a joint with a quantity",
+        ),
+        (
+            'quantity = "speed", column = "rate", unit = "deg/s"',
+            'column = "rate", unit = "deg/s"',
+            "a signal has a joint with a quantity",
+        ),
         (
             'joint = "pole", quantity = "speed", column = "rate", unit = "deg/s"',
             'sensor = "gyro", column = "rate", unit = "count"',
             "unit 'count' of a sensor should be one of",
         ),
         (", counts_per_turn = 4000", "", "counts_per_turn belongs to the unit 'count'"),
-        ('joint = "cart"', 'joint = "pole"', "experiment.toml:5: signals[2]: pole, position is already signals[1]"),
-        ('column = "x"', 'column = "place"', "a.csv:1: column place, which is to hold the position of joint cart, is missing"),
+        (
+            'joint = "cart"',
+            'joint = "pole"',
+            "experiment.toml:5: signals[2]: pole, position is already signals[1]",
+        ),
+        (
+            'column = "x"',
+            'column = "place"',
+            "a.csv:1: column place, which is to hold the position of joint cart, is missing",
+        ),
         ('file = "b.csv"', 'file = "a.csv"', "recordings[2]: a.csv is already recordings[1]"),
         ('file = "b.csv"', 'file = "c.csv"', "c.csv is not there"),
         ('condition = "free"', 'condition = "slow"', "slow, repeat 1 is already recordings[1]"),
@@ -110,7 +147,9 @@ def test_a_fault_is_one_line_that_names_the_place(folder, old, new, said):
     ],
 )
 def test_a_fault_in_a_file_is_named_with_its_line(folder, old, new, said):
-    (folder / "a.csv").write_text("t,x,angle,remark,rate,current\n" + ROWS.replace(old, new, 1), encoding="utf-8")
+    (folder / "a.csv").write_text(
+        "t,x,angle,remark,rate,current\n" + ROWS.replace(old, new, 1), encoding="utf-8"
+    )
     with pytest.raises(BadInput) as refused:
         read_experiment(folder)
     assert said in str(refused.value)
@@ -119,9 +158,16 @@ def test_a_fault_in_a_file_is_named_with_its_line(folder, old, new, said):
 def test_lines_with_more_cells_than_columns_are_not_read_askew(folder):
     """As where numbers have a decimal comma: every cell of a needed column would be another's."""
     (folder / "a.csv").write_text(
-        "t,x,angle,rate,current\n" + "".join(f"{k},0,{k},0,{k},0,{k},0,{k},0\n" for k in range(20)), encoding="utf-8"
+        "t,x,angle,rate,current\n" + "".join(f"{k},0,{k},0,{k},0,{k},0,{k},0\n" for k in range(20)),
+        encoding="utf-8",
     )
-    with pytest.raises(BadInput, match=r"a\.csv:2: 10 cells in the line for 5 columns in the header; do its numbers have a decimal comma"):
+    with pytest.raises(
+        BadInput,
+        match=(
+            r"a\.csv:2: 10 cells in the line for 5 columns in the header; do its numbers have "
+            r"a decimal comma"
+        ),
+    ):
         read_experiment(folder)
 
 

@@ -25,7 +25,12 @@ K = np.arange(20)
 
 def write(path, **changed):
     """A recording; `changed` replaces datasets, or leaves them out where it is None."""
-    datasets = {"t": 1000 * K, "x": K.astype(np.float32), "state": np.column_stack([2.0 * K, -K]), "current": 0.1 * K} | changed
+    datasets = {
+        "t": 1000 * K,
+        "x": K.astype(np.float32),
+        "state": np.column_stack([2.0 * K, -K]),
+        "current": 0.1 * K,
+    } | changed
     places = {"t": "log/t", "x": "log/x"}
     with h5py.File(path, "w") as file:
         for name, values in datasets.items():
@@ -56,7 +61,9 @@ def test_datasets_and_columns_of_datasets_become_the_model_s(folder):
 
 
 def test_a_recording_with_motors_off_needs_no_commands(folder):
-    (folder / "experiment.toml").write_text(HEAD.replace("from_s = 0.003", "driven = false"), encoding="utf-8")
+    (folder / "experiment.toml").write_text(
+        HEAD.replace("from_s = 0.003", "driven = false"), encoding="utf-8"
+    )
     write(folder / "a.h5", current=None)
     assert not read_experiment(folder).runs[0].commands.any()
 
@@ -66,16 +73,37 @@ def test_a_recording_with_motors_off_needs_no_commands(folder):
     [
         (
             {"current": None},
-            "a.h5: column current, which is to hold the command of actuator push, is missing; there are log/t, log/x, state",
+            (
+                "a.h5: column current, which is to hold the command of actuator push, is "
+                "missing; there are log/t, log/x, state"
+            ),
         ),
-        ({"current": 0.1 * K[:-1]}, "a.h5: column current has 19 samples and log/t has 20; they must be as many"),
-        ({"current": np.array([b"on"] * 20)}, "column current, which is to hold the command of actuator push: it holds |S2, no numbers"),
+        (
+            {"current": 0.1 * K[:-1]},
+            "a.h5: column current has 19 samples and log/t has 20; they must be as many",
+        ),
+        (
+            {"current": np.array([b"on"] * 20)},
+            (
+                "column current, which is to hold the command of actuator push: it holds "
+                "|S2, no numbers"
+            ),
+        ),
         ({"current": np.zeros((20, 3))}, "current has 3 columns; write current[0] to current[2]"),
-        ({"current": np.zeros((20, 2, 2))}, "current has 3 dimensions; a column comes from one or two"),
+        (
+            {"current": np.zeros((20, 2, 2))},
+            "current has 3 dimensions; a column comes from one or two",
+        ),
         ({"state": np.zeros((20, 1))}, "state has 1 columns, so the last is state[0]"),
         ({"state": np.zeros(20)}, "state has one dimension; leave [0] out"),
-        ({"x": np.where(K == 4, np.nan, K)}, "a.h5: column /log/x: sample 5 is nan; every sample needs a finite number"),
-        ({"t": np.where(K == 4, 0, 1000 * K)}, "a.h5: sample 5: time does not run forwards: 0 s after 0.003 s"),
+        (
+            {"x": np.where(K == 4, np.nan, K)},
+            "a.h5: column /log/x: sample 5 is nan; every sample needs a finite number",
+        ),
+        (
+            {"t": np.where(K == 4, 0, 1000 * K)},
+            "a.h5: sample 5: time does not run forwards: 0 s after 0.003 s",
+        ),
     ],
 )
 def test_a_fault_in_a_file_is_one_line(folder, changed, said):
@@ -85,7 +113,10 @@ def test_a_fault_in_a_file_is_one_line(folder, changed, said):
 
 def test_a_mistyped_dataset_is_one_line_with_what_was_meant(folder):
     said = refusal(folder, HEAD.replace("state[1]", "stat[1]"))
-    assert "column stat[1], which is to hold the speed of joint pole, is missing; did you mean state?" in said
+    assert (
+        "column stat[1], which is to hold the speed of joint pole, is missing; did you mean state?"
+        in said
+    )
 
 
 @pytest.mark.parametrize("content", [b"", b"t,x\n0,1\n", None])
@@ -98,7 +129,14 @@ def test_a_file_that_is_no_hdf5_or_is_cut_off_is_refused(folder, content):
 def test_a_draft_lists_columns_with_their_ranges_and_finds_the_time(tmp_path):
     folder = tmp_path / "data"
     folder.mkdir()
-    write(folder / "a.h5", x=-K, current=np.array([b"on"] * 20), state=np.column_stack([K % 3, -K]), map=np.zeros((20, 80)), k=K[:5])
+    write(
+        folder / "a.h5",
+        x=-K,
+        current=np.array([b"on"] * 20),
+        state=np.column_stack([K % 3, -K]),
+        map=np.zeros((20, 80)),
+        k=K[:5],
+    )
     text = drafted(folder)
     assert "#   log/x: -19 to 0\n#   state[0]: 0 to 2\n#   state[1]: -19 to 0\n" in text
     assert "#   current: no numbers\n" in text

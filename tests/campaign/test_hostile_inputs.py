@@ -1,4 +1,6 @@
-"""Hostile models, TOML files, tables and bags end in one line, within the limits of time and memory."""
+"""Hostile models, TOML files, tables and bags end in one line, within the limits of time and
+memory.
+"""
 
 import os
 import resource
@@ -23,7 +25,11 @@ READERS = {
     "run.csv": (TABLES, list_columns),
     "run.mcap": (BAGS, list_columns),
 }
-CASES = [pytest.param(name, kind, id=f"{name}, {kind}") for name, (kinds, _) in READERS.items() for kind in kinds]
+CASES = [
+    pytest.param(name, kind, id=f"{name}, {kind}")
+    for name, (kinds, _) in READERS.items()
+    for kind in kinds
+]
 pytestmark = pytest.mark.skipif(not CAN_COPY, reason="limits need a copy of the process")
 
 
@@ -134,7 +140,15 @@ def test_a_plain_model_is_read_without_a_copy(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "kind",
-    ["include a pipe", "replicate 100000000", "300,000 keyframes", "nuser_body 1e9", "hfield 60000", "mesh of 20 GB", "flexcomp 1e4 cubed"],
+    [
+        "include a pipe",
+        "replicate 100000000",
+        "300,000 keyframes",
+        "nuser_body 1e9",
+        "hfield 60000",
+        "mesh of 20 GB",
+        "flexcomp 1e4 cubed",
+    ],
 )
 def test_a_model_that_stands_for_more_than_itself_is_read_in_a_copy(tmp_path, monkeypatch, kind):
     path = tmp_path / "model.xml"

@@ -23,12 +23,17 @@ def test_an_imported_campaign_is_the_campaign(tmp_path: Path):
 
 
 def test_importing_twice_gives_the_same_bytes(tmp_path: Path):
-    assert import_campaign(SMALL, tmp_path / "one").read_bytes() == import_campaign(SMALL, tmp_path / "two").read_bytes()
+    assert (
+        import_campaign(SMALL, tmp_path / "one").read_bytes()
+        == import_campaign(SMALL, tmp_path / "two").read_bytes()
+    )
 
 
 def test_a_folder_that_is_there_is_not_written_into(tmp_path: Path):
     (tmp_path / "mine").mkdir()
-    with pytest.raises(BadInput, match=r"mine: is there already; name a folder that does not exist yet"):
+    with pytest.raises(
+        BadInput, match=r"mine: is there already; name a folder that does not exist yet"
+    ):
         import_campaign(SMALL, tmp_path / "mine")
     assert [found.name for found in (tmp_path / "mine").iterdir()] == []
 
@@ -63,7 +68,10 @@ def test_a_run_that_crashed_opens_with_what_it_had_and_says_so(tmp_path: Path):
     grown(tmp_path / "run", 1)
     (found,) = open_recordings([tmp_path / "run"])
     assert len(found.strokes) == 1
-    assert found.provenance["interrupted"] == "the run ended without being finished, after 1 strokes and 0 static stages"
+    assert (
+        found.provenance["interrupted"]
+        == "the run ended without being finished, after 1 strokes and 0 static stages"
+    )
 
 
 def test_a_belief_that_makes_no_model_is_told_with_the_place_of_its_recording(tmp_path: Path):
@@ -79,7 +87,10 @@ def test_anything_else_is_refused(tmp_path: Path):
     for path, said in (
         (tmp_path / "absent", "is not there"),
         (tmp_path, r"holds neither campaign.toml nor run.h5"),
-        (tmp_path / "notes.txt", r"is not a recording; give a folder with campaign.toml or run.h5, or an .h5 file"),
+        (
+            tmp_path / "notes.txt",
+            r"is not a recording; give a folder with campaign.toml or run.h5, or an .h5 file",
+        ),
     ):
         with pytest.raises(BadInput, match=said):
             open_recordings([path])

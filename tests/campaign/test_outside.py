@@ -1,4 +1,6 @@
-"""Files outside a folder of recordings are not read: links, and files that a model names; unless the user allows them."""
+"""Files outside a folder of recordings are not read: links, and files that a model names; unless
+the user allows them.
+"""
 
 import shutil
 from pathlib import Path
@@ -17,8 +19,14 @@ from tests.cli.typed import typed
 
 DATA = Path(__file__).parents[1] / "data"
 SECRET = "the secret of another folder"
-MODEL = "<mujoco>{head}<worldbody>{body}<body><joint name='cart' type='slide' axis='1 0 0'/><geom size='0.1'/></body></worldbody></mujoco>"
-BODY = "<mujocoinclude><body><joint name='more' type='slide'/><geom size='0.1'/></body></mujocoinclude>"
+MODEL = (
+    "<mujoco>{head}<worldbody>{body}<body><joint name='cart' type='slide' axis='1 0 "
+    "0'/><geom size='0.1'/></body></worldbody></mujoco>"
+)
+BODY = (
+    "<mujocoinclude><body><joint name='more' type='slide'/><geom "
+    "size='0.1'/></body></mujocoinclude>"
+)
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
@@ -96,7 +104,9 @@ def test_links_of_a_bag_are_not_followed(cart: Path, tmp_path: Path):
     (cart / "bag").mkdir()
     (cart / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     (cart / "bag" / "bag_0.db3").symlink_to(tmp_path / "other" / "secret.csv")
-    (cart / "experiment.toml").write_text((cart / "experiment.toml").read_text().replace("a.csv", "bag"))
+    (cart / "experiment.toml").write_text(
+        (cart / "experiment.toml").read_text().replace("a.csv", "bag")
+    )
     _refusal(lambda: read_experiment(cart))
 
 
@@ -148,7 +158,9 @@ OUTSIDE_PART = (
 
 @pytest.mark.parametrize(("file", "quote"), OUTSIDE_PART)
 @pytest.mark.parametrize("start", ["<include ", "<include\n\tfile1='>' "])
-def test_a_model_includes_nothing_from_outside(cart: Path, tmp_path: Path, file: str, quote: str, start: str):
+def test_a_model_includes_nothing_from_outside(
+    cart: Path, tmp_path: Path, file: str, quote: str, start: str
+):
     (cart / "linked.xml").symlink_to(tmp_path / "other" / "part.xml")
     include = f"{start}file = {quote}{file.format(folder=tmp_path)}{quote}/>"
     (cart / "model.xml").write_text(MODEL.format(head="", body=include))
@@ -158,12 +170,16 @@ def test_a_model_includes_nothing_from_outside(cart: Path, tmp_path: Path, file:
 def test_nor_do_the_parts_that_it_includes(cart: Path):
     (cart / "parts").mkdir()
     (cart / "model.xml").write_text(MODEL.format(head="", body="<include file='parts/one.txt'/>"))
-    (cart / "parts" / "one.txt").write_text("<mujocoinclude><include file='../../other/part.xml'/></mujocoinclude>")
+    (cart / "parts" / "one.txt").write_text(
+        "<mujocoinclude><include file='../../other/part.xml'/></mujocoinclude>"
+    )
     _refusal(lambda: load_mechanism(cart / "model.xml"))
 
 
 def test_an_allowed_model_includes_what_it_names(cart: Path):
-    (cart / "model.xml").write_text(MODEL.format(head="", body="<include file='../other/part.xml'/>"))
+    (cart / "model.xml").write_text(
+        MODEL.format(head="", body="<include file='../other/part.xml'/>")
+    )
     assert load_mechanism(cart / "model.xml", allow_outside=True).joints == ("more", "cart")
     assert load_mechanism(cart / "model.xml", beside=(cart.parent,)).joints == ("more", "cart")
 
@@ -174,7 +190,10 @@ def test_an_allowed_model_includes_what_it_names(cart: Path):
         "<asset><mesh name='m' file='../other/mesh.obj'/></asset>",
         "<compiler meshdir='../other'/><asset><mesh name='m' file='mesh.obj'/></asset>",
         "<compiler assetdir='{folder}/other'/><asset><mesh name='m' file='mesh.obj'/></asset>",
-        "<compiler strippath='true' meshdir='../other'/><asset><mesh name='m' file='/nowhere/mesh.obj'/></asset>",
+        (
+            "<compiler strippath='true' meshdir='../other'/><asset><mesh name='m' "
+            "file='/nowhere/mesh.obj'/></asset>"
+        ),
         "<asset><texture name='t' type='2d' file='../other/secret.csv'/></asset>",
         "<asset><hfield name='h' size='1 1 1 1' file='../other/secret.csv'/></asset>",
         "<asset><model name='part' file='../other/model.xml'/></asset>",

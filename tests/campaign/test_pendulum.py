@@ -15,13 +15,20 @@ TOML = "pendulum.toml"
 RUN = "runs/swing-up-1.csv"
 
 
-@pytest.mark.parametrize(("name", "joints", "runs"), [("simple", 1, 2), ("simple-heavier", 1, 1), ("double", 2, 2)])
+@pytest.mark.parametrize(
+    ("name", "joints", "runs"), [("simple", 1, 2), ("simple-heavier", 1, 1), ("double", 2, 2)]
+)
 def test_the_real_recordings_are_read_as_they_stand(name, joints, runs):
     campaign = read_pendulum_campaign(DATA / name)
     assert len(campaign.pendulum.links) == joints
     assert len(campaign.runs) == runs
     for run in campaign.runs:
-        assert run.angle_rad.shape == run.speed_rad_s.shape == run.torque_Nm.shape == (len(run.t_s), joints)
+        assert (
+            run.angle_rad.shape
+            == run.speed_rad_s.shape
+            == run.torque_Nm.shape
+            == (len(run.t_s), joints)
+        )
     assert "Redistribution" in (DATA / name / "LICENSE.txt").read_text()
 
 
@@ -69,18 +76,58 @@ def test_a_joint_that_is_not_driven_needs_no_torque_and_speeds_may_be_absent(tmp
 
 
 FAULTS = {
-    "another format": (TOML, swap("rfca-pendulum/1", "rfca-pendulum/2"), f"{TOML}:1: format: should be 'rfca-pendulum/1'"),
-    "misspelt key": (TOML, swap("centre_of_mass_m", "center_of_mass_m"), f"{TOML}:7: link1.center_of_mass_m: unknown key; did you mean"),
+    "another format": (
+        TOML,
+        swap("rfca-pendulum/1", "rfca-pendulum/2"),
+        f"{TOML}:1: format: should be 'rfca-pendulum/1'",
+    ),
+    "misspelt key": (
+        TOML,
+        swap("centre_of_mass_m", "center_of_mass_m"),
+        f"{TOML}:7: link1.center_of_mass_m: unknown key; did you mean",
+    ),
     "no mass": (TOML, swap("mass_kg = 0.5235\n", ""), f"{TOML}:4: link1.mass_kg: missing"),
-    "inertia about the centre": (TOML, swap("0.03189", "0.00189"), "link1: inertia_kg_m2 is about the joint and so at least 0.02094"),
-    "no torque named": (TOML, swap('torque2_Nm = "tau_meas2"\n', ""), "columns.torque2_Nm: missing; name the CSV column that holds it"),
-    "a column that is not there": (TOML, swap('"pos_meas2"', '"pos2"'), f"{RUN}:1: column pos2, which is to hold angle2_rad, is missing"),
+    "inertia about the centre": (
+        TOML,
+        swap("0.03189", "0.00189"),
+        "link1: inertia_kg_m2 is about the joint and so at least 0.02094",
+    ),
+    "no torque named": (
+        TOML,
+        swap('torque2_Nm = "tau_meas2"\n', ""),
+        "columns.torque2_Nm: missing; name the CSV column that holds it",
+    ),
+    "a column that is not there": (
+        TOML,
+        swap('"pos_meas2"', '"pos2"'),
+        f"{RUN}:1: column pos2, which is to hold angle2_rad, is missing",
+    ),
     "a file that is not there": (TOML, swap("swing-up-2.csv", "swing-up-3.csv"), "runs[2].file: "),
-    "a file named twice": (TOML, swap("swing-up-2.csv", "swing-up-1.csv"), f"runs[2].file: {RUN} is already the file of runs[1]"),
-    "a repeat twice": (TOML, swap("repeat = 2", "repeat = 1"), "runs[2].repeat: swing-up, repeat 1 is already runs[1]"),
-    "a file outside": (TOML, swap(RUN, "../secret.csv"), "runs[1].file: must lie inside the folder"),
-    "an end before the start": (TOML, swap("repeat = 1", "from_s = 2.0\nto_s = 1.0"), "runs[1]: to_s should be after from_s, 2 s"),
-    "nothing in the part": (TOML, swap("repeat = 1", "from_s = 100.0"), f"{RUN}: 0 samples between from_s and to_s"),
+    "a file named twice": (
+        TOML,
+        swap("swing-up-2.csv", "swing-up-1.csv"),
+        f"runs[2].file: {RUN} is already the file of runs[1]",
+    ),
+    "a repeat twice": (
+        TOML,
+        swap("repeat = 2", "repeat = 1"),
+        "runs[2].repeat: swing-up, repeat 1 is already runs[1]",
+    ),
+    "a file outside": (
+        TOML,
+        swap(RUN, "../secret.csv"),
+        "runs[1].file: must lie inside the folder",
+    ),
+    "an end before the start": (
+        TOML,
+        swap("repeat = 1", "from_s = 2.0\nto_s = 1.0"),
+        "runs[1]: to_s should be after from_s, 2 s",
+    ),
+    "nothing in the part": (
+        TOML,
+        swap("repeat = 1", "from_s = 100.0"),
+        f"{RUN}: 0 samples between from_s and to_s",
+    ),
     "not a number": (RUN, cell(5, 3, "nan"), f"{RUN}:5: column pos_meas2: nan is not a value"),
     "time backwards": (RUN, cell(5, 1, "0.0"), f"{RUN}:5: time does not run forwards"),
     "a row cut short": (RUN, line(6, "0.1,2"), f"{RUN}:6: 2 cells in the line for 7 columns"),
@@ -101,11 +148,16 @@ def test_a_fault_is_one_line_that_says_where(tmp_path, fault):
 
 def test_columns_of_a_second_link_that_is_not_there_are_refused(tmp_path):
     campaign = copied(tmp_path, "simple")
-    edit(campaign / TOML, swap('torque1_Nm = "torque"', 'torque1_Nm = "torque"\nangle2_rad = "position"'))
+    edit(
+        campaign / TOML,
+        swap('torque1_Nm = "torque"', 'torque1_Nm = "torque"\nangle2_rad = "position"'),
+    )
     with pytest.raises(BadInput, match=r"columns\.angle2_rad: there is no \[link2\]"):
         read_pendulum_campaign(campaign)
 
 
 def test_a_folder_that_is_none_says_what_one_is(tmp_path):
-    with pytest.raises(BadInput, match=r"recordings of a pendulum are a folder with pendulum\.toml"):
+    with pytest.raises(
+        BadInput, match=r"recordings of a pendulum are a folder with pendulum\.toml"
+    ):
         read_pendulum_campaign(tmp_path)

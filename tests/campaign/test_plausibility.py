@@ -1,4 +1,6 @@
-"""Slips of unit and sign in an imported recording are found with the right guess; what is right is left alone."""
+"""Slips of unit and sign in an imported recording are found with the right guess; what is right
+is left alone.
+"""
 
 import math
 import re
@@ -24,8 +26,15 @@ def times(factor):
 def nominal(section, key, factor):
     def slip(recording):
         values = recording.nominal[section][key]
-        other = [value * factor for value in values] if isinstance(values, list | tuple) else values * factor
-        return replace(recording, nominal={**recording.nominal, section: {**recording.nominal[section], key: other}})
+        other = (
+            [value * factor for value in values]
+            if isinstance(values, list | tuple)
+            else values * factor
+        )
+        return replace(
+            recording,
+            nominal={**recording.nominal, section: {**recording.nominal[section], key: other}},
+        )
 
     return slip
 
@@ -36,7 +45,9 @@ def column(names, change):
             streams = {}
             for name, stream in stroke.streams.items():
                 columns = {
-                    key: replace(one, raw=change(one.values), conversion=1.0, offset=0.0) if key in names else one
+                    key: replace(one, raw=change(one.values), conversion=1.0, offset=0.0)
+                    if key in names
+                    else one
                     for key, one in stream.columns.items()
                 }
                 streams[name] = replace(stream, columns=columns)
@@ -53,7 +64,8 @@ def without(name, slip):
     def both(recording):
         def less(stroke):
             streams = {
-                key: replace(one, columns={k: v for k, v in one.columns.items() if k != name}) for key, one in stroke.streams.items()
+                key: replace(one, columns={k: v for k, v in one.columns.items() if k != name})
+                for key, one in stroke.streams.items()
             }
             return replace(stroke, streams=streams)
 
@@ -66,7 +78,10 @@ def stroke(**changes):
     def slip(recording):
         return replace(
             recording,
-            strokes=tuple(replace(one, **{key: change(getattr(one, key)) for key, change in changes.items()}) for one in recording.strokes),
+            strokes=tuple(
+                replace(one, **{key: change(getattr(one, key)) for key, change in changes.items()})
+                for one in recording.strokes
+            ),
         )
 
     return slip
@@ -77,7 +92,13 @@ def time(factor):
         return replace(
             recording,
             strokes=tuple(
-                replace(one, streams={key: replace(stream, t_s=stream.t_s * factor) for key, stream in one.streams.items()})
+                replace(
+                    one,
+                    streams={
+                        key: replace(stream, t_s=stream.t_s * factor)
+                        for key, stream in one.streams.items()
+                    },
+                )
                 for one in recording.strokes
             ),
         )
@@ -90,7 +111,10 @@ def stage(**changes):
         return replace(
             recording,
             strokes=(),
-            static=tuple(replace(one, **{key: change(getattr(one, key)) for key, change in changes.items()}) for one in recording.static),
+            static=tuple(
+                replace(one, **{key: change(getattr(one, key)) for key, change in changes.items()})
+                for one in recording.static
+            ),
         )
 
     return slip
@@ -121,8 +145,14 @@ SLIPS = {
     "speed in deg/s": (stroke(speed_rad_s=times(DEG)), "deg/s"),
     "speed in rpm": (stroke(speed_rad_s=times(30 / math.pi)), "rpm"),
     "speed in turns/s": (stroke(speed_rad_s=times(0.5 / math.pi)), "turns per second"),
-    "speed in deg/s without shaft": (without("shaft_angle_rad", stroke(speed_rad_s=times(DEG))), "deg/s"),
-    "speed in rpm without shaft": (without("shaft_angle_rad", stroke(speed_rad_s=times(30 / math.pi))), "rpm"),
+    "speed in deg/s without shaft": (
+        without("shaft_angle_rad", stroke(speed_rad_s=times(DEG))),
+        "deg/s",
+    ),
+    "speed in rpm without shaft": (
+        without("shaft_angle_rad", stroke(speed_rad_s=times(30 / math.pi))),
+        "rpm",
+    ),
     "angle in deg": (column(("shaft_angle_rad",), times(DEG)), "degrees"),
     "angle in mrad": (column(("shaft_angle_rad",), times(1e3)), "mrad"),
     "angle in turns": (column(("shaft_angle_rad",), times(0.5 / math.pi)), "shaft angle in turns"),
@@ -180,8 +210,20 @@ def test_commands_refuse_a_slip_and_as_is_takes_it(tmp_path, monkeypatch, capsys
     assert said.exit_code == 0, said.err
     assert "values plausible" in said.err
     file = folder / "campaign.toml"
-    file.write_text(re.sub(r"height_mm = (\d+\.\d+)", lambda found: f"height_mm = {float(found[1]) / 1e3}", file.read_text()))
-    commands = [("import",), ("report",), ("diagnose",), ("diagnose", "--each"), ("static", "report")]
+    file.write_text(
+        re.sub(
+            r"height_mm = (\d+\.\d+)",
+            lambda found: f"height_mm = {float(found[1]) / 1e3}",
+            file.read_text(),
+        )
+    )
+    commands = [
+        ("import",),
+        ("report",),
+        ("diagnose",),
+        ("diagnose", "--each"),
+        ("static", "report"),
+    ]
     for words in (
         ("check", folder),
         ("fit", folder, "--parameters", "k0"),
@@ -197,4 +239,7 @@ def test_commands_refuse_a_slip_and_as_is_takes_it(tmp_path, monkeypatch, capsys
     assert len(open_with_nominal_model([folder], as_is=True)[0].strokes) == 4
     with pytest.raises(BadInput, match="take it with --as-is"):
         open_with_nominal_model([folder], as_is=False)
-    assert typed(monkeypatch, capsys, "import", folder, "--out", tmp_path / "out", "--as-is").exit_code == 0
+    assert (
+        typed(monkeypatch, capsys, "import", folder, "--out", tmp_path / "out", "--as-is").exit_code
+        == 0
+    )

@@ -1,4 +1,6 @@
-"""One campaign as CSV, HDF5, MCAP and ROS 2 bags: the same runs and the same answer, whatever kind of file holds them."""
+"""One campaign as CSV, HDF5, MCAP and ROS 2 bags: the same runs and the same answer, whatever
+kind of file holds them.
+"""
 
 import json
 import shutil
@@ -25,7 +27,9 @@ OF_STATES = {"q": "/joint_states:position", "w": "/joint_states:velocity"}
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     recordings = [record(Arm(), 1.4, seed) for seed in (0, 1)]
-    return write_campaign(tmp_path_factory.mktemp("csv") / "arm", Arm(), recordings, {"mass_relative": 0.02})
+    return write_campaign(
+        tmp_path_factory.mktemp("csv") / "arm", Arm(), recordings, {"mass_relative": 0.02}
+    )
 
 
 def write_hdf5(path, t_s, angles, speeds, torques):
@@ -34,15 +38,30 @@ def write_hdf5(path, t_s, angles, speeds, torques):
 
 
 def write_ros(path, t_s, angles, speeds, torques, storage):
-    states = [(t, bags.joint_state(t, JOINTS, q, w)) for t, q, w in zip(t_s, angles, speeds, strict=True)]
-    told = [(t, bags.joint_state(t, JOINTS, (), (), tau)) for t, tau in zip(t_s, torques, strict=True)]
-    bags.write_rosbag(path, {"/joint_states": (bags.JOINT_STATE, states), "/told": (bags.JOINT_STATE, told)}, storage)
+    states = [
+        (t, bags.joint_state(t, JOINTS, q, w)) for t, q, w in zip(t_s, angles, speeds, strict=True)
+    ]
+    told = [
+        (t, bags.joint_state(t, JOINTS, (), (), tau)) for t, tau in zip(t_s, torques, strict=True)
+    ]
+    bags.write_rosbag(
+        path,
+        {"/joint_states": (bags.JOINT_STATE, states), "/told": (bags.JOINT_STATE, told)},
+        storage,
+    )
 
 
 def write_json(path, t_s, angles, speeds, torques, leave_out_s=(0.0, 0.0)):
-    states = [(t, {"name": JOINTS, "position": list(q), "velocity": list(w)}) for t, q, w in zip(t_s, angles, speeds, strict=True)]
+    states = [
+        (t, {"name": JOINTS, "position": list(q), "velocity": list(w)})
+        for t, q, w in zip(t_s, angles, speeds, strict=True)
+    ]
     begin_s, end_s = leave_out_s
-    told = [(t, {"name": JOINTS, "effort": list(tau)}) for t, tau in zip(t_s, torques, strict=True) if not begin_s < t < end_s]
+    told = [
+        (t, {"name": JOINTS, "effort": list(tau)})
+        for t, tau in zip(t_s, torques, strict=True)
+        if not begin_s < t < end_s
+    ]
     bags.write_mcap(path, {"/joint_states": states, "/told": told})
 
 
@@ -52,17 +71,32 @@ KINDS = {
     "mcap": (lambda *a: write_ros(*a, StoragePlugin.MCAP), "", "log time", {}),
     "json": (write_json, ".mcap", "log time", {}),
 }
-OF_BAGS = {"q": "/joint_states:position[{1}]", "w": "/joint_states:velocity[{1}]", "tau": "/told:effort[{1}]"}
+OF_BAGS = {
+    "q": "/joint_states:position[{1}]",
+    "w": "/joint_states:velocity[{1}]",
+    "tau": "/told:effort[{1}]",
+}
 
 
 def convert(campaign, folder, kind, **options):
     """The same campaign with its recordings as files of another kind."""
     write, ending, time, columns = KINDS[kind]
     shutil.copytree(campaign, folder)
-    text = (folder / "experiment.toml").read_text(encoding="utf-8").replace('column = "t"', f'column = "{time}"')
+    text = (
+        (folder / "experiment.toml")
+        .read_text(encoding="utf-8")
+        .replace('column = "t"', f'column = "{time}"')
+    )
     for file in folder.glob("*.csv"):
         rows = np.loadtxt(file, delimiter=",", skiprows=1)
-        write(file.with_suffix(ending), rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], **options)
+        write(
+            file.with_suffix(ending),
+            rows[:, 0],
+            rows[:, 1:4],
+            rows[:, 4:7],
+            rows[:, 7:10],
+            **options,
+        )
         text = text.replace(file.name, file.with_suffix(ending).name)
         file.unlink()
     for letter, column in (columns or OF_BAGS).items():
@@ -117,14 +151,22 @@ def test_a_recording_that_changes_makes_another_campaign(campaign, tmp_path, kin
 
 @pytest.fixture(scope="module")
 def longer(tmp_path_factory):
-    return write_campaign(tmp_path_factory.mktemp("longer") / "arm", Arm(), [record(Arm(), 3.0, 0)], {})
+    return write_campaign(
+        tmp_path_factory.mktemp("longer") / "arm", Arm(), [record(Arm(), 3.0, 0)], {}
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("gap_s", "expected_s"),
-    [((0.0, 0.0), [0.06, 0.56, 1.06, 1.56, 2.06]), ((1.0, 1.2), [0.06, 1.56, 2.06]), ((0.9, 1.9), [0.06, 2.06])],
+    [
+        ((0.0, 0.0), [0.06, 0.56, 1.06, 1.56, 2.06]),
+        ((1.0, 1.2), [0.06, 1.56, 2.06]),
+        ((0.9, 1.9), [0.06, 2.06]),
+    ],
 )
 def test_no_window_reaches_into_a_gap_of_one_topic(longer, tmp_path, gap_s, expected_s):
     """Each lasts 0.5 s, with a margin of 0.1 s on both sides."""
-    assert window_starts_s(convert(longer, tmp_path / "arm", "json", leave_out_s=gap_s)) == pytest.approx(expected_s)
+    assert window_starts_s(
+        convert(longer, tmp_path / "arm", "json", leave_out_s=gap_s)
+    ) == pytest.approx(expected_s)

@@ -1,4 +1,6 @@
-"""A stage is announced when it is on disk, and a disk that is silent is reported and stops the run."""
+"""A stage is announced when it is on disk, and a disk that is silent is reported and stops the
+run.
+"""
 
 from dataclasses import dataclass, field
 
@@ -23,7 +25,9 @@ class Printed:
     lines: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.held = AcknowledgedLines(self.lines.append, self.disk, self.disk, self.stop_request, self.clock)
+        self.held = AcknowledgedLines(
+            self.lines.append, self.disk, self.disk, self.stop_request, self.clock
+        )
 
     def end_stage(self, after_s: float = 1.0) -> None:
         self.clock.wait_until(self.clock.now_s() + after_s)
@@ -61,7 +65,10 @@ def test_a_silent_disk_is_reported_once_and_stops_the_run_at_a_safe_point():
     assert "acknowledged nothing for 13 s" in printed.stop_request.why
     printed.disk.acknowledged = 1
     printed.held.close()
-    assert printed.lines[1:] == ["stage 1", "3 stages were done and are not on disk: the recorder failed"]
+    assert printed.lines[1:] == [
+        "stage 1",
+        "3 stages were done and are not on disk: the recorder failed",
+    ]
 
 
 def test_a_disk_that_answers_again_is_watched_anew():
@@ -74,4 +81,8 @@ def test_a_disk_that_answers_again_is_watched_anew():
     printed.end_stage()
     printed.clock.wait_until(printed.clock.now_s() + 3.0)
     printed.held.release()
-    assert [line[:18] for line in printed.lines] == ["the disk is silent", "stage 1", "the disk is silent"]
+    assert [line[:18] for line in printed.lines] == [
+        "the disk is silent",
+        "stage 1",
+        "the disk is silent",
+    ]

@@ -19,13 +19,19 @@ PLANE = (turn(4.0, -7.0, 0.0), np.array([-0.11, -0.07, 0.5]))
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory):
-    """Nine of the board, one that shows none, one cut short; and one with the board in the plane."""
+    """Nine of the board, one that shows none, one cut short; and one with the board in the
+    plane.
+    """
     folder, random = tmp_path_factory.mktemp("photos"), np.random.default_rng(4)
     for at, pose in enumerate(tilted_all_ways(BOARD)[:9]):
         cv2.imwrite(str(folder / f"board-{at}.png"), board_photo(BOARD, SMALL, *pose, random))
     cv2.imwrite(str(folder / "lens-cap.png"), np.zeros((480, 640, 3), np.uint8))
     (folder / "cut.png").write_bytes((folder / "board-0.png").read_bytes()[:5000])
-    cv2.imwrite(str(folder.parent / "plane.jpg"), board_photo(BOARD, SMALL, *PLANE, random), [cv2.IMWRITE_JPEG_QUALITY, 95])
+    cv2.imwrite(
+        str(folder.parent / "plane.jpg"),
+        board_photo(BOARD, SMALL, *PLANE, random),
+        [cv2.IMWRITE_JPEG_QUALITY, 95],
+    )
     return folder
 
 
@@ -37,7 +43,15 @@ def call(monkeypatch, capsys, tmp_path):
 
 @pytest.mark.slow
 def test_from_photos_to_a_camera_before_the_plane(call, photos, tmp_path):
-    said = call(photos, "--plane", photos.parent / "plane.jpg", "--board-at", "20,15", "--out", tmp_path / "camera.toml")
+    said = call(
+        photos,
+        "--plane",
+        photos.parent / "plane.jpg",
+        "--board-at",
+        "20,15",
+        "--out",
+        tmp_path / "camera.toml",
+    )
     assert said.exit_code == 0, said.err
     assert "REAL cut.png: REFUSED, a PNG that is cut short" in said.err
     assert "REAL lens-cap.png: REFUSED, shows 0 of the board's 54 corners" in said.err
@@ -52,26 +66,42 @@ def test_from_photos_to_a_camera_before_the_plane(call, photos, tmp_path):
     assert all(0.0 < photo.reprojection_error_px < 0.2 for photo in file.photos)
     assert file.camera.focal_px == pytest.approx(SMALL.focal, rel=0.002)
     camera = file.model()
-    # a point 30 mm along and 40 mm below the board's upper left corner, which is held at (20, 15) mm
+    # a point 30 mm along and 40 mm below the board's upper left corner, which is held at (20, 15)
+    # mm
     on_board = PLANE[0] @ np.array([0.03, 0.04, 0.0]) + PLANE[1]
-    seen_px = cv2.projectPoints(on_board[None], np.zeros(3), np.zeros(3), true_matrix(), np.array(SMALL.distortion))[0].ravel()
+    seen_px = cv2.projectPoints(
+        on_board[None], np.zeros(3), np.zeros(3), true_matrix(), np.array(SMALL.distortion)
+    )[0].ravel()
     assert camera.project(np.array([0.05, -0.025])) == pytest.approx(seen_px, abs=0.2)
     assert camera.on_plane(seen_px) == pytest.approx([0.05, -0.025], abs=2e-4)
 
 
 def true_matrix():
-    return np.array([[SMALL.focal[0], 0, SMALL.centre[0]], [0, SMALL.focal[1], SMALL.centre[1]], [0, 0, 1.0]])
+    return np.array(
+        [[SMALL.focal[0], 0, SMALL.centre[0]], [0, SMALL.focal[1], SMALL.centre[1]], [0, 0, 1.0]]
+    )
 
 
 @pytest.mark.slow
 def test_the_shaft_axis_by_its_pixel_and_the_result_as_json(call, photos, tmp_path):
     fewest = [photos / f"board-{at}.png" for at in range(6)]
-    said = call(*fewest, "--plane", photos.parent / "plane.jpg", "--shaft-px", "200.5,150.25", "--out", "c.toml", "--json")
+    said = call(
+        *fewest,
+        "--plane",
+        photos.parent / "plane.jpg",
+        "--shaft-px",
+        "200.5,150.25",
+        "--out",
+        "c.toml",
+        "--json",
+    )
     assert said.exit_code == 0, said.err
     assert said.err == ""
     told = json.loads(said.out)
     assert told["plane"]["origin_from"] == "shaft axis at pixel 200.5,150.25"
-    assert read_camera_file(tmp_path / "c.toml").model().project(np.zeros(2)) == pytest.approx([200.5, 150.25], abs=1e-3)
+    assert read_camera_file(tmp_path / "c.toml").model().project(np.zeros(2)) == pytest.approx(
+        [200.5, 150.25], abs=1e-3
+    )
 
 
 @pytest.mark.slow
@@ -88,18 +118,42 @@ def test_a_part_of_the_picture_that_no_board_was_in_is_told(call, photos):
     """Of these the board's corners reach no farther than a part of the height."""
     said = call(*(photos / f"board-{at}.png" for at in (0, 1, 2, 3, 4, 6)), "--out", "c.toml")
     assert said.exit_code == 0
-    assert "beyond that the lens is only supposed; add photos with the board in the corners" in said.err
+    assert (
+        "beyond that the lens is only supposed; add photos with the board in the corners"
+        in said.err
+    )
 
 
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ((), "no photos named; print the board first: rfca-rig calibrate camera --board 10x7,25,18 --make-board board.pdf"),
+        (
+            (),
+            (
+                "no photos named; print the board first: rfca-rig calibrate camera --board "
+                "10x7,25,18 --make-board board.pdf"
+            ),
+        ),
         (("nowhere.jpg", "--out", "c.toml"), "nowhere.jpg: no such photo; name photos, or folders"),
-        (("PHOTOS",), "calibration/camera.toml: there is no folder calibration; make it, or name another file"),
-        (("PHOTOS", "--out", "c.toml", "--plane", "x.jpg"), "--plane needs to know where the shaft axis is: either --board-at"),
-        (("PHOTOS", "--out", "c.toml", "--board-at", "1,2"), "--board-at and --shaft-px speak of the photo with the board"),
-        (("PHOTOS", "--out", "c.toml", "--plane", "x.jpg", "--board-at", "1;2"), "--board-at 1;2: should be two numbers with a comma"),
+        (
+            ("PHOTOS",),
+            (
+                "calibration/camera.toml: there is no folder calibration; make it, or name "
+                "another file"
+            ),
+        ),
+        (
+            ("PHOTOS", "--out", "c.toml", "--plane", "x.jpg"),
+            "--plane needs to know where the shaft axis is: either --board-at",
+        ),
+        (
+            ("PHOTOS", "--out", "c.toml", "--board-at", "1,2"),
+            "--board-at and --shaft-px speak of the photo with the board",
+        ),
+        (
+            ("PHOTOS", "--out", "c.toml", "--plane", "x.jpg", "--board-at", "1;2"),
+            "--board-at 1;2: should be two numbers with a comma",
+        ),
         (("PHOTOS", "--out", "c.toml", "--board", "9x7"), "board '9x7': should be COLUMNSxROWS"),
         (
             ("PHOTOS/board-0.png", "PHOTOS/lens-cap.png", "--out", "c.toml"),

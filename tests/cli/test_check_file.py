@@ -1,4 +1,6 @@
-"""`check` of a file: a rig file and a protocol are read; of any other the message says what reads it."""
+"""`check` of a file: a rig file and a protocol are read; of any other the message says what
+reads it.
+"""
 
 import json
 import shutil
@@ -23,7 +25,10 @@ def test_a_rig_file_is_read_and_doctor_goes_on(check, monkeypatch, capsys):
     typed(monkeypatch, capsys, "init", "--rig", "our-rig.toml", "--yes")
     said = check("our-rig.toml")
     assert said.exit_code == 0
-    assert said.out == "ok      our-rig.toml: SIM rig file, our-rig; drive odrive, force sensor ati-net-ft, a camera\n"
+    assert said.out == (
+        "ok      our-rig.toml: SIM rig file, our-rig; drive odrive, force sensor "
+        "ati-net-ft, a camera\n"
+    )
     assert "lines hold a usual value" in said.err
     assert said.err.endswith("next: rfca-rig doctor --rig our-rig.toml\n")
     found = json.loads(check("our-rig.toml", "--json").out)
@@ -42,7 +47,11 @@ def test_a_protocol_is_read_and_plan_goes_on(check):
     ("name", "text", "message"),
     [
         ("bad.toml", '[rig]\ntitle = "ours"\nkind = "twin"\n', "bad.toml"),
-        ("sweep.toml", 'title = "ours"\n[[vary]]\nname = "height_mm"\n', "rfca-rig sweep sweep.toml reads it"),
+        (
+            "sweep.toml",
+            'title = "ours"\n[[vary]]\nname = "height_mm"\n',
+            "rfca-rig sweep sweep.toml reads it",
+        ),
         ("model.toml", "[leg]\n", "rfca-rig predict --model model.toml reads it"),
         ("other.toml", "a = 1\n", "a rig file has [rig], a protocol has experiment"),
         ("notes.txt", "", "is a file, and no .toml"),
@@ -50,7 +59,11 @@ def test_a_protocol_is_read_and_plan_goes_on(check):
         ("pendulum.toml", "", "rfca-rig report . checks and shows them"),
         ("experiment.toml", "a = 1\n", "experiment.toml"),
         # Code from elsewhere is not executed by a check.
-        ("own.toml", '[rig]\nkind = "real"\n[motor]\ndevice = "own"\nfile = "theirs.py"\n', "would execute"),
+        (
+            "own.toml",
+            '[rig]\nkind = "real"\n[motor]\ndevice = "own"\nfile = "theirs.py"\n',
+            "would execute",
+        ),
     ],
 )
 def test_any_other_file_is_one_line_with_exit_code_2(check, name, text, message):

@@ -15,21 +15,41 @@ from tests.report.test_diagnosis_page import NAMED, UNEXPLAINED
 
 TWIN = SMALL.parents[2] / "calibration" / "twin.toml"
 REAL_RIG = SMALL.parent / "real-rig.toml"
-FLAP = {"kind": "dynamic", "height_mm": 235.0, "speed_rad_s": 3.0, "repeats": 1, "minutes": 2.0, "separates": [], "why": "a try"}
+FLAP = {
+    "kind": "dynamic",
+    "height_mm": 235.0,
+    "speed_rad_s": 3.0,
+    "repeats": 1,
+    "minutes": 2.0,
+    "separates": [],
+    "why": "a try",
+}
 OPEN = replace(UNEXPLAINED, next_experiment={**FLAP, "protocol": NEXT_PROTOCOL})
-BY_HAND = replace(UNEXPLAINED, next_experiment={"kind": "tap test", "why": "tap it", "protocol": None})
-DONE = replace(NAMED, effects=tuple(replace(effect, cannot_tell_from=()) for effect in NAMED.effects), next_experiment=None)
+BY_HAND = replace(
+    UNEXPLAINED, next_experiment={"kind": "tap test", "why": "tap it", "protocol": None}
+)
+DONE = replace(
+    NAMED,
+    effects=tuple(replace(effect, cannot_tell_from=()) for effect in NAMED.effects),
+    next_experiment=None,
+)
 
 
 @pytest.fixture
 def first():
     """A recording that believes what the twin's rig file says."""
     (recording,) = open_recordings([SMALL])
-    return replace(recording, nominal=RIG_FILE.nominal(), known_to=RIG_FILE.known_to.model_dump(exclude_none=True))
+    return replace(
+        recording,
+        nominal=RIG_FILE.nominal(),
+        known_to=RIG_FILE.known_to.model_dump(exclude_none=True),
+    )
 
 
 class Answers:
-    """Diagnoses in turn; keeps how many recordings each was given, and writes the protocol as the command does."""
+    """Diagnoses in turn; keeps how many recordings each was given, and writes the protocol as
+    the command does.
+    """
 
     def __init__(self, folder, *diagnoses):
         self.folder, self.left, self.given = folder, list(diagnoses), []
@@ -53,7 +73,9 @@ def test_it_ends_when_one_class_is_left(tmp_path, first, capsys):
     assert [len(titles) for titles in answers.given] == [0, 2, 3]
     runs = sorted((tmp_path / "runs").iterdir())
     recorded = open_recordings(runs)
-    assert [(len(r.strokes), r.strokes[0].height_m, r.strokes[0].speed_rad_s) for r in recorded] == [(1, 0.235, 3.0)] * 2
+    assert [
+        (len(r.strokes), r.strokes[0].height_m, r.strokes[0].speed_rad_s) for r in recorded
+    ] == [(1, 0.235, 3.0)] * 2
     assert recorded[0].nominal == recorded[1].nominal == first.nominal
     assert recorded[0].provenance["seed"] != recorded[1].provenance["seed"]
     lines = capsys.readouterr().err.splitlines()

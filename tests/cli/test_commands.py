@@ -23,7 +23,11 @@ ROOT = Path(__file__).parents[2]
 SMALL = ROOT / "tests" / "data" / "small-campaign"
 REAL_RIG = ROOT / "tests" / "data" / "real-rig.toml"
 REPORT_TABLES = ("table2", "peak-forces", "run-stages", "run-conditions")
-REPORT = {"report.html", "run.html", *(f"{name}.{kind}" for name in REPORT_TABLES for kind in ("csv", "tex"))}
+REPORT = {
+    "report.html",
+    "run.html",
+    *(f"{name}.{kind}" for name in REPORT_TABLES for kind in ("csv", "tex")),
+}
 REPORT |= {"table2.json", "peak-forces.json"}
 FILES = ["SHA256SUMS", "end.json", "events.jsonl", "run.h5", "run.json", "stages"]
 SEED, ONE_STROKE = 7, ("dynamic", "run", "--height", "215", "--speed", "3.249", "--repeats", "1")
@@ -46,8 +50,15 @@ def here(tmp_path, monkeypatch):
 
 
 def test_help_loads_nothing_heavy():
-    code = f"import sys, rfca_rig.cli.main; print([name for name in {HEAVY} if name in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    code = (
+        f"import sys, rfca_rig.cli.main; print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "[]"
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,8 +84,12 @@ def test_every_command_explains_itself(monkeypatch, capsys, words):
 
 
 @pytest.mark.slow
-def test_a_dynamic_run_prints_the_plan_the_valleys_and_the_next_command_which_works(here, monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2)
+def test_a_dynamic_run_prints_the_plan_the_valleys_and_the_next_command_which_works(
+    here, monkeypatch, capsys
+):
+    said = typed(
+        monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2
+    )
     assert said.exit_code == 0
     lines = said.err.splitlines()
     assert all(line.startswith("SIM ") for line in lines)
@@ -94,7 +109,19 @@ def test_a_dynamic_run_prints_the_plan_the_valleys_and_the_next_command_which_wo
 
 @pytest.mark.slow
 def test_json_owns_the_output(here, monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 235, "--speed", 3.276, "--repeats", 1, "--json")
+    said = typed(
+        monkeypatch,
+        capsys,
+        "dynamic",
+        "run",
+        "--height",
+        235,
+        "--speed",
+        3.276,
+        "--repeats",
+        1,
+        "--json",
+    )
     assert said.err == ""
     answer = json.loads(said.out)
     assert answer["source"] == "SIM"
@@ -103,10 +130,15 @@ def test_json_owns_the_output(here, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_another_seed_makes_another_run(one_stroke, here, monkeypatch, capsys):
-    """That the same seed makes the same is told in test_run_files.py, of all files. The seed itself is one of the recorded values."""
+    """That the same seed makes the same is told in test_run_files.py, of all files. The seed
+    itself is one of the recorded values.
+    """
     typed(monkeypatch, capsys, *ONE_STROKE, "--seed", SEED + 1)
     (other,) = (here / "runs").iterdir()
-    first, second = (read_recording(run / "run.h5").strokes[0].streams["force"].columns["fz_N"].values for run in (one_stroke, other))
+    first, second = (
+        read_recording(run / "run.h5").strokes[0].streams["force"].columns["fz_N"].values
+        for run in (one_stroke, other)
+    )
     assert (first[:1000] != second[:1000]).mean() > 0.5
 
 
@@ -121,7 +153,9 @@ def test_a_dry_run_leaves_nothing(here, monkeypatch, capsys):
 def test_a_static_run_records_settled_stages(here, monkeypatch, capsys):
     protocol = here / "short.toml"
     text = (Path(__file__).parents[2] / "protocols" / "static-angle.toml").read_text()
-    brisk = text.replace("[215.0, 235.0]", "[235.0]").replace("move_speed_rad_s = 0.4", "move_speed_rad_s = 1.6")
+    brisk = text.replace("[215.0, 235.0]", "[235.0]").replace(
+        "move_speed_rad_s = 0.4", "move_speed_rad_s = 1.6"
+    )
     protocol.write_text(brisk.split("[[stages]]\nangle_deg = 90.0")[0])
     said = typed(monkeypatch, capsys, "static", "run", "--protocol", protocol, "--json")
     assert said.exit_code == 0
@@ -134,7 +168,20 @@ def test_a_static_run_records_settled_stages(here, monkeypatch, capsys):
 def test_predict_answers_a_person_and_a_program(monkeypatch, capsys, here):
     spoken = typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2.433)
     assert "valley at 1.06" in spoken.out
-    answer = json.loads(typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2.433, "--json", "--csv", here / "p.csv").out)
+    answer = json.loads(
+        typed(
+            monkeypatch,
+            capsys,
+            "predict",
+            "--height",
+            215,
+            "--speed",
+            2.433,
+            "--json",
+            "--csv",
+            here / "p.csv",
+        ).out
+    )
     assert answer["valley_fz_N"] == pytest.approx(-54.64, abs=0.1)
     assert (here / "p.csv").read_text().startswith("t_s,shaft_angle_rad")
 
@@ -147,10 +194,15 @@ def test_a_leg_that_never_touches_is_said_so(monkeypatch, capsys):
 @pytest.mark.slow
 def test_import_then_report_equals_reporting_the_folder_itself(here, monkeypatch, capsys):
     assert typed(monkeypatch, capsys, "import", SMALL).exit_code == 0
-    assert typed(monkeypatch, capsys, "report", "runs/IMPORT-small-campaign", "--out", "a").exit_code == 0
+    assert (
+        typed(monkeypatch, capsys, "report", "runs/IMPORT-small-campaign", "--out", "a").exit_code
+        == 0
+    )
     assert typed(monkeypatch, capsys, "report", SMALL, "--out", "b").exit_code == 0
     for name in sorted(REPORT):
-        one, other = ((here / folder / name).read_text().partition("<footer>")[0] for folder in "ab")
+        one, other = (
+            (here / folder / name).read_text().partition("<footer>")[0] for folder in "ab"
+        )
         # The page names the command that diagnoses what it shows, so its path.
         one, other = (re.sub(r"(rfca-rig diagnose )[^<]*", r"\1", text) for text in (one, other))
         assert one == other, name
@@ -171,10 +223,16 @@ def test_twin_and_import_in_one_report(one_stroke, here, monkeypatch, capsys):
         (("dynamic", "run", "--height", "215"), "--height and --speed together"),
         (("dynamic", "run", "--height", "-5", "--speed", "2"), "height_mm"),
         (("dynamic", "run", "--height", "abc", "--speed", "2"), "--height"),
-        (("dynamic", "run", "--height", "215", "--speed", "25"), "above the rig's limit of 20 rad/s"),
+        (
+            ("dynamic", "run", "--height", "215", "--speed", "25"),
+            "above the rig's limit of 20 rad/s",
+        ),
         (("dynamic", "run", "--height", "100", "--speed", "15"), "the model expects"),
         (("dynamic", "run", "--repeats", "0"), "--repeats"),
-        (("dynamic", "run", "--protocol", "nonsense"), "there are bending, fatigue, flapping, impact, static-angle, table2"),
+        (
+            ("dynamic", "run", "--protocol", "nonsense"),
+            "there are bending, fatigue, flapping, impact, static-angle, table2",
+        ),
         (("dynamic", "run", "--protocol", "static-angle"), "experiment"),
         (("dynamic", "run", "--rig", "nowhere.toml"), "nowhere.toml"),
         (("static", "run", "--protocol", "flapping"), "experiment"),
@@ -191,7 +249,9 @@ def test_twin_and_import_in_one_report(one_stroke, here, monkeypatch, capsys):
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
-def test_a_mistake_gets_one_line_exit_code_2_and_changes_nothing(here, monkeypatch, capsys, words, said):
+def test_a_mistake_gets_one_line_exit_code_2_and_changes_nothing(
+    here, monkeypatch, capsys, words, said
+):
     answer = typed(monkeypatch, capsys, *words)
     assert answer.exit_code == 2
     mine = [line for line in answer.err.splitlines() if not line.startswith("SIM")]
@@ -202,10 +262,18 @@ def test_a_mistake_gets_one_line_exit_code_2_and_changes_nothing(here, monkeypat
 
 
 def slippery(here):
-    """A model file that no recording believes: half the friction, and a rack that stands 1 mm higher."""
+    """A model file that no recording believes: half the friction, and a rack that stands 1 mm
+    higher.
+    """
     sections = read_rig(ROOT / "calibration" / "twin.toml").nominal()
     sections["ground"]["friction_coefficient"] = 0.2
-    write_model(here / "slippery.toml", sections, {"height_mm": 0.05}, [], [FoundEffect("height_offset", {"offset_mm": 1.0})])
+    write_model(
+        here / "slippery.toml",
+        sections,
+        {"height_mm": 0.05},
+        [],
+        [FoundEffect("height_offset", {"offset_mm": 1.0})],
+    )
     return here / "slippery.toml"
 
 
@@ -213,19 +281,38 @@ def slippery(here):
 def test_a_model_file_takes_the_place_of_the_believed_one(here, monkeypatch, capsys):
     model, words = slippery(here), ("--height", 215, "--speed", 3.249)
     plain = json.loads(typed(monkeypatch, capsys, "predict", *words, "--json").out)
-    given = json.loads(typed(monkeypatch, capsys, "predict", *words, "--model", model, "--json").out)
+    given = json.loads(
+        typed(monkeypatch, capsys, "predict", *words, "--model", model, "--json").out
+    )
     assert given["valley_fz_N"] < plain["valley_fz_N"] - 10.0
 
-    said = typed(monkeypatch, capsys, "dynamic", "run", *words, "--repeats", 1, "--model", model, "--report", "own", "--json")
+    said = typed(
+        monkeypatch,
+        capsys,
+        "dynamic",
+        "run",
+        *words,
+        "--repeats",
+        1,
+        "--model",
+        model,
+        "--report",
+        "own",
+        "--json",
+    )
     assert said.exit_code == 0
     run = Path(json.loads(said.out)["run"])
     recording = read_recording(run / "run.h5")
     assert recording.nominal["ground"]["friction_coefficient"] == 0.2
-    assert recording.nominal["effects"] == [{"id": "height_offset", "parameters": {"offset_mm": 1.0}}]
+    assert recording.nominal["effects"] == [
+        {"id": "height_offset", "parameters": {"offset_mm": 1.0}}
+    ]
     assert recording.known_to == {"height_mm": 0.05}
     assert recording.provenance["model_file"] == model.read_text()
     (row,) = json.loads((here / "own" / "table2.json").read_text())["rows"]
-    assert row["measured_fz_N"] == pytest.approx(plain["valley_fz_N"], abs=1.5), "the twin is what it was"
+    assert row["measured_fz_N"] == pytest.approx(plain["valley_fz_N"], abs=1.5), (
+        "the twin is what it was"
+    )
     assert row["simulated_fz_N"] == pytest.approx(given["valley_fz_N"], abs=1.5)
 
 
@@ -252,9 +339,24 @@ def test_a_report_against_a_model_file_says_so(one_stroke, here, monkeypatch, ca
 
 @pytest.mark.slow
 def test_a_fitted_model_file_is_one(one_stroke, here, monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "fit", one_stroke, "--parameters", "height,k0", "--out", "fitted.toml")
+    said = typed(
+        monkeypatch, capsys, "fit", one_stroke, "--parameters", "height,k0", "--out", "fitted.toml"
+    )
     assert said.exit_code == 0
-    assert typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2.433, "--model", "fitted.toml").exit_code == 0
+    assert (
+        typed(
+            monkeypatch,
+            capsys,
+            "predict",
+            "--height",
+            215,
+            "--speed",
+            2.433,
+            "--model",
+            "fitted.toml",
+        ).exit_code
+        == 0
+    )
     assert read_model_file(here / "fitted.toml").effects[0].id == "height_offset"
 
 
@@ -283,14 +385,26 @@ def test_a_broken_campaign_leaves_nothing_behind(here, monkeypatch, capsys):
 def test_a_trip_has_its_own_exit_code(here, monkeypatch, capsys):
     rig = here / "careful.toml"
     text = (Path(__file__).parents[2] / "calibration" / "twin.toml").read_text()
-    rig.write_text(text.replace("following_error_deg = 20.0", "following_error_deg = 1.0").replace("s_per_rad = 8.0 ", "s_per_rad = 0.0 "))
-    answer = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--rig", rig)
+    rig.write_text(
+        text.replace("following_error_deg = 20.0", "following_error_deg = 1.0").replace(
+            "s_per_rad = 8.0 ", "s_per_rad = 0.0 "
+        )
+    )
+    answer = typed(
+        monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--rig", rig
+    )
     assert answer.exit_code == 3
     assert "deg from where it should be" in answer.err.splitlines()[-1]
     assert answer.err.endswith("; more: rfca-rig trip F-02\n")
     (run,) = (here / "runs").iterdir()
-    kept = "kept 0 strokes and 0 static stages, and flap 215 mm, 3.249 rad/s, repeat 1 until it was cut short, in"
-    assert f"{kept} runs/{run.name}; rfca-rig resume runs/{run.name} --after-trip goes on" in answer.err
+    kept = (
+        "kept 0 strokes and 0 static stages, and flap 215 mm, 3.249 rad/s, repeat 1 until it "
+        "was cut short, in"
+    )
+    assert (
+        f"{kept} runs/{run.name}; rfca-rig resume runs/{run.name} --after-trip goes on"
+        in answer.err
+    )
     (until_then,) = read_recording(run / "run.h5").raw
     assert "deg from where it should be" in until_then.cut_short
 
@@ -315,16 +429,24 @@ def test_an_input_that_ends_before_the_rack_is_set_is_one_clear_line(here, monke
     monkeypatch.setattr("typer.prompt", lambda *_, **__: "320")
     monkeypatch.setattr("builtins.input", ended)
     monkeypatch.setattr("rfca_rig.cli.run_experiment.open_bench", twin_that_counts_as_real)
-    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", REAL_RIG, "--height", 215, "--speed", 2)
+    answer = typed(
+        monkeypatch, capsys, "dynamic", "run", "--rig", REAL_RIG, "--height", 215, "--speed", 2
+    )
     assert answer.exit_code == 2
-    assert re.search(r"REAL the drive's watchdog stops the motor after 0\.\d+ s of silence", answer.err)
-    assert answer.err.splitlines()[-1].startswith("rfca-rig: the input ended before the rack was confirmed to stand at 215.0 mm")
+    assert re.search(
+        r"REAL the drive's watchdog stops the motor after 0\.\d+ s of silence", answer.err
+    )
+    assert answer.err.splitlines()[-1].startswith(
+        "rfca-rig: the input ended before the rack was confirmed to stand at 215.0 mm"
+    )
     assert list((here / "runs").iterdir()) == []
 
 
 def test_real_hardware_asks_for_the_limit_and_moves_nothing_without_it(here, monkeypatch, capsys):
     monkeypatch.setattr("typer.prompt", lambda *_, **__: "yes")
-    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", REAL_RIG, "--height", 215, "--speed", 2)
+    answer = typed(
+        monkeypatch, capsys, "dynamic", "run", "--rig", REAL_RIG, "--height", 215, "--speed", 2
+    )
     assert answer.exit_code == 2
     assert "not armed: the force limit is 320 N" in answer.err
     assert all(line.startswith(("REAL", "rfca-rig: ")) for line in answer.err.splitlines())

@@ -21,7 +21,9 @@ HEAVY = ("numpy", "scipy", "numba", "h5py", "matplotlib", "cv2", "can", "jinja2"
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """Three runs, one of them imported, the last one made the newest; and something that is none."""
+    """Three runs, one of them imported, the last one made the newest; and something that is
+    none.
+    """
     monkeypatch.chdir(tmp_path)
     for age, name in enumerate(("SIM-old", "IMPORT-mid", "SIM-new")):
         (tmp_path / "runs" / name).mkdir(parents=True)
@@ -55,7 +57,10 @@ def bash(monkeypatch, capsys, line):
         ("rfca-rig fit runs/SIM-old --parameters k0,hinge", ["k0,hinge_damping"]),
         ("rfca-rig fit runs/SIM-old --parameters k0,k", ["k0,k2"]),
         ("rfca-rig fit runs/SIM-old --phases re", ["rest", "release"]),
-        ("rfca-rig fit runs/SIM-old --effects joint_damping,joint_st", ["joint_damping,joint_stribeck", "joint_damping,joint_stop"]),
+        (
+            "rfca-rig fit runs/SIM-old --effects joint_damping,joint_st",
+            ["joint_damping,joint_stribeck", "joint_damping,joint_stop"],
+        ),
         ("rfca-rig runs --verdict hinge_b", ["hinge_backlash"]),
         ("rfca-rig runs --ended F-0", ["F-01", "F-02", "F-03", "F-04"]),
         ("rfca-rig runs --kind s", ["static"]),
@@ -79,20 +84,41 @@ def test_zsh_is_answered_in_its_own_way(here, monkeypatch, capsys):
 def test_a_real_bash_completes(here):
     env = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     script = subprocess.run(
-        ["rfca-rig"], env={**env, "_RFCA_RIG_COMPLETE": "source_bash"}, capture_output=True, text=True, check=True
+        ["rfca-rig"],
+        env={**env, "_RFCA_RIG_COMPLETE": "source_bash"},
+        capture_output=True,
+        text=True,
+        check=True,
     ).stdout
-    asks = 'COMP_WORDS=(rfca-rig check runs/SIM-n); COMP_CWORD=2; _rfca_rig_completion rfca-rig; echo "${COMPREPLY[@]}"'
-    said = subprocess.run(["bash", "--norc", "-c", f"{script}\n{asks}"], env=env, capture_output=True, text=True, check=True)
+    asks = (
+        "COMP_WORDS=(rfca-rig check runs/SIM-n); COMP_CWORD=2; _rfca_rig_completion "
+        'rfca-rig; echo "${COMPREPLY[@]}"'
+    )
+    said = subprocess.run(
+        ["bash", "--norc", "-c", f"{script}\n{asks}"],
+        env=env,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert said.stdout.split() == ["runs/SIM-new"]
 
 
 def test_an_answer_loads_nothing_heavy(here):
     code = (
-        f"import sys\nsys.argv = ['rfca-rig']\nfrom rfca_rig.cli.main import run\ntry: run()\nexcept SystemExit: pass\n"
+        "import sys\nsys.argv = ['rfca-rig']\nfrom rfca_rig.cli.main import run\ntry: "
+        "run()\nexcept SystemExit: pass\n"
         f"print([name for name in {HEAVY} if name in sys.modules])"
     )
-    env = {**os.environ, "_RFCA_RIG_COMPLETE": "complete_bash", "COMP_WORDS": "rfca-rig check runs/", "COMP_CWORD": "2"}
-    said = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+    env = {
+        **os.environ,
+        "_RFCA_RIG_COMPLETE": "complete_bash",
+        "COMP_WORDS": "rfca-rig check runs/",
+        "COMP_CWORD": "2",
+    }
+    said = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    ).stdout
     assert said.splitlines()[-1] == "[]"
 
 

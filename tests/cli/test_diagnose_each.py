@@ -11,7 +11,11 @@ from tests.report.test_diagnosis_page import NAMED
 
 CAMPAIGN = Path(__file__).parents[1] / "data" / "small-campaign"
 
-ANSWER = {"format": "rfca-diagnosis/1", "verdict": "named", "effects": [{"id": "tip_mass", "probability": 0.987}]}
+ANSWER = {
+    "format": "rfca-diagnosis/1",
+    "verdict": "named",
+    "effects": [{"id": "tip_mass", "probability": 0.987}],
+}
 
 
 @pytest.mark.slow
@@ -21,16 +25,31 @@ def test_what_is_there_stays_and_what_cannot_be_diagnosed_is_told(monkeypatch, c
     (tmp_path / "out" / "done").mkdir(parents=True)
     (tmp_path / "out" / "done" / "diagnosis.json").write_text(json.dumps(ANSWER))
     paths = sorted((tmp_path / "runs").iterdir())
-    said = typed(monkeypatch, capsys, "diagnose", *paths, "--each", "--workers", 1, "--out", tmp_path / "out")
+    said = typed(
+        monkeypatch, capsys, "diagnose", *paths, "--each", "--workers", 1, "--out", tmp_path / "out"
+    )
     assert (said.exit_code, said.out) == (1, "done: named, tip_mass (98.7 %)\n")
-    assert said.err.startswith(f"rfca-rig: 2 of 3 could not be diagnosed, as empty: {tmp_path / 'runs' / 'empty'}")
+    assert said.err.startswith(
+        f"rfca-rig: 2 of 3 could not be diagnosed, as empty: {tmp_path / 'runs' / 'empty'}"
+    )
     assert len(said.err.splitlines()) == 1
     assert [folder.name for folder in (tmp_path / "out").iterdir()] == ["done"]
 
 
 def test_two_of_one_name_are_refused(monkeypatch, capsys, tmp_path):
-    said = typed(monkeypatch, capsys, "diagnose", tmp_path / "a" / "run", tmp_path / "b" / "run", "--each", "--out", tmp_path / "out")
-    assert said.exit_code == 2 and "is called run too" in said.err and not (tmp_path / "out").exists()
+    said = typed(
+        monkeypatch,
+        capsys,
+        "diagnose",
+        tmp_path / "a" / "run",
+        tmp_path / "b" / "run",
+        "--each",
+        "--out",
+        tmp_path / "out",
+    )
+    assert (
+        said.exit_code == 2 and "is called run too" in said.err and not (tmp_path / "out").exists()
+    )
 
 
 def test_one_diagnosis_is_not_shared_out(monkeypatch, capsys, tmp_path):
@@ -40,12 +59,23 @@ def test_one_diagnosis_is_not_shared_out(monkeypatch, capsys, tmp_path):
 
 def test_a_law_is_measured_of_one_diagnosis(monkeypatch, capsys, tmp_path):
     said = typed(monkeypatch, capsys, "diagnose", tmp_path, "--law", "hinges", "--each")
-    assert said.exit_code == 2 and "--law measures the law of one diagnosis; leave out --each and --close-the-loop" in said.err
+    assert (
+        said.exit_code == 2
+        and "--law measures the law of one diagnosis; leave out --each and --close-the-loop"
+        in said.err
+    )
 
 
 @pytest.mark.slow
 def test_the_measured_law_of_an_earlier_diagnosis_does_not_stay(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr("rfca_rig.diagnosis.diagnose.diagnose", lambda *_: replace(NAMED, found_effects=(), next_experiment=None))
+    monkeypatch.setattr(
+        "rfca_rig.diagnosis.diagnose.diagnose",
+        lambda *_: replace(NAMED, found_effects=(), next_experiment=None),
+    )
     (tmp_path / "measured-law.toml").write_text("of an earlier diagnosis")
     said = typed(monkeypatch, capsys, "diagnose", CAMPAIGN, "--out", tmp_path)
-    assert said.exit_code == 0 and (tmp_path / "diagnosis.json").is_file() and not (tmp_path / "measured-law.toml").exists()
+    assert (
+        said.exit_code == 0
+        and (tmp_path / "diagnosis.json").is_file()
+        and not (tmp_path / "measured-law.toml").exists()
+    )

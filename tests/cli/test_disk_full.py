@@ -1,4 +1,6 @@
-"""A disk that another program fills, on a file system of its own: what the user sees, and what is left."""
+"""A disk that another program fills, on a file system of its own: what the user sees, and what
+is left.
+"""
 
 import json
 import os
@@ -23,7 +25,11 @@ def small_disk(tmp_path: Path):
     place = tmp_path / "disk"
     place.mkdir()
     try:
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256m", "none", str(place)], capture_output=True, check=False)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=256m", "none", str(place)],
+            capture_output=True,
+            check=False,
+        )
     except OSError:
         pytest.skip("no mount here")
     if done.returncode:
@@ -33,8 +39,13 @@ def small_disk(tmp_path: Path):
 
 
 def fill(place: Path) -> None:
-    """The run writes at the same time, so half of what is free is taken at once, and then half of the rest."""
-    with (place / "others").open("wb", buffering=0) as others, pytest.raises(OSError, match="No space left"):
+    """The run writes at the same time, so half of what is free is taken at once, and then half
+    of the rest.
+    """
+    with (
+        (place / "others").open("wb", buffering=0) as others,
+        pytest.raises(OSError, match="No space left"),
+    ):
         while (free := shutil.disk_usage(place).free) > 256 << 10:
             os.posix_fallocate(others.fileno(), others.seek(0, os.SEEK_END), free // 2)
         others.seek(0, os.SEEK_END)
@@ -44,9 +55,15 @@ def fill(place: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="a file system in memory is mounted")
-def test_the_motor_is_off_before_the_run_says_that_the_disk_is_full_and_every_acknowledged_stage_is_there(small_disk: Path, tmp_path: Path):
+def test_on_a_full_disk_the_motor_is_off_first_and_every_acknowledged_stage_is_there(
+    small_disk: Path, tmp_path: Path
+):
     running = subprocess.Popen(
-        [sys.executable, "-c", CODE, *WORDS, "--runs", small_disk], cwd=tmp_path, stderr=subprocess.PIPE, text=True, encoding="utf-8"
+        [sys.executable, "-c", CODE, *WORDS, "--runs", small_disk],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
     )
     folder = small_disk / "SIM-flapping-215-mm-2.433-rad-per-s-001"
     wait_for(lambda: len(list((folder / "stages").glob("*.h5"))) >= 2)
@@ -65,7 +82,14 @@ def test_the_motor_is_off_before_the_run_says_that_the_disk_is_full_and_every_ac
     assert events.index(off) < [event["event"] for event in events].index("run ends")
     (small_disk / "others").unlink()
     if not (folder / "SHA256SUMS").is_file():
-        subprocess.run([sys.executable, "-c", CODE, "recover", folder], cwd=tmp_path, check=True, capture_output=True)
+        subprocess.run(
+            [sys.executable, "-c", CODE, "recover", folder],
+            cwd=tmp_path,
+            check=True,
+            capture_output=True,
+        )
     found = read_recording(folder / "run.h5")
     assert len(found.strokes) == len(acknowledged)
-    subprocess.run([sys.executable, "-c", CODE, "check", folder], cwd=tmp_path, check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-c", CODE, "check", folder], cwd=tmp_path, check=True, capture_output=True
+    )

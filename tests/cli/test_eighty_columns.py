@@ -1,4 +1,6 @@
-"""Everything that commands print fits a terminal of 80 columns, is plain where no terminal is, and can be written in any encoding."""
+"""Everything that commands print fits a terminal of 80 columns, is plain where no terminal is,
+and can be written in any encoding.
+"""
 
 import io
 import json
@@ -73,7 +75,16 @@ def test_every_result_fits_and_is_plain_where_it_is_piped(here, monkeypatch, cap
 
 @pytest.mark.parametrize("parameter", PARAMETERS.values(), ids=PARAMETERS)
 def test_a_fitted_parameter_fits_whatever_its_size(parameter):
-    fitted_to = FittedParameter(parameter.name, parameter.unit, -1.23456e-11, 1.2345e-12, -1.23456e-11, 1.2e-12, -12.34, False)
+    fitted_to = FittedParameter(
+        parameter.name,
+        parameter.unit,
+        -1.23456e-11,
+        1.2345e-12,
+        -1.23456e-11,
+        1.2e-12,
+        -12.34,
+        False,
+    )
     assert len(_line(fitted_to)) <= 80
 
 
@@ -95,9 +106,10 @@ def test_what_an_encoding_cannot_carry_is_written_in_another_way(monkeypatch, en
     written = held.getvalue().decode(encoding)
     back = json.loads(written)
     assert back.startswith("K\u00f6lle")
-    assert {"ascii": "+- 7 deg - \u6f22 \U0001d6fc", "utf-8": "\u00b1 7\u00b0 \u2212 \u6f22 \U0001d6fc"}.get(
-        encoding, "\u6f22 \U0001d6fc"
-    ) in back
+    assert {
+        "ascii": "+- 7 deg - \u6f22 \U0001d6fc",
+        "utf-8": "\u00b1 7\u00b0 \u2212 \u6f22 \U0001d6fc",
+    }.get(encoding, "\u6f22 \U0001d6fc") in back
 
 
 def test_no_colour_means_no_colour(here, monkeypatch, capsys):
@@ -113,18 +125,36 @@ def test_no_colour_means_no_colour(here, monkeypatch, capsys):
 
 MISTAKES = {
     "a protocol misspelt": (("plan", "tabel2"), "did you mean table2?"),
-    "a rig misspelt": (("predict", "--height", "215", "--speed", "2", "--rig", "twn"), "did you mean twin?"),
+    "a rig misspelt": (
+        ("predict", "--height", "215", "--speed", "2", "--rig", "twn"),
+        "did you mean twin?",
+    ),
     "a phase misspelt": (("fit", SMALL, "--phases", "loadin"), "did you mean loading?"),
-    "a parameter misspelt, before the strokes are read": (("fit", "empty.h5", "--parameters", "k"), "'k' is no parameter"),
+    "a parameter misspelt, before the strokes are read": (
+        ("fit", "empty.h5", "--parameters", "k"),
+        "'k' is no parameter",
+    ),
     "a command misspelt": (("dynamc", "run"), "Did you mean 'dynamic'?"),
     "an option misspelt": (("dynamic", "run", "--hieght", "3"), "--height"),
     "a run misspelt": (("check", "rnu"), "did you mean run?"),
-    "a folder where a file goes": (("predict", "--height", "215", "--speed", "2", "--csv", "run"), "is a folder"),
+    "a folder where a file goes": (
+        ("predict", "--height", "215", "--speed", "2", "--csv", "run"),
+        "is a folder",
+    ),
     "a file where a folder goes": (("report", SMALL, "--out", "text"), "is a file"),
     "a file below which a folder goes": (("diagnose", SMALL, "--out", "text/below"), "is a file"),
-    "a file where runs go": (("dynamic", "run", "--height", "215", "--speed", "3", "--runs", "text"), "is a file"),
-    "a folder that is not there": (("fit", SMALL, "--out", "nofolder/fitted.toml"), "there is no folder nofolder"),
-    "more strokes than can be": (("dynamic", "run", "--height", "215", "--speed", "3", "--repeats", "100000000"), "--repeats"),
+    "a file where runs go": (
+        ("dynamic", "run", "--height", "215", "--speed", "3", "--runs", "text"),
+        "is a file",
+    ),
+    "a folder that is not there": (
+        ("fit", SMALL, "--out", "nofolder/fitted.toml"),
+        "there is no folder nofolder",
+    ),
+    "more strokes than can be": (
+        ("dynamic", "run", "--height", "215", "--speed", "3", "--repeats", "100000000"),
+        "--repeats",
+    ),
     "more cycles than can be": (("fatigue", "run", "--cycles", "999999999999"), "--cycles"),
     "no number": (("predict", "--height", "nan", "--speed", "2"), "--height"),
     "no number for a stroke": (("dynamic", "run", "--height", "215", "--speed", "nan"), "finite"),
@@ -140,7 +170,9 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("words, said", MISTAKES.values(), ids=MISTAKES)
-def test_a_mistake_is_one_line_with_what_to_do_and_leaves_nothing(here, monkeypatch, capsys, words, said):
+def test_a_mistake_is_one_line_with_what_to_do_and_leaves_nothing(
+    here, monkeypatch, capsys, words, said
+):
     (here / "run").mkdir()
     (here / "run" / "run.json").write_text("{}")
     (here / "empty").mkdir()

@@ -35,7 +35,9 @@ RUN = "dynamic run --height 235 --speed 3.2 --repeats 1"
 
 @dataclass(frozen=True)
 class Surroundings:
-    """How a command is called, and what it must end with: an exit code, and a text in its only line for codes other than 0."""
+    """How a command is called, and what it must end with: an exit code, and a text in its only
+    line for codes other than 0.
+    """
 
     words: str
     code: int = 0
@@ -55,7 +57,9 @@ CASES: dict[str, Surroundings] = {
     "stdout closed": Surroundings(TRIP, script="TYPED >&-"),
     "stderr closed": Surroundings(WRONG, 2, script="TYPED 2>&-"),
     "all streams closed": Surroundings(WRONG, 2, script="TYPED <&- >&- 2>&-"),
-    "stdout full": Surroundings(TRIP, 1, "the system refused: No space left on device", script="TYPED >/dev/full"),
+    "stdout full": Surroundings(
+        TRIP, 1, "the system refused: No space left on device", script="TYPED >/dev/full"
+    ),
     "stderr full": Surroundings(WRONG, 2, script="TYPED 2>/dev/full"),
     "stdout a broken pipe": Surroundings("trip", 1, script="TYPED | true; exit ${PIPESTATUS[0]}"),
     "TERM unset": Surroundings("--help", unsets=("TERM",)),
@@ -65,32 +69,64 @@ CASES: dict[str, Surroundings] = {
     "COLUMNS text": Surroundings("--help", sets={"COLUMNS": "wide", "LINES": "-1"}),
     "COLUMNS negative": Surroundings(WRONG, 2, "no code of a trip", sets={"COLUMNS": "-5"}),
     "NO_COLOR and FORCE_COLOR": Surroundings("--help", sets={"NO_COLOR": "1", "FORCE_COLOR": "1"}),
-    "LANG C": Surroundings(TRIP, sets={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}),
-    "a locale that is not there": Surroundings(TRIP, sets={"LC_ALL": "xx_YY.ISO-8859-99"}, script="TYPED 2>/dev/null"),
+    "LANG C": Surroundings(
+        TRIP, sets={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
+    ),
+    "a locale that is not there": Surroundings(
+        TRIP, sets={"LC_ALL": "xx_YY.ISO-8859-99"}, script="TYPED 2>/dev/null"
+    ),
     "PYTHONIOENCODING ascii": Surroundings(TRIP, sets={"PYTHONIOENCODING": "ascii:strict"}),
     "PYTHONIOENCODING utf-16": Surroundings(TRIP, sets={"PYTHONIOENCODING": "utf-16"}),
-    "HOME unset": Surroundings("runs --runs .", unsets=("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")),
-    "HOME missing": Surroundings("runs --runs .", sets={"HOME": "/proc/nowhere"}, unsets=("XDG_CONFIG_HOME",)),
-    "HOME a file": Surroundings("runs --runs .", sets={"HOME": "/etc/passwd"}, unsets=("XDG_CONFIG_HOME",)),
-    "XDG folders empty": Surroundings("runs --runs .", sets={"XDG_CONFIG_HOME": "", "XDG_CACHE_HOME": "", "XDG_DATA_HOME": ""}),
-    "XDG folders no folders": Surroundings("runs --runs .", sets={"XDG_CONFIG_HOME": "/dev/null", "XDG_RUNTIME_DIR": "/dev/null"}),
+    "HOME unset": Surroundings(
+        "runs --runs .", unsets=("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
+    ),
+    "HOME missing": Surroundings(
+        "runs --runs .", sets={"HOME": "/proc/nowhere"}, unsets=("XDG_CONFIG_HOME",)
+    ),
+    "HOME a file": Surroundings(
+        "runs --runs .", sets={"HOME": "/etc/passwd"}, unsets=("XDG_CONFIG_HOME",)
+    ),
+    "XDG folders empty": Surroundings(
+        "runs --runs .", sets={"XDG_CONFIG_HOME": "", "XDG_CACHE_HOME": "", "XDG_DATA_HOME": ""}
+    ),
+    "XDG folders no folders": Surroundings(
+        "runs --runs .", sets={"XDG_CONFIG_HOME": "/dev/null", "XDG_RUNTIME_DIR": "/dev/null"}
+    ),
     "TMPDIR missing": Surroundings("runs --runs .", sets={"TMPDIR": "/nowhere"}),
     "TMPDIR takes no file": Surroundings(TRIP, sets={"TMPDIR": "/proc"}),
-    "folder deleted": Surroundings("report x", 2, "the folder that you are in has been deleted", script="mkdir a; cd a; rmdir ../a; TYPED"),
+    "folder deleted": Surroundings(
+        "report x",
+        2,
+        "the folder that you are in has been deleted",
+        script="mkdir a; cd a; rmdir ../a; TYPED",
+    ),
     "folder takes no file": Surroundings(RUN, 2, "0 MB free", script="cd /proc; TYPED"),
-    "runs in a folder that takes no file": Surroundings("runs --runs irq", script="cd /proc; TYPED"),
-    "output folder a file": Surroundings(f"{RUN} --runs file", 2, "is a file, where a folder is needed", script="touch file; TYPED"),
+    "runs in a folder that takes no file": Surroundings(
+        "runs --runs irq", script="cd /proc; TYPED"
+    ),
+    "output folder a file": Surroundings(
+        f"{RUN} --runs file", 2, "is a file, where a folder is needed", script="touch file; TYPED"
+    ),
     "output folder takes no file": Surroundings(f"{RUN} --runs /proc/runs", 2, "/proc"),
     "output file a device": Surroundings(
-        "predict --height 215 --speed 2 --csv pipe", 2, "is a device or a pipe", script="mkfifo pipe; TYPED"
+        "predict --height 215 --speed 2 --csv pipe",
+        2,
+        "is a device or a pipe",
+        script="mkfifo pipe; TYPED",
     ),
-    "output file below a device": Surroundings("predict --height 215 --speed 2 --csv /dev/null/x", 2, "Not a directory"),
+    "output file below a device": Surroundings(
+        "predict --height 215 --speed 2 --csv /dev/null/x", 2, "Not a directory"
+    ),
     "few open files": Surroundings(TRIP, limit=limit_of("NOFILE", 16)),
     "file size 0": Surroundings(TRIP, limit=limit_of("FSIZE", 0)),
     "little memory": Surroundings(TRIP, limit=limit_of("AS", 256 << 20)),
     "umask 777": Surroundings("runs --runs .", script="umask 777; TYPED"),
-    "NUMBA_CACHE_DIR takes no file": Surroundings("runs --runs .", sets={"NUMBA_CACHE_DIR": "/proc/x"}),
-    "OMP_NUM_THREADS text": Surroundings(TRIP, sets={"OMP_NUM_THREADS": "many", "OPENBLAS_NUM_THREADS": "-3"}),
+    "NUMBA_CACHE_DIR takes no file": Surroundings(
+        "runs --runs .", sets={"NUMBA_CACHE_DIR": "/proc/x"}
+    ),
+    "OMP_NUM_THREADS text": Surroundings(
+        TRIP, sets={"OMP_NUM_THREADS": "many", "OPENBLAS_NUM_THREADS": "-3"}
+    ),
     "PYTHONHASHSEED": Surroundings(TRIP, sets={"PYTHONHASHSEED": "4294967295"}),
     "PYTHONOPTIMIZE": Surroundings(TRIP, sets={"PYTHONOPTIMIZE": "2"}),
     "PYTHONDONTWRITEBYTECODE": Surroundings(TRIP, sets={"PYTHONDONTWRITEBYTECODE": "1"}),
@@ -98,15 +134,33 @@ CASES: dict[str, Surroundings] = {
     "TZ nowhere": Surroundings("runs --runs . --since 2026-11-01", sets={"TZ": "Nowhere/Never"}),
     "TZ a device": Surroundings("runs --runs . --since 2026-11-01", sets={"TZ": ":/dev/zero"}),
     "PWD wrong": Surroundings("runs --runs .", sets={"PWD": "/nowhere"}),
-    "proxies": Surroundings("twin tell faults --control-port 1", 1, "no answer on port 1", sets={"HTTP_PROXY": "http://x:1"}),
-    "a name with control characters": Surroundings("runs --runs .", sets={"LOGNAME": "\x1b]0;x\x07", "USER": "a\nb"}),
+    "proxies": Surroundings(
+        "twin tell faults --control-port 1",
+        1,
+        "no answer on port 1",
+        sets={"HTTP_PROXY": "http://x:1"},
+    ),
+    "a name with control characters": Surroundings(
+        "runs --runs .", sets={"LOGNAME": "\x1b]0;x\x07", "USER": "a\nb"}
+    ),
 }
 
 
 def called(surroundings: Surroundings, folder: Path) -> subprocess.CompletedProcess[bytes]:
     """The command in its surroundings, without those of the tests."""
-    kept = ("PATH", "PYTHONPATH", "HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR", "RFCA_RIG_THREADS", "OMP_NUM_THREADS")
-    environment = {name: os.environ[name] for name in kept if name in os.environ} | dict(surroundings.sets)
+    kept = (
+        "PATH",
+        "PYTHONPATH",
+        "HOME",
+        "XDG_CACHE_HOME",
+        "XDG_CONFIG_HOME",
+        "NUMBA_CACHE_DIR",
+        "RFCA_RIG_THREADS",
+        "OMP_NUM_THREADS",
+    )
+    environment = {name: os.environ[name] for name in kept if name in os.environ} | dict(
+        surroundings.sets
+    )
     for name in surroundings.unsets:
         environment.pop(name, None)
     script = surroundings.script.replace("TYPED", f"{TYPED} {surroundings.words}")
@@ -137,7 +191,11 @@ def check(surroundings: Surroundings, folder: Path) -> None:
     for word in ("Traceback", "mistake", "Exception ignored", "\x1b]"):
         assert word not in said
     assert surroundings.line in said
-    own = [line for line in said.splitlines() if not line.startswith(("SIM ", "  ", "report/", "diagnosis/", "next: "))]
+    own = [
+        line
+        for line in said.splitlines()
+        if not line.startswith(("SIM ", "  ", "report/", "diagnosis/", "next: "))
+    ]
     assert len(own) <= 1, own
     assert not [path for path in folder.rglob("*") if path.name.endswith(".writing")]
 
@@ -169,9 +227,14 @@ def test_any_broken_environment_costs_one_line_at_most(tmp_path, name):
 
 SLOW: dict[str, Surroundings] = {
     "all streams closed": Surroundings(RUN, script="TYPED <&- >&- 2>&-"),
-    # The run is completed and recorded though nobody reads its lines; only its last line, where it is recorded, costs the exit code.
-    "stderr a broken pipe": Surroundings(RUN, 1, script="TYPED 2>&1 >/dev/null | true; exit ${PIPESTATUS[0]}"),
-    "stdout full": Surroundings(f"{RUN} --json", 1, "the system refused: No space left on device", script="TYPED >/dev/full"),
+    # The run is completed and recorded though nobody reads its lines; only its last line, where it
+    # is recorded, costs the exit code.
+    "stderr a broken pipe": Surroundings(
+        RUN, 1, script="TYPED 2>&1 >/dev/null | true; exit ${PIPESTATUS[0]}"
+    ),
+    "stdout full": Surroundings(
+        f"{RUN} --json", 1, "the system refused: No space left on device", script="TYPED >/dev/full"
+    ),
     # Nothing of these depends on another, and each run takes two seconds to begin.
     "TMPDIR missing, LANG C, CAN_CONFIG no JSON, XDG_CONFIG_HOME takes no file": Surroundings(
         RUN,
@@ -182,7 +245,8 @@ SLOW: dict[str, Surroundings] = {
             "XDG_CONFIG_HOME": "/proc/x",
         },
     ),
-    # With 2 the compiled model has another bytecode, and compiling it again takes a minute; the quick test has 2.
+    # With 2 the compiled model has another bytecode, and compiling it again takes a minute; the
+    # quick test has 2.
     "PYTHONOPTIMIZE, COLUMNS 1": Surroundings(PLAN, sets={"PYTHONOPTIMIZE": "1", "COLUMNS": "1"}),
 }
 
@@ -195,8 +259,11 @@ def test_a_run_in_a_broken_environment_costs_one_line_at_most(tmp_path, name):
         assert len(list(tmp_path.glob("runs/SIM-*/run.h5"))) == 1
 
 
-# The limit of processes does not hold for the administrator: another real user, and the rights without those to pass the limit.
-ANOTHER_USER = "setpriv --ruid 65533 --euid 0 --bounding-set -sys_resource,-sys_admin --inh-caps=-all "
+# The limit of processes does not hold for the administrator: another real user, and the rights
+# without those to pass the limit.
+ANOTHER_USER = (
+    "setpriv --ruid 65533 --euid 0 --bounding-set -sys_resource,-sys_admin --inh-caps=-all "
+)
 NO_MORE = "the system allows no further process or thread"
 # A recording for these that read one.
 RECORDED = str(Path(__file__).parents[1] / "data" / "small-campaign")
@@ -207,19 +274,34 @@ FEW: dict[str, Surroundings] = {
     "two processes for a run": Surroundings(RUN, 1, NO_MORE, script="exec PRLIMIT2 TYPED"),
     "three processes for a run": Surroundings(RUN, 1, NO_MORE, script="exec PRLIMIT3 TYPED"),
     "one process for the doctor": Surroundings("doctor", 1, NO_MORE, script="exec PRLIMIT1 TYPED"),
-    "one process for a report": Surroundings(f"report {RECORDED} --out report", script="exec PRLIMIT1 TYPED"),
-    "two processes for a report": Surroundings(f"report {RECORDED} --out report", script="exec PRLIMIT2 TYPED"),
-    "one process for a diagnosis": Surroundings(f"diagnose {RECORDED} --out diagnosis", script="exec PRLIMIT1 TYPED"),
-    "three processes for a diagnosis": Surroundings(f"diagnose {RECORDED} --out diagnosis", script="exec PRLIMIT3 TYPED"),
+    "one process for a report": Surroundings(
+        f"report {RECORDED} --out report", script="exec PRLIMIT1 TYPED"
+    ),
+    "two processes for a report": Surroundings(
+        f"report {RECORDED} --out report", script="exec PRLIMIT2 TYPED"
+    ),
+    "one process for a diagnosis": Surroundings(
+        f"diagnose {RECORDED} --out diagnosis", script="exec PRLIMIT1 TYPED"
+    ),
+    "three processes for a diagnosis": Surroundings(
+        f"diagnose {RECORDED} --out diagnosis", script="exec PRLIMIT3 TYPED"
+    ),
 }
 
 
-@pytest.mark.skipif(shutil.which("prlimit") is None or shutil.which("setpriv") is None, reason="the tools of util-linux")
-@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "one process" else pytest.mark.slow) for name in FEW])
+@pytest.mark.skipif(
+    shutil.which("prlimit") is None or shutil.which("setpriv") is None,
+    reason="the tools of util-linux",
+)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name == "one process" else pytest.mark.slow) for name in FEW],
+)
 def test_few_processes_cost_one_line_at_most(name):
     limited = rf"{ANOTHER_USER if os.getuid() == 0 else ''}prlimit --nproc=\1:\1"
     script = re.sub(r"PRLIMIT(\d)", limited, FEW[name].script)
-    # The program asks with the rights of the real user whether it may write there; tmp_path is closed to others.
+    # The program asks with the rights of the real user whether it may write there; tmp_path is
+    # closed to others.
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o777)
         check(replace(FEW[name], script=script), Path(folder))
@@ -228,10 +310,16 @@ def test_few_processes_cost_one_line_at_most(name):
 
 
 NO_LOOPBACK: dict[str, Surroundings] = {
-    "twin server": Surroundings("twin serve --seconds 0.1", 2, "cannot listen on 127.0.0.1: this computer has no such address"),
+    "twin server": Surroundings(
+        "twin serve --seconds 0.1",
+        2,
+        "cannot listen on 127.0.0.1: this computer has no such address",
+    ),
     "client of the twin server": Surroundings("twin tell status", 1, "no answer on port"),
     "run": Surroundings(RUN),
-    "run with a view": Surroundings(f"{RUN} --view --pace 0", 2, "cannot listen on 127.0.0.1: this computer has no such address"),
+    "run with a view": Surroundings(
+        f"{RUN} --view --pace 0", 2, "cannot listen on 127.0.0.1: this computer has no such address"
+    ),
 }
 
 
@@ -247,15 +335,25 @@ os.execvp(sys.argv[1], sys.argv[1:])
 
 def has_own_networks() -> bool:
     tool = shutil.which("unshare")
-    return tool is not None and subprocess.run([tool, "-rn", "true"], capture_output=True, check=False).returncode == 0
+    return (
+        tool is not None
+        and subprocess.run([tool, "-rn", "true"], capture_output=True, check=False).returncode == 0
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not has_own_networks(), reason="networks of its own, which the system may refuse to a user")
+@pytest.mark.skipif(
+    not has_own_networks(), reason="networks of its own, which the system may refuse to a user"
+)
 @pytest.mark.parametrize("name", NO_LOOPBACK)
 def test_a_computer_without_ipv4_costs_one_line_at_most(tmp_path, name):
     tmp_path.joinpath("ipv6_only.py").write_text(IPV6_ONLY, encoding="utf-8")
-    check(replace(NO_LOOPBACK[name], script=f'exec unshare -rn "{sys.executable}" ipv6_only.py TYPED'), tmp_path)
+    check(
+        replace(
+            NO_LOOPBACK[name], script=f'exec unshare -rn "{sys.executable}" ipv6_only.py TYPED'
+        ),
+        tmp_path,
+    )
 
 
 def test_threads_are_limited_only_where_processes_are_few(monkeypatch):
@@ -271,7 +369,11 @@ def test_threads_are_limited_only_where_processes_are_few(monkeypatch):
         monkeypatch.delenv(name)
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     use_one_thread_if_processes_are_few()
-    assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"], os.environ["OPENCV_FOR_THREADS_NUM"]) == ("1", "3", "1")
+    assert (
+        os.environ["OPENBLAS_NUM_THREADS"],
+        os.environ["OMP_NUM_THREADS"],
+        os.environ["OPENCV_FOR_THREADS_NUM"],
+    ) == ("1", "3", "1")
 
 
 def test_the_doctor_needs_no_way_to_this_computer(monkeypatch):
@@ -305,7 +407,9 @@ def test_an_extra_that_is_missing_is_named(monkeypatch, capsys, tmp_path, packag
     assert "Traceback" not in said.err
 
 
-def test_a_library_that_cannot_be_loaded_is_no_mistake_of_the_program(monkeypatch, capsys, tmp_path):
+def test_a_library_that_cannot_be_loaded_is_no_mistake_of_the_program(
+    monkeypatch, capsys, tmp_path
+):
     monkeypatch.setitem(sys.modules, "cv2", None)
     monkeypatch.delitem(sys.modules, "rfca_rig.vision.board", raising=False)
     said = typed(monkeypatch, capsys, "calibrate", "camera", "--make-board", tmp_path / "board.pdf")
@@ -327,7 +431,9 @@ def test_a_user_without_a_home_has_a_cache_that_is_their_own(monkeypatch):
 
 @pytest.mark.parametrize("name", ["experiment.toml", "a.csv", "campaign.toml"])
 @pytest.mark.timeout(60)
-def test_a_pipe_among_recordings_does_not_stop_the_list_of_runs(tmp_path, monkeypatch, capsys, name):
+def test_a_pipe_among_recordings_does_not_stop_the_list_of_runs(
+    tmp_path, monkeypatch, capsys, name
+):
     place = tmp_path / "cart"
     place.mkdir()
     for file, text in (("experiment.toml", EXPERIMENT), ("model.xml", MECHANISM), ("a.csv", CART)):
@@ -339,7 +445,9 @@ def test_a_pipe_among_recordings_does_not_stop_the_list_of_runs(tmp_path, monkey
     assert "Traceback" not in said.err
 
 
-def test_a_table_of_a_campaign_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch, capsys):
+def test_a_table_of_a_campaign_that_does_not_fit_into_memory_is_refused(
+    tmp_path, monkeypatch, capsys
+):
     """Its hash is computed before it is refused, in pieces."""
     shutil.copytree("tests/data/small-campaign", tmp_path / "campaign")
     # A lower limit than the usual one has the same two steps.
@@ -348,7 +456,9 @@ def test_a_table_of_a_campaign_that_does_not_fit_into_memory_is_refused(tmp_path
         file.truncate(100_000_000)
     tracemalloc.start()
     try:
-        said = typed(monkeypatch, capsys, "report", tmp_path / "campaign", "--out", tmp_path / "report")
+        said = typed(
+            monkeypatch, capsys, "report", tmp_path / "campaign", "--out", tmp_path / "report"
+        )
         _, most_bytes = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

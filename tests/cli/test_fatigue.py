@@ -1,4 +1,6 @@
-"""rfca-rig fatigue as a person types it: cycles counted, stiffness checked, and an end where the leg is worn."""
+"""rfca-rig fatigue as a person types it: cycles counted, stiffness checked, and an end where the
+leg is worn.
+"""
 
 import json
 from dataclasses import replace
@@ -42,12 +44,22 @@ def test_110_degrees_is_what_the_protocol_s_height_bends_the_twin_s_leg_by():
     assert predict_bending(rig, 0.215, asked.speed_rad_s).bending_rad > bending.bending_rad
 
 
-def test_a_dry_run_of_a_million_says_what_a_cycle_is_how_many_there_are_and_how_long_they_take(here, monkeypatch, capsys):
+def test_a_dry_run_of_a_million_says_what_a_cycle_is_how_many_there_are_and_how_long_they_take(
+    here, monkeypatch, capsys
+):
     said = typed(monkeypatch, capsys, "fatigue", "run", "--dry-run")
     assert said.exit_code == 0
-    assert "a cycle at 222.8 mm bends the leg by 110.0 deg between first and last link, with the shaft at 148 deg" in said.err
-    assert "222.8 mm, 6 rad/s on and on, model expects up to 50 N and 7.1 N m, 999900 times" in said.err
-    assert "check at 100.0 deg, 222.8 mm, model expects up to 21 N and 4.5 N m, 101 times" in said.err
+    assert (
+        "a cycle at 222.8 mm bends the leg by 110.0 deg between first and last link, "
+        "with the shaft at 148 deg"
+    ) in said.err
+    assert (
+        "222.8 mm, 6 rad/s on and on, model expects up to 50 N and 7.1 N m, 999900 times"
+        in said.err
+    )
+    assert (
+        "check at 100.0 deg, 222.8 mm, model expects up to 21 N and 4.5 N m, 101 times" in said.err
+    )
     assert not (here / "runs").exists()
 
 
@@ -62,7 +74,10 @@ class Wearing:
 
         def worn(stage):
             done(recorder, stage)
-            plant.rig = replace(plant.rig, leg=replace(plant.rig.leg, k0_Nm_per_rad=SOFTER * plant.rig.leg.k0_Nm_per_rad))
+            plant.rig = replace(
+                plant.rig,
+                leg=replace(plant.rig.leg, k0_Nm_per_rad=SOFTER * plant.rig.leg.k0_Nm_per_rad),
+            )
             plant._stand(plant.shaft().angle_rad)
 
         recorder.cycles = worn
@@ -73,7 +88,9 @@ class Wearing:
 def test_a_leg_that_has_become_too_soft_ends_the_run(here, monkeypatch, capsys):
     import rfca_rig.cli.run_experiment
 
-    monkeypatch.setattr("rfca_rig.cli.run_experiment.run_plan", Wearing(rfca_rig.cli.run_experiment.run_plan))
+    monkeypatch.setattr(
+        "rfca_rig.cli.run_experiment.run_plan", Wearing(rfca_rig.cli.run_experiment.run_plan)
+    )
     path = protocol(here, ("every = 12", "every = 2"))
     said = typed(monkeypatch, capsys, "fatigue", "run", "--protocol", path, "--cycles", 8)
     assert said.exit_code == 4
@@ -92,7 +109,9 @@ def test_a_leg_that_has_become_too_soft_ends_the_run(here, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_cycles_are_counted_and_the_results_are_there_as_data(here, monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "fatigue", "run", "--protocol", protocol(here), "--cycles", 3, "--json")
+    said = typed(
+        monkeypatch, capsys, "fatigue", "run", "--protocol", protocol(here), "--cycles", 3, "--json"
+    )
     assert said.exit_code == 0
     found = json.loads(said.out)
     assert (found["source"], found["cycles"], found["planned"]) == ("SIM", 3, 3)

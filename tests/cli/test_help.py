@@ -1,4 +1,6 @@
-"""The help of every command: groups, units, closed sets, an example that the command takes, and nothing of Python."""
+"""The help of every command: groups, units, closed sets, an example that the command takes, and
+nothing of Python.
+"""
 
 import re
 import subprocess
@@ -21,10 +23,17 @@ from tests.cli.typed import typed
 PROGRAM = typer.main.get_command(app)
 # Once: it makes all commands again, and every worker imports this file.
 PATHS = list(every_command())
-LEAVES = [path for path in PATHS if path and not any(other[: len(path)] == path for other in PATHS if other != path)]
-# Types of Python, in brackets, and units in words: a unit stands in capitals behind the option's name.
+LEAVES = [
+    path
+    for path in PATHS
+    if path and not any(other[: len(path)] == path for other in PATHS if other != path)
+]
+# Types of Python, in brackets, and units in words: a unit stands in capitals behind the option's
+# name.
 TYPES = re.compile(r"<[a-z]")
-UNITS_IN_WORDS = re.compile(r",? in (mm|degrees|rad/s|rad|pixels|%|seconds|ms|s|N)\b|, mm\b|How many (ms|mm|s) ")
+UNITS_IN_WORDS = re.compile(
+    r",? in (mm|degrees|rad/s|rad|pixels|%|seconds|ms|s|N)\b|, mm\b|How many (ms|mm|s) "
+)
 # The line is whole: what follows it is empty.
 EXAMPLE = re.compile(r"^  Example: rfca-rig (.*)\n\n", re.MULTILINE)
 
@@ -58,7 +67,9 @@ def test_every_command_stands_in_one_group_of_the_help(monkeypatch, capsys):
 def test_every_command_stands_in_a_module_of_its_name_or_where_its_package_says(path):
     package, _, module = leaf(path).callback.__module__.rpartition(".")
     assert package == f"rfca_rig.cli.commands{'.measure' if path[0] in GROUPS['Measure'] else ''}"
-    assert module in (path[0], "_".join(path)) or f"`{path[0]}` in `{module}`" in " ".join(commands.__doc__.split())
+    assert module in (path[0], "_".join(path)) or f"`{path[0]}` in `{module}`" in " ".join(
+        commands.__doc__.split()
+    )
 
 
 @pytest.mark.slow
@@ -80,11 +91,16 @@ def test_every_command_has_an_example_on_one_line_that_it_takes(monkeypatch, cap
 
 
 def test_the_extra_that_mcap_needs_is_named_with_its_brackets(monkeypatch, capsys):
-    assert 'pip install "rfca-rig[mcap]"' in " ".join(help_of(monkeypatch, capsys, "export", "mcap").split())
+    assert 'pip install "rfca-rig[mcap]"' in " ".join(
+        help_of(monkeypatch, capsys, "export", "mcap").split()
+    )
 
 
 def test_the_runs_of_the_doctor_are_not_the_runs_of_a_run(monkeypatch, capsys):
-    doctor, run = (" ".join(help_of(monkeypatch, capsys, *path).split()) for path in (("doctor",), ("static", "run")))
+    doctor, run = (
+        " ".join(help_of(monkeypatch, capsys, *path).split())
+        for path in (("doctor",), ("static", "run"))
+    )
     assert "--runs DIR Folder of the runs, whose disk is measured" in doctor
     assert "--runs DIR Folder that receives the new run folder" in run
 
@@ -100,10 +116,17 @@ def test_closed_sets_stand_in_the_help(monkeypatch, capsys):
 def test_lists_hold_every_name_that_the_commands_take(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     effects = typed(monkeypatch, capsys, "diagnose", "--list").out
-    assert {line.split()[0] for line in effects.splitlines() if line[0] != " "} - {"of"} == set(catalogue())
-    assert set(names.MECHANISM_EFFECTS) <= set(re.findall(r"\w+", effects.partition("of a mechanism:")[2]))
+    assert {line.split()[0] for line in effects.splitlines() if line[0] != " "} - {"of"} == set(
+        catalogue()
+    )
+    assert set(names.MECHANISM_EFFECTS) <= set(
+        re.findall(r"\w+", effects.partition("of a mechanism:")[2])
+    )
     files = typed(monkeypatch, capsys, "plan", "--list").out
-    assert set(re.findall(r"^  (\S+)", files, re.MULTILINE)) == {*names.file_names("protocols"), *names.rig_names()}
+    assert set(re.findall(r"^  (\S+)", files, re.MULTILINE)) == {
+        *names.file_names("protocols"),
+        *names.rig_names(),
+    }
     faults = typed(monkeypatch, capsys, "twin", "serve", "--list").out
     known = [one.name for one in faults_of_served_rig(read_rig(ROOT / "calibration" / "twin.toml"))]
     assert re.findall(r"^(\S+)", faults, re.MULTILINE) == known
@@ -115,7 +138,9 @@ def test_a_broken_protocol_hides_no_other_in_the_list(monkeypatch, capsys, tmp_p
     monkeypatch.chdir(tmp_path)
     (tmp_path / "protocols").mkdir()
     (tmp_path / "protocols" / "broken.toml").write_text("= 3")
-    (tmp_path / "protocols" / "odd.toml").write_text('rig = "x"\nexperiment = [1]\ntitle = "a\\u001b[31mred\\nline"')
+    (tmp_path / "protocols" / "odd.toml").write_text(
+        'rig = "x"\nexperiment = [1]\ntitle = "a\\u001b[31mred\\nline"'
+    )
     said = typed(monkeypatch, capsys, "plan", "--list")
     assert said.exit_code == 0
     assert "protocols/broken.toml:1: not TOML" in said.out
@@ -126,7 +151,9 @@ def test_a_broken_protocol_hides_no_other_in_the_list(monkeypatch, capsys, tmp_p
 
 def test_the_module_is_the_command_and_calls_itself_by_its_name():
     version, usage = (
-        subprocess.run([sys.executable, "-m", "rfca_rig", option], capture_output=True, text=True, check=True).stdout
+        subprocess.run(
+            [sys.executable, "-m", "rfca_rig", option], capture_output=True, text=True, check=True
+        ).stdout
         for option in ("--version", "--help")
     )
     assert version == f"rfca-rig {__version__}\n"

@@ -1,7 +1,8 @@
-"""Python files in the current folder never run: neither in a command nor in the processes that it starts.
+"""Python files in the current folder never run: neither in a command nor in the processes that it
+starts.
 
-The folder has a file for every module name that the program or a library of it could import. Each writes a marker where it is imported.
-"""
+The folder has a file for every module name that the program or a library of it could import. Each
+writes a marker where it is imported."""
 
 import ast
 import os
@@ -29,7 +30,8 @@ with open(_folder + "/" + {name!r}, "a") as _file:
 PROGRAM = (sys.executable, "-P", "-m", "rfca_rig")
 FREE_PORTS = tuple(f"--{name}-port=0" for name in ("rdt", "http", "command", "can", "control"))
 RUN = ("dynamic", "run", "--height", "235", "--speed", "3.2", "--repeats", "1", "--runs", "runs")
-# In an order in which each finds what an earlier one made. Those that end with 2 have nothing to work on here, after all imports.
+# In an order in which each finds what an earlier one made. Those that end with 2 have nothing to
+# work on here, after all imports.
 COMMANDS: tuple[tuple[str, ...], ...] = (
     RUN,
     ("resume", "{run}"),
@@ -46,7 +48,17 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("prove", "--out", "exam", "--cases", "1", "--workers", "1", "--kind", "nothing"),
     ("crosscheck",),
     ("strip", "--height", "235", "--speed", "3.276"),
-    ("sweep", "--vary", "height_mm=215,235", "--outputs", "energy_J", "--out", "swept", "--workers", "2"),
+    (
+        "sweep",
+        "--vary",
+        "height_mm=215,235",
+        "--outputs",
+        "energy_J",
+        "--out",
+        "swept",
+        "--workers",
+        "2",
+    ),
     ("doctor", "--rig", "calibration/twin.toml"),
     ("view", "nothing"),
     ("contract", "examples/our-rig.toml"),
@@ -70,7 +82,9 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
 
 
 def _module_names() -> set[str]:
-    """Every module of the standard library and of all installed packages, but this program itself."""
+    """Every module of the standard library and of all installed packages, but this program
+    itself.
+    """
     names = {*sys.stdlib_module_names, *packages_distributions()} - {"rfca_rig", "tests"}
     return {name for name in names if name.isidentifier()}
 
@@ -79,7 +93,9 @@ def _module_names() -> set[str]:
 def hostile_folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("hostile")
     for name in _module_names():
-        (folder / f"{name}.py").write_text(HOSTILE.format(folder=str(folder / MARKERS), name=name), encoding="utf-8")
+        (folder / f"{name}.py").write_text(
+            HOSTILE.format(folder=str(folder / MARKERS), name=name), encoding="utf-8"
+        )
     for source in ("calibration", "protocols", "docs/examples", "tests/data/small-campaign"):
         shutil.copytree(ROOT / source, folder / Path(source).name)
     for cart in ("cart", "draft"):
@@ -109,42 +125,96 @@ def _first(runs: Path) -> str:
 
 
 def test_the_folder_is_hostile(hostile_folder: Path):
-    subprocess.run([sys.executable, "-c", "import json"], cwd=hostile_folder, env=_environment(), check=False, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-c", "import json"],
+        cwd=hostile_folder,
+        env=_environment(),
+        check=False,
+        capture_output=True,
+    )
     assert "json" in _imported(hostile_folder)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", COMMANDS, ids=lambda words: "-".join(words[:2]))
 def test_no_command_runs_files_of_the_current_folder(hostile_folder: Path, words: tuple[str, ...]):
-    runs = {"run": _first(hostile_folder / "runs"), "static": _first(hostile_folder / "static-runs")}
+    runs = {
+        "run": _first(hostile_folder / "runs"),
+        "static": _first(hostile_folder / "static-runs"),
+    }
     command = [*PROGRAM, *(word.format_map(runs) for word in words)]
     closed = subprocess.DEVNULL
-    done = subprocess.run(command, cwd=hostile_folder, env=_environment(), capture_output=True, text=True, stdin=closed, check=False)
+    done = subprocess.run(
+        command,
+        cwd=hostile_folder,
+        env=_environment(),
+        capture_output=True,
+        text=True,
+        stdin=closed,
+        check=False,
+    )
     assert _imported(hostile_folder) == []
     # Of `twin tell`: no twin serves here.
-    assert done.returncode in ((1,) if words[:2] == ("twin", "tell") else (0, 2, 3)), done.stderr[-2000:]
+    assert done.returncode in ((1,) if words[:2] == ("twin", "tell") else (0, 2, 3)), done.stderr[
+        -2000:
+    ]
     assert "Traceback" not in done.stderr
 
 
 @pytest.mark.slow
 def test_nor_do_they_after_python_m(tmp_path: Path):
-    """The interpreter looks there before the first line of the program, for importlib and typing; the rest and its processes do not."""
-    for name in ("numpy", "json", "socket", "ctypes", "subprocess", "multiprocessing", "typer", "h5py", "mujoco"):
-        (tmp_path / f"{name}.py").write_text(HOSTILE.format(folder=str(tmp_path / MARKERS), name=name), encoding="utf-8")
-    words = ("sweep", "--vary", "height_mm=215,235", "--outputs", "energy_J", "--out", "swept", "--workers", "2")
+    """The interpreter looks there before the first line of the program, for importlib and
+    typing; the rest and its processes do not.
+    """
+    for name in (
+        "numpy",
+        "json",
+        "socket",
+        "ctypes",
+        "subprocess",
+        "multiprocessing",
+        "typer",
+        "h5py",
+        "mujoco",
+    ):
+        (tmp_path / f"{name}.py").write_text(
+            HOSTILE.format(folder=str(tmp_path / MARKERS), name=name), encoding="utf-8"
+        )
+    words = (
+        "sweep",
+        "--vary",
+        "height_mm=215,235",
+        "--outputs",
+        "energy_J",
+        "--out",
+        "swept",
+        "--workers",
+        "2",
+    )
     command = [sys.executable, "-m", "rfca_rig", *words]
-    done = subprocess.run(command, cwd=tmp_path, env=_environment(), capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=_environment(), capture_output=True, text=True, check=False
+    )
     assert _imported(tmp_path) == []
     assert done.returncode == 0, done.stderr
 
 
 def test_every_command_is_tried():
-    def walk(command: typer.main.TyperGroup, before: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    def walk(
+        command: typer.main.TyperGroup, before: tuple[str, ...] = ()
+    ) -> Iterator[tuple[str, ...]]:
         for name, inner in getattr(command, "commands", {}).items():
-            yield from walk(inner, (*before, name)) if hasattr(inner, "commands") else [(*before, name)]
+            yield from (
+                walk(inner, (*before, name)) if hasattr(inner, "commands") else [(*before, name)]
+            )
 
     commands = set(walk(typer.main.get_command(app)))
-    tried = {words[: len(command)] for words in COMMANDS for command in commands if words[: len(command)] == command}
+    tried = {
+        words[: len(command)]
+        for words in COMMANDS
+        for command in commands
+        if words[: len(command)] == command
+    }
     assert tried == commands
 
 
@@ -152,9 +222,20 @@ def test_python_is_started_in_one_way():
     """What starts an interpreter does so by `python_command`, or within `safe_path`."""
     allowed = {"subprocesses.py", "executors/slurm.py"}
     for path in sorted((ROOT / "rfca_rig").rglob("*.py")):
-        name, tree = path.relative_to(ROOT / "rfca_rig").as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+        name, tree = (
+            path.relative_to(ROOT / "rfca_rig").as_posix(),
+            ast.parse(path.read_text(encoding="utf-8")),
+        )
         mentions = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        assert "sys.executable" not in mentions or name in allowed, f"{name}: take subprocesses.python_command"
+        assert "sys.executable" not in mentions or name in allowed, (
+            f"{name}: take subprocesses.python_command"
+        )
         text = path.read_text(encoding="utf-8")
-        starts = 'get_context("spawn")' in text or "ensure_running()" in text or "SharedMemory(name)" in text
-        assert not starts or "safe_path()" in text, f"{name}: start it within subprocesses.safe_path"
+        starts = (
+            'get_context("spawn")' in text
+            or "ensure_running()" in text
+            or "SharedMemory(name)" in text
+        )
+        assert not starts or "safe_path()" in text, (
+            f"{name}: start it within subprocesses.safe_path"
+        )

@@ -65,22 +65,38 @@ def test_every_suggestion_together_is_the_twin_with_coulomb_friction(computer, t
 
 
 def test_answers_stand_in_the_file_and_what_was_not_asked_is_marked(computer, tmp_path):
-    answers = "60 50 50\n100 90 90\n-20\n120\n9\nmoteus\npcan PCAN_USBBUS1\n7\nati-serial\n/dev/ttyS3\n"
+    answers = (
+        "60 50 50\n100 90 90\n-20\n120\n9\nmoteus\npcan PCAN_USBBUS1\n7\nati-serial\n/dev/ttyS3\n"
+    )
     assert computer.init("--rig", "our-rig.toml", answers=answers).exit_code == 0
     text = (tmp_path / "our-rig.toml").read_text()
     rig = read_rig(tmp_path / "our-rig.toml")
     assert (rig.leg.link_lengths_mm, rig.leg.link_masses_g) == ((60, 50, 50), (100, 90, 90))
     assert (rig.sensor.below_shaft_mm, rig.limits.force_N, rig.limits.torque_Nm) == (-20, 120, 9)
-    assert (rig.motor.device, rig.motor.interface, rig.motor.channel, rig.motor.drive_id) == ("moteus", "pcan", "PCAN_USBBUS1", 7)
+    assert (rig.motor.device, rig.motor.interface, rig.motor.channel, rig.motor.drive_id) == (
+        "moteus",
+        "pcan",
+        "PCAN_USBBUS1",
+        7,
+    )
     assert rig.force_sensor.port == "/dev/ttyS3"
     lines = {line.partition(" = ")[0]: line for line in text.splitlines()}
-    assert USUAL in lines["k0_Nm_per_rad"] and USUAL not in lines["force_N"] and USUAL not in lines["drive_id"]
+    assert (
+        USUAL in lines["k0_Nm_per_rad"]
+        and USUAL not in lines["force_N"]
+        and USUAL not in lines["drive_id"]
+    )
 
 
 @pytest.mark.parametrize("drive", [kind for kind in MOTORS if kind != OWN])
 @pytest.mark.parametrize("sensor", [kind for kind in FORCE_SENSORS if kind != OWN])
 def test_every_pair_of_devices_makes_a_file_that_is_read(computer, tmp_path, drive, sensor):
-    assert computer.init("--rig", "our-rig.toml", answers=f"\n\n\n\n\n{drive}\n\n\n{sensor}\n\n").exit_code == 0
+    assert (
+        computer.init(
+            "--rig", "our-rig.toml", answers=f"\n\n\n\n\n{drive}\n\n\n{sensor}\n\n"
+        ).exit_code
+        == 0
+    )
     rig = read_rig(tmp_path / "our-rig.toml")
     assert (rig.motor.device, rig.force_sensor.device) == (drive, sensor)
 
@@ -98,21 +114,37 @@ def test_allowed_values_stand_beside_the_keys(computer, tmp_path):
 
 
 def test_devices_that_are_there_are_suggested(computer, tmp_path):
-    computer.has(buses=("can3",), box=BoxObservation("10.0.0.5", CalibrationInfo("N", "Nm", 2_000_000, 50_000_000, (1,) * 6)))
+    computer.has(
+        buses=("can3",),
+        box=BoxObservation("10.0.0.5", CalibrationInfo("N", "Nm", 2_000_000, 50_000_000, (1,) * 6)),
+    )
     said = computer.init("--rig", "our-rig.toml", "--yes")
     assert "found on this computer: socketcan can3, Net F/T at 10.0.0.5" in said.err
     rig = read_rig(tmp_path / "our-rig.toml")
     assert (rig.motor.channel, rig.force_sensor.host) == ("can3", "10.0.0.5")
     # The box itself states its counts, so they need no check.
     assert (rig.force_sensor.counts_per_N, rig.force_sensor.counts_per_Nm) == (2e6, 5e7)
-    assert USUAL not in next(line for line in (tmp_path / "our-rig.toml").read_text().splitlines() if line.startswith("counts_per_N "))
+    assert USUAL not in next(
+        line
+        for line in (tmp_path / "our-rig.toml").read_text().splitlines()
+        if line.startswith("counts_per_N ")
+    )
 
 
 def test_on_a_terminal_an_answer_that_cannot_be_is_asked_for_again(computer, tmp_path):
-    answers = "60 x\n60 50\n100\n100 0\n100 90\n\n\n\nodriv\nodrive\ncan0\nsocketcan can1\n-1\n5\n\n\n"
+    answers = (
+        "60 x\n60 50\n100\n100 0\n100 90\n\n\n\nodriv\nodrive\ncan0\nsocketcan can1\n-1\n5\n\n\n"
+    )
     said = computer.init("--rig", "our-rig.toml", answers=answers, stream=Terminal)
     assert said.exit_code == 0
-    for reason in ("give numbers", "give 2 numbers, not 1", "above 0", "give one of odrive", "two words", "from 0 to 127"):
+    for reason in (
+        "give numbers",
+        "give 2 numbers, not 1",
+        "above 0",
+        "give one of odrive",
+        "two words",
+        "from 0 to 127",
+    ):
         assert reason in said.out + said.err
     assert read_rig(tmp_path / "our-rig.toml").motor.node_id == 5
 
@@ -121,12 +153,25 @@ def test_on_a_terminal_an_answer_that_cannot_be_is_asked_for_again(computer, tmp
     ("words", "answers", "message"),
     [
         # A closed standard input, an empty one, and fewer answers than questions.
-        (("--rig", "our-rig.toml"), None, "holds 0 of 10 answers; none for question 1, lengths of the links"),
+        (
+            ("--rig", "our-rig.toml"),
+            None,
+            "holds 0 of 10 answers; none for question 1, lengths of the links",
+        ),
         (("--rig", "our-rig.toml"), "", "holds 0 of 10 answers"),
-        (("--rig", "our-rig.toml"), "60 50\n", "holds 1 of 10 answers; none for question 2, their masses, g; give one answer per line"),
-        # From a pipe a wrong answer cannot be asked for again: the next line answers the next question.
+        (
+            ("--rig", "our-rig.toml"),
+            "60 50\n",
+            "holds 1 of 10 answers; none for question 2, their masses, g; give one answer per line",
+        ),
+        # From a pipe a wrong answer cannot be asked for again: the next line answers the next
+        # question.
         (("--rig", "our-rig.toml"), "60 x\n" + "\n" * 9, "answer 1 of 10, lengths of the links"),
-        (("--rig", "our-rig.toml"), "\n\n\n\n\nodriv\n" + "\n" * 4, "'odriv'; give one of odrive, cubemars-mit"),
+        (
+            ("--rig", "our-rig.toml"),
+            "\n\n\n\n\nodriv\n" + "\n" * 4,
+            "'odriv'; give one of odrive, cubemars-mit",
+        ),
         (("--rig", "nowhere/our-rig.toml", "--yes"), "", "there is no folder nowhere"),
         ((), "", "give --rig FILE"),
         (("--rig", "our-rig.toml", "--data", "."), "", "give --rig FILE"),

@@ -1,4 +1,6 @@
-"""Devices, pipes, loops and files without end are one line and exit code 2; what the system refuses is no mistake of the program."""
+"""Devices, pipes, loops and files without end are one line and exit code 2; what the system
+refuses is no mistake of the program.
+"""
 
 import json
 import os
@@ -39,11 +41,19 @@ def here(tmp_path: Path, monkeypatch) -> Path:
         ((*DRY, "--rig", "/dev/zero"), "/dev/zero: is a device or a pipe; give a file"),
         ((*DRY, "--protocol", "deep.toml"), "deep.toml: is nested too deeply"),
         ((*DRY, "--protocol", "large.toml"), "large.toml: has 17 MB, where 4 MB are the most"),
-        ((*DRY, "--height", "215", "--speed", "1e-7"), "speed_rad_s: should be greater than or equal to 0.01, not 1e-07"),
-        ((*DRY, "--height", "215", "--speed", "1e7"), "speed_rad_s: should be less than or equal to 100"),
+        (
+            (*DRY, "--height", "215", "--speed", "1e-7"),
+            "speed_rad_s: should be greater than or equal to 0.01, not 1e-07",
+        ),
+        (
+            (*DRY, "--height", "215", "--speed", "1e7"),
+            "speed_rad_s: should be less than or equal to 100",
+        ),
     ],
 )
-def test_a_file_without_end_or_a_speed_without_sense_is_one_line(here, monkeypatch, capsys, words, line):
+def test_a_file_without_end_or_a_speed_without_sense_is_one_line(
+    here, monkeypatch, capsys, words, line
+):
     said = typed(monkeypatch, capsys, *words)
     assert said.exit_code == 2
     assert line in said.err
@@ -51,11 +61,20 @@ def test_a_file_without_end_or_a_speed_without_sense_is_one_line(here, monkeypat
 
 
 @pytest.mark.parametrize("form", [(), ("--paths",), ("--json",)])
-def test_loops_and_names_that_are_no_text_or_commands_cost_the_list_of_runs_nothing(here, monkeypatch, capsys, form):
+def test_loops_and_names_that_are_no_text_or_commands_cost_the_list_of_runs_nothing(
+    here, monkeypatch, capsys, form
+):
     Path("runs").mkdir()
     Path("runs/loop").symlink_to("loop")
     Path("runs/up").symlink_to("..")
-    for name in (b"good", b"bad\xff", b"\x1b]0;owned\x07", b"two\nlines", b"\xc2\x9b31m", b"n" * 255):
+    for name in (
+        b"good",
+        b"bad\xff",
+        b"\x1b]0;owned\x07",
+        b"two\nlines",
+        b"\xc2\x9b31m",
+        b"n" * 255,
+    ):
         folder = Path("runs", os.fsdecode(name))
         folder.mkdir()
         (folder / "run.json").write_text("{" * 5000)
@@ -72,13 +91,16 @@ def test_loops_and_names_that_are_no_text_or_commands_cost_the_list_of_runs_noth
         assert "6 of 6 runs below runs" in said.err
 
 
-# Each takes some tens of milliseconds; `python -m tests.benchmarks.malformed` runs as many as one likes.
+# Each takes some tens of milliseconds; `python -m tests.benchmarks.malformed` runs as many as one
+# likes.
 def test_malformed_inputs_are_one_line_or_a_normal_result(tmp_path):
     recordings, found = Recordings(tmp_path), []
     for number, case in enumerate(make_cases(1000, 150, recordings)):
         folder = tmp_path / f"{number}"
         folder.mkdir()
-        found += [f"{number} {case.label}: {violation}" for violation in find_violations(case, folder)]
+        found += [
+            f"{number} {case.label}: {violation}" for violation in find_violations(case, folder)
+        ]
     assert not found
 
 
@@ -100,7 +122,9 @@ def test_a_path_below_a_link_to_itself_is_one_line(here, monkeypatch, capsys):
 
 @pytest.mark.parametrize("target", ["pipe.toml", "link"])
 def test_an_output_that_is_a_device_or_a_pipe_is_never_replaced(here, monkeypatch, capsys, target):
-    """An administrator's --csv /dev/null would put a file in the place of the device, for the whole machine."""
+    """An administrator's --csv /dev/null would put a file in the place of the device, for the
+    whole machine.
+    """
     Path("link").symlink_to("pipe.toml")
     before = Path(target).lstat().st_ino
     said = typed(monkeypatch, capsys, "predict", "--height", "215", "--speed", "2", "--csv", target)
@@ -114,16 +138,24 @@ def test_an_output_that_is_a_device_or_a_pipe_is_never_replaced(here, monkeypatc
 @pytest.mark.parametrize("setting", ["0", "-1", "many", "1000000000", "٣", "1.5"])
 def test_a_number_of_threads_that_is_none_is_refused(monkeypatch, setting):
     monkeypatch.setenv("RFCA_RIG_THREADS", setting)
-    with pytest.raises(BadInput, match=f"RFCA_RIG_THREADS={re.escape(setting)}: should be a number of threads from 1 to 1024"):
+    with pytest.raises(
+        BadInput,
+        match=(
+            f"RFCA_RIG_THREADS={re.escape(setting)}: should be a number of threads from 1 to 1024"
+        ),
+    ):
         cores()
 
 
 @pytest.mark.parametrize(
-    ("redirection", "code", "line"), [(">/dev/full", 1, "the system refused: No space left on device"), (">&-", 0, "")]
+    ("redirection", "code", "line"),
+    [(">/dev/full", 1, "the system refused: No space left on device"), (">&-", 0, "")],
 )
 def test_output_that_has_nowhere_to_go_is_no_mistake_of_the_program(here, redirection, code, line):
     command = f'"{sys.executable}" -c "{RUN}" trip S-03 {redirection}'
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        ["sh", "-c", command], capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == code
     assert line in done.stderr
     assert "mistake" not in done.stderr

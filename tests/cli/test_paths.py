@@ -14,8 +14,12 @@ from tests.recording.growing import grown
 
 def test_runs_that_begin_together_get_folders_of_their_own(tmp_path):
     with ThreadPoolExecutor(16) as pool:
-        folders = list(pool.map(lambda _: make_run_folder(tmp_path / "runs", "SIM", "Table 2"), range(64)))
-    assert sorted(folder.name for folder in folders) == [f"SIM-table-2-{number:03d}" for number in range(1, 65)]
+        folders = list(
+            pool.map(lambda _: make_run_folder(tmp_path / "runs", "SIM", "Table 2"), range(64))
+        )
+    assert sorted(folder.name for folder in folders) == [
+        f"SIM-table-2-{number:03d}" for number in range(1, 65)
+    ]
 
 
 def test_a_place_that_takes_no_folder_is_one_line(tmp_path):

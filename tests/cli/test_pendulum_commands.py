@@ -1,4 +1,6 @@
-"""Commands given a folder of pendulum recordings: what they do with it, and one line where they cannot."""
+"""Commands given a folder of pendulum recordings: what they do with it, and one line where they
+cannot.
+"""
 
 import json
 import shutil
@@ -54,14 +56,26 @@ def test_an_imported_pendulum_is_among_the_runs_with_what_its_diagnosis_said(say
     say("import", FREE)
     title = read_pendulum_campaign(FREE).title
     identity = identity_of_tables(title, tmp_path / "runs" / "IMPORT-free-swing")
-    said = {"recordings": [{"identity": identity}], "effects": [], "verdict": "unexplained", "grade": "family"}
+    said = {
+        "recordings": [{"identity": identity}],
+        "effects": [],
+        "verdict": "unexplained",
+        "grade": "family",
+    }
     (tmp_path / "diagnosis").mkdir()
     (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(said))
     (run,) = json.loads(say("runs", "--json").out)["runs"]
-    assert (run["title"], run["kind"], run["source"], run["swings"]) == (title, "imported", "IMPORT", 3)
+    assert (run["title"], run["kind"], run["source"], run["swings"]) == (
+        title,
+        "imported",
+        "IMPORT",
+        3,
+    )
     listed = say("runs").out
     assert "3 pendulum runs" in listed and "diagnosis: family" in listed
-    (tmp_path / "runs" / "IMPORT-free-swing" / "runs" / "release-45.csv").write_text("time_s,angle_rad\n")
+    (tmp_path / "runs" / "IMPORT-free-swing" / "runs" / "release-45.csv").write_text(
+        "time_s,angle_rad\n"
+    )
     (tmp_path / "runs" / "IMPORT-free-swing" / "pendulum.toml").touch()
     assert json.loads(say("runs", "--json").out)["runs"][0]["verdict"] is None
 
@@ -83,7 +97,9 @@ def test_fit_writes_a_model_file_that_report_takes(say, tmp_path):
     model = with_model_file(nominal, tmp_path / "model.toml")
     factor = model.pendulum.links[0].inertia_kg_m2 / nominal.pendulum.links[0].inertia_kg_m2
     assert factor == pytest.approx(1.0 + shifts["link1.inertia_relative"]["value"], abs=1e-6)
-    assert model.known_to["zero_offset_rad"] == pytest.approx(shifts["link1.zero_offset_rad"]["std"], rel=1e-4)
+    assert model.known_to["zero_offset_rad"] == pytest.approx(
+        shifts["link1.zero_offset_rad"]["std"], rel=1e-4
+    )
 
     reported = say("report", FREE, "--model", "model.toml", "--json", "--out", "report")
     assert reported.exit_code == 0
@@ -113,26 +129,46 @@ def test_only_the_parameters_that_are_named_are_fitted():
     link, nominal = found.pendulum.links[0], campaign.pendulum.links[0]
     assert link.torque_delay_s == pytest.approx(shift.value) and link.mass_kg == nominal.mass_kg
     assert {error.signal for error in found.fit.errors} == {"angle1_rad", "speed1_rad_s"}
-    assert all(np.isfinite(overlay.after).all() and overlay.t_s[0] < overlay.t_s[-1] for overlay in found.fit.overlays)
+    assert all(
+        np.isfinite(overlay.after).all() and overlay.t_s[0] < overlay.t_s[-1]
+        for overlay in found.fit.overlays
+    )
 
 
 def test_a_model_file_of_other_links_is_refused(say, tmp_path):
     say("fit", SIMPLE, "--parameters", "link1.torque_offset_Nm", "--out", "one.toml")
     with pytest.raises(BadInput, match=r"one\.toml: a model of 1 links, but .* has 2"):
-        with_model_file(read_pendulum_campaign(DATA / "dfki-pendulum" / "double"), tmp_path / "one.toml")
+        with_model_file(
+            read_pendulum_campaign(DATA / "dfki-pendulum" / "double"), tmp_path / "one.toml"
+        )
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (("fit", FREE, "--phases", "free"), "--phases: is an option for recordings of a leg"),
-        (("fit", FREE, "--parameters", "k0"), "'k0' is none of link1.inertia_relative, link1.zero_offset_rad"),
+        (
+            ("fit", FREE, "--parameters", "k0"),
+            "'k0' is none of link1.inertia_relative, link1.zero_offset_rad",
+        ),
         (("report", FREE, "--shaft", "recorded"), "--shaft: is an option for recordings of a leg"),
-        (("report", FREE, FREE), "is a campaign of a pendulum, whose model is its own; give it alone"),
-        (("diagnose", FREE, "--close-the-loop"), "--close-the-loop runs experiments on a leg's rig"),
+        (
+            ("report", FREE, FREE),
+            "is a campaign of a pendulum, whose model is its own; give it alone",
+        ),
+        (
+            ("diagnose", FREE, "--close-the-loop"),
+            "--close-the-loop runs experiments on a leg's rig",
+        ),
         (("diagnose", SIMPLE, FREE), "give it alone"),
-        (("report", FREE, "--model", FREE / "pendulum.toml"), "pendulum.toml:2: title: unknown key; known are format, link1"),
-        (("export", "csv", FREE, "--out", "csv"), "is a campaign of a pendulum, which this command does not take"),
+        (
+            ("report", FREE, "--model", FREE / "pendulum.toml"),
+            "pendulum.toml:2: title: unknown key; known are format, link1",
+        ),
+        (
+            ("export", "csv", FREE, "--out", "csv"),
+            "is a campaign of a pendulum, which this command does not take",
+        ),
     ],
 )
 def test_what_makes_no_sense_for_a_pendulum_is_one_line(say, tmp_path, words, said):
@@ -145,7 +181,9 @@ def test_what_makes_no_sense_for_a_pendulum_is_one_line(say, tmp_path, words, sa
 def test_nothing_to_fit_is_said(say, tmp_path):
     shutil.copytree(FREE, tmp_path / "exact")
     text = (FREE / "pendulum.toml").read_text()
-    (tmp_path / "exact" / "pendulum.toml").write_text(text.replace("inertia_relative = 0.08", "").replace("zero_offset_rad = 0.01", ""))
+    (tmp_path / "exact" / "pendulum.toml").write_text(
+        text.replace("inertia_relative = 0.08", "").replace("zero_offset_rad = 0.01", "")
+    )
     done = say("fit", tmp_path / "exact")
     assert done.exit_code == 2 and "[known_to] lists no value that these runs depend on" in done.err
 
@@ -164,7 +202,11 @@ EFFECT = Effect("our_floor", "ground", "a floor", "h + d", "us", (Parameter("by_
 @pytest.mark.slow
 def test_an_effect_of_one_s_own_is_looked_for_or_said_to_have_no_place(say, tmp_path, monkeypatch):
     # The package's own would take ten times as long, and other tests look for them.
-    known = [effect.id for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in ALSO]
+    known = [
+        effect.id
+        for effect in catalogue().values()
+        if effect.where == OF_PENDULUMS or effect.id in ALSO
+    ]
     without = [word for effect_id in known for word in ("--without", effect_id)]
     folder = tmp_path / "effects"
     folder.mkdir()

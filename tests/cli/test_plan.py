@@ -14,12 +14,18 @@ ROOT = Path(__file__).parents[2]
 TWIN = ROOT / "calibration" / "twin.toml"
 
 
-@pytest.mark.parametrize("protocol", sorted(path.stem for path in (ROOT / "protocols").glob("*.toml")))
+@pytest.mark.parametrize(
+    "protocol", sorted(path.stem for path in (ROOT / "protocols").glob("*.toml"))
+)
 def test_every_protocol_s_plan_is_the_one_that_is_run(protocol, monkeypatch, capsys):
     said = json.loads(typed(monkeypatch, capsys, "plan", protocol, "--json").out)
     plan = read_plan(ROOT / "protocols" / f"{protocol}.toml", read_rig(TWIN).facts())
     assert [stage["label"] for stage in said["stages"]] == [stage.label for stage in plan.stages]
-    assert sum(stage["at_most_s"] for stage in said["stages"]) == pytest.approx(plan.duration_s) == said["at_most_s"]
+    assert (
+        sum(stage["at_most_s"] for stage in said["stages"])
+        == pytest.approx(plan.duration_s)
+        == said["at_most_s"]
+    )
 
 
 def test_a_line_a_stage_with_its_time_and_what_the_model_expects(monkeypatch, capsys):
@@ -49,16 +55,26 @@ def test_what_a_limit_forbids_is_refused_in_one_line(monkeypatch, capsys, tmp_pa
 
 def test_first_strokes_come_before_each_condition_of_a_rig_that_asks_for_them(tmp_path):
     rig = tmp_path / "careful.toml"
-    rig.write_text(TWIN.read_text().replace("late_ms = 50.0", "first_strokes = [0.75, 0.5]\nlate_ms = 50.0"))
-    labels = [stage.label for stage in read_plan(ROOT / "protocols" / "table2.toml", read_rig(rig).facts()).stages]
+    rig.write_text(
+        TWIN.read_text().replace("late_ms = 50.0", "first_strokes = [0.75, 0.5]\nlate_ms = 50.0")
+    )
+    labels = [
+        stage.label
+        for stage in read_plan(ROOT / "protocols" / "table2.toml", read_rig(rig).facts()).stages
+    ]
     first = [label for label in labels if label.startswith("first strokes")]
     assert len(first) == 8
-    assert first[:2] == ["first strokes at 215 mm: 1.2165 of 2.433 rad/s", "first strokes at 215 mm: 1.82475 of 2.433 rad/s"]
+    assert first[:2] == [
+        "first strokes at 215 mm: 1.2165 of 2.433 rad/s",
+        "first strokes at 215 mm: 1.82475 of 2.433 rad/s",
+    ]
 
 
 @pytest.mark.parametrize("text", ['title = "x"\n', 'experiment = "dance"\n'])
 def test_a_file_that_is_no_protocol_is_told_what_one_is(text, tmp_path):
     path = tmp_path / "odd.toml"
     path.write_text(text)
-    with pytest.raises(BadInput, match=r"odd\.toml.*a protocol says one of 'dynamic', 'static', 'fatigue'"):
+    with pytest.raises(
+        BadInput, match=r"odd\.toml.*a protocol says one of 'dynamic', 'static', 'fatigue'"
+    ):
         read_plan(path, read_rig(TWIN).facts())

@@ -11,12 +11,21 @@ from rfca_rig.progress import iterate_with_progress
 @pytest.fixture
 def terminal(monkeypatch):
     """What rich takes for a terminal of 80 columns, without control codes for colours."""
-    for name, value in (("TTY_COMPATIBLE", "1"), ("TERM", "xterm"), ("COLUMNS", "80"), ("NO_COLOR", "1")):
+    for name, value in (
+        ("TTY_COMPATIBLE", "1"),
+        ("TERM", "xterm"),
+        ("COLUMNS", "80"),
+        ("NO_COLOR", "1"),
+    ):
         monkeypatch.setenv(name, value)
 
 
 def shown(err: str) -> list[str]:
-    return [line.strip() for line in re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", err)) if line.strip()]
+    return [
+        line.strip()
+        for line in re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", err))
+        if line.strip()
+    ]
 
 
 def test_items_are_counted_and_what_remains_is_told(terminal, capsys):
@@ -31,12 +40,16 @@ def test_items_are_counted_and_what_remains_is_told(terminal, capsys):
     assert max(map(len, lines)) <= 80
 
 
-def test_of_work_without_a_known_end_its_own_words_and_the_time_so_far_until_something_is_counted(terminal, capsys):
+def test_of_work_without_a_known_end_its_own_words_and_the_time_so_far_until_something_is_counted(
+    terminal, capsys
+):
     with progress(quiet=False) as bars:
         bars.show_unbounded("compiling", lambda: "7 functions")
         bars.report("strips", 0, 8)
     lines = shown(capsys.readouterr().err)
-    assert re.search(r"compiling .* 7 functions 00:0\d$", next(line for line in lines if "compiling" in line))
+    assert re.search(
+        r"compiling .* 7 functions 00:0\d$", next(line for line in lines if "compiling" in line)
+    )
     with progress(quiet=False) as bars:
         bars.show_unbounded("compiling", lambda: "7 functions")
         bars.report("strips", 1, 8)
@@ -76,6 +89,8 @@ def test_results_go_to_standard_output_while_a_bar_is_there(terminal, capsys):
 
 def test_counting_tells_before_each_and_behind_the_last():
     said = []
-    assert list(iterate_with_progress("abc", lambda done, of: said.append((done, of)))) == list("abc")
+    assert list(iterate_with_progress("abc", lambda done, of: said.append((done, of)))) == list(
+        "abc"
+    )
     assert said == [(0, 3), (1, 3), (2, 3), (3, 3)]
     assert list(iterate_with_progress([], lambda *_: pytest.fail("nothing to count"))) == []

@@ -25,9 +25,23 @@ def prove(monkeypatch, capsys, out, *words):
 
 
 def started(out: Path) -> subprocess.Popen:
-    """An exam in a process group of its own that has answered one case and hangs at the two others."""
-    words = [sys.executable, "-m", "tests.exam_cases.examinees", "prove", "--out", str(out), *map(str, EXAM), "--workers", "3"]
-    process = subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    """An exam in a process group of its own that has answered one case and hangs at the two
+    others.
+    """
+    words = [
+        sys.executable,
+        "-m",
+        "tests.exam_cases.examinees",
+        "prove",
+        "--out",
+        str(out),
+        *map(str, EXAM),
+        "--workers",
+        "3",
+    ]
+    process = subprocess.Popen(
+        words, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     until = time.monotonic() + 60.0
     while not ((out / "diagnoses" / "case-0001").is_dir() and len(hanging(out)) == 2):
         assert process.poll() is None and time.monotonic() < until
@@ -36,7 +50,11 @@ def started(out: Path) -> subprocess.Popen:
 
 
 def hanging(out: Path) -> list[int]:
-    return [int(path.read_text()) for path in out.glob("diagnoses/.case-*.writing/pid") if path.read_text()]
+    return [
+        int(path.read_text())
+        for path in out.glob("diagnoses/.case-*.writing/pid")
+        if path.read_text()
+    ]
 
 
 def alive(pid: int) -> bool:
@@ -57,28 +75,48 @@ def all_gone(pids: list[int]) -> bool:
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux whether a process is alive")
+@pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="asks Linux whether a process is alive"
+)
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["kill", "^C"])
-def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypatch, capsys, tmp_path, how):
+def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(
+    monkeypatch, capsys, tmp_path, how
+):
     out = tmp_path / "exam"
     process = started(out)
     workers = hanging(out)
     os.killpg(process.pid, how) if how == signal.SIGINT else process.kill()
     _, said = process.communicate(timeout=120)
     if how == signal.SIGINT:
-        assert process.returncode == 130 and said == "rfca-rig: stopped by the operator; the same command goes on where it stood\n"
+        assert (
+            process.returncode == 130
+            and said
+            == "rfca-rig: stopped by the operator; the same command goes on where it stood\n"
+        )
     assert all_gone(workers)
-    kept = [*(out / "sealed").iterdir(), out / "seals.txt", *out.glob("campaigns/*/campaign.toml"), *out.glob("diagnoses/case-0001/*")]
+    kept = [
+        *(out / "sealed").iterdir(),
+        out / "seals.txt",
+        *out.glob("campaigns/*/campaign.toml"),
+        *out.glob("diagnoses/case-0001/*"),
+    ]
     before = {path: path.stat().st_mtime_ns for path in kept}
     said = prove(monkeypatch, capsys, out, "--so-far")
     assert said.exit_code == 0 and "poor data: wrong effects" in said.out and "0 of 1" in said.out
-    assert "3 cases of the kind" in (out / "exam.html").read_text() and "1 of them so far" in (out / "exam.html").read_text()
+    assert (
+        "3 cases of the kind" in (out / "exam.html").read_text()
+        and "1 of them so far" in (out / "exam.html").read_text()
+    )
     monkeypatch.setattr(prove_command, "diagnose_as_typed", wants_more_data)
     said = prove(monkeypatch, capsys, out, *EXAM)
     assert said.exit_code == 0
     assert "poor data: wrong effects" in said.out and "0 of 3" in said.out
     assert {path: path.stat().st_mtime_ns for path in kept} == before
-    assert sorted(folder.name for folder in (out / "diagnoses").iterdir()) == ["case-0001", "case-0002", "case-0003"]
+    assert sorted(folder.name for folder in (out / "diagnoses").iterdir()) == [
+        "case-0001",
+        "case-0002",
+        "case-0003",
+    ]
 
 
 @pytest.mark.slow
@@ -95,7 +133,10 @@ def test_what_is_written_and_said(monkeypatch, capsys, tmp_path):
     assert again.err == "" and json.loads(again.out)["seed"] == 2
     other = prove(monkeypatch, capsys, tmp_path / "exam", "--seed", 3)
     assert other.exit_code == 2 and len(other.err.splitlines()) == 1
-    assert f"holds an exam with seed 2, 3 cases of the kind 'poor data', not seed 3, {sum(DEFAULT_NUMBERS.values())} cases" in other.err
+    assert (
+        "holds an exam with seed 2, 3 cases of the kind 'poor data', not seed 3, "
+        f"{sum(DEFAULT_NUMBERS.values())} cases"
+    ) in other.err
 
 
 def test_a_folder_in_use_and_an_unknown_kind_are_refused(monkeypatch, capsys, tmp_path):
@@ -103,10 +144,16 @@ def test_a_folder_in_use_and_an_unknown_kind_are_refused(monkeypatch, capsys, tm
     said = prove(monkeypatch, capsys, tmp_path)
     assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "is not empty" in said.err
     said = prove(monkeypatch, capsys, tmp_path / "new", "--kind", "odd")
-    assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "'odd' is unknown; there are 'nothing missing'" in said.err
+    assert (said.exit_code, len(said.err.splitlines())) == (
+        2,
+        1,
+    ) and "'odd' is unknown; there are 'nothing missing'" in said.err
     assert not (tmp_path / "new").exists()
     said = prove(monkeypatch, capsys, tmp_path / "new", "--so-far", "--take-out-each")
-    assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "--so-far only marks" in said.err
+    assert (said.exit_code, len(said.err.splitlines())) == (
+        2,
+        1,
+    ) and "--so-far only marks" in said.err
     said = prove(monkeypatch, capsys, tmp_path / "new", "--so-far")
     assert (said.exit_code, len(said.err.splitlines())) == (2, 1) and "plan.json" in said.err
     assert not (tmp_path / "new").exists()
@@ -115,9 +162,32 @@ def test_a_folder_in_use_and_an_unknown_kind_are_refused(monkeypatch, capsys, tm
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_a_real_case_from_end_to_end(monkeypatch, capsys, tmp_path):
-    said = prove(monkeypatch, capsys, tmp_path / "exam", "--seed", 2, "--kind", "poor data", "--cases", 1, "--workers", 1)
+    said = prove(
+        monkeypatch,
+        capsys,
+        tmp_path / "exam",
+        "--seed",
+        2,
+        "--kind",
+        "poor data",
+        "--cases",
+        1,
+        "--workers",
+        1,
+    )
     assert said.exit_code == 0
     (answer,) = (tmp_path / "exam" / "diagnoses").iterdir()
-    assert {"diagnosis.json", "diagnosis.html", "seconds.txt"} <= {file.name for file in answer.iterdir()}
-    typed(monkeypatch, capsys, "diagnose", tmp_path / "exam" / "campaigns" / answer.name, "--out", tmp_path / "own")
-    assert (tmp_path / "own" / "diagnosis.json").read_text() == (answer / "diagnosis.json").read_text()
+    assert {"diagnosis.json", "diagnosis.html", "seconds.txt"} <= {
+        file.name for file in answer.iterdir()
+    }
+    typed(
+        monkeypatch,
+        capsys,
+        "diagnose",
+        tmp_path / "exam" / "campaigns" / answer.name,
+        "--out",
+        tmp_path / "own",
+    )
+    assert (tmp_path / "own" / "diagnosis.json").read_text() == (
+        answer / "diagnosis.json"
+    ).read_text()

@@ -1,4 +1,6 @@
-"""rfca-rig resume as a person types it: what a run was killed in the middle of comes to its end, and nothing goes on that should not."""
+"""rfca-rig resume as a person types it: what a run was killed in the middle of comes to its end,
+and nothing goes on that should not.
+"""
 
 import json
 import shutil
@@ -34,7 +36,16 @@ def here(tmp_path, monkeypatch):
 def of_two(tmp_path_factory):
     """A whole run of two strokes, made once."""
     folder = tmp_path_factory.mktemp("two")
-    said = typed_in(folder, "dynamic", "run", *CONDITION, "--repeats", "2", "--rig", ROOT / "calibration" / "twin.toml")
+    said = typed_in(
+        folder,
+        "dynamic",
+        "run",
+        *CONDITION,
+        "--repeats",
+        "2",
+        "--rig",
+        ROOT / "calibration" / "twin.toml",
+    )
     assert said.exit_code == 0, said.err
     (run,) = (folder / "runs").iterdir()
     return run
@@ -42,7 +53,9 @@ def of_two(tmp_path_factory):
 
 @pytest.fixture
 def stopped(of_two, here):
-    """Makes a copy of the run as it is after one stroke, with the last words that `why` says, with a rig file beside it."""
+    """Makes a copy of the run as it is after one stroke, with the last words that `why` says,
+    with a rig file beside it.
+    """
 
     def make(why):
         run = here / "run"
@@ -53,7 +66,9 @@ def stopped(of_two, here):
         second = [number for number, line in enumerate(lines) if "stage begins" in line][1]
         last = [json.dumps({"event": "run ends", "why": why}) + "\n"] if why else []
         if why:
-            (run / "end.json").write_text(json.dumps({"provenance": {"ended": why, "lasted_s": "3.5"}, "static": None}))
+            (run / "end.json").write_text(
+                json.dumps({"provenance": {"ended": why, "lasted_s": "3.5"}, "static": None})
+            )
         (run / "events.jsonl").write_text("".join([*lines[:second], *last]))
         header = json.loads((run / "run.json").read_text())
         header["provenance"]["rig"] = "rig.toml"
@@ -67,7 +82,9 @@ def stopped(of_two, here):
 
 def killed(here, words, when):
     """Starts the command, kills it without warning once `when(folder)` is so; the run's folder."""
-    running = subprocess.Popen([sys.executable, "-c", CODE, *map(str, words)], stderr=subprocess.DEVNULL)
+    running = subprocess.Popen(
+        [sys.executable, "-c", CODE, *map(str, words)], stderr=subprocess.DEVNULL
+    )
     try:
         wait_for(lambda: any((here / "runs").glob("*/run.json")))
         (folder,) = (here / "runs").iterdir()
@@ -82,7 +99,11 @@ def killed(here, words, when):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal that cannot be caught")
 def test_a_run_killed_without_warning_goes_on_to_its_end(here, monkeypatch, capsys):
-    folder = killed(here, ["dynamic", "run", *CONDITION, "--repeats", 4], lambda folder: len(stage_files(folder)) >= 1)
+    folder = killed(
+        here,
+        ["dynamic", "run", *CONDITION, "--repeats", 4],
+        lambda folder: len(stage_files(folder)) >= 1,
+    )
     said = typed(monkeypatch, capsys, "resume", folder)
     assert said.exit_code == 0
     assert "SIM 4 strokes and 0 static stages" in said.err.splitlines()[-1]
@@ -91,7 +112,11 @@ def test_a_run_killed_without_warning_goes_on_to_its_end(here, monkeypatch, caps
     assert found.provenance["ended"] == "done"
     (resumed,) = json.loads(found.provenance["resumed"])
     assert resumed["stopped"] == "the control process ended"
-    assert resumed["done"]["strokes"] == json.loads(found.provenance["resumed"])[0]["done"]["strokes"] >= 1
+    assert (
+        resumed["done"]["strokes"]
+        == json.loads(found.provenance["resumed"])[0]["done"]["strokes"]
+        >= 1
+    )
     assert {"t_s", "utc", "seed"} <= set(resumed) and set(resumed["stopped_at"]) == {"t_s", "utc"}
     assert (resumed["seed"], found.provenance["seed"]) != (1, "1")
     assert sorted(file.name for file in folder.iterdir()) == FILES
@@ -103,19 +128,29 @@ def test_a_run_killed_without_warning_goes_on_to_its_end(here, monkeypatch, caps
 
 
 def rows(folder):
-    """Cycles in the journal of the stage in progress; it may be gone by the time it is looked at."""
+    """Cycles in the journal of the stage in progress; it may be gone by the time it is looked
+    at.
+    """
     for journal in journals(folder)[-1:]:
         with suppress(FileNotFoundError):
-            return sum(block.kind is BlockKind.SAMPLES for block in parse_blocks(journal.read_bytes())[0])
+            return sum(
+                block.kind is BlockKind.SAMPLES for block in parse_blocks(journal.read_bytes())[0]
+            )
     return 0
 
 
-FEW = (("every = 10_000", "every = 12"), ("[75.0, 100.0, 125.0]", "[100.0]"), ("for_s = 0.3", "for_s = 0.1"))
+FEW = (
+    ("every = 10_000", "every = 12"),
+    ("[75.0, 100.0, 125.0]", "[100.0]"),
+    ("for_s = 0.3", "for_s = 0.1"),
+)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no signal that cannot be caught")
-def test_a_cycle_is_never_counted_twice_nor_left_out_though_the_run_is_killed_among_them(here, monkeypatch, capsys):
+def test_a_cycle_is_never_counted_twice_nor_left_out_though_the_run_is_killed_among_them(
+    here, monkeypatch, capsys
+):
     text = (ROOT / "protocols" / "fatigue.toml").read_text()
     for old, new in FEW:
         text = text.replace(old, new)
@@ -143,7 +178,10 @@ def test_what_a_limit_stopped_goes_on_only_when_told_so(stopped, monkeypatch, ca
     run = stopped("TRIP F-02: following error")
     said = typed(monkeypatch, capsys, "resume", run)
     assert (said.exit_code, len(said.err.splitlines())) == (2, 1)
-    assert "was stopped by TRIP F-02: following error; look at the rig, then say --after-trip" in said.err
+    assert (
+        "was stopped by TRIP F-02: following error; look at the rig, then say --after-trip"
+        in said.err
+    )
     said = typed(monkeypatch, capsys, "resume", run, "--after-trip", "--dry-run")
     assert said.exit_code == 0
     assert "flapping 215 mm 3.249 rad per s, 1 strokes" in said.err
@@ -152,25 +190,41 @@ def test_what_a_limit_stopped_goes_on_only_when_told_so(stopped, monkeypatch, ca
 @pytest.mark.slow
 def test_a_dry_run_leaves_the_run_as_it_is(stopped, monkeypatch, capsys):
     run = stopped("")
-    before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file() and file.name != ".ballast"}
+    before = {
+        file: file.read_bytes()
+        for file in run.rglob("*")
+        if file.is_file() and file.name != ".ballast"
+    }
     assert typed(monkeypatch, capsys, "resume", run, "--dry-run").exit_code == 0
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
 
 
 @pytest.mark.slow
-def test_another_rig_is_refused_by_the_names_of_its_keys_unless_it_is_meant(stopped, here, monkeypatch, capsys):
+def test_another_rig_is_refused_by_the_names_of_its_keys_unless_it_is_meant(
+    stopped, here, monkeypatch, capsys
+):
     run = stopped("")
     rig = (here / "rig.toml").read_text()
-    (here / "rig.toml").write_text(rig.replace("force_N = 300.0", "force_N = 200.0").replace("node_id = 0", "node_id = 3"))
+    (here / "rig.toml").write_text(
+        rig.replace("force_N = 300.0", "force_N = 200.0").replace("node_id = 0", "node_id = 3")
+    )
     said = typed(monkeypatch, capsys, "resume", run)
     assert said.exit_code == 2
-    assert "rig.toml: limits.force_N, motor.node_id are not as the run began with; to go on with it as it stands, say --rig" in said.err
+    assert (
+        "rig.toml: limits.force_N, motor.node_id are not as the run began with; to go on "
+        "with it as it stands, say --rig"
+    ) in said.err
     said = typed(monkeypatch, capsys, "resume", run, "--rig", here / "rig.toml", "--dry-run")
     assert said.exit_code == 0
     assert "limits 200 N" in said.err
-    (here / "rig.toml").write_text(rig.replace("friction_coefficient = 0.41", "friction_coefficient = 0.42"))
+    (here / "rig.toml").write_text(
+        rig.replace("friction_coefficient = 0.41", "friction_coefficient = 0.42")
+    )
     said = typed(monkeypatch, capsys, "resume", run, "--rig", here / "rig.toml")
-    assert "ground.friction_coefficient is not as the run began with; one run has one belief" in said.err
+    assert (
+        "ground.friction_coefficient is not as the run began with; one run has one belief"
+        in said.err
+    )
     (here / "rig.toml").write_text(rig + "# only a word more\n")
     assert typed(monkeypatch, capsys, "resume", run, "--dry-run").exit_code == 0
 
@@ -187,12 +241,20 @@ def test_a_run_that_still_goes_on_is_left_alone(stopped, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_folder_without_a_run_and_a_run_with_everything_in_it_are_told_so(of_two, here, monkeypatch, capsys):
+def test_a_folder_without_a_run_and_a_run_with_everything_in_it_are_told_so(
+    of_two, here, monkeypatch, capsys
+):
     assert "holds no run that could go on" in typed(monkeypatch, capsys, "resume", here).err
     shutil.copytree(of_two, here / "run")
-    events = [line for line in (here / "run" / "events.jsonl").read_text().splitlines(keepends=True) if '"why"' not in line]
+    events = [
+        line
+        for line in (here / "run" / "events.jsonl").read_text().splitlines(keepends=True)
+        if '"why"' not in line
+    ]
     (here / "run" / "events.jsonl").write_text("".join(events))
-    said = typed(monkeypatch, capsys, "resume", here / "run", "--rig", ROOT / "calibration" / "twin.toml")
+    said = typed(
+        monkeypatch, capsys, "resume", here / "run", "--rig", ROOT / "calibration" / "twin.toml"
+    )
     assert "every stage is recorded; to bring it to its end, type rfca-rig recover" in said.err
 
 
@@ -200,9 +262,14 @@ def test_a_folder_without_a_run_and_a_run_with_everything_in_it_are_told_so(of_t
 def test_stage_files_that_are_not_those_of_the_plan_are_refused(stopped, monkeypatch, capsys):
     run = stopped("")
     header = json.loads((run / "run.json").read_text())
-    header["provenance"]["plan"] = header["provenance"]["plan"].replace('"repeat": 1', '"repeat": 7')
+    header["provenance"]["plan"] = header["provenance"]["plan"].replace(
+        '"repeat": 1', '"repeat": 7'
+    )
     (run / "run.json").write_text(json.dumps(header))
-    assert "its stage files are not what its plan begins with" in typed(monkeypatch, capsys, "resume", run).err
+    assert (
+        "its stage files are not what its plan begins with"
+        in typed(monkeypatch, capsys, "resume", run).err
+    )
 
 
 @pytest.mark.slow
@@ -230,7 +297,9 @@ def test_a_part_that_records_nothing_leaves_the_run_with_what_it_had(stopped, mo
         from rfca_rig.errors import Stopped
 
         there = {file.name for file in run.iterdir()}
-        assert not {"end.json", "run.h5", "SHA256SUMS"} & there  # a crash now leaves no run that has ended
+        assert (
+            not {"end.json", "run.h5", "SHA256SUMS"} & there
+        )  # a crash now leaves no run that has ended
         assert ".ballast" in there
         raise Stopped("not now")
 
@@ -248,14 +317,31 @@ def test_a_part_that_records_nothing_leaves_the_run_with_what_it_had(stopped, mo
 
 
 @pytest.mark.slow
-def test_a_static_run_goes_on_with_its_photos_numbered_on_and_all_of_them_read(here, monkeypatch, capsys):
-    head = (ROOT / "protocols" / "static-angle.toml").read_text().partition("[[stages]]")[0].replace("[215.0, 235.0]", "[235.0]")
+def test_a_static_run_goes_on_with_its_photos_numbered_on_and_all_of_them_read(
+    here, monkeypatch, capsys
+):
+    head = (
+        (ROOT / "protocols" / "static-angle.toml")
+        .read_text()
+        .partition("[[stages]]")[0]
+        .replace("[215.0, 235.0]", "[235.0]")
+    )
     head = head.replace("move_speed_rad_s = 0.4", "move_speed_rad_s = 1.6")
-    (here / "stages.toml").write_text(head + "".join(f"[[stages]]\nangle_deg = {angle}\n" for angle in (60.0, 75.0)))
+    (here / "stages.toml").write_text(
+        head + "".join(f"[[stages]]\nangle_deg = {angle}\n" for angle in (60.0, 75.0))
+    )
     assert typed(monkeypatch, capsys, "static", "run", "--protocol", "stages.toml").exit_code == 0
     (run,) = (here / "runs").iterdir()
     whole = read_recording(run / "run.h5")
-    for name in ("run.h5", "end.json", "SHA256SUMS", "stages/0002.h5", "photos/002.png", "overlays/002.jpg", "overlays/001.jpg"):
+    for name in (
+        "run.h5",
+        "end.json",
+        "SHA256SUMS",
+        "stages/0002.h5",
+        "photos/002.png",
+        "overlays/002.jpg",
+        "overlays/001.jpg",
+    ):
         (run / name).unlink()
     lines = (run / "events.jsonl").read_text().splitlines(keepends=True)
     recorded = next(number for number, line in enumerate(lines) if "stage recorded" in line)

@@ -15,9 +15,27 @@ def here(tmp_path, monkeypatch):
     """A static run, a trip, and thirty strokes at one condition; a minute apart."""
     monkeypatch.chdir(tmp_path)
     made = [
-        run(tmp_path / "runs" / "SIM-static-001", plan("static-angle"), ending=DONE, operator="M. Kölle"),
-        run(tmp_path / "runs" / "SIM-table-ii-001", plan("table2"), recorded=3, ending=TRIPPED, sample="leg 7"),
-        *(run(tmp_path / "runs" / f"SIM-{'a-very-long-name-' * 4}{k:03d}", plan("flapping"), ending=STOPPED) for k in range(30)),
+        run(
+            tmp_path / "runs" / "SIM-static-001",
+            plan("static-angle"),
+            ending=DONE,
+            operator="M. Kölle",
+        ),
+        run(
+            tmp_path / "runs" / "SIM-table-ii-001",
+            plan("table2"),
+            recorded=3,
+            ending=TRIPPED,
+            sample="leg 7",
+        ),
+        *(
+            run(
+                tmp_path / "runs" / f"SIM-{'a-very-long-name-' * 4}{k:03d}",
+                plan("flapping"),
+                ending=STOPPED,
+            )
+            for k in range(30)
+        ),
     ]
     for age, folder in enumerate(made):
         os.utime(folder / "run.json", (2e9 - 60 * age, 2e9 - 60 * age))
@@ -39,7 +57,9 @@ def test_a_table_of_the_newest_in_80_columns(here, monkeypatch, capsys):
     assert any("3 strokes; 215 mm; 2.433 rad/s; sample leg 7" in line for line in lines)
     assert max(map(len, lines)) <= 80
     assert said.err == "20 of 32 runs below runs; --last 0 shows all 32\n"
-    assert {folder.name for folder in Path("runs").glob("SIM-a*") if folder.name[-3:] < "018"} <= set(lines), "long names stay whole"
+    assert {
+        folder.name for folder in Path("runs").glob("SIM-a*") if folder.name[-3:] < "018"
+    } <= set(lines), "long names stay whole"
 
 
 @pytest.mark.slow
@@ -58,7 +78,9 @@ def test_a_table_of_the_newest_in_80_columns(here, monkeypatch, capsys):
     ],
 )
 def test_paths_of_what_was_looked_for_and_nothing_else(here, monkeypatch, capsys, words, found):
-    assert runs(monkeypatch, capsys, *words, "--paths").out.split() == [f"runs/{name}" for name in found]
+    assert runs(monkeypatch, capsys, *words, "--paths").out.split() == [
+        f"runs/{name}" for name in found
+    ]
 
 
 def test_json_owns_the_output_and_holds_all(here, monkeypatch, capsys):
@@ -66,7 +88,11 @@ def test_json_owns_the_output_and_holds_all(here, monkeypatch, capsys):
     answer = json.loads(said.out)
     assert (said.err, answer["format"], len(answer["runs"])) == ("", "rfca-runs/1", 32)
     first = answer["runs"][0]
-    assert (first["run"], first["kind"], first["ended"]) == ("runs/SIM-static-001", "static", "done")
+    assert (first["run"], first["kind"], first["ended"]) == (
+        "runs/SIM-static-001",
+        "static",
+        "done",
+    )
 
 
 def test_nothing_found_says_so_and_an_empty_folder_says_what_to_type(here, monkeypatch, capsys):

@@ -1,4 +1,6 @@
-"""`schema`: the printed JSON schemas take every file that came with the package, and refuse what the reader refuses."""
+"""`schema`: the printed JSON schemas take every file that came with the package, and refuse what
+the reader refuses.
+"""
 
 import json
 import tomllib
@@ -9,9 +11,25 @@ import pytest
 from tests.cli.typed import typed
 
 ROOT = Path(__file__).parents[2]
-TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int, "number": (int, float), "null": type(None)}
+TYPES = {
+    "object": dict,
+    "array": list,
+    "string": str,
+    "boolean": bool,
+    "integer": int,
+    "number": (int, float),
+    "null": type(None),
+}
 SHIPPED = {
-    "rig": [ROOT / f"{name}.toml" for name in ("calibration/twin", "calibration/twin-daq", "tests/data/real-rig", "docs/examples/our-rig")],
+    "rig": [
+        ROOT / f"{name}.toml"
+        for name in (
+            "calibration/twin",
+            "calibration/twin-daq",
+            "tests/data/real-rig",
+            "docs/examples/our-rig",
+        )
+    ],
     "protocol": sorted((ROOT / "protocols").glob("*.toml")),
     "sweep": sorted((ROOT / "sweeps").glob("*.toml")),
     "campaign": [ROOT / "tests/data/small-campaign/campaign.toml"],
@@ -22,7 +40,9 @@ def fits(data, schema, root) -> bool:
     """Whether data fit a schema, of the keywords that these schemas use; others are refused."""
     checks = {
         "$ref": lambda ref: fits(data, root["$defs"][ref.rpartition("/")[2]], root),
-        "type": lambda name: isinstance(data, TYPES[name]) and (name == "boolean" or not isinstance(data, bool)),
+        "type": lambda name: (
+            isinstance(data, TYPES[name]) and (name == "boolean" or not isinstance(data, bool))
+        ),
         "const": lambda value: data == value,
         "enum": lambda values: data in values,
         "anyOf": lambda parts: any(fits(data, part, root) for part in parts),
@@ -30,12 +50,21 @@ def fits(data, schema, root) -> bool:
         "allOf": lambda parts: all(fits(data, part, root) for part in parts),
         "not": lambda part: not fits(data, part, root),
         "required": lambda keys: all(key in data for key in keys),
-        "properties": lambda known: not isinstance(data, dict) or all(fits(data[key], known[key], root) for key in known if key in data),
-        "additionalProperties": lambda rest: all(
-            rest is True or (rest is not False and fits(data[key], rest, root)) for key in data if key not in schema.get("properties", ())
+        "properties": lambda known: (
+            not isinstance(data, dict)
+            or all(fits(data[key], known[key], root) for key in known if key in data)
         ),
-        "items": lambda part: not isinstance(data, list) or all(fits(each, part, root) for each in data),
-        "prefixItems": lambda parts: all(fits(each, part, root) for each, part in zip(data, parts, strict=False)),
+        "additionalProperties": lambda rest: all(
+            rest is True or (rest is not False and fits(data[key], rest, root))
+            for key in data
+            if key not in schema.get("properties", ())
+        ),
+        "items": lambda part: (
+            not isinstance(data, list) or all(fits(each, part, root) for each in data)
+        ),
+        "prefixItems": lambda parts: all(
+            fits(each, part, root) for each, part in zip(data, parts, strict=False)
+        ),
         "minItems": lambda least: len(data) >= least,
         "maxItems": lambda most: len(data) <= most,
         "minLength": lambda least: len(data) >= least,
@@ -62,7 +91,9 @@ def schema_of(monkeypatch, capsys):
     return read
 
 
-@pytest.mark.parametrize(("kind", "file"), [(kind, file) for kind, files in SHIPPED.items() for file in files], ids=str)
+@pytest.mark.parametrize(
+    ("kind", "file"), [(kind, file) for kind, files in SHIPPED.items() for file in files], ids=str
+)
 def test_every_file_of_the_package_fits_its_schema(schema_of, kind, file):
     schema = schema_of(kind)
     assert schema["$schema"].startswith("https://json-schema.org/")
@@ -99,7 +130,11 @@ def test_the_leg_takes_its_start_angle_in_either_unit_and_a_law_or_a_curve(schem
     schema, rig = schema_of("rig"), tomllib.loads(SHIPPED["rig"][0].read_text(encoding="utf-8"))
     leg = rig["leg"]
     without = {key: value for key, value in leg.items() if key != "start_angle_rad"}
-    no_law = {key: value for key, value in leg.items() if key not in ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")}
+    no_law = {
+        key: value
+        for key, value in leg.items()
+        if key not in ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
+    }
     curve = {"torque_rotation": {"curve": "curve.csv"}}
     for changed, takes in (
         ({**without, "start_angle_deg": 14.1}, True),

@@ -1,4 +1,6 @@
-"""Signals become stop_request; where no loop is ticking they interrupt; once the stop is under way they are heard no more."""
+"""Signals become stop_request; where no loop is ticking they interrupt; once the stop is under
+way they are heard no more.
+"""
 
 import os
 import signal
@@ -43,7 +45,10 @@ def test_while_a_person_is_waited_for_one_is_enough(one):
 
 
 def test_the_stop_itself_is_not_interrupted():
-    assert sent(StopRequest(is_over=True), *[signal.SIGINT] * 5, signal.SIGTERM).level is StopLevel.GO_ON
+    assert (
+        sent(StopRequest(is_over=True), *[signal.SIGINT] * 5, signal.SIGTERM).level
+        is StopLevel.GO_ON
+    )
 
 
 def test_while_the_recording_is_finished_only_a_second_key_ends_the_run():
@@ -66,7 +71,12 @@ def test_a_terminal_that_is_gone_keeps_nobody_from_stopping(monkeypatch):
             raise OSError("Input/output error")
 
     monkeypatch.setattr("sys.stderr", Gone())
-    assert sent(StopRequest(is_ticking=True), signal.SIGINT, say=make_marked_say("SIM", quiet=False)).level is StopLevel.SAFE_POINT
+    assert (
+        sent(
+            StopRequest(is_ticking=True), signal.SIGINT, say=make_marked_say("SIM", quiet=False)
+        ).level
+        is StopLevel.SAFE_POINT
+    )
 
 
 def test_afterwards_everything_is_as_before():

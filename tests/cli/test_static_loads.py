@@ -13,13 +13,27 @@ SMALL_CAMPAIGN = Path(__file__).parents[1] / "data" / "small-campaign"
 
 def test_the_force_of_a_shape_is_the_one_that_bent_it(monkeypatch, capsys, tmp_path):
     said = typed(
-        monkeypatch, capsys, "static", "load", "--shaft", 30, "--along", 3, "--down", -20, "--json", "--picture", tmp_path / "load.svg"
+        monkeypatch,
+        capsys,
+        "static",
+        "load",
+        "--shaft",
+        30,
+        "--along",
+        3,
+        "--down",
+        -20,
+        "--json",
+        "--picture",
+        tmp_path / "load.svg",
     )
     assert said.exit_code == 0
     assert (tmp_path / "load.svg").read_text().startswith("<?xml")
     shape = json.loads(said.out)
     angles = ",".join(str(angle) for angle in shape["angles_deg"])
-    (found,) = json.loads(typed(monkeypatch, capsys, "static", "force", "--angles", angles, "--json").out)
+    (found,) = json.loads(
+        typed(monkeypatch, capsys, "static", "force", "--angles", angles, "--json").out
+    )
     assert found["force_N"] == pytest.approx([3.0, -20.0], abs=1e-4)
     words = typed(monkeypatch, capsys, "static", "load", "--shaft", 30, "--down", -20).out
     assert "force at the tip: +0.00 N along, -20.00 N down" in words

@@ -39,11 +39,31 @@ def test_the_small_campaign_gives_its_hinges_back(reported):
 @pytest.mark.slow
 def test_predict_takes_the_model_that_it_leaves(reported, tmp_path, monkeypatch, capsys):
     model = reported[0] / "model.toml"
-    said = typed(monkeypatch, capsys, "predict", "--height", 235, "--speed", 3.276, "--model", model, "--json")
+    said = typed(
+        monkeypatch,
+        capsys,
+        "predict",
+        "--height",
+        235,
+        "--speed",
+        3.276,
+        "--model",
+        model,
+        "--json",
+    )
     assert said.exit_code == 0
-    assert json.loads(said.out)["valley_fz_N"] == pytest.approx(-36.9, abs=0.4)  # as with the nominal hinges
-    assert typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", model).exit_code == 0
-    assert typed(monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", model).exit_code == 0
+    assert json.loads(said.out)["valley_fz_N"] == pytest.approx(
+        -36.9, abs=0.4
+    )  # as with the nominal hinges
+    assert (
+        typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", model).exit_code == 0
+    )
+    assert (
+        typed(
+            monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", model
+        ).exit_code
+        == 0
+    )
     assert read_model_file(model).known_to.k2_relative < 0.02
 
 
@@ -51,22 +71,72 @@ def test_predict_takes_the_model_that_it_leaves(reported, tmp_path, monkeypatch,
 def test_the_measured_curve_goes_wherever_a_model_goes(reported, tmp_path, monkeypatch, capsys):
     law, curve = (reported[0] / name for name in ("model.toml", "model-curve.toml"))
     valleys = [
-        json.loads(typed(monkeypatch, capsys, "predict", "--height", 235, "--speed", 3.276, "--model", model, "--json").out)["valley_fz_N"]
+        json.loads(
+            typed(
+                monkeypatch,
+                capsys,
+                "predict",
+                "--height",
+                235,
+                "--speed",
+                3.276,
+                "--model",
+                model,
+                "--json",
+            ).out
+        )["valley_fz_N"]
         for model in (law, curve)
     ]
     assert valleys[1] == pytest.approx(valleys[0], rel=1e-3)
-    assert typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", curve).exit_code == 0
-    assert typed(monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", curve).exit_code == 0
-    assert typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "from curve", "--model", curve).exit_code == 0
+    assert (
+        typed(monkeypatch, capsys, "dynamic", "run", "--dry-run", "--model", curve).exit_code == 0
+    )
+    assert (
+        typed(
+            monkeypatch, capsys, "report", SMALL, "--out", tmp_path / "again", "--model", curve
+        ).exit_code
+        == 0
+    )
+    assert (
+        typed(
+            monkeypatch,
+            capsys,
+            "static",
+            "report",
+            SMALL,
+            "--out",
+            tmp_path / "from curve",
+            "--model",
+            curve,
+        ).exit_code
+        == 0
+    )
     again = read_model_file(tmp_path / "from curve" / "model.toml").leg
     assert again.k0_Nm_per_rad == pytest.approx(read_model_file(law).leg.k0_Nm_per_rad, rel=1e-3)
 
 
 @pytest.mark.slow
-def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(reported, tmp_path, monkeypatch, capsys):
+def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(
+    reported, tmp_path, monkeypatch, capsys
+):
     model = tmp_path / "model.toml"
-    model.write_text((reported[0] / "model.toml").read_text().replace("[known_to]\n", "[known_to]\nrest_angle_deg = 2.0\n"))
-    said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "rest", "--model", model, "--json")
+    model.write_text(
+        (reported[0] / "model.toml")
+        .read_text()
+        .replace("[known_to]\n", "[known_to]\nrest_angle_deg = 2.0\n")
+    )
+    said = typed(
+        monkeypatch,
+        capsys,
+        "static",
+        "report",
+        SMALL,
+        "--out",
+        tmp_path / "rest",
+        "--model",
+        model,
+        "--json",
+    )
     found = json.loads(said.out)["rest_angles"]
     assert np.abs(found["deg"]).max() < 4.0 * max(found["std_deg"])
     assert max(found["std_deg"]) < 0.15
@@ -118,9 +188,24 @@ def test_what_cannot_go_together_is_refused(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_a_recording_that_believes_nothing_needs_a_model(reported, tmp_path, monkeypatch, capsys):
     write_recording(recording(plain(), sections={}, known_to={}), tmp_path / "run.h5")
-    assert "give a model with --model" in lines_of(monkeypatch, capsys, tmp_path / "out", tmp_path / "run.h5")
+    assert "give a model with --model" in lines_of(
+        monkeypatch, capsys, tmp_path / "out", tmp_path / "run.h5"
+    )
     model = reported[0] / "model.toml"
-    assert typed(monkeypatch, capsys, "static", "report", tmp_path / "run.h5", "--model", model, "--out", tmp_path / "out").exit_code == 0
+    assert (
+        typed(
+            monkeypatch,
+            capsys,
+            "static",
+            "report",
+            tmp_path / "run.h5",
+            "--model",
+            model,
+            "--out",
+            tmp_path / "out",
+        ).exit_code
+        == 0
+    )
 
 
 def test_no_such_place(tmp_path, monkeypatch, capsys):

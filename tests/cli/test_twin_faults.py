@@ -1,4 +1,6 @@
-"""--fault on a run of the twin: what fails is met as on a real rig, and the run goes on without it afterwards."""
+"""--fault on a run of the twin: what fails is met as on a real rig, and the run goes on without
+it afterwards.
+"""
 
 from pathlib import Path
 
@@ -18,7 +20,9 @@ def here(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_fault_trips_the_run_which_keeps_what_it_had_and_can_go_on_without_it(here, monkeypatch, capsys):
+def test_a_fault_trips_the_run_which_keeps_what_it_had_and_can_go_on_without_it(
+    here, monkeypatch, capsys
+):
     said = typed(monkeypatch, capsys, *RUN, "--fault", "force-silent@3")
     assert said.exit_code == 3
     assert said.err.splitlines()[-1].startswith("rfca-rig: TRIP S-01: force sensor silent for 5")
@@ -42,7 +46,10 @@ def test_a_fault_inside_the_drive_happens_once(here, monkeypatch, capsys):
         (("--fault", "force-quiet@3"), "no fault is called 'force-quiet'; there are force-lost, "),
         (("--fault", "force-silent"), "--fault force-silent: write NAME@SECONDS"),
         (("--fault", "http-busy@1"), "no fault is called 'http-busy'"),
-        (("--rig", ROOT / "tests" / "data" / "real-rig.toml", "--fault", "bus-off@1"), "nothing is broken on purpose on a real rig"),
+        (
+            ("--rig", ROOT / "tests" / "data" / "real-rig.toml", "--fault", "bus-off@1"),
+            "nothing is broken on purpose on a real rig",
+        ),
     ],
 )
 def test_what_cannot_fail_is_told_before_anything_moves(here, monkeypatch, capsys, words, why):

@@ -37,7 +37,9 @@ def views(monkeypatch):
         view._process.wait()
 
 
-def test_a_run_with_a_view_prints_its_address_once_and_leaves_the_page_behind(monkeypatch, capsys, tmp_path, views):
+def test_a_run_with_a_view_prints_its_address_once_and_leaves_the_page_behind(
+    monkeypatch, capsys, tmp_path, views
+):
     said = typed(monkeypatch, capsys, *RUN, "--view", "--json", "--runs", tmp_path)
     assert said.exit_code == 0, said.err
     assert json.loads(said.out)["strokes"][0]["valley_fz_N"] < -40.0
@@ -59,11 +61,15 @@ def test_who_names_a_port_wants_the_view():
     assert parse_viewing(True, None, 2.0).port == 0
 
 
-def test_a_port_that_is_taken_is_said_before_anything_is_recorded(monkeypatch, capsys, tmp_path, views):
+def test_a_port_that_is_taken_is_said_before_anything_is_recorded(
+    monkeypatch, capsys, tmp_path, views
+):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        said = typed(monkeypatch, capsys, *RUN, "--view-port", taken.getsockname()[1], "--runs", tmp_path)
+        said = typed(
+            monkeypatch, capsys, *RUN, "--view-port", taken.getsockname()[1], "--runs", tmp_path
+        )
     assert said.exit_code == 2 and "is taken" in said.err.splitlines()[-1]
     assert not list(tmp_path.iterdir())
 

@@ -29,8 +29,12 @@ def typed(monkeypatch, capsys, *words) -> Said:
 
 
 def typed_in(folder: Path, *words) -> Said:
-    """Types a command in that folder, for fixtures that several tests share. A process of its own would import all of it again."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    """Types a command in that folder, for fixtures that several tests share. A process of its
+    own would import all of it again.
+    """
+    out, err = (
+        io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2)
+    )
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(err):
         patched.chdir(folder)
         patched.setattr(sys, "argv", ["rfca-rig", *map(str, words)])

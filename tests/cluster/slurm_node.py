@@ -1,7 +1,9 @@
-"""A real SLURM of one node, all of it in one folder and gone with its block: python -m tests.cluster.slurm_node FOLDER
+"""A real SLURM of one node, all of it in one folder and gone with its block: python -m
+tests.cluster.slurm_node FOLDER
 
-Needs Debian's packages (apt-get install --no-install-recommends slurm-wlm munge), no root, and nothing of /etc. As a program it runs
-until ^C; in another terminal `export SLURM_CONF=FOLDER/slurm.conf`, then sbatch, squeue and `rfca-rig ... --cluster slurm:FILE` meet it.
+Needs Debian's packages (apt-get install --no-install-recommends slurm-wlm munge), no root, and
+nothing of /etc. As a program it runs until ^C; in another terminal `export
+SLURM_CONF=FOLDER/slurm.conf`, then sbatch, squeue and `rfca-rig ... --cluster slurm:FILE` meet it.
 """
 
 import getpass
@@ -57,7 +59,11 @@ PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 
 def missing() -> str | None:
     """Which program is not installed, in words for a reason; None where all are."""
-    lacking = [name for name in (*DAEMONS, "sbatch", "scancel", "squeue", "sinfo") if which(name, path=PATH) is None]
+    lacking = [
+        name
+        for name in (*DAEMONS, "sbatch", "scancel", "squeue", "sinfo")
+        if which(name, path=PATH) is None
+    ]
     return f"not installed: {', '.join(lacking)} (Debian: slurm-wlm, munge)" if lacking else None
 
 
@@ -68,7 +74,14 @@ def slurm_node(folder: Path) -> Iterator[None]:
     (folder / "state").mkdir(parents=True)
     (folder / "spool").mkdir()
     first_port = 20000 + secrets.randbelow(20000)
-    conf = CONF.format(host=platform.node(), user=getpass.getuser(), folder=folder, port=first_port, node_port=first_port + 1, cpus=CPUS)
+    conf = CONF.format(
+        host=platform.node(),
+        user=getpass.getuser(),
+        folder=folder,
+        port=first_port,
+        node_port=first_port + 1,
+        cpus=CPUS,
+    )
     (folder / "slurm.conf").write_text(conf)
     (folder / "munge.key").write_bytes(secrets.token_bytes(1024))
     (folder / "munge.key").chmod(0o600)
@@ -76,7 +89,9 @@ def slurm_node(folder: Path) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             os.environ["SLURM_CONF"] = str(folder / "slurm.conf")
-            stack.enter_context(_daemon(folder, "munged", "--foreground", "--force", *_munge_files(folder)))
+            stack.enter_context(
+                _daemon(folder, "munged", "--foreground", "--force", *_munge_files(folder))
+            )
             _until((folder / "munge.socket").exists, folder)
             stack.enter_context(_daemon(folder, "slurmctld", "-D"))
             stack.enter_context(_daemon(folder, "slurmd", "-D"))
@@ -89,7 +104,13 @@ def slurm_node(folder: Path) -> Iterator[None]:
 
 
 def _munge_files(folder: Path) -> list[str]:
-    files = {"key-file": "munge.key", "socket": "munge.socket", "pid-file": "munge.pid", "log-file": "munge.log", "seed-file": "munge.seed"}
+    files = {
+        "key-file": "munge.key",
+        "socket": "munge.socket",
+        "pid-file": "munge.pid",
+        "log-file": "munge.log",
+        "seed-file": "munge.seed",
+    }
     return [f"--{option}={folder / name}" for option, name in files.items()]
 
 
@@ -98,7 +119,13 @@ def _daemon(folder: Path, name: str, *words: str) -> Iterator[None]:
     program = which(name, path=PATH)
     assert program is not None
     with (folder / f"{name}.out").open("wb") as said:
-        process = subprocess.Popen([program, *words], stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True)
+        process = subprocess.Popen(
+            [program, *words],
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=said,
+            start_new_session=True,
+        )
         try:
             yield
         finally:
@@ -111,7 +138,9 @@ def _daemon(folder: Path, name: str, *words: str) -> Iterator[None]:
 
 
 def _is_idle() -> bool:
-    said = subprocess.run(["sinfo", "--noheader", "--format=%T"], capture_output=True, text=True, check=False)
+    said = subprocess.run(
+        ["sinfo", "--noheader", "--format=%T"], capture_output=True, text=True, check=False
+    )
     return said.stdout.strip() in ("idle", "mixed", "allocated")
 
 
@@ -119,7 +148,11 @@ def _until(is_so: Callable[[], bool], folder: Path) -> None:
     until = time.monotonic() + WITHIN_S
     while not is_so():
         if time.monotonic() > until:
-            lines = [line for log in sorted(folder.glob("*.log")) for line in log.read_text(errors="replace").splitlines()[-3:]]
+            lines = [
+                line
+                for log in sorted(folder.glob("*.log"))
+                for line in log.read_text(errors="replace").splitlines()[-3:]
+            ]
             raise RuntimeError("SLURM does not come up: " + "; ".join(lines))
         time.sleep(0.1)
 

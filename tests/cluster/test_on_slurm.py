@@ -36,15 +36,24 @@ def node(tmp_path_factory):
 
 @pytest.fixture
 def cluster(node, tmp_path, monkeypatch):
-    """The option for two workers in two jobs; jobs run where they were submitted, and find the tests there."""
+    """The option for two workers in two jobs; jobs run where they were submitted, and find the
+    tests there.
+    """
     monkeypatch.chdir(ROOT)
     file = tmp_path / "cluster.toml"
-    file.write_text('scheduler = "slurm"\njobs = 2\nmemory_per_worker_MB = 1000\ntime = "00:10:00"\n')
+    file.write_text(
+        'scheduler = "slurm"\njobs = 2\nmemory_per_worker_MB = 1000\ntime = "00:10:00"\n'
+    )
     return ("--cluster", f"slurm:{file}")
 
 
 def running() -> str:
-    return subprocess.run(["squeue", "--noheader", "--states=RUNNING,PENDING"], capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        ["squeue", "--noheader", "--states=RUNNING,PENDING"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
 
 
 def none_left() -> bool:
@@ -56,7 +65,9 @@ def none_left() -> bool:
     return True
 
 
-def test_an_exam_has_the_same_bytes_as_here_and_leaves_no_job(monkeypatch, capsys, tmp_path, cluster):
+def test_an_exam_has_the_same_bytes_as_here_and_leaves_no_job(
+    monkeypatch, capsys, tmp_path, cluster
+):
     monkeypatch.setattr(prove, "diagnose_as_typed", wants_more_data)
     for name, words in (("here", ("--workers", 1)), ("there", cluster)):
         said = typed(monkeypatch, capsys, "prove", "--out", tmp_path / name, *EXAM, *words)
@@ -77,8 +88,19 @@ def test_a_sweep_has_the_same_bytes_as_here(monkeypatch, capsys, tmp_path, clust
 
 def hanging_command(out: Path, cluster: tuple[str, ...]) -> subprocess.Popen:
     """An exam that has got as far as a case that takes a minute."""
-    words = [sys.executable, "-m", "tests.exam_cases.examinees", "prove", "--out", str(out), *EXAM, *cluster]
-    command = subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    words = [
+        sys.executable,
+        "-m",
+        "tests.exam_cases.examinees",
+        "prove",
+        "--out",
+        str(out),
+        *EXAM,
+        *cluster,
+    ]
+    command = subprocess.Popen(
+        words, cwd=ROOT, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     until = time.monotonic() + 120.0
     while not list(out.glob("diagnoses/.case-0002.*/pid")):
         assert command.poll() is None and time.monotonic() < until
@@ -99,12 +121,24 @@ def test_jobs_that_were_ended_in_the_middle_end_the_command(tmp_path, cluster):
     command = hanging_command(tmp_path / "exam", cluster)
     subprocess.run(["scancel", "--name=rfca-rig"], check=True)
     _, said = command.communicate(timeout=60)
-    assert command.returncode == 1 and "all jobs of SLURM's job" in said and "the same command goes on where it stood" in said
+    assert (
+        command.returncode == 1
+        and "all jobs of SLURM's job" in said
+        and "the same command goes on where it stood" in said
+    )
 
 
-def test_jobs_that_cannot_start_workers_end_the_command_with_their_words(monkeypatch, capsys, tmp_path, cluster):
+def test_jobs_that_cannot_start_workers_end_the_command_with_their_words(
+    monkeypatch, capsys, tmp_path, cluster
+):
     file = tmp_path / "cluster.toml"
-    file.write_text(file.read_text() + 'setup = ["echo there is an error in the module file", "exit 3"]\n')
+    file.write_text(
+        file.read_text() + 'setup = ["echo there is an error in the module file", "exit 3"]\n'
+    )
     said = typed(monkeypatch, capsys, "prove", "--out", tmp_path / "exam", *EXAM, *cluster)
-    assert said.exit_code == 1 and "all jobs of SLURM's job" in said.err and "error in the module file" in said.err
+    assert (
+        said.exit_code == 1
+        and "all jobs of SLURM's job" in said.err
+        and "error in the module file" in said.err
+    )
     assert len(said.err.splitlines()) == 2  # the job's number, and why it came to nothing

@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.force_sensors import force_code, force_unit, newton_metres_per, newtons_per, torque_code, torque_unit
+from rfca_rig.codecs.force_sensors import (
+    force_code,
+    force_unit,
+    newton_metres_per,
+    newtons_per,
+    torque_code,
+    torque_unit,
+)
 from rfca_rig.devices.ati_daq.codec import GAGES, TransducerCalibration, parse_calibration
 from rfca_rig.errors import BadInput, MalformedFrame
 
@@ -29,7 +36,10 @@ PLAIN = """\
 </Calibration>
 </FTSensor>
 """
-COMPENSATION = '<BiasSlope values="1 2 3 4 5 6"/><GainSlope values="0 0 0 0 0 .5"/><Thermistor value="2.5"/></Calibration>'
+COMPENSATION = (
+    '<BiasSlope values="1 2 3 4 5 6"/><GainSlope values="0 0 0 0 0 .5"/><Thermistor '
+    'value="2.5"/></Calibration>'
+)
 
 
 def parsed(text: str) -> TransducerCalibration:
@@ -52,8 +62,14 @@ def test_the_users_matrix_is_read_in_si_whatever_the_files_units_and_order() -> 
     expected = np.diag([lbf_N, 2 * lbf_N, -3 * lbf_N, 2.0, 3.0, 4.0])
     expected[3, 1] = 7e-3
     assert calibration.matrix == pytest.approx(expected, rel=1e-12)
-    assert calibration.limits == pytest.approx([25 * lbf_N, 25 * lbf_N, 35 * lbf_N, 0.25, 0.25, 0.25])
-    assert (calibration.serial_number, calibration.part_number, calibration.date) == ("FT1", "SI-25-0.25", "3/5/2014")
+    assert calibration.limits == pytest.approx(
+        [25 * lbf_N, 25 * lbf_N, 35 * lbf_N, 0.25, 0.25, 0.25]
+    )
+    assert (calibration.serial_number, calibration.part_number, calibration.date) == (
+        "FT1",
+        "SI-25-0.25",
+        "3/5/2014",
+    )
     assert (calibration.force_unit, calibration.torque_unit) == ("lbf", "N-mm")
 
 
@@ -73,7 +89,9 @@ def test_our_own_file_is_a_calibration_that_carries_its_rated_loads() -> None:
 def test_volts_and_wrench_are_inverse() -> None:
     calibration, unloaded = parsed(MADE_UP), np.linspace(-0.5, 0.5, 6)
     wrench = np.random.default_rng(1).normal(0.0, 50.0, (20, 6))
-    assert calibration.wrench(calibration.volts(wrench, unloaded), unloaded) == pytest.approx(wrench, abs=1e-9)
+    assert calibration.wrench(calibration.volts(wrench, unloaded), unloaded) == pytest.approx(
+        wrench, abs=1e-9
+    )
 
 
 def test_no_compensation_is_done_that_the_file_does_not_have() -> None:
@@ -103,10 +121,18 @@ def test_compensation_follows_the_formula_of_the_library() -> None:
         ('ForceUnits="lbf"', "", "lacks ForceUnits"),
         ('TorqueUnits="N-mm"', 'TorqueUnits="N"', "'N' is no known unit of torque"),
         ('OutputRange="10"', 'OutputRange="-10"', "OutputRange is -10, must be above 0"),
-        ('OutputBipolar="False"', 'OutputBipolar="no"', "OutputBipolar is 'no', must be True or False"),
+        (
+            'OutputBipolar="False"',
+            'OutputBipolar="no"',
+            "OutputBipolar is 'no', must be True or False",
+        ),
         ('Name="Tz"', 'Name="Tx"', "names the axes Tx, Ty, Tx"),
         ("UserAxis", "Axis", "only ATI's internal <Axis> matrix"),
-        ('"1 0 0 0 0 0"', '"1 0 0 0 0"', "values of <UserAxis> holds '1 0 0 0 0', expected 6 finite numbers"),
+        (
+            '"1 0 0 0 0 0"',
+            '"1 0 0 0 0"',
+            "values of <UserAxis> holds '1 0 0 0 0', expected 6 finite numbers",
+        ),
         ('"1 0 0 0 0 0"', '"1 0 0 0 0 nan"', "expected 6 finite numbers"),
         ('"1 0 0 0 0 0"', '"1,0,0,0,0,0"', "expected numbers"),
         ('"1 0 0 0 0 0"', '"0 2 0 0 0 0"', "cannot be inverted"),
@@ -116,7 +142,9 @@ def test_compensation_follows_the_formula_of_the_library() -> None:
         ("</Calibration>", COMPENSATION.replace('"2.5"', '"warm"'), "value of <Thermistor>"),
     ],
 )
-def test_a_file_that_is_not_whole_and_clear_is_refused_in_one_line(old: str, new: str, said: str) -> None:
+def test_a_file_that_is_not_whole_and_clear_is_refused_in_one_line(
+    old: str, new: str, said: str
+) -> None:
     assert said in refusal(old, new)
 
 
@@ -133,7 +161,9 @@ def test_no_bytes_make_the_reader_raise_anything_but_its_own_error(content: byte
 
 @given(st.integers(0, len(PLAIN) - 1), st.integers(1, 40), st.binary(max_size=8))
 @settings(max_examples=300)
-def test_a_damaged_file_is_refused_or_still_a_calibration(at: int, length: int, instead: bytes) -> None:
+def test_a_damaged_file_is_refused_or_still_a_calibration(
+    at: int, length: int, instead: bytes
+) -> None:
     content = PLAIN.encode()
     try:
         calibration = parse_calibration(content[:at] + instead + content[at + length :], "x.cal")
@@ -144,7 +174,15 @@ def test_a_damaged_file_is_refused_or_still_a_calibration(at: int, length: int, 
 
 
 @pytest.mark.parametrize(
-    ("unit", "newtons"), [("N", 1.0), ("kN", 1e3), ("lbf", 4.4482216152605), ("lb", 4.4482216152605), ("kg", 9.80665), ("gf", 9.80665e-3)]
+    ("unit", "newtons"),
+    [
+        ("N", 1.0),
+        ("kN", 1e3),
+        ("lbf", 4.4482216152605),
+        ("lb", 4.4482216152605),
+        ("kg", 9.80665),
+        ("gf", 9.80665e-3),
+    ],
 )
 def test_a_unit_of_force_in_newtons(unit: str, newtons: float) -> None:
     assert newtons_per(unit) == pytest.approx(newtons, rel=1e-12)
@@ -152,7 +190,14 @@ def test_a_unit_of_force_in_newtons(unit: str, newtons: float) -> None:
 
 @pytest.mark.parametrize(
     ("unit", "newton_metres"),
-    [("N-m", 1.0), ("Nmm", 1e-3), ("kNm", 1e3), ("in-lbf", 0.1129848290276167), ("ft-lb", 1.3558179483314), ("kgf-cm", 0.0980665)],
+    [
+        ("N-m", 1.0),
+        ("Nmm", 1e-3),
+        ("kNm", 1e3),
+        ("in-lbf", 0.1129848290276167),
+        ("ft-lb", 1.3558179483314),
+        ("kgf-cm", 0.0980665),
+    ],
 )
 def test_a_unit_of_torque_in_newton_metres(unit: str, newton_metres: float) -> None:
     assert newton_metres_per(unit) == pytest.approx(newton_metres, rel=1e-12)
@@ -160,8 +205,17 @@ def test_a_unit_of_torque_in_newton_metres(unit: str, newton_metres: float) -> N
 
 def test_codes_of_units_are_those_of_the_manual() -> None:
     assert [force_unit(code) for code in range(1, 7)] == ["lbf", "N", "klbf", "kN", "kgf", "gf"]
-    assert [torque_unit(code) for code in range(1, 7)] == ["lbf-in", "lbf-ft", "Nm", "Nmm", "kgf-cm", "kNm"]
-    assert [force_code(force_unit(code)) for code in range(1, 7)] == [torque_code(torque_unit(code)) for code in range(1, 7)]
+    assert [torque_unit(code) for code in range(1, 7)] == [
+        "lbf-in",
+        "lbf-ft",
+        "Nm",
+        "Nmm",
+        "kgf-cm",
+        "kNm",
+    ]
+    assert [force_code(force_unit(code)) for code in range(1, 7)] == [
+        torque_code(torque_unit(code)) for code in range(1, 7)
+    ]
     for code in (0, 7, 255):
         with pytest.raises(MalformedFrame, match=f"{code} is no known code"):
             force_unit(code)

@@ -35,7 +35,9 @@ A_BINARY = bytes.fromhex("00 ff9a ff9d ff1f ffec 0027 ffd9")
 
 def drift(count: int, seed: int = 0) -> list[AtiRecord]:
     """Values that wander as a sensor's do, each of them different."""
-    values = np.cumsum(np.random.default_rng(seed).normal(0.0, 30.0, (count, 6)), axis=0).astype(int) + np.array(START)
+    values = np.cumsum(np.random.default_rng(seed).normal(0.0, 30.0, (count, 6)), axis=0).astype(
+        int
+    ) + np.array(START)
     return [AtiRecord(0, tuple(row)) for row in values.tolist()]
 
 
@@ -45,7 +47,11 @@ def wire(records: list[AtiRecord], form: RecordForm) -> bytes:
 
 def fed(form: RecordForm, data: bytes, piece: int = 7) -> tuple[list[FoundRecord], int]:
     stream = record_stream(form)
-    found = [one for start in range(0, len(data), piece) for one in stream.feed(data[start : start + piece])]
+    found = [
+        one
+        for start in range(0, len(data), piece)
+        for one in stream.feed(data[start : start + piece])
+    ]
     return found, stream.malformed
 
 
@@ -58,7 +64,9 @@ def test_a_line_of_a_real_controller_is_read_and_written() -> None:
 def test_a_binary_record_is_an_error_flag_and_six_counts_high_byte_first() -> None:
     assert decode_record(A_BINARY, RecordForm.BINARY) == A_RECORD
     assert encode_record(A_RECORD, RecordForm.BINARY) == A_BINARY
-    assert encode_record(AtiRecord(1, (256, 1, 0, 0, 0, -(2**15))), RecordForm.BINARY) == bytes.fromhex("01 0100 0001 0000 0000 0000 8000")
+    assert encode_record(
+        AtiRecord(1, (256, 1, 0, 0, 0, -(2**15))), RecordForm.BINARY
+    ) == bytes.fromhex("01 0100 0001 0000 0000 0000 8000")
 
 
 def test_the_checksum_is_the_sum_of_all_bytes() -> None:
@@ -102,8 +110,13 @@ def test_a_line_that_is_no_record_is_malformed(line: bytes) -> None:
 
 
 @pytest.mark.parametrize("form", [RecordForm.BINARY, RecordForm.BINARY_CHECKSUM])
-@pytest.mark.parametrize("data", [b"", bytes(12), bytes(15), b"\x02" + bytes(11) + b"\x00", b"\x02" + bytes(12) + b"\x02"])
-def test_a_binary_record_of_wrong_length_or_flag_is_malformed(form: RecordForm, data: bytes) -> None:
+@pytest.mark.parametrize(
+    "data",
+    [b"", bytes(12), bytes(15), b"\x02" + bytes(11) + b"\x00", b"\x02" + bytes(12) + b"\x02"],
+)
+def test_a_binary_record_of_wrong_length_or_flag_is_malformed(
+    form: RecordForm, data: bytes
+) -> None:
     with pytest.raises(MalformedFrame):
         decode_record(data, form)
 
@@ -123,7 +136,9 @@ def test_commands_end_in_a_carriage_return() -> None:
 
 
 @given(st.binary(max_size=300), st.sampled_from(FORMS))
-def test_no_bytes_make_a_decoder_raise_anything_but_its_own_error(data: bytes, form: RecordForm) -> None:
+def test_no_bytes_make_a_decoder_raise_anything_but_its_own_error(
+    data: bytes, form: RecordForm
+) -> None:
     with suppress(MalformedFrame):
         decode_record(data, form)
     record_stream(form).feed(data)
@@ -134,7 +149,9 @@ def test_no_bytes_make_a_decoder_raise_anything_but_its_own_error(data: bytes, f
 def test_a_clean_stream_is_read_whole_in_pieces_of_any_length(form: RecordForm, piece: int) -> None:
     records = drift(50)
     found, malformed = fed(form, wire(records, form), piece)
-    learnt = 1 if form is RecordForm.ASCII else 0  # the width of a line is learnt from the first two
+    learnt = (
+        1 if form is RecordForm.ASCII else 0
+    )  # the width of a line is learnt from the first two
     assert [one.record for one in found] == records[learnt:]
     assert malformed == 0
     assert all(one.missed == 0 for one in found)
@@ -143,7 +160,9 @@ def test_a_clean_stream_is_read_whole_in_pieces_of_any_length(form: RecordForm, 
 @pytest.mark.parametrize("form", FORMS)
 @given(data=st.data())
 @settings(max_examples=60, deadline=None)
-def test_after_noise_the_records_are_found_again_and_the_lost_ones_counted(form: RecordForm, data: st.DataObject) -> None:
+def test_after_noise_the_records_are_found_again_and_the_lost_ones_counted(
+    form: RecordForm, data: st.DataObject
+) -> None:
     records, size = drift(60, data.draw(st.integers(0, 1000))), form.record_bytes
     clean = wire(records, form)
     at = data.draw(st.integers(10 * size, 40 * size))

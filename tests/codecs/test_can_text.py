@@ -1,4 +1,6 @@
-"""CAN frames as the text of socketcand and of serial adapters, against python-can's own ends of both."""
+"""CAN frames as the text of socketcand and of serial adapters, against python-can's own ends of
+both.
+"""
 
 import os
 import pty
@@ -6,7 +8,10 @@ import pty
 import can
 import pytest
 from can.interfaces.slcan import slcanBus
-from can.interfaces.socketcand.socketcand import convert_ascii_message_to_can_message, convert_can_message_to_ascii_message
+from can.interfaces.socketcand.socketcand import (
+    convert_ascii_message_to_can_message,
+    convert_can_message_to_ascii_message,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,7 +35,9 @@ def message(frame: ClassicFrame) -> can.Message:
 
 @given(frames())
 def test_what_python_can_sends_to_socketcand_is_read(frame: ClassicFrame) -> None:
-    (words,), rest = classic_can.split_socketcand(convert_can_message_to_ascii_message(message(frame)).encode())
+    (words,), rest = classic_can.split_socketcand(
+        convert_can_message_to_ascii_message(message(frame)).encode()
+    )
     assert classic_can.decode_send(words) == frame
     assert rest == b""
 
@@ -38,7 +45,11 @@ def test_what_python_can_sends_to_socketcand_is_read(frame: ClassicFrame) -> Non
 @given(frames())
 def test_what_socketcand_tells_is_read_by_python_can(frame: ClassicFrame) -> None:
     heard = convert_ascii_message_to_can_message(classic_can.encode_socketcand(frame, 1.5).decode())
-    assert (heard.arbitration_id, bytes(heard.data), heard.is_extended_id) == (frame.can_id, frame.data, frame.extended)
+    assert (heard.arbitration_id, bytes(heard.data), heard.is_extended_id) == (
+        frame.can_id,
+        frame.data,
+        frame.extended,
+    )
     assert heard.timestamp == 1.5
 
 
@@ -46,13 +57,22 @@ def test_messages_of_the_socketcand_manual() -> None:
     (words,), _ = classic_can.split_socketcand(b"< send 123 0 >")
     assert classic_can.decode_send(words) == ClassicFrame(0x123)
     (words,), _ = classic_can.split_socketcand(b"< send 1AAAAAAA 8 11 22 33 44 55 66 77 88 >")
-    assert classic_can.decode_send(words) == ClassicFrame(0x1AAAAAAA, bytes.fromhex("1122334455667788"), extended=True)
-    assert classic_can.encode_socketcand(ClassicFrame(0x123, b"\x11\x22\x33\x44"), 23.424242) == b"< frame 123 23.424242 11223344 >"
+    assert classic_can.decode_send(words) == ClassicFrame(
+        0x1AAAAAAA, bytes.fromhex("1122334455667788"), extended=True
+    )
+    assert (
+        classic_can.encode_socketcand(ClassicFrame(0x123, b"\x11\x22\x33\x44"), 23.424242)
+        == b"< frame 123 23.424242 11223344 >"
+    )
 
 
 @given(st.lists(frames(), max_size=5), st.integers(1, 30))
-def test_messages_come_through_however_the_stream_is_cut(sent: list[ClassicFrame], cut: int) -> None:
-    stream = b"".join(convert_can_message_to_ascii_message(message(frame)).encode() for frame in sent)
+def test_messages_come_through_however_the_stream_is_cut(
+    sent: list[ClassicFrame], cut: int
+) -> None:
+    stream = b"".join(
+        convert_can_message_to_ascii_message(message(frame)).encode() for frame in sent
+    )
     heard, rest = [], b""
     for at in range(0, len(stream), cut):
         messages, rest = classic_can.split_socketcand(rest + stream[at : at + cut])
@@ -69,7 +89,9 @@ def test_a_frame_survives_a_serial_adapter(frame: ClassicFrame) -> None:
 
 def test_lines_of_the_serial_adapter_manual() -> None:
     assert classic_can.decode_frame("t10021133") == ClassicFrame(0x100, b"\x11\x33")
-    assert classic_can.decode_frame("T0000010021133") == ClassicFrame(0x100, b"\x11\x33", extended=True)
+    assert classic_can.decode_frame("T0000010021133") == ClassicFrame(
+        0x100, b"\x11\x33", extended=True
+    )
     assert classic_can.decode_frame("r1002") == ClassicFrame(0x100, remote=True, length=2)
     assert classic_can.encode_slcan(ClassicFrame(0x100, b"\x11\x33")) == b"t10021133\r"
 
@@ -109,17 +131,42 @@ def test_no_bytes_make_a_reader_raise_anything_but_its_own_error(junk: bytes) ->
 
 @given(st.text(alphabet="<> send0123456789abcdefTtRr\r", max_size=80))
 def test_nothing_close_to_a_frame_does_either(text: str) -> None:
-    test_no_bytes_make_a_reader_raise_anything_but_its_own_error.hypothesis.inner_test(text.encode())
+    test_no_bytes_make_a_reader_raise_anything_but_its_own_error.hypothesis.inner_test(
+        text.encode()
+    )
 
 
-@pytest.mark.parametrize("line", ["t80000", "t1009", "t1002113", "T3FFFFFFF0", "t", "x1000", "t10021133 ", "r10021133", "t100²11"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "t80000",
+        "t1009",
+        "t1002113",
+        "T3FFFFFFF0",
+        "t",
+        "x1000",
+        "t10021133 ",
+        "r10021133",
+        "t100²11",
+    ],
+)
 def test_a_serial_line_that_is_no_frame_is_refused(line: str) -> None:
     with pytest.raises(MalformedFrame):
         classic_can.decode_frame(line)
 
 
 @pytest.mark.parametrize(
-    "text", ["send 123 2 11", "send 800 0", "send 123 1 111", "send 3FFFFFFF 0", "send 123", "open can0", "send 123 -1", "send 1_2 0"]
+    "text",
+    [
+        "send 123 2 11",
+        "send 800 0",
+        "send 123 1 111",
+        "send 3FFFFFFF 0",
+        "send 123",
+        "open can0",
+        "send 123 -1",
+        "send 1_2 0",
+    ],
 )
 def test_a_socketcand_message_that_is_no_frame_is_refused(text: str) -> None:
     with pytest.raises(MalformedFrame):

@@ -12,7 +12,8 @@ from rfca_rig.devices.odrive import messages as om
 from rfca_rig.devices.odrive.messages import error_text, part_error_text, result_text, state_text
 from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
-# Bytes worked out by hand from the field tables of the protocol: little-endian, node 3 unless said otherwise.
+# Bytes worked out by hand from the field tables of the protocol: little-endian, node 3 unless said
+# otherwise.
 GOLDEN = [
     (cs.version(3, om.Version((0, 6, 10), (4, 4, 58))), 0x060, "02 04 04 3a 00 06 0a 00"),
     (cs.heartbeat(3, om.Heartbeat(0x01000000, 1, 3, True)), 0x061, "00 00 00 01 01 03 01 00"),
@@ -34,7 +35,9 @@ GOLDEN = [
 
 
 @pytest.mark.parametrize(("frame", "arbitration_id", "data"), GOLDEN)
-def test_a_frame_has_the_documented_id_and_bytes(frame: cs.Frame, arbitration_id: int, data: str) -> None:
+def test_a_frame_has_the_documented_id_and_bytes(
+    frame: cs.Frame, arbitration_id: int, data: str
+) -> None:
     assert frame == (arbitration_id, bytes.fromhex(data))
 
 
@@ -61,7 +64,9 @@ def test_a_frame_has_the_documented_id_and_bytes(frame: cs.Frame, arbitration_id
         (0x1C, "00 00 00 41 00 00 00 c1", om.Torques(8.0, -8.0)),
     ],
 )
-def test_documented_bytes_are_read_as_their_message(command: int, data: str, message: om.Message) -> None:
+def test_documented_bytes_are_read_as_their_message(
+    command: int, data: str, message: om.Message
+) -> None:
     assert cs.decode(5 << 5 | command, bytes.fromhex(data)) == message
 
 
@@ -77,7 +82,9 @@ def test_a_wrong_length_is_a_malformed_frame(command: int, length: int) -> None:
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
-def test_no_bytes_make_the_decoder_raise_anything_but_its_own_error(arbitration_id: int, data: bytes) -> None:
+def test_no_bytes_make_the_decoder_raise_anything_but_its_own_error(
+    arbitration_id: int, data: bytes
+) -> None:
     try:
         cs.decode(arbitration_id, data)
     except MalformedFrame as error:
@@ -96,7 +103,9 @@ def test_floats_survive_the_wire(node: int, first: float, second: float) -> None
 
 
 @given(single, st.floats(-32.767, 32.767), st.floats(-32.767, 32.767))
-def test_feed_forwards_survive_to_half_a_thousandth(position: float, speed: float, torque: float) -> None:
+def test_feed_forwards_survive_to_half_a_thousandth(
+    position: float, speed: float, torque: float
+) -> None:
     message = cs.decode(*cs.set_input_pos(0, position, speed, torque))
     assert isinstance(message, om.SetInputPos)
     assert message.position_turns == position
@@ -157,14 +166,21 @@ SIG_VALTYPE_ 44 Input_Pos : 1;
 """
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 15), st.booleans(), single, st.integers(-32767, 32767))
+@given(
+    st.integers(0, 2**32 - 1), st.integers(0, 15), st.booleans(), single, st.integers(-32767, 32767)
+)
 def test_another_decoder_reads_the_same_from_the_documented_bit_positions(
     error: int, state: int, done: bool, position: float, steps: int
 ) -> None:
     cantools = pytest.importorskip("cantools")
     database = cantools.database.load_string(DBC, "dbc")
     beat = database.decode_message(*cs.heartbeat(1, om.Heartbeat(error, state, state, done)))
-    assert beat == {"Axis_Error": error, "Axis_State": state, "Procedure_Result": state, "Trajectory_Done_Flag": done}
+    assert beat == {
+        "Axis_Error": error,
+        "Axis_State": state,
+        "Procedure_Result": state,
+        "Trajectory_Done_Flag": done,
+    }
     pos = database.decode_message(*cs.set_input_pos(1, position, steps / 1000.0))
     assert pos["Input_Pos"] == position
     assert pos["Vel_FF"] == pytest.approx(steps / 1000.0)
@@ -174,7 +190,8 @@ def test_the_scale_of_a_feed_forward_is_a_thousandth() -> None:
     assert struct.unpack("<fhh", cs.set_input_pos(0, 0.0, 1.2344, 0.0006)[1]) == (0.0, 1234, 1)
 
 
-# -- firmware 0.5 ------------------------------------------------------------------------------------------------------------
+# -- firmware 0.5
+# --------------------------------------------------------------------------------------------------
 
 V0_5 = om.OdriveFirmware.V0_5
 
@@ -185,18 +202,32 @@ V0_5 = om.OdriveFirmware.V0_5
         ("00 08 00 00 01 00 00 00", om.Heartbeat(0x800, 1, 0, False)),
         ("00 00 00 00 08 00 00 80", om.Heartbeat(0, 8, 0, True)),
         ("40 00 00 00 01 01 00 00", om.Heartbeat(0x40, 1, 0, False, (om.OdrivePart.MOTOR,))),
-        ("00 00 00 00 01 00 01 81", om.Heartbeat(0, 1, 0, True, (om.OdrivePart.ENCODER, om.OdrivePart.CONTROLLER))),
+        (
+            "00 00 00 00 01 00 01 81",
+            om.Heartbeat(0, 1, 0, True, (om.OdrivePart.ENCODER, om.OdrivePart.CONTROLLER)),
+        ),
     ],
 )
-def test_an_older_heartbeat_has_flags_where_the_newer_has_a_result(data: str, message: om.Heartbeat) -> None:
+def test_an_older_heartbeat_has_flags_where_the_newer_has_a_result(
+    data: str, message: om.Heartbeat
+) -> None:
     assert cs.heartbeat(3, message, V0_5) == (0x061, bytes.fromhex(data))
     assert cs.decode(0x061, bytes.fromhex(data), V0_5) == message
 
 
 def test_older_part_errors_have_the_documented_ids_and_64_bits() -> None:
-    assert cs.part_error(3, om.PartError(om.OdrivePart.MOTOR, 0x800000008)) == (0x063, bytes.fromhex("08 00 00 00 08 00 00 00"))
-    assert cs.part_error(3, om.PartError(om.OdrivePart.ENCODER, 0x80)) == (0x064, bytes.fromhex("80 00 00 00 00 00 00 00"))
-    assert cs.part_error(3, om.PartError(om.OdrivePart.CONTROLLER, 1)) == (0x07D, bytes.fromhex("01 00 00 00 00 00 00 00"))
+    assert cs.part_error(3, om.PartError(om.OdrivePart.MOTOR, 0x800000008)) == (
+        0x063,
+        bytes.fromhex("08 00 00 00 08 00 00 00"),
+    )
+    assert cs.part_error(3, om.PartError(om.OdrivePart.ENCODER, 0x80)) == (
+        0x064,
+        bytes.fromhex("80 00 00 00 00 00 00 00"),
+    )
+    assert cs.part_error(3, om.PartError(om.OdrivePart.CONTROLLER, 1)) == (
+        0x07D,
+        bytes.fromhex("01 00 00 00 00 00 00 00"),
+    )
 
 
 def test_the_dialects_do_not_read_each_others_messages() -> None:
@@ -207,23 +238,39 @@ def test_the_dialects_do_not_read_each_others_messages() -> None:
     assert cs.clear_errors(3, V0_5) == (0x078, b"")
 
 
-@pytest.mark.parametrize(("command", "name"), [(0x01, "HEARTBEAT"), (0x03, "MOTOR_ERROR"), (0x1D, "CONTROLLER_ERROR")])
+@pytest.mark.parametrize(
+    ("command", "name"), [(0x01, "HEARTBEAT"), (0x03, "MOTOR_ERROR"), (0x1D, "CONTROLLER_ERROR")]
+)
 def test_a_wrong_length_names_the_older_message_and_dialect(command: int, name: str) -> None:
-    with pytest.raises(MalformedFrame, match=rf"\({name}\) has 7 bytes, expected 8; does the drive speak CANSimple 0\.5"):
+    with pytest.raises(
+        MalformedFrame,
+        match=rf"\({name}\) has 7 bytes, expected 8; does the drive speak CANSimple 0\.5",
+    ):
         cs.decode(command, bytes(7), V0_5)
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
-def test_no_bytes_make_the_older_decoder_raise_anything_but_its_own_error(arbitration_id: int, data: bytes) -> None:
+def test_no_bytes_make_the_older_decoder_raise_anything_but_its_own_error(
+    arbitration_id: int, data: bytes
+) -> None:
     try:
         cs.decode(arbitration_id, data, V0_5)
     except MalformedFrame as error:
         assert isinstance(error, DeviceError)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 255), st.booleans(), st.sets(st.sampled_from(om.OdrivePart)))
-def test_an_older_heartbeat_survives_the_wire(error: int, state: int, done: bool, failed: set[om.OdrivePart]) -> None:
-    beat = om.Heartbeat(error, state, 0, done, tuple(part for part in om.OdrivePart if part in failed))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 255),
+    st.booleans(),
+    st.sets(st.sampled_from(om.OdrivePart)),
+)
+def test_an_older_heartbeat_survives_the_wire(
+    error: int, state: int, done: bool, failed: set[om.OdrivePart]
+) -> None:
+    beat = om.Heartbeat(
+        error, state, 0, done, tuple(part for part in om.OdrivePart if part in failed)
+    )
     assert cs.decode(*cs.heartbeat(7, beat, V0_5), V0_5) == beat
 
 
@@ -231,7 +278,10 @@ def test_an_older_heartbeat_survives_the_wire(error: int, state: int, done: bool
 def test_older_errors_survive_the_wire_and_have_words(part: om.OdrivePart, word: int) -> None:
     assert cs.decode(*cs.part_error(7, om.PartError(part, word)), V0_5) == om.PartError(part, word)
     assert part_error_text(part, word).count(":") == word.bit_count()
-    assert error_text(word & 0xFFFFFFFF, om.OdriveFirmware.V0_5).count(":") == (word & 0xFFFFFFFF).bit_count()
+    assert (
+        error_text(word & 0xFFFFFFFF, om.OdriveFirmware.V0_5).count(":")
+        == (word & 0xFFFFFFFF).bit_count()
+    )
 
 
 OLDER_DBC = """VERSION ""
@@ -248,8 +298,15 @@ BO_ 36 Get_Encoder_Error: 8 drive
 """
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 15), st.booleans(), st.sets(st.sampled_from(om.OdrivePart)))
-def test_another_decoder_reads_older_frames_the_same(error: int, state: int, done: bool, failed: set[om.OdrivePart]) -> None:
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 15),
+    st.booleans(),
+    st.sets(st.sampled_from(om.OdrivePart)),
+)
+def test_another_decoder_reads_older_frames_the_same(
+    error: int, state: int, done: bool, failed: set[om.OdrivePart]
+) -> None:
     cantools = pytest.importorskip("cantools")
     database = cantools.database.load_string(OLDER_DBC, "dbc")
     beat = om.Heartbeat(error, state, 0, done, tuple(failed))
@@ -261,21 +318,32 @@ def test_another_decoder_reads_older_frames_the_same(error: int, state: int, don
         "Encoder_Error_Flag": om.OdrivePart.ENCODER in failed,
         "Controller_Error_Flag": om.OdrivePart.CONTROLLER in failed,
     }
-    assert database.decode_message(*cs.part_error(1, om.PartError(om.OdrivePart.ENCODER, error))) == {"Encoder_Error": error}
+    assert database.decode_message(
+        *cs.part_error(1, om.PartError(om.OdrivePart.ENCODER, error))
+    ) == {"Encoder_Error": error}
 
 
-@pytest.mark.parametrize(("version", "dialect"), [("0.5.6", V0_5), ("0.6.10", om.OdriveFirmware.V0_6)])
+@pytest.mark.parametrize(
+    ("version", "dialect"), [("0.5.6", V0_5), ("0.6.10", om.OdriveFirmware.V0_6)]
+)
 def test_the_makers_own_database_reads_our_frames(version: str, dialect: om.OdriveFirmware) -> None:
     cantools = pytest.importorskip("cantools")
-    package = pytest.importorskip("odrive_can", reason="the extra `strangers` brings the maker's databases")
+    package = pytest.importorskip(
+        "odrive_can", reason="the extra `strangers` brings the maker's databases"
+    )
     path = Path(package.__file__).parent / "dbc" / f"odrive-cansimple-{version}.dbc"
     database = cantools.database.load_file(path)
-    beat = database.decode_message(*cs.heartbeat(0, om.Heartbeat(0x800, 8, 0, True), dialect), decode_choices=False)
+    beat = database.decode_message(
+        *cs.heartbeat(0, om.Heartbeat(0x800, 8, 0, True), dialect), decode_choices=False
+    )
     assert {name: beat[name] for name in ("Axis_Error", "Axis_State", "Trajectory_Done_Flag")} == {
         "Axis_Error": 0x800,
         "Axis_State": 8,
         "Trajectory_Done_Flag": 1,
     }
-    assert database.decode_message(*cs.encoder_estimates(0, 1.5, -2.0)) == {"Pos_Estimate": 1.5, "Vel_Estimate": -2.0}
+    assert database.decode_message(*cs.encoder_estimates(0, 1.5, -2.0)) == {
+        "Pos_Estimate": 1.5,
+        "Vel_Estimate": -2.0,
+    }
     assert sorted(database.decode_message(*cs.set_input_vel(0, 1.5, 0.25)).values()) == [0.25, 1.5]
     assert database.decode_message(*cs.iq(0, 4.0, 0.5)) == {"Iq_Setpoint": 4.0, "Iq_Measured": 0.5}

@@ -15,7 +15,9 @@ def test_no_random_frame_breaks_it_or_is_taken_wrongly(decoder):
 
 
 def test_a_decoder_that_takes_what_it_should_not_is_caught():
-    careless = Decoder("careless", lambda data: data, (b"\x01\x02",), lambda data: len(data) == 2, 8)
+    careless = Decoder(
+        "careless", lambda data: data, (b"\x01\x02",), lambda data: len(data) == 2, 8
+    )
     with pytest.raises(AssertionError, match="careless took"):
         tried(careless, 100, 1)
 

@@ -29,7 +29,9 @@ def test_the_checksum_is_that_of_its_polynomial() -> None:
 frames = st.builds(
     FdFrame,
     st.integers(0, (1 << 29) - 1),
-    st.sampled_from([length for length in FD_LENGTHS if length]).flatmap(lambda length: st.binary(min_size=length, max_size=length)),
+    st.sampled_from([length for length in FD_LENGTHS if length]).flatmap(
+        lambda length: st.binary(min_size=length, max_size=length)
+    ),
     st.just(True),
     st.booleans(),
 )
@@ -37,7 +39,10 @@ frames = st.builds(
 
 @given(frames)
 def test_frames_survive_both_ways(frame: FdFrame) -> None:
-    for encode, decode in ((fdcanusb.encode_send, fdcanusb.decode_send), (fdcanusb.encode_received, fdcanusb.decode_received)):
+    for encode, decode in (
+        (fdcanusb.encode_send, fdcanusb.decode_send),
+        (fdcanusb.encode_received, fdcanusb.decode_received),
+    ):
         ((said,), rest) = fdcanusb.split(encode(frame))
         text, has_checksum = fdcanusb.parse_line(said)
         assert (decode(text), has_checksum, rest) == (frame, True, b"")
@@ -81,8 +86,13 @@ def test_what_is_no_frame_is_refused(text: str) -> None:
         fdcanusb.decode_send(text)
 
 
-@pytest.mark.parametrize(("text", "extended", "switched"), [("7ff 00", False, True), ("800 00", True, True), ("1 00 E bF", True, False)])
-def test_flags_left_out_are_as_the_identifier_needs(text: str, extended: bool, switched: bool) -> None:
+@pytest.mark.parametrize(
+    ("text", "extended", "switched"),
+    [("7ff 00", False, True), ("800 00", True, True), ("1 00 E bF", True, False)],
+)
+def test_flags_left_out_are_as_the_identifier_needs(
+    text: str, extended: bool, switched: bool
+) -> None:
     frame = fdcanusb.decode_send(f"can send {text}")
     assert (frame.extended, frame.bitrate_switch) == (extended, switched)
 

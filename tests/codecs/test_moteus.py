@@ -34,7 +34,10 @@ COMMAND_SAYS = [
     Write(Register.COMMAND_VELOCITY, INT16, 0.072),
     Write(Register.COMMAND_FEEDFORWARD_TORQUE, INT16, -1.76),
     *(Read(register, INT16) for register in range(4)),
-    *(Read(register, INT8) for register in (Register.VOLTAGE, Register.TEMPERATURE, Register.FAULT)),
+    *(
+        Read(register, INT8)
+        for register in (Register.VOLTAGE, Register.TEMPERATURE, Register.FAULT)
+    ),
 ]
 ANSWER = bytes.fromhex("2404000a005000000170ff230d181400")
 ANSWER_SAYS = [
@@ -49,7 +52,9 @@ ANSWER_SAYS = [
 
 
 @pytest.mark.parametrize(("data", "says"), [(COMMAND, COMMAND_SAYS), (ANSWER, ANSWER_SAYS)])
-def test_the_documented_examples_are_written_and_read_as_documented(data: bytes, says: list[moteus.Subframe]) -> None:
+def test_the_documented_examples_are_written_and_read_as_documented(
+    data: bytes, says: list[moteus.Subframe]
+) -> None:
     assert moteus.encode(says) == data
     for read, said in zip(moteus.decode(data), says, strict=True):
         assert (type(read), read.register) == (type(said), said.register)
@@ -60,12 +65,25 @@ def test_the_documented_examples_are_written_and_read_as_documented(data: bytes,
 # Worked out by hand from the reference's tables.
 GOLDEN = [
     ([Write(Register.MODE, INT8, 0)], "01 00 00"),
-    ([Write(Register.COMMAND_POSITION, FLOAT, math.nan), Write(Register.COMMAND_VELOCITY, FLOAT, 0.5)], "0e 20 0000c07f 0000003f 50 50"),
+    (
+        [
+            Write(Register.COMMAND_POSITION, FLOAT, math.nan),
+            Write(Register.COMMAND_VELOCITY, FLOAT, 0.5),
+        ],
+        "0e 20 0000c07f 0000003f 50 50",
+    ),
     ([Write(Register.COMMAND_TIMEOUT, INT32, 0.25)], "09 27 90d00300"),
     ([Write(Register.COMMAND_POSITION, INT16, math.nan)], "05 20 0080"),
     ([Write(Register.COMMAND_MAXIMUM_TORQUE, INT8, -63.5)], "01 25 81"),
     ([Write(Register.COMMAND_KP_SCALE, INT16, 1.0)], "05 23 ff7f"),
-    ([Read(Register.MODE, INT8), *(Read(register, FLOAT) for register in (1, 2, 3)), Read(0x70, INT32)], "11 00 1f 01 19 70"),
+    (
+        [
+            Read(Register.MODE, INT8),
+            *(Read(register, FLOAT) for register in (1, 2, 3)),
+            Read(0x70, INT32),
+        ],
+        "11 00 1f 01 19 70",
+    ),
     ([Read(Register.FIRMWARE_VERSION, INT32)], "19 8102"),
     ([Read(register, INT32) for register in range(0x120, 0x124)], "18 04 a002"),
     ([Refusal(0x200, 1, of_write=False), Refusal(0x001, 2, of_write=True)], "31 8004 01 30 01 02"),
@@ -92,16 +110,32 @@ def test_ids_are_routed_as_documented(route: Route, identifier: int) -> None:
     assert moteus.route_of(identifier) == route
 
 
-@pytest.mark.parametrize("route", [Route(-1, 0), Route(0x80, 0), Route(0, 0x80), Route(0, 1, prefix=0x2000)])
+@pytest.mark.parametrize(
+    "route", [Route(-1, 0), Route(0x80, 0), Route(0, 0x80), Route(0, 1, prefix=0x2000)]
+)
 def test_a_route_that_cannot_be_is_refused(route: Route) -> None:
     with pytest.raises(NotEncodable, match="does not exist"):
         moteus.arbitration_id(route)
 
 
 @pytest.mark.parametrize(
-    ("registers", "length"), [(4, 8), (5, 12), (15, 20), (20, 24), (21, 32), (28, 32), (29, 48), (44, 48), (45, 64), (60, 64)]
+    ("registers", "length"),
+    [
+        (4, 8),
+        (5, 12),
+        (15, 20),
+        (20, 24),
+        (21, 32),
+        (28, 32),
+        (29, 48),
+        (44, 48),
+        (45, 64),
+        (60, 64),
+    ],
 )
-def test_a_frame_is_filled_up_with_no_operation_to_a_length_that_can_fd_has(registers: int, length: int) -> None:
+def test_a_frame_is_filled_up_with_no_operation_to_a_length_that_can_fd_has(
+    registers: int, length: int
+) -> None:
     data = moteus.encode([Reply(0x200 + at, INT8, 1) for at in range(registers)])
     assert len(data) == length
     assert set(data[4 + registers :]) <= {0x50}
@@ -156,8 +190,15 @@ SCALED = [register for register in Register if units_per_count(register, INT8) i
 PLAIN = [register for register in Register if units_per_count(register, INT8) is None]
 
 
-@given(st.sampled_from(SCALED), st.sampled_from([INT8, INT16, INT32]), st.floats(-1.0, 1.0), st.sampled_from([Write, Reply]))
-def test_quantities_survive_the_wire_to_half_a_count(register: Register, width: Width, share: float, kind: type) -> None:
+@given(
+    st.sampled_from(SCALED),
+    st.sampled_from([INT8, INT16, INT32]),
+    st.floats(-1.0, 1.0),
+    st.sampled_from([Write, Reply]),
+)
+def test_quantities_survive_the_wire_to_half_a_count(
+    register: Register, width: Width, share: float, kind: type
+) -> None:
     unit = units_per_count(register, width)
     value = share * unit * ((1 << (8 << width) - 1) - 1)
     (back,) = moteus.decode(moteus.encode([kind(register, width, value)]))
@@ -173,10 +214,19 @@ def test_floats_survive_the_wire(register: Register, value: float) -> None:
 
 @given(st.sampled_from(PLAIN), st.integers(-(1 << 31), (1 << 31) - 1))
 def test_whole_numbers_survive_the_wire_to_the_last(register: Register, value: int) -> None:
-    assert moteus.decode(moteus.encode([Reply(register, INT32, value)])) == [Reply(register, INT32, value)]
+    assert moteus.decode(moteus.encode([Reply(register, INT32, value)])) == [
+        Reply(register, INT32, value)
+    ]
 
 
-@given(st.lists(st.tuples(st.sampled_from([Write, Reply]), st.integers(0, 0x300), st.sampled_from(list(Width))), max_size=9))
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([Write, Reply]), st.integers(0, 0x300), st.sampled_from(list(Width))
+        ),
+        max_size=9,
+    )
+)
 def test_any_row_of_registers_comes_back_in_its_order(row: list[tuple[type, int, Width]]) -> None:
     subframes = [kind(register, width, 0.0) for kind, register, width in row]
     assert moteus.decode(moteus.encode(subframes)) == subframes
@@ -185,7 +235,9 @@ def test_any_row_of_registers_comes_back_in_its_order(row: list[tuple[type, int,
 @given(st.sampled_from(SCALED), st.sampled_from([INT8, INT16, INT32]))
 def test_no_number_is_the_lowest_count(register: Register, width: Width) -> None:
     data = moteus.encode([Reply(register, width, math.nan)])
-    assert int.from_bytes(data[2 : 2 + (1 << width)], "little", signed=True) == -(1 << (8 << width) - 1)
+    assert int.from_bytes(data[2 : 2 + (1 << width)], "little", signed=True) == -(
+        1 << (8 << width) - 1
+    )
     assert math.isnan(moteus.decode(data)[0].value)
 
 
@@ -195,14 +247,21 @@ def test_a_value_beyond_its_count_is_refused_with_the_limit(value: float) -> Non
         moteus.encode([Write(Register.COMMAND_POSITION, INT8, value)])
 
 
-@pytest.mark.parametrize(("width", "value"), [(INT8, 128), (INT8, 0.5), (INT16, math.nan), (INT32, 1 << 31), (FLOAT, 1e39)])
+@pytest.mark.parametrize(
+    ("width", "value"),
+    [(INT8, 128), (INT8, 0.5), (INT16, math.nan), (INT32, 1 << 31), (FLOAT, 1e39)],
+)
 def test_a_plain_number_that_does_not_fit_is_refused(width: Width, value: float) -> None:
     with pytest.raises(NotEncodable, match="MODE"):
         moteus.encode([Write(Register.MODE, width, value)])
 
 
-@given(st.sampled_from(list(Register)), st.sampled_from(list(Width)), st.floats(-1e38, 1e38).map(round))
-def test_the_nearest_value_can_always_be_carried(register: Register, width: Width, value: int) -> None:
+@given(
+    st.sampled_from(list(Register)), st.sampled_from(list(Width)), st.floats(-1e38, 1e38).map(round)
+)
+def test_the_nearest_value_can_always_be_carried(
+    register: Register, width: Width, value: int
+) -> None:
     moteus.encode([Reply(register, width, moteus.clip_to_register(register, width, value))])
 
 

@@ -7,7 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.devices.netft import codec as nc
-from rfca_rig.devices.netft.codec import MAX_PAGE_BYTES, NetFtConfiguration, decode_configuration, encode_configuration
+from rfca_rig.devices.netft.codec import (
+    MAX_PAGE_BYTES,
+    NetFtConfiguration,
+    decode_configuration,
+    encode_configuration,
+)
 from rfca_rig.errors import MalformedFrame, NotEncodable
 
 # Bytes worked out by hand from the field tables of the manual: big-endian.
@@ -32,7 +37,15 @@ def test_commands_are_the_documented_twenty_bytes() -> None:
     assert len(READ) == len(CALIBRATION) == nc.COMMAND_BYTES
 
 
-@pytest.mark.parametrize("command", [nc.ReadForce(), nc.ReadForce(True, True), nc.ReadForce(clear_latch=True), nc.ReadCalibrationInfo()])
+@pytest.mark.parametrize(
+    "command",
+    [
+        nc.ReadForce(),
+        nc.ReadForce(True, True),
+        nc.ReadForce(clear_latch=True),
+        nc.ReadCalibrationInfo(),
+    ],
+)
 def test_a_command_survives_the_wire(command: nc.ReadForce | nc.ReadCalibrationInfo) -> None:
     assert nc.decode_command(nc.encode_command(command)) == command
 
@@ -40,14 +53,18 @@ def test_a_command_survives_the_wire(command: nc.ReadForce | nc.ReadCalibrationI
 def test_replies_are_read_as_documented() -> None:
     assert nc.decode_reading(A_READING) == nc.NetFtReading(0x8002, (1, -1, 32767, -32768, 0, 256))
     info = nc.decode_calibration(A_CALIBRATION)
-    assert info == nc.CalibrationInfo("N", "Nm", 1_000_000, 1_000_000, (10_000, 10_000, 30_000, 1024, 1024, 1024))
+    assert info == nc.CalibrationInfo(
+        "N", "Nm", 1_000_000, 1_000_000, (10_000, 10_000, 30_000, 1024, 1024, 1024)
+    )
     assert (info.counts_per_N, info.counts_per_Nm) == (1e6, 1e6)
     assert nc.encode_reading(nc.decode_reading(A_READING)) == A_READING
     assert nc.encode_calibration(info) == A_CALIBRATION
 
 
 @given(*NAMES, *[st.integers(1, 2**32 - 1)] * 2, st.tuples(*[st.integers(0, 2**16 - 1)] * 6))
-def test_calibration_info_survives_the_wire(force: str, torque: str, cpf: int, cpt: int, factors: tuple[int, ...]) -> None:
+def test_calibration_info_survives_the_wire(
+    force: str, torque: str, cpf: int, cpt: int, factors: tuple[int, ...]
+) -> None:
     info = nc.CalibrationInfo(force, torque, cpf, cpt, factors)
     assert nc.decode_calibration(nc.encode_calibration(info)) == info
 
@@ -83,7 +100,12 @@ def test_what_does_not_fit_its_field_is_refused() -> None:
 
 @given(st.binary(max_size=40))
 def test_no_bytes_make_a_decoder_raise_anything_but_its_own_error(data: bytes) -> None:
-    for decoder in (nc.decode_command, nc.decode_reading, nc.decode_calibration, decode_configuration):
+    for decoder in (
+        nc.decode_command,
+        nc.decode_reading,
+        nc.decode_calibration,
+        decode_configuration,
+    ):
         try:
             decoder(data)
         except MalformedFrame:
@@ -92,25 +114,38 @@ def test_no_bytes_make_a_decoder_raise_anything_but_its_own_error(data: bytes) -
 
 def test_a_page_is_read_with_units_and_counts() -> None:
     says = decode_configuration(PAGE)
-    assert says == NetFtConfiguration("Net F/T", "FT27462", "N", "Nm", 1e6, 5e5, True, 1000.0, 7000.0, 40, "3")
+    assert says == NetFtConfiguration(
+        "Net F/T", "FT27462", "N", "Nm", 1e6, 5e5, True, 1000.0, 7000.0, 40, "3"
+    )
     assert (says.counts_per_N, says.counts_per_Nm) == (1e6, 5e5)
 
 
 def test_counts_in_other_units_become_counts_per_newton() -> None:
-    says = decode_configuration(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>kN<").replace(b"<scfgtu>Nm<", b"<scfgtu>N-mm<"))
+    says = decode_configuration(
+        PAGE.replace(b"<scfgfu>N<", b"<scfgfu>kN<").replace(b"<scfgtu>Nm<", b"<scfgtu>N-mm<")
+    )
     assert says.counts_per_N == pytest.approx(1e3)
     assert says.counts_per_Nm == pytest.approx(5e8)
 
 
-@pytest.mark.parametrize(("asked_Hz", "decimation"), [(7000, 1), (1000, 7), (150, 46), (99, 70), (100, 70), (1, 7000), (6999, 1)])
+@pytest.mark.parametrize(
+    ("asked_Hz", "decimation"),
+    [(7000, 1), (1000, 7), (150, 46), (99, 70), (100, 70), (1, 7000), (6999, 1)],
+)
 def test_the_box_rounds_its_rate_up_to_one_it_can_do(asked_Hz: float, decimation: int) -> None:
-    assert replace(decode_configuration(PAGE), rdt_rate_Hz=asked_Hz).decimation(7000.0) == decimation
+    assert (
+        replace(decode_configuration(PAGE), rdt_rate_Hz=asked_Hz).decimation(7000.0) == decimation
+    )
 
 
 @pytest.mark.parametrize("name", ["prodname", "scfgfu", "scfgtu", "cfgcpf", "cfgcpt"])
 def test_a_page_without_what_forces_hang_on_is_malformed(name: str) -> None:
     with pytest.raises(MalformedFrame, match=f"lacks {name}"):
-        decode_configuration(PAGE.replace(f"<{name}>".encode(), b"<other>").replace(f"</{name}>".encode(), b"</other>"))
+        decode_configuration(
+            PAGE.replace(f"<{name}>".encode(), b"<other>").replace(
+                f"</{name}>".encode(), b"</other>"
+            )
+        )
 
 
 @pytest.mark.parametrize(
@@ -136,9 +171,18 @@ def test_a_page_beyond_measure_is_not_read() -> None:
         decode_configuration(PAGE + b" " * MAX_PAGE_BYTES)
 
 
-@given(*NAMES, st.floats(1.0, 1e9), st.sampled_from([None, True, False]), st.sampled_from([None, 1.0, 7000.0]))
-def test_a_page_survives_the_wire(force: str, torque: str, cpf: float, enabled: bool | None, rate: float | None) -> None:
-    says = NetFtConfiguration("a box", "FT1", force, torque, float(f"{cpf:.10g}"), 2e6, enabled, rate)
+@given(
+    *NAMES,
+    st.floats(1.0, 1e9),
+    st.sampled_from([None, True, False]),
+    st.sampled_from([None, 1.0, 7000.0]),
+)
+def test_a_page_survives_the_wire(
+    force: str, torque: str, cpf: float, enabled: bool | None, rate: float | None
+) -> None:
+    says = NetFtConfiguration(
+        "a box", "FT1", force, torque, float(f"{cpf:.10g}"), 2e6, enabled, rate
+    )
     page = encode_configuration(says, {"runstat": "0x00000000"})
     assert decode_configuration(page) == says
     assert b"<runstat>0x00000000</runstat>" in page

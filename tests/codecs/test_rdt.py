@@ -20,12 +20,16 @@ from rfca_rig.devices.netft.codec import (
 )
 from rfca_rig.errors import MalformedFrame, NotEncodable
 
-ONE_RECORD = bytes.fromhex("00000001 00001b58 80020000 000f4240 fff0bdc0 00000000 00000001 ffffffff 7fffffff")
+ONE_RECORD = bytes.fromhex(
+    "00000001 00001b58 80020000 000f4240 fff0bdc0 00000000 00000001 ffffffff 7fffffff"
+)
 
 
 def test_a_start_request_is_the_documented_eight_bytes() -> None:
     assert encode_request(RdtCommand.START_BUFFERED) == bytes.fromhex("1234 0003 00000000")
-    assert encode_request(RdtCommand.START_SINGLE, 0x01020304) == bytes.fromhex("1234 0002 01020304")
+    assert encode_request(RdtCommand.START_SINGLE, 0x01020304) == bytes.fromhex(
+        "1234 0002 01020304"
+    )
     assert encode_request(RdtCommand.STOP) == bytes.fromhex("1234 0000 00000000")
     assert encode_request(RdtCommand.SET_BIAS) == bytes.fromhex("1234 0042 00000000")
 
@@ -43,11 +47,19 @@ def test_a_record_is_written_as_documented() -> None:
     assert encode_records(decode_records(ONE_RECORD)) == ONE_RECORD
 
 
-@given(st.lists(st.tuples(*[st.integers(0, 2**32 - 1)] * 3, *[st.integers(-(2**31), 2**31 - 1)] * 6), min_size=1, max_size=40))
+@given(
+    st.lists(
+        st.tuples(*[st.integers(0, 2**32 - 1)] * 3, *[st.integers(-(2**31), 2**31 - 1)] * 6),
+        min_size=1,
+        max_size=40,
+    )
+)
 def test_a_datagram_holds_what_a_plain_struct_packs(rows: list[tuple[int, ...]]) -> None:
     datagram = b"".join(struct.pack(">3I6i", *row) for row in rows)
     records = decode_records(datagram)
-    table = np.column_stack([records.rdt_sequence, records.ft_sequence, records.status, records.counts])
+    table = np.column_stack(
+        [records.rdt_sequence, records.ft_sequence, records.status, records.counts]
+    )
     assert table.tolist() == [list(row) for row in rows]
     assert encode_records(records) == datagram
 

@@ -7,7 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.description.camera_file import camera_file, plane_section, read_camera_file, write_camera_file
+from rfca_rig.description.camera_file import (
+    camera_file,
+    plane_section,
+    read_camera_file,
+    write_camera_file,
+)
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.board import BoardPhoto, RefusedPhoto
 from rfca_rig.vision.camera_calibration import CameraCalibration, PlanePose
@@ -33,7 +38,9 @@ def written(tmp_path, made=None, plane=True):
     path = tmp_path / "camera.toml"
     pose = PlanePose(TURN, np.array([0.01, -0.02, 0.85]), 0.2, np.array([1e-4, 2e-4]), 3e-4)
     section = plane_section(pose, "p.jpg", "board at 20, -15 mm") if plane else None
-    write_camera_file(path, camera_file(made or calibration(), "10x7,25,18,4x4", section), ["a camera"])
+    write_camera_file(
+        path, camera_file(made or calibration(), "10x7,25,18,4x4", section), ["a camera"]
+    )
     return path
 
 
@@ -48,7 +55,11 @@ def test_the_model_is_read_back(tmp_path):
 
 def test_photos_and_what_was_refused_are_read_back(tmp_path):
     file = read_camera_file(written(tmp_path))
-    assert (file.photos[0].name, file.photos[0].corners, file.photos[0].edge_px) == ("a.jpg", 54, 2.5)
+    assert (file.photos[0].name, file.photos[0].corners, file.photos[0].edge_px) == (
+        "a.jpg",
+        54,
+        2.5,
+    )
     assert (file.refused[0].name, file.refused[0].why) == ("b.jpg", 'is "blurred"\nby a line')
     assert file.plane.tilt_std_deg == pytest.approx(np.degrees([1e-4, 2e-4]), rel=1e-5)
 
@@ -76,9 +87,21 @@ def test_any_turn_survives_its_digits(tmp_path_factory, vector):
     ("find", "put", "line"),
     [
         (r"focal_px = .*", "", r"camera.toml:3: camera.focal_px: missing"),
-        (r"focal_px = \[2345", "focal_px = [-2345", r"camera.toml:5: camera.focal_px\[1\]: should be greater than 0"),
-        (r"rotation = \[\[0.0", "rotation = [[0.5", r"camera.toml:\d+: plane.rotation: should be three rows of a rotation"),
-        (r"distortion = ", "distorsion = ", r"camera.toml:\d+: camera.distorsion: unknown key; did you mean distortion\?"),
+        (
+            r"focal_px = \[2345",
+            "focal_px = [-2345",
+            r"camera.toml:5: camera.focal_px\[1\]: should be greater than 0",
+        ),
+        (
+            r"rotation = \[\[0.0",
+            "rotation = [[0.5",
+            r"camera.toml:\d+: plane.rotation: should be three rows of a rotation",
+        ),
+        (
+            r"distortion = ",
+            "distorsion = ",
+            r"camera.toml:\d+: camera.distorsion: unknown key; did you mean distortion\?",
+        ),
         (
             r"image_size_px = \[4000",
             "image_size_px = [0",

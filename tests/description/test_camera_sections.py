@@ -30,9 +30,13 @@ def test_the_shipped_twin_has_a_camera_before_the_leg():
     assert len(eye.plan.marks) == 8
     width, height = eye.camera.image_size_px
     corners = eye.camera.on_plane(np.array([[0.0, 0.0], [width, height]]))
-    assert corners[0] == pytest.approx([-0.22, 0.05], abs=0.03)  # z up: the picture's upper edge is above the shaft
+    assert corners[0] == pytest.approx(
+        [-0.22, 0.05], abs=0.03
+    )  # z up: the picture's upper edge is above the shaft
     assert corners[1] == pytest.approx([0.29, -0.27], abs=0.03)
-    assert -(eye.camera.rotation.T @ eye.camera.translation_m)[0] == pytest.approx(1.1, abs=0.05)  # on the side x points to
+    assert -(eye.camera.rotation.T @ eye.camera.translation_m)[0] == pytest.approx(
+        1.1, abs=0.05
+    )  # on the side x points to
 
 
 def test_a_rig_without_a_camera_has_no_eye_and_asks_for_no_photos(tmp_path):
@@ -44,14 +48,23 @@ def test_a_rig_without_a_camera_has_no_eye_and_asks_for_no_photos(tmp_path):
 
 
 def test_files_count_from_the_rig_file_s_folder(tmp_path):
-    camera = 'device = "photo-folder"\nfolder = "incoming"\ncalibration_file = "twin-camera.toml"\nphoto_limit_s = 30.0\n'
+    camera = (
+        'device = "photo-folder"\nfolder = "incoming"\ncalibration_file = '
+        '"twin-camera.toml"\nphoto_limit_s = 30.0\n'
+    )
     section = rig(tmp_path, camera).camera
     assert isinstance(section, PhotoFolderSection)
-    assert (section.folder, section.calibration_file) == (str(tmp_path / "incoming"), str(tmp_path / "twin-camera.toml"))
+    assert (section.folder, section.calibration_file) == (
+        str(tmp_path / "incoming"),
+        str(tmp_path / "twin-camera.toml"),
+    )
 
 
 def test_marks_may_be_elsewhere(tmp_path):
-    marks = "[camera.marks]\ndiameter_mm = 6.0\nplaces = [{ link = 1, along_mm = 10.0 }, { link = 7, along_mm = 5.0, across_mm = -2.0 }]\n"
+    marks = (
+        "[camera.marks]\ndiameter_mm = 6.0\nplaces = [{ link = 1, along_mm = 10.0 }, { link "
+        "= 7, along_mm = 5.0, across_mm = -2.0 }]\n"
+    )
     plan = rig(tmp_path, CAMERA + marks).eye().plan
     assert plan.diameter_m == 0.006
     assert plan.marks == (PlannedMark(1, 0.010), PlannedMark(7, 0.005, -0.002))
@@ -60,10 +73,19 @@ def test_marks_may_be_elsewhere(tmp_path):
 @pytest.mark.parametrize(
     ("camera", "said"),
     [
-        ('device = "webcam"\ncalibration_file = "c.toml"\n', r"rig.toml:\d+: camera: 'device' should be one of 'opencv', 'photo-folder'"),
+        (
+            'device = "webcam"\ncalibration_file = "c.toml"\n',
+            r"rig.toml:\d+: camera: 'device' should be one of 'opencv', 'photo-folder'",
+        ),
         ('device = "opencv"\n', r"rig.toml:\d+: camera.calibration_file: missing"),
-        (CAMERA + "[camera.marks]\nplaces = [{ link = 8, along_mm = 0.0 }]\n", r"camera.marks.places: names a link beyond the leg's 7"),
-        (CAMERA + "photo_limit_s = 0.0\n", r"rig.toml:\d+: camera.photo_limit_s: should be greater than 0"),
+        (
+            CAMERA + "[camera.marks]\nplaces = [{ link = 8, along_mm = 0.0 }]\n",
+            r"camera.marks.places: names a link beyond the leg's 7",
+        ),
+        (
+            CAMERA + "photo_limit_s = 0.0\n",
+            r"rig.toml:\d+: camera.photo_limit_s: should be greater than 0",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_one_line(tmp_path, camera, said):
@@ -72,13 +94,18 @@ def test_what_cannot_be_used_is_one_line(tmp_path, camera, said):
 
 
 def test_marks_out_of_order_are_one_line(tmp_path):
-    camera = CAMERA + "[camera.marks]\nplaces = [{ link = 3, along_mm = 0.0 }, { link = 2, along_mm = 0.0 }]\n"
+    camera = (
+        CAMERA
+        + "[camera.marks]\nplaces = [{ link = 3, along_mm = 0.0 }, { link = 2, along_mm = 0.0 }]\n"
+    )
     with pytest.raises(BadInput, match="list the marks in their order from the shaft outwards"):
         rig(tmp_path, camera).eye()
 
 
 def test_a_calibration_that_is_missing_or_knows_no_plane_is_one_line(tmp_path):
-    with pytest.raises(BadInput, match=r"twin-camera.toml: not there; \[camera\] of the rig file names it"):
+    with pytest.raises(
+        BadInput, match=r"twin-camera.toml: not there; \[camera\] of the rig file names it"
+    ):
         rig(tmp_path, calibration=False).eye()
     described = rig(tmp_path)
     path = tmp_path / "twin-camera.toml"
@@ -91,5 +118,7 @@ def test_a_calibration_with_z_downwards_is_refused(tmp_path):
     described = rig(tmp_path)
     path = tmp_path / "twin-camera.toml"
     path.write_text(path.read_text().replace("z up", "z down"))
-    with pytest.raises(BadInput, match=r"twin-camera.toml:\d+: plane.axes: should be 'y along the ground, z up'"):
+    with pytest.raises(
+        BadInput, match=r"twin-camera.toml:\d+: plane.axes: should be 'y along the ground, z up'"
+    ):
         described.eye()

@@ -1,4 +1,6 @@
-"""Angles that are written in degrees: read as radians, refused beside radians, reported as they were written."""
+"""Angles that are written in degrees: read as radians, refused beside radians, reported as they
+were written.
+"""
 
 import math
 
@@ -46,7 +48,10 @@ def test_every_angle_of_the_files_takes_degrees_and_nothing_else(section, keys):
 
 def test_both_units_are_refused(tmp_path):
     said = refusal(tmp_path, RADIANS, f"{RADIANS}\nstart_angle_deg = 13.0")
-    assert said == "rig.toml:1: leg: start_angle_rad and start_angle_deg both state one angle; leave one of them out"
+    assert said == (
+        "rig.toml:1: leg: start_angle_rad and start_angle_deg both state one angle; "
+        "leave one of them out"
+    )
 
 
 def test_a_limit_and_the_value_are_reported_in_degrees_with_the_line(tmp_path):
@@ -56,11 +61,15 @@ def test_a_limit_and_the_value_are_reported_in_degrees_with_the_line(tmp_path):
 
 @pytest.mark.parametrize("value", ['"13"', "true"])
 def test_what_is_no_number_is_refused_under_its_own_key(tmp_path, value):
-    assert refusal(tmp_path, RADIANS, f"start_angle_deg = {value}").startswith("rig.toml:9: leg.start_angle_deg: should be a number")
+    assert refusal(tmp_path, RADIANS, f"start_angle_deg = {value}").startswith(
+        "rig.toml:9: leg.start_angle_deg: should be a number"
+    )
 
 
 def test_a_number_that_is_no_angle_is_refused(tmp_path):
-    assert refusal(tmp_path, RADIANS, "start_angle_deg = inf").startswith("rig.toml:9: leg.start_angle_deg: should be a finite number")
+    assert refusal(tmp_path, RADIANS, "start_angle_deg = inf").startswith(
+        "rig.toml:9: leg.start_angle_deg: should be a finite number"
+    )
 
 
 def test_a_misspelt_key_in_degrees_is_suggested(tmp_path):

@@ -28,7 +28,10 @@ def rig_with(tmp_path, text):
 
 def test_an_effect_in_the_file_changes_the_prediction(tmp_path):
     plain, loaded = rig_with(tmp_path, "").model(), rig_with(tmp_path, STOP).model()
-    valleys = [predict_stroke(model, 0.215, 3.249, 200.0).summary()["valley_fz_N"] for model in (plain, loaded)]
+    valleys = [
+        predict_stroke(model, 0.215, 3.249, 200.0).summary()["valley_fz_N"]
+        for model in (plain, loaded)
+    ]
     assert abs(valleys[0] - valleys[1]) > 0.05
 
 
@@ -44,11 +47,17 @@ def test_what_is_believed_keeps_its_effects_on_the_way_through_a_recording(tmp_p
         (STOP.replace("tip_mass", "tip_math"), "effect tip_math: not in the catalogue"),
         (STOP.replace("mass_g", "mass"), "effect tip_mass: takes mass_g, was given mass"),
         (STOP.replace("20.0", '"heavy"'), "mass_g"),
-        (STOP.replace("parameters", "values"), "effect tip_mass: values belongs to a tabulated_law"),
+        (
+            STOP.replace("parameters", "values"),
+            "effect tip_mass: values belongs to a tabulated_law",
+        ),
         (STOP.replace("parameters", "numbers"), "effect tip_mass: parameters missing"),
         (STOP.replace("20.0", "nan"), "finite number"),
         (STOP.replace("20.0", "-1.0"), "effect tip_mass: mass_g = -1 must be 0 or more"),
-        (ripple(1.0, 8.0), "effect motor_speed_ripple: amplitude_relative = 1 must stay below 1 in magnitude"),
+        (
+            ripple(1.0, 8.0),
+            "effect motor_speed_ripple: amplitude_relative = 1 must stay below 1 in magnitude",
+        ),
         (ripple(0.1, 0.0), "effect motor_speed_ripple: cycles_per_turn = 0 must be above 0"),
         (ripple(0.1, -2.0), "effect motor_speed_ripple: cycles_per_turn = -2 must be above 0"),
     ],
@@ -58,10 +67,15 @@ def test_a_wrong_effect_is_one_clear_line(tmp_path, text, said):
         rig_with(tmp_path, text).model()
     assert "\n" not in str(raised.value)
     line = (TWIN + text).splitlines().index("[[effects]]") + 1
-    assert re.match(rf"{re.escape(str(tmp_path))}/rig\.toml:({line}|{line + 2}): effects\[1\]", str(raised.value))
+    assert re.match(
+        rf"{re.escape(str(tmp_path))}/rig\.toml:({line}|{line + 2}): effects\[1\]",
+        str(raised.value),
+    )
 
 
-@pytest.mark.parametrize("text", [STOP.replace("20.0", "400.0"), STOP.replace("20.0", "0.0"), ripple(0.9, 100.0)])
+@pytest.mark.parametrize(
+    "text", [STOP.replace("20.0", "400.0"), STOP.replace("20.0", "0.0"), ripple(0.9, 100.0)]
+)
 def test_an_implausible_value_that_can_be_is_taken(tmp_path, text):
     assert len(rig_with(tmp_path, text).model().effects) == 1
 

@@ -1,4 +1,6 @@
-"""Model files: written and read back, with effects, and what is wrong in them told with file and line."""
+"""Model files: written and read back, with effects, and what is wrong in them told with file and
+line.
+"""
 
 import pytest
 
@@ -7,11 +9,17 @@ from rfca_rig.errors import BadInput
 from tests.report.recordings import BELIEVED
 
 PLAY = {"id": "hinge_backlash", "parameters": {"half_gap_deg": 0.7}}
-LOOP = FoundEffect("spring_hysteresis", {"strength_relative": 0.2, "saturation_deg": 4.0}, {"strength_relative": 0.01234})
+LOOP = FoundEffect(
+    "spring_hysteresis",
+    {"strength_relative": 0.2, "saturation_deg": 4.0},
+    {"strength_relative": 0.01234},
+)
 
 
 def written(folder, sections=BELIEVED, found=(), comments=()):
-    write_model(folder / "model.toml", sections, {"height_mm": 0.2, "k0_relative": None}, comments, found)
+    write_model(
+        folder / "model.toml", sections, {"height_mm": 0.2, "k0_relative": None}, comments, found
+    )
     return folder / "model.toml"
 
 
@@ -23,7 +31,9 @@ def test_a_model_comes_back_as_it_was_written(tmp_path):
     assert read.known_to.model_dump(exclude_none=True) == {"height_mm": 0.2}
 
 
-def test_effects_believed_before_and_found_now_act_in_that_order_with_their_errors_beside_them(tmp_path):
+def test_effects_believed_before_and_found_now_act_in_that_order_with_their_errors_beside_them(
+    tmp_path,
+):
     path = written(tmp_path, {**BELIEVED, "effects": [PLAY]}, [LOOP], ["diagnosed from\nruns/a"])
     read = read_model_file(path)
     assert [(effect.id, dict(effect.values)) for effect in read.model().effects] == [
@@ -38,5 +48,11 @@ def test_effects_believed_before_and_found_now_act_in_that_order_with_their_erro
 def test_an_effect_that_cannot_be_is_told_with_file_and_line(tmp_path):
     path = written(tmp_path, found=[FoundEffect("hinge_backlash", {"half_gap_deg": -1.0})])
     line = path.read_text().splitlines().index("[[effects]]") + 1
-    with pytest.raises(BadInput, match=rf"model\.toml:{line}: effects\[1\]: effect hinge_backlash: half_gap_deg = -1 must be 0 or more"):
+    with pytest.raises(
+        BadInput,
+        match=(
+            rf"model\.toml:{line}: effects\[1\]: effect hinge_backlash: half_gap_deg = -1 must "
+            r"be 0 or more"
+        ),
+    ):
         read_model_file(path)

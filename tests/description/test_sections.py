@@ -61,8 +61,12 @@ def test_the_model_is_in_si_units():
 
 def test_a_leg_may_be_bent_at_rest_hinge_by_hinge():
     assert nominal_model(sections()).leg.rest_angles_rad == ()
-    assert nominal_model(sections(leg={"rest_angles_deg": [-1.5]})).leg.rest_angles_rad == (np.radians(-1.5),)
-    with pytest.raises(BadInput, match="rest_angles_deg has 2 angles, and the leg 1 hinges; give one per hinge"):
+    assert nominal_model(sections(leg={"rest_angles_deg": [-1.5]})).leg.rest_angles_rad == (
+        np.radians(-1.5),
+    )
+    with pytest.raises(
+        BadInput, match="rest_angles_deg has 2 angles, and the leg 1 hinges; give one per hinge"
+    ):
         nominal_model(sections(leg={"rest_angles_deg": [1.0, 2.0]}))
 
 
@@ -73,7 +77,9 @@ def test_the_floor_is_coulombs_unless_a_tangential_law_is_given():
 
 
 def test_a_believed_model_that_is_not_one_names_the_key():
-    with pytest.raises(BadInput, match=r"^the nominal model: leg\.k0_Nm_per_rad: should be greater than 0, not -1$"):
+    with pytest.raises(
+        BadInput, match=r"^the nominal model: leg\.k0_Nm_per_rad: should be greater than 0, not -1$"
+    ):
         nominal_model(sections(leg={"k0_Nm_per_rad": -1}))
 
 
@@ -85,25 +91,86 @@ def test_blanks_in_the_hinge_law_do_not_matter(law: str):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("friction_coefficient", "friction_coeficient", "rig.toml:14: ground.friction_coeficient: unknown key; did you mean fr"),
-        ("k0*k2*phi**3", "k3*phi**3", 'rig.toml:5: leg.hinge_torque_Nm: the only law known is "k0*phi + k0*k2*phi**3" (phi in rad)'),
-        ("[60.0, 43.0]", "[60.0]", "rig.toml:1: leg: link_lengths_mm names 2 links and link_masses_g 1; give one mass per length"),
-        ("[54.0, 40]", "[]", "rig.toml:2: leg.link_lengths_mm: should have 1 or more entries, not 0"),
-        ("[54.0, 40]", "[54.0, 0]", "rig.toml:2: leg.link_lengths_mm[2]: should be greater than 0, not 0"),
+        (
+            "friction_coefficient",
+            "friction_coeficient",
+            "rig.toml:14: ground.friction_coeficient: unknown key; did you mean fr",
+        ),
+        (
+            "k0*k2*phi**3",
+            "k3*phi**3",
+            (
+                'rig.toml:5: leg.hinge_torque_Nm: the only law known is "k0*phi + '
+                'k0*k2*phi**3" (phi in rad)'
+            ),
+        ),
+        (
+            "[60.0, 43.0]",
+            "[60.0]",
+            (
+                "rig.toml:1: leg: link_lengths_mm names 2 links and link_masses_g 1; give "
+                "one mass per length"
+            ),
+        ),
+        (
+            "[54.0, 40]",
+            "[]",
+            "rig.toml:2: leg.link_lengths_mm: should have 1 or more entries, not 0",
+        ),
+        (
+            "[54.0, 40]",
+            "[54.0, 0]",
+            "rig.toml:2: leg.link_lengths_mm[2]: should be greater than 0, not 0",
+        ),
         ("[54.0, 40]", "54.0", "rig.toml:2: leg.link_lengths_mm: should be a list, not 54.0"),
-        ("ramp_s = 0.05", "ramp_s = 0", "rig.toml:21: drive.ramp_s: should be greater than 0, not 0"),
-        ("ramp_s = 0.05", "ramp_s = inf", "rig.toml:21: drive.ramp_s: should be a finite number, not inf"),
-        ("ramp_s = 0.05", "ramp_s = true", "rig.toml:21: drive.ramp_s: should be a number, not True"),
-        ("ramp_s = 0.05", 'ramp_s = "0.05"', "rig.toml:21: drive.ramp_s: should be a number, not '0.05'"),
+        (
+            "ramp_s = 0.05",
+            "ramp_s = 0",
+            "rig.toml:21: drive.ramp_s: should be greater than 0, not 0",
+        ),
+        (
+            "ramp_s = 0.05",
+            "ramp_s = inf",
+            "rig.toml:21: drive.ramp_s: should be a finite number, not inf",
+        ),
+        (
+            "ramp_s = 0.05",
+            "ramp_s = true",
+            "rig.toml:21: drive.ramp_s: should be a number, not True",
+        ),
+        (
+            "ramp_s = 0.05",
+            'ramp_s = "0.05"',
+            "rig.toml:21: drive.ramp_s: should be a number, not '0.05'",
+        ),
         ("ramp_s = 0.05\n", "", "rig.toml:20: drive.ramp_s: missing"),
         ('"speed"', '"torque"', "rig.toml:22: drive.mode: should be 'speed', not 'torque'"),
-        ("fy_N = 0.10", "fy_kN = 0.10", "rig.toml:18: sensor.noise_std.fy_kN: unknown key; did you mean fy_N?"),
-        ("k2_per_rad2 = 4.2", "k2_per_rad2 = 4.2\ncolour = 1", "rig.toml:8: leg.colour: unknown key; known are link_lengths_mm, "),
-        ("[drive]", "link_lengths_mm = 3\n[drive]", "rig.toml:20: sensor.link_lengths_mm: unknown key; known are below_shaft_mm, "),
+        (
+            "fy_N = 0.10",
+            "fy_kN = 0.10",
+            "rig.toml:18: sensor.noise_std.fy_kN: unknown key; did you mean fy_N?",
+        ),
+        (
+            "k2_per_rad2 = 4.2",
+            "k2_per_rad2 = 4.2\ncolour = 1",
+            "rig.toml:8: leg.colour: unknown key; known are link_lengths_mm, ",
+        ),
+        (
+            "[drive]",
+            "link_lengths_mm = 3\n[drive]",
+            "rig.toml:20: sensor.link_lengths_mm: unknown key; known are below_shaft_mm, ",
+        ),
         ("[drive]", "[drive", "rig.toml:20: not TOML at column 7: "),
-        ("[drive]\n", "[motor]\n", "rig.toml:20: motor: unknown key; known are leg, ground, sensor, drive, effects (and 1 more)"),
+        (
+            "[drive]\n",
+            "[motor]\n",
+            (
+                "rig.toml:20: motor: unknown key; known are leg, ground, sensor, drive, "
+                "effects (and 1 more)"
+            ),
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_in_a_file_is_one_line(tmp_path: Path, old: str, new: str, said: str):
     assert refusal(tmp_path, old, new).startswith(said)
 
@@ -127,25 +194,36 @@ class Sweep(Section):
 
 
 class Plan(Section):
-    stages: Annotated[tuple[Annotated[Hold | Sweep, Field(discriminator="kind")], ...], Field(strict=False)]
+    stages: Annotated[
+        tuple[Annotated[Hold | Sweep, Field(discriminator="kind")], ...], Field(strict=False)
+    ]
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (HOLD + '[[stages]]\nkind = "sweep"\nsped_rad_s = 1\n', "6: stages[2].sped_rad_s: unknown key; did you mean speed_rad_s?"),
-        ('[[stages]]\nkind = "hold"\nhold_s = "1"\n', "3: stages[1].hold_s: should be a number, not '1'"),
-        ('[[stages]]\nhold_s = 1\n', "1: stages[1]: 'kind' is missing"),
+        (
+            HOLD + '[[stages]]\nkind = "sweep"\nsped_rad_s = 1\n',
+            "6: stages[2].sped_rad_s: unknown key; did you mean speed_rad_s?",
+        ),
+        (
+            '[[stages]]\nkind = "hold"\nhold_s = "1"\n',
+            "3: stages[1].hold_s: should be a number, not '1'",
+        ),
+        ("[[stages]]\nhold_s = 1\n", "1: stages[1]: 'kind' is missing"),
         ('stages = [\n  {kind = "hold"},\n]\n', "1: stages[1].hold_s: missing"),
-        ('# no stages\n', ": stages: missing"),
+        ("# no stages\n", ": stages: missing"),
     ],
-)  # fmt: skip
+)
 def test_entries_of_any_model_are_counted_from_one_and_found(tmp_path: Path, text: str, said: str):
     path = tmp_path / "plan.toml"
     path.write_text(text)
     with pytest.raises(BadInput) as caught:
         read_toml(path, Plan)
-    assert str(caught.value).removeprefix(f"{path}").removeprefix(":").lstrip() == said.removeprefix(":").lstrip()
+    assert (
+        str(caught.value).removeprefix(f"{path}").removeprefix(":").lstrip()
+        == said.removeprefix(":").lstrip()
+    )
 
 
 def test_a_file_that_is_not_there_is_one_line(tmp_path: Path):

@@ -8,7 +8,13 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.description.model_file import nominal_model, read_curve, read_model_file, splines_of, write_model
+from rfca_rig.description.model_file import (
+    nominal_model,
+    read_curve,
+    read_model_file,
+    splines_of,
+    write_model,
+)
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import bending_torque_Nm
@@ -17,7 +23,11 @@ from tests.description.test_sections import RIG
 
 TWIN = Path("calibration/twin.toml").read_text(encoding="utf-8")
 LAW = RIG.split("hinge_torque_Nm")[1].split("\nhinge_damping")[0]
-PLAIN = RIG.replace(f"hinge_torque_Nm{LAW}\n", "").replace("40]", "40, 40]").replace("43.0]", "43.0, 43.0]")
+PLAIN = (
+    RIG.replace(f"hinge_torque_Nm{LAW}\n", "")
+    .replace("40]", "40, 40]")
+    .replace("43.0]", "43.0, 43.0]")
+)
 CURVE = """
 [leg.torque_rotation]
 angles_deg = [3.0, 8.0, 14.0, 20.0]
@@ -25,7 +35,10 @@ torques_Nm = [0.58, 1.67, 3.37, 5.80]
 standard_deviations_Nm = [0.01, 0.02, 0.03, 0.06]
 """
 BAND = float(np.sqrt(0.005 / (0.58**2 + 1.67**2 + 3.37**2 + 5.80**2)))
-CSV = "angle_deg, torque_Nm, torque_std_Nm\n3.0, 0.58, 0.01\n8.0, 1.67, 0.02\n14.0, 3.37, 0.03\n20.0, 5.80, 0.06\n"
+CSV = (
+    "angle_deg, torque_Nm, torque_std_Nm\n3.0, 0.58, 0.01\n8.0, 1.67, 0.02\n14.0, 3.37, "
+    "0.03\n20.0, 5.80, 0.06\n"
+)
 
 
 STD = "standard_deviations_Nm = [0.01, 0.02, 0.03, 0.06]"
@@ -94,8 +107,14 @@ def test_rig_file_and_campaign_take_it(tmp_path):
     assert rig.known_to is not None
     assert rig.known_to.k0_relative == pytest.approx(BAND)
     sections = {"leg", "ground", "sensor", "drive", "known_to"}
-    parts = [part for part in text.split("\n\n") if part.split("]")[0].lstrip("[").split(".")[0] in sections]
-    (tmp_path / "static.csv").write_text("height_mm,stage,direction,shaft_angle_rad,fy_N,fz_N,tx_Nm\n215,1,loading,1.0,-1.5,-3.0,1.2\n")
+    parts = [
+        part
+        for part in text.split("\n\n")
+        if part.split("]")[0].lstrip("[").split(".")[0] in sections
+    ]
+    (tmp_path / "static.csv").write_text(
+        "height_mm,stage,direction,shaft_angle_rad,fy_N,fz_N,tx_Nm\n215,1,loading,1.0,-1.5,-3.0,1.2\n"
+    )
     run = '[[runs]]\nexperiment = "static"\nfile = "static.csv"\n'
     head = 'format = "rfca-campaign/1"\ntitle = "with a curve"\n'
     (tmp_path / "campaign.toml").write_text("\n\n".join([head, *parts, run]), encoding="utf-8")
@@ -105,13 +124,18 @@ def test_rig_file_and_campaign_take_it(tmp_path):
 
 
 def test_each_hinge_may_have_a_curve_of_its_own(tmp_path):
-    each = CURVE.replace("torques_Nm = [0.58, 1.67, 3.37, 5.80]", "torques_by_hinge_Nm = [[0.58, 1.67, 3.37, 5.80], [0.4, 1.0, 1.7, 2.3]]")
+    each = CURVE.replace(
+        "torques_Nm = [0.58, 1.67, 3.37, 5.80]",
+        "torques_by_hinge_Nm = [[0.58, 1.67, 3.37, 5.80], [0.4, 1.0, 1.7, 2.3]]",
+    )
     without_std = "\n".join(line for line in each.splitlines() if "deviations" not in line)
     leg = read(tmp_path, without_std).model().leg
     assert bending_torque_Nm(leg, np.radians(14.0)) == pytest.approx(0.5 * (3.37 + 1.7))
 
 
-def test_a_fit_scales_the_curve_within_its_band_and_the_file_that_it_writes_holds_the_result(tmp_path):
+def test_a_fit_scales_the_curve_within_its_band_and_the_file_that_it_writes_holds_the_result(
+    tmp_path,
+):
     file = read(tmp_path)
     space = make_prior((), ModelPoint(file.model()), file.known_to.model_dump(exclude_none=True))
     assert space.names == ("k0",)
@@ -122,8 +146,12 @@ def test_a_fit_scales_the_curve_within_its_band_and_the_file_that_it_writes_hold
     write_model(tmp_path / "fitted.toml", sections, {"k0_relative": 0.001}, ["fitted"])
     fitted = read_model_file(tmp_path / "fitted.toml")
     assert fitted.leg.torque_rotation is not None
-    assert fitted.leg.torque_rotation.torques_Nm == pytest.approx(factor * np.array([0.58, 1.67, 3.37, 5.80]), rel=1e-6)
-    assert fitted.leg.torque_rotation.standard_deviations_Nm == pytest.approx(factor * np.array([0.01, 0.02, 0.03, 0.06]), abs=1e-7)
+    assert fitted.leg.torque_rotation.torques_Nm == pytest.approx(
+        factor * np.array([0.58, 1.67, 3.37, 5.80]), rel=1e-6
+    )
+    assert fitted.leg.torque_rotation.standard_deviations_Nm == pytest.approx(
+        factor * np.array([0.01, 0.02, 0.03, 0.06]), abs=1e-7
+    )
     assert fitted.model().leg.k0_Nm_per_rad == pytest.approx(moved.leg.k0_Nm_per_rad, rel=1e-6)
     assert fitted.known_to.k0_relative == 0.001
 
@@ -144,21 +172,65 @@ def test_k2_of_a_curve_can_be_neither_fitted_nor_swept(tmp_path):
         (
             "[3.0, 8.0",
             "[8.0, 3.0",
-            "model.toml:21: leg.torque_rotation: this curve: angle 2 (3) is not above the one before (8); sort them",
+            (
+                "model.toml:21: leg.torque_rotation: this curve: angle 2 (3) is not above "
+                "the one before (8); sort them"
+            ),
         ),
-        ("1.67", "0.5", "leg.torque_rotation: this curve: torque 2 (0.5 N m) is not above the one before (0.58 N m)"),
-        (", 20.0]", "]", "leg.torque_rotation: this curve: 3 angles, but 4 torques; give one torque per angle"),
-        (", 0.06]", "]", "4 angles, but 3 standard_deviations_Nm; give one per angle"),
-        ("standard_deviations_Nm = [0.01, 0.02, 0.03, 0.06]", "covariance_Nm2 = [[1.0, 0.0], [0.0, 1.0]]", "4 rows of 4 numbers"),
-        (STD, covariance_line({(0, 3): 5e-4}), "covariance_Nm2 is not symmetric: number j of row i must be number i of row j"),
-        (STD, covariance_line({(0, 3): 7e-4, (3, 0): 7e-4}), "covariance_Nm2 belongs to no torques: a correlation is beyond -1 to 1"),
-        ("torques_Nm = [0.58, 1.67, 3.37, 5.80]\n", "", "takes angles_deg with either torques_Nm or torques_by_hinge_Nm, or curve"),
-        ("torques_Nm", "torque_Nm", "leg.torque_rotation.torque_Nm: unknown key; did you mean torques_Nm?"),
-        ("angles_deg", 'curve = "a.csv"\nangles_deg', "curve names a file, so angles_deg must be left out"),
         (
-            "torques_Nm = [0.58, 1.67, 3.37, 5.80]\nstandard_deviations_Nm = [0.01, 0.02, 0.03, 0.06]",
+            "1.67",
+            "0.5",
+            (
+                "leg.torque_rotation: this curve: torque 2 (0.5 N m) is not above the one "
+                "before (0.58 N m)"
+            ),
+        ),
+        (
+            ", 20.0]",
+            "]",
+            "leg.torque_rotation: this curve: 3 angles, but 4 torques; give one torque per angle",
+        ),
+        (", 0.06]", "]", "4 angles, but 3 standard_deviations_Nm; give one per angle"),
+        (
+            "standard_deviations_Nm = [0.01, 0.02, 0.03, 0.06]",
+            "covariance_Nm2 = [[1.0, 0.0], [0.0, 1.0]]",
+            "4 rows of 4 numbers",
+        ),
+        (
+            STD,
+            covariance_line({(0, 3): 5e-4}),
+            "covariance_Nm2 is not symmetric: number j of row i must be number i of row j",
+        ),
+        (
+            STD,
+            covariance_line({(0, 3): 7e-4, (3, 0): 7e-4}),
+            "covariance_Nm2 belongs to no torques: a correlation is beyond -1 to 1",
+        ),
+        (
+            "torques_Nm = [0.58, 1.67, 3.37, 5.80]\n",
+            "",
+            "takes angles_deg with either torques_Nm or torques_by_hinge_Nm, or curve",
+        ),
+        (
+            "torques_Nm",
+            "torque_Nm",
+            "leg.torque_rotation.torque_Nm: unknown key; did you mean torques_Nm?",
+        ),
+        (
+            "angles_deg",
+            'curve = "a.csv"\nangles_deg',
+            "curve names a file, so angles_deg must be left out",
+        ),
+        (
+            (
+                "torques_Nm = [0.58, 1.67, 3.37, 5.80]\nstandard_deviations_Nm = [0.01, "
+                "0.02, 0.03, 0.06]"
+            ),
             "torques_by_hinge_Nm = [[0.58, 1.67, 3.37, 5.80]]",
-            "torque_rotation.torques_by_hinge_Nm has 1 curves, and the leg 2 hinges; give one per hinge",
+            (
+                "torque_rotation.torques_by_hinge_Nm has 1 curves, and the leg 2 hinges; "
+                "give one per hinge"
+            ),
         ),
     ],
 )
@@ -176,7 +248,10 @@ def test_what_is_no_curve_is_one_line(tmp_path, old, new, said):
         (None, "measured.csv: cannot be read: No such file or directory"),
         ("angle_deg, torque\n1, 2\n", "measured.csv:1: column torque_Nm is missing"),
         (CSV.replace("1.67", "lots"), "measured.csv:3: column 2 should hold a number, not 'lots'"),
-        (CSV.replace("20.0", "10.0"), "measured.csv: this curve: angle 4 (10) is not above the one before (14); sort them"),
+        (
+            CSV.replace("20.0", "10.0"),
+            "measured.csv: this curve: angle 4 (10) is not above the one before (14); sort them",
+        ),
     ],
 )
 def test_a_file_that_holds_no_curve_is_one_line(tmp_path, text, said):
@@ -189,8 +264,13 @@ def test_a_file_that_holds_no_curve_is_one_line(tmp_path, text, said):
 
 
 def test_a_law_beside_the_curve_is_refused(tmp_path):
-    rig = PLAIN.replace("[ground]", CURVE + "\n[ground]").replace("link_radius_mm = 3.0", "link_radius_mm = 3.0\nk0_Nm_per_rad = 11.0")
-    with pytest.raises(BadInput, match=r"torque_rotation takes the place of hinge_torque_Nm, .*; leave out k0_Nm_per_rad"):
+    rig = PLAIN.replace("[ground]", CURVE + "\n[ground]").replace(
+        "link_radius_mm = 3.0", "link_radius_mm = 3.0\nk0_Nm_per_rad = 11.0"
+    )
+    with pytest.raises(
+        BadInput,
+        match=r"torque_rotation takes the place of hinge_torque_Nm, .*; leave out k0_Nm_per_rad",
+    ):
         read(tmp_path, "", rig)
 
 
@@ -200,5 +280,8 @@ def test_a_law_may_soften_as_far_as_it_grows_up_to_ninety_degrees(tmp_path, k2, 
     if is_taken:
         assert read(tmp_path, "", rig).model().leg.k2_per_rad2 == k2
         return
-    with pytest.raises(BadInput, match=r"leg.k2_per_rad2: below -0.135 the torque falls before 90 degrees; give a curve"):
+    with pytest.raises(
+        BadInput,
+        match=r"leg.k2_per_rad2: below -0.135 the torque falls before 90 degrees; give a curve",
+    ):
         read(tmp_path, "", rig)

@@ -32,8 +32,12 @@ class TwinRig:
     wire: can.BusABC
     link: "Tampered"
 
-    def run(self, seconds: float, speed_rad_s: float | None = None, angle_rad: float | None = None) -> tuple[ShaftSamples, ForceSamples]:
-        """Ticks as a control loop does, commanding what is given; returns everything read, joined."""
+    def run(
+        self, seconds: float, speed_rad_s: float | None = None, angle_rad: float | None = None
+    ) -> tuple[ShaftSamples, ForceSamples]:
+        """Ticks as a control loop does, commanding what is given; returns everything read,
+        joined.
+        """
         shaft, force = [], []
         for _ in range(round(seconds / TICK_S)):
             if speed_rad_s is not None:
@@ -47,12 +51,16 @@ class TwinRig:
 
 
 def _joined(blocks):
-    return type(blocks[0])(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))
+    return type(blocks[0])(
+        *(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0]))
+    )
 
 
 @dataclass
 class Tampered:
-    """The driver's end of a link, through which a test can lose, double, reorder and damage what comes in."""
+    """The driver's end of a link, through which a test can lose, double, reorder and damage what
+    comes in.
+    """
 
     end: LinkEnd
     tamper: object = None
@@ -85,7 +93,11 @@ def twin_rig(
     with can_wire(ends=2 + observers) as (drivers_end, twins_end, *others):
         here, there = datagram_link()
         drive = OdriveTwin(twins_end, motor_twin or OdriveTwinSettings())
-        world = TwinWorld(rotor, drive, NetFtTwin(there, sensor_twin or NetFtTwinSettings(), np.random.default_rng(seed)))
+        world = TwinWorld(
+            rotor,
+            drive,
+            NetFtTwin(there, sensor_twin or NetFtTwinSettings(), np.random.default_rng(seed)),
+        )
         clock.carry(world.process)
         link = Tampered(here)
         shaft_motor = OdriveMotor(drivers_end, clock, motor or OdriveSettings(node_id=0))

@@ -17,7 +17,9 @@ class Clock:
 
     def __init__(self, **happens):
         self._now_s = 0.0
-        self._happens = {float(at.removeprefix("at_").replace("_", ".")): what for at, what in happens.items()}
+        self._happens = {
+            float(at.removeprefix("at_").replace("_", ".")): what for at, what in happens.items()
+        }
 
     def now_s(self):
         return self._now_s
@@ -37,8 +39,16 @@ def test_the_first_that_comes_is_taken_and_what_was_there_is_left(tmp_path):
     clock = Clock(at_1_0=writes(tmp_path / "b.png", 2), at_3_0=writes(tmp_path / "a.png", 3))
     camera = ArrivingPhotos(tmp_path, clock, 10.0)
     first, second = camera.photo(), camera.photo()
-    assert (first.name, int(first.image[0, 0, 0]), second.name, int(second.image[0, 0, 0])) == ("b.png", 2, "a.png", 3)
-    assert (first.host_s, second.host_s) == (pytest.approx(1.0, abs=0.2), pytest.approx(3.0, abs=0.2))
+    assert (first.name, int(first.image[0, 0, 0]), second.name, int(second.image[0, 0, 0])) == (
+        "b.png",
+        2,
+        "a.png",
+        3,
+    )
+    assert (first.host_s, second.host_s) == (
+        pytest.approx(1.0, abs=0.2),
+        pytest.approx(3.0, abs=0.2),
+    )
     assert camera.identity() == {"camera": f"photos arriving in folder {tmp_path.name}"}
 
 
@@ -55,7 +65,9 @@ def test_none_within_the_limit_is_one_line_with_the_reason(tmp_path):
     with pytest.raises(DeviceError, match=r"no new photo came within 3 s$"):
         ArrivingPhotos(tmp_path, Clock(), 3.0).photo()
     broken = lambda: (tmp_path / "a.png").write_bytes(b"not a picture")  # noqa: E731
-    with pytest.raises(DeviceError, match=r"no new photo came within 3 s; .*a.png: neither JPEG, PNG nor TIFF"):
+    with pytest.raises(
+        DeviceError, match=r"no new photo came within 3 s; .*a.png: neither JPEG, PNG nor TIFF"
+    ):
         ArrivingPhotos(tmp_path, Clock(at_1_0=broken), 3.0).photo()
 
 

@@ -29,16 +29,26 @@ def keys(
     form: RecordForm = RecordForm.ASCII,
     **others: object,
 ) -> AtiSerialSection:
-    values = {"counts_per_N": counts_per_N, "counts_per_Nm": counts_per_Nm, "rate_Hz": rate_Hz, "record": form.value, "port": "COM3"}
+    values = {
+        "counts_per_N": counts_per_N,
+        "counts_per_Nm": counts_per_Nm,
+        "rate_Hz": rate_Hz,
+        "record": form.value,
+        "port": "COM3",
+    }
     return validate({"device": "ati-serial", **values, **others}, AtiSerialSection, "ati-serial")
 
 
-def made(form: RecordForm, rate_Hz: float | None = None, twin: AtiSerialTwinSettings | None = None) -> tuple[ForceSensorRig, NoisyPort]:
+def made(
+    form: RecordForm, rate_Hz: float | None = None, twin: AtiSerialTwinSettings | None = None
+) -> tuple[ForceSensorRig, NoisyPort]:
     rate_Hz = rate_Hz or RATES_HZ[form]
     twin_settings = twin or AtiSerialTwinSettings(sampling_Hz=rate_Hz)
     clock, (host, device) = TwinClock(), serial_line()
     port = NoisyPort(host)
-    sensor = AtiSerialSensor(port, clock, keys(twin_settings.counts_per_N, twin_settings.counts_per_Nm, rate_Hz, form))
+    sensor = AtiSerialSensor(
+        port, clock, keys(twin_settings.counts_per_N, twin_settings.counts_per_Nm, rate_Hz, form)
+    )
     rig = ForceSensorRig(
         clock=clock,
         sensor=sensor,
@@ -73,7 +83,13 @@ def test_starting_sets_the_form_and_asks_for_a_stream_without_a_bias() -> None:
 def test_a_controller_that_says_nothing_is_told_with_the_command() -> None:
     rig, port = made(RecordForm.ASCII)
     port.silent = True
-    with pytest.raises(DeviceError, match=r"COM3 gives no prompt to a carriage return within 0\.5 s, and sent nothing; .*38400 bit/s"):
+    with pytest.raises(
+        DeviceError,
+        match=(
+            r"COM3 gives no prompt to a carriage return within 0\.5 s, and sent nothing; "
+            r".*38400 bit/s"
+        ),
+    ):
         rig.sensor.start()
 
 
@@ -107,14 +123,18 @@ def test_a_controller_at_another_speed_of_the_line_is_told_with_what_it_said() -
 
 @pytest.mark.parametrize("sampling_Hz", [70.0, 84.0])
 def test_another_rate_than_configured_is_refused_with_both(sampling_Hz: float) -> None:
-    rig, _ = made(RecordForm.ASCII, rate_Hz=80.0, twin=AtiSerialTwinSettings(sampling_Hz=sampling_Hz))
+    rig, _ = made(
+        RecordForm.ASCII, rate_Hz=80.0, twin=AtiSerialTwinSettings(sampling_Hz=sampling_Hz)
+    )
     rig.sensor.start()
     with pytest.raises(DeviceError, match=r"sends \d+\.\d records/s, the settings say 80"):
         rig.run(1.5)
 
 
 def test_a_line_too_slow_for_the_rate_is_refused_with_what_it_carries() -> None:
-    with pytest.raises(BadInput, match=r"at 38400 bit/s the line carries 85\.3 records/s in the form 'ascii'"):
+    with pytest.raises(
+        BadInput, match=r"at 38400 bit/s the line carries 85\.3 records/s in the form 'ascii'"
+    ):
         keys(rate_Hz=250.0)
     keys(rate_Hz=250.0, form=RecordForm.BINARY_CHECKSUM)
 
@@ -154,7 +174,9 @@ def test_noise_on_the_line_never_raises_and_the_stream_comes_back() -> None:
 
 
 def test_records_lost_without_a_trace_move_the_clock_on() -> None:
-    """As when the computer's own buffer ran over: whole records are gone, and nothing in the bytes shows it."""
+    """As when the computer's own buffer ran over: whole records are gone, and nothing in the
+    bytes shows it.
+    """
     rig, port = made(RecordForm.BINARY)
     rig.sensor.start()
     rig.run(1.2)
@@ -193,7 +215,9 @@ def test_what_is_still_on_the_line_when_stopped_is_not_handed_over(form: RecordF
 
 def test_the_twin_sends_no_more_than_its_line_carries() -> None:
     host, device = serial_line()
-    twin = AtiSerialTwin(device, AtiSerialTwinSettings(sampling_Hz=1000.0), np.random.default_rng(1))
+    twin = AtiSerialTwin(
+        device, AtiSerialTwinSettings(sampling_Hz=1000.0), np.random.default_rng(1)
+    )
     host.write(b"QS\r")
     twin.take_requests()
     for end_s in np.arange(1, 1001) * 2e-3:
@@ -246,7 +270,9 @@ def test_driver_and_twin_also_work_over_a_pseudo_terminal_and_pyserial() -> None
             return os.write(device_side, data)
 
     class Unhurried(TwinClock):
-        """Bytes take their time through a pseudo terminal, so the twin's time takes as long as real time."""
+        """Bytes take their time through a pseudo terminal, so the twin's time takes as long as
+        real time.
+        """
 
         def wait_until(self, t_s: float) -> None:
             time.sleep(max(0.0, t_s - self.now_s()))
@@ -256,7 +282,16 @@ def test_driver_and_twin_also_work_over_a_pseudo_terminal_and_pyserial() -> None
     port = open_port(os.ttyname(client_side), 38_400)
     settings = keys(rate_Hz=250.0, form=RecordForm.BINARY_CHECKSUM)
     twin = AtiSerialTwin(Terminal(), AtiSerialTwinSettings(), np.random.default_rng(1))
-    rig = ForceSensorRig(clock, AtiSerialSensor(port, clock, settings), twin, 250.0, 0.0, np.zeros(6), (), *[lambda: None] * 4)
+    rig = ForceSensorRig(
+        clock,
+        AtiSerialSensor(port, clock, settings),
+        twin,
+        250.0,
+        0.0,
+        np.zeros(6),
+        (),
+        *[lambda: None] * 4,
+    )
     try:
         rig.sensor.start()
         samples = rig.run(0.8)

@@ -24,7 +24,9 @@ def with_exif(path, taken: bytes) -> None:
     """Puts Exif into a JPEG that has none."""
     content = path.read_bytes()
     body = b"Exif\0\0" + tiff("<", {0x9003: taken})
-    path.write_bytes(content[:2] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + content[2:])
+    path.write_bytes(
+        content[:2] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + content[2:]
+    )
 
 
 @pytest.mark.parametrize("ending", [".jpg", ".png", ".tif", ".JPEG", ".tiff"])
@@ -32,7 +34,9 @@ def test_every_format_is_read(tmp_path, ending):
     cv2.imwrite(str(tmp_path / f"a{ending}"), picture())
     seen = read_picture(tmp_path / f"a{ending}")
     assert seen.dtype == np.uint8
-    assert np.abs(seen.astype(int) - picture()).max() <= (0 if "png" in ending or "tif" in ending else 6)
+    assert np.abs(seen.astype(int) - picture()).max() <= (
+        0 if "png" in ending or "tif" in ending else 6
+    )
 
 
 def test_a_grey_picture_of_16_bits_is_read_as_colours_of_8(tmp_path):
@@ -41,11 +45,15 @@ def test_a_grey_picture_of_16_bits_is_read_as_colours_of_8(tmp_path):
 
 
 def test_how_the_camera_was_held_turns_no_picture(tmp_path):
-    """Exif orientation 6 asks viewers for a quarter turn; a calibrated camera's pixels must stay where they are."""
+    """Exif orientation 6 asks viewers for a quarter turn; a calibrated camera's pixels must stay
+    where they are.
+    """
     cv2.imwrite(str(tmp_path / "a.jpg"), picture())
     content = (tmp_path / "a.jpg").read_bytes()
     body = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"
-    (tmp_path / "a.jpg").write_bytes(content[:2] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + content[2:])
+    (tmp_path / "a.jpg").write_bytes(
+        content[:2] + b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body + content[2:]
+    )
     assert cv2.imread(str(tmp_path / "a.jpg")).shape == (64, 48, 3)
     assert read_picture(tmp_path / "a.jpg").shape == (48, 64, 3)
 
@@ -78,7 +86,9 @@ def test_a_missing_picture_and_a_text_are_named(tmp_path):
 @pytest.fixture
 def folder(tmp_path):
     """Three photos whose names, times of change and Exif times each tell another order."""
-    for at, (name, taken) in enumerate([("stage-10.jpg", b"30"), ("stage-2.jpg", b"10"), ("Stage-9.jpg", b"20")]):
+    for at, (name, taken) in enumerate(
+        [("stage-10.jpg", b"30"), ("stage-2.jpg", b"10"), ("Stage-9.jpg", b"20")]
+    ):
         cv2.imwrite(str(tmp_path / name), picture(10 * at))
         with_exif(tmp_path / name, b"2024:01:01 00:00:" + taken)
         os.utime(tmp_path / name, (1e9 + at, 1e9 + at))
@@ -142,7 +152,9 @@ class Capture:
         return True
 
     def get(self, number):
-        return {cv2.CAP_PROP_FRAME_WIDTH: self.size[0], cv2.CAP_PROP_FRAME_HEIGHT: self.size[1]}[number]
+        return {cv2.CAP_PROP_FRAME_WIDTH: self.size[0], cv2.CAP_PROP_FRAME_HEIGHT: self.size[1]}[
+            number
+        ]
 
     def grab(self):
         self.exposed += 1

@@ -1,4 +1,6 @@
-"""A camera on a thread of its own: asked and looked at again, it keeps nobody waiting, whatever it does."""
+"""A camera on a thread of its own: asked and looked at again, it keeps nobody waiting, whatever
+it does.
+"""
 
 import threading
 
@@ -13,7 +15,9 @@ LONGEST_S = 60.0
 
 
 class Held:
-    """A camera whose next photo comes when the test lets it; `answers` are photos' names, or errors to raise."""
+    """A camera whose next photo comes when the test lets it; `answers` are photos' names, or
+    errors to raise.
+    """
 
     def __init__(self, *answers):
         self._answers = iter(answers)

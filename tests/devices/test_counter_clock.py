@@ -9,14 +9,26 @@ from rfca_rig.drivers.device_time import CounterClock
 
 
 def stamped(asked_s: np.ndarray, true_s: np.ndarray, begins: int = 0) -> np.ndarray:
-    """What the clock makes of questions asked at `asked_s` that a device answered at `true_s` of its own time."""
+    """What the clock makes of questions asked at `asked_s` that a device answered at `true_s` of
+    its own time.
+    """
     clock = CounterClock()
-    counters = (np.floor(true_s * 1e3).astype(np.int64) + begins + (1 << 31)) % (1 << 32) - (1 << 31)
-    return np.array([clock.stamp(int(counter), asked) for counter, asked in zip(counters, asked_s, strict=True)])
+    counters = (np.floor(true_s * 1e3).astype(np.int64) + begins + (1 << 31)) % (1 << 32) - (
+        1 << 31
+    )
+    return np.array(
+        [clock.stamp(int(counter), asked) for counter, asked in zip(counters, asked_s, strict=True)]
+    )
 
 
-@given(st.integers(0, 1000), st.floats(-1e-4, 1e-4), st.sampled_from([0, (1 << 31) - 500, (1 << 32) - 200]))
-def test_a_moment_is_right_to_a_count_whatever_drift_and_late_questions(seed: int, drift: float, begins: int) -> None:
+@given(
+    st.integers(0, 1000),
+    st.floats(-1e-4, 1e-4),
+    st.sampled_from([0, (1 << 31) - 500, (1 << 32) - 200]),
+)
+def test_a_moment_is_right_to_a_count_whatever_drift_and_late_questions(
+    seed: int, drift: float, begins: int
+) -> None:
     random = np.random.default_rng(seed)
     asked_s = np.cumsum(0.002 + random.exponential(2e-4, 500))
     true_s = (asked_s + random.exponential(1e-4, 500)) * (1.0 + drift) + 0.3

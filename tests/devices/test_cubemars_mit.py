@@ -13,7 +13,14 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import MotorRig, Rotor, concatenate_samples, drain, motor_rig
 from rfca_rig.devices.cubemars.codec import MIT_RANGES
-from rfca_rig.devices.cubemars.codec.mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
+from rfca_rig.devices.cubemars.codec.mit import (
+    MitCommand,
+    Special,
+    decode_command,
+    decode_reply,
+    encode_command,
+    encode_special,
+)
 from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
 from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
@@ -30,7 +37,9 @@ def send(bus: can.BusABC, data: bytes, drive_id: int = 1) -> None:
     bus.send(can.Message(arbitration_id=drive_id, data=data, is_extended_id=False))
 
 
-def rig(rotor: Rotor | None = None, settings: MitSettings | None = None, **twin) -> AbstractContextManager[MotorRig]:
+def rig(
+    rotor: Rotor | None = None, settings: MitSettings | None = None, **twin
+) -> AbstractContextManager[MotorRig]:
     return motor_rig(
         lambda bus, clock: CubemarsMitMotor(bus, clock, settings or MitSettings(1, "AK80-9")),
         lambda bus: CubemarsMitTwin(bus, MitTwinSettings(**twin)),
@@ -39,7 +48,11 @@ def rig(rotor: Rotor | None = None, settings: MitSettings | None = None, **twin)
 
 
 def orders_heard(bus: can.BusABC) -> list[MitCommand | Special]:
-    return [decode_command(RANGES, message.data) for message in drain(bus) if message.arbitration_id == 1]
+    return [
+        decode_command(RANGES, message.data)
+        for message in drain(bus)
+        if message.arbitration_id == 1
+    ]
 
 
 def test_no_torque_is_ever_made_from_a_position_by_the_drive() -> None:
@@ -58,7 +71,11 @@ def test_gains_are_taken_off_before_the_mode_is_entered_and_before_it_is_left() 
         r.motor.enable()
         r.motor.disable()
         orders = orders_heard(r.observer)
-        assert [order for order in orders if isinstance(order, Special)] == [Special.EXIT, Special.ENTER, Special.EXIT]
+        assert [order for order in orders if isinstance(order, Special)] == [
+            Special.EXIT,
+            Special.ENTER,
+            Special.EXIT,
+        ]
         for at, order in enumerate(orders):
             if isinstance(order, Special):
                 assert orders[at - 1].kd_Nm_s_per_rad == 0.0
@@ -86,15 +103,21 @@ def test_a_speed_between_two_codes_is_kept_by_what_goes_into_the_torque_field() 
         assert r.rotor.speed_rad_s == pytest.approx(between_rad_s, abs=1e-3)
 
 
-@pytest.mark.parametrize("twin", [{"reply_id": None}, {"tells_errors": False}, {"reply_id": None, "tells_errors": False}])
+@pytest.mark.parametrize(
+    "twin", [{"reply_id": None}, {"tells_errors": False}, {"reply_id": None, "tells_errors": False}]
+)
 def test_replies_count_whatever_id_and_length_the_firmware_gives_them(twin: dict) -> None:
     with rig(**twin) as r:
         r.motor.enable()
         shaft = r.run(0.5, speed_rad_s=2.0)
         assert shaft.angle_rad[-1] == pytest.approx(r.rotor.angle_rad, abs=6e-3)
         assert r.motor.status().fault is None
-        assert r.motor.identity()["errors_told"] == ("yes" if twin.get("tells_errors", True) else "no")
-        assert r.motor.identity()["temperature_degC"] == ("31" if twin.get("tells_errors", True) else "unknown")
+        assert r.motor.identity()["errors_told"] == (
+            "yes" if twin.get("tells_errors", True) else "no"
+        )
+        assert r.motor.identity()["temperature_degC"] == (
+            "31" if twin.get("tells_errors", True) else "unknown"
+        )
 
 
 def test_commands_heard_back_are_no_replies() -> None:
@@ -112,7 +135,13 @@ def test_a_position_that_stops_at_the_end_of_its_range_is_a_fault_not_an_angle()
     with rig(Rotor(angle_rad=11.0), wraps=False) as r:
         r.motor.enable()
         r.run(1.0, speed_rad_s=3.0)
-        assert re.search(r"end of its range \(code 65535\) while the shaft turns: this firmware does not count on", r.motor.status().fault)
+        assert re.search(
+            (
+                r"end of its range \(code 65535\) while the shaft turns: this firmware does "
+                r"not count on"
+            ),
+            r.motor.status().fault,
+        )
 
 
 def test_passing_the_end_of_the_range_is_none_where_the_firmware_wraps() -> None:
@@ -131,7 +160,10 @@ def test_an_encoder_that_slips_by_a_ninth_of_a_turn_is_a_fault(by_rad: float) ->
         r.run(0.1, speed_rad_s=3.0)
         r.twin.leap(by_rad)
         r.run(0.01, speed_rad_s=3.0)
-        assert re.search(r"position leapt by -?\d+ counts within 2\.0 ms.*encoder slipped", r.motor.status().fault)
+        assert re.search(
+            r"position leapt by -?\d+ counts within 2\.0 ms.*encoder slipped",
+            r.motor.status().fault,
+        )
         r.motor.disable()
         assert r.motor.status().fault is None
 
@@ -140,11 +172,17 @@ def test_a_model_with_another_scale_is_found_out_by_its_motion() -> None:
     with rig(settings=MitSettings(1, "AK80-9-V2.0"), model="AK80-9") as r:
         r.motor.enable()
         r.run(2.0, speed_rad_s=3.0)
-        assert re.search(r"speed that the drive reports is 0\.51 times that of its angle; check model", r.motor.status().fault)
+        assert re.search(
+            r"speed that the drive reports is 0\.51 times that of its angle; check model",
+            r.motor.status().fault,
+        )
 
 
 def test_a_drive_in_servo_mode_is_explained() -> None:
-    with pytest.raises(DeviceError, match="drive 1 sends status frames of servo mode; check that it is set to MIT mode"):
+    with pytest.raises(
+        DeviceError,
+        match="drive 1 sends status frames of servo mode; check that it is set to MIT mode",
+    ):
         enabled_beside(can.Message(arbitration_id=0x2901, data=bytes(8), is_extended_id=True))
 
 
@@ -157,7 +195,9 @@ def test_a_wrong_id_is_explained_with_the_ids_that_are_there() -> None:
 
 def test_a_foreign_master_id_is_explained() -> None:
     with pytest.raises(DeviceError, match="drive 1 replies under id 17; check its master id"):
-        enabled_beside(can.Message(arbitration_id=17, data=b"\x01" + bytes(7), is_extended_id=False))
+        enabled_beside(
+            can.Message(arbitration_id=17, data=b"\x01" + bytes(7), is_extended_id=False)
+        )
 
 
 def enabled_beside(said: can.Message) -> None:
@@ -178,7 +218,11 @@ def test_a_drive_that_moves_when_energised_is_let_go() -> None:
 
 def pushed_while_enabling(r: MotorRig, load_Nm: float) -> None:
     """By a load that begins with the drive's torque."""
-    r.clock.carry(lambda _: setattr(r.rotor, "load_Nm", load_Nm if r.rotor.drives[-1][1].speed_gain_Nm_s_per_rad else 0.0))
+    r.clock.carry(
+        lambda _: setattr(
+            r.rotor, "load_Nm", load_Nm if r.rotor.drives[-1][1].speed_gain_Nm_s_per_rad else 0.0
+        )
+    )
     r.motor.enable()
 
 
@@ -205,7 +249,9 @@ def test_after_a_lost_reply_times_are_a_tick_off_for_20_ms_and_right_again() -> 
 
 
 class Slow(can.BusABC):
-    """The driver's end behind an adapter that holds frames back for a while, now and then, in order."""
+    """The driver's end behind an adapter that holds frames back for a while, now and then, in
+    order.
+    """
 
     def __init__(self, bus: can.BusABC, clock: TwinClock) -> None:
         super().__init__(channel="slow")
@@ -218,7 +264,9 @@ class Slow(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
         for message in drain(self._bus):
             self._count += 1
-            self._held.append((self._clock.now_s() + (0.011 if self._count % 50 == 0 else 0.0), message))
+            self._held.append(
+                (self._clock.now_s() + (0.011 if self._count % 50 == 0 else 0.0), message)
+            )
         ready = self._held and self._held[0][0] <= self._clock.now_s()
         return (self._held.popleft()[1] if ready else None), False
 
@@ -242,7 +290,9 @@ def test_a_reply_that_is_still_on_its_way_is_not_lost() -> None:
     clock, later = TwinClock(), []
     with can_wire() as (here, there):
         motor = CubemarsMitMotor(here, clock, MitSettings(1, "AK80-9"))
-        reply = can.Message(arbitration_id=0, data=bytes.fromhex("01 8000 800800 47 00"), is_extended_id=False)
+        reply = can.Message(
+            arbitration_id=0, data=bytes.fromhex("01 8000 800800 47 00"), is_extended_id=False
+        )
         motor.disable()  # two frames
         there.send(reply)
         clock.wait_until(1e-3)
@@ -271,13 +321,17 @@ def test_a_reply_of_wrong_length_is_an_error_and_what_came_before_is_kept() -> N
         motor = CubemarsMitMotor(here, clock, MitSettings(1, "AK80-9"))
         motor.disable()
         for data in ("01 8000 800800 47 00", "01 8000"):
-            there.send(can.Message(arbitration_id=0, data=bytes.fromhex(data), is_extended_id=False))
+            there.send(
+                can.Message(arbitration_id=0, data=bytes.fromhex(data), is_extended_id=False)
+            )
         with pytest.raises(DeviceError, match="3 bytes, expected 6, 7 or 8"):
             motor.read()
         assert len(motor.read().angle_rad) == 1
 
 
-@pytest.mark.parametrize("act", [lambda motor: motor.command_speed(1.0), lambda motor: motor.command_angle(1.0)])
+@pytest.mark.parametrize(
+    "act", [lambda motor: motor.command_speed(1.0), lambda motor: motor.command_angle(1.0)]
+)
 def test_a_command_before_enabling_is_refused_and_not_sent(act) -> None:
     with can_wire() as (here, there):
         with pytest.raises(DeviceError, match="not enabled; nothing was sent"):
@@ -288,7 +342,9 @@ def test_a_command_before_enabling_is_refused_and_not_sent(act) -> None:
 def test_a_speed_beyond_the_range_is_refused_and_an_angle_far_away_is_not() -> None:
     with rig(settings=MitSettings(1, "AK80-64"), model="AK80-64") as r:
         r.motor.enable()
-        with pytest.raises(DeviceError, match=r"commanded speed 8\.5 rad/s, limit 8 \(AK80-64\); nothing was sent"):
+        with pytest.raises(
+            DeviceError, match=r"commanded speed 8\.5 rad/s, limit 8 \(AK80-64\); nothing was sent"
+        ):
             r.motor.command_speed(8.5)
         r.run(3.0, angle_rad=10.0)
         assert r.rotor.angle_rad == pytest.approx(10.0, abs=2e-3)
@@ -371,7 +427,9 @@ def test_zeroing_makes_the_present_position_zero_and_mutes_the_twin_for_a_second
         r.clock.wait_until(1.1)
         send(r.observer, encode_special(Special.EXIT))
         r.tick()
-        assert decode_reply(RANGES, drain(r.observer)[0].data).position_rad == pytest.approx(0.0, abs=4e-4)
+        assert decode_reply(RANGES, drain(r.observer)[0].data).position_rad == pytest.approx(
+            0.0, abs=4e-4
+        )
 
 
 def test_the_twin_ignores_what_is_not_for_it_or_cannot_be_read() -> None:
@@ -379,7 +437,9 @@ def test_the_twin_ignores_what_is_not_for_it_or_cannot_be_read() -> None:
         r.observer.send(can.Message(arbitration_id=1, data=bytes(7), is_extended_id=False))
         r.observer.send(can.Message(arbitration_id=1, data=bytes(8), is_extended_id=True))
         r.observer.send(can.Message(arbitration_id=2, data=bytes(8), is_extended_id=False))
-        r.observer.send(can.Message(arbitration_id=1, is_remote_frame=True, dlc=8, is_extended_id=False))
+        r.observer.send(
+            can.Message(arbitration_id=1, is_remote_frame=True, dlc=8, is_extended_id=False)
+        )
         r.tick()
         assert drain(r.observer) == []
 
@@ -404,7 +464,10 @@ def test_settings_that_cannot_be_are_refused_by_name(wrong: dict) -> None:
 
 def test_driver_and_twin_also_work_over_python_cans_own_virtual_bus() -> None:
     clock, rotor = TwinClock(), Rotor()
-    with VirtualBus(channel="test of an AK drive") as here, VirtualBus(channel="test of an AK drive") as there:
+    with (
+        VirtualBus(channel="test of an AK drive") as here,
+        VirtualBus(channel="test of an AK drive") as there,
+    ):
         sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
         clock.carry(TwinWorld(rotor, CubemarsMitTwin(there, MitTwinSettings()), sensor).process)
         motor = CubemarsMitMotor(here, clock, MitSettings(1, "AK80-9"))

@@ -1,4 +1,6 @@
-"""The DAQ F/T driver on its twin, and its adapter for National Instruments' package on a stand-in for that package."""
+"""The DAQ F/T driver on its twin, and its adapter for National Instruments' package on a
+stand-in for that package.
+"""
 
 import json
 import sys
@@ -13,8 +15,18 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, constant
-from rfca_rig.devices.ati_daq.codec import GageBlock, TemperatureCompensation, TransducerCalibration, parse_calibration
-from rfca_rig.devices.ati_daq.driver import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
+from rfca_rig.devices.ati_daq.codec import (
+    GageBlock,
+    TemperatureCompensation,
+    TransducerCalibration,
+    parse_calibration,
+)
+from rfca_rig.devices.ati_daq.driver import (
+    COUNTS_PER_UNIT,
+    DaqFtSensor,
+    DaqFtSettings,
+    NidaqmxGages,
+)
 from rfca_rig.devices.ati_daq.twin import DaqFtTwin, DaqFtTwinSettings
 from rfca_rig.drivers.record_stream import FrozenRecordCounter
 from rfca_rig.errors import BadInput, BadReading, DeviceError
@@ -34,7 +46,9 @@ Change = Callable[[list[GageBlock]], list[GageBlock]]
 
 @dataclass
 class TamperedGages:
-    """Voltages on their way to the driver, through which a test can lose, double, reorder and damage them."""
+    """Voltages on their way to the driver, through which a test can lose, double, reorder and
+    damage them.
+    """
 
     twin: DaqFtTwin
     tamper: Change | None = None
@@ -67,9 +81,15 @@ class TamperedGages:
         return lambda: setattr(self, "tamper", change)
 
 
-def made(rate_Hz: float = 15_000.0, twin: DaqFtTwinSettings | None = None, settings: DaqFtSettings | None = None) -> ForceSensorRig:
+def made(
+    rate_Hz: float = 15_000.0,
+    twin: DaqFtTwinSettings | None = None,
+    settings: DaqFtSettings | None = None,
+) -> ForceSensorRig:
     cal, clock = calibration(), TwinClock()
-    daq_twin = DaqFtTwin(cal, twin or DaqFtTwinSettings(rate_Hz, UNLOADED_V), np.random.default_rng(1))
+    daq_twin = DaqFtTwin(
+        cal, twin or DaqFtTwinSettings(rate_Hz, UNLOADED_V), np.random.default_rng(1)
+    )
     gages = TamperedGages(daq_twin)
     sensor = DaqFtSensor(gages, clock, cal, settings or DaqFtSettings(rate_Hz, UNLOADED_V))
     return ForceSensorRig(
@@ -82,8 +102,14 @@ def made(rate_Hz: float = 15_000.0, twin: DaqFtTwinSettings | None = None, setti
         saturating=(0.0, 0.0, 2400.0, 0.0, 0.0, 0.0),
         silence=gages.from_now(lambda _: []),
         lose=gages.once(lambda blocks: blocks[1:]),
-        damage=gages.once(lambda blocks: [GageBlock(blocks[0].first, blocks[0].volts[:, :5]), *blocks[1:]]),
-        freeze=gages.from_now(lambda blocks: [GageBlock(block.first, np.full_like(block.volts, 0.1)) for block in blocks]),
+        damage=gages.once(
+            lambda blocks: [GageBlock(blocks[0].first, blocks[0].volts[:, :5]), *blocks[1:]]
+        ),
+        freeze=gages.from_now(
+            lambda blocks: [
+                GageBlock(block.first, np.full_like(block.volts, 0.1)) for block in blocks
+            ]
+        ),
         repeat=gages.once(lambda blocks: [blocks[0], *blocks]),
         swap=gages.once(halves_swapped),
     )
@@ -92,7 +118,11 @@ def made(rate_Hz: float = 15_000.0, twin: DaqFtTwinSettings | None = None, setti
 def halves_swapped(blocks: list[GageBlock]) -> list[GageBlock]:
     first, volts = blocks[0].first, blocks[0].volts
     middle = len(volts) // 2
-    return [GageBlock(first + middle, volts[middle:]), GageBlock(first, volts[:middle]), *blocks[1:]]
+    return [
+        GageBlock(first + middle, volts[middle:]),
+        GageBlock(first, volts[:middle]),
+        *blocks[1:],
+    ]
 
 
 class TestDaqFt(ForceSensorContract):
@@ -106,7 +136,10 @@ def test_voltages_can_be_had_back_from_counts_matrix_and_unloaded_voltages() -> 
     rig.sensor.start()
     samples = rig.run(0.1)
     identity = rig.sensor.identity()
-    matrix, unloaded_V = np.array(json.loads(identity["matrix_SI_per_V"])), np.array(json.loads(identity["unloaded_V"]))
+    matrix, unloaded_V = (
+        np.array(json.loads(identity["matrix_SI_per_V"])),
+        np.array(json.loads(identity["unloaded_V"])),
+    )
     volts = np.linalg.solve(matrix, (samples.counts / COUNTS_PER_UNIT).T).T + unloaded_V
     codes = (volts + 10.0) / (2.0 * HALF_CODE_V)
     assert np.abs(codes - np.rint(codes)).max() < 0.01
@@ -158,7 +191,9 @@ def test_a_bias_takes_what_is_felt_now_for_no_load() -> None:
     rig.wrench = constant(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     measured = rig.in_units(rig.run(0.1))
     assert len(measured) > 100
-    assert np.all(np.abs(measured - np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])) <= 2.0 * rig.resolution)
+    assert np.all(
+        np.abs(measured - np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])) <= 2.0 * rig.resolution
+    )
 
 
 def test_a_card_that_gives_nothing_ends_a_bias_with_a_line() -> None:
@@ -217,7 +252,9 @@ def spoil(samples: int, value: float) -> Callable[[list[GageBlock]], list[GageBl
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_samples_that_are_no_numbers_are_dropped_and_three_in_a_row_are_an_error(value: float) -> None:
+def test_samples_that_are_no_numbers_are_dropped_and_three_in_a_row_are_an_error(
+    value: float,
+) -> None:
     rig = made()
     rig.sensor.start()
     rig.sensor._gages.tamper = spoil(2, value)
@@ -257,8 +294,13 @@ class StandInTask:
         self.clock: dict[str, object] = {}
         self.closed = self.started = False
         self.number_of_channels = 6
-        self.ai_channels = SimpleNamespace(add_ai_voltage_chan=lambda name, **how: self.channels.update(name=name, **how))
-        self.timing = SimpleNamespace(cfg_samp_clk_timing=lambda rate, **how: self.clock.update(rate=rate, **how), samp_clk_rate=15_000.94)
+        self.ai_channels = SimpleNamespace(
+            add_ai_voltage_chan=lambda name, **how: self.channels.update(name=name, **how)
+        )
+        self.timing = SimpleNamespace(
+            cfg_samp_clk_timing=lambda rate, **how: self.clock.update(rate=rate, **how),
+            samp_clk_rate=15_000.94,
+        )
         StandInTask.made.append(self)
 
     @property
@@ -292,12 +334,15 @@ def ni(monkeypatch: pytest.MonkeyPatch) -> type[StandInTask]:
     package = ModuleType("nidaqmx")
     package.Task = StandInTask
     package.constants = SimpleNamespace(
-        TerminalConfiguration=SimpleNamespace(DIFF="differential"), AcquisitionType=SimpleNamespace(CONTINUOUS="continuous")
+        TerminalConfiguration=SimpleNamespace(DIFF="differential"),
+        AcquisitionType=SimpleNamespace(CONTINUOUS="continuous"),
     )
     package.errors = SimpleNamespace(Error=type("Error", (Exception,), {}))
     package.stream_readers = SimpleNamespace(AnalogMultiChannelReader=StandInReader)
     for name in ("", ".constants", ".errors", ".stream_readers"):
-        monkeypatch.setitem(sys.modules, f"nidaqmx{name}", getattr(package, name[1:]) if name else package)
+        monkeypatch.setitem(
+            sys.modules, f"nidaqmx{name}", getattr(package, name[1:]) if name else package
+        )
     monkeypatch.setattr(StandInTask, "made", [])
     monkeypatch.setattr(StandInTask, "waiting", [])
     monkeypatch.setattr(StandInTask, "refuses", None)
@@ -308,7 +353,12 @@ def test_the_card_is_asked_for_differential_inputs_on_its_own_clock(ni: type[Sta
     gages = NidaqmxGages("Dev1/ai0:5", 15_000.0, (-10.0, 10.0))
     assert gages.start() == 15_000.94
     (task,) = ni.made
-    assert task.channels == {"name": "Dev1/ai0:5", "terminal_config": "differential", "min_val": -10.0, "max_val": 10.0}
+    assert task.channels == {
+        "name": "Dev1/ai0:5",
+        "terminal_config": "differential",
+        "min_val": -10.0,
+        "max_val": 10.0,
+    }
     assert task.clock == {"rate": 15_000.0, "sample_mode": "continuous", "samps_per_chan": 30_000}
     assert task.started
     gages.stop()
@@ -325,14 +375,27 @@ def test_the_cards_samples_are_numbered_from_the_start(ni: type[StandInTask]) ->
     (first,) = gages.read()
     ni.waiting += [np.ones((6, 4))]
     (second,) = gages.read()
-    assert (first.first, first.volts.shape, second.first, second.volts.shape) == (0, (3, 6), 3, (4, 6))
+    assert (first.first, first.volts.shape, second.first, second.volts.shape) == (
+        0,
+        (3, 6),
+        3,
+        (4, 6),
+    )
     assert first.volts[1].tolist() == [1.0, 3.0, 5.0, 7.0, 9.0, 11.0]
 
 
 def test_a_card_that_refuses_is_told_in_its_own_words_on_one_line(ni: type[StandInTask]) -> None:
     gages = NidaqmxGages("Dev9/ai0:5", 15_000.0, (-10.0, 10.0))
-    ni.refuses = sys.modules["nidaqmx"].errors.Error("Device identifier is invalid.\n\nDevice Specified: Dev9")
-    with pytest.raises(DeviceError, match=r"card Dev9/ai0:5 does not start: Device identifier is invalid\. Device Specified: Dev9"):
+    ni.refuses = sys.modules["nidaqmx"].errors.Error(
+        "Device identifier is invalid.\n\nDevice Specified: Dev9"
+    )
+    with pytest.raises(
+        DeviceError,
+        match=(
+            r"card Dev9/ai0:5 does not start: Device identifier is invalid\. Device "
+            r"Specified: Dev9"
+        ),
+    ):
         gages.start()
 
 

@@ -1,4 +1,6 @@
-"""Every motor that the registry knows: a folder that is added is tested here without a further line."""
+"""Every motor that the registry knows: a folder that is added is tested here without a further
+line.
+"""
 
 import subprocess
 import sys
@@ -23,7 +25,9 @@ def example_of(kind: str) -> MotorSection:
 
 @pytest.mark.parametrize("kind", KINDS)
 class TestEveryMotor(MotorOfAMake):
-    """Driver and twin of each, with a gear, the other direction and a zero of its own where the drive has them."""
+    """Driver and twin of each, with a gear, the other direction and a zero of its own where the
+    drive has them.
+    """
 
     @pytest.fixture(autouse=True)
     def _of_the_kind(self, kind: str) -> None:
@@ -62,8 +66,19 @@ def test_faults_that_happen_once_have_an_event_and_the_others_none(kind):
 
 
 def test_a_rig_file_imports_no_driver_and_no_twin_of_a_motor():
-    code = "import rfca_rig.description.rig_file, sys; print(*(name for name in sys.modules if name.startswith('rfca_rig.devices.')))"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(rfca_rig.__file__).parents[1]
+    code = (
+        "import rfca_rig.description.rig_file, sys; print(*(name for name in sys.modules if "
+        "name.startswith('rfca_rig.devices.')))"
     )
-    assert not [name for name in loaded.stdout.split() if name.rpartition(".")[2] in {"driver", "twin", "checks", "codec"}]
+    loaded = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(rfca_rig.__file__).parents[1],
+    )
+    assert not [
+        name
+        for name in loaded.stdout.split()
+        if name.rpartition(".")[2] in {"driver", "twin", "checks", "codec"}
+    ]

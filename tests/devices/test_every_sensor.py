@@ -1,4 +1,6 @@
-"""Every force sensor that the registry knows: a folder that is added is tested here without a further line."""
+"""Every force sensor that the registry knows: a folder that is added is tested here without a
+further line.
+"""
 
 import subprocess
 import sys
@@ -24,7 +26,9 @@ PARTS = ("section", "driver", "open", "twin", "wire", "check", "find")
 def example_of(kind: str) -> ForceSensorSection:
     make = find_sensor(kind)
     keys = validate({"device": kind, **make.example}, load_object(make.section), kind)
-    return keys.model_copy(update={key: str(ROOT / "calibration" / getattr(keys, key)) for key in keys.file_keys})
+    return keys.model_copy(
+        update={key: str(ROOT / "calibration" / getattr(keys, key)) for key in keys.file_keys}
+    )
 
 
 @pytest.mark.parametrize("kind", FORCE_SENSORS)
@@ -53,7 +57,9 @@ def test_driver_and_twin_understand_each_other_on_their_wire(kind, with_panel):
         return make.make_twin(end, keys, (0.0,) * 6, np.random.default_rng(1))
 
     panel = FaultPanel(faults) if with_panel else None
-    twin, way = (made := make_twin(None), made) if wire is None else wire.connect(keys, make_twin, panel)
+    twin, way = (
+        (made := make_twin(None), made) if wire is None else wire.connect(keys, make_twin, panel)
+    )
 
     def process(to_s):
         twin.take_requests()
@@ -76,9 +82,16 @@ def test_driver_and_twin_understand_each_other_on_their_wire(kind, with_panel):
 
 def test_a_rig_file_imports_no_driver_and_no_twin_of_a_sensor_that_it_does_not_name():
     code = (
-        "from rfca_rig.description.rig_file import read_rig; from pathlib import Path; import sys; read_rig(Path('calibration/twin.toml'));"
+        "from rfca_rig.description.rig_file import read_rig; from pathlib import Path; "
+        "import sys; read_rig(Path('calibration/twin.toml'));"
         "print(*(name for name in sys.modules if name.startswith('rfca_rig.devices.')))"
     )
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    ).stdout.split()
     assert "rfca_rig.devices.netft.section" in loaded
-    assert not [name for name in loaded if ".ati_" in name or name.rpartition(".")[2] in {"driver", "twin", "checks", "ports"}]
+    assert not [
+        name
+        for name in loaded
+        if ".ati_" in name or name.rpartition(".")[2] in {"driver", "twin", "checks", "ports"}
+    ]

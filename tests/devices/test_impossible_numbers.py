@@ -1,4 +1,6 @@
-"""Numbers that cannot be, in every field of every device: two reports in a row do not disturb, the third names the signal."""
+"""Numbers that cannot be, in every field of every device: two reports in a row do not disturb,
+the third names the signal.
+"""
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +40,9 @@ Alter = Callable[[can.Message], can.Message | None]
 
 
 class AlteredBus(can.BusABC):
-    """The driver's end of the wire. The next `left` frames that `alter` knows come altered; it returns None for all others."""
+    """The driver's end of the wire. The next `left` frames that `alter` knows come altered; it
+    returns None for all others.
+    """
 
     def __init__(self, end: can.BusABC, alter: Alter) -> None:
         super().__init__(channel="altered")
@@ -84,7 +88,12 @@ def moteus_register(register: Register, value: float) -> Alter:
         subframes = moteus.decode(message.data)
         if not any(isinstance(one, Reply) and one.register == register for one in subframes):
             return None
-        changed = [Reply(register, Width.FLOAT, value) if isinstance(one, Reply) and one.register == register else one for one in subframes]
+        changed = [
+            Reply(register, Width.FLOAT, value)
+            if isinstance(one, Reply) and one.register == register
+            else one
+            for one in subframes
+        ]
         return with_data(message, moteus.encode(changed))
 
     return alter
@@ -164,7 +173,11 @@ def fields_of_drives() -> Iterator[Field]:
         ):
             yield Field(moteus_motor, signal, value, moteus_register(register, value))
     # All that 16 and 8 bits can carry beyond what the manual states.
-    for place, signal, counts in ((1, "speed", (32_767, -32_768)), (2, "current", (6_001, -6_001, 32_767)), (3, "temperature", (-128,))):
+    for place, signal, counts in (
+        (1, "speed", (32_767, -32_768)),
+        (2, "current", (6_001, -6_001, 32_767)),
+        (3, "temperature", (-128,)),
+    ):
         for count in counts:
             yield Field(servo_motor, signal, count, servo_field(place, count))
 
@@ -198,12 +211,15 @@ def test_a_field_of_a_drive(field: Field, speed_rad_s: float) -> None:
         assert rig.motor.status().fault is None
         assert rig.motor.identity()["bad_reports"] == f"2 of {field.signal}"
         bus.left = 1000
-        with pytest.raises(BadReading, match=f"the drive reports {field.signal} .*, 3 bad reports in a row"):
+        with pytest.raises(
+            BadReading, match=f"the drive reports {field.signal} .*, 3 bad reports in a row"
+        ):
             rig.run(0.1, speed_rad_s=speed_rad_s)
         rig.motor.disable()
 
 
-# -- a drive of a lab: the base class, and one written from scratch --------------------------------------------------------------
+# -- a drive of a lab: the base class, and one written from scratch
+# --------------------------------------------------------------
 
 
 class Gear(ShaftGear):
@@ -211,7 +227,12 @@ class Gear(ShaftGear):
 
 
 GOOD = Report(turns=0.0, turns_s=0.0, torque_Nm=0.1, is_on=True, state="on", temperature_C=30.0)
-REPORT_FIELDS = {"turns": "position", "turns_s": "speed", "torque_Nm": "torque", "temperature_C": "temperature"}
+REPORT_FIELDS = {
+    "turns": "position",
+    "turns_s": "speed",
+    "torque_Nm": "torque",
+    "temperature_C": "temperature",
+}
 
 
 @pytest.mark.parametrize("period_s", [None, 1e-3], ids=["asked", "cyclic"])
@@ -234,7 +255,11 @@ def test_a_field_of_a_plugged_in_drive(name: str, value: float, period_s: float 
         tell(GOOD, bad, bad, GOOD, bad, bad, GOOD)
         samples = reports.samples()
         assert np.isfinite([samples.angle_rad, samples.speed_rad_s, samples.torque_Nm]).all()
-        assert (reports.last.turns, reports.last.torque_Nm, reports.last.temperature_C) == (0.0, 0.1, 30.0)
+        assert (reports.last.turns, reports.last.torque_Nm, reports.last.temperature_C) == (
+            0.0,
+            0.1,
+            30.0,
+        )
         assert reports.doubts is None
         tell(bad, bad)
         with pytest.raises(BadReading, match=f"the drive reports {REPORT_FIELDS[name]} "):
@@ -243,16 +268,25 @@ def test_a_field_of_a_plugged_in_drive(name: str, value: float, period_s: float 
 
 def test_what_a_drive_says_of_its_error_counts_though_its_numbers_are_none() -> None:
     with can_wire() as (here, there):
-        told = [GOOD, replace(GOOD, turns=nan, is_on=False, state="fault", fault="0x7305 encoder lost")]
+        told = [
+            GOOD,
+            replace(GOOD, turns=nan, is_on=False, state="fault", fault="0x7305 encoder lost"),
+        ]
         reports = DriveReports(here, TwinClock(), Gear(), 1e-3, lambda _: told.pop(0))
         for _ in range(2):
             there.send(can.Message(arbitration_id=1))
             reports.drain()
-        assert (reports.last.fault, reports.last.is_on, reports.last.turns) == ("0x7305 encoder lost", False, 0.0)
+        assert (reports.last.fault, reports.last.is_on, reports.last.turns) == (
+            "0x7305 encoder lost",
+            False,
+            0.0,
+        )
 
 
 class OwnMotor(Motor):
-    """Written from scratch: nothing checks its numbers before the loop. The next `left` ticks are bad."""
+    """Written from scratch: nothing checks its numbers before the loop. The next `left` ticks
+    are bad.
+    """
 
     def __init__(self, clock: TwinClock, name: str, value: float) -> None:
         super().__init__(clock)
@@ -264,7 +298,9 @@ class OwnMotor(Motor):
         if self._name not in vars(samples):
             return samples
         self.left -= 1
-        return replace(samples, **{self._name: np.array([self._value])}) if self.left >= 0 else samples
+        return (
+            replace(samples, **{self._name: np.array([self._value])}) if self.left >= 0 else samples
+        )
 
     def status(self) -> MotorStatus:
         status = replace(super().status(), temperature_C=30.0)
@@ -289,7 +325,9 @@ class OwnSensor(Sensor):
         return replace(samples, counts=counts)
 
 
-def stepped(motor: Motor, sensor: Sensor, clock: TwinClock, speed_rad_s: float) -> Callable[[int], None]:
+def stepped(
+    motor: Motor, sensor: Sensor, clock: TwinClock, speed_rad_s: float
+) -> Callable[[int], None]:
     """Makes so many ticks with all limits."""
     limits = replace(LIMITS, sensor_frozen_s=10.0, sensor_silent_s=1.0)
     loop = Loop(Bench(motor, sensor, motor, clock, is_real=False), limits)
@@ -306,7 +344,9 @@ def stepped(motor: Motor, sensor: Sensor, clock: TwinClock, speed_rad_s: float) 
 
 @pytest.mark.parametrize("speed_rad_s", [0.0, 1.0], ids=["held", "moving"])
 @pytest.mark.parametrize("value", [nan, inf, -inf])
-@pytest.mark.parametrize("name", ["angle_rad", "speed_rad_s", "torque_Nm", "temperature_C", "silent_s"])
+@pytest.mark.parametrize(
+    "name", ["angle_rad", "speed_rad_s", "torque_Nm", "temperature_C", "silent_s"]
+)
 def test_a_number_of_a_drive_that_a_lab_wrote(name: str, value: float, speed_rad_s: float) -> None:
     clock = TwinClock()
     motor = OwnMotor(clock, name, value)
@@ -338,7 +378,8 @@ def test_a_value_of_a_sensor_that_a_lab_wrote(axis: int, value: float) -> None:
     assert found.value.code == Trip.SENSOR_READING
 
 
-# -- force sensors ---------------------------------------------------------------------------------------------------------------
+# -- force sensors
+# --------------------------------------------------------------------------------------------------
 
 
 class Keys:
@@ -394,7 +435,9 @@ def with_bad(place: int, value: float, time_s: float | None) -> Record:
 @pytest.mark.parametrize("has_clock", [False, True], ids=["without-a-clock", "with-a-clock"])
 @pytest.mark.parametrize("value", IMPOSSIBLE)
 @pytest.mark.parametrize("place", range(7), ids=["fx", "fy", "fz", "tx", "ty", "tz", "record time"])
-def test_a_field_of_a_plugged_in_sensor(place: int, value: float, has_clock: bool, request: pytest.FixtureRequest) -> None:
+def test_a_field_of_a_plugged_in_sensor(
+    place: int, value: float, has_clock: bool, request: pytest.FixtureRequest
+) -> None:
     clock, port, records = TwinClock(), Port(), []
     stream = OwnStream(port, clock, records)
     stream.start()
@@ -403,7 +446,9 @@ def test_a_field_of_a_plugged_in_sensor(place: int, value: float, has_clock: boo
         for is_bad in are_bad:
             clock.wait_until(clock.now_s() + 1e-3)
             time_s = clock.now_s() if has_clock or place == 6 else None
-            records.append(with_bad(place, value, time_s) if is_bad else Record(tuple(range(6)), time_s=time_s))
+            records.append(
+                with_bad(place, value, time_s) if is_bad else Record(tuple(range(6)), time_s=time_s)
+            )
         port.in_waiting = len(are_bad)
         return stream.read()
 

@@ -1,4 +1,6 @@
-"""Readings that are late from the very start, by a delay that never changes: a drive that answers late is not enabled."""
+"""Readings that are late from the very start, by a delay that never changes: a drive that
+answers late is not enabled.
+"""
 
 from collections import deque
 from collections.abc import Iterator
@@ -23,7 +25,9 @@ SECTIONS = {
 
 
 class LateBus(can.BusABC):
-    """The driver's end of a wire that holds every frame of the drive back for `late_s`, and may carry no remote frames."""
+    """The driver's end of a wire that holds every frame of the drive back for `late_s`, and may
+    carry no remote frames.
+    """
 
     def __init__(self, end: can.BusABC, clock: Clock, late_s: float, carries_remote: bool) -> None:
         super().__init__(channel="late")
@@ -46,10 +50,17 @@ class LateBus(can.BusABC):
 
 
 @contextmanager
-def late_drive(folder, kind: str, late_s: float, carries_remote: bool = True) -> Iterator[tuple[ShaftMotor, Clock, LateBus]]:
-    before, rest = (ROOT / "calibration" / "twin.toml").read_text(encoding="utf-8").split("[motor]\n")
+def late_drive(
+    folder, kind: str, late_s: float, carries_remote: bool = True
+) -> Iterator[tuple[ShaftMotor, Clock, LateBus]]:
+    before, rest = (
+        (ROOT / "calibration" / "twin.toml").read_text(encoding="utf-8").split("[motor]\n")
+    )
     file = folder / "rig.toml"
-    file.write_text(f"{before}[motor]\n{SECTIONS[kind]}\n{rest[rest.index('[force_sensor]') :]}", encoding="utf-8")
+    file.write_text(
+        f"{before}[motor]\n{SECTIONS[kind]}\n{rest[rest.index('[force_sensor]') :]}",
+        encoding="utf-8",
+    )
     buses: list[LateBus] = []
     make_motor = factory.make_motor
 
@@ -57,7 +68,10 @@ def late_drive(folder, kind: str, late_s: float, carries_remote: bool = True) ->
         buses.append(LateBus(bus, clock, late_s, carries_remote))
         return make_motor(rig, buses[0], clock)
 
-    with mock.patch.object(factory, "make_motor", make_late_motor), factory.open_bench(read_rig(file), 1) as bench:
+    with (
+        mock.patch.object(factory, "make_motor", make_late_motor),
+        factory.open_bench(read_rig(file), 1) as bench,
+    ):
         yield bench.motor, bench.clock, buses[0]
         buses[0].shutdown()
 
@@ -68,7 +82,10 @@ def test_a_drive_whose_frames_are_late_from_the_start_is_not_enabled(tmp_path, k
     with late_drive(tmp_path, kind, 1e-3 * (late_ms - 2)) as (motor, _, _):
         with pytest.raises(DeviceError) as refused:
             motor.enable()
-        assert f"it answers {late_ms} ms after the question, 100 ms are the most, and its readings are as old" in str(refused.value)
+        assert (
+            f"it answers {late_ms} ms after the question, 100 ms are the most, and its "
+            "readings are as old"
+        ) in str(refused.value)
 
 
 @pytest.mark.parametrize("kind", SECTIONS)

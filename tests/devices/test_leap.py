@@ -11,18 +11,28 @@ from rfca_rig.drivers.drive_report import EncoderJumpMonitor
 from rfca_rig.errors import BadReading
 
 
-def followed(angles_rad: np.ndarray, speeds_rad_s: np.ndarray, period_s: float = 2e-3) -> EncoderJumpMonitor:
+def followed(
+    angles_rad: np.ndarray, speeds_rad_s: np.ndarray, period_s: float = 2e-3
+) -> EncoderJumpMonitor:
     watch = EncoderJumpMonitor()
-    for at, (angle_rad, speed_rad_s) in enumerate(zip(angles_rad.tolist(), speeds_rad_s.tolist(), strict=True)):
+    for at, (angle_rad, speed_rad_s) in enumerate(
+        zip(angles_rad.tolist(), speeds_rad_s.tolist(), strict=True)
+    ):
         watch.follow(period_s * at, period_s * at, angle_rad, speed_rad_s)
     return watch
 
 
 @given(st.floats(-15.0, 15.0), st.floats(0.5, 30.0), st.sampled_from([1e-3, 2e-3, 1e-2]))
-def test_a_motion_is_no_leap_however_fast(amplitude_rad: float, omega_rad_s: float, period_s: float) -> None:
+def test_a_motion_is_no_leap_however_fast(
+    amplitude_rad: float, omega_rad_s: float, period_s: float
+) -> None:
     amplitude_rad /= omega_rad_s
     t_s = period_s * np.arange(200)
-    watch = followed(amplitude_rad * np.sin(omega_rad_s * t_s), amplitude_rad * omega_rad_s * np.cos(omega_rad_s * t_s), period_s)
+    watch = followed(
+        amplitude_rad * np.sin(omega_rad_s * t_s),
+        amplitude_rad * omega_rad_s * np.cos(omega_rad_s * t_s),
+        period_s,
+    )
     assert watch.fault is None
 
 

@@ -11,7 +11,16 @@ import pytest
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import MotorRig, Rotor, drain, motor_rig
 from rfca_rig.devices.moteus import codec as moteus
-from rfca_rig.devices.moteus.codec import Mode, Refusal, Register, Reply, Route, Subframe, Width, Write
+from rfca_rig.devices.moteus.codec import (
+    Mode,
+    Refusal,
+    Register,
+    Reply,
+    Route,
+    Subframe,
+    Width,
+    Write,
+)
 from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
 from rfca_rig.devices.moteus.twin import MoteusGains, MoteusTwin, MoteusTwinSettings
 from rfca_rig.errors import BadInput, BadReading, DeviceError
@@ -20,7 +29,9 @@ from rfca_rig.twins.wires import can_wire
 GEARED = {"gear_ratio": 3.0, "direction": -1, "zero_turns": 2.75}
 
 
-def rig(rotor: Rotor | None = None, settings: MoteusSettings | None = None, **twin) -> AbstractContextManager[MotorRig]:
+def rig(
+    rotor: Rotor | None = None, settings: MoteusSettings | None = None, **twin
+) -> AbstractContextManager[MotorRig]:
     return motor_rig(
         lambda bus, clock: MoteusMotor(bus, clock, settings or MoteusSettings()),
         lambda bus: MoteusTwin(bus, MoteusTwinSettings(**twin)),
@@ -28,9 +39,22 @@ def rig(rotor: Rotor | None = None, settings: MoteusSettings | None = None, **tw
     )
 
 
-def send(bus: can.BusABC, *subframes: Subframe, wants_reply: bool = False, source: int = 5, destination: int = 1) -> None:
+def send(
+    bus: can.BusABC,
+    *subframes: Subframe,
+    wants_reply: bool = False,
+    source: int = 5,
+    destination: int = 1,
+) -> None:
     identifier = moteus.arbitration_id(Route(source, destination, wants_reply))
-    bus.send(can.Message(arbitration_id=identifier, is_extended_id=True, is_fd=True, data=moteus.encode(subframes)))
+    bus.send(
+        can.Message(
+            arbitration_id=identifier,
+            is_extended_id=True,
+            is_fd=True,
+            data=moteus.encode(subframes),
+        )
+    )
 
 
 def order(position_turns: float, speed_turns_s: float) -> tuple[Write, ...]:
@@ -41,7 +65,9 @@ def order(position_turns: float, speed_turns_s: float) -> tuple[Write, ...]:
     )
 
 
-def state_of(counter: int, mode: int = Mode.STOPPED, position_turns: float = 0.0) -> tuple[Reply, ...]:
+def state_of(
+    counter: int, mode: int = Mode.STOPPED, position_turns: float = 0.0
+) -> tuple[Reply, ...]:
     return (
         Reply(Register.MODE, Width.INT8, mode),
         Reply(Register.POSITION, Width.FLOAT, position_turns),
@@ -58,10 +84,14 @@ def answer(bus: can.BusABC, *subframes: Subframe, source: int = 1, destination: 
 
 def orders_in(messages: list[can.Message]) -> list[dict[int, float]]:
     """What the frames of a driver wrote, register by register."""
-    return [{item.register: item.value for item in moteus.decode(m.data) if isinstance(item, Write)} for m in messages]
+    return [
+        {item.register: item.value for item in moteus.decode(m.data) if isinstance(item, Write)}
+        for m in messages
+    ]
 
 
-# -- enabling ----------------------------------------------------------------------------------------------------------------
+# -- enabling
+# --------------------------------------------------------------------------------------------------
 
 
 def test_enabling_stops_first_and_then_starts_from_where_the_drive_finds_itself() -> None:
@@ -70,7 +100,10 @@ def test_enabling_stops_first_and_then_starts_from_where_the_drive_finds_itself(
         orders = [order for order in orders_in(drain(r.observer)) if Register.MODE in order]
         assert orders[0] == {Register.MODE: Mode.STOPPED}
         assert {order[Register.MODE] for order in orders[1:]} == {Mode.POSITION}
-        assert all(np.isnan(order[Register.COMMAND_POSITION]) and order[Register.COMMAND_VELOCITY] == 0.0 for order in orders[1:])
+        assert all(
+            np.isnan(order[Register.COMMAND_POSITION]) and order[Register.COMMAND_VELOCITY] == 0.0
+            for order in orders[1:]
+        )
 
 
 def test_every_command_carries_its_own_watchdog_and_switches_trajectories_off() -> None:
@@ -85,7 +118,10 @@ def test_every_command_carries_its_own_watchdog_and_switches_trajectories_off() 
             assert order[Register.COMMAND_MAXIMUM_TORQUE] == 6.0
             assert order[Register.COMMAND_VELOCITY_LIMIT] < 0.0
             assert order[Register.COMMAND_ACCELERATION_LIMIT] < 0.0
-            assert {Register.COMMAND_POSITION, Register.COMMAND_VELOCITY} <= order.keys()  # left out, they would be 0
+            assert {
+                Register.COMMAND_POSITION,
+                Register.COMMAND_VELOCITY,
+            } <= order.keys()  # left out, they would be 0
 
 
 def test_frames_are_can_fd_with_an_extended_id_and_of_a_length_that_exists() -> None:
@@ -108,7 +144,10 @@ def test_commands_before_enabling_do_not_start_the_drive() -> None:
 def test_a_silent_bus_is_explained() -> None:
     with (
         can_wire() as (here, _),
-        pytest.raises(DeviceError, match=r"within 1 s no answer from drive 1, and no other frames.*CAN-FD at 1 and 5"),
+        pytest.raises(
+            DeviceError,
+            match=r"within 1 s no answer from drive 1, and no other frames.*CAN-FD at 1 and 5",
+        ),
     ):
         MoteusMotor(here, TwinClock(), MoteusSettings()).enable()
 
@@ -117,14 +156,21 @@ def test_a_wrong_id_is_explained_with_the_ids_that_are_there() -> None:
     clock = TwinClock()
     with can_wire() as (here, there):
         clock.carry(lambda _: answer(there, *state_of(1), source=4))
-        with pytest.raises(DeviceError, match="frames from id 4 but no answer from drive 1; check drive_id and can_prefix"):
+        with pytest.raises(
+            DeviceError,
+            match="frames from id 4 but no answer from drive 1; check drive_id and can_prefix",
+        ):
             MoteusMotor(here, clock, MoteusSettings()).enable()
 
 
 def test_a_firmware_without_a_register_is_explained() -> None:
     clock = TwinClock()
     with can_wire() as (here, there):
-        clock.carry(lambda _: answer(there, *state_of(1)[:-1], Refusal(Register.MILLISECOND_COUNTER, 1, of_write=False)))
+        clock.carry(
+            lambda _: answer(
+                there, *state_of(1)[:-1], Refusal(Register.MILLISECOND_COUNTER, 1, of_write=False)
+            )
+        )
         with pytest.raises(DeviceError, match="cannot tell MILLISECOND_COUNTER: unknown register"):
             MoteusMotor(here, clock, MoteusSettings()).enable()
 
@@ -144,7 +190,8 @@ def test_a_drive_that_never_gets_to_position_mode_is_not_enabled() -> None:
         assert orders_in(drain(r.observer))[-1] == {Register.MODE: Mode.STOPPED}
 
 
-# -- asking ------------------------------------------------------------------------------------------------------------------
+# -- asking
+# --------------------------------------------------------------------------------------------------
 
 
 def test_a_command_asks_and_a_read_without_one_asks_by_itself() -> None:
@@ -247,7 +294,9 @@ def test_frames_of_others_and_our_own_come_back_are_not_the_drives() -> None:
         answer(there, *state_of(1), destination=0)  # the drive, to another master
         answer(there, *state_of(1), source=0x20, destination=1)
         send(there, *state_of(1), wants_reply=True, source=1, destination=0x20)
-        there.send(can.Message(arbitration_id=0x120, is_remote_frame=True, dlc=8, is_extended_id=True))
+        there.send(
+            can.Message(arbitration_id=0x120, is_remote_frame=True, dlc=8, is_extended_id=True)
+        )
         assert len(motor.read().angle_rad) == 0
         assert motor.status().state == "unknown"
 
@@ -257,7 +306,14 @@ def test_a_frame_that_cannot_be_read_is_an_error_and_the_samples_before_it_are_k
         motor = MoteusMotor(here, TwinClock(), MoteusSettings())
         motor.read()
         answer(there, *state_of(1, position_turns=0.25))
-        there.send(can.Message(arbitration_id=0x120, is_extended_id=True, is_fd=True, data=bytes.fromhex("2f 01 00")))
+        there.send(
+            can.Message(
+                arbitration_id=0x120,
+                is_extended_id=True,
+                is_fd=True,
+                data=bytes.fromhex("2f 01 00"),
+            )
+        )
         with pytest.raises(DeviceError, match="ends 3 bytes too early"):
             motor.read()
         assert motor.read().angle_rad == pytest.approx([0.5 * np.pi])
@@ -271,14 +327,19 @@ def test_a_drive_that_knows_no_position_is_an_error() -> None:
             answer(there, *state_of(counter, position_turns=float("nan")))
             assert len(motor.read().angle_rad) == 0
         answer(there, *state_of(3, position_turns=float("nan")))
-        with pytest.raises(BadReading, match="the drive reports position nan turns, 3 bad reports in a row"):
+        with pytest.raises(
+            BadReading, match="the drive reports position nan turns, 3 bad reports in a row"
+        ):
             motor.read()
 
 
-# -- the drive ---------------------------------------------------------------------------------------------------------------
+# -- the drive
+# --------------------------------------------------------------------------------------------------
 
 
-def test_being_stopped_from_elsewhere_is_a_fault_and_commands_do_not_start_the_drive_again() -> None:
+def test_being_stopped_from_elsewhere_is_a_fault_and_commands_do_not_start_the_drive_again() -> (
+    None
+):
     with rig() as r:
         r.motor.enable()
         r.run(0.1, speed_rad_s=1.0)
@@ -287,15 +348,22 @@ def test_being_stopped_from_elsewhere_is_a_fault_and_commands_do_not_start_the_d
         drain(r.observer)
         r.run(0.2, speed_rad_s=1.0)
         assert r.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
-        assert {order.get(Register.MODE) for order in orders_in(drain(r.observer)) if order} == {Mode.STOPPED}
-        assert re.search("left position mode for stopped without a fault", r.motor.status().fault or "")
+        assert {order.get(Register.MODE) for order in orders_in(drain(r.observer)) if order} == {
+            Mode.STOPPED
+        }
+        assert re.search(
+            "left position mode for stopped without a fault", r.motor.status().fault or ""
+        )
 
 
 def test_what_limits_the_output_is_told_and_is_no_fault() -> None:
     with can_wire() as (here, there):
         motor = MoteusMotor(here, TwinClock(), MoteusSettings())
         motor.read()
-        limited = [replace(item, value=99) if item.register == Register.FAULT else item for item in state_of(1, Mode.POSITION)]
+        limited = [
+            replace(item, value=99) if item.register == Register.FAULT else item
+            for item in state_of(1, Mode.POSITION)
+        ]
         answer(there, *limited)
         motor.read()
         assert motor.status().state == "position, limit 99 (output limited by servo.max_current_A)"
@@ -310,7 +378,9 @@ def test_a_restart_of_the_drive_is_a_fault_and_counted_and_time_does_not_run_bac
         shaft = r.run(0.1)
         assert np.all(np.diff(shaft.device_s) > 0.0)
         assert shaft.device_s[-1] - shaft.device_s[0] == pytest.approx(0.1, abs=0.005)
-        assert "the drive restarted, its millisecond counter began again" in (r.motor.status().fault or "")
+        assert "the drive restarted, its millisecond counter began again" in (
+            r.motor.status().fault or ""
+        )
         assert r.motor.identity()["restarts"] == "1"
 
 
@@ -351,12 +421,17 @@ def test_a_moving_target_goes_on_by_itself_between_commands() -> None:
     ("subframes", "refusals"),
     [
         ([Write(Register.MODE, Width.INT8, 5)], [Refusal(Register.MODE, 3, of_write=True)]),
-        ([Write(Register.POSITION, Width.FLOAT, 1.0)], [Refusal(Register.POSITION, 2, of_write=True)]),
+        (
+            [Write(Register.POSITION, Width.FLOAT, 1.0)],
+            [Refusal(Register.POSITION, 2, of_write=True)],
+        ),
         ([Write(0x300, Width.INT8, 1)], [Refusal(0x300, 1, of_write=True)]),
         ([moteus.Read(0x300, Width.INT8)], [Refusal(0x300, 1, of_write=False)]),
     ],
 )
-def test_the_twin_refuses_what_the_drive_would(subframes: list[Subframe], refusals: list[Subframe]) -> None:
+def test_the_twin_refuses_what_the_drive_would(
+    subframes: list[Subframe], refusals: list[Subframe]
+) -> None:
     with rig() as r:
         send(r.observer, *subframes, wants_reply=True)
         r.tick()
@@ -368,7 +443,12 @@ def test_the_twin_tells_the_mode_that_it_had_before_the_command_that_asks() -> N
     with rig() as r:
         r.motor.enable()
         drain(r.observer)
-        send(r.observer, Write(Register.MODE, Width.INT8, Mode.STOPPED), moteus.Read(Register.MODE, Width.INT8), wants_reply=True)
+        send(
+            r.observer,
+            Write(Register.MODE, Width.INT8, Mode.STOPPED),
+            moteus.Read(Register.MODE, Width.INT8),
+            wants_reply=True,
+        )
         r.tick()
         (reply,) = (m for m in drain(r.observer) if m.arbitration_id == 0x105)
         assert moteus.decode(reply.data) == [Reply(Register.MODE, Width.INT8, Mode.POSITION)]
@@ -379,7 +459,14 @@ def test_the_twin_answers_only_who_wants_a_reply_and_ignores_what_it_cannot_read
     with rig() as r:
         send(r.observer, moteus.Read(Register.MODE, Width.INT8))
         send(r.observer, moteus.Read(Register.MODE, Width.INT8), wants_reply=True, destination=2)
-        r.observer.send(can.Message(arbitration_id=0x8001, is_extended_id=True, is_fd=True, data=bytes.fromhex("42 01 30 00 00 00 00 ff")))
+        r.observer.send(
+            can.Message(
+                arbitration_id=0x8001,
+                is_extended_id=True,
+                is_fd=True,
+                data=bytes.fromhex("42 01 30 00 00 00 00 ff"),
+            )
+        )
         r.tick()
         assert drain(r.observer) == []
 

@@ -29,15 +29,27 @@ def padded(data: bytes) -> bytes:
     return data.ljust(next(length for length in codec.FD_LENGTHS if length >= len(data)), b"\x50")
 
 
-def world_of(bus: can.BusABC, rotor: Rotor, twin: MoteusTwinSettings | None = None) -> tuple[MoteusTwin, TwinWorld]:
+def world_of(
+    bus: can.BusABC, rotor: Rotor, twin: MoteusTwinSettings | None = None
+) -> tuple[MoteusTwin, TwinWorld]:
     drive = MoteusTwin(bus, twin or MoteusTwinSettings())
-    return drive, TwinWorld(rotor, drive, NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1)))
+    return drive, TwinWorld(
+        rotor, drive, NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
+    )
 
 
 @pytest.mark.parametrize("width", list(Width))
 def test_its_position_command_says_to_our_codec_what_it_was_told(width: Width) -> None:
     resolution = moteus.PositionResolution()
-    for name in ("position", "velocity", "feedforward_torque", "kp_scale", "kd_scale", "maximum_torque", "watchdog_timeout"):
+    for name in (
+        "position",
+        "velocity",
+        "feedforward_torque",
+        "kp_scale",
+        "kd_scale",
+        "maximum_torque",
+        "watchdog_timeout",
+    ):
         setattr(resolution, name, RESOLUTIONS[width])
     told = {
         "position": 0.5,
@@ -48,7 +60,9 @@ def test_its_position_command_says_to_our_codec_what_it_was_told(width: Width) -
         "maximum_torque": 3.0,
         "watchdog_timeout": 0.2,
     }
-    command = moteus.Controller(id=7, position_resolution=resolution).make_position(**told, query=True)
+    command = moteus.Controller(id=7, position_resolution=resolution).make_position(
+        **told, query=True
+    )
     subframes = codec.decode(padded(command.data))
     written = {item.register: item.value for item in subframes if isinstance(item, Write)}
     assert written.pop(Register.MODE) == Mode.POSITION
@@ -56,20 +70,26 @@ def test_its_position_command_says_to_our_codec_what_it_was_told(width: Width) -
     assert written.keys() == set(registers)
     for register, value in zip(registers, told.values(), strict=True):
         count = codec.units_per_count(register, width) or 1e-7
-        assert written[register] == pytest.approx(value, abs=1.0001 * count)  # the package cuts off where we round
+        assert written[register] == pytest.approx(
+            value, abs=1.0001 * count
+        )  # the package cuts off where we round
     assert Read(Register.FAULT, Width.INT8) in subframes
 
 
 def test_its_stop_and_its_nan_are_ours() -> None:
     controller = moteus.Controller()
-    assert codec.decode(controller.make_stop().data) == [Write(Register.MODE, Width.INT8, Mode.STOPPED)]
+    assert codec.decode(controller.make_stop().data) == [
+        Write(Register.MODE, Width.INT8, Mode.STOPPED)
+    ]
     _, position = codec.decode(padded(controller.make_position(position=math.nan).data))
     assert math.isnan(position.value)
 
 
 def test_its_ids_are_routed_as_ours() -> None:
     command = moteus.Controller(id=9, source_can_id=3).make_query()
-    identifier = command.destination | command.source << 8 | (0x8000 if command.reply_required else 0)
+    identifier = (
+        command.destination | command.source << 8 | (0x8000 if command.reply_required else 0)
+    )
     assert codec.route_of(identifier) == codec.Route(3, 9, wants_reply=True)
 
 
@@ -85,17 +105,25 @@ def test_its_parser_reads_our_replies(width: Width) -> None:
         Register.FAULT: 0,
     }
     data = codec.encode([Reply(register, width, value) for register, value in said.items()])
-    result = moteus.protocol.parse_message(SimpleNamespace(arbitration_id=codec.arbitration_id(codec.Route(1, 0)), data=data))
+    result = moteus.protocol.parse_message(
+        SimpleNamespace(arbitration_id=codec.arbitration_id(codec.Route(1, 0)), data=data)
+    )
     assert result.id == 1
     assert moteus.protocol.parse_reply(data) == result.values
-    assert result.values == pytest.approx({int(register): value for register, value in said.items()})
+    assert result.values == pytest.approx(
+        {int(register): value for register, value in said.items()}
+    )
 
 
 def test_its_parser_reads_what_our_twin_says_when_its_query_asks() -> None:
     with can_wire() as (here, there):
         _, world = world_of(there, Rotor(angle_rad=math.tau * 3.25, speed_rad_s=math.tau))
         command = moteus.Controller().make_query()
-        here.send(can.Message(arbitration_id=0x8001, is_extended_id=True, is_fd=True, data=padded(command.data)))
+        here.send(
+            can.Message(
+                arbitration_id=0x8001, is_extended_id=True, is_fd=True, data=padded(command.data)
+            )
+        )
         world.process(0.001)
         answer = here.recv(timeout=0)
         assert answer.arbitration_id == 0x100
@@ -107,8 +135,14 @@ def test_its_parser_reads_what_our_twin_says_when_its_query_asks() -> None:
         assert values[moteus.Register.VOLTAGE] == pytest.approx(24.0)
 
 
-def talk(conversation: Callable[[Any], Awaitable[None]], rotor: Rotor, twin: MoteusTwinSettings | None = None) -> None:
-    """The package's controller over its own python-can transport, with the twin's world running beside it, 1 ms at a time."""
+def talk(
+    conversation: Callable[[Any], Awaitable[None]],
+    rotor: Rotor,
+    twin: MoteusTwinSettings | None = None,
+) -> None:
+    """The package's controller over its own python-can transport, with the twin's world running
+    beside it, 1 ms at a time.
+    """
 
     async def both() -> None:
         with VirtualBus(channel="moteus strangers") as there:
@@ -116,7 +150,9 @@ def talk(conversation: Callable[[Any], Awaitable[None]], rotor: Rotor, twin: Mot
             device = moteus.PythonCanDevice(interface="virtual", channel="moteus strangers")
             running = asyncio.create_task(carried(world))
             try:
-                await asyncio.wait_for(conversation(moteus.Controller(transport=moteus.Transport(device))), 20.0)
+                await asyncio.wait_for(
+                    conversation(moteus.Controller(transport=moteus.Transport(device))), 20.0
+                )
             finally:
                 running.cancel()
                 device.close()
@@ -138,7 +174,9 @@ def test_its_controller_turns_our_twin() -> None:
     async def conversation(controller: Any) -> None:
         await controller.set_stop()
         for _ in range(300):
-            state = await controller.set_position(position=math.nan, velocity=0.5, watchdog_timeout=math.nan, query=True)
+            state = await controller.set_position(
+                position=math.nan, velocity=0.5, watchdog_timeout=math.nan, query=True
+            )
         assert state.values[moteus.Register.MODE] == moteus.Mode.POSITION
         assert state.values[moteus.Register.VELOCITY] == pytest.approx(0.5, abs=5e-3)
         await controller.set_stop(query=True)
@@ -154,7 +192,9 @@ def test_its_controller_learns_of_a_timeout_and_recovers_by_stopping() -> None:
         for _ in range(2000):
             if (await controller.query()).values[moteus.Register.MODE] == moteus.Mode.TIMEOUT:
                 break
-        still = await controller.set_position(position=math.nan, watchdog_timeout=math.nan, query=True)
+        still = await controller.set_position(
+            position=math.nan, watchdog_timeout=math.nan, query=True
+        )
         assert still.values[moteus.Register.MODE] == moteus.Mode.TIMEOUT
         await controller.set_stop(query=True)
         assert (await controller.query()).values[moteus.Register.MODE] == moteus.Mode.STOPPED

@@ -9,7 +9,15 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig
-from rfca_rig.devices.netft.codec import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
+from rfca_rig.devices.netft.codec import (
+    RECORD_BYTES,
+    RdtCommand,
+    Records,
+    decode_records,
+    decode_request,
+    encode_records,
+    encode_request,
+)
 from rfca_rig.devices.netft.driver import NetFtSensor
 from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
@@ -21,7 +29,9 @@ from tests.devices.rig import Tampered, twin_rig
 SECOND = 0.5
 
 
-def records(first: int, count: int, ft_first: int | None = None, step: int = 1, status: int = 0) -> bytes:
+def records(
+    first: int, count: int, ft_first: int | None = None, step: int = 1, status: int = 0
+) -> bytes:
     """A datagram with numbers that tell where each record came from."""
     numbers = np.arange(first, first + count)
     ft = (first if ft_first is None else ft_first) + step * np.arange(count)
@@ -105,7 +115,9 @@ def test_noise_has_the_given_spread_per_axis() -> None:
 
 
 def test_forces_beyond_the_range_are_clipped_and_flagged() -> None:
-    with twin_rig(sensor_twin=NetFtTwinSettings(full_scale=(330.0, 330.0, 2.0, 30.0, 30.0, 30.0))) as rig:
+    with twin_rig(
+        sensor_twin=NetFtTwinSettings(full_scale=(330.0, 330.0, 2.0, 30.0, 30.0, 30.0))
+    ) as rig:
         rig.sensor.start()
         _, force = rig.run(SECOND)
         assert force.counts[:, 2].max() == 2_000_000
@@ -126,7 +138,13 @@ def test_single_mode_sends_one_record_per_datagram_and_a_count_ends_the_stream()
     _carry(twin, 0.01)
     datagrams = link.receive_all()
     assert [len(datagram) for datagram in datagrams] == [RECORD_BYTES] * 5
-    assert [int(decode_records(datagram).rdt_sequence[0]) for datagram in datagrams] == [1, 2, 3, 4, 5]
+    assert [int(decode_records(datagram).rdt_sequence[0]) for datagram in datagrams] == [
+        1,
+        2,
+        3,
+        4,
+        5,
+    ]
 
 
 def test_a_counted_buffered_stream_ends_with_a_short_datagram() -> None:
@@ -234,7 +252,11 @@ def test_a_late_datagram_that_comes_twice_is_late_once_and_then_a_duplicate() ->
     for first in (41, 1, 1):
         there.send(records(first, 40))
         sensor.read()
-    assert (sensor.health().out_of_order, sensor.health().duplicate, sensor.health().lost) == (40, 40, 40)
+    assert (sensor.health().out_of_order, sensor.health().duplicate, sensor.health().lost) == (
+        40,
+        40,
+        40,
+    )
 
 
 @pytest.mark.parametrize("length", [0, 1, 35, 37, 1476])
@@ -253,7 +275,11 @@ def test_the_counter_wraps_without_a_loss() -> None:
     samples = sensor.read()
     assert np.all(np.diff(samples.sequence) == 1)
     assert samples.sequence[-1] == 2**32 + 59
-    assert (sensor.health().lost, sensor.health().duplicate, sensor.health().out_of_order) == (0, 0, 0)
+    assert (sensor.health().lost, sensor.health().duplicate, sensor.health().out_of_order) == (
+        0,
+        0,
+        0,
+    )
 
 
 def test_a_loss_across_the_wrap_counts_what_is_missing() -> None:
@@ -286,7 +312,9 @@ def test_a_sample_counter_that_wraps_is_no_stall() -> None:
 def test_a_rate_other_than_configured_is_refused_with_both() -> None:
     with twin_rig(sensor_twin=NetFtTwinSettings(decimation=7)) as rig:
         rig.sensor.start()
-        with pytest.raises(DeviceError, match=r"sends 1000 records/s, the settings say 7000.*comrdtrate"):
+        with pytest.raises(
+            DeviceError, match=r"sends 1000 records/s, the settings say 7000.*comrdtrate"
+        ):
             rig.run(0.1)
 
 
@@ -398,17 +426,26 @@ def test_udp_to_a_host_that_cannot_be_is_an_error() -> None:
         UdpDatagrams("300.1.1.1", 49152)
 
 
-@pytest.mark.parametrize("order", [lambda n: n, lambda n: n[::-1], lambda n: n * 2, lambda n: n[1::2]])
-def test_received_and_lost_add_up_to_what_was_sent(order: Callable[[list[bytes]], list[bytes]]) -> None:
+@pytest.mark.parametrize(
+    "order", [lambda n: n, lambda n: n[::-1], lambda n: n * 2, lambda n: n[1::2]]
+)
+def test_received_and_lost_add_up_to_what_was_sent(
+    order: Callable[[list[bytes]], list[bytes]],
+) -> None:
     sensor, _ = fed(*order([struct.pack(">3I6i", n, n, 0, *[n] * 6) for n in range(1, 101)]))
     health = sensor.health()
     assert health.received + health.lost == 100
 
 
 class TestNetFt(ForceSensorContract):
-    """The contract over RDT: buffered at the box's full rate, buffered and decimated, and one record a datagram."""
+    """The contract over RDT: buffered at the box's full rate, buffered and decimated, and one
+    record a datagram.
+    """
 
-    @pytest.fixture(params=[(1, True), (7, True), (7, False)], ids=["7000-buffered", "1000-buffered", "1000-single"])
+    @pytest.fixture(
+        params=[(1, True), (7, True), (7, False)],
+        ids=["7000-buffered", "1000-buffered", "1000-single"],
+    )
     def rig(self, request: pytest.FixtureRequest) -> ForceSensorRig:
         decimation, buffered = request.param
         clock, (here, there) = TwinClock(), datagram_link()
@@ -418,7 +455,9 @@ class TestNetFt(ForceSensorContract):
         return ForceSensorRig(
             clock=clock,
             sensor=sensor,
-            twin=NetFtTwin(there, NetFtTwinSettings(decimation=decimation), np.random.default_rng(1)),
+            twin=NetFtTwin(
+                there, NetFtTwinSettings(decimation=decimation), np.random.default_rng(1)
+            ),
             rate_Hz=rate_Hz,
             latency_s=40.0 / rate_Hz if buffered else 0.0,
             resolution=np.full(6, 0.5001e-6),
@@ -464,4 +503,11 @@ def _swapped(link: Tampered) -> Callable[[], None]:
 
 def _frozen(datagram: bytes) -> bytes:
     records = decode_records(datagram)
-    return encode_records(Records(records.rdt_sequence, np.full_like(records.ft_sequence, 77), records.status, records.counts))
+    return encode_records(
+        Records(
+            records.rdt_sequence,
+            np.full_like(records.ft_sequence, 77),
+            records.status,
+            records.counts,
+        )
+    )

@@ -1,4 +1,6 @@
-"""Configuration of the Net F/T: read over HTTP and over the command interface of its twin, and held against the settings."""
+"""Configuration of the Net F/T: read over HTTP and over the command interface of its twin, and
+held against the settings.
+"""
 
 import socket
 import threading
@@ -86,14 +88,24 @@ def test_the_twins_page_and_its_stream_agree_at_every_rate(decimation: int) -> N
 def test_a_busy_box_is_told_with_what_it_answered() -> None:
     box, _ = made()
     box.busy = True
-    with http(box) as port, pytest.raises(DeviceError, match=rf"http://127.0.0.1:{port}/netftapi2.xml gives no configuration.*503"):
+    with (
+        http(box) as port,
+        pytest.raises(
+            DeviceError, match=rf"http://127.0.0.1:{port}/netftapi2.xml gives no configuration.*503"
+        ),
+    ):
         HttpBox("127.0.0.1", port).says()
 
 
 def test_a_page_of_something_else_is_told() -> None:
     box, _ = made()
     box.page = lambda target: replace(NetFtBoxTwin.page(box, target), body=b"<html/>")
-    with http(box) as port, pytest.raises(DeviceError, match=r"begins with <html>, expected <netft>; is this a Net F/T\?"):
+    with (
+        http(box) as port,
+        pytest.raises(
+            DeviceError, match=r"begins with <html>, expected <netft>; is this a Net F/T\?"
+        ),
+    ):
         HttpBox("127.0.0.1", port).says()
 
 
@@ -123,7 +135,9 @@ def test_a_reading_over_the_command_interface_is_the_wrench_to_its_16_bits() -> 
     with commands(box.answer) as port:
         reading = CommandBox("127.0.0.1", port).reading(ReadForce())
     counts_per_unit = np.repeat([1e6, 2e6], 3)
-    assert np.array(reading.counts) * scale / counts_per_unit == pytest.approx(wrench, abs=float((scale / counts_per_unit).max()))
+    assert np.array(reading.counts) * scale / counts_per_unit == pytest.approx(
+        wrench, abs=float((scale / counts_per_unit).max())
+    )
     assert reading.status == 0
 
 
@@ -157,19 +171,42 @@ def test_a_box_that_agrees_starts_its_stream_and_lends_its_serial_number() -> No
     box.configuration = replace(box.configuration, serial_number="FT27462")
     sensor = NetFtSensor(here, TwinClock(), NetFtSettings(1e6, 2e6, 1000.0), box)
     sensor.start()
-    assert [decode_request(datagram).command for datagram in there.receive_all()] == [RdtCommand.STOP, RdtCommand.START_BUFFERED]
+    assert [decode_request(datagram).command for datagram in there.receive_all()] == [
+        RdtCommand.STOP,
+        RdtCommand.START_BUFFERED,
+    ]
     assert sensor.identity()["serial_number"] == "FT27462"
 
 
 @pytest.mark.parametrize(
     ("change", "kind", "said"),
     [
-        ({"counts_per_force": 1e5}, BadInput, r"counts_per_N is 1000000, the box at 10\.0\.0\.7 is set to 100000 \(100000 per N\)"),
-        ({"force_unit": "lbf"}, BadInput, r"counts_per_N is 1000000, .* is set to 224808\.9431 \(1e\+06 per lbf\)"),
-        ({"torque_unit": "Nmm"}, BadInput, r"counts_per_Nm is 2000000, .* is set to 2000000000 \(2e\+06 per Nmm\)"),
-        ({"rdt_rate_Hz": 7000.0}, BadInput, r"rate_Hz is 1000, .* is set to 7000 records/s \(comrdtrate 7000\)"),
+        (
+            {"counts_per_force": 1e5},
+            BadInput,
+            r"counts_per_N is 1000000, the box at 10\.0\.0\.7 is set to 100000 \(100000 per N\)",
+        ),
+        (
+            {"force_unit": "lbf"},
+            BadInput,
+            r"counts_per_N is 1000000, .* is set to 224808\.9431 \(1e\+06 per lbf\)",
+        ),
+        (
+            {"torque_unit": "Nmm"},
+            BadInput,
+            r"counts_per_Nm is 2000000, .* is set to 2000000000 \(2e\+06 per Nmm\)",
+        ),
+        (
+            {"rdt_rate_Hz": 7000.0},
+            BadInput,
+            r"rate_Hz is 1000, .* is set to 7000 records/s \(comrdtrate 7000\)",
+        ),
         ({"internal_rate_Hz": 7812.0}, BadInput, r"rate_Hz is 1000, .* is set to 1116 records/s"),
-        ({"rdt_enabled": False}, DeviceError, r"RDT is disabled on the box at 10\.0\.0\.7; enable it \(comrdte\)"),
+        (
+            {"rdt_enabled": False},
+            DeviceError,
+            r"RDT is disabled on the box at 10\.0\.0\.7; enable it \(comrdte\)",
+        ),
     ],
 )
 def test_a_box_set_otherwise_is_refused_in_one_line_before_anything_is_sent(
@@ -178,7 +215,9 @@ def test_a_box_set_otherwise_is_refused_in_one_line_before_anything_is_sent(
     here, there = datagram_link()
     box, _ = made()
     box.configuration = replace(box.configuration, **change)
-    sensor = NetFtSensor(here, TwinClock(), NetFtSettings(1e6, 2e6, 1000.0, address="10.0.0.7"), box)
+    sensor = NetFtSensor(
+        here, TwinClock(), NetFtSettings(1e6, 2e6, 1000.0, address="10.0.0.7"), box
+    )
     with pytest.raises(kind, match=said) as caught:
         sensor.start()
     assert "\n" not in str(caught.value)
@@ -195,7 +234,9 @@ def test_counts_changed_between_two_streams_are_noticed() -> None:
         sensor.start()
 
 
-@pytest.mark.parametrize(("buffered", "command"), [(True, RdtCommand.START_BUFFERED), (False, RdtCommand.START_SINGLE)])
+@pytest.mark.parametrize(
+    ("buffered", "command"), [(True, RdtCommand.START_BUFFERED), (False, RdtCommand.START_SINGLE)]
+)
 def test_a_bias_is_sent_and_the_stream_begun_anew(buffered: bool, command: RdtCommand) -> None:
     here, there = datagram_link()
     sensor = NetFtSensor(here, TwinClock(), NetFtSettings(buffered=buffered))
@@ -208,7 +249,11 @@ def test_a_bias_is_sent_and_the_stream_begun_anew(buffered: bool, command: RdtCo
 
 
 def test_a_small_receive_buffer_comes_with_what_to_type() -> None:
-    assert advise_receive_buffer(RECEIVE_BUFFER_BYTES) == advise_receive_buffer(2 * RECEIVE_BUFFER_BYTES) == ""
+    assert (
+        advise_receive_buffer(RECEIVE_BUFFER_BYTES)
+        == advise_receive_buffer(2 * RECEIVE_BUFFER_BYTES)
+        == ""
+    )
     line = advise_receive_buffer(212_992)
     assert "gives 208 KiB of receive buffer where 4096 were asked for" in line
     assert "sudo sysctl -w net.core.rmem_max=4194304" in line

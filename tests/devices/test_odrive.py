@@ -48,7 +48,11 @@ def test_enabling_moves_nothing_even_where_a_stale_set_point_waits_in_the_drive(
 def test_enabling_sends_the_set_point_before_the_loop_closes() -> None:
     with twin_rig(observers=1) as rig:
         rig.motor.enable()
-        orders = [m.arbitration_id for m in frames_of(rig.others[0]) if m.arbitration_id in {0x07, 0x0B, 0x0C} and not m.is_remote_frame]
+        orders = [
+            m.arbitration_id
+            for m in frames_of(rig.others[0])
+            if m.arbitration_id in {0x07, 0x0B, 0x0C} and not m.is_remote_frame
+        ]
         assert orders[:5] == [0x07, 0x0C, 0x0B, 0x07, 0x0C]
 
 
@@ -62,7 +66,9 @@ def test_a_loaded_shaft_is_held_where_it_stands() -> None:
 
 
 @pytest.mark.parametrize("scale", [{}, GEARED])
-def test_a_commanded_speed_is_reached_whatever_gear_direction_and_zero(scale: dict[str, float]) -> None:
+def test_a_commanded_speed_is_reached_whatever_gear_direction_and_zero(
+    scale: dict[str, float],
+) -> None:
     with twin_rig(motor=OdriveSettings(0, **scale), motor_twin=OdriveTwinSettings(**scale)) as rig:
         rig.motor.enable()
         shaft, _ = rig.run(1.0, speed_rad_s=3.2)
@@ -93,7 +99,9 @@ def test_a_moving_target_is_followed_with_its_speed_fed_forward() -> None:
 
 
 def test_torque_is_reported_at_the_shaft_with_its_sign() -> None:
-    with twin_rig(motor=OdriveSettings(0, **GEARED), motor_twin=OdriveTwinSettings(**GEARED)) as rig:
+    with twin_rig(
+        motor=OdriveSettings(0, **GEARED), motor_twin=OdriveTwinSettings(**GEARED)
+    ) as rig:
         rig.motor.enable()
         rig.rotor.load_Nm = 2.0
         shaft, _ = rig.run(2.0, speed_rad_s=1.0)
@@ -103,8 +111,15 @@ def test_torque_is_reported_at_the_shaft_with_its_sign() -> None:
 def test_torque_may_come_from_the_motor_current() -> None:
     clock = TwinClock()
     with can_wire() as (here, there):
-        clock.carry(lambda _: [send(there, cansimple.iq(0, 9.0, 4.0)), send(there, cansimple.encoder_estimates(0, 0.0, 0.0))])
-        motor = OdriveMotor(here, clock, OdriveSettings(0, gear_ratio=2.0, torque_constant_Nm_per_A=0.5))
+        clock.carry(
+            lambda _: [
+                send(there, cansimple.iq(0, 9.0, 4.0)),
+                send(there, cansimple.encoder_estimates(0, 0.0, 0.0)),
+            ]
+        )
+        motor = OdriveMotor(
+            here, clock, OdriveSettings(0, gear_ratio=2.0, torque_constant_Nm_per_A=0.5)
+        )
         clock.wait_until(0.1)
         assert motor.read().torque_Nm.tolist() == [4.0]
 
@@ -149,7 +164,9 @@ def test_the_watchdog_stops_the_motor_when_commands_stop() -> None:
         shaft, _ = rig.run(0.4)
         torqued = shaft.device_s[shaft.torque_Nm != 0.0]
         assert 0.08 < torqued[-1] - shaft.device_s[0] < 0.11
-        assert re.search("0x01000000.*WATCHDOG_TIMER_EXPIRED: no command", rig.motor.status().fault or "")
+        assert re.search(
+            "0x01000000.*WATCHDOG_TIMER_EXPIRED: no command", rig.motor.status().fault or ""
+        )
 
 
 def test_commands_after_the_watchdog_tripped_do_not_move_the_shaft() -> None:
@@ -171,7 +188,9 @@ def test_the_watchdog_is_proven_by_starving_it() -> None:
 def test_a_watchdog_that_is_off_is_found_out() -> None:
     with twin_rig(motor_twin=OdriveTwinSettings(watchdog_s=None)) as rig:
         rig.motor.enable()
-        with pytest.raises(DeviceError, match=r"watchdog let it run through 0\.5 s.*enable_watchdog"):
+        with pytest.raises(
+            DeviceError, match=r"watchdog let it run through 0\.5 s.*enable_watchdog"
+        ):
             rig.motor.prove_watchdog(0.5)
         rig.run(0.2)
         assert rig.motor.status().state == "idle"
@@ -192,7 +211,9 @@ def test_falling_to_idle_without_an_error_is_a_fault_too() -> None:
         rig.motor.enable()
         send(rig.others[0], cansimple.set_axis_state(0, 1))
         rig.run(0.2, speed_rad_s=1.0)
-        assert re.search("left closed loop for idle without an error", rig.motor.status().fault or "")
+        assert re.search(
+            "left closed loop for idle without an error", rig.motor.status().fault or ""
+        )
 
 
 def test_an_emergency_stop_on_the_bus_is_told_and_is_cleared_by_enabling_anew() -> None:
@@ -208,7 +229,10 @@ def test_an_emergency_stop_on_the_bus_is_told_and_is_cleared_by_enabling_anew() 
 def test_a_refused_enable_says_with_what_error() -> None:
     with (
         twin_rig(motor_twin=OdriveTwinSettings(arming_error=1 << 3)) as rig,
-        pytest.raises(DeviceError, match=r"refuses closed loop with error 0x00000008 \(MISSING_ESTIMATE: .*idle.*disarmed"),
+        pytest.raises(
+            DeviceError,
+            match=r"refuses closed loop with error 0x00000008 \(MISSING_ESTIMATE: .*idle.*disarmed",
+        ),
     ):
         rig.motor.enable()
 
@@ -222,7 +246,13 @@ def test_a_refused_enable_leaves_the_motor_idle() -> None:
 
 
 def test_a_silent_bus_is_explained() -> None:
-    with can_wire() as (here, _), pytest.raises(DeviceError, match=r"within 1 s no frames at all on the CAN bus; check the drive's power"):
+    with (
+        can_wire() as (here, _),
+        pytest.raises(
+            DeviceError,
+            match=r"within 1 s no frames at all on the CAN bus; check the drive's power",
+        ),
+    ):
         OdriveMotor(here, TwinClock(), OdriveSettings(0)).enable()
 
 
@@ -237,18 +267,26 @@ def test_a_wrong_node_is_explained_with_the_nodes_that_are_there() -> None:
 @pytest.mark.parametrize(
     ("frames", "said"),
     [
-        ([cansimple.encoder_estimates(0, 0.0, 0.0), cansimple.torques(0, 0.0, 0.0)], "no heartbeat from node 0"),
+        (
+            [cansimple.encoder_estimates(0, 0.0, 0.0), cansimple.torques(0, 0.0, 0.0)],
+            "no heartbeat from node 0",
+        ),
         (
             [cansimple.heartbeat(0, odrive.Heartbeat(0, 1, 0, False))],
             "no encoder estimates from node 0; set its encoder_msg_rate_ms to 1$",
         ),
         (
-            [cansimple.heartbeat(0, odrive.Heartbeat(0, 1, 0, False)), cansimple.encoder_estimates(0, 0.0, 0.0)],
+            [
+                cansimple.heartbeat(0, odrive.Heartbeat(0, 1, 0, False)),
+                cansimple.encoder_estimates(0, 0.0, 0.0),
+            ],
             r"no torques \(0x1C\) from node 0",
         ),
     ],
 )
-def test_a_message_that_is_not_switched_on_is_named(frames: list[cansimple.Frame], said: str) -> None:
+def test_a_message_that_is_not_switched_on_is_named(
+    frames: list[cansimple.Frame], said: str
+) -> None:
     clock = TwinClock()
     with can_wire() as (here, there):
         clock.carry(lambda _: [send(there, frame) for frame in frames])
@@ -257,11 +295,19 @@ def test_a_message_that_is_not_switched_on_is_named(frames: list[cansimple.Frame
 
 
 @pytest.mark.parametrize(("true_ms", "configured_ms"), [(10, 1), (1, 10)])
-def test_an_encoder_period_other_than_configured_is_refused_with_both(true_ms: int, configured_ms: int) -> None:
-    drive, nominal = OdriveTwinSettings(encoder_period_s=1e-3 * true_ms), OdriveSettings(0, encoder_period_s=1e-3 * configured_ms)
+def test_an_encoder_period_other_than_configured_is_refused_with_both(
+    true_ms: int, configured_ms: int
+) -> None:
+    drive, nominal = (
+        OdriveTwinSettings(encoder_period_s=1e-3 * true_ms),
+        OdriveSettings(0, encoder_period_s=1e-3 * configured_ms),
+    )
     with (
         twin_rig(motor=nominal, motor_twin=drive) as rig,
-        pytest.raises(DeviceError, match=f"encoder estimates come every {true_ms} ms, the settings say {configured_ms} ms"),
+        pytest.raises(
+            DeviceError,
+            match=f"encoder estimates come every {true_ms} ms, the settings say {configured_ms} ms",
+        ),
     ):
         rig.motor.enable()
 
@@ -274,7 +320,12 @@ def test_a_heartbeat_from_before_the_errors_were_cleared_does_not_count() -> Non
         for frame in reports:
             send(there, frame)
         if round(now_s / 2e-3) % 25 == 1:
-            send(there, cansimple.heartbeat(0, odrive.Heartbeat(next(errors), 8 if now_s > 0.06 else 1, 0, False)))
+            send(
+                there,
+                cansimple.heartbeat(
+                    0, odrive.Heartbeat(next(errors), 8 if now_s > 0.06 else 1, 0, False)
+                ),
+            )
 
     with can_wire() as (here, there):
         clock.carry(drive_says)
@@ -353,17 +404,30 @@ def test_a_drive_that_falls_silent_is_a_fault() -> None:
         while rig.wire.recv(timeout=0) is not None:
             pass
         rig.motor.read()
-        assert re.search(r"no heartbeat for 0\.3\d s, limit 0\.35 s", rig.motor.status().fault or "")
+        assert re.search(
+            r"no heartbeat for 0\.3\d s, limit 0\.35 s", rig.motor.status().fault or ""
+        )
 
 
-@pytest.mark.parametrize("act", [OdriveMotor.enable, OdriveMotor.disable, lambda m: m.command_speed(1.0), lambda m: m.command_angle(1.0)])
+@pytest.mark.parametrize(
+    "act",
+    [
+        OdriveMotor.enable,
+        OdriveMotor.disable,
+        lambda m: m.command_speed(1.0),
+        lambda m: m.command_angle(1.0),
+    ],
+)
 def test_a_frame_that_cannot_be_sent_is_an_error(act) -> None:
     with UnpluggedBus() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
         act(OdriveMotor(bus, TwinClock(), OdriveSettings(0)))
 
 
 def test_a_failing_bus_is_an_error_when_reading() -> None:
-    with UnpluggedBus() as bus, pytest.raises(DeviceError, match="CAN bus failed while reading the drive: no such device"):
+    with (
+        UnpluggedBus() as bus,
+        pytest.raises(DeviceError, match="CAN bus failed while reading the drive: no such device"),
+    ):
         OdriveMotor(bus, TwinClock(), OdriveSettings(0)).read()
 
 
@@ -389,7 +453,9 @@ def test_frames_of_others_extended_frames_and_requests_are_not_the_drives() -> N
     with can_wire() as (here, there):
         send(there, cansimple.encoder_estimates(4, 1.0, 1.0))
         there.send(can.Message(arbitration_id=0x09, data=bytes(8), is_extended_id=True))
-        there.send(can.Message(arbitration_id=0x09, is_remote_frame=True, dlc=8, is_extended_id=False))
+        there.send(
+            can.Message(arbitration_id=0x09, is_remote_frame=True, dlc=8, is_extended_id=False)
+        )
         there.send(can.Message(arbitration_id=0x09, data=b"", is_extended_id=False))
         assert len(OdriveMotor(here, TwinClock(), OdriveSettings(0)).read().angle_rad) == 0
 
@@ -421,7 +487,9 @@ def test_settings_that_cannot_be_are_refused_by_name(wrong: dict[str, float]) ->
 
 
 def test_the_identity_names_firmware_and_scale() -> None:
-    with twin_rig(motor=OdriveSettings(0, **GEARED), motor_twin=OdriveTwinSettings(**GEARED)) as rig:
+    with twin_rig(
+        motor=OdriveSettings(0, **GEARED), motor_twin=OdriveTwinSettings(**GEARED)
+    ) as rig:
         rig.motor.enable()
         identity = rig.motor.identity()
         assert identity["firmware"] == "0.6.10"
@@ -435,7 +503,9 @@ def test_the_torque_limit_holds_against_a_load_beyond_it() -> None:
         rig.motor.enable()
         rig.rotor.load_Nm = 5.0
         shaft, _ = rig.run(0.5, angle_rad=0.3)
-        assert np.abs(shaft.torque_Nm[-400:]).max() < 2.0 * 1.05  # the limit is looked at once a step
+        assert (
+            np.abs(shaft.torque_Nm[-400:]).max() < 2.0 * 1.05
+        )  # the limit is looked at once a step
         assert rig.rotor.speed_rad_s > 1.0
 
 
@@ -463,7 +533,10 @@ def test_enabling_anew_begins_without_the_torque_of_before() -> None:
 
 
 def test_a_light_shaft_at_the_torque_limit_does_not_chatter() -> None:
-    with twin_rig(Rotor(inertia_kg_m2=0.002), motor_twin=OdriveTwinSettings(gains=LoopGains(torque_limit_Nm=40.0))) as rig:
+    with twin_rig(
+        Rotor(inertia_kg_m2=0.002),
+        motor_twin=OdriveTwinSettings(gains=LoopGains(torque_limit_Nm=40.0)),
+    ) as rig:
         rig.motor.enable()
         shaft, _ = rig.run(0.5, speed_rad_s=15.0)
         assert shaft.speed_rad_s[-100:] == pytest.approx(15.0, rel=0.01)
@@ -476,7 +549,8 @@ def test_a_soft_drive_sags_under_load_and_recovers_by_its_integrator() -> None:
         rig.run(1.0, speed_rad_s=3.0)
         rig.rotor.load_Nm = -4.0
         shaft, _ = rig.run(1.0, speed_rad_s=3.0)
-        # a step of load L sags by nearly L / speed gain, and recovers with the time constant speed gain / integral gain
+        # a step of load L sags by nearly L / speed gain, and recovers with the time constant speed
+        # gain / integral gain
         assert 3.0 - shaft.speed_rad_s.min() == pytest.approx(4.0 / 8.0, rel=0.07)
         recovering = shaft.speed_rad_s[20 + int(1e3 * 8.0 / 60.0)]
         assert 3.0 - recovering == pytest.approx(0.5 * math.exp(-1.0), rel=0.2)
@@ -493,7 +567,10 @@ def test_a_set_point_that_is_no_number_stops_the_twin() -> None:
 
 def test_driver_and_twin_also_work_over_python_cans_own_virtual_bus() -> None:
     clock, rotor = TwinClock(), Rotor()
-    with VirtualBus(channel="test of odrive") as here, VirtualBus(channel="test of odrive") as there:
+    with (
+        VirtualBus(channel="test of odrive") as here,
+        VirtualBus(channel="test of odrive") as there,
+    ):
         sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
         clock.carry(TwinWorld(rotor, OdriveTwin(there, OdriveTwinSettings()), sensor).process)
         motor = OdriveMotor(here, clock, OdriveSettings(0))

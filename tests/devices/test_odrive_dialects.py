@@ -26,7 +26,9 @@ def send(bus: can.BusABC, frame: cansimple.Frame) -> None:
     bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
 
 
-def older_rig(driver: OdriveSettings | None = None, twin: OdriveTwinSettings | None = None) -> AbstractContextManager[MotorRig]:
+def older_rig(
+    driver: OdriveSettings | None = None, twin: OdriveTwinSettings | None = None
+) -> AbstractContextManager[MotorRig]:
     return motor_rig(
         lambda bus, clock: OdriveMotor(bus, clock, driver or OdriveSettings(0, **OLDER)),
         lambda bus: OdriveTwin(bus, twin or OdriveTwinSettings(**OLDER)),
@@ -61,7 +63,10 @@ def test_the_watchdog_bit_is_the_older_one() -> None:
     with older_rig() as rig:
         rig.motor.enable()
         rig.run(0.4)
-        assert rig.motor.status().fault == "error 0x00000800 (WATCHDOG_TIMER_EXPIRED: no command reached the drive in time)"
+        assert (
+            rig.motor.status().fault
+            == "error 0x00000800 (WATCHDOG_TIMER_EXPIRED: no command reached the drive in time)"
+        )
 
 
 def test_an_emergency_stop_has_the_older_bit() -> None:
@@ -77,7 +82,10 @@ def test_an_error_that_only_a_part_has_is_asked_for_and_told_with_its_meaning() 
         rig.motor.enable()
         rig.twin.fail_part(OdrivePart.ENCODER, 1 << 7)
         rig.run(0.2, speed_rad_s=1.0)
-        said = "error 0x00000000 (none); encoder error 0x00000080 (ABS_SPI_COM_FAIL: the absolute encoder's answers are damaged)"
+        said = (
+            "error 0x00000000 (none); encoder error 0x00000080 (ABS_SPI_COM_FAIL: the "
+            "absolute encoder's answers are damaged)"
+        )
         assert rig.motor.status().fault == said
         asked = [m for m in drain(rig.observer) if m.arbitration_id == 0x04 and m.dlc == 0]
         assert len(asked) == 1
@@ -100,12 +108,23 @@ def test_a_refusal_by_a_part_names_its_error() -> None:
         def drive(_: float) -> None:
             send(there, cansimple.encoder_estimates(0, 0.0, 0.0))
             send(there, cansimple.iq(0, 0.0, 0.0))
-            send(there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False, (OdrivePart.MOTOR,)), OdriveFirmware.V0_5))
+            send(
+                there,
+                cansimple.heartbeat(
+                    0, Heartbeat(0, 1, 0, False, (OdrivePart.MOTOR,)), OdriveFirmware.V0_5
+                ),
+            )
             if any(m.arbitration_id == 0x03 for m in drain(there)):
                 send(there, cansimple.part_error(0, PartError(OdrivePart.MOTOR, 1 << 35)))
 
         clock.carry(drive)
-        with pytest.raises(DeviceError, match=r"still reports error 0x00000000 \(none\); motor error 0x800000000 \(UNBALANCED_PHASES"):
+        with pytest.raises(
+            DeviceError,
+            match=(
+                r"still reports error 0x00000000 \(none\); motor error 0x800000000 "
+                r"\(UNBALANCED_PHASES"
+            ),
+        ):
             OdriveMotor(here, clock, OdriveSettings(0, encoder_period_s=2e-3, **OLDER)).enable()
 
 
@@ -114,7 +133,9 @@ def test_a_set_point_that_is_no_number_fails_the_motor() -> None:
         rig.motor.enable()
         send(rig.observer, cansimple.set_input_vel(0, float("nan")))
         rig.run(0.2, speed_rad_s=1.0)
-        assert re.search(r"motor error 0x00010000 \(MODULATION_IS_NAN", rig.motor.status().fault or "")
+        assert re.search(
+            r"motor error 0x00010000 \(MODULATION_IS_NAN", rig.motor.status().fault or ""
+        )
 
 
 def test_torque_is_the_current_times_its_constant() -> None:
@@ -123,7 +144,11 @@ def test_torque_is_the_current_times_its_constant() -> None:
         rig.rotor.load_Nm = 2.0
         shaft = rig.run(1.5, angle_rad=0.3)
         assert shaft.torque_Nm[-1] == pytest.approx(-2.0, rel=0.02)
-        currents = [cansimple.decode(m.arbitration_id, m.data) for m in drain(rig.observer) if m.arbitration_id == 0x14]
+        currents = [
+            cansimple.decode(m.arbitration_id, m.data)
+            for m in drain(rig.observer)
+            if m.arbitration_id == 0x14
+        ]
         assert currents[-1].measured_A == pytest.approx(-2.0 / 0.0827, rel=0.02)
 
 
@@ -133,11 +158,18 @@ def test_clearing_errors_takes_no_byte_and_nothing_of_0_6_is_on_the_wire() -> No
         rig.run(0.2, speed_rad_s=1.0)
         heard = drain(rig.observer)
         assert {m.dlc for m in heard if m.arbitration_id == 0x18} == {0}
-        assert not [m for m in heard if m.arbitration_id in {0x1C, 0x15} or (m.arbitration_id == 0 and not m.is_remote_frame)]
+        assert not [
+            m
+            for m in heard
+            if m.arbitration_id in {0x1C, 0x15} or (m.arbitration_id == 0 and not m.is_remote_frame)
+        ]
 
 
 def test_an_older_drive_needs_its_torque_constant() -> None:
-    with pytest.raises(BadInput, match=r"torque_constant_Nm_per_A is missing; firmware 0\.5 tells the motor's current"):
+    with pytest.raises(
+        BadInput,
+        match=r"torque_constant_Nm_per_A is missing; firmware 0\.5 tells the motor's current",
+    ):
         OdriveSettings(0, dialect=OdriveFirmware.V0_5)
 
 
@@ -150,15 +182,24 @@ def test_a_newer_drive_taken_for_an_older_one_is_found_out() -> None:
 
 
 def test_an_older_drive_taken_for_a_newer_one_is_found_out() -> None:
-    with older_rig(OdriveSettings(0)) as rig, pytest.raises(DeviceError, match=r'no torques \(0x1C\).*or dialect = "0\.5"'):
+    with (
+        older_rig(OdriveSettings(0)) as rig,
+        pytest.raises(DeviceError, match=r'no torques \(0x1C\).*or dialect = "0\.5"'),
+    ):
         rig.motor.enable()
 
 
 def test_what_is_missing_is_called_as_the_older_firmware_calls_it() -> None:
     clock = TwinClock()
     with can_wire() as (here, there):
-        clock.carry(lambda _: send(there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False), OdriveFirmware.V0_5)))
-        with pytest.raises(DeviceError, match="no encoder estimates from node 0; set its encoder_rate_ms to 1"):
+        clock.carry(
+            lambda _: send(
+                there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False), OdriveFirmware.V0_5)
+            )
+        )
+        with pytest.raises(
+            DeviceError, match="no encoder estimates from node 0; set its encoder_rate_ms to 1"
+        ):
             OdriveMotor(here, clock, OdriveSettings(0, **OLDER)).enable()
 
 
@@ -174,4 +215,6 @@ def test_the_twin_answers_requests_without_a_byte_as_firmware_0_5_6_does() -> No
         send(rig.observer, (0x03, b""))
         rig.tick()
         (told,) = (m for m in drain(rig.observer) if m.arbitration_id == 0x03)
-        assert cansimple.decode(told.arbitration_id, told.data, OdriveFirmware.V0_5) == odrive.PartError(OdrivePart.MOTOR, 8)
+        assert cansimple.decode(
+            told.arbitration_id, told.data, OdriveFirmware.V0_5
+        ) == odrive.PartError(OdrivePart.MOTOR, 8)

@@ -1,4 +1,6 @@
-"""A drive that watches whether the shaft moves when energised takes a leg that still swings for what it is."""
+"""A drive that watches whether the shaft moves when energised takes a leg that still swings for
+what it is.
+"""
 
 import math
 from collections.abc import Callable
@@ -9,7 +11,12 @@ import pytest
 from rfca_rig.contracts.motor_rig import MotorRig, Rotor, motor_rig
 from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
 from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
-from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
+from rfca_rig.devices.cubemars.twin import (
+    CubemarsMitTwin,
+    CubemarsServoTwin,
+    MitTwinSettings,
+    ServoTwinSettings,
+)
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.world import ShaftDrive
 
@@ -19,13 +26,17 @@ HANGS_RAD = 0.9
 
 
 class SwingingLeg(Rotor):
-    """Hangs from the shaft: without torque it swings with an amplitude that falls as exp(-fading t)."""
+    """Hangs from the shaft: without torque it swings with an amplitude that falls as exp(-fading
+    t).
+    """
 
     fading_per_s = 0.0
 
     def _step(self, drive: ShaftDrive, h: float) -> None:
         pull_per_s2 = (2.0 * math.pi * SWINGS_PER_S) ** 2 * (self.angle_rad - HANGS_RAD)
-        self.load_Nm = -self.inertia_kg_m2 * (pull_per_s2 + 2.0 * self.fading_per_s * self.speed_rad_s)
+        self.load_Nm = -self.inertia_kg_m2 * (
+            pull_per_s2 + 2.0 * self.fading_per_s * self.speed_rad_s
+        )
         super()._step(drive, h)
 
 
@@ -53,7 +64,9 @@ def servo(rotor: Rotor) -> AbstractContextManager[MotorRig]:
 
 @pytest.mark.parametrize("rig", [mit, servo])
 @pytest.mark.parametrize("swung_s", [0.0, 0.06, 0.1, 0.16])
-def test_it_is_energised_where_the_leg_came_to_rest(rig: Callable[..., AbstractContextManager[MotorRig]], swung_s: float) -> None:
+def test_it_is_energised_where_the_leg_came_to_rest(
+    rig: Callable[..., AbstractContextManager[MotorRig]], swung_s: float
+) -> None:
     with rig(leg(fading_per_s=4.0)) as r:
         r.clock.wait_until(swung_s)
         r.motor.enable()
@@ -62,9 +75,17 @@ def test_it_is_energised_where_the_leg_came_to_rest(rig: Callable[..., AbstractC
 
 
 @pytest.mark.parametrize("rig", [mit, servo])
-def test_a_leg_that_swings_on_is_refused_without_torque(rig: Callable[..., AbstractContextManager[MotorRig]]) -> None:
+def test_a_leg_that_swings_on_is_refused_without_torque(
+    rig: Callable[..., AbstractContextManager[MotorRig]],
+) -> None:
     with rig(leg(fading_per_s=0.0)) as r:
-        with pytest.raises(DeviceError, match=r"without torque the shaft turns at .* rad/s, and does not come to rest within 3 s"):
+        with pytest.raises(
+            DeviceError,
+            match=(
+                r"without torque the shaft turns at .* rad/s, and does not come to rest "
+                r"within 3 s"
+            ),
+        ):
             r.motor.enable()
         r.tick()
         assert all(law.torque_Nm(1.0, 1.0) == 0.0 for _, law in r.rotor.drives)

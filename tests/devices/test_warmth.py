@@ -10,7 +10,9 @@ LAW = ThermalParameters(air_degC=25.0, time_constant_s=100.0, rise_K_per_Nm2=0.5
 
 
 @pytest.mark.parametrize("step_s", [0.01, 1.0, 50.0])
-def test_under_a_steady_torque_it_goes_to_its_end_exponentially_whatever_the_step(step_s: float) -> None:
+def test_under_a_steady_torque_it_goes_to_its_end_exponentially_whatever_the_step(
+    step_s: float,
+) -> None:
     warmth = MotorThermalModel(LAW)
     for _ in range(round(150.0 / step_s)):
         warmth.advance(step_s, -4.0)

@@ -21,7 +21,9 @@ def bytes_of_a_run(seed: int) -> bytes:
         rig.run(0.3, speed_rad_s=2.0)
         rig.run(0.3, angle_rad=0.1)
         frames = iter(lambda: rig.others[0].recv(timeout=0), None)
-        can_bytes = b"".join(message.arbitration_id.to_bytes(2) + bytes(message.data) for message in frames)
+        can_bytes = b"".join(
+            message.arbitration_id.to_bytes(2) + bytes(message.data) for message in frames
+        )
         assert len(can_bytes) > 10_000
         return can_bytes + b"".join(rig.link.seen)
 
@@ -35,7 +37,9 @@ def test_another_seed_gives_other_bytes() -> None:
 
 
 @pytest.mark.parametrize(("speed_rad_s", "longest_s", "steps"), [(0.5, 2e-3, 16), (0.0, 1e-2, 4)])
-def test_a_long_wait_is_split_into_steps_longer_while_the_shaft_stands(speed_rad_s: float, longest_s: float, steps: int) -> None:
+def test_a_long_wait_is_split_into_steps_longer_while_the_shaft_stands(
+    speed_rad_s: float, longest_s: float, steps: int
+) -> None:
     with twin_rig() as rig:
         rig.rotor.speed_rad_s = speed_rad_s
         rig.clock.wait_until(0.0301)
@@ -58,10 +62,14 @@ def test_reports_lie_on_the_devices_own_grids_however_the_caller_waits(tick_s: f
         for n in range(1, round(0.5 / tick_s) + 1):
             rig.clock.wait_until(0.02 + n * tick_s)
         rig.clock.wait_until(0.55)
-        ids = [message.arbitration_id for message in iter(lambda: rig.others[0].recv(timeout=0), None)]
+        ids = [
+            message.arbitration_id for message in iter(lambda: rig.others[0].recv(timeout=0), None)
+        ]
         assert ids.count(0x09) == ids.count(0x1C) == 550
         assert ids.count(0x01) == 5
-        assert sum(len(datagram) for datagram in rig.link.end.receive_all()) // 36 in range(3710 - 40, 3711)
+        assert sum(len(datagram) for datagram in rig.link.end.receive_all()) // 36 in range(
+            3710 - 40, 3711
+        )
 
 
 def test_encoder_reports_within_a_step_lie_on_the_true_motion() -> None:
@@ -79,16 +87,23 @@ def test_encoder_reports_within_a_step_lie_on_the_true_motion() -> None:
         assert shaft.speed_rad_s == pytest.approx(50.0 * t, abs=1e-6)
 
 
-@given(st.lists(st.floats(1e-5, 0.1), min_size=1, max_size=50), st.sampled_from([1e-3, 1.0 / 7000.0, 0.01]))
+@given(
+    st.lists(st.floats(1e-5, 0.1), min_size=1, max_size=50),
+    st.sampled_from([1e-3, 1.0 / 7000.0, 0.01]),
+)
 @settings(max_examples=50, deadline=None)
-def test_every_moment_of_a_grid_is_handed_out_once_and_never_late(waits_s: list[float], period_s: float) -> None:
+def test_every_moment_of_a_grid_is_handed_out_once_and_never_late(
+    waits_s: list[float], period_s: float
+) -> None:
     ticks, now_s, handed = SampleGrid(period_s), 0.0, []
     for wait_s in waits_s:
         now_s += wait_s
         due_s = ticks.until(now_s)
         assert np.all(due_s <= now_s)
         handed += due_s.tolist()
-    assert handed == pytest.approx([(n + 1) * period_s for n in range(len(handed))], abs=1e-6 * period_s)
+    assert handed == pytest.approx(
+        [(n + 1) * period_s for n in range(len(handed))], abs=1e-6 * period_s
+    )
     assert len(handed) == ticks.taken == pytest.approx(now_s / period_s, abs=1.0)
 
 
@@ -99,15 +114,23 @@ def test_rounding_does_not_lose_a_moment_at_the_end_of_a_step() -> None:
         assert len(ticks.until(now_s)) == 1, n
 
 
-@given(st.permutations(range(1, 30)), st.integers(1, 10), st.sampled_from([0, 2**31 - 10, 2**32 - 15]))
+@given(
+    st.permutations(range(1, 30)), st.integers(1, 10), st.sampled_from([0, 2**31 - 10, 2**32 - 15])
+)
 @settings(deadline=None)
-def test_a_record_is_handed_over_at_most_once_and_in_order_whatever_arrives(order: list[int], batch: int, base: int) -> None:
+def test_a_record_is_handed_over_at_most_once_and_in_order_whatever_arrives(
+    order: list[int], batch: int, base: int
+) -> None:
     sequence = RecordSequence(first=base + 1)
     handed: list[int] = []
     for start in range(0, len(order), batch):
-        numbers = np.array([(base + n) & 0xFFFFFFFF for n in order[start : start + batch]], np.uint32)
+        numbers = np.array(
+            [(base + n) & 0xFFFFFFFF for n in order[start : start + batch]], np.uint32
+        )
         picked, unwrapped = sequence.take(numbers)
-        assert [(int(n) - base) & 0xFFFFFFFF for n in numbers[picked]] == [n - base for n in unwrapped]
+        assert [(int(n) - base) & 0xFFFFFFFF for n in numbers[picked]] == [
+            n - base for n in unwrapped
+        ]
         handed += unwrapped.tolist()
     assert handed == sorted(set(handed))
     assert sequence.received == len(handed)

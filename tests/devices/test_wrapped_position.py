@@ -31,7 +31,9 @@ def test_codes_with_sign_are_counted_on_too(first: int, step: int) -> None:
     assert position.follow((first + step + 32768) % 65536 - 32768, 1.0, 0.0) == first + step
 
 
-@pytest.mark.parametrize(("step", "leapt"), [(1000, False), (-1050, False), (1100, True), (-30000, True)])
+@pytest.mark.parametrize(
+    ("step", "leapt"), [(1000, False), (-1050, False), (1100, True), (-30000, True)]
+)
 def test_a_step_is_a_leap_where_no_motion_can_make_it(step: int, leapt: bool) -> None:
     position = follower()
     position.follow(30000, 0.0, 0.0)
@@ -60,9 +62,13 @@ def test_having_stood_at_the_end_of_the_range_is_forgiven() -> None:
     assert position.fault is None
 
 
-@pytest.mark.parametrize(("speed_rad_s", "stuck"), [(0.0, False), (0.3, False), (0.6, True), (-0.6, True)])
+@pytest.mark.parametrize(
+    ("speed_rad_s", "stuck"), [(0.0, False), (0.3, False), (0.6, True), (-0.6, True)]
+)
 @pytest.mark.parametrize("end", sorted(ENDS))
-def test_standing_at_the_end_of_the_range_is_a_fault_only_where_the_shaft_turns(end: int, speed_rad_s: float, stuck: bool) -> None:
+def test_standing_at_the_end_of_the_range_is_a_fault_only_where_the_shaft_turns(
+    end: int, speed_rad_s: float, stuck: bool
+) -> None:
     position = follower()
     for at in range(100):
         position.follow(end, 2e-3 * at, speed_rad_s)
@@ -82,7 +88,9 @@ def test_a_speed_that_belongs_to_its_angle_is_no_fault(factor: float) -> None:
     assert fed(factor, -0.6).fault is None
 
 
-@pytest.mark.parametrize(("factor", "said"), [(0.5, "0.5 times"), (9.0, "9 times"), (-1.0, "-1 times"), (0.0, "0 times")])
+@pytest.mark.parametrize(
+    ("factor", "said"), [(0.5, "0.5 times"), (9.0, "9 times"), (-1.0, "-1 times"), (0.0, "0 times")]
+)
 def test_a_speed_of_another_scale_is_told_with_the_factor(factor: float, said: str) -> None:
     assert said in (fed(factor, 3.0).fault or "")
     assert "check the scales" in (fed(factor, 3.0).fault or "")

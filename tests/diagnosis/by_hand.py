@@ -1,4 +1,6 @@
-"""Rivals built by hand: a leg that lacks one thing, recorded, and the hypotheses that a test names, each at its best point."""
+"""Rivals built by hand: a leg that lacks one thing, recorded, and the hypotheses that a test
+names, each at its best point.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,32 +31,54 @@ from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
 
 RIG_FILE = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml")
 RIG = RIG_FILE.model()
-KNOWN_TO = {"height_mm": 0.2, "start_angle_deg": 0.3, "friction_coefficient": 0.05, "k0_relative": 0.03, "mass_relative": 0.01}
+KNOWN_TO = {
+    "height_mm": 0.2,
+    "start_angle_deg": 0.3,
+    "friction_coefficient": 0.05,
+    "k0_relative": 0.03,
+    "mass_relative": 0.01,
+}
 NOISE = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
 STD = {"height": 0.1, "friction": 0.008, "start_angle": 0.1}
 
 
-def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaft: bool = True, encoder_rad: float = 1e-5) -> list[Stroke]:
+def recorded(
+    rig: RigModel,
+    conditions: Sequence[tuple[float, float]],
+    with_shaft: bool = True,
+    encoder_rad: float = 1e-5,
+) -> list[Stroke]:
     """One stroke at each (height in mm, speed), the sensor's noise in it."""
     random = np.random.default_rng(3)
     strokes = []
     for height_mm, speed_rad_s in conditions:
         t_s = np.arange(-0.1, 3.4 / speed_rad_s, 1e-3)
         found = simulate_stroke_at_speed(rig, 1e-3 * height_mm, speed_rad_s, t_s)
-        noisy = {name: Column(getattr(found, name) + std * random.standard_normal(len(t_s)), "") for name, std in NOISE.items()}
+        noisy = {
+            name: Column(getattr(found, name) + std * random.standard_normal(len(t_s)), "")
+            for name, std in NOISE.items()
+        }
         if with_shaft:
-            noisy["shaft_angle_rad"] = Column(found.shaft_angle_rad + encoder_rad * random.standard_normal(len(t_s)), "rad")
+            noisy["shaft_angle_rad"] = Column(
+                found.shaft_angle_rad + encoder_rad * random.standard_normal(len(t_s)), "rad"
+            )
         strokes.append(Stroke(1e-3 * height_mm, speed_rad_s, 1, {"table": Stream(t_s, noisy)}))
     return strokes
 
 
 def late(stroke: Stroke, late_s: float) -> Stroke:
     """The same, had the rig done everything that much later than it was told to."""
-    return replace(stroke, streams={name: Stream(s.t_s + late_s, s.columns) for name, s in stroke.streams.items()})
+    return replace(
+        stroke,
+        streams={name: Stream(s.t_s + late_s, s.columns) for name, s in stroke.streams.items()},
+    )
 
 
 def flaps_of(strokes: Sequence[Stroke]) -> tuple[DynamicCondition, ...]:
-    found = [make_dynamic_condition(condition, NOISE, make_turn(condition, False)) for condition in group_by_condition(strokes)]
+    found = [
+        make_dynamic_condition(condition, NOISE, make_turn(condition, False))
+        for condition in group_by_condition(strokes)
+    ]
     assert all(isinstance(flap, DynamicCondition) for flap in found)
     return tuple(found)  # type: ignore[arg-type]
 
@@ -63,9 +87,16 @@ def present(effect: str, **values: float) -> PresentEffect:
     return PresentEffect(effect, tuple(values.items()))
 
 
-def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG) -> ModelSelectionResult:
-    """What a search over these effects alone would leave, "" for nothing missing, all equally likely before."""
-    dataset, coordinates = make_leg_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
+def found_among(
+    parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG
+) -> ModelSelectionResult:
+    """What a search over these effects alone would leave, "" for nothing missing, all equally
+    likely before.
+    """
+    dataset, coordinates = (
+        make_leg_dataset(parts),
+        Parameterization(nuisances_of(rig, known_to, 0.0)),
+    )
     likelihood = make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0)))
     optimizer = GaussNewton(dataset, likelihood)
     base = optimizer.at(coordinates, np.zeros(coordinates.size))
@@ -97,7 +128,10 @@ def _hypothesis(optimizer: GaussNewton, base, name: str) -> Hypothesis:
         start = optimizer.at(wider, np.append(base.x, np.full(len(choice.free), z)), base.jacobian)
         if start is not None:
             ends.append(optimizer.converge(optimizer.refine(start)))
-    evaluate = [(optimizer.likelihood.evaluate(end.linear(optimizer.dataset.rows.measured)), end) for end in ends]
+    evaluate = [
+        (optimizer.likelihood.evaluate(end.linear(optimizer.dataset.rows.measured)), end)
+        for end in ends
+    ]
     marginal, best = max(evaluate, key=lambda pair: pair[0].log_evidence)
     return Hypothesis((name,), best, marginal, 0.0)
 
@@ -118,20 +152,46 @@ def nothing_missing(found: ModelSelectionResult, probability: float = 0.99) -> D
 
 
 def body_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedData:
-    return PreparedData("by hand", RIG, KNOWN_TO, NOISE, tuple(flaps), tuple(shafts), not shafts, found.nothing.fitted.coordinates, ())
+    return PreparedData(
+        "by hand",
+        RIG,
+        KNOWN_TO,
+        NOISE,
+        tuple(flaps),
+        tuple(shafts),
+        not shafts,
+        found.nothing.fitted.coordinates,
+        (),
+    )
 
 
 def verdicts_of(
-    leg: ModelSelectionResult, decision: Decision, drive: ModelSelectionResult | None = None, drive_decision: Decision | None = None
+    leg: ModelSelectionResult,
+    decision: Decision,
+    drive: ModelSelectionResult | None = None,
+    drive_decision: Decision | None = None,
 ) -> Findings:
     return Findings((), (), leg, decision, drive, drive_decision)
 
 
-def read_at_rest(supposed: ModelPoint, moves: StageMoves, turned_deg: Sequence[float]) -> list[StaticStage]:
-    """Stages of a static table as this rig would be read without noise, the shaft turned to these angles one after the other."""
-    ways = ["loading", *("loading" if there > here else "unloading" for here, there in pairwise(turned_deg))]
+def read_at_rest(
+    supposed: ModelPoint, moves: StageMoves, turned_deg: Sequence[float]
+) -> list[StaticStage]:
+    """Stages of a static table as this rig would be read without noise, the shaft turned to
+    these angles one after the other.
+    """
+    ways = [
+        "loading",
+        *("loading" if there > here else "unloading" for here, there in pairwise(turned_deg)),
+    ]
     turned = enumerate(zip(turned_deg, ways, strict=True), start=1)
-    blank = [StaticStage(0.215, i, way, float(np.radians(deg)), (), 0.0, 0.0, 0.0) for i, (deg, way) in turned]
+    blank = [
+        StaticStage(0.215, i, way, float(np.radians(deg)), (), 0.0, 0.0, 0.0)
+        for i, (deg, way) in turned
+    ]
     (table,) = make_stage_tables(blank, {}, moves)
     forces = table.simulated(supposed).reshape(3, -1).T
-    return [replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx)) for s, (fy, fz, tx) in zip(blank, forces, strict=True)]
+    return [
+        replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx))
+        for s, (fy, fz, tx) in zip(blank, forces, strict=True)
+    ]

@@ -108,15 +108,22 @@ def _check_grade(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _check_other_families(diagnosis: Diagnosis) -> Iterator[str]:
-    """Further families are stated beside a statement only, are as sure, and say something else than the stated effects."""
+    """Further families are stated beside a statement only, are as sure, and say something else
+    than the stated effects.
+    """
     stated = {effect.id for effect in diagnosis.effects}
     for family in diagnosis.other_families:
         if diagnosis.grade not in STATED_GRADES:
             yield f"The grade is {diagnosis.grade!r}, but the family {family.id} is stated."
         if family.probability < IDENTIFIED_PROBABILITY:
-            yield f"The family {family.id} is stated with a probability of {family.probability:.4f}."
+            yield (
+                f"The family {family.id} is stated with a probability of {family.probability:.4f}."
+            )
         if stated & set(family.members):
-            yield f"The family {family.id} is stated beside {_join(stated & set(family.members))}, which belongs to it."
+            yield (
+                f"The family {family.id} is stated beside "
+                f"{_join(stated & set(family.members))}, which belongs to it."
+            )
 
 
 def _check_nothing(diagnosis: Diagnosis) -> Iterator[str]:

@@ -4,12 +4,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
-from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization, coordinate_of, std_of, value_of
+from rfca_rig.diagnosis.inference.parameterization import (
+    EffectTerm,
+    Parameterization,
+    coordinate_of,
+    std_of,
+    value_of,
+)
 from rfca_rig.diagnosis.inference.screening import grid_of, terms_of
 from rfca_rig.model.catalogue import catalogue
 from tests.model.legs import PAPER
 
-PARAMETERS = [p for effect in catalogue().values() for p in (*effect.parameters, *effect.shape) if not p.whole]
+PARAMETERS = [
+    p for effect in catalogue().values() for p in (*effect.parameters, *effect.shape) if not p.whole
+]
 
 
 @given(st.sampled_from(PARAMETERS), st.floats(-3.0, 3.0))
@@ -26,11 +34,18 @@ def test_a_standard_deviation_is_that_of_drawn_values(parameter, z):
 def test_most_of_the_prior_of_a_scale_lies_within_its_plausible_bounds():
     for parameter in PARAMETERS:
         if parameter.low > 0.0 and parameter.high > 2.0 * parameter.low:
-            assert parameter.low <= value_of(parameter, -4.0) < value_of(parameter, 4.0) <= parameter.high
+            assert (
+                parameter.low
+                <= value_of(parameter, -4.0)
+                < value_of(parameter, 4.0)
+                <= parameter.high
+            )
 
 
 def test_effects_are_supposed_beside_nuisances_in_the_order_of_the_coordinates():
-    space = make_prior(["k0", "friction"], ModelPoint(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
+    space = make_prior(
+        ["k0", "friction"], ModelPoint(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05}
+    )
     relaxation, tilt = catalogue()["spring_relaxation"], catalogue()["ground_tilt"]
     coordinates = Parameterization(space, (EffectTerm(relaxation), EffectTerm(tilt)))
     assert coordinates.size == 5
@@ -59,13 +74,25 @@ def test_a_neutral_shape_is_typical_of_its_prior_and_survives_the_coordinates():
 
 
 def test_only_the_size_of_an_effect_can_do_just_what_a_nuisance_does():
-    space = make_prior(["k0", "friction"], ModelPoint(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
+    space = make_prior(
+        ["k0", "friction"], ModelPoint(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05}
+    )
     coordinates = Parameterization(space, (EffectTerm(catalogue()["ground_compliance"]),))
     assert coordinates.same_as == ["contact_stiffness", ""]
 
 
 def test_an_effect_that_counts_something_is_tried_for_each_count():
-    assert [dict(choice.whole)["hinge"] for choice in terms_of(catalogue()["damaged_hinge"])] == [2, 3, 4, 5, 6, 7]
+    assert [dict(choice.whole)["hinge"] for choice in terms_of(catalogue()["damaged_hinge"])] == [
+        2,
+        3,
+        4,
+        5,
+        6,
+        7,
+    ]
     assert [len(grid_of(term)) for term in terms_of(catalogue()["damaged_hinge"])] == [1] * 6
-    assert all([np.sign(point[0]) for point in grid_of(term)] == [-1.0, 1.0] for term in terms_of(catalogue()["hinge_rest_angle_of_one"]))
+    assert all(
+        [np.sign(point[0]) for point in grid_of(term)] == [-1.0, 1.0]
+        for term in terms_of(catalogue()["hinge_rest_angle_of_one"])
+    )
     assert terms_of(catalogue()["tip_mass"]) == (EffectTerm(catalogue()["tip_mass"]),)

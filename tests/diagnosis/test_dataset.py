@@ -22,7 +22,9 @@ IN_THE_FLOOR = ModelPoint(RIG, height_offset_m=-0.4)
 def dataset():
     """Two strokes and a table."""
     strokes = recorded(RIG, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)
-    tables = make_stage_tables(read_at_rest(ModelPoint(RIG), MOVES[0], (60.0, 90.0, 120.0)), {}, MOVES[0])
+    tables = make_stage_tables(
+        read_at_rest(ModelPoint(RIG), MOVES[0], (60.0, 90.0, 120.0)), {}, MOVES[0]
+    )
     return make_leg_dataset([*flaps_of(strokes), *tables])
 
 
@@ -30,7 +32,10 @@ def test_the_answer_to_one_question_has_the_conditions_in_their_order(dataset):
     """Each condition's rows are its own, whichever is ready first."""
     below_each_other = np.concatenate([part.simulated(STIFF) for part in dataset.parts])
     assert np.array_equal(dataset.predicted(STIFF), below_each_other)
-    assert [np.array_equal(rows, below_each_other) for rows in dataset.predict_all([ModelPoint(RIG), STIFF])] == [False, True]
+    assert [
+        np.array_equal(rows, below_each_other)
+        for rows in dataset.predict_all([ModelPoint(RIG), STIFF])
+    ] == [False, True]
 
 
 def test_where_one_condition_has_no_answer_there_is_none(dataset):
@@ -38,29 +43,55 @@ def test_where_one_condition_has_no_answer_there_is_none(dataset):
     assert [rows is None for rows in dataset.predict_all([IN_THE_FLOOR, STIFF])] == [True, False]
 
 
-@pytest.mark.parametrize("changed", [Swing(0.5, 0.3, 1.0), present("sensor_lag", time_constant_s=0.02)])
+@pytest.mark.parametrize(
+    "changed", [Swing(0.5, 0.3, 1.0), present("sensor_lag", time_constant_s=0.02)]
+)
 def test_a_table_answers_alike_to_what_only_a_stroke_shows(dataset, changed):
-    rig = replace(RIG, swing=changed) if isinstance(changed, Swing) else replace(RIG, effects=(changed,))
-    same = [np.array_equal(part.simulated(ModelPoint(rig)), part.simulated(ModelPoint(RIG))) for part in dataset.parts]
+    rig = (
+        replace(RIG, swing=changed)
+        if isinstance(changed, Swing)
+        else replace(RIG, effects=(changed,))
+    )
+    same = [
+        np.array_equal(part.simulated(ModelPoint(rig)), part.simulated(ModelPoint(RIG)))
+        for part in dataset.parts
+    ]
     assert same == [False, False, True]
 
 
 def test_a_table_that_was_asked_before_answers_to_what_is_asked_now(dataset):
     (table,) = select_tables(dataset.parts)
-    asked = (ModelPoint(RIG), STIFF, ModelPoint(RIG, height_offset_m=1e-3), ModelPoint(RIG, turn_offset_rad=1e-3))
+    asked = (
+        ModelPoint(RIG),
+        STIFF,
+        ModelPoint(RIG, height_offset_m=1e-3),
+        ModelPoint(RIG, turn_offset_rad=1e-3),
+    )
     answers = [table.simulated(supposed) for supposed in (*asked, *asked)]
-    assert all(np.array_equal(first, again) for first, again in zip(answers[:4], answers[4:], strict=True))
-    others = replace(table, moves=MOVES[2]), replace(table, height_m=table.height_m + 0.002), replace(table, stages=table.stages[:2])
+    assert all(
+        np.array_equal(first, again) for first, again in zip(answers[:4], answers[4:], strict=True)
+    )
+    others = (
+        replace(table, moves=MOVES[2]),
+        replace(table, height_m=table.height_m + 0.002),
+        replace(table, stages=table.stages[:2]),
+    )
     answers = [*answers[:4], *(other.simulated(ModelPoint(RIG)) for other in others)]
     assert len({answer.tobytes() for answer in answers}) == len(answers)
 
 
 def test_parts_of_a_recording_are_one_curve_in_order_of_time_and_stages_keep_theirs():
-    parts = [Label("motions", f"run 1, part {k}", "angle_rad", recording="run 1", starts_s=(2.0 * k,)) for k in (1, 0)]
+    parts = [
+        Label("motions", f"run 1, part {k}", "angle_rad", recording="run 1", starts_s=(2.0 * k,))
+        for k in (1, 0)
+    ]
     table = Label("static", "215 mm", "angle_rad")
-    # The second part was cut first; the stages are loaded and unloaded, so their shaft angle goes up and down.
+    # The second part was cut first; the stages are loaded and unloaded, so their shaft angle goes
+    # up and down.
     rows = SimpleNamespace(
-        labels=(*parts, table), label=np.array([0, 0, 1, 1, 2, 2, 2]), t_s=np.array([2.0, 3.0, 0.0, 1.0, 60.0, 90.0, 70.0])
+        labels=(*parts, table),
+        label=np.array([0, 0, 1, 1, 2, 2, 2]),
+        t_s=np.array([2.0, 3.0, 0.0, 1.0, 60.0, 90.0, 70.0]),
     )
     groups = group_by_recording(rows)
     assert list(groups) == [("run 1", "angle_rad"), ("215 mm", "angle_rad")]

@@ -47,14 +47,22 @@ def would_have_seen(effect, powers):
     choice = EffectTerm(catalogue()[effect])
     size, *others = choice.free
     probes = [
-        EffectProbe(choice, np.array([coordinate_of(size, value), *(0.0 for _ in others)]), np.array([power]))
+        EffectProbe(
+            choice,
+            np.array([coordinate_of(size, value), *(0.0 for _ in others)]),
+            np.array([power]),
+        )
         for value, power in powers.items()
     ]
-    return find_detection_limits([choice.effect], probes, first_row, RIG, needed=16.0)[0].would_have_seen
+    return find_detection_limits([choice.effect], probes, first_row, RIG, needed=16.0)[
+        0
+    ].would_have_seen
 
 
 def test_a_stop_that_no_hinge_reaches_is_not_ruled_out():
-    (angle_deg,) = would_have_seen("hinge_stop", {20.0: 6400.0, 23.0: 400.0, 24.0: 0.0, 30.0: 0.0}).values()
+    (angle_deg,) = would_have_seen(
+        "hinge_stop", {20.0: 6400.0, 23.0: 400.0, 24.0: 0.0, 30.0: 0.0}
+    ).values()
     assert 23.0 < angle_deg < 24.0
     assert would_have_seen("hinge_stop", {20.0: 0.0, 30.0: 0.0}) is None
 
@@ -65,8 +73,12 @@ def test_nothing_is_said_of_a_stiffness_beyond_what_is_plausible():
 
 
 def test_a_size_of_either_sign_is_ruled_out_from_where_both_signs_would_have_shown():
-    """The residual looks like a negative crosstalk, so that the recordings hardly speak against one."""
-    (crosstalk,) = would_have_seen("sensor_crosstalk", {-0.1: 64.0, 0.1: 1600.0, -0.05: 16.0, 0.05: 400.0}).values()
+    """The residual looks like a negative crosstalk, so that the recordings hardly speak against
+    one.
+    """
+    (crosstalk,) = would_have_seen(
+        "sensor_crosstalk", {-0.1: 64.0, 0.1: 1600.0, -0.05: 16.0, 0.05: 400.0}
+    ).values()
     assert crosstalk == pytest.approx(0.05)
 
 
@@ -82,31 +94,47 @@ def disobeyed(effect, **values):
 
 def test_an_obedient_shaft_rules_out_drives_that_would_have_moved_it_otherwise():
     drives = [catalogue()[name] for name in ("motor_speed_droop", "motor_speed_ripple")]
-    soft, rippling = (one.would_have_seen for one in find_excluded_sizes(shafts_of(RIG), RIG, drives))
+    soft, rippling = (
+        one.would_have_seen for one in find_excluded_sizes(shafts_of(RIG), RIG, drives)
+    )
     assert soft == {"kp_Nm_s_per_rad": 200.0}  # the stiffest that is plausible, and even that
     assert disobeyed("motor_speed_droop", kp_Nm_s_per_rad=200.0, ki_Nm_per_rad=70.7) > 2.0
     (amplitude,) = rippling.values()
     ripple = {"amplitude_relative": amplitude, "cycles_per_turn": 30.0}
-    at_phases = [disobeyed("motor_speed_ripple", **ripple, phase_cycles=phase) for phase in (-0.25, 0.0, 0.25, 0.5)]
+    at_phases = [
+        disobeyed("motor_speed_ripple", **ripple, phase_cycles=phase)
+        for phase in (-0.25, 0.0, 0.25, 0.5)
+    ]
     assert np.median(at_phases) == pytest.approx(1.0, abs=0.3)
 
 
 def test_an_effect_that_forces_and_shaft_would_have_shown_is_listed_once():
     by_forces = (NotSeen("shaft_compliance", {"k": 900.0}), NotSeen("tip_mass", None))
-    by_shaft = (NotSeen("motor_speed_droop", {"kp": 40.0}), NotSeen("shaft_compliance", {"k": 300.0}), NotSeen("tip_mass", {"m": 3.0}))
+    by_shaft = (
+        NotSeen("motor_speed_droop", {"kp": 40.0}),
+        NotSeen("shaft_compliance", {"k": 300.0}),
+        NotSeen("tip_mass", {"m": 3.0}),
+    )
     joined = join_not_seen(by_forces, by_shaft)
     assert [one.id for one in joined] == ["motor_speed_droop", "shaft_compliance", "tip_mass"]
     assert [one.would_have_seen for one in joined] == [{"kp": 40.0}, {"k": 900.0}, {"m": 3.0}]
 
 
 def test_a_drive_that_the_rig_is_believed_to_have_is_not_ruled_out():
-    soft = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),))
+    soft = replace(
+        RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),)
+    )
     assert find_excluded_sizes(shafts_of(RIG), soft, [catalogue()["motor_speed_droop"]]) == ()
 
 
 def test_a_shaft_that_is_late_disobeys_as_little_as_one_that_is_not():
-    (condition,) = group_by_condition([late(stroke, 2.5e-3) for stroke in recorded(RIG, [(205.0, 2.433)])])
-    assert tracking_error(make_shaft_condition(condition, 1.2, RIG.drive.ramp_s), RIG.drive.ramp_s) < 0.2
+    (condition,) = group_by_condition(
+        [late(stroke, 2.5e-3) for stroke in recorded(RIG, [(205.0, 2.433)])]
+    )
+    assert (
+        tracking_error(make_shaft_condition(condition, 1.2, RIG.drive.ramp_s), RIG.drive.ramp_s)
+        < 0.2
+    )
 
 
 def test_holm_multiplies_the_smallest_chance_by_all_and_never_falls():

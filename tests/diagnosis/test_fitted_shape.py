@@ -21,7 +21,10 @@ TRUE = {"rise_relative": 0.5, "speed_m_s": 0.3, "exponent": 2.0}
 @pytest.fixture(scope="module")
 def found():
     rig = replace(RIG, effects=(present("ground_stribeck", **TRUE),))
-    return found_among(flaps_of(recorded(rig, [(205.0, 2.0), (205.0, 4.0), (220.0, 3.0)], with_shaft=False)), ["ground_stribeck"])
+    return found_among(
+        flaps_of(recorded(rig, [(205.0, 2.0), (205.0, 4.0), (220.0, 3.0)], with_shaft=False)),
+        ["ground_stribeck"],
+    )
 
 
 @pytest.mark.slow
@@ -38,11 +41,19 @@ def test_a_law_of_another_exponent_is_fitted_with_its_size_and_its_exponent(foun
 
 def test_the_fitted_shape_is_in_the_model_file_and_under_its_own_key_in_the_document(tmp_path):
     effect = NamedEffect(
-        "ground_stribeck", "", 0.9, {"rise_relative": Value(0.5, 0.1), "speed_m_s": Value(0.3, 0.0)}, (), "", {"exponent": Value(1.9, 0.2)}
+        "ground_stribeck",
+        "",
+        0.9,
+        {"rise_relative": Value(0.5, 0.1), "speed_m_s": Value(0.3, 0.0)},
+        (),
+        "",
+        {"exponent": Value(1.9, 0.2)},
     )
     path = written(tmp_path, found=[_to_found_effect(effect)])
     assert "exponent is known to 0.2" in path.read_text()
     values = {"rise_relative": 0.5, "speed_m_s": 0.3, "exponent": 1.9}
-    assert read_model_file(path).model().effects[-1] == PresentEffect("ground_stribeck", tuple(values.items()))
+    assert read_model_file(path).model().effects[-1] == PresentEffect(
+        "ground_stribeck", tuple(values.items())
+    )
     assert set(_effect(effect)["parameters"]) == {"rise_relative", "speed_m_s"}
     assert _effect(effect)["shape"] == {"exponent": {"value": 1.9, "std": 0.2}}

@@ -1,4 +1,6 @@
-"""Where a force enters that nobody listed, and the formula that it follows: on campaigns of the exam's own engine, and in closed form."""
+"""Where a force enters that nobody listed, and the formula that it follows: on campaigns of the
+exam's own engine, and in closed form.
+"""
 
 from dataclasses import replace
 
@@ -29,7 +31,9 @@ from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
 from tests.model.legs import PAPER
 
-SHORT = ExamDesign(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, ())
+SHORT = ExamDesign(
+    tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, ()
+)
 BUMPS = SplineBasis(0.03, 8)
 
 
@@ -38,7 +42,9 @@ def told(folder, **concealed):
     (case,) = draw_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, **concealed), folder / "campaign")
     body, _ = prepare_data([read_campaign(folder / "campaign")])
-    return estimate_free_force(search_models(make_leg_dataset(body.flaps), body.coordinates, [], lambda *_: None))
+    return estimate_free_force(
+        search_models(make_leg_dataset(body.flaps), body.coordinates, [], lambda *_: None)
+    )
 
 
 def test_bumps_add_up_to_a_force_that_is_there_before_the_start():
@@ -53,7 +59,9 @@ def test_the_law_follows_its_bump_by_its_own_clock(number):
     assert rest == pytest.approx(2.0 * BUMPS.at(np.array([-0.3]))[0, number])
     for _ in range(100):
         t_s = -0.3 + memory[0]
-        assert torque(0.0, 0.0, 0.002, 0.0, 0.0, memory, row)[0] == pytest.approx(2.0 * BUMPS.at(np.array([t_s + 0.002]))[0, number])
+        assert torque(0.0, 0.0, 0.002, 0.0, 0.0, memory, row)[0] == pytest.approx(
+            2.0 * BUMPS.at(np.array([t_s + 0.002]))[0, number]
+        )
         advance_time(0.0, 0.0, 0.006, 0.0, 0.0, memory, row)
     advance_time(0.0, 0.0, 2.0 * AT_REST_S, 0.0, 0.0, memory, row)
     assert memory[0] == pytest.approx(0.6)
@@ -63,7 +71,9 @@ def test_a_turn_with_a_bump_differs_by_the_bump():
     plain = ramp_to_speed(-0.2, 2.5, 0.05, 0.6)
     bent = bump_in_turn(plain, BUMPS, 3, 0.01)
     t_s = np.linspace(0.0, 0.6, 400)
-    assert bent.angle_rad(t_s) - plain.angle_rad(t_s) == pytest.approx(0.01 * BUMPS.at(t_s)[:, 3], abs=1e-9)
+    assert bent.angle_rad(t_s) - plain.angle_rad(t_s) == pytest.approx(
+        0.01 * BUMPS.at(t_s)[:, 3], abs=1e-9
+    )
 
 
 def resting_condition():
@@ -100,13 +110,17 @@ def test_the_mount_bears_what_pulls_at_the_tip_of_a_resting_leg():
 
 def test_a_pull_at_the_tip_bends_the_leg_as_a_weight_there_does():
     (here,) = nominal_conditions([resting_condition()], ModelPoint(PAPER))
-    place = next(place for place in list_force_inputs(here.in_hinge.shape[2]) if place.id == "tip_down")
+    place = next(
+        place for place in list_force_inputs(here.in_hinge.shape[2]) if place.id == "tip_down"
+    )
     grams = 3.0
     heavier = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", grams),)),))
-    weigh_models = here.change_to(simulate_forced_stroke(here.flap, ModelPoint(heavier), ()), 1e-3 * grams * GRAVITY_M_S2).reshape(3, -1)[
-        2, :5
-    ]
-    assert place.response(here).sum(axis=1).reshape(3, -1)[2, :5] == pytest.approx(weigh_models, rel=5e-3)
+    weigh_models = here.change_to(
+        simulate_forced_stroke(here.flap, ModelPoint(heavier), ()), 1e-3 * grams * GRAVITY_M_S2
+    ).reshape(3, -1)[2, :5]
+    assert place.response(here).sum(axis=1).reshape(3, -1)[2, :5] == pytest.approx(
+        weigh_models, rel=5e-3
+    )
 
 
 def test_the_series_is_the_terms_it_is_named_after_and_knows_its_slopes():
@@ -116,8 +130,13 @@ def test_the_series_is_the_terms_it_is_named_after_and_knows_its_slopes():
     named = [1.0, angle, abs(angle), angle**3, sign, rate, rate * abs(rate), abs(angle) * sign]
     found = series(angle, rate, 0.0, 0.0, 0.0, (), values)
     assert found[0] == pytest.approx(values @ named)
-    ahead, beside = series(angle + 1e-6, rate, 0.0, 0.0, 0.0, (), values)[0], series(angle, rate + 1e-6, 0.0, 0.0, 0.0, (), values)[0]
-    assert found[1:] == pytest.approx(((ahead - found[0]) * 1e6, (beside - found[0]) * 1e6), rel=1e-4)
+    ahead, beside = (
+        series(angle + 1e-6, rate, 0.0, 0.0, 0.0, (), values)[0],
+        series(angle, rate + 1e-6, 0.0, 0.0, 0.0, (), values)[0],
+    )
+    assert found[1:] == pytest.approx(
+        ((ahead - found[0]) * 1e6, (beside - found[0]) * 1e6), rel=1e-4
+    )
 
 
 def ranked(*places, is_located=True):
@@ -136,7 +155,10 @@ def test_the_part_is_stated_that_is_clearly_more_probable_than_the_others():
 def test_a_part_with_many_places_is_no_more_probable_for_that():
     """Six hinges as good as one channel."""
     assert state_place(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 48.5))) is None
-    assert state_place(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 46.0))).id == "hinges"
+    assert (
+        state_place(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 46.0))).id
+        == "hinges"
+    )
 
 
 def test_where_no_force_explains_the_misfit_no_part_is_stated():
@@ -146,7 +168,9 @@ def test_where_no_force_explains_the_misfit_no_part_is_stated():
 @pytest.mark.long
 def test_a_damping_of_the_hinges_that_is_not_looked_for_is_found_there_with_its_law(tmp_path):
     # with 0.05 a law in hinge 2 alone has a log evidence 4 higher than one in all hinges
-    found = told(tmp_path, effects={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.08}})
+    found = told(
+        tmp_path, effects={"hinge_quadratic_damping": {"coefficient_Nm_s2_per_rad2": 0.08}}
+    )
     assert found.place == "hinges"
     assert "cause is not known" in found.text
     quadratic = {term.term: term for term in found.terms}["rate |rate|"]

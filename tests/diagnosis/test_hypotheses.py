@@ -1,4 +1,6 @@
-"""What a nominal value explains that nobody believes is left to the effect that does the very same."""
+"""What a nominal value explains that nobody believes is left to the effect that does the very
+same.
+"""
 
 from dataclasses import replace
 
@@ -19,12 +21,21 @@ DAMPED, HEAVY = (EffectTerm(catalogue()[name]) for name in ("hinge_viscous_dampi
 
 
 def fits_of(times_damping):
-    """Nothing missing, more damping and a heavier tip, each where it fits best to a leg whose hinges are damped so many times."""
-    leg = replace(RIG.leg, hinge_damping_Nm_s_per_rad=times_damping * RIG.leg.hinge_damping_Nm_s_per_rad)
-    dataset = make_leg_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
+    """Nothing missing, more damping and a heavier tip, each where it fits best to a leg whose
+    hinges are damped so many times.
+    """
+    leg = replace(
+        RIG.leg, hinge_damping_Nm_s_per_rad=times_damping * RIG.leg.hinge_damping_Nm_s_per_rad
+    )
+    dataset = make_leg_dataset(
+        flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False))
+    )
     optimizer = without_scatter(dataset)
     base = Parameterization(nuisances_of(RIG, KNOWN_TO | {"hinge_damping_relative": 0.5}, 0.0))
-    fits = [optimizer.at(base.with_terms(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]
+    fits = [
+        optimizer.at(base.with_terms(choices), np.zeros(base.size + len(choices)))
+        for choices in ((), (DAMPED,), (HEAVY,))
+    ]
     return optimizer, *(optimizer.converge(optimizer.refine(fitted)) for fitted in fits)
 
 
@@ -35,16 +46,23 @@ def far():
 
 def share_within(optimizer, base):
     """Of nothing missing's posterior, what has a plausible damping."""
-    posterior, place = optimizer.evaluate(base).posterior, base.coordinates.space.names.index("hinge_damping")
+    posterior, place = (
+        optimizer.evaluate(base).posterior,
+        base.coordinates.space.names.index("hinge_damping"),
+    )
     assert posterior.mean[place] > IMPLAUSIBLE
-    return norm.logcdf(IMPLAUSIBLE, posterior.mean[place], np.sqrt(posterior.covariance[place, place]))
+    return norm.logcdf(
+        IMPLAUSIBLE, posterior.mean[place], np.sqrt(posterior.covariance[place, place])
+    )
 
 
 @pytest.mark.slow
 def test_nothing_missing_does_not_stand_on_hinges_damped_as_nobody_believes(far):
     optimizer, base, damped, _ = far
     nothing, (named,) = weigh_models(optimizer, base, [damped], 20)
-    assert nothing.marginal.log_evidence == pytest.approx(optimizer.log_evidence(base) + share_within(optimizer, base))
+    assert nothing.marginal.log_evidence == pytest.approx(
+        optimizer.log_evidence(base) + share_within(optimizer, base)
+    )
     assert named.marginal.log_evidence == pytest.approx(optimizer.log_evidence(damped))
     assert named.log_joint > nothing.log_joint
 

@@ -193,7 +193,9 @@ BAD = {
         "The family joint_dissipation is stated with a probability of 0.7000.",
     ),
     "a further family is that of a stated effect": (
-        replace(IDENTIFIED, other_families=(replace(FAMILY, members=("hinge_backlash", "hinge_stop")),)),
+        replace(
+            IDENTIFIED, other_families=(replace(FAMILY, members=("hinge_backlash", "hinge_stop")),)
+        ),
         "is stated beside hinge_backlash, which belongs to it.",
     ),
     "a stated effect is excluded": (

@@ -27,12 +27,20 @@ def test_all_are_looked_for_but_those():
     kept = select_candidates(catalogue().values(), ["tip_mass", "fluid_drag"])
     assert set(catalogue()) - {effect.id for effect in kept} == {"tip_mass", "fluid_drag"}
     assert select_candidates(catalogue().values(), ()) == list(catalogue().values())
-    assert describe_exclusions(()) == () and describe_exclusions(["tip_mass"]) == ("not looked for, as asked: tip_mass",)
+    assert describe_exclusions(()) == () and describe_exclusions(["tip_mass"]) == (
+        "not looked for, as asked: tip_mass",
+    )
 
 
 def counted(recording: Recording) -> Recording:
-    strokes = tuple(replace(stroke, strokes_before=before) for before, stroke in enumerate(recording.strokes))
-    return replace(recording, strokes=strokes, static=tuple(replace(stage, strokes_before=len(strokes)) for stage in recording.static))
+    strokes = tuple(
+        replace(stroke, strokes_before=before) for before, stroke in enumerate(recording.strokes)
+    )
+    return replace(
+        recording,
+        strokes=strokes,
+        static=tuple(replace(stage, strokes_before=len(strokes)) for stage in recording.static),
+    )
 
 
 def is_looked_for(effect_id: str, *recordings: Recording) -> bool:
@@ -62,16 +70,33 @@ def test_conditions_and_tables_are_simulated_after_the_strokes_before_them():
     for condition, before in [(flap, 9), (table, 4)]:
         leg = replace(RIG.leg, k0_Nm_per_rad=RIG.leg.k0_Nm_per_rad * 0.8 ** np.log10(1.0 + before))
         softer = condition.simulated(ModelPoint(replace(RIG, leg=leg)))
-        assert condition.simulated(ModelPoint(replace(RIG, effects=(fading,)))) == pytest.approx(softer, rel=1e-6, abs=1e-6)
+        assert condition.simulated(ModelPoint(replace(RIG, effects=(fading,)))) == pytest.approx(
+            softer, rel=1e-6, abs=1e-6
+        )
     later = [replace(stage, strokes_before=9) for stage in table.stages]
     assert len(make_stage_tables([*table.stages, *later], {}, table.moves)) == 2
 
 
-def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(monkeypatch, capsys, tmp_path):
+def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(
+    monkeypatch, capsys, tmp_path
+):
     with pytest.raises(BadInput, match="did you mean tip_mass"):
         select_candidates((), ["tip_mas"])
-    said = typed(monkeypatch, capsys, "diagnose", tmp_path / "none", "--without", "hinge_backlsh", "--each", "--out", tmp_path / "out")
-    assert (said.exit_code, said.err) == (2, "rfca-rig: effect 'hinge_backlsh' is not in the catalogue; did you mean hinge_backlash?\n")
+    said = typed(
+        monkeypatch,
+        capsys,
+        "diagnose",
+        tmp_path / "none",
+        "--without",
+        "hinge_backlsh",
+        "--each",
+        "--out",
+        tmp_path / "out",
+    )
+    assert (said.exit_code, said.err) == (
+        2,
+        "rfca-rig: effect 'hinge_backlsh' is not in the catalogue; did you mean hinge_backlash?\n",
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -79,11 +104,23 @@ def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(monkeypa
 def test_the_answer_says_so_and_does_not_speak_of_them(monkeypatch, capsys, tmp_path):
     (case,) = draw_cases(7, {POOR_DATA: 1})
     write_campaign(case, tmp_path / "campaign")
-    words = ("diagnose", tmp_path / "campaign", "--without", "tip_mass", "--without", "fluid_drag", "--out", tmp_path / "out")
+    words = (
+        "diagnose",
+        tmp_path / "campaign",
+        "--without",
+        "tip_mass",
+        "--without",
+        "fluid_drag",
+        "--out",
+        tmp_path / "out",
+    )
     said = typed(monkeypatch, capsys, *words)
     assert said.exit_code == 0
     assert "left out: not looked for" not in said.out
     answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert "not looked for, as asked: tip_mass, fluid_drag" in answer["remarks"]
     assert not {"tip_mass", "fluid_drag"} & set(answer["settings"]["effects_tried"])
-    assert "--without tip_mass --without fluid_drag" in (tmp_path / "out" / "diagnosis.html").read_text()
+    assert (
+        "--without tip_mass --without fluid_drag"
+        in (tmp_path / "out" / "diagnosis.html").read_text()
+    )

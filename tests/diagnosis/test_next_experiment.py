@@ -1,4 +1,6 @@
-"""What is proposed next, for rivals built by hand of which a person knows how to tell them apart."""
+"""What is proposed next, for rivals built by hand of which a person knows how to tell them
+apart.
+"""
 
 import tomllib
 from dataclasses import dataclass, replace
@@ -68,7 +70,9 @@ def as_good_as_all(found):
 
 @pytest.fixture(scope="module")
 def gain_or_spring():
-    return left(present("sensor_gain", factor=1.04), ["sensor_gain", "stiffness_hardening"], as_good_as_all)
+    return left(
+        present("sensor_gain", factor=1.04), ["sensor_gain", "stiffness_hardening"], as_good_as_all
+    )
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +86,9 @@ def proposed(case, limits=None, enough=True):
 
 @pytest.mark.slow
 def test_a_small_lag_and_a_clock_are_told_apart_by_a_tap():
-    case = left(present("sensor_lag", time_constant_s=0.001), ["sensor_lag", "clock_offset"], as_good_as_all)
+    case = left(
+        present("sensor_lag", time_constant_s=0.001), ["sensor_lag", "clock_offset"], as_good_as_all
+    )
     proposal = proposed(case)
     assert (proposal["kind"], proposal["protocol"]) == ("tap test", None)
     assert proposal["separates"] == [["sensor_lag", "clock_offset", 10.0]]
@@ -90,12 +96,16 @@ def test_a_small_lag_and_a_clock_are_told_apart_by_a_tap():
 
 @pytest.mark.slow
 def test_a_gain_and_a_spring_that_the_rig_cannot_tell_apart_are_told_apart_by_a_known_weight():
-    case = left(present("sensor_gain", factor=1.006), ["sensor_gain", "stiffness_hardening"], as_good_as_all)
+    case = left(
+        present("sensor_gain", factor=1.006), ["sensor_gain", "stiffness_hardening"], as_good_as_all
+    )
     assert proposed(case)["kind"] == "known weight on each axis"
 
 
 @pytest.mark.slow
-def test_a_gain_large_enough_shows_under_a_high_rack_where_the_leg_weighs_and_its_springs_do_little(gain_or_spring):
+def test_a_gain_large_enough_shows_under_a_high_rack_where_the_leg_weighs_and_its_springs_do_little(
+    gain_or_spring,
+):
     proposal = proposed(gain_or_spring)
     assert proposal["kind"] == "dynamic"
     assert proposal["height_mm"] >= 235.0
@@ -108,13 +118,23 @@ def test_a_rack_or_a_start_angle_is_told_by_a_gauge():
 
 @pytest.mark.slow
 def test_a_drive_seen_at_one_speed_only_is_asked_at_another():
-    rig = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=5.0, ki_Nm_per_rad=40.0),))
+    rig = replace(
+        RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=5.0, ki_Nm_per_rad=40.0),)
+    )
     strokes = recorded(rig, ONE_SPEED)
     flaps = flaps_of(strokes)
-    shafts = [make_shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(group_by_condition(strokes), flaps, strict=True)]
-    leg, drive = found_among(flaps, []), found_among(shafts, ["motor_speed_droop", "motor_speed_ripple"])
+    shafts = [
+        make_shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s)
+        for c, f in zip(group_by_condition(strokes), flaps, strict=True)
+    ]
+    leg, drive = (
+        found_among(flaps, []),
+        found_among(shafts, ["motor_speed_droop", "motor_speed_ripple"]),
+    )
     body = body_of(flaps, leg, shafts)
-    proposal = propose_experiment(body, verdicts_of(leg, nothing_missing(leg), drive, undecided(drive)), True, LIMITS)
+    proposal = propose_experiment(
+        body, verdicts_of(leg, nothing_missing(leg), drive, undecided(drive)), True, LIMITS
+    )
     assert proposal["kind"] == "dynamic"
     assert abs(proposal["speed_rad_s"] / 2.433 - 1.0) > 0.15
 
@@ -126,19 +146,31 @@ def test_nothing_is_proposed_where_nothing_is_open(nothing_open):
 def test_too_few_conditions_ask_for_one_that_is_unlike_them(nothing_open):
     flaps = nothing_open.body.flaps[:2]
     found = found_among(flaps, [])
-    proposal = propose_experiment(body_of(flaps, found), verdicts_of(found, nothing_missing(found)), False, LIMITS)
+    proposal = propose_experiment(
+        body_of(flaps, found), verdicts_of(found, nothing_missing(found)), False, LIMITS
+    )
     assert (proposal["kind"], proposal["separates"], proposal["repeats"]) == ("dynamic", [], 3)
     assert all(
-        abs(1e3 * f.height_m - proposal["height_mm"]) > 15.0 or abs(f.turn.speed_rad_s - proposal["speed_rad_s"]) > 1.0 for f in flaps
+        abs(1e3 * f.height_m - proposal["height_mm"]) > 15.0
+        or abs(f.turn.speed_rad_s - proposal["speed_rad_s"]) > 1.0
+        for f in flaps
     )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limits", [LIMITS, replace(LIMITS, force_N=45.0), replace(LIMITS, speed_rad_s=2.0)], ids=["all", "force", "speed"])
+@pytest.mark.parametrize(
+    "limits",
+    [LIMITS, replace(LIMITS, force_N=45.0), replace(LIMITS, speed_rad_s=2.0)],
+    ids=["all", "force", "speed"],
+)
 def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
     case, facts = gain_or_spring, replace(RIG_FILE.facts(), limits=limits)
     contest = list_open_hypotheses(case.found, case.verdicts.leg_decision, True)
-    options = [o for o in _list_options(case.body, case.verdicts, contest, True, limits) if "height_mm" in o.design.settings]
+    options = [
+        o
+        for o in _list_options(case.body, case.verdicts, contest, True, limits)
+        if "height_mm" in o.design.settings
+    ]
     assert options
     for option in options:
         protocol = make_protocol({**option.design.settings, "repeats": option.repeats})
@@ -155,7 +187,10 @@ def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
 def test_a_rig_without_known_limits_is_asked_for_no_more_than_it_did(gain_or_spring):
     case = gain_or_spring
     contest = list_open_hypotheses(case.found, case.verdicts.leg_decision, True)
-    speeds = [o.design.settings.get("speed_rad_s", 0.0) for o in _list_options(case.body, case.verdicts, contest, True, None)]
+    speeds = [
+        o.design.settings.get("speed_rad_s", 0.0)
+        for o in _list_options(case.body, case.verdicts, contest, True, None)
+    ]
     assert 0.0 < max(speeds) <= 3.249
 
 
@@ -165,10 +200,13 @@ def test_a_rig_that_may_press_with_nothing_is_left_alone(gain_or_spring):
 
 def test_recorded_conditions_are_not_asked_for_again(gain_or_spring):
     contest = list_open_hypotheses(gain_or_spring.found, gain_or_spring.verdicts.leg_decision, True)
-    for option in _list_options(gain_or_spring.body, gain_or_spring.verdicts, contest, True, LIMITS):
+    for option in _list_options(
+        gain_or_spring.body, gain_or_spring.verdicts, contest, True, LIMITS
+    ):
         if option.design.settings["kind"] == "dynamic":
             same = [
-                abs(option.design.settings["height_mm"] - h) < 3.0 and abs(option.design.settings["speed_rad_s"] / v - 1.0) < 0.1
+                abs(option.design.settings["height_mm"] - h) < 3.0
+                and abs(option.design.settings["speed_rad_s"] / v - 1.0) < 0.1
                 for h, v in THREE
             ]
             assert not any(same)
@@ -176,7 +214,9 @@ def test_recorded_conditions_are_not_asked_for_again(gain_or_spring):
 
 def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
     def back(force_N):
-        design = make_stage_design("slow reversal", 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE)
+        design = make_stage_design(
+            "slow reversal", 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE
+        )
         return design.simulate(SimpleNamespace(rig=RIG, height_offset_m=0.0, turn_offset_rad=0.0))
 
     assert back(300.0) is not None
@@ -185,8 +225,12 @@ def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
 
 @pytest.mark.parametrize("kind", SEQUENCES)
 def test_a_static_proposal_is_a_protocol_that_a_run_takes(tmp_path, kind):
-    settings = make_stage_design(kind, 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE).settings
-    path = write_next_protocol(tmp_path, {**settings, "repeats": 1, "why": "to see", "protocol": NEXT_PROTOCOL})
+    settings = make_stage_design(
+        kind, 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE
+    ).settings
+    path = write_next_protocol(
+        tmp_path, {**settings, "repeats": 1, "why": "to see", "protocol": NEXT_PROTOCOL}
+    )
     protocol = read_static(path)
     assert protocol.heights_mm == (215.0,)
     assert [s.angle_deg for s in protocol.stages] == list(SEQUENCES[kind])
@@ -198,7 +242,10 @@ def test_a_dynamic_proposal_is_a_protocol_that_a_run_takes(tmp_path, gain_or_spr
     proposal = proposed(gain_or_spring)
     path = write_next_protocol(tmp_path, proposal)
     (condition,) = read_dynamic(path).conditions
-    assert (condition.height_mm, condition.speed_rad_s) == (proposal["height_mm"], proposal["speed_rad_s"])
+    assert (condition.height_mm, condition.speed_rad_s) == (
+        proposal["height_mm"],
+        proposal["speed_rad_s"],
+    )
     assert tomllib.loads(path.read_text())["repeats"] == proposal["repeats"]
 
 
@@ -224,28 +271,39 @@ def linear_view():
     slopes[1, :, 0] = slopes[0, :, 0]
     predicted = random.standard_normal((2, ROWS))
     rivals = [_rival(slopes[k], np.diag([0.3, 0.2 + 0.1 * k])) for k in range(2)]
-    contest = SimpleNamespace(open=rivals, found=SimpleNamespace(scatter=RepeatScatter({"height": 0.05}, np.empty((ROWS, 0)))))
+    contest = SimpleNamespace(
+        open=rivals,
+        found=SimpleNamespace(scatter=RepeatScatter({"height": 0.05}, np.empty((ROWS, 0)))),
+    )
     dataset = SimpleNamespace(
         predict_all=lambda points: [predicted[k] + slopes[k] @ x for k, x in points],
         flaps=(),
     )
     for k, rival in enumerate(rivals):
         rival.fitted.coordinates.supposed = lambda x, k=k: (k, x)
-    return ExpectedInformation(contest, dataset, predicted, np.full(ROWS, 0.4), 0.1 * np.eye(ROWS)), slopes
+    return ExpectedInformation(
+        contest, dataset, predicted, np.full(ROWS, 0.4), 0.1 * np.eye(ROWS)
+    ), slopes
 
 
 def _rival(jacobian, covariance):
     space = SimpleNamespace(names=("height",), prior_std=np.array([0.2]))
     coordinates = SimpleNamespace(nuisances=1, size=2, space=space)
     fitted = SimpleNamespace(x=np.zeros(2), coordinates=coordinates)
-    return SimpleNamespace(fitted=fitted, marginal=SimpleNamespace(posterior=SimpleNamespace(covariance=covariance)))
+    return SimpleNamespace(
+        fitted=fitted, marginal=SimpleNamespace(posterior=SimpleNamespace(covariance=covariance))
+    )
 
 
 def test_expected_log_evidence_is_the_mean_over_many_recordings(linear_view):
     view, slopes = linear_view
     (expected,) = view.expect([4])
     scattered = np.outer(slopes[0][:, 0], slopes[0][:, 0]) * (0.05 / 0.2) ** 2 / 4
-    covariance = np.eye(ROWS) * (0.4**2 / 4 + 0.1) + scattered + slopes[1] @ np.diag([0.3, 0.3]) @ slopes[1].T
+    covariance = (
+        np.eye(ROWS) * (0.4**2 / 4 + 0.1)
+        + scattered
+        + slopes[1] @ np.diag([0.3, 0.3]) @ slopes[1].T
+    )
     apart = view.predicted[0] - view.predicted[1]
     random = np.random.default_rng(6)
     drawn = view.predicted[0] + random.multivariate_normal(np.zeros(ROWS), covariance, 40_000)

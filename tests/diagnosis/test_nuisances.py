@@ -1,4 +1,6 @@
-"""The priors of the nuisance parameters: usual ones, those that [known_to] states, and none where a value is exact."""
+"""The priors of the nuisance parameters: usual ones, those that [known_to] states, and none
+where a value is exact.
+"""
 
 import pytest
 
@@ -21,8 +23,13 @@ EVERY = {
 def priors(**known_to):
     """The standard deviations of the leg's nuisance parameters and of the drive's, by name."""
     KnownToSection(**known_to)
-    leg, drive = nuisances_of(RIG, known_to, 0.5), nuisances_of_drive(RIG, ModelPoint(RIG), known_to)
-    return dict(zip(drive.names, drive.std, strict=True)) | dict(zip(leg.names, leg.std, strict=True))
+    leg, drive = (
+        nuisances_of(RIG, known_to, 0.5),
+        nuisances_of_drive(RIG, ModelPoint(RIG), known_to),
+    )
+    return dict(zip(drive.names, drive.std, strict=True)) | dict(
+        zip(leg.names, leg.std, strict=True)
+    )
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -19,7 +19,9 @@ def shifted(stroke, late_s, repeat, seed):
     stream, random = stroke.streams["table"], np.random.default_rng(seed)
     columns = {
         name: Column(
-            np.interp(stream.t_s - late_s, stream.t_s, column.values) + 0.1 * NOISE[name] * random.standard_normal(len(stream.t_s)), ""
+            np.interp(stream.t_s - late_s, stream.t_s, column.values)
+            + 0.1 * NOISE[name] * random.standard_normal(len(stream.t_s)),
+            "",
         )
         if name in NOISE
         else column
@@ -32,7 +34,11 @@ def shifted(stroke, late_s, repeat, seed):
 def test_a_trigger_that_jitters_is_learnt_from_the_repeats(std_s):
     first = recorded(RIG, CONDITIONS)
     late_s = std_s * np.random.default_rng(5).standard_normal((4, len(first)))
-    strokes = [shifted(stroke, late_s[k, n], k + 1, 10 * k + n) for k in range(4) for n, stroke in enumerate(first)]
+    strokes = [
+        shifted(stroke, late_s[k, n], k + 1, 10 * k + n)
+        for k in range(4)
+        for n, stroke in enumerate(first)
+    ]
     scatter = estimate_scatter(make_leg_dataset(flaps_of(strokes)), ModelPoint(RIG))
     drawn_ms = 1e3 * np.sqrt(np.mean((late_s - late_s.mean(axis=0)) ** 2) * 4.0 / 3.0)
     assert scatter.std["trigger"] == pytest.approx(drawn_ms, rel=0.3, abs=0.1)

@@ -11,7 +11,13 @@ from rfca_rig.diagnosis.config import SearchConfig
 from rfca_rig.diagnosis.inference import model_selection
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
-from rfca_rig.diagnosis.inference.screening import EffectProbe, grid_of, grid_points, promising_points, terms_of
+from rfca_rig.diagnosis.inference.screening import (
+    EffectProbe,
+    grid_of,
+    grid_points,
+    promising_points,
+    terms_of,
+)
 from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, nuisances_of, select_tables
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.errors import SimulationFailed
@@ -33,7 +39,13 @@ def search(effects, candidates=CANDIDATES, tables=False, config=SearchConfig()):
         stages = read_at_rest(ModelPoint(rig), SOFTLY, (60.0, 80.0, 100.0, 120.0))
         parts = [*parts, *make_stage_tables(stages, {}, BRISKLY)]
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
-    return search_models(make_leg_dataset(parts), coordinates, [catalogue()[name] for name in candidates], lambda *_: None, config=config)
+    return search_models(
+        make_leg_dataset(parts),
+        coordinates,
+        [catalogue()[name] for name in candidates],
+        lambda *_: None,
+        config=config,
+    )
 
 
 @pytest.mark.slow
@@ -42,8 +54,13 @@ def test_the_effects_that_are_missing_are_the_most_probable_set(effects):
     found = search(effects)
     assert set(found.named[0].ids) == {effect.id for effect in effects}
     assert found.named[0].marginal.log_evidence > found.nothing.marginal.log_evidence + 100.0
-    values = {e.id: e.values[0][1] for e in found.named[0].fitted.coordinates.supposed(found.named[0].fitted.x).rig.effects}
-    assert all(values[effect.id] == pytest.approx(effect.values[0][1], rel=0.15) for effect in effects)
+    values = {
+        e.id: e.values[0][1]
+        for e in found.named[0].fitted.coordinates.supposed(found.named[0].fitted.x).rig.effects
+    }
+    assert all(
+        values[effect.id] == pytest.approx(effect.values[0][1], rel=0.15) for effect in effects
+    )
 
 
 @pytest.mark.long
@@ -59,7 +76,15 @@ def test_without_anything_missing_nothing_leads():
 
 
 def test_an_effect_that_promises_too_little_is_not_fitted():
-    assert search((HEAVY,), config=SearchConfig(worth_a_fit=np.inf, worth_trying_once=np.inf, worth_beside_a_good_fit=np.inf)).named == ()
+    assert (
+        search(
+            (HEAVY,),
+            config=SearchConfig(
+                worth_a_fit=np.inf, worth_trying_once=np.inf, worth_beside_a_good_fit=np.inf
+            ),
+        ).named
+        == ()
+    )
 
 
 @pytest.mark.slow
@@ -92,12 +117,20 @@ def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
     """A softer torque curve, the spring 6 % stiffer than stated and the height 0.4 mm off."""
     leg = replace(RIG.leg, k0_Nm_per_rad=1.06 * RIG.leg.k0_Nm_per_rad)
     rig = replace(RIG, leg=leg, effects=(present("stiffness_hardening", k2_per_rad2=3.8),))
-    flaps = flaps_of(recorded(rig, [(height_mm - 0.4, speed) for height_mm, speed in CONDITIONS], with_shaft=False))
+    flaps = flaps_of(
+        recorded(
+            rig, [(height_mm - 0.4, speed) for height_mm, speed in CONDITIONS], with_shaft=False
+        )
+    )
     parts = [replace(flap, height_m=flap.height_m + 4e-4) for flap in flaps]
-    state = model_selection._fit_nominal(make_leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig())
+    state = model_selection._fit_nominal(
+        make_leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig()
+    )
 
     def promise(base, name):
-        screen = model_selection._screen(state, base, model_selection._projection(state, base), points_of(name))
+        screen = model_selection._screen(
+            state, base, model_selection._projection(state, base), points_of(name)
+        )
         return max(screen.projection.gain(probe.signature)[0] for probe in screen.probes)
 
     names, bases = ("stiffness_hardening", "spring_hysteresis"), (state.nothing, state.nominal)
@@ -109,9 +142,13 @@ def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
 def test_beside_another_fit_only_effects_that_promise_something_are_simulated_again():
     parts = flaps_of(recorded(replace(RIG, effects=(HEAVY,)), CONDITIONS, with_shaft=False))
     config = SearchConfig()
-    state = model_selection._fit_nominal(make_leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), config)
+    state = model_selection._fit_nominal(
+        make_leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), config
+    )
     around = model_selection._projection(state, state.nominal)
-    known = model_selection._screen(state, state.nominal, around, points_of("tip_mass", "sensor_clock_rate")).probes
+    known = model_selection._screen(
+        state, state.nominal, around, points_of("tip_mass", "sensor_clock_rate")
+    ).probes
 
     beside = model_selection._projection(state, state.nothing)
     gains = {
@@ -120,9 +157,13 @@ def test_beside_another_fit_only_effects_that_promise_something_are_simulated_ag
     }
 
     def kept(promise):
-        screen = model_selection._screen_promising(state, state.nothing, known, promise / config.worth_a_probe, config)
+        screen = model_selection._screen_promising(
+            state, state.nothing, known, promise / config.worth_a_probe, config
+        )
         assert {probe.choice for probe in screen.probes} == {probe.choice for probe in known}
-        return {probe.choice.effect.id for probe in screen.probes if any(probe is one for one in known)}
+        return {
+            probe.choice.effect.id for probe in screen.probes if any(probe is one for one in known)
+        }
 
     assert gains["tip_mass"] > 10.0 * gains["sensor_clock_rate"]
     assert kept(0.0) == set()
@@ -135,23 +176,34 @@ DRY = present("hinge_coulomb_friction", torque_Nm=0.08, presliding_deg=0.4)
 
 @pytest.fixture(scope="module")
 def looped():
-    """Strokes with dry hinges, searched without the dry hinges in the catalogue: a loop of the spring stands in their place."""
+    """Strokes with dry hinges, searched without the dry hinges in the catalogue: a loop of the
+    spring stands in their place.
+    """
     parts = flaps_of(recorded(replace(RIG, effects=(DRY,)), CONDITIONS, with_shaft=False))
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
     config = SearchConfig()
     state = model_selection._fit_nominal(make_leg_dataset(parts), coordinates, config)
     (loop,) = terms_of(catalogue()["spring_hysteresis"])
-    start = model_selection.FitStart((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian)
-    return state.with_fits([state.optimizer.converge(model_selection._fit(state.optimizer, state, start, 5))])
+    start = model_selection.FitStart(
+        (loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian
+    )
+    return state.with_fits(
+        [state.optimizer.converge(model_selection._fit(state.optimizer, state, start, 5))]
+    )
 
 
 @pytest.mark.slow
 def test_an_effect_is_exchanged_for_one_of_its_family_that_explains_more(looped):
     found = exchange(looped, "hinge_coulomb_friction", "tip_mass")
-    assert looped.best.ids == ("spring_hysteresis",) and found.best.ids == ("hinge_coulomb_friction",)
+    assert looped.best.ids == ("spring_hysteresis",) and found.best.ids == (
+        "hinge_coulomb_friction",
+    )
     values = dict(found.best.coordinates.supposed(found.best.x).rig.effects[0].values)
     assert values["torque_Nm"] == pytest.approx(0.08, rel=0.1)
-    assert {fit.ids for fit in found.fits} == {("spring_hysteresis",), ("hinge_coulomb_friction",)}  # a mass at the tip is no relative
+    assert {fit.ids for fit in found.fits} == {
+        ("spring_hysteresis",),
+        ("hinge_coulomb_friction",),
+    }  # a mass at the tip is no relative
 
 
 @pytest.mark.slow
@@ -162,7 +214,13 @@ def test_what_was_exchanged_once_is_not_again(looped):
 
 def test_a_strained_nuisance_gives_way_to_the_effect_that_does_the_same():
     """A rack that stands 4 mm higher than stated, its height known to 0.5 mm."""
-    parts = flaps_of(recorded(replace(RIG, effects=(present("height_offset", offset_mm=4.0),)), CONDITIONS, with_shaft=False))
+    parts = flaps_of(
+        recorded(
+            replace(RIG, effects=(present("height_offset", offset_mm=4.0),)),
+            CONDITIONS,
+            with_shaft=False,
+        )
+    )
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | {"height_mm": 0.5}, 0.0))
     state = model_selection._fit_nominal(make_leg_dataset(parts), coordinates, SearchConfig())
     found = exchange(state, "height_offset")
@@ -173,16 +231,26 @@ def test_a_strained_nuisance_gives_way_to_the_effect_that_does_the_same():
 def begun_with(effect, found_as, known_to):
     """The search where so far only a wrong effect has been fitted."""
     parts = flaps_of(recorded(replace(RIG, effects=(effect,)), CONDITIONS, with_shaft=False))
-    state = model_selection._fit_nominal(make_leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
+    state = model_selection._fit_nominal(
+        make_leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig()
+    )
     (term,) = terms_of(catalogue()[found_as])
-    start = model_selection.FitStart((term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian)
+    start = model_selection.FitStart(
+        (term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian
+    )
     return state.with_fits([model_selection._fit(state.optimizer, state, start, 5)])
 
 
 def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(monkeypatch):
-    state = begun_with(present("height_offset", offset_mm=4.0), "tip_mass", KNOWN_TO | {"height_mm": 0.5})
+    state = begun_with(
+        present("height_offset", offset_mm=4.0), "tip_mass", KNOWN_TO | {"height_mm": 0.5}
+    )
     monkeypatch.setattr(model_selection, "LARGEST_SET", 1)  # nothing can be added
-    monkeypatch.setattr(type(state), "best", property(lambda self: max(self.fits, key=self.optimizer.free_log_evidence)))
+    monkeypatch.setattr(
+        type(state),
+        "best",
+        property(lambda self: max(self.fits, key=self.optimizer.free_log_evidence)),
+    )
     state = replace(state, exchanged=frozenset({frozenset()}))
     assert state.best.ids == ("tip_mass",) and state.best.max_nuisance_shift > 2.5
     assert exchange(state, "height_offset").best.ids == ("height_offset",)
@@ -192,7 +260,11 @@ def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(mo
 def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monkeypatch):
     state = begun_with(HEAVY, "tip_mass", KNOWN_TO)
     fit, starts = model_selection._fit, []
-    monkeypatch.setattr(model_selection, "_fit", lambda _, here, start, levels: (starts.append(start), fit(_, here, start, levels))[1])
+    monkeypatch.setattr(
+        model_selection,
+        "_fit",
+        lambda _, here, start, levels: (starts.append(start), fit(_, here, start, levels))[1],
+    )
     exchange(state)
     assert not starts
     far = replace(state.best, x=np.concatenate([[3.8], state.best.x[1:]]))
@@ -204,7 +276,9 @@ def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monk
 
 @pytest.mark.slow
 def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkeypatch):
-    """As if, after the parts of the best set had been fitted, two effects turned out better than the one that is missing."""
+    """As if, after the parts of the best set had been fitted, two effects turned out better than
+    the one that is missing.
+    """
     learn, nest, nested, pairs = model_selection._learn, model_selection._fit_nested, [], []
 
     def fit_nested(state):
@@ -216,7 +290,9 @@ def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkey
         if nested and not pairs:
             (leak,) = terms_of(catalogue()["sensor_crosstalk"])
             wider = state.best.coordinates.with_terms((*state.best.coordinates.choices, leak))
-            pairs.append(state.optimizer.at(wider, np.append(state.best.x, 0.1), state.best.jacobian))
+            pairs.append(
+                state.optimizer.at(wider, np.append(state.best.x, 0.1), state.best.jacobian)
+            )
             state.optimizer._free[pairs[0]] = np.inf
             state = state.with_fits(pairs)
         return state

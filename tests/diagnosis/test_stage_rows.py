@@ -35,10 +35,14 @@ def table():
 def test_a_table_creeps_for_as_long_as_it_says_that_its_stages_were_held(table):
     arm = PresentEffect("spring_relaxation", (("strength_relative", 0.3), ("time_constant_s", 2.0)))
     creeping = ModelPoint(replace(RIG, effects=(arm,)))
-    pressed = tuple(replace(stage, shaft_angle_rad=stage.shaft_angle_rad + 1.2) for stage in table.stages)
+    pressed = tuple(
+        replace(stage, shaft_angle_rad=stage.shaft_angle_rad + 1.2) for stage in table.stages
+    )
     table = replace(table, stages=pressed)
     held = replace(table, stages=tuple(replace(stage, held_s=4.0) for stage in pressed))
-    assert held.simulated(creeping) == pytest.approx(replace(table, moves=replace(table.moves, hold_s=4.0)).simulated(creeping))
+    assert held.simulated(creeping) == pytest.approx(
+        replace(table, moves=replace(table.moves, hold_s=4.0)).simulated(creeping)
+    )
     assert np.abs(held.simulated(creeping) - table.simulated(creeping)).max() > 0.5
     partly = replace(table, stages=(held.stages[0], *table.stages[1:]))
     assert partly.simulated(creeping) == pytest.approx(table.simulated(creeping))
@@ -48,8 +52,15 @@ def test_a_shaft_that_stops_as_told_leaves_nothing_loose(table):
     assert not table.rows().transient_scale.any()
 
 
-def test_friction_of_a_shaft_that_does_not_is_foretold_to_three_tenths_of_the_usual_and_angles_as_before(table):
+def test_predicted_friction_of_another_shaft_is_off_by_three_tenths_of_the_usual_error(
+    table,
+):
     rows = replace(table, stopped_as_commanded=False).rows()
     loose_N = 0.3 * np.sqrt((3.0**2 + 6.0**2) / 2.0)
-    for signal, expected in (("fy_N", loose_N), ("fz_N", loose_N), ("tx_Nm", 0.2 * loose_N), ("hinge2_deg", 0.0)):
+    for signal, expected in (
+        ("fy_N", loose_N),
+        ("fz_N", loose_N),
+        ("tx_Nm", 0.2 * loose_N),
+        ("hinge2_deg", 0.0),
+    ):
         assert 0.01 * rows.transient_scale[rows.signal == signal] == pytest.approx(expected)

@@ -1,4 +1,6 @@
-"""A law that is measured where an effect is stated: without that effect, beginning at its law, and drawn beside it."""
+"""A law that is measured where an effect is stated: without that effect, beginning at its law,
+and drawn beside it.
+"""
 
 from dataclasses import replace
 
@@ -7,7 +9,13 @@ import pytest
 
 from rfca_rig.campaign.pendulum import read_pendulum_campaign
 from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
-from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, OF_PENDULUM, _acts_at, check_place, measure_stated_law
+from rfca_rig.diagnosis.residual_force.stated_law import (
+    OF_LEG,
+    OF_PENDULUM,
+    _acts_at,
+    check_place,
+    measure_stated_law,
+)
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
@@ -29,10 +37,13 @@ def test_the_stated_effect_is_left_out_and_its_law_drawn_beside(stribeck):
     assert stated.law.argument == "slip_m_s" and stated.law.explained > 0.8
     assert stated.curve is not None and stated.curve.name == "ground_stribeck"
     # both are the law that was simulated, the share of friction that slow sliding adds
-    slow = (stated.law.knots > -0.3) & (stated.law.knots <= 0.0)  # the tip hardly slides the other way
+    slow = (stated.law.knots > -0.3) & (
+        stated.law.knots <= 0.0
+    )  # the tip hardly slides the other way
     wanted = np.interp(stated.law.knots, stated.curve.argument, stated.curve.values)
     off = (stated.law.values - wanted)[slow]
-    # the friction coefficient takes up a part that is the same at all speeds, and how much hangs on the last digits of the fit
+    # the friction coefficient takes up a part that is the same at all speeds, and how much hangs on
+    # the last digits of the fit
     assert np.abs(off - off.mean()).max() < 0.05
     assert (np.abs(off) < 2.0 * stated.law.std[slow]).all() and stated.law.std[slow].max() < 0.2
 
@@ -41,21 +52,37 @@ def test_the_stated_effect_is_left_out_and_its_law_drawn_beside(stribeck):
 def test_an_effect_elsewhere_stays_in_the_base(stribeck):
     (named, *_) = stribeck.named
     stated = measure_stated_law(stribeck, named, "hinges")
-    assert stated.law.base == ("ground_stribeck",) and stated.instead_of == () and stated.curve is None
+    assert (
+        stated.law.base == ("ground_stribeck",) and stated.instead_of == () and stated.curve is None
+    )
     assert stated.law.explained < 0.3  # nothing is left to be measured there
 
 
 def test_every_effect_that_has_a_law_at_a_place_acts_there():
-    at = {place: {name for name in catalogue() if _acts_at(name, place)} for place in (*OF_LEG, *OF_PENDULUM)}
+    at = {
+        place: {name for name in catalogue() if _acts_at(name, place)}
+        for place in (*OF_LEG, *OF_PENDULUM)
+    }
     assert {"spring_hysteresis", "hinge_backlash", "hinge_coulomb_friction"} <= at["hinges"]
     assert at["floor_friction"] == {"ground_stribeck"} and "ground_adhesion" in at["floor_normal"]
-    of_channels = {"sensor_gain", "sensor_crosstalk", "sensor_crosstalk_matrix", "sensor_drift", "sensor_saturation"}
+    of_channels = {
+        "sensor_gain",
+        "sensor_crosstalk",
+        "sensor_crosstalk_matrix",
+        "sensor_drift",
+        "sensor_saturation",
+    }
     assert at["fz_N"] == at["tx_Nm"] == of_channels
     assert "joint_stribeck" in at["joint2"] and "torque_scale" not in at["joint2"]
 
 
 def test_a_place_that_a_rig_lacks_is_refused_in_one_line():
-    with pytest.raises(BadInput, match="--law joints: no law can be measured there; name one of hinges, floor_friction"):
+    with pytest.raises(
+        BadInput,
+        match="--law joints: no law can be measured there; name one of hinges, floor_friction",
+    ):
         check_place("joints", OF_LEG)
-    with pytest.raises(BadInput, match=r"--law joint2: no law can be measured there; name one of joints$"):
+    with pytest.raises(
+        BadInput, match=r"--law joint2: no law can be measured there; name one of joints$"
+    ):
         diagnose_pendulum(read_pendulum_campaign(PENDULUM), lambda *_: None, law_at="joint2")

@@ -8,7 +8,12 @@ from scipy.stats import multivariate_normal
 
 from rfca_rig.diagnosis.data import Label, Observations, stack_observations
 from rfca_rig.diagnosis.leg.strokes import dynamic_label
-from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, discrepancy_covariance, make_basis, make_whitening
+from rfca_rig.diagnosis.likelihood.covariance import (
+    DiscrepancyWhitening,
+    discrepancy_covariance,
+    make_basis,
+    make_whitening,
+)
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
     LinearModel,
     jackknife_std,
@@ -44,7 +49,16 @@ def mixed_rows(seed=6, stages=5):
     random = np.random.default_rng(seed)
     parts = [signals_of(random, dynamic_label, f"{i}", 10, ["loading"] * 10) for i in range(2)]
     return stack_observations(
-        [*parts, signals_of(random, partial(Label, "static"), "200 mm", 2 * stages, ["loading"] * stages + ["unloading"] * stages)]
+        [
+            *parts,
+            signals_of(
+                random,
+                partial(Label, "static"),
+                "200 mm",
+                2 * stages,
+                ["loading"] * stages + ["unloading"] * stages,
+            ),
+        ]
     )
 
 
@@ -71,11 +85,19 @@ def entry_by_entry(rows):
     for i in range(count):
         for j in range(count):
             static = rows.experiment[i] == "static"
-            if rows.signal[i] != rows.signal[j] or rows.experiment[i] != rows.experiment[j] or (static and rows.phase[i] != rows.phase[j]):
+            if (
+                rows.signal[i] != rows.signal[j]
+                or rows.experiment[i] != rows.experiment[j]
+                or (static and rows.phase[i] != rows.phase[j])
+            ):
                 continue
             apart = (rows.progress[i] - rows.progress[j]) / (1.0 if static else 0.06)
-            alike = np.exp(-0.5 * apart**2) * (1.0 if rows.condition[i] == rows.condition[j] else 0.5)
-            found[i, j] = rows.scale[i] * rows.scale[j] * alike + (i == j) * (1e-3 * rows.scale[i] ** 2 + rows.transient_scale[i] ** 2)
+            alike = np.exp(-0.5 * apart**2) * (
+                1.0 if rows.condition[i] == rows.condition[j] else 0.5
+            )
+            found[i, j] = rows.scale[i] * rows.scale[j] * alike + (i == j) * (
+                1e-3 * rows.scale[i] ** 2 + rows.transient_scale[i] ** 2
+            )
     return found
 
 
@@ -87,9 +109,15 @@ def test_signals_err_apart_and_static_stages_apart_in_each_direction():
 def test_block_by_block_the_covariance_is_that_of_all_rows():
     rows, s = mixed_rows(), 0.05
     random = np.random.default_rng(8)
-    scatter, values = random.normal(size=(len(rows.measured), 3)), random.normal(size=(len(rows.measured), 2))
+    scatter, values = (
+        random.normal(size=(len(rows.measured), 3)),
+        random.normal(size=(len(rows.measured), 2)),
+    )
     covariance = np.diag(rows.noise**2) + scatter @ scatter.T + s**2 * entry_by_entry(rows)
-    whitening, precision = DiscrepancyWhitening(make_basis(rows, scatter), s), np.linalg.inv(covariance)
+    whitening, precision = (
+        DiscrepancyWhitening(make_basis(rows, scatter), s),
+        np.linalg.inv(covariance),
+    )
     assert np.allclose(whitening.covariance(), covariance)
     assert np.allclose(whitening.variance(), np.diag(covariance))
     assert whitening.log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
@@ -117,11 +145,16 @@ def test_one_basis_whitens_at_every_model_error(s):
 def test_evidence_is_the_density_of_the_rows_with_all_unknowns_integrated_out():
     rows = small_rows()
     random = np.random.default_rng(2)
-    jacobian, scatter = random.normal(size=(len(rows.measured), 3)), np.empty((len(rows.measured), 0))
+    jacobian, scatter = (
+        random.normal(size=(len(rows.measured), 3)),
+        np.empty((len(rows.measured), 0)),
+    )
     covariance = dense(rows, scatter, 0.05)
     found = laplace_posterior(LinearModel(rows.measured, jacobian), make_whitening(covariance))
     density = multivariate_normal(cov=covariance + jacobian @ jacobian.T).logpdf(rows.measured)
-    assert found.log_evidence == pytest.approx(density + 0.5 * len(rows.measured) * np.log(2.0 * np.pi))
+    assert found.log_evidence == pytest.approx(
+        density + 0.5 * len(rows.measured) * np.log(2.0 * np.pi)
+    )
 
 
 def test_the_posterior_is_that_of_conditioning_a_joint_normal():
@@ -137,10 +170,17 @@ def test_the_posterior_is_that_of_conditioning_a_joint_normal():
 def test_loose_directions_widen_the_covariance():
     rows = small_rows()
     random = np.random.default_rng(4)
-    jacobian, extra_directions = random.normal(size=(len(rows.measured), 2)), random.normal(size=(len(rows.measured), 3))
+    jacobian, extra_directions = (
+        random.normal(size=(len(rows.measured), 2)),
+        random.normal(size=(len(rows.measured), 3)),
+    )
     basis = make_basis(rows, np.empty((len(rows.measured), 0)))
-    (found,) = laplace_posteriors(LinearModel(rows.measured, jacobian), (DiscrepancyWhitening(basis, 0.02),), extra_directions)
-    wider = dense(rows, np.empty((len(rows.measured), 0)), 0.02) + extra_directions @ extra_directions.T
+    (found,) = laplace_posteriors(
+        LinearModel(rows.measured, jacobian), (DiscrepancyWhitening(basis, 0.02),), extra_directions
+    )
+    wider = (
+        dense(rows, np.empty((len(rows.measured), 0)), 0.02) + extra_directions @ extra_directions.T
+    )
     direct = laplace_posterior(LinearModel(rows.measured, jacobian), make_whitening(wider))
     assert found.log_evidence == pytest.approx(direct.log_evidence)
     assert np.allclose(found.mean, direct.mean)
@@ -160,29 +200,42 @@ def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
     rows, random = small_rows(conditions=4), np.random.default_rng(5)
     m = len(rows.measured)
     whitening = DiscrepancyWhitening(make_basis(rows, random.normal(size=(m, 2))), 0.02)
-    linear, covariance = LinearModel(random.normal(size=m), random.normal(size=(m, 3))), whitening.covariance()
+    linear, covariance = (
+        LinearModel(random.normal(size=m), random.normal(size=(m, 3))),
+        whitening.covariance(),
+    )
     assert whitening.variance() == pytest.approx(np.diag(covariance))
     apart = loo_residuals(linear, whitening, rows.condition, [0, 2])
     assert not apart[(rows.condition == 1) | (rows.condition == 3)].any()
     for number in (0, 2):
         out = rows.condition == number
-        mean = laplace_posterior(linear.kept(~out), make_whitening(covariance[np.ix_(~out, ~out)])).mean
-        assert apart[out] == pytest.approx(linear.target[out] - linear.jacobian[out] @ mean, abs=1e-9)
+        mean = laplace_posterior(
+            linear.kept(~out), make_whitening(covariance[np.ix_(~out, ~out)])
+        ).mean
+        assert apart[out] == pytest.approx(
+            linear.target[out] - linear.jacobian[out] @ mean, abs=1e-9
+        )
 
 
 def test_without_unknowns_all_of_a_held_out_condition_remains():
     rows = small_rows(conditions=3)
     whitening = DiscrepancyWhitening(make_basis(rows, np.empty((len(rows.measured), 0))), 0.02)
     linear = LinearModel(rows.measured, np.empty((len(rows.measured), 0)))
-    assert loo_residuals(linear, whitening, rows.condition, range(3)) == pytest.approx(rows.measured)
+    assert loo_residuals(linear, whitening, rows.condition, range(3)) == pytest.approx(
+        rows.measured
+    )
     assert jackknife_std(linear, whitening, rows.condition).shape == (0,)
 
 
 def test_products_without_some_rows_are_those_of_the_others_alone():
     rows, random = mixed_rows(), np.random.default_rng(9)
-    whitening = DiscrepancyWhitening(make_basis(rows, random.normal(size=(len(rows.measured), 2))), 0.03)
+    whitening = DiscrepancyWhitening(
+        make_basis(rows, random.normal(size=(len(rows.measured), 2))), 0.03
+    )
     columns, out = random.normal(size=(len(rows.measured), 3)), rows.condition == 1
     kept = whitening.covariance()[np.ix_(~out, ~out)]
-    products, log_det = products_without(columns, whitening.apply_precision(columns), whitening, out)
+    products, log_det = products_without(
+        columns, whitening.apply_precision(columns), whitening, out
+    )
     assert np.allclose(products, columns[~out].T @ np.linalg.solve(kept, columns[~out]))
     assert log_det == pytest.approx(np.linalg.slogdet(kept)[1])

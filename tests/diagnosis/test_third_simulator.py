@@ -1,4 +1,6 @@
-"""A simulator that the package does not know, a driven mass on a spring, diagnosed through the interface alone."""
+"""A simulator that the package does not know, a driven mass on a spring, diagnosed through the
+interface alone.
+"""
 
 from dataclasses import dataclass, replace
 from math import exp, tanh
@@ -72,7 +74,8 @@ class Shaking:
     def rows(self):
         each = STEPS // READ_EVERY
         t_s = STEP_S * READ_EVERY * np.arange(1, each + 1)
-        # a force that is wrong by a share of the drive's moves the mass by that share of its steady swing
+        # a force that is wrong by a share of the drive's moves the mass by that share of its steady
+        # swing
         swing_m = self.force_N / np.hypot(60.0 - self.rate_rad_s**2, 0.8 * self.rate_rad_s)
         scale = np.repeat([swing_m, self.rate_rad_s * swing_m], each)
         return Observations(
@@ -85,7 +88,10 @@ class Shaking:
             phase=np.full(2 * each, "shaking"),
             label=np.repeat([0, 1], each),
             condition=np.zeros(2 * each, dtype=np.intp),
-            labels=tuple(Label("shaking", f"{self.force_N:g} N, {self.rate_rad_s:g} rad/s", signal, 0.2) for signal in NOISE),
+            labels=tuple(
+                Label("shaking", f"{self.force_N:g} N, {self.rate_rad_s:g} rad/s", signal, 0.2)
+                for signal in NOISE
+            ),
         )
 
 
@@ -98,12 +104,22 @@ class OscillatorSimulator(Simulator):
             setup = CATALOGUE[present.id].apply(setup, dict(present.values))
         if setup.stiffness_N_per_m < 0.0:
             raise SimulationFailed("a spring that pushes away")
-        drive = (condition.force_N * np.sin(condition.rate_rad_s * STEP_S * np.arange(STEPS))).tolist()
-        m, c, k, friction, drag = setup.mass_kg, setup.damping_N_s_per_m, setup.stiffness_N_per_m, setup.friction_N, setup.drag_N_s2_per_m2
+        drive = (
+            condition.force_N * np.sin(condition.rate_rad_s * STEP_S * np.arange(STEPS))
+        ).tolist()
+        m, c, k, friction, drag = (
+            setup.mass_kg,
+            setup.damping_N_s_per_m,
+            setup.stiffness_N_per_m,
+            setup.friction_N,
+            setup.drag_N_s2_per_m2,
+        )
         x = v = 0.0
         found = []
         for n, force in enumerate(drive, start=1):
-            v += STEP_S * (force - c * v - k * x - friction * tanh(v / 0.01) - drag * abs(v) * v) / m
+            v += (
+                STEP_S * (force - c * v - k * x - friction * tanh(v / 0.01) - drag * abs(v) * v) / m
+            )
             x += STEP_S * v
             if n % READ_EVERY == 0:
                 found.append((x, v))
@@ -111,15 +127,25 @@ class OscillatorSimulator(Simulator):
 
 
 def recorded(condition, friction, seed):
-    """What scipy makes of the condition, with 0.5 % more stiffness and 5 % more damping than nominal."""
+    """What scipy makes of the condition, with 0.5 % more stiffness and 5 % more damping than
+    nominal.
+    """
     random = np.random.default_rng(seed)
     t_s = STEP_S * READ_EVERY * np.arange(1, STEPS // READ_EVERY + 1)
 
     def rhs(t, state):
         x, v = state
-        return [v, condition.force_N * np.sin(condition.rate_rad_s * t) - 0.84 * v - 60.3 * x - friction(v)]
+        return [
+            v,
+            condition.force_N * np.sin(condition.rate_rad_s * t)
+            - 0.84 * v
+            - 60.3 * x
+            - friction(v),
+        ]
 
-    found = solve_ivp(rhs, (0.0, t_s[-1]), [0.0, 0.0], "LSODA", t_s, rtol=1e-8, atol=1e-10, max_step=5e-3).y
+    found = solve_ivp(
+        rhs, (0.0, t_s[-1]), [0.0, 0.0], "LSODA", t_s, rtol=1e-8, atol=1e-10, max_step=5e-3
+    ).y
     noise = np.repeat(list(NOISE.values()), len(t_s))
     return replace(condition, read=found.ravel() + noise * random.standard_normal(noise.size))
 
@@ -128,18 +154,38 @@ def diagnosed(friction):
     shaken = [Shaking(force, rate) for force in (2.0, 4.0) for rate in (4.0, 7.0, 9.0)]
     conditions = [recorded(condition, friction, seed) for seed, condition in enumerate(shaken)]
     nuisances = (
-        Nuisance("stiffness", "N/m", True, 0.01, lambda at: at.stiffness_N_per_m, lambda at, k: replace(at, stiffness_N_per_m=k)),
-        Nuisance("damping", "N s/m", True, 0.1, lambda at: at.damping_N_s_per_m, lambda at, c: replace(at, damping_N_s_per_m=c)),
+        Nuisance(
+            "stiffness",
+            "N/m",
+            True,
+            0.01,
+            lambda at: at.stiffness_N_per_m,
+            lambda at, k: replace(at, stiffness_N_per_m=k),
+        ),
+        Nuisance(
+            "damping",
+            "N s/m",
+            True,
+            0.1,
+            lambda at: at.damping_N_s_per_m,
+            lambda at, c: replace(at, damping_N_s_per_m=c),
+        ),
     )
-    space = Prior(nuisances, Oscillator(), np.array([p.spread for p in nuisances]), np.ones(2, dtype=bool))
+    space = Prior(
+        nuisances, Oscillator(), np.array([p.spread for p in nuisances]), np.ones(2, dtype=bool)
+    )
     dataset = make_dataset(conditions, OscillatorSimulator())
-    found = search_models(dataset, Parameterization(space), list(CATALOGUE.values()), lambda *_: None)
+    found = search_models(
+        dataset, Parameterization(space), list(CATALOGUE.values()), lambda *_: None
+    )
     return decide(found)
 
 
-def test_a_friction_that_is_not_quite_the_catalogues_is_found_in_a_rig_that_the_core_does_not_know():
+def test_friction_of_another_law_is_identified_in_a_rig_that_the_core_does_not_know():
     """Rounder than the catalogue's where the mass turns back, and 10 % more at low speed."""
-    decision = diagnosed(lambda v: 0.4 * v / np.hypot(v, 0.012) * (1.0 + 0.1 * exp(-((v / 0.1) ** 2))))
+    decision = diagnosed(
+        lambda v: 0.4 * v / np.hypot(v, 0.012) * (1.0 + 0.1 * exp(-((v / 0.1) ** 2)))
+    )
     (effect,) = decision.effects
     assert decision.grade in ("identified", "mostly") and effect.id == "coulomb"
     assert effect.parameters["friction_N"].value == pytest.approx(0.4, rel=0.1)

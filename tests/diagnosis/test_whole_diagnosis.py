@@ -1,4 +1,6 @@
-"""From campaign folder to verdict, on campaigns that the exam's own engine made: it shares no law and no integrator with the model."""
+"""From campaign folder to verdict, on campaigns that the exam's own engine made: it shares no
+law and no integrator with the model.
+"""
 
 import json
 from dataclasses import replace
@@ -13,7 +15,9 @@ from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.reports.diagnosis.files import write_diagnosis, write_fitted_model
 from tests.diagnosis.by_hand import late
 
-SHORT = ExamDesign(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, (215.0,))
+SHORT = ExamDesign(
+    tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, (215.0,)
+)
 
 
 def campaign(folder, effects):
@@ -35,7 +39,9 @@ def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
     diagnosis = told(campaign(tmp_path, {}))
     assert diagnosis.verdict == "nothing missing"
     assert not diagnosis.effects
-    assert not write_fitted_model(tmp_path / "model.toml", diagnosis, campaign(tmp_path / "again", {}))
+    assert not write_fitted_model(
+        tmp_path / "model.toml", diagnosis, campaign(tmp_path / "again", {})
+    )
     seen = {effect.id: effect.would_have_seen for effect in diagnosis.not_seen}
     assert seen["hinge_backlash"]["half_gap_deg"] < 0.5
 
@@ -43,7 +49,9 @@ def test_where_nothing_was_left_out_nothing_is_claimed(tmp_path):
 @pytest.mark.long
 def test_a_drive_that_is_late_is_no_cause(tmp_path):
     recording = campaign(tmp_path, {})
-    diagnosis = told(replace(recording, strokes=tuple(late(stroke, 2e-3) for stroke in recording.strokes)))
+    diagnosis = told(
+        replace(recording, strokes=tuple(late(stroke, 2e-3) for stroke in recording.strokes))
+    )
     assert diagnosis.verdict == "nothing missing"
     assert "but for being 2.0 ms late the drive follows its commands" in diagnosis.remarks
     assert diagnosis.fit["rms_fz_N"].after < diagnosis.fit["rms_fz_N"].noise_floor
@@ -55,7 +63,10 @@ def test_a_drive_that_is_late_is_no_cause(tmp_path):
     [
         ("hinge_backlash", {"half_gap_deg": 0.9}),
         ("height_offset", {"offset_mm": 3.0}),
-        ("hinge_stop", {"angle_deg": 22.6, "stiffness_Nm_per_rad": 12.5}),  # soft, and seen within a quarter of a degree only
+        (
+            "hinge_stop",
+            {"angle_deg": 22.6, "stiffness_Nm_per_rad": 12.5},
+        ),  # soft, and seen within a quarter of a degree only
         ("motor_speed_droop", None),
     ],
 )
@@ -67,7 +78,9 @@ def test_what_was_left_out_is_named_with_its_size(tmp_path, effect, values):
     for name, value in values.items():
         assert diagnosis.effects[0].parameters[name].value == pytest.approx(value, rel=0.1)
     assert write_fitted_model(tmp_path / "model.toml", diagnosis, recording)
-    assert effect in [present.id for present in read_model_file(tmp_path / "model.toml").model().effects]
+    assert effect in [
+        present.id for present in read_model_file(tmp_path / "model.toml").model().effects
+    ]
     write_diagnosis(diagnosis, tmp_path)
     assert json.loads((tmp_path / "diagnosis.json").read_text())["effects"][0]["id"] == effect
 

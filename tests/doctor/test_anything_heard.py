@@ -1,4 +1,6 @@
-"""Whatever is heard on a bus, the looking says something about it; and whatever is said fits the terminal."""
+"""Whatever is heard on a bus, the looking says something about it; and whatever is said fits the
+terminal.
+"""
 
 import re
 
@@ -18,15 +20,24 @@ from rfca_rig.devices.odrive.checks import OdriveWanted, judge_odrive, observe_o
 from rfca_rig.devices.odrive.messages import OdriveFirmware
 from tests.doctor.said import whole
 
-IDS = st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF), st.integers(0x2900, 0x2902), st.integers(0x20, 0x3F))
-DATA = st.one_of(st.binary(max_size=8), st.binary(min_size=8, max_size=8), st.binary(min_size=16, max_size=16))
+IDS = st.one_of(
+    st.integers(0, 0x7FF),
+    st.integers(0, 0x1FFFFFFF),
+    st.integers(0x2900, 0x2902),
+    st.integers(0x20, 0x3F),
+)
+DATA = st.one_of(
+    st.binary(max_size=8), st.binary(min_size=8, max_size=8), st.binary(min_size=16, max_size=16)
+)
 
 
 @st.composite
 def heard(draw) -> ReceivedFrame:
     identifier, data = draw(IDS), draw(DATA)
     extended = identifier > 0x7FF or draw(st.booleans())
-    message = can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=len(data) > 8)
+    message = can.Message(
+        arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=len(data) > 8
+    )
     return ReceivedFrame(draw(st.floats(0.0, 1.0)), message)
 
 
@@ -38,17 +49,28 @@ def test_any_frames_are_judged(frames):
         wanted = OdriveWanted(1, 2e-3, dialect)
         assert all(whole(one) for one in judge_odrive(observe_odrive(frames, wanted), wanted))
     for asked in (True, False):
-        assert all(whole(one) for one in judge_mit(observe_mit(frames, 1, mit_ranges("AK80-9"), asked), 1))
+        assert all(
+            whole(one) for one in judge_mit(observe_mit(frames, 1, mit_ranges("AK80-9"), asked), 1)
+        )
     assert all(whole(one) for one in judge_servo(observe_servo(frames, 1), 1, 2e-3))
     assert all(whole(one) for one in judge_moteus(observe_moteus(frames, 1, 0), 1))
 
 
-@given(st.lists(st.one_of(st.binary(max_size=80), st.binary(min_size=36, max_size=36)), max_size=10))
+@given(
+    st.lists(st.one_of(st.binary(max_size=80), st.binary(min_size=36, max_size=36)), max_size=10)
+)
 def test_any_datagrams_are_judged(datagrams):
-    assert all(whole(one) for one in judge_stream(observe_stream("h:1", 0.5, datagrams), NetFtSettings(), True))
+    assert all(
+        whole(one)
+        for one in judge_stream(observe_stream("h:1", 0.5, datagrams), NetFtSettings(), True)
+    )
 
 
-@given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=300).filter(str.strip))
+@given(
+    st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=300).filter(
+        str.strip
+    )
+)
 def test_any_finding_fits_the_terminal(text):
     words = " ".join(word[:60] for word in text.split())
     finding = red("subject", text, text, words)

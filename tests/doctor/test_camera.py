@@ -54,7 +54,14 @@ def shows(monkeypatch):
 
 def hanging(**disturbance):
     lengths = np.array(EYE.link_lengths_m)
-    return render_leg(HANGING, lengths, EYE.plan, EYE.camera, ImageDisturbance(**disturbance), np.random.default_rng(1))
+    return render_leg(
+        HANGING,
+        lengths,
+        EYE.plan,
+        EYE.camera,
+        ImageDisturbance(**disturbance),
+        np.random.default_rng(1),
+    )
 
 
 def test_a_leg_in_the_picture_is_green(tmp_path, shows):
@@ -73,7 +80,10 @@ def test_a_hidden_mark_is_yellow_and_named(tmp_path, shows):
 
 @pytest.mark.parametrize(
     ("image", "said"),
-    [(DeviceError("camera 0 gives no picture"), "camera 0 gives no picture"), (np.zeros((8, 8, 3), np.uint8), "a photo of 8 x 8 pixels")],
+    [
+        (DeviceError("camera 0 gives no picture"), "camera 0 gives no picture"),
+        (np.zeros((8, 8, 3), np.uint8), "a photo of 8 x 8 pixels"),
+    ],
 )
 def test_a_camera_that_cannot_be_used_is_red(tmp_path, shows, image, said):
     shows(image)
@@ -89,7 +99,10 @@ def test_a_calibration_that_cannot_be_used_is_red_and_the_camera_is_left_alone(t
 
 
 def test_a_folder_for_photos_is_there_or_red(tmp_path):
-    text = f'{HEAD}[camera]\ndevice = "photo-folder"\nfolder = "in"\ncalibration_file = "twin-camera.toml"\n'
+    text = (
+        f'{HEAD}[camera]\ndevice = "photo-folder"\nfolder = "in"\ncalibration_file = '
+        '"twin-camera.toml"\n'
+    )
     assert findings(tmp_path, text)["camera"].colour == "red"
     (tmp_path / "in").mkdir()
     assert findings(tmp_path, text)["camera"].colour == "green"

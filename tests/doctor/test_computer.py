@@ -55,7 +55,11 @@ def test_the_clock_is_judged_by_the_watchdog_that_hangs_on_it(p99_ms, worst_ms, 
         (DiskSeen("runs", 100_000_000, 3e8), "red", "make room"),
         (DiskSeen("runs", 50_000_000_000, 4e6), "yellow", "local disk"),
         (DiskSeen("runs", 50_000_000_000, 4e5), "red", "local disk"),
-        (DiskSeen("runs", error="Permission denied"), "red", "runs cannot be written: Permission denied"),
+        (
+            DiskSeen("runs", error="Permission denied"),
+            "red",
+            "runs cannot be written: Permission denied",
+        ),
     ],
 )
 def test_a_disk_is_judged(seen, colour, says):
@@ -75,7 +79,10 @@ def test_a_small_receive_buffer_is_told_in_milliseconds_with_the_line_that_raise
 
 def test_packages_that_do_not_fit_are_named_as_pip_takes_them():
     good = PackageSeen("numpy", "numpy>=1.26", "2.1.0", True)
-    missing, old = PackageSeen("h5py", "h5py>=3.10", None, False), PackageSeen("scipy", "scipy>=1.11", "1.9", False)
+    missing, old = (
+        PackageSeen("h5py", "h5py>=3.10", None, False),
+        PackageSeen("scipy", "scipy>=1.11", "1.9", False),
+    )
     finding = judge_packages((good, missing, old), "3.11", "0.1.0")
     assert finding.commands == ('pip install "h5py>=3.10" "scipy>=1.11"',)
     assert "h5py is missing, scipy 1.9" in whole(finding)
@@ -95,7 +102,11 @@ def test_a_coarse_clock_and_a_single_core_are_told_with_the_line_that_mends_them
 def test_extras_are_told_apart_by_what_is_there_and_what_fits():
     good, old, missing = (
         PackageSeen(name, f"{name}>=2", version, fits)
-        for name, version, fits in (("dask", "2.1", True), ("mujoco", "1.0", False), ("nidaqmx", None, False))
+        for name, version, fits in (
+            ("dask", "2.1", True),
+            ("mujoco", "1.0", False),
+            ("nidaqmx", None, False),
+        )
     )
     finding = judge_extras((ExtraSeen("cluster", (good,)), ExtraSeen("daq", (missing,))))
     assert (finding.colour, finding.seen) == ("green", "cluster: dask 2.1; not installed: daq")
@@ -112,7 +123,9 @@ def test_the_loop_that_was_asked_for_is_the_loop_that_is_measured():
 
 
 class LateClock(TwinClock):
-    """Every 50th wait ends 5 ms late, one of them 30 ms. Every second reading is 1 us later than the one before."""
+    """Every 50th wait ends 5 ms late, one of them 30 ms. Every second reading is 1 us later than
+    the one before.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -159,7 +172,13 @@ def test_what_the_kernel_says_of_interfaces_is_read(tmp_path):
     made_interface(tmp_path, "can0", 280, "0x40080", 16)
     made_interface(tmp_path, "can1", 280, "0x400c1", 72)
     down, up = (look_at_can_interface(name, tmp_path) for name in ("can0", "can1"))
-    assert (down.exists, down.is_can, down.is_up, down.is_fd, down.others) == (True, True, False, False, ("can1",))
+    assert (down.exists, down.is_can, down.is_up, down.is_fd, down.others) == (
+        True,
+        True,
+        False,
+        False,
+        ("can1",),
+    )
     assert (up.is_up, up.is_fd) == (True, True)
     assert not look_at_can_interface("eth0", tmp_path).is_can
     absent = look_at_can_interface("can7", tmp_path)

@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.devices.checks import CanBusObservation, Colour, SerialPortSeen, judge_found_port, judge_serial_port
+from rfca_rig.devices.checks import (
+    CanBusObservation,
+    Colour,
+    SerialPortSeen,
+    judge_found_port,
+    judge_serial_port,
+)
 from rfca_rig.doctor.ports import CanInterfaceObservation, judge_can_bus, judge_can_interface
 from rfca_rig.doctor.rig_checks import judge_found_adapters, judge_found_interfaces
 from tests.doctor.said import whole
@@ -19,13 +25,33 @@ KNOWN = ("socketcan", "socketcand", "pcan")
     [
         (UP, None, "green", "can0 is up, 1000000 bit/s"),
         (FD, 5_000_000, "green", "data 5000000 bit/s"),
-        (CanInterfaceObservation("can0", False), None, "red", "sudo slcand -o -c -s8 /dev/ttyACM0 can0"),
+        (
+            CanInterfaceObservation("can0", False),
+            None,
+            "red",
+            "sudo slcand -o -c -s8 /dev/ttyACM0 can0",
+        ),
         (CanInterfaceObservation("can0", False, ("can1", "can2")), None, "red", 'channel = "can1"'),
         (replace(UP, is_can=False), None, "red", "not CAN"),
-        (replace(UP, is_up=False), None, "red", "sudo ip link set can0 up type can bitrate 1000000"),
+        (
+            replace(UP, is_up=False),
+            None,
+            "red",
+            "sudo ip link set can0 up type can bitrate 1000000",
+        ),
         (replace(UP, is_up=False), 5_000_000, "red", "bitrate 1000000 dbitrate 5000000 fd on"),
-        (replace(UP, bitrate=500_000), None, "red", "runs at 500000 bit/s, the rig file says 1000000"),
-        (replace(UP, bitrate=500_000), None, "red", "| sudo ip link set can0 down | sudo ip link set can0 up type can bitrate 1000000"),
+        (
+            replace(UP, bitrate=500_000),
+            None,
+            "red",
+            "runs at 500000 bit/s, the rig file says 1000000",
+        ),
+        (
+            replace(UP, bitrate=500_000),
+            None,
+            "red",
+            "| sudo ip link set can0 down | sudo ip link set can0 up type can bitrate 1000000",
+        ),
         (UP, 5_000_000, "red", "classic CAN, the drive speaks CAN-FD"),
         (replace(FD, data_bitrate=2_000_000), 5_000_000, "red", "data phase at 2000000"),
         (replace(UP, state="BUS-OFF"), None, "red", "off after too many errors"),
@@ -44,11 +70,26 @@ def test_an_interface_is_judged_with_the_command_that_mends_it(seen, data_bitrat
     ("seen", "interface", "colour", "says"),
     [
         (CanBusObservation(), "pcan", "green", "pcan ch opens"),
-        (CanBusObservation("refused"), "socketcand", "red", "socketcand ch cannot be opened: refused"),
+        (
+            CanBusObservation("refused"),
+            "socketcand",
+            "red",
+            "socketcand ch cannot be opened: refused",
+        ),
         (CanBusObservation("refused"), "socketcand", "red", "| export CAN_CONFIG="),
-        (CanBusObservation("no such library"), "pcan", "red", "no such library | install PEAK's driver"),
+        (
+            CanBusObservation("no such library"),
+            "pcan",
+            "red",
+            "no such library | install PEAK's driver",
+        ),
         (CanBusObservation(), "socktcan", "red", "must be one of socketcan, socketcand, pcan"),
-        (CanBusObservation(frames=5, error_frames=3), "pcan", "yellow", "3 error frames beside 5 good ones"),
+        (
+            CanBusObservation(frames=5, error_frames=3),
+            "pcan",
+            "yellow",
+            "3 error frames beside 5 good ones",
+        ),
         (CanBusObservation(went_off=True, error_frames=1), "pcan", "red", "too many errors"),
         (CanBusObservation(failed="Network is down"), "pcan", "red", "Network is down"),
     ],
@@ -63,10 +104,22 @@ def test_a_bus_is_judged(seen, interface, colour, says):
     ("seen", "colour", "says"),
     [
         (SerialPortSeen("/dev/ttyUSB0", True, True, "dialout"), "green", "/dev/ttyUSB0"),
-        (SerialPortSeen("/dev/ttyUSB0", False, others=("/dev/ttyUSB1",)), "red", "there is /dev/ttyUSB1"),
+        (
+            SerialPortSeen("/dev/ttyUSB0", False, others=("/dev/ttyUSB1",)),
+            "red",
+            "there is /dev/ttyUSB1",
+        ),
         (SerialPortSeen("/dev/ttyUSB0", False), "red", "no serial port at all"),
-        (SerialPortSeen("/dev/ttyUSB0", True, False, "dialout"), "red", "sudo usermod -aG dialout $USER"),
-        (SerialPortSeen("/dev/ttyUSB0", True, False, "root"), "red", "sudo chmod a+rw /dev/ttyUSB0"),
+        (
+            SerialPortSeen("/dev/ttyUSB0", True, False, "dialout"),
+            "red",
+            "sudo usermod -aG dialout $USER",
+        ),
+        (
+            SerialPortSeen("/dev/ttyUSB0", True, False, "root"),
+            "red",
+            "sudo chmod a+rw /dev/ttyUSB0",
+        ),
     ],
 )
 def test_a_serial_port_is_judged(seen, colour, says):

@@ -20,35 +20,84 @@ HEALTHY = OdriveSeen(own_frames=1000, beat=IDLE, period_s=2e-3, torques=500, fir
 
 def odrive(seen: OdriveSeen, wanted: OdriveWanted = WANTED) -> str:
     """What is said of all that is not green."""
-    return " || ".join(f"{one.colour} {one.subject}: {whole(one)}" for one in judge_odrive(seen, wanted) if one.colour != "green")
+    return " || ".join(
+        f"{one.colour} {one.subject}: {whole(one)}"
+        for one in judge_odrive(seen, wanted)
+        if one.colour != "green"
+    )
 
 
 def test_a_healthy_odrive_is_all_green():
-    assert colours(judge_odrive(HEALTHY, WANTED)) == dict.fromkeys(("drive", "drive error", "drive's encoder", "drive's torque"), "green")
+    assert colours(judge_odrive(HEALTHY, WANTED)) == dict.fromkeys(
+        ("drive", "drive error", "drive's encoder", "drive's torque"), "green"
+    )
 
 
 @pytest.mark.parametrize(
     ("seen", "wanted", "says"),
     [
-        (OdriveSeen(others=(3,)), WANTED, "red drive: heard node 3, the rig file says 5 | put node_id = 3"),
-        (OdriveSeen(others=(3,)), WANTED, "odrv0.axis0.config.can.node_id = 5 | odrv0.save_configuration()"),
+        (
+            OdriveSeen(others=(3,)),
+            WANTED,
+            "red drive: heard node 3, the rig file says 5 | put node_id = 3",
+        ),
+        (
+            OdriveSeen(others=(3,)),
+            WANTED,
+            "odrv0.axis0.config.can.node_id = 5 | odrv0.save_configuration()",
+        ),
         (OdriveSeen(others=(63,)), WANTED, "red drive: heard a drive that has no address yet"),
         (OdriveSeen(others=(2, 63)), WANTED, "heard node 2, the rig file"),
         (OdriveSeen(strangers=40), WANTED, "heard 40 frames, none as an ODrive speaks"),
         (OdriveSeen(), WANTED, "red drive: nothing at all heard on the bus"),
         (replace(HEALTHY, beat=None), WANTED, "odrv0.axis0.config.can.heartbeat_msg_rate_ms = 100"),
         (replace(HEALTHY, beat=None), OLDER, "odrv0.axis0.config.can.heartbeat_rate_ms = 100"),
-        (replace(HEALTHY, beat=replace(IDLE, error=1 << 13)), WANTED, "red drive error: error 0x00002000 (MOTOR_OVER_TEMP: motor too hot)"),
-        (replace(HEALTHY, beat=replace(IDLE, error=1 << 24)), WANTED, "yellow drive error: error 0x01000000 (WATCHDOG_TIMER_EXPIRED"),
-        (replace(HEALTHY, beat=replace(IDLE, state=8)), WANTED, "yellow drive error: no error, but the drive is not idle: closed loop"),
-        (replace(HEALTHY, period_s=10e-3), WANTED, "red drive's encoder: every 10 ms, the rig file says 2 ms | put encoder_period_ms = 10"),
-        (replace(HEALTHY, period_s=10e-3), WANTED, "odrv0.axis0.config.can.encoder_msg_rate_ms = 2"),
+        (
+            replace(HEALTHY, beat=replace(IDLE, error=1 << 13)),
+            WANTED,
+            "red drive error: error 0x00002000 (MOTOR_OVER_TEMP: motor too hot)",
+        ),
+        (
+            replace(HEALTHY, beat=replace(IDLE, error=1 << 24)),
+            WANTED,
+            "yellow drive error: error 0x01000000 (WATCHDOG_TIMER_EXPIRED",
+        ),
+        (
+            replace(HEALTHY, beat=replace(IDLE, state=8)),
+            WANTED,
+            "yellow drive error: no error, but the drive is not idle: closed loop",
+        ),
+        (
+            replace(HEALTHY, period_s=10e-3),
+            WANTED,
+            "red drive's encoder: every 10 ms, the rig file says 2 ms | put encoder_period_ms = 10",
+        ),
+        (
+            replace(HEALTHY, period_s=10e-3),
+            WANTED,
+            "odrv0.axis0.config.can.encoder_msg_rate_ms = 2",
+        ),
         (replace(HEALTHY, period_s=3e-3), WANTED, "yellow drive's encoder: every 3 ms"),
-        (replace(HEALTHY, period_s=None), WANTED, "red drive's encoder: no steady encoder estimates"),
+        (
+            replace(HEALTHY, period_s=None),
+            WANTED,
+            "red drive's encoder: no steady encoder estimates",
+        ),
         (replace(HEALTHY, torques=0), WANTED, "torques_msg_rate_ms = 2"),
         (replace(HEALTHY, torques=0), OLDER, "odrv0.axis0.config.can.iq_rate_ms = 2"),
-        (HEALTHY, OLDER, 'red drive: ODrive, node 5, firmware 0.6.11: only firmware 0.6 tells its version | put dialect = "0.6"'),
-        (replace(HEALTHY, unreadable="7 bytes"), WANTED, "cannot be understood: 7 bytes | check dialect"),
+        (
+            HEALTHY,
+            OLDER,
+            (
+                "red drive: ODrive, node 5, firmware 0.6.11: only firmware 0.6 tells its "
+                'version | put dialect = "0.6"'
+            ),
+        ),
+        (
+            replace(HEALTHY, unreadable="7 bytes"),
+            WANTED,
+            "cannot be understood: 7 bytes | check dialect",
+        ),
     ],
 )
 def test_what_is_wrong_with_an_odrive_is_named_with_its_remedy(seen, wanted, says):
@@ -57,7 +106,9 @@ def test_what_is_wrong_with_an_odrive_is_named_with_its_remedy(seen, wanted, say
 
 def test_the_errors_of_its_parts_are_told_where_known():
     failed = replace(IDLE, error=0x40, failed=(OdrivePart.MOTOR, OdrivePart.ENCODER))
-    seen = replace(HEALTHY, firmware=None, beat=failed, part_errors=(PartError(OdrivePart.MOTOR, 1),))
+    seen = replace(
+        HEALTHY, firmware=None, beat=failed, part_errors=(PartError(OdrivePart.MOTOR, 1),)
+    )
     assert "PHASE_RESISTANCE_OUT_OF_RANGE" in odrive(seen, OLDER)
     assert "encoder error" in odrive(seen, OLDER)
 
@@ -70,11 +121,18 @@ REPLY = MitReply(1, 0x8000, 0.0, 0.0, 0.0, 31, 0)
     [
         (MitSeen(True, REPLY), "green", "AK drive 1 in MIT mode, 31 degC"),
         (MitSeen(True), "red", "drive 1 does not answer, and nothing else speaks"),
-        (MitSeen(False, others=(4, 7)), "red", "heard id 4, 7, the rig file says 1; it was not asked while others speak"),
+        (
+            MitSeen(False, others=(4, 7)),
+            "red",
+            "heard id 4, 7, the rig file says 1; it was not asked while others speak",
+        ),
         (
             MitSeen(False, servo=(1,)),
             "red",
-            'drive 1 is in servo mode | set it to MIT mode in CubeMarsTool, or put device = "cubemars-servo"',
+            (
+                "drive 1 is in servo mode | set it to MIT mode in CubeMarsTool, or put "
+                'device = "cubemars-servo"'
+            ),
         ),
         (MitSeen(True, masters=(2,)), "red", "replies under id 2 | set its master id to 0 or 1"),
         (MitSeen(True, unreadable="9 bytes"), "red", "9 bytes"),
@@ -93,7 +151,9 @@ def test_the_errors_of_ak_drives_are_told():
     ):
         assert colours(findings)["drive error"] == "red"
         assert "error 1 (motor too hot)" in " ".join(map(whole, findings))
-    assert colours(judge_mit(MitSeen(True, replace(REPLY, error=None)), 1))["drive error"] == "yellow"
+    assert (
+        colours(judge_mit(MitSeen(True, replace(REPLY, error=None)), 1))["drive error"] == "yellow"
+    )
 
 
 STATUS = Status(0, 0.0, 0.0, 31, 0)
@@ -106,7 +166,11 @@ STATUS = Status(0, 0.0, 0.0, 31, 0)
         (ServoSeen(others=(3,)), "red", "heard drive 3, the rig file says 1 | put drive_id = 3"),
         (ServoSeen(strangers=9), "red", 'device = "cubemars-mit"'),
         (ServoSeen(), "red", "nothing at all heard"),
-        (ServoSeen(STATUS, 20e-3), "red", "every 20 ms, the rig file says 2 ms | put status_period_ms = 20"),
+        (
+            ServoSeen(STATUS, 20e-3),
+            "red",
+            "every 20 ms, the rig file says 2 ms | put status_period_ms = 20",
+        ),
         (ServoSeen(STATUS, 3e-3), "yellow", "set its upload rate to 500 Hz"),
         (ServoSeen(STATUS, None), "red", "too few status frames"),
     ],

@@ -23,8 +23,12 @@ def server():
 
 @pytest.fixture
 def told(server, monkeypatch, capsys, tmp_path):
-    """`told(server, **changed)` runs the command on a real rig's file with these addresses; what is `changed` stands otherwise."""
-    monkeypatch.setenv("CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]}))
+    """`told(server, **changed)` runs the command on a real rig's file with these addresses; what
+    is `changed` stands otherwise.
+    """
+    monkeypatch.setenv(
+        "CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]})
+    )
     server.told("off all")
 
     def run(*options: str, **changed: str) -> Said:
@@ -36,9 +40,17 @@ def told(server, monkeypatch, capsys, tmp_path):
 
 
 def written(server: Server, changed: dict[str, str]) -> str:
-    text = (ROOT / "calibration" / "twin.toml").read_text().partition("[twin]")[0].replace('kind = "twin"', 'kind = "real"')
+    text = (
+        (ROOT / "calibration" / "twin.toml")
+        .read_text()
+        .partition("[twin]")[0]
+        .replace('kind = "twin"', 'kind = "real"')
+    )
     motor = '[motor]\ninterface = "socketcand"\nchannel = "can0"\n'
-    sensor = f'[force_sensor]\nhost = "{server.host}"\nport = {server.rdt[1]}\nhttp_port = {server.ports["http_port"]}\n'
+    sensor = (
+        f'[force_sensor]\nhost = "{server.host}"\nport = {server.rdt[1]}\nhttp_port = '
+        f"{server.ports['http_port']}\n"
+    )
     text = text.replace("[motor]\n", motor).replace("[force_sensor]\n", sensor)
     for key, value in changed.items():
         text, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
@@ -57,8 +69,8 @@ SENSOR = ("sensor's box", "sensor's records", "sensor's rate", "sensor's status"
 def repeated(look: Callable[[], Said], subjects: tuple[str, ...]) -> Said:
     """What `look` says once every one of `subjects` is green, or the last of five times.
 
-    The twins of a loaded machine fall behind real time: their rates and losses are then the machine's own affair.
-    """
+    The twins of a loaded machine fall behind real time: their rates and losses are then the
+    machine's own affair."""
     for _ in range(5):
         said = look()
         seen = by_subject(said)
@@ -71,9 +83,17 @@ def repeated(look: Callable[[], Said], subjects: tuple[str, ...]) -> Said:
 def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
     said = repeated(lambda: told("--json"), (*DRIVE, *SENSOR))
     seen = by_subject(said)
-    assert {name: seen[name]["colour"] for name in (*DRIVE, *SENSOR)} == dict.fromkeys((*DRIVE, *SENSOR), "green"), said.out
+    assert {name: seen[name]["colour"] for name in (*DRIVE, *SENSOR)} == dict.fromkeys(
+        (*DRIVE, *SENSOR), "green"
+    ), said.out
     assert re.match(r"at [\d.]+ deg, encoder at [\d.]+ turns: is it\?", str(seen["shaft"]["seen"]))
-    assert {"receive buffer", "clock", "disk for runs", "python packages", "compiled code"} < seen.keys()
+    assert {
+        "receive buffer",
+        "clock",
+        "disk for runs",
+        "python packages",
+        "compiled code",
+    } < seen.keys()
     assert said.exit_code == (json.loads(said.out)["red"] > 0)
 
 
@@ -81,7 +101,9 @@ def test_a_healthy_rig_has_a_green_drive_and_sensor(told):
 def test_a_wrong_node_id_is_named_with_its_remedy_within_80_columns(told):
     said = told(node_id="5")
     assert said.exit_code == 1
-    assert re.search(r"^red     drive             heard node 0, the rig file says 5$", said.out, re.MULTILINE)
+    assert re.search(
+        r"^red     drive             heard node 0, the rig file says 5$", said.out, re.MULTILINE
+    )
     assert "\n    odrv0.axis0.config.can.node_id = 5\n" in said.out
     assert max(map(len, said.out.splitlines())) <= WIDTH
     assert "\x1b" not in said.out
@@ -140,23 +162,41 @@ def test_an_error_of_the_drive_is_told_with_its_meaning(told, server):
 
 
 @pytest.mark.realtime
-def test_a_controller_on_a_serial_line_and_a_drive_in_mit_mode_are_looked_at(monkeypatch, capsys, tmp_path):
+def test_a_controller_on_a_serial_line_and_a_drive_in_mit_mode_are_looked_at(
+    monkeypatch, capsys, tmp_path
+):
     served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
     served_file.write_text(rig_text())
     with serving("--rig", str(served_file)) as server:
-        monkeypatch.setenv("CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]}))
+        monkeypatch.setenv(
+            "CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]})
+        )
         text = rig_text().partition("[twin]")[0].replace('kind = "twin"', 'kind = "real"')
         text = text.replace("[motor]\n", '[motor]\ninterface = "socketcand"\n')
-        real_file.write_text(text.replace("[force_sensor]\n", f'[force_sensor]\nport = "{server.ports["serial"]}"\n'))
-        subjects = ("CAN bus", "drive", "drive error", "serial port", "sensor", "sensor's rate", "sensor's records")
-        look = partial(typed, monkeypatch, capsys, "doctor", "--json", "--rig", real_file, "--runs", tmp_path)
+        real_file.write_text(
+            text.replace("[force_sensor]\n", f'[force_sensor]\nport = "{server.ports["serial"]}"\n')
+        )
+        subjects = (
+            "CAN bus",
+            "drive",
+            "drive error",
+            "serial port",
+            "sensor",
+            "sensor's rate",
+            "sensor's records",
+        )
+        look = partial(
+            typed, monkeypatch, capsys, "doctor", "--json", "--rig", real_file, "--runs", tmp_path
+        )
         seen = by_subject(repeated(look, subjects))
     for subject in subjects:
         assert seen[subject]["colour"] == "green", seen[subject]
     assert seen["drive"]["seen"].startswith("AK drive 1 in MIT mode")
 
 
-def test_a_twin_rig_says_that_its_devices_are_twins_and_checks_the_computer(monkeypatch, capsys, tmp_path):
+def test_a_twin_rig_says_that_its_devices_are_twins_and_checks_the_computer(
+    monkeypatch, capsys, tmp_path
+):
     said = typed(monkeypatch, capsys, "doctor", "--rig", "twin", "--runs", tmp_path)
     assert said.exit_code == 0
     assert said.out.startswith("SIM ")
@@ -172,7 +212,15 @@ def test_a_rig_file_that_is_not_there_is_bad_input(monkeypatch, capsys):
 def test_without_a_rig_file_nothing_missing_is_red(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("rfca_rig.devices.netft.checks.AS_DELIVERED", "127.0.0.1")
     said = typed(monkeypatch, capsys, "doctor", "--runs", tmp_path)
-    for subject in ("CAN interface", "CAN adapters", "serial port", "Net F/T", "receive buffer", "clock", "python packages"):
+    for subject in (
+        "CAN interface",
+        "CAN adapters",
+        "serial port",
+        "Net F/T",
+        "receive buffer",
+        "clock",
+        "python packages",
+    ):
         assert re.search(rf"^(green|yellow) +{subject} ", said.out, re.MULTILINE), subject
     assert "counts_per_N" in said.out or "none at 127.0.0.1" in said.out
     assert max(map(len, said.out.splitlines())) <= WIDTH

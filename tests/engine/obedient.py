@@ -1,4 +1,6 @@
-"""A rig that simply obeys: the shaft stands where it was sent, the sensor hums. For plans, where no physics is asked for."""
+"""A rig that simply obeys: the shaft stands where it was sent, the sensor hums. For plans, where
+no physics is asked for.
+"""
 
 import numpy as np
 
@@ -52,7 +54,9 @@ class Motor(Obedient):
     def read(self):
         self._move()
         now_s = self._clock.now_s()
-        return ShaftSamples(*(np.array([value]) for value in (now_s, now_s, self._angle_rad, self._told_rad_s, 0.0)))
+        return ShaftSamples(
+            *(np.array([value]) for value in (now_s, now_s, self._angle_rad, self._told_rad_s, 0.0))
+        )
 
 
 class Sensor(Obedient):

@@ -54,7 +54,9 @@ class Kept:
 
 
 @contextmanager
-def recorder_on(rig: RigFile, folder: Path, seed: int = 1) -> Iterator[tuple[Bench, Recorder, Kept]]:
+def recorder_on(
+    rig: RigFile, folder: Path, seed: int = 1
+) -> Iterator[tuple[Bench, Recorder, Kept]]:
     with open_bench(rig, seed) as bench:
         kept = Kept(folder, Recording("a run", "SIM", rig.nominal(), {}, (), ()))
         yield bench, Recorder(kept.keeper, bench.sensor.scale(), bench.clock), kept

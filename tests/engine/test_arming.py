@@ -22,7 +22,9 @@ def test_a_drive_that_stops_by_itself_is_proven_and_the_run_goes_on(tmp_path):
 
 def test_a_drive_without_watchdog_is_refused_and_left_without_torque():
     with drive_alone(motor_twin=OdriveTwinSettings(watchdog_s=None)) as rig:
-        with pytest.raises(DeviceError, match=r"watchdog let it run through 1 s of silence; set enable_watchdog"):
+        with pytest.raises(
+            DeviceError, match=r"watchdog let it run through 1 s of silence; set enable_watchdog"
+        ):
             prove_stop(Bench(rig.motor, rig.sensor, None, rig.clock, is_real=True))
         rig.run(0.2)
         assert rig.motor.status().state == "idle"

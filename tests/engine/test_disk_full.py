@@ -1,4 +1,6 @@
-"""A disk that fills up in the middle of a run: the motor is off before anything else, and what was recorded stays."""
+"""A disk that fills up in the middle of a run: the motor is off before anything else, and what
+was recorded stays.
+"""
 
 import pytest
 
@@ -20,7 +22,13 @@ def test_the_motor_is_off_and_the_stages_before_are_kept(tmp_path):
                 disk.room = disk.used + 100_000
 
         with instead(disk):
-            with pytest.raises(DiskFull, match=r"^stopped: disk full: .*0002\.journal: .* cannot be added: No space left on device"):
+            with pytest.raises(
+                DiskFull,
+                match=(
+                    r"^stopped: disk full: .*0002\.journal: .* cannot be added: No space left "
+                    r"on device"
+                ),
+            ):
                 run_plan(one_condition(rig, 3), bench, recorder, fill_up)
             assert ends_without_torque(wiretap)
             bench.clock.wait_until(bench.clock.now_s() + 3.0)

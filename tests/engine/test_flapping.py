@@ -52,7 +52,9 @@ def test_before_the_start_the_sensor_reads_the_weight_of_the_leg(flapped):
 
 
 def test_the_recorded_shaft_explains_the_recorded_force_through_the_model(flapped):
-    """Force and motion belong together: the model, told how the shaft turned, gives what the sensor felt."""
+    """Force and motion belong together: the model, told how the shaft turned, gives what the
+    sensor felt.
+    """
     stroke = flapped[0].strokes[0]
     t_shaft, angle = stroke.channel("shaft_angle_rad")
     t, fz = stroke.channel("fz_N")
@@ -60,7 +62,9 @@ def test_the_recorded_shaft_explains_the_recorded_force_through_the_model(flappe
     model = simulate_stroke(rig, 0.215, follow(t_shaft, angle), t[t < 0.8])
     loading = (t[t < 0.8] > 0.35) & (t[t < 0.8] < 0.78)
     misfit = (fz[t < 0.8] - model.fz_N)[loading]
-    assert abs(misfit.mean()) < 0.6  # friction of the floor scatters by 0.008 from touchdown to touchdown
+    assert (
+        abs(misfit.mean()) < 0.6
+    )  # friction of the floor scatters by 0.008 from touchdown to touchdown
     assert misfit.std() < 0.4
 
 
@@ -92,6 +96,8 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
 def test_gear_direction_and_zero_of_the_encoder_change_nothing_at_the_shaft(flapped, tmp_path):
     rig = changed(twin_rig(), "motor", gear_ratio=6.0, direction=-1, zero_turns=3.21)
     recording, _ = run(tmp_path / "run", rig)
-    ours, plain = (recorded.strokes[0].channel("shaft_angle_rad")[1] for recorded in (recording, flapped[0]))
+    ours, plain = (
+        recorded.strokes[0].channel("shaft_angle_rad")[1] for recorded in (recording, flapped[0])
+    )
     count = min(len(ours), len(plain))
     assert ours[:count] == pytest.approx(plain[:count], abs=2e-3)

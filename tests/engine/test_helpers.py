@@ -1,4 +1,6 @@
-"""A helper process that ends takes the torque away at the next tick, whatever the stage does with it."""
+"""A helper process that ends takes the torque away at the next tick, whatever the stage does
+with it.
+"""
 
 import pytest
 
@@ -46,7 +48,8 @@ class KillingMotor(Motor):
         self.is_off = True
 
 
-# In the move to the start, in the rest, while the shaft is held and nothing is recorded, and while it is recorded.
+# In the move to the start, in the rest, while the shaft is held and nothing is recorded, and while
+# it is recorded.
 @pytest.mark.parametrize("after", [10, 80, 150, 200])
 def test_no_command_follows_the_end_of_a_helper(helper: Helper, after: int) -> None:
     clock, helpers = TwinClock(), HelperWatch()
@@ -54,7 +57,13 @@ def test_no_command_follows_the_end_of_a_helper(helper: Helper, after: int) -> N
     motor = KillingMotor(clock, helper, after)
     plan = static_plan(StaticStages("s", (0.215,), ((1.0, "loading"),), 0.4, SETTLE, 0.3), RIG)
     with pytest.raises(RigError, match="the helper has ended by itself"):
-        run_plan(plan, Bench(motor, Sensor(clock), motor, clock, is_real=False), Nowhere(), lambda _: None, Supervision(helpers=helpers))
+        run_plan(
+            plan,
+            Bench(motor, Sensor(clock), motor, clock, is_real=False),
+            Nowhere(),
+            lambda _: None,
+            Supervision(helpers=helpers),
+        )
     assert motor.commands_after_kill == 0
     assert motor.is_off
 

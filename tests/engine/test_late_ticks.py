@@ -1,4 +1,6 @@
-"""A computer that is late now and then: a stroke keeps its length, and nothing trips for want of time."""
+"""A computer that is late now and then: a stroke keeps its length, and nothing trips for want of
+time.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -50,5 +52,10 @@ def test_the_longest_gap_between_commands_is_known(tmp_path):
     rig = twin_rig()
     for folder, late_s in (("a", 0.0), ("b", 0.008)):
         with recorder_on(rig, tmp_path / folder) as (bench, recorder, _):
-            run_plan(one_condition(rig), replace(bench, clock=Hesitant(bench.clock) if late_s else bench.clock), recorder, nothing)
+            run_plan(
+                one_condition(rig),
+                replace(bench, clock=Hesitant(bench.clock) if late_s else bench.clock),
+                recorder,
+                nothing,
+            )
         assert recorder.worst_gap_s == pytest.approx(0.010 + late_s, abs=1e-6)

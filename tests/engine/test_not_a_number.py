@@ -1,4 +1,6 @@
-"""A comparison with NaN is false: each place that compares with a limit does so such that NaN is beyond it."""
+"""A comparison with NaN is false: each place that compares with a limit does so such that NaN is
+beyond it.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -33,7 +35,9 @@ def track(**values: float) -> None:
 def report(**values: float) -> None:
     rig = Rig()
     rig.ticks(1)
-    rig.ticks(1, shaft=replace(rig.shaft(), **{name: np.array([value]) for name, value in values.items()}))
+    rig.ticks(
+        1, shaft=replace(rig.shaft(), **{name: np.array([value]) for name, value in values.items()})
+    )
 
 
 def feel(name: str) -> None:

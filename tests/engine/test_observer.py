@@ -1,4 +1,6 @@
-"""Who looks on sees all that the loop does, what trips it included, and can keep a motor from being energised; time for those who watch."""
+"""Who looks on sees all that the loop does, what trips it included, and can keep a motor from
+being energised; time for those who watch.
+"""
 
 from dataclasses import replace
 
@@ -38,7 +40,13 @@ def looked_at(tmp_path, plan, expected=None, stop_request=None):
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, kept):
         wiretap = tapped(bench)
         try:
-            run_plan(plan, bench, recorder, nothing, Supervision(expected or {}, stop_request or StopRequest(), looking))
+            run_plan(
+                plan,
+                bench,
+                recorder,
+                nothing,
+                Supervision(expected or {}, stop_request or StopRequest(), looking),
+            )
         except (Stopped, Tripped) as error:
             looking.error = error
         return looking, bench, wiretap, kept.so_far()
@@ -53,21 +61,35 @@ def test_every_sample_and_every_stage_is_seen(tmp_path):
     assert sum(len(tick.force.counts) for tick in looking.ticks) == bench.sensor.health().received
     seen = np.concatenate([tick.force.counts[:, 2] for tick in looking.ticks])
     recorded = kept.strokes[0].streams["force"].columns["fz_N"].raw
-    assert any((seen[at : at + len(recorded)] == recorded).all() for at in np.flatnonzero(seen == recorded[0]))
-    assert all(abs(tick.target_rad - tick.shaft.angle_rad[-1]) < 0.5 for tick in looking.ticks[1:] if len(tick.shaft.angle_rad))
+    assert any(
+        (seen[at : at + len(recorded)] == recorded).all()
+        for at in np.flatnonzero(seen == recorded[0])
+    )
+    assert all(
+        abs(tick.target_rad - tick.shaft.angle_rad[-1]) < 0.5
+        for tick in looking.ticks[1:]
+        if len(tick.shaft.angle_rad)
+    )
 
 
 def test_the_tick_that_trips_is_seen_too(tmp_path):
     plan = one_condition(twin_rig())
-    looking, bench, _, _ = looked_at(tmp_path, replace(plan, limits=replace(plan.limits, force_N=30.0)))
+    looking, bench, _, _ = looked_at(
+        tmp_path, replace(plan, limits=replace(plan.limits, force_N=30.0))
+    )
     assert looking.error.code == "L-01"
     scale = bench.sensor.scale().counts_per_N
-    sizes = [np.linalg.norm(tick.force.counts[:, :3], axis=1).max(initial=0.0) / scale for tick in looking.ticks]
+    sizes = [
+        np.linalg.norm(tick.force.counts[:, :3], axis=1).max(initial=0.0) / scale
+        for tick in looking.ticks
+    ]
     assert max(sizes[:-1]) < 30.0 < sizes[-1]
 
 
 def test_a_stop_that_is_wished_for_while_the_rack_is_set_energises_nothing(tmp_path):
-    looking, _, wiretap, kept = looked_at(tmp_path, one_condition(twin_rig()), stop_request=StopRequest())
+    looking, _, wiretap, kept = looked_at(
+        tmp_path, one_condition(twin_rig()), stop_request=StopRequest()
+    )
     assert isinstance(looking.error, Stopped) and not looking.ticks and not kept.strokes
     with_motion, _, moved, _ = looked_at(tmp_path / "whole", one_condition(twin_rig()))
     assert with_motion.ticks and len(wiretap.sent) < 10 < len(moved.sent)

@@ -1,4 +1,6 @@
-"""A stage's photo, whatever the camera does: the drive is commanded all along, the stage ends, and the run says what became of it."""
+"""A stage's photo, whatever the camera does: the drive is commanded all along, the stage ends,
+and the run says what became of it.
+"""
 
 import threading
 from dataclasses import replace
@@ -41,7 +43,9 @@ class Frozen:
 
 
 class Later:
-    """A photographer whose photos come so long after they were asked for; an error is raised instead."""
+    """A photographer whose photos come so long after they were asked for; an error is raised
+    instead.
+    """
 
     def __init__(self, clock, *after_s):
         self._clock, self._after = clock, iter(after_s)
@@ -95,24 +99,43 @@ def run(tmp_path, camera_on, *angles_deg, average_s=0.1, dwell_s=0.0):
             kept,
             lambda stage: over_s.append((stage.label, bench.clock.now_s())),
         )
-    return kept.recorded, motor.commanded_s, {label: at_s for label, at_s in over_s if label.startswith("hold")}
+    return (
+        kept.recorded,
+        motor.commanded_s,
+        {label: at_s for label, at_s in over_s if label.startswith("hold")},
+    )
 
 
 def test_a_frozen_camera_ends_its_stage_in_the_time_it_says_and_the_next_one_at_once(tmp_path):
     recorded, commanded_s, over_s = run(tmp_path, lambda _clock: CameraThread(Frozen()), 50.0, 55.0)
-    assert recorded[0].photo_fault == "the camera gave no photo within 2 s; check its cable and power"
-    assert recorded[1].photo_fault.startswith("the camera has not answered since an earlier photo; unplug it")
+    assert (
+        recorded[0].photo_fault == "the camera gave no photo within 2 s; check its cable and power"
+    )
+    assert recorded[1].photo_fault.startswith(
+        "the camera has not answered since an earlier photo; unplug it"
+    )
     assert [stage.photo for stage in recorded] == [None, None]
     assert all(len(stage.force.counts) > 500 for stage in recorded)
     took_s = [at_s - stage.start_s for at_s, stage in zip(over_s.values(), recorded, strict=True)]
-    assert took_s == [pytest.approx(LIMIT_S, abs=2 * HOLD_PERIOD_S), pytest.approx(0.1, abs=2 * HOLD_PERIOD_S)]
-    assert max(later - earlier for earlier, later in pairwise(commanded_s)) < 0.05  # the watchdog's share
+    assert took_s == [
+        pytest.approx(LIMIT_S, abs=2 * HOLD_PERIOD_S),
+        pytest.approx(0.1, abs=2 * HOLD_PERIOD_S),
+    ]
+    assert (
+        max(later - earlier for earlier, later in pairwise(commanded_s)) < 0.05
+    )  # the watchdog's share
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("after_s", "average_s", "lasts_s"), [(0.0, 0.3, 0.3), (0.2, 0.3, 0.3), (1.5, 0.3, 1.5)])
-def test_the_photo_is_taken_while_the_mean_is_and_waited_for_no_longer_than_it_takes(tmp_path, after_s, average_s, lasts_s):
-    recorded, commanded_s, over_s = run(tmp_path, lambda clock: Later(clock, after_s), 50.0, average_s=average_s)
+@pytest.mark.parametrize(
+    ("after_s", "average_s", "lasts_s"), [(0.0, 0.3, 0.3), (0.2, 0.3, 0.3), (1.5, 0.3, 1.5)]
+)
+def test_the_photo_is_taken_while_the_mean_is_and_waited_for_no_longer_than_it_takes(
+    tmp_path, after_s, average_s, lasts_s
+):
+    recorded, commanded_s, over_s = run(
+        tmp_path, lambda clock: Later(clock, after_s), 50.0, average_s=average_s
+    )
     (stage,), (end_s,) = recorded, over_s.values()
     assert (stage.photo.name, stage.photo_fault) == ("photo-1", "")
     assert end_s - stage.start_s == pytest.approx(lasts_s, abs=3 * HOLD_PERIOD_S)
@@ -127,7 +150,9 @@ def test_a_photo_that_came_too_late_is_no_other_stage_s(tmp_path):
 
 
 def test_a_camera_that_fails_costs_the_photo_not_the_stage(tmp_path):
-    recorded, _, _ = run(tmp_path, lambda clock: Later(clock, DeviceError("unplugged"), 0.1), 50.0, 55.0)
+    recorded, _, _ = run(
+        tmp_path, lambda clock: Later(clock, DeviceError("unplugged"), 0.1), 50.0, 55.0
+    )
     assert [stage.photo_fault for stage in recorded] == ["unplugged", ""]
     assert recorded[1].photo.name == "photo-1"
 
@@ -135,7 +160,12 @@ def test_a_camera_that_fails_costs_the_photo_not_the_stage(tmp_path):
 def test_a_mistake_in_a_camera_s_driver_is_never_swallowed_and_the_motor_is_off(tmp_path):
     with recorder_on(twin_rig(), tmp_path / "run") as (bench, _, _file):
         with pytest.raises(ZeroDivisionError):
-            run_plan(plan(50.0), replace(bench, camera=Later(bench.clock, ZeroDivisionError())), Kept(), nothing)
+            run_plan(
+                plan(50.0),
+                replace(bench, camera=Later(bench.clock, ZeroDivisionError())),
+                Kept(),
+                nothing,
+            )
         bench.clock.wait_until(bench.clock.now_s() + 1.0)
         assert abs(bench.motor.read().torque_Nm[-1]) == 0.0
 
@@ -143,7 +173,9 @@ def test_a_mistake_in_a_camera_s_driver_is_never_swallowed_and_the_motor_is_off(
 def test_without_a_camera_or_without_the_wish_no_photo_is_asked_for(tmp_path):
     recorded, _, over_s = run(tmp_path, lambda _clock: None, 50.0)
     assert (recorded[0].photo, recorded[0].photo_fault) == (None, "")
-    assert next(iter(over_s.values())) - recorded[0].start_s == pytest.approx(0.1, abs=2 * HOLD_PERIOD_S)
+    assert next(iter(over_s.values())) - recorded[0].start_s == pytest.approx(
+        0.1, abs=2 * HOLD_PERIOD_S
+    )
 
 
 @pytest.mark.slow

@@ -23,14 +23,18 @@ def test_a_force_that_goes_with_the_square_is_foretold_exactly():
     approaches = RampUp(LIMITS, {})
     approaches.take(HALF, energy(2.0))
     approaches.take(MORE, energy(3.0))
-    assert approaches.predict_full_speed(MORE, energy(3.0)).force_N == pytest.approx(energy(4.0).force_N)
+    assert approaches.predict_full_speed(MORE, energy(3.0)).force_N == pytest.approx(
+        energy(4.0).force_N
+    )
 
 
 def test_the_model_s_proportion_counts_where_it_is_larger():
     expected = {HALF: Load(30.0, 3.0), MORE: Load(40.0, 4.0), FULL: Load(80.0, 6.0)}
     approaches = RampUp(LIMITS, expected)
     approaches.take(HALF, Load(33.0, 3.0))
-    assert approaches.predict_full_speed(HALF, Load(33.0, 3.0)).force_N == pytest.approx(33.0 * 80.0 / 30.0)
+    assert approaches.predict_full_speed(HALF, Load(33.0, 3.0)).force_N == pytest.approx(
+        33.0 * 80.0 / 30.0
+    )
     assert approaches.predict_full_speed(HALF, Load(33.0, 3.0)).torque_Nm == pytest.approx(6.0)
 
 

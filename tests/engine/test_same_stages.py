@@ -1,4 +1,6 @@
-"""The list that is checked, printed and timed is the list that is run: for any plan, on a rig that simply obeys."""
+"""The list that is checked, printed and timed is the list that is run: for any plan, on a rig
+that simply obeys.
+"""
 
 from dataclasses import replace
 
@@ -29,7 +31,9 @@ def test_what_is_run_is_what_was_planned_in_no_more_than_the_time_that_was_told(
 
 
 def test_a_stage_in_which_the_shaft_told_nothing_is_no_measurement():
-    """Shorter than the time for which an encoder may be silent, and yet nothing that could be recorded."""
+    """Shorter than the time for which an encoder may be silent, and yet nothing that could be
+    recorded.
+    """
     clock = TwinClock()
 
     class Mute(Motor):
@@ -37,7 +41,11 @@ def test_a_stage_in_which_the_shaft_told_nothing_is_no_measurement():
 
         def read(self):
             told = super().read()
-            return replace(told, **{name: values[:0] for name, values in vars(told).items()}) if self.is_mute else told
+            return (
+                replace(told, **{name: values[:0] for name, values in vars(told).items()})
+                if self.is_mute
+                else told
+            )
 
     motor = Mute(clock)
 
@@ -49,6 +57,10 @@ def test_a_stage_in_which_the_shaft_told_nothing_is_no_measurement():
             raise AssertionError(f"{stage.label} counts as measured: {recorded}")
 
     plan = static_plan(StaticStages("s", (0.215,), ((1.0, "loading"),), 0.4, SETTLE, 0.08), RIG)
-    with pytest.raises(Tripped, match=r"no report of the shaft's angle in the 0\.08 s of hold 1") as found:
-        run_plan(plan, Bench(motor, Sensor(clock), motor, clock, is_real=False), Muting(), lambda _: None)
+    with pytest.raises(
+        Tripped, match=r"no report of the shaft's angle in the 0\.08 s of hold 1"
+    ) as found:
+        run_plan(
+            plan, Bench(motor, Sensor(clock), motor, clock, is_real=False), Muting(), lambda _: None
+        )
     assert found.value.code == Trip.READING_OLD

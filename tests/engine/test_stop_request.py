@@ -1,4 +1,6 @@
-"""What the operator wants: once the next safe point, twice now, from outside a gentle end. In every case the motor ends without torque."""
+"""What the operator wants: once the next safe point, twice now, from outside a gentle end. In
+every case the motor ends without torque.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -42,7 +44,9 @@ class WithAHandOnTheKey:
 
 
 def pressed(tmp_path, level, at_s=IN_THE_FIRST_STROKE_S, repeats=3):
-    """What became of a run of three strokes: its stages, frames on the bus after the key, and the recorder."""
+    """What became of a run of three strokes: its stages, frames on the bus after the key, and
+    the recorder.
+    """
     rig, stop_request, done = twin_rig(), StopRequest(), []
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         wiretap = tapped(bench)
@@ -55,7 +59,11 @@ def pressed(tmp_path, level, at_s=IN_THE_FIRST_STROKE_S, repeats=3):
         clock = WithAHandOnTheKey(bench.clock, at_s, press)
         with pytest.raises(Stopped, match="stopped by a test") as found:
             run_plan(
-                one_condition(rig, repeats), replace(bench, clock=clock), recorder, done.append, Supervision(stop_request=stop_request)
+                one_condition(rig, repeats),
+                replace(bench, clock=clock),
+                recorder,
+                done.append,
+                Supervision(stop_request=stop_request),
             )
         assert ends_without_torque(wiretap)
         motion = sum((frame.arbitration_id & 0x1F) in MOTION for frame in wiretap.sent[before[0] :])
@@ -112,7 +120,14 @@ def test_after_the_stop_no_command_leaves_any_more(tmp_path):
         loop = Loop(bench, one_condition(twin_rig()).limits)
         wiretap = tapped(bench)
         loop.end()
-        for command in (lambda: loop.step_to_angle(0.0, 0.0, 0.002), lambda: loop.step_at_speed(1.0, 0.002)):
+        for command in (
+            lambda: loop.step_to_angle(0.0, 0.0, 0.002),
+            lambda: loop.step_at_speed(1.0, 0.002),
+        ):
             with pytest.raises(DeviceError, match="nothing moves before it is begun again"):
                 command()
-        assert not [frame for frame in wiretap.sent if frame.arbitration_id & 0x1F in {*MOTION, OdriveCommand.CONTROLLER_MODE}]
+        assert not [
+            frame
+            for frame in wiretap.sent
+            if frame.arbitration_id & 0x1F in {*MOTION, OdriveCommand.CONTROLLER_MODE}
+        ]

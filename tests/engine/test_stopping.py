@@ -29,7 +29,9 @@ class Coasting:
         t_s = min(self._clock.now_s() - self._off_s, self._stands_s)
         angle = self._speed * (t_s - 0.5 * t_s**2 / self._stands_s)
         speed = self._speed * (1.0 - t_s / self._stands_s)
-        values = [self._clock.now_s(), self._clock.now_s(), angle, speed, 0.0] if self._tells else []
+        values = (
+            [self._clock.now_s(), self._clock.now_s(), angle, speed, 0.0] if self._tells else []
+        )
         return ShaftSamples(*(np.array(values[i : i + 1]) for i in range(5)))
 
 

@@ -41,7 +41,11 @@ def tapped(bench: Bench) -> Wiretap:
 def ends_without_torque(wiretap: Wiretap) -> bool:
     """The last word on the wire is: idle; nothing moves after it."""
     commands = [(message.arbitration_id & 0x1F, bytes(message.data)) for message in wiretap.sent]
-    idle = max(i for i, (command, data) in enumerate(commands) if command == OdriveCommand.AXIS_STATE and data[0] == AxisState.IDLE)
+    idle = max(
+        i
+        for i, (command, data) in enumerate(commands)
+        if command == OdriveCommand.AXIS_STATE and data[0] == AxisState.IDLE
+    )
     return not any(command in MOTION for command, _ in commands[idle:])
 
 
@@ -74,12 +78,16 @@ def test_moment_above_the_limit_trips(tmp_path):
 
 def test_a_shaft_that_runs_away_trips(tmp_path):
     rig = changed(twin_rig(), "limits", speed_rad_s=2.0)
-    stopped_by(tmp_path, rig, one_condition(rig), Tripped, r"shaft at -?2\.\d+ rad/s, limit 2 rad/s")
+    stopped_by(
+        tmp_path, rig, one_condition(rig), Tripped, r"shaft at -?2\.\d+ rad/s, limit 2 rad/s"
+    )
 
 
 def test_a_drive_too_weak_to_follow_trips(tmp_path):
     rig = twin_rig()
-    weak = rig.twin.model_copy(update={"drive": rig.twin.drive.model_copy(update={"torque_limit_Nm": 2.0})})
+    weak = rig.twin.model_copy(
+        update={"drive": rig.twin.drive.model_copy(update={"torque_limit_Nm": 2.0})}
+    )
     rig = rig.model_copy(update={"twin": weak})
     stopped_by(tmp_path, rig, one_condition(rig), Tripped, "deg from where it should be")
 
@@ -95,7 +103,13 @@ class QuietSensor:
         self._left -= 1
         if self._left > 0:
             return samples
-        return replace(samples, **{name: getattr(samples, name)[:0] for name in ("host_s", "device_s", "sequence", "status", "counts")})
+        return replace(
+            samples,
+            **{
+                name: getattr(samples, name)[:0]
+                for name in ("host_s", "device_s", "sequence", "status", "counts")
+            },
+        )
 
     def __getattr__(self, name):
         return getattr(self._sensor, name)
@@ -123,7 +137,12 @@ def test_strokes_before_a_trip_are_kept(tmp_path):
                 quiet._left = 50
 
         with pytest.raises(Tripped, match="silent"):
-            run_plan(one_condition(rig, 2), replace(bench, sensor=quiet), recorder, silence_after_the_first)
+            run_plan(
+                one_condition(rig, 2),
+                replace(bench, sensor=quiet),
+                recorder,
+                silence_after_the_first,
+            )
     assert [stroke.repeat for stroke in read_stages(tmp_path / "run").strokes] == [1]
 
 
@@ -135,17 +154,30 @@ class StatusSensor(QuietSensor):
     def read(self):
         samples = self._sensor.read()
         self._left -= 1
-        return samples if self._left > 0 else replace(samples, status=np.full_like(samples.status, self.word))
+        return (
+            samples
+            if self._left > 0
+            else replace(samples, status=np.full_like(samples.status, self.word))
+        )
 
 
-@pytest.mark.parametrize(("word", "match"), [(0x80020000, "saturated"), (0x90000000, "reports an error")])
+@pytest.mark.parametrize(
+    ("word", "match"), [(0x80020000, "saturated"), (0x90000000, "reports an error")]
+)
 def test_a_sensor_that_reports_trouble_trips(tmp_path, word, match):
     class Troubled(StatusSensor):
         pass
 
     Troubled.word = np.uint32(word)
     rig = twin_rig()
-    stopped_by(tmp_path, rig, one_condition(rig), Tripped, match, lambda b: replace(b, sensor=Troubled(b.sensor, 400)))
+    stopped_by(
+        tmp_path,
+        rig,
+        one_condition(rig),
+        Tripped,
+        match,
+        lambda b: replace(b, sensor=Troubled(b.sensor, 400)),
+    )
 
 
 def test_a_latched_monitor_condition_is_only_a_warning(tmp_path):
@@ -154,7 +186,9 @@ def test_a_latched_monitor_condition_is_only_a_warning(tmp_path):
 
     rig = twin_rig()
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
-        run_plan(one_condition(rig), replace(bench, sensor=Warned(bench.sensor, 400)), recorder, nothing)
+        run_plan(
+            one_condition(rig), replace(bench, sensor=Warned(bench.sensor, 400)), recorder, nothing
+        )
         assert len(recorder.strokes) == 1
 
 
@@ -201,7 +235,12 @@ def test_an_emergency_stop_at_the_drive_trips_with_its_meaning(tmp_path):
                 self.calls += 1
                 bench.motor.command_angle(angle_rad, speed_rad_s)
                 if self.calls == 300:
-                    bench.motor._bus.send(can.Message(arbitration_id=(rig.motor.node_id << 5) | OdriveCommand.ESTOP, is_extended_id=False))
+                    bench.motor._bus.send(
+                        can.Message(
+                            arbitration_id=(rig.motor.node_id << 5) | OdriveCommand.ESTOP,
+                            is_extended_id=False,
+                        )
+                    )
 
             def __getattr__(self, name):
                 return getattr(bench.motor, name)

@@ -36,7 +36,9 @@ ROOT = Path(__file__).parents[2]
 
 
 class Rig:
-    """A watch, and devices whose samples a test makes up; a tick is 10 ms of 1 kHz records with noise."""
+    """A watch, and devices whose samples a test makes up; a tick is 10 ms of 1 kHz records with
+    noise.
+    """
 
     def __init__(self) -> None:
         self.monitor = LimitMonitor(LIMITS, SCALE, 0.0)
@@ -45,7 +47,11 @@ class Rig:
         self.now_s = 0.0
 
     def force(self, force_N=0.0, torque_Nm=0.0, status=0, noise=5) -> ForceSamples:
-        counts = self.random.integers(-noise, noise + 1, (PER_TICK, 6)) if noise else np.zeros((PER_TICK, 6))
+        counts = (
+            self.random.integers(-noise, noise + 1, (PER_TICK, 6))
+            if noise
+            else np.zeros((PER_TICK, 6))
+        )
         counts = counts + np.array([0, 0, -1000 * force_N, 1000 * torque_Nm, 0, 0])
         device_s = (self.records + np.arange(PER_TICK)) / RATE_Hz
         self.records += PER_TICK
@@ -59,7 +65,9 @@ class Rig:
     def ticks(self, count, force=None, shaft=None, status=WELL, tracking=None):
         for _ in range(count):
             self.now_s += PER_TICK / RATE_Hz
-            self.monitor.reports(self.now_s, shaft or self.shaft(), force() if force else self.force())
+            self.monitor.reports(
+                self.now_s, shaft or self.shaft(), force() if force else self.force()
+            )
             self.monitor.motion(self.now_s, status, tracking or Tracking(0.0, 0.0, 0.0, 0.0))
 
 
@@ -89,7 +97,9 @@ def test_one_record_above_a_limit_trips(load, code):
     trips(code, rig.ticks, 1, lambda: rig.force(*load))
 
 
-@pytest.mark.parametrize(("load", "code"), [((125.0, 0.0), Trip.FORCE_LASTS), ((0.0, 12.5), Trip.MOMENT_LASTS)])
+@pytest.mark.parametrize(
+    ("load", "code"), [((125.0, 0.0), Trip.FORCE_LASTS), ((0.0, 12.5), Trip.MOMENT_LASTS)]
+)
 def test_an_impact_may_pass_what_is_expected_and_a_press_may_not(load, code):
     rig = Rig()
     rig.monitor.expect(Load(60.0, 6.0))
@@ -141,7 +151,9 @@ def test_lost_records_trip_only_where_nobody_saw_the_force_for_too_long():
     trips(Trip.SENSOR_BLIND, rig.ticks, 1)
 
 
-@pytest.mark.parametrize(("word", "code"), [(0x80020000, Trip.SENSOR_SATURATED), (0x90000000, Trip.SENSOR_ERROR)])
+@pytest.mark.parametrize(
+    ("word", "code"), [(0x80020000, Trip.SENSOR_SATURATED), (0x90000000, Trip.SENSOR_ERROR)]
+)
 def test_a_bad_status_word_trips(word, code):
     rig = Rig()
     rig.ticks(1, lambda: rig.force(status=0x80010000))  # a latched monitor condition is no danger
@@ -170,7 +182,9 @@ def test_a_drive_that_lives_but_tells_no_angle_trips():
     rig = Rig()
     rig.ticks(1)
     rig.ticks(9, shaft=nothing_of(rig.shaft()))
-    assert "last angle is 110 ms old" in trips(Trip.READING_OLD, rig.ticks, 2, shaft=nothing_of(rig.shaft()))
+    assert "last angle is 110 ms old" in trips(
+        Trip.READING_OLD, rig.ticks, 2, shaft=nothing_of(rig.shaft())
+    )
 
 
 def test_angles_that_come_regularly_but_late_trip():
@@ -190,7 +204,9 @@ def test_overspeed_following_and_jam():
     trips(Trip.JAM, rig.ticks, 2, tracking=Tracking(0.5, 0.0, 3.0, 0.29))
     trips(Trip.OVERSPEED, Rig().ticks, 1, tracking=Tracking(0.0, 0.0, 20.0, 20.1))
     Rig().ticks(1, tracking=Tracking(0.59, 0.0, 3.0, 3.0))
-    assert "35.0 deg" in trips(Trip.FOLLOWING, Rig().ticks, 1, tracking=Tracking(0.61, 0.0, 3.0, 3.0))
+    assert "35.0 deg" in trips(
+        Trip.FOLLOWING, Rig().ticks, 1, tracking=Tracking(0.61, 0.0, 3.0, 3.0)
+    )
 
 
 def test_an_angle_that_jumps_further_than_a_shaft_can_turn_trips():

@@ -1,4 +1,6 @@
-"""A shaft that was left in mid-stroke, its leg bent on the ground: what remains of the plan brings it home without harm."""
+"""A shaft that was left in mid-stroke, its leg bent on the ground: what remains of the plan
+brings it home without harm.
+"""
 
 from dataclasses import replace
 
@@ -22,7 +24,9 @@ class Standing:
 
 
 class Braked:
-    """A motor that does not let go when it is told to, so that the leg is still bent when the run goes on."""
+    """A motor that does not let go when it is told to, so that the leg is still bent when the
+    run goes on.
+    """
 
     def __init__(self, motor):
         self._motor = motor
@@ -41,19 +45,28 @@ class Braked:
 
 
 def home_from_mid_stroke(folder, forwards):
-    """The first two stages of what remains, with the shaft bent to 135 degrees; the largest force of each tick from then on."""
+    """The first two stages of what remains, with the shaft bent to 135 degrees; the largest
+    force of each tick from then on.
+    """
     plan = one_condition(twin_rig(), repeats=2)
     rack, home = make_remaining_plan(plan, PlanProgress(strokes=1)).stages[:2]
     assert home.forwards
     there = (SetHeight(HEIGHT_M), replace(home, forwards=False), MoveShaft(np.radians(135.0), 0.4))
     with recorder_on(twin_rig(), folder) as (bench, recorder, _):
         run_plan(replace(plan, stages=there[:1]), bench, recorder, nothing)
-        stuck, read, force_N = replace(bench, rack=Standing(), motor=Braked(bench.motor)), bench.sensor.read, []
+        stuck, read, force_N = (
+            replace(bench, rack=Standing(), motor=Braked(bench.motor)),
+            bench.sensor.read,
+            [],
+        )
 
         def felt():
             samples = read()
             if len(samples.counts):
-                force_N.append(np.linalg.norm(samples.counts[:, :3], axis=1).max() / bench.sensor.scale().counts_per_N)
+                force_N.append(
+                    np.linalg.norm(samples.counts[:, :3], axis=1).max()
+                    / bench.sensor.scale().counts_per_N
+                )
             return samples
 
         def from_now_on(stage):
@@ -61,8 +74,15 @@ def home_from_mid_stroke(folder, forwards):
                 force_N.clear()
 
         bench.sensor.read = felt
-        run_plan(replace(plan, stages=(*there, rack, replace(home, forwards=forwards))), stuck, recorder, from_now_on)
-        assert stuck.motor.angle_rad == pytest.approx(home.angle_rad + 2.0 * np.pi * forwards, abs=0.05)
+        run_plan(
+            replace(plan, stages=(*there, rack, replace(home, forwards=forwards))),
+            stuck,
+            recorder,
+            from_now_on,
+        )
+        assert stuck.motor.angle_rad == pytest.approx(
+            home.angle_rad + 2.0 * np.pi * forwards, abs=0.05
+        )
         bench.motor.disable()
     return force_N
 

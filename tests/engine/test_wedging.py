@@ -22,7 +22,8 @@ def pushed_back(to_deg: float):
 def test_the_check_refuses_it_with_stage_force_and_limit():
     plan = pushed_back(60.0)
     said = (
-        r"hold 2 at 60.0 deg, 235 mm, unloading: the model expects 3\d\d N and .* limits are 300 N and 25 N m; .*turn the shaft back less"
+        r"hold 2 at 60.0 deg, 235 mm, unloading: the model expects 3\d\d N and .* limits are "
+        r"300 N and 25 N m; .*turn the shaft back less"
     )
     with pytest.raises(BadInput, match=said):
         check_plan(plan, predict_loads(plan, twin_rig().model()))

@@ -1,4 +1,6 @@
-"""Simple diagnoses, importable by name so that processes can be handed them, and an exam to be stopped from outside."""
+"""Simple diagnoses, importable by name so that processes can be handed them, and an exam to be
+stopped from outside.
+"""
 
 import json
 import os

@@ -1,4 +1,6 @@
-"""Effects that are taken out of the catalogue: which cases are asked again, and what counts as what."""
+"""Effects that are taken out of the catalogue: which cases are asked again, and what counts as
+what.
+"""
 
 import json
 from functools import partial
@@ -22,8 +24,13 @@ def saying(verdict: str, *effects: tuple[str, float]):
     def diagnose(without: str, campaign: Path, into: Path) -> None:
         asked.append((campaign.name, without))
         into.mkdir(parents=True, exist_ok=True)
-        listed = [{"id": name, "probability": probability, "parameters": {}} for name, probability in effects]
-        (into / "diagnosis.json").write_text(json.dumps({"format": "rfca-diagnosis/1", "verdict": verdict, "effects": listed}))
+        listed = [
+            {"id": name, "probability": probability, "parameters": {}}
+            for name, probability in effects
+        ]
+        (into / "diagnosis.json").write_text(
+            json.dumps({"format": "rfca-diagnosis/1", "verdict": verdict, "effects": listed})
+        )
 
     return diagnose, asked
 
@@ -33,7 +40,11 @@ def exam(tmp_path_factory):
     """Four cases of one effect each, and what is in those of them that show it."""
     folder = tmp_path_factory.mktemp("taken") / "exam"
     examine(folder, 3, {cases.SINGLE: 4}, partial(saying("nothing missing")[0], ""))
-    visible = {t["case"]: next(iter(t["effects"])) for t in open_all(folder) if t["size"]["left_over_noise"] >= DETECTABLE}
+    visible = {
+        t["case"]: next(iter(t["effects"]))
+        for t in open_all(folder)
+        if t["size"]["left_over_noise"] >= DETECTABLE
+    }
     assert 2 <= len(visible) < 4
     return folder, visible
 
@@ -53,7 +64,11 @@ def test_those_that_show_are_asked_again_each_without_its_own_effect(exam):
     assert dict(asked) == visible
     found = read_ablation(folder)
     assert found is not None
-    assert (found.confident_wrong.hits, found.unexplained.hits, found.silent.hits) == (0, len(visible), 0)
+    assert (found.confident_wrong.hits, found.unexplained.hits, found.silent.hits) == (
+        0,
+        len(visible),
+        0,
+    )
     assert found.confident_wrong.of == len(visible) and found.named == ()
     again, asked = saying("unexplained")
     run_ablation(folder, again, InProcessExecutor())
@@ -69,7 +84,9 @@ def test_any_sure_name_is_wrong(exam, probability, wrong):
     assert found is not None
     assert found.confident_wrong.value == wrong
     assert {each.case: each.effect for each in found.named} == visible
-    assert all(each.named == ("gravity_tilt",) and each.probability == probability for each in found.named)
+    assert all(
+        each.named == ("gravity_tilt",) and each.probability == probability for each in found.named
+    )
 
 
 @pytest.mark.slow
@@ -89,7 +106,9 @@ def test_one_that_cannot_be_diagnosed_is_told_and_tried_again(exam):
     def crashing(without: str, campaign: Path, into: Path) -> None:
         raise ZeroDivisionError(f"{campaign} {into} {without}")
 
-    with pytest.raises(RigError, match=r"entries taken out: all but .* as case-000. not with ZeroDivisionError"):
+    with pytest.raises(
+        RigError, match=r"entries taken out: all but .* as case-000. not with ZeroDivisionError"
+    ):
         run_ablation(folder, crashing, InProcessExecutor())
     diagnose, asked = saying("unexplained")
     run_ablation(folder, diagnose, InProcessExecutor())

@@ -18,12 +18,21 @@ VALUES = {feature.name: 0.5 * (feature.low + feature.high) for feature in FEATUR
 
 
 def labelled(slope, n=400):
-    """Statements whose truth depends on the first feature alone, with this slope of the logit per unit of its range."""
+    """Statements whose truth depends on the first feature alone, with this slope of the logit
+    per unit of its range.
+    """
     random = np.random.default_rng(5)
-    low, high = (np.array([getattr(feature, end) for feature in FEATURES]) for end in ("low", "high"))
+    low, high = (
+        np.array([getattr(feature, end) for feature in FEATURES]) for end in ("low", "high")
+    )
     share = random.uniform(size=(n, len(FEATURES)))
     true = random.uniform(size=n) < 1.0 / (1.0 + np.exp(-slope * (share[:, 0] - 0.5)))
-    return Labelled(low + share * (high - low), true, np.array([f"case-{i // 2}" for i in range(n)]), np.full(n, "leg"))
+    return Labelled(
+        low + share * (high - low),
+        true,
+        np.array([f"case-{i // 2}" for i in range(n)]),
+        np.full(n, "leg"),
+    )
 
 
 def test_the_weight_of_what_matters_is_found_and_no_weight_has_the_wrong_sign():
@@ -31,7 +40,9 @@ def test_the_weight_of_what_matters_is_found_and_no_weight_has_the_wrong_sign():
     assert FEATURES[0].sign == 1
     span = FEATURES[0].high - FEATURES[0].low
     assert 5.0 < weights[0] * span < 9.0
-    assert all(weight * feature.sign >= 0.0 for weight, feature in zip(weights, FEATURES, strict=True))
+    assert all(
+        weight * feature.sign >= 0.0 for weight, feature in zip(weights, FEATURES, strict=True)
+    )
     _, against = fit_weights(labelled(-8.0))
     assert against[0] == 0.0  # what would speak the wrong way is left out
 
@@ -46,7 +57,9 @@ def folder_with(tmp_path, *supports):
     folder = tmp_path / "benchmark"
     names = [f"case-{number:04d}" for number in range(1, 1 + len(supports))]
     begin(folder, ExamPlan(1, {"one effect": len(supports)}))
-    seal_all([truth(name, effects={"hinge_backlash": {"half_gap_deg": 1.0}}) for name in names], folder)
+    seal_all(
+        [truth(name, effects={"hinge_backlash": {"half_gap_deg": 1.0}}) for name in names], folder
+    )
     for name, support in zip(names, supports, strict=True):
         answer = folder / DIAGNOSES / name
         answer.mkdir(parents=True)
@@ -65,7 +78,9 @@ def statements_file(path, rig, labels):
         for number, true in enumerate(labels)
         for kind in ("effect", "family")
     ]
-    path.write_text(json.dumps({"format": "rfca-statements/1", "words": "made up", "statements": statements}))
+    path.write_text(
+        json.dumps({"format": "rfca-statements/1", "words": "made up", "statements": statements})
+    )
     return path
 
 
@@ -73,7 +88,12 @@ BOTH = support_of(("effect", "hinge_backlash"), ("family", "hinge_stiffness"))
 
 
 def test_statements_are_read_from_a_benchmark_and_labelled_by_its_truths(tmp_path):
-    ids = [("effect", "hinge_backlash"), ("effect", "tip_mass"), ("family", "hinge_stiffness"), ("family", "leg_mass")]
+    ids = [
+        ("effect", "hinge_backlash"),
+        ("effect", "tip_mass"),
+        ("family", "hinge_stiffness"),
+        ("family", "leg_mass"),
+    ]
     _, statements = read_statements(folder_with(tmp_path, support_of(*ids)))
     effects, families = (label(statements, kind) for kind in ("effect", "family"))
     assert effects.true.tolist() == [True, False] and families.true.tolist() == [True, False]
@@ -92,7 +112,8 @@ def test_a_fit_that_nothing_could_judge_is_refused(tmp_path):
 
 
 def test_a_fit_to_one_half_of_each_source_is_judged_on_the_other_half_by_rig(tmp_path):
-    # The fitted half is true and the other half false, with the same values: the fit cannot have seen it.
+    # The fitted half is true and the other half false, with the same values: the fit cannot have
+    # seen it.
     arms = statements_file(tmp_path / "arms.json", "arm", [True, False] * 10)
     hoppers = statements_file(tmp_path / "hoppers.json", "hopper", [True, False] * 10)
     found = calibrate([arms, hoppers])
@@ -105,7 +126,16 @@ def test_a_fit_to_one_half_of_each_source_is_judged_on_the_other_half_by_rig(tmp
         assert judged["arm"]["wrong_of_these"] == 10 and judged["arm"]["calibration_error"] > 0.9
 
 
-@pytest.mark.parametrize("content", ["{}", "[1]", '{"format": "rfca-statements/2"}', '{"format": "rfca-statements/1", "words": ""}', "no"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "{}",
+        "[1]",
+        '{"format": "rfca-statements/2"}',
+        '{"format": "rfca-statements/1", "words": ""}',
+        "no",
+    ],
+)
 def test_a_file_that_holds_no_statements_is_named(tmp_path, content):
     path = tmp_path / "arms.json"
     path.write_text(content)
@@ -115,18 +145,26 @@ def test_a_file_that_holds_no_statements_is_named(tmp_path, content):
 
 def test_the_command_writes_what_the_package_reads(tmp_path, monkeypatch, capsys):
     out = tmp_path / "calibration.json"
-    monkeypatch.setattr("sys.argv", ["calibrate", str(folder_with(tmp_path, BOTH, BOTH)), "--out", str(out)])
+    monkeypatch.setattr(
+        "sys.argv", ["calibrate", str(folder_with(tmp_path, BOTH, BOTH)), "--out", str(out)]
+    )
     assert main() == 0 and "calibration_error" in capsys.readouterr().out
     content = json.loads(out.read_text())
     assert set(content["effect"]["weights"]) == {feature.name for feature in FEATURES}
-    assert content["benchmarks"] == ["seed 1, 2 cases of the kind 'one effect', 2 of them diagnosed"]
+    assert content["benchmarks"] == [
+        "seed 1, 2 cases of the kind 'one effect', 2 of them diagnosed"
+    ]
 
 
 def test_the_shipped_calibration_prefers_laws_that_hold():
     for kind in ("effect", "family"):
         found = calibration_of(kind)
-        better = np.array([feature.high if feature.sign > 0 else feature.low for feature in FEATURES])
-        worse = np.array([feature.low if feature.sign > 0 else feature.high for feature in FEATURES])
+        better = np.array(
+            [feature.high if feature.sign > 0 else feature.low for feature in FEATURES]
+        )
+        worse = np.array(
+            [feature.low if feature.sign > 0 else feature.high for feature in FEATURES]
+        )
         assert found.intercept + found.weights @ better > 3.0
         assert found.intercept + found.weights @ worse < -3.0
 

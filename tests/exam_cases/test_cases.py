@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, SIZE_RANGES, UNKNOWN_FAULT_RANGES, draw_cases, split_numbers
+from rfca_rig.exam.cases import (
+    DEFAULT_NUMBERS,
+    KINDS,
+    NEVER_TOGETHER,
+    SIZE_RANGES,
+    UNKNOWN_FAULT_RANGES,
+    draw_cases,
+    split_numbers,
+)
 from rfca_rig.exam.hidden_laws import MISLABELLED, NAMES
 from rfca_rig.exam.sampled_rig import EFFECTS, ExamScatter, build_world, with_effect
 from rfca_rig.exam.truth import measure_visibility
@@ -17,7 +25,14 @@ from rfca_rig.model.catalogue import catalogue
 def test_the_exam_is_large_enough():
     drawn = Counter(case.kind for case in draw_cases(1))
     assert sum(drawn.values()) >= 400
-    for kind in (cases.NOTHING, cases.MODEL_ERROR, cases.SINGLE, cases.PAIR, cases.STRANGER, cases.WRONG_LAW):
+    for kind in (
+        cases.NOTHING,
+        cases.MODEL_ERROR,
+        cases.SINGLE,
+        cases.PAIR,
+        cases.STRANGER,
+        cases.WRONG_LAW,
+    ):
         assert drawn[kind] >= 60
 
 
@@ -32,7 +47,11 @@ def test_a_case_does_not_depend_on_how_many_there_are():
 
 
 def test_every_effect_at_every_level():
-    drawn = Counter((next(iter(case.effects)), int(5 * case.strength)) for case in draw_cases(1) if case.kind == cases.SINGLE)
+    drawn = Counter(
+        (next(iter(case.effects)), int(5 * case.strength))
+        for case in draw_cases(1)
+        if case.kind == cases.SINGLE
+    )
     assert len(drawn) == 5 * len(EFFECTS) and set(drawn.values()) == {1}
 
 
@@ -64,7 +83,9 @@ def test_effects_and_parameters_are_those_of_the_catalogue():
         for name, span in spans.items():
             for size in (span.faint, span.strong):
                 values = {span.around + size, span.around - size} if span.either_sign else {size}
-                assert all(parameters[name].low <= value <= parameters[name].high for value in values), (effect, name)
+                assert all(
+                    parameters[name].low <= value <= parameters[name].high for value in values
+                ), (effect, name)
 
 
 def test_strangers_are_in_no_catalogue_and_all_have_sizes():
@@ -75,7 +96,9 @@ def test_strangers_are_in_no_catalogue_and_all_have_sizes():
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_every_stranger_shows(name):
-    case = next(case for case in draw_cases(5, {cases.STRANGER: len(NAMES)}) if name in case.strangers)
+    case = next(
+        case for case in draw_cases(5, {cases.STRANGER: len(NAMES)}) if name in case.strangers
+    )
     assert measure_visibility(case).shift > 0.5
 
 
@@ -86,7 +109,11 @@ def test_every_wrong_label_changes_what_is_written_or_what_is(said):
     case = draw_cases(1, {cases.NOTHING: 1})[0]
     world = build_world(case, 0.215, ExamScatter(), 1)
     columns = {"fy_N": np.array([1.0]), "fz_N": np.array([2.0]), "tx_Nm": np.array([3.0])}
-    changed = true_world(world, said) != world, columns_as_written(columns, said) != columns, speed_as_written(2.0, (2.0, 3.0), said) != 2.0
+    changed = (
+        true_world(world, said) != world,
+        columns_as_written(columns, said) != columns,
+        speed_as_written(2.0, (2.0, 3.0), said) != 2.0,
+    )
     assert sum(changed) == 1
 
 
@@ -97,7 +124,9 @@ def test_strength_is_what_shifts_the_forces():
         case = next(
             case
             for case in draw_cases(1)
-            if case.kind == cases.SINGLE and "hinge_backlash" in case.effects and int(5 * case.strength) == level
+            if case.kind == cases.SINGLE
+            and "hinge_backlash" in case.effects
+            and int(5 * case.strength) == level
         )
         sizes.append(measure_visibility(case).shift)
     assert sizes == sorted(sizes)
@@ -107,7 +136,9 @@ def test_strength_is_what_shifts_the_forces():
 def test_what_believed_values_can_imitate_is_hardly_left():
     """A little more damping is within what damping is known to; play is not."""
     case = replace(draw_cases(1, {cases.SINGLE: 1})[0], design=cases.ONE_STROKE)
-    soft = measure_visibility(replace(case, effects={"hinge_viscous_damping": {"coefficient_Nm_s_per_rad": 0.03}}))
+    soft = measure_visibility(
+        replace(case, effects={"hinge_viscous_damping": {"coefficient_Nm_s_per_rad": 0.03}})
+    )
     play = measure_visibility(replace(case, effects={"hinge_backlash": {"half_gap_deg": 0.8}}))
     assert soft.left < 0.2 * soft.shift and play.left > 4.0
     assert soft.above < soft.left and 1.0 < play.above < play.left
@@ -121,4 +152,8 @@ def test_an_unknown_effect_is_refused():
     from rfca_rig.errors import BadInput
 
     with pytest.raises(BadInput, match="nonsense"):
-        with_effect(build_world(draw_cases(1, {cases.NOTHING: 1})[0], 0.215, ExamScatter(), 1), "nonsense", {})
+        with_effect(
+            build_world(draw_cases(1, {cases.NOTHING: 1})[0], 0.215, ExamScatter(), 1),
+            "nonsense",
+            {},
+        )

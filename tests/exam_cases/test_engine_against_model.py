@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.phases import Valley, find_valley
-from rfca_rig.exam.nominal_world import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, nominal_world
+from rfca_rig.exam.nominal_world import (
+    BELOW_SHAFT_M,
+    LENGTHS_M,
+    MASSES_KG,
+    RAMP_S,
+    START_RAD,
+    nominal_world,
+)
 from rfca_rig.exam.sampled_rig import EFFECTS, with_effect
 from rfca_rig.exam.simulator.experiment import (
     HOLD_S,
@@ -19,7 +26,15 @@ from rfca_rig.exam.simulator.experiment import (
     simulate,
     stroke_traces,
 )
-from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
+from rfca_rig.model.parameters import (
+    Drive,
+    Ground,
+    Leg,
+    PresentEffect,
+    RigModel,
+    SensorMount,
+    Swing,
+)
 from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, make_stage_motion
 from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed
 
@@ -66,21 +81,32 @@ VALUES = {
     "motor_cogging": {"torque_Nm": 0.5, "cycles_per_turn": 14.0},
     "stiffness_fading": {"loss_per_decade_relative": 0.1},
     "ground_bump": {"height_mm": 3.0, "at_mm": 80.0, "width_mm": 15.0},
-    "sensor_crosstalk_matrix": {"fz_per_fy": 0.05, "fy_per_fz": -0.04, "tx_per_fy_mm": 2.0, "tx_per_fz_mm": -3.0},
+    "sensor_crosstalk_matrix": {
+        "fz_per_fy": 0.05,
+        "fy_per_fz": -0.04,
+        "tx_per_fy_mm": 2.0,
+        "tx_per_fz_mm": -3.0,
+    },
 }
 
 
 def rig(effect: str | None) -> RigModel:
     effects = (PresentEffect(effect, tuple(VALUES[effect].items())),) if effect else ()
     leg = Leg(LENGTHS_M, MASSES_KG, 0.003, 11.0, 4.2, 0.05, START_RAD)
-    return RigModel(leg, Ground(1e5, 1.0, 0.45, 1e-4, 2.0), SensorMount(BELOW_SHAFT_M), Drive(RAMP_S), effects)
+    return RigModel(
+        leg, Ground(1e5, 1.0, 0.45, 1e-4, 2.0), SensorMount(BELOW_SHAFT_M), Drive(RAMP_S), effects
+    )
 
 
 def both(effect: str | None):
     world = replace(nominal_world(HEIGHT_M), strokes_before=STROKES_BEFORE)
-    traces = stroke_traces(with_effect(world, effect, VALUES[effect]) if effect else world, SPEED_RAD_S)
+    traces = stroke_traces(
+        with_effect(world, effect, VALUES[effect]) if effect else world, SPEED_RAD_S
+    )
     fy, fz, tx = sense(with_effect(world, effect, VALUES[effect]) if effect else world, traces)
-    model = simulate_stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s, strokes_before=(STROKES_BEFORE,))
+    model = simulate_stroke_at_speed(
+        rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s, strokes_before=(STROKES_BEFORE,)
+    )
     return traces.t_s, (fy, fz, tx), (model.fy_N, model.fz_N, model.tx_Nm)
 
 
@@ -97,7 +123,9 @@ def test_valley_and_forces_agree(effect):
         assert not isinstance(mine, Valley) and not isinstance(theirs, Valley)
         mine = theirs = find_valley(t, both(None)[1][1])
     assert isinstance(mine, Valley) and isinstance(theirs, Valley)
-    stuck = effect == "hinge_coulomb_friction"  # how a pin comes to slip is each one's own; the valley is flat there
+    stuck = (
+        effect == "hinge_coulomb_friction"
+    )  # how a pin comes to slip is each one's own; the valley is flat there
     assert mine.fz_N == pytest.approx(theirs.fz_N, rel=1e-3 if stuck else 2e-4)
     assert mine.time_s == pytest.approx(theirs.time_s, abs=1.5e-3 if stuck else 1e-4)
     pressed = (t > 0.5) & (t < theirs.time_s)
@@ -107,8 +135,16 @@ def test_valley_and_forces_agree(effect):
 
 @pytest.mark.slow
 def test_a_frame_that_sways_under_a_sensor_that_carries_a_part_of_it_agrees(monkeypatch):
-    """A motor of 0.8 kg above the sensor, on a frame of 20 Hz: its inertia is a part of what the sensor feels."""
-    swaying = {"frequency_Hz": 20.0, "moving_mass_kg": 2.0, "damping_ratio": 0.05, "lean_deg": 60.0, "mass_on_sensor_share": 0.4}
+    """A motor of 0.8 kg above the sensor, on a frame of 20 Hz: its inertia is a part of what the
+    sensor feels.
+    """
+    swaying = {
+        "frequency_Hz": 20.0,
+        "moving_mass_kg": 2.0,
+        "damping_ratio": 0.05,
+        "lean_deg": 60.0,
+        "mass_on_sensor_share": 0.4,
+    }
     monkeypatch.setitem(VALUES, "frame_compliance", VALUES["frame_compliance"] | {"lean_deg": 60.0})
     _, without, _ = both("frame_compliance")
     monkeypatch.setitem(VALUES, "frame_compliance", swaying)
@@ -120,27 +156,57 @@ def test_a_frame_that_sways_under_a_sensor_that_carries_a_part_of_it_agrees(monk
 
 
 def test_static_stages_agree():
-    from rfca_rig.exam.simulator.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, UNLOADING_RAD, static_table
+    from rfca_rig.exam.simulator.experiment import (
+        HOLD_S,
+        LOADING_RAD,
+        MOVE_RAD_S,
+        UNLOADING_RAD,
+        static_table,
+    )
     from rfca_rig.model.static_stages import StageMoves, simulate_static_stages
 
     mine = static_table(nominal_world(HEIGHT_M), 215.0, 0.0075, np.random.default_rng(1))
-    theirs = simulate_static_stages(rig(None), HEIGHT_M, (*LOADING_RAD, *UNLOADING_RAD), StageMoves(MOVE_RAD_S, 0.0075, HOLD_S))
-    off = np.array([(a.fy_N - b.fy_N, a.fz_N - b.fz_N, 10.0 * (a.tx_Nm - b.tx_Nm)) for a, b in zip(mine, theirs, strict=True)])
-    hinges = np.array([np.array(a.hinge_deg) - np.degrees(b.hinge_angles_rad) for a, b in zip(mine, theirs, strict=True)])
+    theirs = simulate_static_stages(
+        rig(None), HEIGHT_M, (*LOADING_RAD, *UNLOADING_RAD), StageMoves(MOVE_RAD_S, 0.0075, HOLD_S)
+    )
+    off = np.array(
+        [
+            (a.fy_N - b.fy_N, a.fz_N - b.fz_N, 10.0 * (a.tx_Nm - b.tx_Nm))
+            for a, b in zip(mine, theirs, strict=True)
+        ]
+    )
+    hinges = np.array(
+        [
+            np.array(a.hinge_deg) - np.degrees(b.hinge_angles_rad)
+            for a, b in zip(mine, theirs, strict=True)
+        ]
+    )
     assert np.abs(off).max() < 0.25  # what the tip is thrown back by depends on how it sticks
     assert np.abs(hinges).max() < 0.5
 
 
 def test_an_arm_relaxes_alike_from_stage_to_stage(monkeypatch):
-    """On a floor without friction, which would hold the tip as it was thrown back; both legs are released straight."""
-    monkeypatch.setitem(VALUES, "spring_relaxation", {"strength_relative": 0.3, "time_constant_s": 2.0})
+    """On a floor without friction, which would hold the tip as it was thrown back; both legs are
+    released straight.
+    """
+    monkeypatch.setitem(
+        VALUES, "spring_relaxation", {"strength_relative": 0.3, "time_constant_s": 2.0}
+    )
     smooth = nominal_world(HEIGHT_M)
     smooth = replace(smooth, floor=replace(smooth.floor, mu=0.0))
     knots, read_s = plan_stages(START_RAD, LOADING_RAD, 0.0075)
     creeping = with_effect(smooth, "spring_relaxation", VALUES["spring_relaxation"])
-    mine, without = (sense(world, simulate(world, knots, read_s, step_s=STEP_S)) for world in (creeping, smooth))
-    let_go = replace(rig("spring_relaxation"), ground=Ground(1e5, 1.0, 0.0, 1e-4, 2.0), swing=Swing(-RELEASED_S, 1.0, 0.0))
-    motion, _ = make_stage_motion(START_RAD, LOADING_RAD, StageMoves(MOVE_RAD_S, 0.0075, HOLD_S - STILL_AFTER_S))
+    mine, without = (
+        sense(world, simulate(world, knots, read_s, step_s=STEP_S)) for world in (creeping, smooth)
+    )
+    let_go = replace(
+        rig("spring_relaxation"),
+        ground=Ground(1e5, 1.0, 0.0, 1e-4, 2.0),
+        swing=Swing(-RELEASED_S, 1.0, 0.0),
+    )
+    motion, _ = make_stage_motion(
+        START_RAD, LOADING_RAD, StageMoves(MOVE_RAD_S, 0.0075, HOLD_S - STILL_AFTER_S)
+    )
     theirs = simulate_stroke(let_go, HEIGHT_M, motion, read_s)
     assert np.abs(mine[1] - without[1]).max() > 2.0
     assert mine[1] == pytest.approx(theirs.fz_N, abs=5e-3)

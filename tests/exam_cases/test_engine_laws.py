@@ -71,13 +71,17 @@ def test_a_bump_has_its_own_slope():
     floor = _floor(nominal_world(0.215))
     floor[BUMP], floor[BUMP_AT], floor[BUMP_WIDTH] = 2e-3, 0.1, 0.02
     rise, slope = elevation(floor, 0.11)
-    assert slope == pytest.approx((elevation(floor, 0.11 + 1e-6)[0] - elevation(floor, 0.11 - 1e-6)[0]) / 2e-6, rel=1e-6)
+    assert slope == pytest.approx(
+        (elevation(floor, 0.11 + 1e-6)[0] - elevation(floor, 0.11 - 1e-6)[0]) / 2e-6, rel=1e-6
+    )
     assert rise == pytest.approx(2e-3 * np.exp(-0.25))
 
 
 def test_command_ramps_and_ripples():
     knots = np.array([[0.0, 0.05, 2.0], [0.0, 2.0, 2.0]])
-    assert [command_speed(knots, t) for t in (-0.1, 0.0, 0.025, 0.05, 1.0, 2.1)] == pytest.approx([0.0, 0.0, 1.0, 2.0, 2.0, 0.0])
+    assert [command_speed(knots, t) for t in (-0.1, 0.0, 0.025, 0.05, 1.0, 2.1)] == pytest.approx(
+        [0.0, 0.0, 1.0, 2.0, 2.0, 0.0]
+    )
     drive = np.zeros(16)
     drive[START], drive[RIPPLE], drive[CYCLES] = 0.2, 0.1, 4.0
     assert add_ripple(drive, 0.2 + np.pi / 4.0, 2.0) == pytest.approx(1.8)

@@ -23,7 +23,9 @@ def says(verdict: str):
     def diagnose(campaign: Path, into: Path) -> None:
         assert (campaign / "campaign.toml").is_file()
         into.mkdir()
-        (into / "diagnosis.json").write_text(json.dumps({"format": "rfca-diagnosis/1", "verdict": verdict, "effects": []}))
+        (into / "diagnosis.json").write_text(
+            json.dumps({"format": "rfca-diagnosis/1", "verdict": verdict, "effects": []})
+        )
 
     return diagnose
 
@@ -65,7 +67,9 @@ def test_one_who_wants_more_data_is_right_about_poor_data(exam):
 
 def test_one_who_sees_nothing_misses_what_is_there(exam):
     shutil.rmtree(exam / "diagnoses")
-    assert examine(exam, 1, NUMBERS, says("nothing missing")).outcomes == {cases.POOR_DATA: {"right": 1, "silent": 1}}
+    assert examine(exam, 1, NUMBERS, says("nothing missing")).outcomes == {
+        cases.POOR_DATA: {"right": 1, "silent": 1}
+    }
 
 
 def test_a_refusal_is_an_answer(exam):
@@ -77,10 +81,15 @@ def test_a_refusal_is_an_answer(exam):
 
 def test_a_crash_is_no_answer_but_the_others_are_asked(exam):
     shutil.rmtree(exam / "diagnoses")
-    with pytest.raises(RigError, match=r"1 of 2 diagnoses crashed, as case-0001 with ZeroDivisionError; nothing is marked"):
+    with pytest.raises(
+        RigError,
+        match=r"1 of 2 diagnoses crashed, as case-0001 with ZeroDivisionError; nothing is marked",
+    ):
         examine(exam, 1, NUMBERS, crashes_once)
     assert "crashes_once" in (exam / "crashed" / "case-0001.txt").read_text()
-    assert [folder.name for folder in (exam / "diagnoses").iterdir() if folder.name.startswith("case")] == ["case-0002"]
+    assert [
+        folder.name for folder in (exam / "diagnoses").iterdir() if folder.name.startswith("case")
+    ] == ["case-0002"]
     examine(exam, 1, NUMBERS, wants_more_data)
     assert not list((exam / "crashed").iterdir())
 
@@ -112,8 +121,14 @@ def test_what_was_half_done_is_done_again_and_the_rest_stays(exam):
     assert (lost[0] / "campaign.toml").read_text() == content
     after = files(exam)
     assert set(after) == set(before)
-    assert {path.parts[-2] for path in after if after[path] != before[path]} == {"case-0002", "runs"}
-    assert [said for said in told if said[0] == "campaigns diagnosed"] == [("campaigns diagnosed", 1, 2), ("campaigns diagnosed", 2, 2)]
+    assert {path.parts[-2] for path in after if after[path] != before[path]} == {
+        "case-0002",
+        "runs",
+    }
+    assert [said for said in told if said[0] == "campaigns diagnosed"] == [
+        ("campaigns diagnosed", 1, 2),
+        ("campaigns diagnosed", 2, 2),
+    ]
 
 
 @pytest.mark.slow
@@ -131,7 +146,11 @@ def test_a_sealing_that_was_interrupted_is_completed_against_its_hashes(exam):
 @pytest.mark.parametrize(
     ("seed", "numbers", "words"),
     [
-        (2, NUMBERS, "holds an exam with seed 1, 2 cases of the kind 'poor data', not seed 2, 2 cases"),
+        (
+            2,
+            NUMBERS,
+            "holds an exam with seed 1, 2 cases of the kind 'poor data', not seed 2, 2 cases",
+        ),
         (1, {cases.POOR_DATA: 3}, "not seed 1, 3 cases of the kind 'poor data'"),
         (1, {cases.SINGLE: 2}, "not seed 1, 2 cases of the kind 'one effect'"),
     ],
@@ -144,7 +163,11 @@ def test_another_exam_in_the_same_folder_is_refused(exam, seed, numbers, words):
 
 
 def test_a_plan_that_cannot_be_read_is_refused(exam):
-    for broken in ("{", '{"format": "rfca-exam-plan/2"}', '{"format": "rfca-exam-plan/1", "seed": 1}'):
+    for broken in (
+        "{",
+        '{"format": "rfca-exam-plan/2"}',
+        '{"format": "rfca-exam-plan/1", "seed": 1}',
+    ):
         (exam / FILE).write_text(broken)
         with pytest.raises(BadInput, match=r"plan\.json"):
             examine(exam, 1, NUMBERS, must_not_be_asked)
@@ -185,6 +208,8 @@ def test_workers_have_one_thread_each(exam):
     before = os.environ.get("OPENBLAS_NUM_THREADS")
     with process_executor(2) as processes:
         examine(exam, 1, NUMBERS, tells_its_process, processes)
-    for told in (json.loads(path.read_text()) for path in (exam / "diagnoses").glob("*/process.json")):
+    for told in (
+        json.loads(path.read_text()) for path in (exam / "diagnoses").glob("*/process.json")
+    ):
         assert told == {"threads": 1, "openblas": "1"}
     assert os.environ.get("OPENBLAS_NUM_THREADS") == before

@@ -1,4 +1,6 @@
-"""Follow-ups of open cases, by diagnoses that name the truth once they have seen enough conditions."""
+"""Follow-ups of open cases, by diagnoses that name the truth once they have seen enough
+conditions.
+"""
 
 import json
 import tomllib
@@ -17,7 +19,10 @@ from rfca_rig.executors.mapping import InProcessExecutor
 STROKE = {"height_mm": 230.0, "speed_rad_s": 2.0, "repeats": 2, "protocol": "next-experiment.toml"}
 REVERSAL = {
     "height_mm": 210.0,
-    "stages": [{"angle_deg": 110.0, "direction": "loading"}, {"angle_deg": 110.0, "direction": "loading"}],
+    "stages": [
+        {"angle_deg": 110.0, "direction": "loading"},
+        {"angle_deg": 110.0, "direction": "loading"},
+    ],
     "protocol": "next-experiment.toml",
 }
 
@@ -28,16 +33,25 @@ def conditions_of(campaign: Path) -> int:
 
 
 def naming(truths, enough, proposal):
-    """Names what is sealed once there are `enough` conditions, and proposes the same experiment until then."""
+    """Names what is sealed once there are `enough` conditions, and proposes the same experiment
+    until then.
+    """
 
     def diagnose(campaign: Path, into: Path) -> None:
         read_campaign(campaign)  # what was added can be read
         into.mkdir(parents=True)
         name = next(part for part in campaign.parts[::-1] if part.startswith("case-"))[:9]
-        effects = [{"id": id_, "probability": 0.99, "parameters": {}} for id_ in truths[name]["effects"]]
+        effects = [
+            {"id": id_, "probability": 0.99, "parameters": {}} for id_ in truths[name]["effects"]
+        ]
         seen = conditions_of(campaign) >= enough
         verdict = ("named" if effects else "nothing missing") if seen else "not enough data"
-        said = {"format": "rfca-diagnosis/1", "verdict": verdict, "effects": effects if seen else [], "next_experiment": proposal}
+        said = {
+            "format": "rfca-diagnosis/1",
+            "verdict": verdict,
+            "effects": effects if seen else [],
+            "next_experiment": proposal,
+        }
         (into / "diagnosis.json").write_text(json.dumps(said))
 
     return diagnose
@@ -49,7 +63,12 @@ def exam(tmp_path):
 
     def answered(proposal):
         folder = tmp_path / "exam"
-        examine(folder, 1, {cases.POOR_DATA: 2}, naming({f"case-000{i}": {"effects": {}} for i in (1, 2)}, 99, proposal))
+        examine(
+            folder,
+            1,
+            {cases.POOR_DATA: 2},
+            naming({f"case-000{i}": {"effects": {}} for i in (1, 2)}, 99, proposal),
+        )
         return folder, {truth["case"]: truth for truth in open_all(folder)}
 
     return answered
@@ -60,10 +79,19 @@ def test_what_is_proposed_is_done_until_the_verdict_is_right(exam):
     folder, truths = exam(STROKE)
     follow_up(folder, naming(truths, 2, STROKE), InProcessExecutor())
     proposed, lot = ways(folder)
-    assert proposed.settled == proposed.of == len([t for t in truths.values() if not t["effects"] or t["size"]["left_over_noise"] >= 2.0])
+    assert (
+        proposed.settled
+        == proposed.of
+        == len(
+            [t for t in truths.values() if not t["effects"] or t["size"]["left_over_noise"] >= 2.0]
+        )
+    )
     assert proposed.experiments == 1.0 and lot.experiments >= 1.0
     added = folder / FOLDER / "case-0001-proposed" / "campaign" / "runs"
-    assert sorted(path.name for path in added.glob("next-*")) == ["next-01-dynamic-01.csv", "next-01-dynamic-02.csv"]
+    assert sorted(path.name for path in added.glob("next-*")) == [
+        "next-01-dynamic-01.csv",
+        "next-01-dynamic-02.csv",
+    ]
 
 
 @pytest.mark.slow
@@ -71,7 +99,9 @@ def test_a_static_proposal_is_done_in_its_own_stages(exam):
     folder, truths = exam(REVERSAL)
     follow_up(folder, naming(truths, 2, REVERSAL), InProcessExecutor())
     (recording,) = [read_campaign(folder / FOLDER / "case-0002-proposed" / "campaign")]
-    assert [stage.shaft_angle_rad for stage in recording.static] == pytest.approx([1.92, 1.92], abs=0.03)  # a soft drive sags
+    assert [stage.shaft_angle_rad for stage in recording.static] == pytest.approx(
+        [1.92, 1.92], abs=0.03
+    )  # a soft drive sags
 
 
 @pytest.mark.slow

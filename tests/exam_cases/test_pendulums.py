@@ -1,4 +1,6 @@
-"""The exam's pendulums: an independent simulator, checked against the package's model; cases, campaigns and truths."""
+"""The exam's pendulums: an independent simulator, checked against the package's model; cases,
+campaigns and truths.
+"""
 
 from dataclasses import replace
 
@@ -27,22 +29,49 @@ from rfca_rig.model.pendulum import simulate_pendulum as swing_of_model
 
 RIG = PendulumWorld((0.4, 0.3), (0.6, 0.4), (0.3, 0.2), (0.06, 0.018), (0.004, 0.003))
 ONE = PendulumWorld((0.4,), (0.6,), (0.3,), (0.06,), (0.004,))
-CASE = PendulumCase("case", PENDULUM_SINGLE, 1, RIG, RIG, SamplingErrors(), (True,), friction=Friction(sign_rad_s=5e-4))
+CASE = PendulumCase(
+    "case",
+    PENDULUM_SINGLE,
+    1,
+    RIG,
+    RIG,
+    SamplingErrors(),
+    (True,),
+    friction=Friction(sign_rad_s=5e-4),
+)
 
 
 def tones(world):
     random = np.random.default_rng(3)
     shape = (3, world.joints)
-    return Tones(0.3 * torque_scale_Nm(world) * random.random(shape), random.uniform(3.0, 12.0, shape), random.uniform(0.0, 6.0, shape))
+    return Tones(
+        0.3 * torque_scale_Nm(world) * random.random(shape),
+        random.uniform(3.0, 12.0, shape),
+        random.uniform(0.0, 6.0, shape),
+    )
 
 
 def by_model(world, start, command, t_s, effects):
     """The same motion by the package's model."""
     n = world.joints
-    links = zip(world.length_m, world.mass_kg, world.centre_m, world.inertia_kg_m2, world.damping_Nm_s_per_rad, strict=True)
+    links = zip(
+        world.length_m,
+        world.mass_kg,
+        world.centre_m,
+        world.inertia_kg_m2,
+        world.damping_Nm_s_per_rad,
+        strict=True,
+    )
     before = np.arange(-0.2, t_s[-1] + 0.01, 1e-3)
     trace = torque_trace(before, np.array([command.at(t) for t in before]))
-    return swing_of_model(Pendulum(tuple(PendulumLink(*link) for link in links)), trace, start[:n], start[n:], t_s[1:], effects)
+    return swing_of_model(
+        Pendulum(tuple(PendulumLink(*link) for link in links)),
+        trace,
+        start[:n],
+        start[n:],
+        t_s[1:],
+        effects,
+    )
 
 
 @pytest.mark.slow
@@ -55,14 +84,22 @@ def test_both_simulators_agree_on_what_an_effect_does(world, effect):
     values = {} if effect is None else _values(effect, 0.7, world, np.random.default_rng(1))
     case = replace(CASE, world=world, effects={} if effect is None else {effect: values})
     t_s, command = np.arange(0.0, 0.4, 1e-3), tones(world)
-    ours, plain = (swing(each, start, command, t_s) for each in (case.concealed, replace(case, effects={}).concealed))
+    ours, plain = (
+        swing(each, start, command, t_s)
+        for each in (case.concealed, replace(case, effects={}).concealed)
+    )
     present = [] if effect is None else [PresentEffect(effect, tuple(values.items()))]
     # the model begins from readings, but from the true speed where speeds alone are late
     speed = ours.state[:, world.joints :] if effect == "speed_lag" else ours.speed_rad_s
     began = np.concatenate([ours.angle_rad[0], speed[0]])
     model = by_model(world, began, command, t_s, present)
-    off = np.abs(np.column_stack([model.angle_rad, model.speed_rad_s]) - np.column_stack([ours.angle_rad, ours.speed_rad_s])[1:]).max()
-    shift = np.abs(np.column_stack([ours.angle_rad - plain.angle_rad, ours.speed_rad_s - plain.speed_rad_s])).max()
+    off = np.abs(
+        np.column_stack([model.angle_rad, model.speed_rad_s])
+        - np.column_stack([ours.angle_rad, ours.speed_rad_s])[1:]
+    ).max()
+    shift = np.abs(
+        np.column_stack([ours.angle_rad - plain.angle_rad, ours.speed_rad_s - plain.speed_rad_s])
+    ).max()
     # laws differ a little on purpose: how a joint begins to slide, a power of the motor's torque
     assert off < (2e-3 if effect is None else 0.15 * shift + 2e-3)
 
@@ -89,7 +126,11 @@ def test_a_campaign_is_read_as_believed_and_tells_nothing_of_what_is_concealed(t
     write_pendulum_campaign(case, tmp_path / "one")
     found = read_pendulum_campaign(tmp_path / "one")
     assert len(found.runs) == 3 and [run.powered for run in found.runs] == list(case.driven)
-    assert found.pendulum.links[0].mass_kg == pytest.approx(case.nominal.mass_kg[0], rel=1e-5) != case.world.mass_kg[0]
+    assert (
+        found.pendulum.links[0].mass_kg
+        == pytest.approx(case.nominal.mass_kg[0], rel=1e-5)
+        != case.world.mass_kg[0]
+    )
     text = (tmp_path / "one" / "pendulum.toml").read_text(encoding="utf-8")
     assert not any(name in text for name in case.effects)
 
@@ -102,5 +143,9 @@ def test_the_truth_says_how_much_shows():
         values = {"torque_Nm": share * torque_scale_Nm(case.world)}
         truth = truth_of_pendulum(replace(case, effects={"joint_friction": values}))
         sizes.append(truth["size"]["left_over_noise"])
-        assert truth["left_of_each"]["joint_friction"] == sizes[-1] <= truth["size"]["shift_over_noise"]
+        assert (
+            truth["left_of_each"]["joint_friction"]
+            == sizes[-1]
+            <= truth["size"]["shift_over_noise"]
+        )
     assert sizes[1] > 5.0 * sizes[0] > 0.0

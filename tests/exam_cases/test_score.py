@@ -71,18 +71,54 @@ def claim(effect, p=0.95, parameters=None, like=()):
         (truth(kind=cases.NOTHING), ParsedDiagnosis("unexplained"), CAUTIOUS),
         (truth(kind=cases.NOTHING), named(claim("tip_mass")), WRONG),
         (truth(kind=cases.MODEL_ERROR, structured={}), ParsedDiagnosis("unexplained"), RIGHT),
-        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), ParsedDiagnosis("unexplained"), RIGHT),
-        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), ParsedDiagnosis("nothing missing"), SILENT),
-        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), named(claim("tip_mass")), WRONG),
+        (
+            truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}),
+            ParsedDiagnosis("unexplained"),
+            RIGHT,
+        ),
+        (
+            truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}),
+            ParsedDiagnosis("nothing missing"),
+            SILENT,
+        ),
+        (
+            truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}),
+            named(claim("tip_mass")),
+            WRONG,
+        ),
         (truth(kind=cases.MISLABEL, mislabelled="sign of fy"), ParsedDiagnosis("refused"), RIGHT),
-        (truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]), named(claim("height_offset")), RIGHT),
-        (truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]), named(claim("tip_mass")), WRONG),
-        (truth(kind=cases.MISLABEL, mislabelled="speeds", silence_is_right=True), ParsedDiagnosis("nothing missing"), RIGHT),
-        (truth(kind=cases.WRONG_LAW, effects=PLAY, uneven={}), ParsedDiagnosis("unexplained"), RIGHT),
-        (truth(kind=cases.POOR_DATA, design={"conditions": [[215.0, 2.0]]}), ParsedDiagnosis("not enough data"), RIGHT),
+        (
+            truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]),
+            named(claim("height_offset")),
+            RIGHT,
+        ),
+        (
+            truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]),
+            named(claim("tip_mass")),
+            WRONG,
+        ),
+        (
+            truth(kind=cases.MISLABEL, mislabelled="speeds", silence_is_right=True),
+            ParsedDiagnosis("nothing missing"),
+            RIGHT,
+        ),
+        (
+            truth(kind=cases.WRONG_LAW, effects=PLAY, uneven={}),
+            ParsedDiagnosis("unexplained"),
+            RIGHT,
+        ),
+        (
+            truth(kind=cases.POOR_DATA, design={"conditions": [[215.0, 2.0]]}),
+            ParsedDiagnosis("not enough data"),
+            RIGHT,
+        ),
         (truth(effects=PLAY), ParsedDiagnosis("not enough data"), CAUTIOUS),
         # what is listed without the verdict "named" is no claim
-        (truth(kind=cases.NOTHING), ParsedDiagnosis("nothing missing", (claim("tip_mass", 0.2),)), RIGHT),
+        (
+            truth(kind=cases.NOTHING),
+            ParsedDiagnosis("nothing missing", (claim("tip_mass", 0.2),)),
+            RIGHT,
+        ),
     ],
 )
 def test_outcome(true, said, expected):
@@ -109,7 +145,10 @@ def test_marks_of_a_small_exam():
     ]
     said = {
         "a": ParsedDiagnosis("nothing missing"),
-        "b": named(claim("hinge_backlash", parameters={"half_gap_deg": (1.1, 0.1)}), held_out_fz_N=(3.0, 0.4, 0.2)),
+        "b": named(
+            claim("hinge_backlash", parameters={"half_gap_deg": (1.1, 0.1)}),
+            held_out_fz_N=(3.0, 0.4, 0.2),
+        ),
         "c": named(claim("tip_mass", 0.8)),
         "d": ParsedDiagnosis("nothing missing"),
         "e": named(claim("sensor_gain", 0.92)),
@@ -137,7 +176,9 @@ def test_marks_of_a_small_exam():
 
 
 def test_a_pair_with_an_invisible_member_is_not_asked_for():
-    pair = truth("a", cases.PAIR, PLAY_AND_LAG, left_of_each={"hinge_backlash": 9.0, "sensor_lag": 0.3})
+    pair = truth(
+        "a", cases.PAIR, PLAY_AND_LAG, left_of_each={"hinge_backlash": 9.0, "sensor_lag": 0.3}
+    )
     marks = score([pair], {"a": named(claim("hinge_backlash"))})
     assert marks.pairs_exact == Share(0, 1) and marks.pairs_exact_detectable == Share(0, 0)
     (miss,) = marks.worst
@@ -146,9 +187,15 @@ def test_a_pair_with_an_invisible_member_is_not_asked_for():
 
 def test_what_shows_most_is_missed_worst():
     large, small = ({"hinge_backlash": 9.0, "sensor_lag": left} for left in (8.0, 0.3))
-    truths = [truth(case, cases.PAIR, PLAY_AND_LAG, left_of_each=left) for case, left in (("a", small), ("b", large))]
+    truths = [
+        truth(case, cases.PAIR, PLAY_AND_LAG, left_of_each=left)
+        for case, left in (("a", small), ("b", large))
+    ]
     marks = score(truths, dict.fromkeys("ab", named(claim("tip_mass", like=["hinge_backlash"]))))
-    assert [(miss.case, "sensor_lag, which" in miss.reason) for miss in marks.worst] == [("b", True), ("a", True)]
+    assert [(miss.case, "sensor_lag, which" in miss.reason) for miss in marks.worst] == [
+        ("b", True),
+        ("a", True),
+    ]
 
 
 def test_a_case_without_diagnosis_counts():
@@ -158,7 +205,9 @@ def test_a_case_without_diagnosis_counts():
 def test_calibration_of_an_honest_and_of_a_boastful_diagnosis():
     def judged(p, right, wrong):
         hit, miss = parse_truth(truth(effects=PLAY)), parse_truth(truth(kind=cases.NOTHING))
-        return [(hit, named(claim("hinge_backlash", p)))] * right + [(miss, named(claim("tip_mass", p)))] * wrong
+        return [(hit, named(claim("hinge_backlash", p)))] * right + [
+            (miss, named(claim("tip_mass", p)))
+        ] * wrong
 
     honest, boastful = calibration(judged(0.75, 3, 1)), calibration(judged(0.99, 1, 1))
     assert honest.ece == pytest.approx(0.0) and honest.brier == pytest.approx(0.1875)
@@ -174,11 +223,15 @@ def test_an_effect_that_was_not_listed_is_no_claim():
 
 def test_values_are_judged_by_what_the_effect_changes():
     gain = truth(effects={"sensor_gain": {"factor": 1.03}})
-    found = values([(parse_truth(gain), named(claim("sensor_gain", parameters={"factor": (1.02, 0.005)})))])
+    found = values(
+        [(parse_truth(gain), named(claim("sensor_gain", parameters={"factor": (1.02, 0.005)})))]
+    )
     assert found.median_error == pytest.approx(1.0 / 3.0)
     assert found.coverage_90 == 0.0
     hinge = truth(effects={"damaged_hinge": {"hinge": 4.0, "stiffness_factor": 0.5}})
-    said = named(claim("damaged_hinge", parameters={"hinge": (4.0, 0.0), "stiffness_factor": (0.55, 0.05)}))
+    said = named(
+        claim("damaged_hinge", parameters={"hinge": (4.0, 0.0), "stiffness_factor": (0.55, 0.05)})
+    )
     both = values([(parse_truth(hinge), said)])
     assert both.count == 2 and both.coverage_90 == 1.0 and both.median_error == pytest.approx(0.05)
 
@@ -189,7 +242,12 @@ def test_reading_the_file_of_a_diagnosis(tmp_path):
         "verdict": "named",
         "located": [],
         "effects": [
-            {"id": "tip_mass", "probability": 0.9, "parameters": {"mass_g": {"value": 20.0, "std": 2.0}}, "cannot_tell_from": ["x"]}
+            {
+                "id": "tip_mass",
+                "probability": 0.9,
+                "parameters": {"mass_g": {"value": 20.0, "std": 2.0}},
+                "cannot_tell_from": ["x"],
+            }
         ],
         "fit": {"held_out_rms_fz_N": {"before": 3.3, "after": 0.35, "noise_floor": 0.2}},
     }
@@ -197,7 +255,11 @@ def test_reading_the_file_of_a_diagnosis(tmp_path):
     assert said.named[0].members == {"tip_mass", "x"}
     assert said.held_out_fz_N == (3.3, 0.35, 0.2)
     assert read_diagnosis(tmp_path / "none.json").verdict == "refused"
-    for wrong in ({"format": "rfca-diagnosis/3"}, {"verdict": "maybe"}, {"effects": [{"id": "tip_mass"}]}):
+    for wrong in (
+        {"format": "rfca-diagnosis/3"},
+        {"verdict": "maybe"},
+        {"effects": [{"id": "tip_mass"}]},
+    ):
         with pytest.raises(BadInput):
             parse_diagnosis({**data, **wrong})
     (tmp_path / "broken.json").write_text("{")
@@ -207,10 +269,23 @@ def test_reading_the_file_of_a_diagnosis(tmp_path):
 
 def test_power_counts_by_multiples_of_what_can_be_seen():
     shows = (0.4, 2.5, 2.6, 100.0)
-    truths = [truth(f"case-{n}", effects=PLAY, above_of_each={"hinge_backlash": above}) for n, above in enumerate(shows)]
+    truths = [
+        truth(f"case-{n}", effects=PLAY, above_of_each={"hinge_backlash": above})
+        for n, above in enumerate(shows)
+    ]
     said = {
         "case-1": ParsedDiagnosis("unexplained"),
-        "case-2": ParsedDiagnosis("unexplained", grade="family", family="hinge_stiffness", probability=0.9),
+        "case-2": ParsedDiagnosis(
+            "unexplained", grade="family", family="hinge_stiffness", probability=0.9
+        ),
     }
     found = score(truths, said | {"case-3": named(claim("hinge_backlash"))}).power
-    assert [(share.hits, share.of) for share in found] == [(0, 1), (0, 0), (1, 2), (0, 0), (0, 0), (0, 0), (1, 1)]
+    assert [(share.hits, share.of) for share in found] == [
+        (0, 1),
+        (0, 0),
+        (1, 2),
+        (0, 0),
+        (0, 0),
+        (0, 0),
+        (1, 1),
+    ]

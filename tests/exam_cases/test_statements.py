@@ -34,13 +34,25 @@ def family(name, p=0.9):
     ("true", "said", "expected"),
     [
         (truth(effects=PLAY), stated(claim("hinge_backlash")), [(0.9, True)]),
-        (truth(effects=PLAY), stated(claim("tip_mass"), claim("hinge_backlash", 0.85)), [(0.9, False), (0.85, True)]),
+        (
+            truth(effects=PLAY),
+            stated(claim("tip_mass"), claim("hinge_backlash", 0.85)),
+            [(0.9, False), (0.85, True)],
+        ),
         (truth(effects=PLAY), stated(claim("tip_mass", like=["hinge_backlash"])), [(0.9, True)]),
         (truth(effects=FRICTION), family("spring_memory"), [(0.9, True)]),
         (truth(effects=PLAY), family("spring_memory"), [(0.9, False)]),
         # of an effect outside the catalogue only the family can be right
-        (truth(kind=cases.STRANGER, strangers={"tendon": {}}), family("hinge_stiffness"), [(0.9, True)]),
-        (truth(kind=cases.STRANGER, strangers={"tendon": {}}), stated(claim("tip_mass")), [(0.9, False)]),
+        (
+            truth(kind=cases.STRANGER, strangers={"tendon": {}}),
+            family("hinge_stiffness"),
+            [(0.9, True)],
+        ),
+        (
+            truth(kind=cases.STRANGER, strangers={"tendon": {}}),
+            stated(claim("tip_mass")),
+            [(0.9, False)],
+        ),
         (truth(effects=PLAY), stated(claim("tip_mass"), grade="unexplained"), []),
     ],
 )
@@ -51,7 +63,9 @@ def test_which_statements_are_true(true, said, expected):
 def test_what_is_stated_of_nothing_and_wrongly():
     nothing = truth(kind=cases.NOTHING)
     found = scored(
-        (nothing, family("leg_mass")), (nothing, ParsedDiagnosis("nothing missing")), (truth(effects=PLAY), stated(claim("tip_mass", 0.7)))
+        (nothing, family("leg_mass")),
+        (nothing, ParsedDiagnosis("nothing missing")),
+        (truth(effects=PLAY), stated(claim("tip_mass", 0.7))),
     )
     assert found.claims_on_nothing == (1, 2)
     assert found.wrong == (1, 1)  # what is stated with less than 80 % is no sure statement
@@ -66,7 +80,10 @@ def test_sizes_families_and_triples():
         (truth(effects=FRICTION, **approximate), stated(claim("spring_hysteresis"))),
         (truth(effects=FRICTION, **approximate), stated(claim("tip_mass"))),
         (truth(effects=FRICTION, **approximate), family("hinge_dissipation")),
-        (truth(effects=FRICTION, **approximate), stated(claim("hinge_coulomb_friction", torque_Nm=(0.09, 0.01)))),
+        (
+            truth(effects=FRICTION, **approximate),
+            stated(claim("hinge_coulomb_friction", torque_Nm=(0.09, 0.01))),
+        ),
         (three, stated(claim("hinge_backlash"), claim("sensor_lag"))),
         (three, stated(claim("hinge_backlash"), claim("sensor_lag"), claim("tip_mass"))),
         (three, stated(claim("hinge_backlash"))),
@@ -76,21 +93,34 @@ def test_sizes_families_and_triples():
 
 
 def test_places_and_calibration():
-    shaking, cord = (truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("shaking_floor", "tendon"))
+    shaking, cord = (
+        truth(kind=cases.STRANGER, strangers={name: {}}) for name in ("shaking_floor", "tendon")
+    )
     found = scored(
         (
             shaking,
             stated(
                 grade="unexplained",
                 place="ground",
-                support=(("effect", frozenset({"ground_tilt"}), 0.4), ("family", frozenset({"floor_geometry"}), 0.6)),
+                support=(
+                    ("effect", frozenset({"ground_tilt"}), 0.4),
+                    ("family", frozenset({"floor_geometry"}), 0.6),
+                ),
             ),
         ),
-        (cord, stated(grade="unexplained", place="sensor", support=(("effect", frozenset({"tip_mass"}), 0.1),))),
+        (
+            cord,
+            stated(
+                grade="unexplained",
+                place="sensor",
+                support=(("effect", frozenset({"tip_mass"}), 0.1),),
+            ),
+        ),
         (cord, stated(grade="unexplained")),
     )
     assert found.place == (1, 2)
-    # 0.4 of an effect that is not there, 0.6 of a family that is: each misses by 0.4; 0.1 is below what counts
+    # 0.4 of an effect that is not there, 0.6 of a family that is: each misses by 0.4; 0.1 is below
+    # what counts
     assert found.probabilities == 2 and found.calibration_error == pytest.approx(0.4)
 
 
@@ -100,8 +130,18 @@ def test_every_effect_outside_the_catalogue_has_a_place_and_a_known_family():
 
 
 def test_visible_single_effects_count_where_they_or_their_family_are_stated():
-    faint = truth(kind=cases.SINGLE, effects=FRICTION, size={"left_over_noise": 0.5}, left_of_each={"hinge_coulomb_friction": 0.5})
-    seen = truth(kind=cases.SINGLE, effects=FRICTION, size={"left_over_noise": 5.0}, left_of_each={"hinge_coulomb_friction": 5.0})
+    faint = truth(
+        kind=cases.SINGLE,
+        effects=FRICTION,
+        size={"left_over_noise": 0.5},
+        left_of_each={"hinge_coulomb_friction": 0.5},
+    )
+    seen = truth(
+        kind=cases.SINGLE,
+        effects=FRICTION,
+        size={"left_over_noise": 5.0},
+        left_of_each={"hinge_coulomb_friction": 5.0},
+    )
     wrong = stated(claim("hinge_coulomb_friction"), claim("sensor_gain"))
     scores = scored(
         (faint, ParsedDiagnosis("nothing missing")),
@@ -115,7 +155,13 @@ def test_visible_single_effects_count_where_they_or_their_family_are_stated():
 def test_pendulums_are_scored_apart():
     leg = truth(case="case-0001", kind=cases.NOTHING)
     swings = truth(case="case-0002", kind=pendulum_cases.PENDULUM_NOTHING)
-    marks = score([leg, swings], {"case-0001": ParsedDiagnosis("nothing missing"), "case-0002": stated(claim("joint_friction"))})
+    marks = score(
+        [leg, swings],
+        {
+            "case-0001": ParsedDiagnosis("nothing missing"),
+            "case-0002": stated(claim("joint_friction")),
+        },
+    )
     assert marks.statements.claims_on_nothing == (0, 1) and marks.statements.wrong == (0, 0)
     assert marks.pendulums.claims_on_nothing == (1, 1) and marks.pendulums.wrong == (1, 1)
     assert marks.worst[0].reason == "stated joint_friction as mostly at 90%, there is nothing"

@@ -1,4 +1,6 @@
-"""Cases as folders: readable by the package, the same each time, and silent about what they conceal."""
+"""Cases as folders: readable by the package, the same each time, and silent about what they
+conceal.
+"""
 
 import base64
 import shutil
@@ -45,7 +47,12 @@ def test_strokes_and_stages_are_counted_on_through_the_experiments_that_follow(w
     case, folder = written
     longer = Path(shutil.copytree(folder, tmp_path / "longer"))
     add_experiment(case, longer, {"height_mm": 225.0, "speed_rad_s": 2.5, "repeats": 2}, 1)
-    add_experiment(case, longer, {"height_mm": 225.0, "stages": [{"angle_deg": 90.0, "direction": "loading"}]}, 2)
+    add_experiment(
+        case,
+        longer,
+        {"height_mm": 225.0, "stages": [{"angle_deg": 90.0, "direction": "loading"}]},
+        2,
+    )
     recording = read_campaign(longer)
     assert [stroke.strokes_before for stroke in recording.strokes] == [0, 1, 2, 3, 4, 5]
     assert [stage.strokes_before for stage in recording.static] == [4] * 8 + [6]
@@ -63,21 +70,35 @@ def test_repeats_differ_by_scatter_and_noise(written):
     first, second = (stroke.channel("fz_N")[1] for stroke in strokes[:2])
     swing = slice(100, 400)
     assert 0.15 < np.std(first[swing] - second[swing]) < 0.5
-    assert strokes[0].channel("shaft_angle_rad")[1][50] != strokes[1].channel("shaft_angle_rad")[1][50]
+    assert (
+        strokes[0].channel("shaft_angle_rad")[1][50] != strokes[1].channel("shaft_angle_rad")[1][50]
+    )
 
 
 def test_scatter_reaches_floor_height_and_start():
     case = draw_cases(1, {cases.NOTHING: 1})[0]
-    plain, other = (build_world(case, 0.215, scatter, 1) for scatter in (ExamScatter(), ExamScatter(1e-4, 5e-3, 2e-3)))
+    plain, other = (
+        build_world(case, 0.215, scatter, 1)
+        for scatter in (ExamScatter(), ExamScatter(1e-4, 5e-3, 2e-3))
+    )
     assert other.floor.mu - plain.floor.mu == pytest.approx(5e-3)
     assert other.mount.height_m - plain.mount.height_m == pytest.approx(1e-4)
     assert other.drive.start_angle_rad - plain.drive.start_angle_rad == pytest.approx(2e-3)
 
 
 def test_a_drive_obeys_as_late_as_the_case_has_it():
-    late = replace(draw_cases(1, {cases.SINGLE: 1})[0], effects={}, off=NominalErrors(), structured=None, late_s=2.5e-3)
+    late = replace(
+        draw_cases(1, {cases.SINGLE: 1})[0],
+        effects={},
+        off=NominalErrors(),
+        structured=None,
+        late_s=2.5e-3,
+    )
     soon = replace(late, late_s=0.0)
-    angle_rad = [stroke_traces(build_world(case, 0.3, ExamScatter(), 1), 2.433).motor_angle_rad for case in (late, soon)]
+    angle_rad = [
+        stroke_traces(build_world(case, 0.3, ExamScatter(), 1), 2.433).motor_angle_rad
+        for case in (late, soon)
+    ]
     assert (angle_rad[1] - angle_rad[0])[-100:] == pytest.approx(2.5e-3 * 2.433, rel=1e-3)
     assert 0.0 < max(case.late_s for case in draw_cases(1) if case.kind in cases.LEG_KINDS) < 3e-3
 
@@ -95,13 +116,20 @@ def test_truths_are_sealed_and_open(tmp_path):
     assert [folder.name for folder in folders] == [truth["case"] for truth in truths]
     assert sorted(len(truth["effects"]) for truth in truths) == [0, 1]
     assert truths[0]["kind"] == cases.POOR_DATA
-    assert not any(word in (tmp_path / "out" / "sealed" / f"{folders[0].name}.sealed").read_text() for word in EFFECTS)
+    assert not any(
+        word in (tmp_path / "out" / "sealed" / f"{folders[0].name}.sealed").read_text()
+        for word in EFFECTS
+    )
 
 
 def test_a_truth_that_was_changed_is_refused(tmp_path):
     write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 1})
     sealed = next((tmp_path / "out" / "sealed").iterdir())
-    sealed.write_bytes(base64.encodebytes(base64.decodebytes(sealed.read_bytes()).replace(b"poor data", b"rich data")))
+    sealed.write_bytes(
+        base64.encodebytes(
+            base64.decodebytes(sealed.read_bytes()).replace(b"poor data", b"rich data")
+        )
+    )
     with pytest.raises(BadInput, match="is not what was sealed"):
         open_all(tmp_path / "out")
 
@@ -113,7 +141,9 @@ def test_truths_are_sealed_before_the_first_campaign(tmp_path, monkeypatch):
         raise RuntimeError
 
     monkeypatch.setattr(write, "write_campaign", fail)
-    with pytest.raises(RigError, match="case-0001 not with RuntimeError; the same command tries them again"):
+    with pytest.raises(
+        RigError, match="case-0001 not with RuntimeError; the same command tries them again"
+    ):
         write.write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 1})
     assert len(open_all(tmp_path / "out")) == 1
 
@@ -131,7 +161,9 @@ def test_a_folder_of_diagnoses_is_marked(tmp_path):
     folders = write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 2})
     told = tmp_path / "told" / folders[0].name
     told.mkdir(parents=True)
-    (told / "diagnosis.json").write_text('{"format": "rfca-diagnosis/1", "verdict": "not enough data", "effects": [], "fit": null}')
+    (told / "diagnosis.json").write_text(
+        '{"format": "rfca-diagnosis/1", "verdict": "not enough data", "effects": [], "fit": null}'
+    )
     marks = score_folder(tmp_path / "out", tmp_path / "told")
     assert marks.outcomes == {cases.POOR_DATA: {"right": 2}}
     text = "\n".join(format_scores(marks))

@@ -1,4 +1,6 @@
-"""Work handed to processes of this machine: the same results as here, and what becomes of it when a process is lost."""
+"""Work handed to processes of this machine: the same results as here, and what becomes of it
+when a process is lost.
+"""
 
 import os
 import signal
@@ -11,7 +13,14 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import RigError
-from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, TaskFailure, WorkerLost, map_unordered, process_executor
+from rfca_rig.executors.mapping import (
+    InProcessExecutor,
+    TaskExecutor,
+    TaskFailure,
+    WorkerLost,
+    map_unordered,
+    process_executor,
+)
 from tests.executors import work
 
 
@@ -49,7 +58,11 @@ def test_what_raises_is_told_with_its_trace_and_the_rest_is_done(two):
     results = dict(map_unordered(two, work.fails_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
-    assert isinstance(failed, TaskFailure) and failed.reason == "ZeroDivisionError: three" and "fails_at_three" in failed.trace
+    assert (
+        isinstance(failed, TaskFailure)
+        and failed.reason == "ZeroDivisionError: three"
+        and "fails_at_three" in failed.trace
+    )
 
 
 @pytest.mark.slow
@@ -57,20 +70,27 @@ def test_a_piece_that_ends_its_process_twice_is_given_up_and_the_rest_is_done(tw
     results = dict(map_unordered(two, work.kills_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
-    assert isinstance(failed, TaskFailure) and failed.reason.startswith("2 workers were lost over it")
+    assert isinstance(failed, TaskFailure) and failed.reason.startswith(
+        "2 workers were lost over it"
+    )
 
 
 @pytest.mark.slow
 def test_a_result_that_cannot_travel_is_the_fault_of_its_piece_only(two):
     results = dict(map_unordered(two, work.returns_what_cannot_travel, range(6)))
-    assert isinstance(results.pop(3), TaskFailure) and results == {number: number for number in (0, 1, 2, 4, 5)}
+    assert isinstance(results.pop(3), TaskFailure) and results == {
+        number: number for number in (0, 1, 2, 4, 5)
+    }
 
 
 def test_a_killed_process_costs_the_piece_that_it_had(two, tmp_path):
     killer = threading.Thread(target=kill_the_one_at, args=(tmp_path / "2",))
     killer.start()
     pieces = [(tmp_path, number) for number in range(6)]
-    results = {number: result for (_, number), result in map_unordered(two, work.waits_to_be_killed_at_two, pieces)}
+    results = {
+        number: result
+        for (_, number), result in map_unordered(two, work.waits_to_be_killed_at_two, pieces)
+    }
     killer.join()
     assert results == {number: 10 * number for number in range(6)}
     assert begun(tmp_path) == {0: 1, 1: 1, 2: 2, 3: 1, 4: 1, 5: 1}
@@ -86,13 +106,19 @@ def test_nothing_is_left_running_when_the_block_ends_with_an_error(tmp_path):
         stops_in_the_middle()
     pids = {int(line) for path in tmp_path.iterdir() for line in path.read_text().split()}
     until = time.monotonic() + 60.0
-    while any(Path(f"/proc/{pid}").exists() and "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text() for pid in pids):
+    while any(
+        Path(f"/proc/{pid}").exists()
+        and "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+        for pid in pids
+    ):
         assert time.monotonic() < until
         time.sleep(0.05)
 
 
 class Recorded(TaskExecutor):
-    """Does the work here, on a clock on which each piece takes 10 ms, and remembers how many came at once."""
+    """Does the work here, on a clock on which each piece takes 10 ms, and remembers how many
+    came at once.
+    """
 
     def __init__(self, lost: int = 0, error: Exception | None = None) -> None:
         self.sizes: list[int] = []
@@ -154,7 +180,10 @@ def test_lost_work_waits_until_the_crew_is_calm(monkeypatch):
 
     executor = Recorded(lost=1)
     executor.retry_delay_s = 30.0
-    began = [(number, result) for number, result in map_unordered(executor, work.fails_at_three, range(4, 10), Second)]
+    began = [
+        (number, result)
+        for number, result in map_unordered(executor, work.fails_at_three, range(4, 10), Second)
+    ]
     assert [number for number, _ in began] == [5, 6, 7, 8, 9, 4] and dict(began)[4] == 40
 
 

@@ -15,7 +15,9 @@ from rfca_rig.executors.cores import VARIABLE, cores
 from rfca_rig.executors.parallel import map_in_processes, map_in_threads
 from tests.waiting import wait_for
 
-needs_copies = pytest.mark.skipif(not parallel.CAN_COPY, reason="this system makes no copies of a process")
+needs_copies = pytest.mark.skipif(
+    not parallel.CAN_COPY, reason="this system makes no copies of a process"
+)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,8 @@ def test_copies_and_this_process_work_at_once_and_use_one_core_each(tmp_path) ->
 
     def look(_: int) -> tuple[int, int, bool]:
         (tmp_path / str(os.getpid())).touch()
-        # Each process keeps its first item until another one has begun, this one too, so no process can do all the work alone.
+        # Each process keeps its first item until another one has begun, this one too, so no process
+        # can do all the work alone.
         wait_for(lambda: here.exists() and len(list(tmp_path.iterdir())) > 1)
         return os.getpid(), cores(), threading.current_thread() is threading.main_thread()
 
@@ -98,7 +101,9 @@ def test_a_result_refers_to_the_shared_objects_themselves() -> None:
 
 
 @pytest.mark.parametrize("apply", [map_in_threads, map_in_processes])
-@pytest.mark.parametrize("error", [SimulationFailed("no rest pose"), BadInput("rig.toml: no such leg")])
+@pytest.mark.parametrize(
+    "error", [SimulationFailed("no rest pose"), BadInput("rig.toml: no such leg")]
+)
 def test_errors_reach_the_caller(apply, error: Exception) -> None:
     def fail(number: int) -> int:
         if number == 2:
@@ -121,7 +126,9 @@ def test_the_work_is_done_here_where_a_copy_is_killed() -> None:
     assert map_in_processes(die_in_a_copy, range(6)) == list(range(6))
 
 
-def test_the_work_is_done_here_where_no_process_may_be_started(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_work_is_done_here_where_no_process_may_be_started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def refuse() -> int:
         raise BlockingIOError(11, "Resource temporarily unavailable")
 

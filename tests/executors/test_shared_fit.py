@@ -16,7 +16,9 @@ CONDITIONS = ((0.215, 2.433), (0.235, 3.276))
 
 def stronger(height_m: float, speed_rad_s: float) -> ValleyRow:
     """A valley that is a little deeper than the model's."""
-    (stroke,) = simulate_strokes([ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).job(ModelPoint(PAPER))])
+    (stroke,) = simulate_strokes(
+        [ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).job(ModelPoint(PAPER))]
+    )
     valley = find_valley(stroke.t_s, stroke.fz_N)
     return ValleyRow(height_m, speed_rad_s, valley.time_s, 1.03 * valley.fz_N, 0.01, 0.1)
 
@@ -32,5 +34,8 @@ def test_a_fit_has_the_same_bits_wherever_its_starts_are_computed():
     alone = fitted(None)
     with process_executor(2) as two:
         shared = fitted(two)
-    assert shared.x.tobytes() == alone.x.tobytes() and shared.covariance.tobytes() == alone.covariance.tobytes()
+    assert (
+        shared.x.tobytes() == alone.x.tobytes()
+        and shared.covariance.tobytes() == alone.covariance.tobytes()
+    )
     assert (shared.starts, shared.evaluations) == (alone.starts, alone.evaluations)

@@ -1,4 +1,6 @@
-"""What SLURM is asked for, and what is said where it refuses or is not there. A real one: tests/cluster."""
+"""What SLURM is asked for, and what is said where it refuses or is not there. A real one:
+tests/cluster.
+"""
 
 import subprocess
 from pathlib import Path
@@ -19,14 +21,28 @@ def cluster_file(folder: Path, text: str) -> Path:
 
 
 def test_a_file_says_what_to_ask_for(tmp_path):
-    more = 'workers_per_job = 16\nmemory_per_worker_MB = 1500\npartition = "long"\naccount = "legs"\nsetup = ["module load python"]\n'
+    more = (
+        'workers_per_job = 16\nmemory_per_worker_MB = 1500\npartition = "long"\naccount = '
+        '"legs"\nsetup = ["module load python"]\n'
+    )
     array = read_cluster_file(cluster_file(tmp_path, FILE + more + 'options = ["--qos=night"]\n'))
     lines = array.script("tls://10.0.0.1:4000", tmp_path / "with space").splitlines()
     asked = {line.removeprefix("#SBATCH --") for line in lines if line.startswith("#SBATCH")}
-    assert {"array=0-2", "cpus-per-task=16", "mem=24500M", "time=02:00:00", "partition=long", "account=legs", "qos=night"} <= asked
+    assert {
+        "array=0-2",
+        "cpus-per-task=16",
+        "mem=24500M",
+        "time=02:00:00",
+        "partition=long",
+        "account=legs",
+        "qos=night",
+    } <= asked
     worker = next(line for line in lines if line.startswith("exec "))
     assert lines.index("module load python") < lines.index(worker)
-    assert "tls://10.0.0.1:4000 --nworkers 16 --nthreads 1 --memory-limit 1500MB --death-timeout 60" in worker
+    assert (
+        "tls://10.0.0.1:4000 --nworkers 16 --nthreads 1 --memory-limit 1500MB --death-timeout 60"
+        in worker
+    )
     assert array.workers == 48
 
 
@@ -38,7 +54,10 @@ def test_the_script_is_one_for_the_shell(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (FILE.replace("jobs = 3", "jobs = 0"), "cluster.toml:2: jobs: should be greater than or equal to 1, not 0"),
+        (
+            FILE.replace("jobs = 3", "jobs = 0"),
+            "cluster.toml:2: jobs: should be greater than or equal to 1, not 0",
+        ),
         (FILE.replace("time", "tine"), "cluster.toml:3: tine: unknown key; did you mean time?"),
         (FILE.replace("02:00:00", "two hours"), "cluster.toml:3: time: "),
         (FILE.replace('"slurm"', '"pbs"'), "cluster.toml:1: scheduler: should be 'slurm'"),
@@ -60,14 +79,28 @@ def sbatch(folder: Path, text: str) -> None:
 
 def prove(monkeypatch, capsys, tmp_path):
     file = cluster_file(tmp_path, FILE)
-    return typed(monkeypatch, capsys, "prove", "--out", tmp_path / "exam", "--cases", 1, "--cluster", f"slurm:{file}")
+    return typed(
+        monkeypatch,
+        capsys,
+        "prove",
+        "--out",
+        tmp_path / "exam",
+        "--cases",
+        1,
+        "--cluster",
+        f"slurm:{file}",
+    )
 
 
 def test_no_sbatch_here_is_told(monkeypatch, capsys, tmp_path):
     pytest.importorskip("distributed")
     monkeypatch.setenv("PATH", str(tmp_path))
     said = prove(monkeypatch, capsys, tmp_path)
-    assert said.exit_code == 2 and "there is no sbatch on this computer" in said.err and len(said.err.splitlines()) == 1
+    assert (
+        said.exit_code == 2
+        and "there is no sbatch on this computer" in said.err
+        and len(said.err.splitlines()) == 1
+    )
 
 
 def test_what_sbatch_refuses_is_told_in_its_words(monkeypatch, capsys, tmp_path):
@@ -75,7 +108,9 @@ def test_what_sbatch_refuses_is_told_in_its_words(monkeypatch, capsys, tmp_path)
     sbatch(tmp_path / "bin", "echo 'sbatch: error: invalid partition specified: long' >&2; exit 1")
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:/usr/bin:/bin")
     said = prove(monkeypatch, capsys, tmp_path)
-    assert said.exit_code == 2 and said.err.endswith("workers.sbatch: sbatch: error: invalid partition specified: long\n")
+    assert said.exit_code == 2 and said.err.endswith(
+        "workers.sbatch: sbatch: error: invalid partition specified: long\n"
+    )
     assert len(said.err.splitlines()) == 1 and not (tmp_path / "exam").exists()
 
 
@@ -86,5 +121,7 @@ def test_a_folder_whose_name_is_more_than_a_line_is_refused(monkeypatch, capsys,
     folder = tmp_path / "exams\ntouch marker\n#"
     folder.mkdir()
     said = prove(monkeypatch, capsys, folder)
-    assert said.exit_code == 2 and "rename the folder" in said.err and len(said.err.splitlines()) == 1
+    assert (
+        said.exit_code == 2 and "rename the folder" in said.err and len(said.err.splitlines()) == 1
+    )
     assert sorted(found.name for found in folder.iterdir()) == ["cluster.toml"]

@@ -1,4 +1,6 @@
-"""Work that processes can be handed: a simulated stroke, pieces that are slow, and such as end their process."""
+"""Work that processes can be handed: a simulated stroke, pieces that are slow, and such as end
+their process.
+"""
 
 import hashlib
 import os
@@ -17,9 +19,13 @@ T_S = np.arange(1, 301) * 1e-3
 
 
 def stroke(seed: int) -> bytes:
-    """Every bit of a stroke whose speed and noise follow from the seed, and of some linear algebra on it."""
+    """Every bit of a stroke whose speed and noise follow from the seed, and of some linear
+    algebra on it.
+    """
     random = np.random.default_rng(seed)
-    fz_N = simulate_stroke_at_speed(PAPER, 0.215, random.uniform(2.0, 3.0), T_S).fz_N + random.normal(size=len(T_S))
+    fz_N = simulate_stroke_at_speed(
+        PAPER, 0.215, random.uniform(2.0, 3.0), T_S
+    ).fz_N + random.normal(size=len(T_S))
     table = fz_N.reshape(30, 10)
     return fz_N.tobytes() + np.linalg.solve(table.T @ table, table.T[:, 0]).tobytes()
 

@@ -31,8 +31,15 @@ def test_every_value_is_there_to_the_last_digit_and_the_index_lists_all(tmp_path
     told = []
     exported = export_csv(tmp_path, tmp_path / "out", lambda done, of: told.append((done, of)))
     index = rows(tmp_path / "out/stages.csv")
-    stages = [*(stroke.streams for stroke in known.strokes), *(stage.streams for stage in known.raw)]
-    wanted = [(stage, name, stream) for stage, streams in enumerate(stages, start=1) for name, stream in streams.items()]
+    stages = [
+        *(stroke.streams for stroke in known.strokes),
+        *(stage.streams for stage in known.raw),
+    ]
+    wanted = [
+        (stage, name, stream)
+        for stage, streams in enumerate(stages, start=1)
+        for name, stream in streams.items()
+    ]
     assert [(row["file"], int(row["records"])) for row in index] == [
         (f"stages/{stage:03d}-{name}.csv", len(stream.t_s)) for stage, name, stream in wanted
     ]
@@ -41,7 +48,11 @@ def test_every_value_is_there_to_the_last_digit_and_the_index_lists_all(tmp_path
         assert [float(record["t_s"]) for record in table] == stream.t_s.tolist()
         for name, column in stream.columns.items():
             assert np.array_equal([float(record[name]) for record in table], column.values), name
-    assert (index[0]["height_mm"], index[0]["speed_rad_s"], index[-1]["cut_short"]) == ("215.0", "2.433", "TRIP L-01")
+    assert (index[0]["height_mm"], index[0]["speed_rad_s"], index[-1]["cut_short"]) == (
+        "215.0",
+        "2.433",
+        "TRIP L-01",
+    )
     assert exported.files == len(index)
     assert told[-1] == (4, 4)
 
@@ -67,9 +78,13 @@ def test_a_run_that_was_never_put_together_is_exported_from_its_stages(tmp_path)
     export_csv(tmp_path / "run", tmp_path / "whole", ignore_progress)
     (tmp_path / "run" / "run.h5").unlink()
     export_csv(tmp_path / "run", tmp_path / "stages", ignore_progress)
-    files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*.csv"))
+    files = sorted(
+        path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*.csv")
+    )
     assert len(files) > 2
-    assert [(tmp_path / "stages" / file).read_bytes() for file in files] == [(tmp_path / "whole" / file).read_bytes() for file in files]
+    assert [(tmp_path / "stages" / file).read_bytes() for file in files] == [
+        (tmp_path / "whole" / file).read_bytes() for file in files
+    ]
 
 
 def test_damage_in_the_recording_is_not_blamed_on_the_disk(tmp_path):
@@ -97,6 +112,9 @@ def test_a_disk_that_refuses_is_named(tmp_path, monkeypatch):
 def test_a_device_whose_name_is_a_path_becomes_a_file_of_its_stage(tmp_path):
     known = recording(140)
     stroke = known.strokes[0]
-    path = write_recording(replace(known, strokes=(replace(stroke, streams={"../../x": stroke.streams["force"]}),)), tmp_path / "run.h5")
+    path = write_recording(
+        replace(known, strokes=(replace(stroke, streams={"../../x": stroke.streams["force"]}),)),
+        tmp_path / "run.h5",
+    )
     export_csv(path, tmp_path / "deep" / "out", ignore_progress)
     assert (tmp_path / "deep" / "out" / "stages" / "001-.._.._x.csv").is_file()

@@ -22,20 +22,38 @@ def test_mcap(run, tmp_path, monkeypatch, capsys):
     out = tmp_path / "small.mcap"
     said = typed(monkeypatch, capsys, "export", "mcap", run, "--out", out)
     assert (said.exit_code, said.out) == (0, "")
-    assert "overlays/001.jpg: is not there" in said.err and f"1 of them pictures, in {out}" in said.err
+    assert (
+        "overlays/001.jpg: is not there" in said.err and f"1 of them pictures, in {out}" in said.err
+    )
     with out.open("rb") as file:
         assert make_reader(file).get_summary().statistics.message_count > 300
 
 
 def test_mcap_as_json(run, tmp_path, monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "export", "mcap", run / "run.h5", "--out", tmp_path / "a" / "b.mcap", "--json")
+    said = typed(
+        monkeypatch,
+        capsys,
+        "export",
+        "mcap",
+        run / "run.h5",
+        "--out",
+        tmp_path / "a" / "b.mcap",
+        "--json",
+    )
     told = json.loads(said.out)
-    assert (told["out"], told["pictures"], told["missing"], said.err) == (str(tmp_path / "a" / "b.mcap"), 1, ["overlays/001.jpg"], "")
+    assert (told["out"], told["pictures"], told["missing"], said.err) == (
+        str(tmp_path / "a" / "b.mcap"),
+        1,
+        ["overlays/001.jpg"],
+        "",
+    )
 
 
 def test_without_the_extra_one_line_says_what_to_install(run, tmp_path, monkeypatch, capsys):
     found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "mcap" else found(name))
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "mcap" else found(name)
+    )
     said = typed(monkeypatch, capsys, "export", "mcap", run, "--out", tmp_path / "small.mcap")
     assert (said.exit_code, said.err) == (
         2,

@@ -1,4 +1,6 @@
-"""The leg as a mechanism: MuJoCo's strokes against those of the compiled chain, and the folder that a user gets."""
+"""The leg as a mechanism: MuJoCo's strokes against those of the compiled chain, and the folder
+that a user gets.
+"""
 
 import json
 from dataclasses import replace
@@ -28,7 +30,9 @@ from tests.campaign.small import SMALL
 from tests.cli.typed import typed
 from tests.model.legs import PAPER
 
-SHORT = ExamDesign(tuple((height, speed) for height in (205.0, 225.0) for speed in (2.4, 4.0)), 2, (205.0,))
+SHORT = ExamDesign(
+    tuple((height, speed) for height in (205.0, 225.0) for speed in (2.4, 4.0)), 2, (205.0,)
+)
 HEIGHT_M, SPEED_RAD_S = 0.215, 3.25
 TIGHT = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
 
@@ -37,7 +41,13 @@ def leg_of(tmp_path, rig):
     path = tmp_path / "leg.xml"
     write_atomically(path, write_leg_mjcf(rig).encode("utf-8"))
     ground = rig.ground
-    law = (ground.stiffness_N_per_m1p5, ground.damping_s_per_m, ground.friction_coefficient, ground.presliding_m, ground.drag_N_s_per_m)
+    law = (
+        ground.stiffness_N_per_m1p5,
+        ground.damping_s_per_m,
+        ground.friction_coefficient,
+        ground.presliding_m,
+        ground.drag_N_s_per_m,
+    )
     contacts = tuple(SphereOnPlane(end, FLOOR, *law) for end in end_names(rig.leg))
     return replace(load_mechanism(path), prescribed=(0, 1), contacts=contacts)
 
@@ -52,13 +62,17 @@ def strokes(tmp_path, rig, step_s, half_gap_rad=0.0):
     plant = make_plant(leg_of(tmp_path, rig), step_s, reads_sensors=True)
     plant.spring_half_gap[2:] = half_gap_rad
     still = CommandTrace(np.array([0.0, 1.0]), np.empty((2, 0)))
-    found = simulate_plant(plant, still, None, None, t_s, 0.0, PrescribedMotion(PPoly(coefficients, motion.breaks_s)))
+    found = simulate_plant(
+        plant, still, None, None, t_s, 0.0, PrescribedMotion(PPoly(coefficients, motion.breaks_s))
+    )
     return np.stack([chain.fy_N, chain.fz_N, chain.tx_Nm]), -found.sensors[:, 1:4].T
 
 
 @pytest.mark.slow
 def test_the_leg_in_mujoco_feels_what_the_compiled_chain_does(tmp_path):
-    """The mechanism's own code, MuJoCo's mechanics and the contact law share nothing with the chain: at most 0.2 % of each force."""
+    """The mechanism's own code, MuJoCo's mechanics and the contact law share nothing with the
+    chain: at most 0.2 % of each force.
+    """
     chain, mujoco = strokes(tmp_path, PAPER, 5e-5)
     assert chain[1].min() < -30.0
     assert (np.linalg.norm(mujoco - chain, axis=1) < 1e-3 * np.linalg.norm(chain, axis=1)).all()
@@ -69,7 +83,9 @@ def test_the_leg_in_mujoco_feels_what_the_compiled_chain_does(tmp_path):
 
 
 def test_a_leg_that_is_bent_at_rest_is_bent_in_mujoco_too(tmp_path):
-    bent = replace(PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02)))
+    bent = replace(
+        PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02))
+    )
     chain, mujoco = strokes(tmp_path, bent, 2.5e-4)
     assert (np.linalg.norm(mujoco - chain, axis=1) < 5e-3 * np.linalg.norm(chain, axis=1)).all()
     straight = strokes(tmp_path, PAPER, 2.5e-4)[0]
@@ -99,26 +115,52 @@ def test_the_folder_is_an_experiment_whose_model_predicts_its_strokes(exported):
     experiment = read_experiment(exported)
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
-    assert [run.label for run in experiment.runs][:2] == ["205 mm, 2.4 rad/s, repeat 1", "205 mm, 2.4 rad/s, repeat 2"]
+    assert [run.label for run in experiment.runs][:2] == [
+        "205 mm, 2.4 rad/s, repeat 1",
+        "205 mm, 2.4 rad/s, repeat 2",
+    ]
     assert len(problem.conditions) == 4
     assert [len(condition.repeats) for condition in problem.conditions] == [2, 2, 2, 2]
     assert problem.simulator.mechanism.prescribed == (0, 1)
     assert problem.simulator.mechanism.unmeasured == (2, 3, 4, 5, 6, 7)
-    assert {joint.name: joint.scatter_std for joint in experiment.prescribed} == {"rack": pytest.approx(1.5e-4), "shaft": None}
-    assert set(experiment.known_to) >= {"zero_offset_m", "joint_stiffness_relative", "contact_friction_relative", "start_swing_relative"}
+    assert {joint.name: joint.scatter_std for joint in experiment.prescribed} == {
+        "rack": pytest.approx(1.5e-4),
+        "shaft": None,
+    }
+    assert set(experiment.known_to) >= {
+        "zero_offset_m",
+        "joint_stiffness_relative",
+        "contact_friction_relative",
+        "start_swing_relative",
+    }
     for condition in problem.conditions:
         measured = condition.windows[0].window.measured
-        left = measured - problem.simulator.simulate(MechanismInput(), condition).reshape(measured.shape)
-        assert (np.sqrt(np.mean(left**2, axis=1)) < 0.15 * np.sqrt(np.mean(measured**2, axis=1))).all()
+        left = measured - problem.simulator.simulate(MechanismInput(), condition).reshape(
+            measured.shape
+        )
+        assert (
+            np.sqrt(np.mean(left**2, axis=1)) < 0.15 * np.sqrt(np.mean(measured**2, axis=1))
+        ).all()
 
 
 def test_the_folder_holds_the_motion_and_what_it_does_not_is_said(exported, monkeypatch, capsys):
     """The shaft turns as commanded from the measured start, and static stages stay behind."""
     run = np.genfromtxt(exported / "stroke-01.csv", delimiter=",", names=True)
     moving = run["t_s"] > 0.06
-    assert np.polyfit(run["t_s"][moving], run["shaft_rad"][moving], 1)[0] == pytest.approx(2.4, rel=1e-6)
+    assert np.polyfit(run["t_s"][moving], run["shaft_rad"][moving], 1)[0] == pytest.approx(
+        2.4, rel=1e-6
+    )
     assert (run["height_mm"] == 205.0).all()
-    said = typed(monkeypatch, capsys, "export", "mjcf", exported.parent / "campaign", "--out", exported.parent / "again", "--json")
+    said = typed(
+        monkeypatch,
+        capsys,
+        "export",
+        "mjcf",
+        exported.parent / "campaign",
+        "--out",
+        exported.parent / "again",
+        "--json",
+    )
     told = json.loads(said.out)
     assert (said.exit_code, told["recordings"]) == (0, 8)
     assert told["left_out"] == ["static stages: a mechanism is diagnosed from its motion"]
@@ -127,8 +169,13 @@ def test_the_folder_holds_the_motion_and_what_it_does_not_is_said(exported, monk
     assert "4 motions from rest" in " ".join(shown.out.split())
 
 
-def test_a_campaign_without_strokes_or_a_folder_that_is_there_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
-    for out, line in ((tmp_path, "is there already"), (tmp_path / "new", "no stroke shows a touchdown and a valley")):
+def test_a_campaign_without_strokes_or_a_folder_that_is_there_is_refused_in_one_line(
+    tmp_path, monkeypatch, capsys
+):
+    for out, line in (
+        (tmp_path, "is there already"),
+        (tmp_path / "new", "no stroke shows a touchdown and a valley"),
+    ):
         said = typed(monkeypatch, capsys, "export", "mjcf", SMALL, "--out", out)
         assert said.exit_code == 2
         assert line in " ".join(said.err.split())
@@ -141,4 +188,8 @@ def test_the_exported_leg_lacks_nothing(exported):
     found = diagnose_mechanism(read_experiment(exported), lambda *_: None).diagnosis
     assert found.grade == "nothing missing"
     assert not found.effects
-    assert {one.id for one in found.not_seen} >= {"joint_friction", "joint_spring_play", "sensor_gain"}
+    assert {one.id for one in found.not_seen} >= {
+        "joint_friction",
+        "joint_spring_play",
+        "sensor_gain",
+    }

@@ -31,14 +31,18 @@ def read_back(path: Path) -> dict[str, Messages]:
     found: dict[str, Messages] = {}
     pools: dict[int, Any] = {}
     with path.open("rb") as file:
-        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages(
+            log_time_order=False
+        ):
             assert message.log_time == message.publish_time
             if channel.message_encoding == "json":
                 content = json.loads(message.data)
             else:
                 pools[schema.id] = pools.get(schema.id) or message_class(schema.name, schema.data)
                 decoded = pools[schema.id].FromString(message.data)
-                content = {field.name: getattr(decoded, field.name) for field in decoded.DESCRIPTOR.fields}
+                content = {
+                    field.name: getattr(decoded, field.name) for field in decoded.DESCRIPTOR.fields
+                }
             found.setdefault(channel.topic, []).append((message.log_time, content))
     return found
 
@@ -56,7 +60,11 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Expor
     known = recording()
     write_recording(known, folder / "run.h5")
     lay_photos(folder)
-    return known, export_mcap(folder, folder / "out" / "small.mcap", ignore_progress), folder / "out" / "small.mcap"
+    return (
+        known,
+        export_mcap(folder, folder / "out" / "small.mcap", ignore_progress),
+        folder / "out" / "small.mcap",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +90,9 @@ def test_every_value_of_every_record_is_there_bit_by_bit(exported, topics, devic
     assert fields.pop("t_s") == np.concatenate([stream.t_s for stream in streams]).tolist()
     assert set(fields) == set(streams[0].columns)
     for name, values in fields.items():
-        assert values == np.concatenate([stream.columns[name].values for stream in streams]).tolist(), name
+        assert (
+            values == np.concatenate([stream.columns[name].values for stream in streams]).tolist()
+        ), name
 
 
 def test_counts_stay_whole_numbers(topics):
@@ -93,20 +103,27 @@ def test_counts_stay_whole_numbers(topics):
 
 @pytest.mark.parametrize("device", ["shaft", "force"])
 def test_times_are_the_devices_own_placed_on_the_hosts_clock(exported, topics, device):
-    expected = np.concatenate([zero_s + stream.t_s for zero_s, stream in all_streams(exported[0], device)])
+    expected = np.concatenate(
+        [zero_s + stream.t_s for zero_s, stream in all_streams(exported[0], device)]
+    )
     found = np.array([ns - BEGAN_NS for ns, _ in topics[f"/{device}"]]) * 1e-9
     assert np.abs(found - expected).max() < 2e-9
 
 
 def test_messages_come_in_the_order_of_time(exported):
     with exported[2].open("rb") as file:
-        times = [message.log_time for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
+        times = [
+            message.log_time
+            for _, _, message in make_reader(file).iter_messages(log_time_order=False)
+        ]
     assert times == sorted(times)
     assert len(times) == exported[1].messages
 
 
 def test_stages_say_where_they_begin_and_what_they_are(topics):
-    begins = [(round((ns - BEGAN_NS) * 1e-9, 6), content["label"]) for ns, content in topics["/stage"]]
+    begins = [
+        (round((ns - BEGAN_NS) * 1e-9, 6), content["label"]) for ns, content in topics["/stage"]
+    ]
     assert begins == [
         (12.4, "flap 215 mm, 2.433 rad/s, repeat 1"),
         (16.65, "flap 215 mm, 2.433 rad/s, repeat 2"),
@@ -129,13 +146,20 @@ def test_events_are_log_lines_at_their_time_and_a_trip_is_an_error(topics):
 def test_a_photo_is_its_own_bytes_and_a_lost_one_is_told(exported, topics):
     (ns, photo), *more = topics["/photo"]
     assert (more, photo["format"], ns) == ([], "png", topics["/stage"][2][0])
-    assert base64.b64decode(photo["data"]) == (exported[2].parents[1] / "photos/001.png").read_bytes()
+    assert (
+        base64.b64decode(photo["data"]) == (exported[2].parents[1] / "photos/001.png").read_bytes()
+    )
     assert (exported[1].pictures, exported[1].missing) == (1, ("overlays/001.jpg",))
 
 
 def test_static_means_have_null_where_no_angle_was_told(topics):
     row = topics["/static"][0][1]
-    assert (row["stage"], row["fz_N"], row["hinge2_deg"], row["hinge7_deg"]) == (1, -2.36, -5.5, None)
+    assert (row["stage"], row["fz_N"], row["hinge2_deg"], row["hinge7_deg"]) == (
+        1,
+        -2.36,
+        -5.5,
+        None,
+    )
 
 
 def test_the_file_says_what_it_is(exported):
@@ -147,31 +171,61 @@ def test_the_file_says_what_it_is(exported):
     assert metadata["provenance"] == {"seed": "1"}
     force = next(channel for channel in summary.channels.values() if channel.topic == "/force")
     assert (force.metadata["fz_N"], force.metadata["source"]) == ("N", "SIM")
-    assert all(channel.schema_id in summary.schemas for channel in summary.channels.values())  # PlotJuggler opens nothing else
-    assert {summary.schemas[c.schema_id].name for c in summary.channels.values()} >= {"foxglove.Log", "foxglove.CompressedImage"}
+    assert all(
+        channel.schema_id in summary.schemas for channel in summary.channels.values()
+    )  # PlotJuggler opens nothing else
+    assert {summary.schemas[c.schema_id].name for c in summary.channels.values()} >= {
+        "foxglove.Log",
+        "foxglove.CompressedImage",
+    }
     assert summary.statistics.message_count == exported[1].messages
 
 
 @pytest.mark.parametrize(
     ("resumed", "later_s"),
-    [("2026-11-23T08:00:0", 31 * 3600.0), ("2026-11-22T01:00:0", 10.9)],  # the next day; on a twin, whose clock begins anew
+    [
+        ("2026-11-23T08:00:0", 31 * 3600.0),
+        ("2026-11-22T01:00:0", 10.9),
+    ],  # the next day; on a twin, whose clock begins anew
 )
 def test_a_run_that_was_resumed_has_a_clock_for_each_part(tmp_path, resumed, later_s):
     events = (
         {"event": "run begins", "t_s": 0.0, "utc": "2026-11-22T01:00:00+00:00"},
-        {"event": "stage begins", "t_s": 4.9, "utc": "2026-11-22T01:00:04.900000+00:00", "stage": "flap 200 mm, 1 rad/s, repeat 1"},
-        {"event": "stage begins", "t_s": 9.9, "utc": "2026-11-22T01:00:09.900000+00:00", "stage": "flap 200 mm, 1 rad/s, repeat 2"},
+        {
+            "event": "stage begins",
+            "t_s": 4.9,
+            "utc": "2026-11-22T01:00:04.900000+00:00",
+            "stage": "flap 200 mm, 1 rad/s, repeat 1",
+        },
+        {
+            "event": "stage begins",
+            "t_s": 9.9,
+            "utc": "2026-11-22T01:00:09.900000+00:00",
+            "stage": "flap 200 mm, 1 rad/s, repeat 2",
+        },
         {"event": "run resumed", "t_s": 0.0, "utc": f"{resumed}0+00:00"},
-        {"event": "stage begins", "t_s": 4.9, "utc": f"{resumed}4.900000+00:00", "stage": "flap 200 mm, 1 rad/s, repeat 2"},
+        {
+            "event": "stage begins",
+            "t_s": 4.9,
+            "utc": f"{resumed}4.900000+00:00",
+            "stage": "flap 200 mm, 1 rad/s, repeat 2",
+        },
     )
     strokes = tuple(Stroke(0.2, 1.0, repeat, streams(5.0, 140, repeat)) for repeat in (1, 2))
     cut_short = RawStage("flap 200 mm, 1 rad/s, repeat 2", 0.2, streams(10.0, 140, 3), "stopped")
     text = "".join(json.dumps(event) + "\n" for event in events)
-    write_recording(Recording("resumed", "SIM", {}, {}, strokes, (), {"events": text}, (cut_short,)), tmp_path / "run.h5")
+    write_recording(
+        Recording("resumed", "SIM", {}, {}, strokes, (), {"events": text}, (cut_short,)),
+        tmp_path / "run.h5",
+    )
     export_mcap(tmp_path, tmp_path / "out.mcap", ignore_progress)
     topics = read_back(tmp_path / "out.mcap")
     later_ns = round(later_s * 1e9)
-    assert [ns - BEGAN_NS for ns, _ in topics["/stage"]] == [4_900_000_000, 9_900_000_000, later_ns + 4_900_000_000]
+    assert [ns - BEGAN_NS for ns, _ in topics["/stage"]] == [
+        4_900_000_000,
+        9_900_000_000,
+        later_ns + 4_900_000_000,
+    ]
     assert [content.get("cut_short") for _, content in topics["/stage"]] == [None, "stopped", None]
     assert topics["/log"][-1][0] == BEGAN_NS + later_ns + 4_900_000_000
 
@@ -196,7 +250,9 @@ def test_more_fields_than_one_byte_of_tag_holds():
 
 def test_columns_of_a_spreadsheet_may_be_called_anything(tmp_path):
     odd = {"temp (°C)": 21.5, "temp  °C ": 22.5, "2nd": 3.0, "naïve": 5.0}
-    stream = Stream(np.zeros(3), {name: Column(np.full(3, value), "") for name, value in odd.items()})
+    stream = Stream(
+        np.zeros(3), {name: Column(np.full(3, value), "") for name, value in odd.items()}
+    )
     stroke = Stroke(0.2, 1.0, 1, {"my table": stream})
     write_recording(Recording("odd", "IMPORT", {}, {}, (stroke,), ()), tmp_path / "run.h5")
     export_mcap(tmp_path / "run.h5", tmp_path / "odd.mcap", ignore_progress)

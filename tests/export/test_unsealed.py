@@ -1,4 +1,6 @@
-"""A recording without a seal is looked through before it is exported or shown: no checksum says that it is as a run wrote it."""
+"""A recording without a seal is looked through before it is exported or shown: no checksum says
+that it is as a run wrote it.
+"""
 
 import os
 from dataclasses import replace
@@ -21,7 +23,9 @@ SEAL_BYTES = 41
 @pytest.fixture
 def unsealed(tmp_path) -> Path:
     """A recording as a version before seals wrote it."""
-    path = write_recording(replace(recording(140), nominal=twin_rig().nominal()), tmp_path / "run.h5")
+    path = write_recording(
+        replace(recording(140), nominal=twin_rig().nominal()), tmp_path / "run.h5"
+    )
     os.truncate(path, path.stat().st_size - SEAL_BYTES)
     with h5py.File(path, "r+") as file:
         del file.attrs["sealed"]
@@ -66,7 +70,9 @@ def test_a_sound_file_without_a_seal_opens(unsealed):
 
 
 @pytest.mark.parametrize(("edit", "said"), EDITS.items(), ids=[edit.__name__ for edit in EDITS])
-def test_what_no_run_writes_is_neither_exported_nor_shown(unsealed, tmp_path, monkeypatch, capsys, edit, said):
+def test_what_no_run_writes_is_neither_exported_nor_shown(
+    unsealed, tmp_path, monkeypatch, capsys, edit, said
+):
     with h5py.File(unsealed, "r+") as file:
         edit(file)
     with pytest.raises(BadInput, match=said):

@@ -1,4 +1,6 @@
-"""Programs that turn a shaft behind a guardian, in a process of their own or in this one, and who listens on the bus."""
+"""Programs that turn a shaft behind a guardian, in a process of their own or in this one, and
+who listens on the bus.
+"""
 
 import os
 import subprocess
@@ -21,7 +23,9 @@ PATIENCE_S = 20.0
 
 @dataclass
 class Driving:
-    """A program that turns the shaft, of a process group of its own as a shell would start it; and who listens on the bus."""
+    """A program that turns the shaft, of a process group of its own as a shell would start it;
+    and who listens on the bus.
+    """
 
     kind: str
     program: subprocess.Popen
@@ -58,14 +62,21 @@ class Driving:
 
     def greatest_torque_Nm(self) -> float:
         """Of a short while."""
-        return max(abs(torque_Nm) for m in self.heard(0.1) if (torque_Nm := self.torque_Nm(m)) is not None)
+        return max(
+            abs(torque_Nm) for m in self.heard(0.1) if (torque_Nm := self.torque_Nm(m)) is not None
+        )
 
 
 @contextmanager
 def driving(served: ServedDrive, *words: str) -> Iterator[Driving]:
     command = [sys.executable, "-m", "tests.guardian.driving", served.kind, *words]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with served.observer() as ear, subprocess.Popen(command, env=served.environment, start_new_session=True, **pipes) as program:
+    with (
+        served.observer() as ear,
+        subprocess.Popen(
+            command, env=served.environment, start_new_session=True, **pipes
+        ) as program,
+    ):
         try:
             line = program.stdout.readline()
             assert line.startswith("turning"), program.stderr.read()
@@ -90,10 +101,11 @@ def is_gone(process_id: int) -> bool:
 
 
 def let_go(d: Driving, within_s: float) -> float:
-    """The drive is told, moved by nobody since, and shows no torque; returns how long after the last command.
+    """The drive is told, moved by nobody since, and shows no torque; returns how long after the
+    last command.
 
-    A drive that only answers is asked by telling it to let go once more: the answer shows how it was before.
-    """
+    A drive that only answers is asked by telling it to let go once more: the answer shows how it
+    was before."""
     d.heard(within_s)
     last_command = d.moving(d.history)[-1]
     words = [m for m in d.history if d.is_last_word(m) and m.timestamp >= last_command.timestamp]

@@ -1,7 +1,8 @@
-"""A program that turns the shaft for ever, for others to stop: python -m tests.guardian.driving mit|servo [silent]
+"""A program that turns the shaft for ever, for others to stop: python -m tests.guardian.driving
+mit|servo [silent]
 
-Says `turning` and the guardian's process id once the shaft turns; with `silent` it stops commanding a little later and goes on running.
-"""
+Says `turning` and the guardian's process id once the shaft turns; with `silent` it stops commanding
+a little later and goes on running."""
 
 import sys
 import threading

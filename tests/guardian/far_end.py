@@ -1,8 +1,8 @@
-"""An AK drive's twin on a loaded shaft behind a socketcand, light enough for a busy machine: python -m tests.guardian.far_end mit|servo
+"""An AK drive's twin on a loaded shaft behind a socketcand, light enough for a busy machine: python
+-m tests.guardian.far_end mit|servo
 
-The same bus is there as a serial adapter. Prints where, as JSON. Without torque the shaft creeps; turned as `driving` does it takes
-several N m.
-"""
+The same bus is there as a serial adapter. Prints where, as JSON. Without torque the shaft creeps;
+turned as `driving` does it takes several N m."""
 
 import json
 import sys
@@ -12,7 +12,12 @@ import numpy as np
 from rfca_rig.bench.served import RealTimeLoop
 from rfca_rig.clock import WallClock
 from rfca_rig.contracts.motor_rig import Rotor
-from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
+from rfca_rig.devices.cubemars.twin import (
+    CubemarsMitTwin,
+    CubemarsServoTwin,
+    MitTwinSettings,
+    ServoTwinSettings,
+)
 from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twins.wires import datagram_link
@@ -34,16 +39,32 @@ class Burdened(Rotor):
 
 def main() -> None:
     clock, wire = WallClock(), SharedWire("far end")
-    port, serial = SocketcandPort(wire, "127.0.0.1", 0, clock.start_time().timestamp()), SlcanPort(wire)
+    port, serial = (
+        SocketcandPort(wire, "127.0.0.1", 0, clock.start_time().timestamp()),
+        SlcanPort(wire),
+    )
     bus = wire.join()
     if sys.argv[1] == "mit":
-        drive = CubemarsMitTwin(bus, MitTwinSettings(MIT.drive_id, MIT.model, MIT.direction, MIT.zero_rad))
+        drive = CubemarsMitTwin(
+            bus, MitTwinSettings(MIT.drive_id, MIT.model, MIT.direction, MIT.zero_rad)
+        )
     else:
-        motor = SERVO.drive_id, SERVO.gear_ratio, SERVO.pole_pairs, SERVO.torque_constant_Nm_per_A, SERVO.direction, SERVO.zero_deg
+        motor = (
+            SERVO.drive_id,
+            SERVO.gear_ratio,
+            SERVO.pole_pairs,
+            SERVO.torque_constant_Nm_per_A,
+            SERVO.direction,
+            SERVO.zero_deg,
+        )
         drive = CubemarsServoTwin(bus, ServoTwinSettings(*motor))
     sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
-    print(json.dumps({"host": "127.0.0.1", "can_port": port.port, "slcan": serial.path}), flush=True)
-    RealTimeLoop(TwinWorld(Burdened(), drive, sensor).process, clock).run([port, serial], lambda _: None, float("inf"))
+    print(
+        json.dumps({"host": "127.0.0.1", "can_port": port.port, "slcan": serial.path}), flush=True
+    )
+    RealTimeLoop(TwinWorld(Burdened(), drive, sensor).process, clock).run(
+        [port, serial], lambda _: None, float("inf")
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""A guardian in this process, on a wire and a clock of the test's own: every round is called by the test."""
+"""A guardian in this process, on a wire and a clock of the test's own: every round is called by
+the test.
+"""
 
 import socket
 from collections.abc import Iterator

@@ -26,10 +26,16 @@ CALIBRATION = Path(__file__).parents[2] / "calibration"
 BUS = CanBusSettings("socketcand", "can0", 1_000_000)
 MIT = MitSettings(3, "AK10-9", -1, 0.5)
 SERVO = ServoSettings(104, 9.0, 21, 0.198, -1, 20.0)
-LAST_WORDS: dict[str, TorqueOffFrames] = {"mit": MitTorqueOffFrames(MIT), "servo": ServoTorqueOffFrames(SERVO)}
+LAST_WORDS: dict[str, TorqueOffFrames] = {
+    "mit": MitTorqueOffFrames(MIT),
+    "servo": ServoTorqueOffFrames(SERVO),
+}
 SECTIONS = {
-    "mit": 'device = "cubemars-mit"\ndrive_id = 3\nmodel = "AK10-9"\ndirection = -1\nzero_rad = 0.5\n',
-    "servo": 'device = "cubemars-servo"\ndrive_id = 104\ngear_ratio = 9.0\npole_pairs = 21\ntorque_constant_Nm_per_A = 0.198\n'
+    "mit": (
+        'device = "cubemars-mit"\ndrive_id = 3\nmodel = "AK10-9"\ndirection = -1\nzero_rad = 0.5\n'
+    ),
+    "servo": 'device = "cubemars-servo"\ndrive_id = 104\ngear_ratio = 9.0\npole_pairs = '
+    "21\ntorque_constant_Nm_per_A = 0.198\n"
     "direction = -1\nzero_deg = 20.0\nstatus_period_ms = 2.0\n",
 }
 
@@ -40,7 +46,11 @@ def open_guarded(kind: str, clock: WallClock) -> GuardedBus:
 
 
 def motor_on(bus: GuardedBus, kind: str, clock: WallClock) -> ShaftMotor:
-    return CubemarsMitMotor(bus, clock, MIT, bus) if kind == "mit" else CubemarsServoMotor(bus, clock, SERVO, bus)
+    return (
+        CubemarsMitMotor(bus, clock, MIT, bus)
+        if kind == "mit"
+        else CubemarsServoMotor(bus, clock, SERVO, bus)
+    )
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,6 @@
-"""A guardian as a process, between a program that turns a shaft and the twin of an AK drive in MIT mode on a bus of its own."""
+"""A guardian as a process, between a program that turns a shaft and the twin of an AK drive in
+MIT mode on a bus of its own.
+"""
 
 import os
 import signal
@@ -15,7 +17,9 @@ from rfca_rig.guardian.process import ALIVE_S
 from tests.guardian.driven import driving, guarded, is_gone, let_go
 from tests.guardian.rigs import SILENCE_S, far_end, motor_on, open_guarded
 
-SMALL_S = 0.4  # on a machine that is busy with other tests; tests/benchmarks/guardian.py says what it is on one that is not
+# on a machine that is busy with other tests; tests/benchmarks/guardian.py says what it is on one
+# that is not
+SMALL_S = 0.4
 STAMPED_S = 0.06  # the server stamps frames within the 50 ms that it may leap
 
 
@@ -25,7 +29,8 @@ def mit():
         yield served
 
 
-# -- who commands is gone ----------------------------------------------------------------------------------------------------------
+# -- who commands is gone
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.realtime
@@ -64,7 +69,8 @@ def test_control_c_in_the_terminal_reaches_the_program_and_not_the_guardian(mit)
         assert is_gone(d.guardian)
 
 
-# -- the guardian is gone ----------------------------------------------------------------------------------------------------------
+# -- the guardian is gone
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.realtime
@@ -79,7 +85,10 @@ def test_a_guardian_that_is_told_to_end_lets_go_first_and_the_program_hears_it(m
 @pytest.mark.realtime
 @pytest.mark.parametrize(
     ("how", "said"),
-    [(signal.SIGKILL, "guardian ended by itself"), (signal.SIGSTOP, "guardian hangs, silent for 0.")],
+    [
+        (signal.SIGKILL, "guardian ended by itself"),
+        (signal.SIGSTOP, "guardian hangs, silent for 0."),
+    ],
     ids=["killed", "hung"],
 )
 def test_a_guardian_that_fails_is_found_out_and_the_program_lets_go_itself(mit, how, said):
@@ -90,13 +99,18 @@ def test_a_guardian_that_fails_is_found_out_and_the_program_lets_go_itself(mit, 
         assert is_gone(d.guardian)
 
 
-# -- in this process ---------------------------------------------------------------------------------------------------------------
+# -- in this process
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.realtime
 def test_the_guardian_is_proven_by_starving_it_and_the_motor_can_be_enabled_again(mit, monkeypatch):
     with guarded(mit, monkeypatch) as motor:
-        assert SILENCE_S < prove_stop(Bench(motor, None, None, WallClock(), is_real=True)) < SILENCE_S + SMALL_S
+        assert (
+            SILENCE_S
+            < prove_stop(Bench(motor, None, None, WallClock(), is_real=True))
+            < SILENCE_S + SMALL_S
+        )
         motor.enable()
         motor.command_angle(float(motor.read().angle_rad[-1]))
         assert motor.status().fault is None
@@ -153,5 +167,7 @@ def test_a_bus_that_breaks_is_an_error_of_the_next_calls_and_of_the_last_word(mo
                 time.sleep(0.002)
         with pytest.raises(DeviceError, match=r"not sent: \[Errno \d+\]"):
             motor.disable()
-        with pytest.raises(can.CanError, match=r"last word was not taken.*press the emergency stop"):
+        with pytest.raises(
+            can.CanError, match=r"last word was not taken.*press the emergency stop"
+        ):
             bus.shutdown()

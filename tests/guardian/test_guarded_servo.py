@@ -1,4 +1,6 @@
-"""A guardian as a process, between a program that turns a shaft and the twin of an AK drive in servo mode on a bus of its own."""
+"""A guardian as a process, between a program that turns a shaft and the twin of an AK drive in
+servo mode on a bus of its own.
+"""
 
 import signal
 
@@ -37,5 +39,9 @@ def test_a_program_that_is_stopped_leaves_no_torque(servo):
 @pytest.mark.realtime
 def test_the_guardian_is_proven_by_starving_it(servo, monkeypatch):
     with guarded(servo, monkeypatch) as motor:
-        assert SILENCE_S < prove_stop(Bench(motor, None, None, WallClock(), is_real=True)) < SILENCE_S + SMALL_S
+        assert (
+            SILENCE_S
+            < prove_stop(Bench(motor, None, None, WallClock(), is_real=True))
+            < SILENCE_S + SMALL_S
+        )
         assert "N m that the motor held were gone" in motor.identity()["guardian_proof"]

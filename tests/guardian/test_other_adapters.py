@@ -1,4 +1,6 @@
-"""A guardian on other adapters than a socketcand: a serial one, and python-can's bus over multicast."""
+"""A guardian on other adapters than a socketcand: a serial one, and python-can's bus over
+multicast.
+"""
 
 import os
 import time
@@ -42,7 +44,9 @@ def heard(ear: can.BusABC, seconds: float) -> list[can.Message]:
 
 
 def wait_until_it_listens(bus: can.BusABC, ear: can.BusABC) -> None:
-    """A serial adapter forwards nothing before it has read its open command, and it does not answer that command."""
+    """A serial adapter forwards nothing before it has read its open command, and it does not
+    answer that command.
+    """
     for _ in range(500):
         ear.send(can.Message(arbitration_id=0x18FE0000, is_extended_id=True))
         if any(message.is_extended_id for message in heard(bus, 0.02)):
@@ -59,7 +63,9 @@ def test_commands_pass_and_their_end_is_the_end_of_the_torque(adapter):
             bus.send(COMMAND)
             time.sleep(0.005)
         assert len([m for m in heard(ear, 0.05) if signature(m) == signature(COMMAND)]) == 50
-        assert {signature(message) for message in WORD.frames()} <= {signature(message) for message in heard(ear, 0.5)}
+        assert {signature(message) for message in WORD.frames()} <= {
+            signature(message) for message in heard(ear, 0.5)
+        }
         with pytest.raises(GuardianTorqueOff, match="guardian let go after 1"):
             bus.send(COMMAND)
 
@@ -69,7 +75,10 @@ def test_commands_pass_and_their_end_is_the_end_of_the_torque(adapter):
 def test_what_the_bus_says_arrives(adapter):
     with adapter() as (settings, ear), GuardedBus(settings, WORD, SILENCE_S, WallClock()) as bus:
         wait_until_it_listens(bus, ear)
-        said = [can.Message(arbitration_id=0x18FF0000 + n, data=bytes([n]), is_extended_id=True) for n in range(50)]
+        said = [
+            can.Message(arbitration_id=0x18FF0000 + n, data=bytes([n]), is_extended_id=True)
+            for n in range(50)
+        ]
         for message in said:
             ear.send(message)
         there = [message for message in heard(bus, 0.5) if message.arbitration_id >> 16 == 0x18FF]

@@ -1,4 +1,6 @@
-"""Whatever the order in which things happen, the drive never moves unwatched: random sequences, on a clock of the test's own."""
+"""Whatever the order in which things happen, the drive never moves unwatched: random sequences,
+on a clock of the test's own.
+"""
 
 import numpy as np
 import pytest
@@ -43,7 +45,9 @@ def act(i: Inside, name: str, number: int) -> None:
 
 
 def is_watched(done: Done, number: int) -> bool:
-    """Whether an unbroken row of commands leads back from this one to an arming, no silence in it longer than agreed."""
+    """Whether an unbroken row of commands leads back from this one to an arming, no silence in
+    it longer than agreed.
+    """
     until_s = done[number][1]
     for name, at_s in reversed(done[:number]):
         if name == "exit" or until_s - at_s > SILENCE_S + 1e-9:

@@ -1,9 +1,19 @@
-"""What a guardian lets pass, when it lets go, and what it says; round by round on a clock of the test's own."""
+"""What a guardian lets pass, when it lets go, and what it says; round by round on a clock of the
+test's own.
+"""
 
 import can
 import pytest
 
-from rfca_rig.guardian.link import GuardianRecord, RecordKind, decode_result, encode, from_frame, split_records, to_frame
+from rfca_rig.guardian.link import (
+    GuardianRecord,
+    RecordKind,
+    decode_result,
+    encode,
+    from_frame,
+    split_records,
+    to_frame,
+)
 from rfca_rig.guardian.process import MAX_DURATION_S, MIN_REPETITIONS, REPEAT_S
 from rfca_rig.twins.wires import CanEnd
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, command, inside, reply
@@ -12,8 +22,17 @@ ODD_FRAMES = [
     can.Message(timestamp=1.25, arbitration_id=0x1ABCDEF0, is_extended_id=True, data=b"\x00\xff"),
     can.Message(timestamp=1e9 + 0.123456, arbitration_id=0x7FF, is_extended_id=False, data=b""),
     can.Message(timestamp=3.0, arbitration_id=5, is_extended_id=False, is_remote_frame=True, dlc=6),
-    can.Message(timestamp=4.0, arbitration_id=0x40, is_extended_id=False, is_error_frame=True, data=bytes(8)),
-    can.Message(timestamp=5.0, arbitration_id=9, is_fd=True, bitrate_switch=True, error_state_indicator=True, data=bytes(range(64))),
+    can.Message(
+        timestamp=4.0, arbitration_id=0x40, is_extended_id=False, is_error_frame=True, data=bytes(8)
+    ),
+    can.Message(
+        timestamp=5.0,
+        arbitration_id=9,
+        is_fd=True,
+        bitrate_switch=True,
+        error_state_indicator=True,
+        data=bytes(range(64)),
+    ),
 ]
 
 
@@ -30,10 +49,13 @@ def test_frames_of_the_bus_reach_the_parent_in_order():
         for number in range(300):
             i.drive.send(command(number))
         i.rounds(0.003)
-        assert [int.from_bytes(to_frame(record).data, "big") for record in i.told(RecordKind.FRAME)] == list(range(300))
+        assert [
+            int.from_bytes(to_frame(record).data, "big") for record in i.told(RecordKind.FRAME)
+        ] == list(range(300))
 
 
-# -- passing ---------------------------------------------------------------------------------------------------------------------
+# -- passing
+# --------------------------------------------------------------------------------------------------
 
 
 def test_what_could_move_the_drive_passes_only_once_it_is_armed():
@@ -80,12 +102,15 @@ def test_a_command_without_gains_alone_does_not_end_the_watch():
         assert len(i.told(RecordKind.LET_GO)) == 1
 
 
-# -- silence ---------------------------------------------------------------------------------------------------------------------
+# -- silence
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("every_s", [0.001, 0.09, 0.5, 2.0])
 def test_it_never_lets_go_while_commands_come_even_where_it_gets_little_time_itself(every_s):
-    """Commands of every 10 ms; a round only every so often, in which whatever came meanwhile is found."""
+    """Commands of every 10 ms; a round only every so often, in which whatever came meanwhile is
+    found.
+    """
     with inside() as i:
         i.arm()
         due_s = 0.0
@@ -107,7 +132,10 @@ def test_it_lets_go_after_the_silence_and_says_how_long_it_was():
         assert i.heard() == [bytes(command(1).data)]
         i.rounds(0.002)
         assert i.heard() == [LIMP, EXIT]
-        assert i.told(RecordKind.LET_GO)[0].text in {"guardian let go after 100 ms of silence", "guardian let go after 101 ms of silence"}
+        assert i.told(RecordKind.LET_GO)[0].text in {
+            "guardian let go after 100 ms of silence",
+            "guardian let go after 101 ms of silence",
+        }
 
 
 def test_reading_and_asking_do_not_count_as_commands():
@@ -170,7 +198,8 @@ def test_a_parent_that_reads_nothing_holds_nothing_up_and_finds_afterwards_what_
         assert 0 < len(i.told(RecordKind.FRAME)) < 20_000
 
 
-# -- the last word ---------------------------------------------------------------------------------------------------------------
+# -- the last word
+# --------------------------------------------------------------------------------------------------
 
 
 def test_it_is_repeated_until_the_drive_shows_no_torque():
@@ -256,14 +285,18 @@ def test_it_goes_on_until_the_bus_takes_it():
         i.arm()
         i.rounds(2.0)
         assert i.told(RecordKind.SILENCED) == []
-        assert "last word was not taken: ValueError: no such device" in i.told(RecordKind.BUS_ERROR)[-1].text
+        assert (
+            "last word was not taken: ValueError: no such device"
+            in i.told(RecordKind.BUS_ERROR)[-1].text
+        )
         bus.refused = lambda _: False
         i.rounds(0.02)
         assert bus.taken[:2] == [LIMP, EXIT]
         assert len(bus.taken) <= 2 * MIN_REPETITIONS
 
 
-# -- errors of the bus, ends ------------------------------------------------------------------------------------------------------
+# -- errors of the bus, ends
+# --------------------------------------------------------------------------------------------------
 
 
 def test_a_frame_that_the_bus_refuses_is_told():

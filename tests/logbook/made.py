@@ -14,18 +14,38 @@ ROOT = Path(__file__).parents[2]
 
 @cache
 def plan(protocol: str = "table2") -> Plan:
-    return read_plan(ROOT / "protocols" / f"{protocol}.toml", read_rig(ROOT / "calibration" / "twin.toml").facts())
+    return read_plan(
+        ROOT / "protocols" / f"{protocol}.toml",
+        read_rig(ROOT / "calibration" / "twin.toml").facts(),
+    )
 
 
-def run(folder: Path, planned: Plan, recorded: int = 99, ending: dict[str, str] | None = None, **known: str) -> Path:
-    """A run of that plan of which so many stages were recorded; `ending` None leaves it unfinished."""
+def run(
+    folder: Path,
+    planned: Plan,
+    recorded: int = 99,
+    ending: dict[str, str] | None = None,
+    **known: str,
+) -> Path:
+    """A run of that plan of which so many stages were recorded; `ending` None leaves it
+    unfinished.
+    """
     (folder / "stages").mkdir(parents=True)
     source = known.pop("source", "SIM")
     provenance = {"operator": "", "sample": "", **serialize_plan(planned), **known}
     (folder / "run.json").write_text(
-        json.dumps({"format": "rfca-run/1", "title": planned.title, "source": source, "provenance": provenance})
+        json.dumps(
+            {
+                "format": "rfca-run/1",
+                "title": planned.title,
+                "source": source,
+                "provenance": provenance,
+            }
+        )
     )
-    stages = [stage for stage in planned.stages if type(stage).__name__ in ("Flap", "Hold", "Cycles")][:recorded]
+    stages = [
+        stage for stage in planned.stages if type(stage).__name__ in ("Flap", "Hold", "Cycles")
+    ][:recorded]
     begun = [{"event": "stage begins", "stage": stage.label} for stage in stages]
     events = [event for one in begun for event in (one, {"event": "stage recorded", "samples": {}})]
     (folder / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))

@@ -1,4 +1,6 @@
-"""The index is a cache: with it, without it, and with any other in its place the list is the same."""
+"""The index is a cache: with it, without it, and with any other in its place the list is the
+same.
+"""
 
 import os
 import random
@@ -24,7 +26,12 @@ def runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "runs"
     for number, ending in enumerate([DONE, TRIPPED, None] * 3):
-        made = run(folder / ("" if number % 2 else f"2026/month-{number}") / f"SIM-{number}", PLAN, ending=ending, sample=f"leg {number}")
+        made = run(
+            folder / ("" if number % 2 else f"2026/month-{number}") / f"SIM-{number}",
+            PLAN,
+            ending=ending,
+            sample=f"leg {number}",
+        )
         os.utime(made / "run.json", (1e9 + number, 1e9 + number))
     return folder
 
@@ -35,13 +42,19 @@ def read(monkeypatch):
     folders = []
     entry_in = listing.read_entry
     monkeypatch.setattr(
-        listing, "read_entry", lambda runs, folder, measure_s: (folders.append(folder), entry_in(runs, folder, measure_s))[1]
+        listing,
+        "read_entry",
+        lambda runs, folder, measure_s: (folders.append(folder), entry_in(runs, folder, measure_s))[
+            1
+        ],
     )
     return folders
 
 
 def test_newest_first_however_deep(runs):
-    assert [entry.sample for entry in list_runs(runs)] == [f"leg {number}" for number in reversed(range(9))]
+    assert [entry.sample for entry in list_runs(runs)] == [
+        f"leg {number}" for number in reversed(range(9))
+    ]
 
 
 def test_what_did_not_change_is_not_read_again(runs, read):
@@ -144,7 +157,9 @@ def test_a_link_that_leads_in_a_circle_is_no_trap(runs):
     (runs / "2026" / "again").symlink_to(runs)
     assert len(list_runs(runs)) == 9
     (runs / "elsewhere").symlink_to(shutil.move(runs / "SIM-1", runs.parent / "disk"))
-    assert sorted(Path(entry.folder).name for entry in list_runs(runs))[-1] == "elsewhere", "a link to a run elsewhere is one"
+    assert sorted(Path(entry.folder).name for entry in list_runs(runs))[-1] == "elsewhere", (
+        "a link to a run elsewhere is one"
+    )
 
 
 def test_no_folder_is_told_with_the_option_to_name_one(tmp_path):

@@ -27,7 +27,11 @@ ENTRY = Entry(
     began_s=datetime(2026, 11, 22, 14, 30).timestamp(),
     operator="M. Kölle",
     sample="Leg 7",
-    conditions=(LoggedCondition(215.0, 2.433), LoggedCondition(235.0, 3.276), LoggedCondition(235.0)),
+    conditions=(
+        LoggedCondition(215.0, 2.433),
+        LoggedCondition(235.0, 3.276),
+        LoggedCondition(235.0),
+    ),
     ended="tripped",
     code="F-02",
     verdict=Verdict("named", ("motor_speed_droop",), 0.999),
@@ -51,7 +55,9 @@ def test_a_number_is_what_rounds_to_it_and_a_range_what_lies_within(text, inside
     assert not any(span.holds(value) for value in outside)
 
 
-@pytest.mark.parametrize("text", ["abc", "nan", "inf", "..", "5..2", "1e3", "2,4", "1..2..3", "..nan"])
+@pytest.mark.parametrize(
+    "text", ["abc", "nan", "inf", "..", "5..2", "1e3", "2,4", "1..2..3", "..nan"]
+)
 def test_what_is_no_number_is_told_what_one_is(text):
     with pytest.raises(BadInput, match="--speed"):
         span_of(text, "--speed")
@@ -101,10 +107,19 @@ def test_what_does_not(wanted):
 
 
 def test_names_are_known_whatever_their_case_and_mistakes_get_the_nearest():
-    assert (kind_of("Static"), source_of("real"), ending_of("worn-out"), ending_of("f-02")) == ("static", "REAL", "worn out", "F-02")
+    assert (kind_of("Static"), source_of("real"), ending_of("worn-out"), ending_of("f-02")) == (
+        "static",
+        "REAL",
+        "worn out",
+        "F-02",
+    )
     assert verdict_of("nothing-missing", ()) == "nothing missing"
     assert verdict_of("hinge_backlash", ("hinge_backlash",)) == "hinge_backlash"
-    for of, text, meant in ((kind_of, "dynmic", "dynamic"), (ending_of, "triped", "tripped"), (source_of, "sym", "SIM")):
+    for of, text, meant in (
+        (kind_of, "dynmic", "dynamic"),
+        (ending_of, "triped", "tripped"),
+        (source_of, "sym", "SIM"),
+    ):
         with pytest.raises(BadInput, match=f"did you mean {meant}\\?"):
             of(text)
     with pytest.raises(BadInput, match="did you mean motor_speed_droop"):

@@ -17,7 +17,9 @@ from tests.logbook.made import DONE, ROOT, STOPPED, TRIPPED, plan, run
 def as_recorded(path: Path) -> dict[str, object]:
     """The same of the recording, by the way that analyses read it."""
     recording = read_recording(path)
-    strokes = {LoggedCondition(round(1e3 * s.height_m, 6), s.speed_rad_s) for s in recording.strokes}
+    strokes = {
+        LoggedCondition(round(1e3 * s.height_m, 6), s.speed_rad_s) for s in recording.strokes
+    }
     stages = {LoggedCondition(round(1e3 * s.height_m, 6)) for s in recording.static}
     identity = identity_of(recording.title, recording.source, recording.provenance)
     return {
@@ -44,11 +46,29 @@ def as_listed(entry: Entry) -> dict[str, object]:
 @pytest.mark.slow
 def test_a_run_is_listed_as_it_was_recorded(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ("--height", 215, "--speed", 3.249, "--repeats", 2, "--operator", "M. Kölle", "--sample", "leg 7")
-    folder = Path(json.loads(typed(monkeypatch, capsys, "dynamic", "run", *words, "--json").out)["run"])
+    words = (
+        "--height",
+        215,
+        "--speed",
+        3.249,
+        "--repeats",
+        2,
+        "--operator",
+        "M. Kölle",
+        "--sample",
+        "leg 7",
+    )
+    folder = Path(
+        json.loads(typed(monkeypatch, capsys, "dynamic", "run", *words, "--json").out)["run"]
+    )
     entry = read_entry(Path("runs"), folder.name)
     assert as_listed(entry) == as_recorded(folder / "run.h5")
-    assert (entry.kind, entry.ended, entry.operator, entry.sample) == ("dynamic", "done", "M. Kölle", "leg 7")
+    assert (entry.kind, entry.ended, entry.operator, entry.sample) == (
+        "dynamic",
+        "done",
+        "M. Kölle",
+        "leg 7",
+    )
     (folder / "run.json").unlink()
     assert as_listed(read_entry(Path("runs"), folder.name)) == as_listed(entry), "from run.h5 alone"
 
@@ -86,7 +106,11 @@ def test_only_what_was_recorded_counts_and_what_had_begun_is_found(tmp_path):
         events.write(json.dumps({"event": "stage cut short", "why": "stopped"}) + "\n")
     entry = read_entry(tmp_path, "one")
     assert entry.strokes == 6
-    assert entry.conditions == (LoggedCondition(215.0, 2.433), LoggedCondition(215.0, 3.249), LoggedCondition(235.0, 2.478))
+    assert entry.conditions == (
+        LoggedCondition(215.0, 2.433),
+        LoggedCondition(215.0, 3.249),
+        LoggedCondition(235.0, 2.478),
+    )
 
 
 def test_a_stage_that_a_crash_took_is_not_the_one_recorded_after_it(tmp_path):
@@ -95,7 +119,9 @@ def test_a_stage_that_a_crash_took_is_not_the_one_recorded_after_it(tmp_path):
     with (folder / "events.jsonl").open("a") as events:
         for event in (begins(planned.holds[0]), {"event": "run resumed"}, begins(planned.flaps[0])):
             events.write(json.dumps(event) + "\n")
-        events.write(json.dumps({"event": "stage recorded", "samples": {}}) + '\n{"event": "half a li')
+        events.write(
+            json.dumps({"event": "stage recorded", "samples": {}}) + '\n{"event": "half a li'
+        )
     entry = read_entry(tmp_path, "one")
     assert (entry.strokes, entry.static_stages, entry.ended) == (1, 0, "unfinished")
 

@@ -18,7 +18,9 @@ def said(folder, identities, verdict="named", effects=(("hinge_backlash", 0.97),
     text = {
         "verdict": verdict,
         "effects": [{"id": name, "probability": sure} for name, sure in effects],
-        "recordings": [{"title": "", "source": "SIM", "identity": identity} for identity in identities],
+        "recordings": [
+            {"title": "", "source": "SIM", "identity": identity} for identity in identities
+        ],
     }
     (folder / "diagnosis.json").write_text(json.dumps(text))
     if at_s is not None:
@@ -35,7 +37,8 @@ def here(tmp_path, monkeypatch):
 
 def listed(here):
     return {
-        entry.sample: entry.verdict and (entry.verdict.words, entry.verdict.effects, entry.verdict.file)
+        entry.sample: entry.verdict
+        and (entry.verdict.words, entry.verdict.effects, entry.verdict.file)
         for entry in list_runs(here / "runs")
     }
 
@@ -72,7 +75,17 @@ def test_a_run_that_was_renamed_keeps_its_verdict_and_one_that_took_its_name_get
     assert found["another leg"] is None
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"verdict": "named"}', '{"recordings": [{}], "verdict": 1, "effects": []}'])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        '{"verdict": "named"}',
+        '{"recordings": [{}], "verdict": 1, "effects": []}',
+    ],
+)
 def test_a_file_that_is_no_diagnosis_says_nothing(here, content):
     (here / "diagnosis").mkdir()
     (here / "diagnosis" / "diagnosis.json").write_text(content)

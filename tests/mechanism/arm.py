@@ -1,9 +1,10 @@
-"""A planar arm with geared joints, simulated from its own equations: MuJoCo and the package's laws have no part in it.
+"""A planar arm with geared joints, simulated from its own equations: MuJoCo and the package's laws
+have no part in it.
 
-The joints turn in a vertical plane, driven towards a reference by a controller whose torques are recorded. Friction is LuGre's: a bristle
-with a Stribeck curve that falls as a Gaussian, and a share of the load. With a `Gear` the rotors are bodies of their own, behind springs
-with a dead zone, and the encoders sit on them.
-"""
+The joints turn in a vertical plane, driven towards a reference by a controller whose torques are
+recorded. Friction is LuGre's: a bristle with a Stribeck curve that falls as a Gaussian, and a share
+of the load. With a `Gear` the rotors are bodies of their own, behind springs with a dead zone, and
+the encoders sit on them."""
 
 from dataclasses import dataclass, field
 
@@ -13,15 +14,18 @@ import numpy as np
 GRAVITY_M_S2 = 9.81
 SAMPLE_S = 0.002
 BRISTLE_RAD = 0.002  # bend of a bristle at the friction torque
-# Computed torque: every joint follows its reference as an oscillator of this stiffness per s2 and damping per s. With a delay of 16 ms
-# the phase margin is 30 deg. Rotors behind gears that yield are ten to twenty times lighter than the links that the controller knows.
+# Computed torque: every joint follows its reference as an oscillator of this stiffness per s2 and
+# damping per s. With a delay of 16 ms the phase margin is 30 deg. Rotors behind gears that yield
+# are ten to twenty times lighter than the links that the controller knows.
 STIFF, DAMPED = 400.0, 40.0
 GEARED_STIFF, GEARED_DAMPED = 64.0, 12.0
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction at high speed per joint, its rise at rest as a share, the speed it falls with, a viscous part, a share of the load."""
+    """Dry friction at high speed per joint, its rise at rest as a share, the speed it falls
+    with, a viscous part, a share of the load.
+    """
 
     coulomb_Nm: tuple[float, ...]
     rise: float = 0.0
@@ -32,7 +36,9 @@ class Friction:
 
 @dataclass(frozen=True)
 class Gear:
-    """Stiffness of each gear, its play in all, and the torque per speed that it loses while its teeth touch."""
+    """Stiffness of each gear, its play in all, and the torque per speed that it loses while its
+    teeth touch.
+    """
 
     stiffness_Nm_per_rad: tuple[float, ...]
     play_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -41,7 +47,9 @@ class Gear:
 
 @dataclass(frozen=True)
 class Arm:
-    """Links are rods. `rotor_kg_m2` is added to a joint's own inertia, or moves behind the `gear`; an encoder reads `zero_rad` too much."""
+    """Links are rods. `rotor_kg_m2` is added to a joint's own inertia, or moves behind the
+    `gear`; an encoder reads `zero_rad` too much.
+    """
 
     length_m: tuple[float, ...] = (0.35, 0.3, 0.2)
     mass_kg: tuple[float, ...] = (2.0, 1.4, 0.7)
@@ -62,15 +70,21 @@ class Arm:
 def mjcf(arm):
     """The rigid part of the arm for MuJoCo, without anything that dissipates."""
     body, tail = "", ""
-    for number, (length, mass, rotor) in enumerate(zip(arm.length_m, arm.mass_kg, arm.rotor_kg_m2, strict=False), start=1):
+    for number, (length, mass, rotor) in enumerate(
+        zip(arm.length_m, arm.mass_kg, arm.rotor_kg_m2, strict=False), start=1
+    ):
         at = -arm.length_m[number - 2] if number > 1 else 0.0
         inertia = mass * length**2 / 12.0
         body += (
-            f'<body name="link{number}" pos="0 0 {at}"><joint name="joint{number}" type="hinge" axis="0 -1 0" armature="{rotor}"/>'
-            f'<inertial pos="0 0 {-length / 2}" mass="{mass}" diaginertia="{inertia} {inertia} 1e-4"/>'
+            f'<body name="link{number}" pos="0 0 {at}"><joint name="joint{number}" '
+            f'type="hinge" axis="0 -1 0" armature="{rotor}"/>'
+            f'<inertial pos="0 0 {-length / 2}" mass="{mass}" diaginertia="{inertia} '
+            f'{inertia} 1e-4"/>'
         )
         tail += "</body>"
-    motors = "".join(f'<motor name="motor{j + 1}" joint="joint{j + 1}" gear="1"/>' for j in range(arm.joints))
+    motors = "".join(
+        f'<motor name="motor{j + 1}" joint="joint{j + 1}" gear="1"/>' for j in range(arm.joints)
+    )
     return (
         '<mujoco model="arm"><option gravity="0 0 -9.81" timestep="0.001"/>'
         f"<worldbody>{body}{tail}</worldbody><actuator>{motors}</actuator></mujoco>"
@@ -78,7 +92,9 @@ def mjcf(arm):
 
 
 def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
-    """Times (m,), angles, speeds and torques (m, n) as recorded under a controller that follows sines in every joint."""
+    """Times (m,), angles, speeds and torques (m, n) as recorded under a controller that follows
+    sines in every joint.
+    """
     random = np.random.default_rng(seed)
     n = arm.joints
     rates = random.uniform(2.0, 7.0, (n, 3))
@@ -90,16 +106,26 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
     # the controller is sampled, and its torque is held: what is recorded is what was told
     state = np.concatenate([middle, np.zeros(n), np.zeros(n)])
     if arm.gear is not None:
-        state = np.concatenate([state, middle + _deflection(arm, _weight(arm, np.cumsum(middle))), np.zeros(n)])
+        state = np.concatenate(
+            [state, middle + _deflection(arm, _weight(arm, np.cumsum(middle))), np.zeros(n)]
+        )
     read = slice(0, 2 * n) if arm.gear is None else slice(3 * n, 5 * n)
-    angles, speeds, torques = np.empty((t_s.size, n)), np.empty((t_s.size, n)), np.empty((t_s.size, n))
+    angles, speeds, torques = (
+        np.empty((t_s.size, n)),
+        np.empty((t_s.size, n)),
+        np.empty((t_s.size, n)),
+    )
     late = round(arm.torque_delay_s / SAMPLE_S)
     for k, t in enumerate(t_s):
         wave = (size_rad / 3.0) * np.sin(rates * t + phases)
         rate = (size_rad / 3.0) * rates * np.cos(rates * t + phases)
         angles[k], speeds[k] = state[read].reshape(2, n)
-        wanted = stiff * (middle + wave.sum(axis=1) - angles[k]) + damped * (rate.sum(axis=1) - speeds[k])
-        torques[k] = _inertia(angles[k], length, mass)[0] @ wanted + _weight(arm, np.cumsum(angles[k]))
+        wanted = stiff * (middle + wave.sum(axis=1) - angles[k]) + damped * (
+            rate.sum(axis=1) - speeds[k]
+        )
+        torques[k] = _inertia(angles[k], length, mass)[0] @ wanted + _weight(
+            arm, np.cumsum(angles[k])
+        )
         told = torques[max(k - late, 0)] * arm.torque_factor
         state = _advance(arm, state, told)
     noise = np.random.default_rng([seed, 1])
@@ -112,16 +138,29 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
 
 
 def _advance(arm, state, torque):
-    """The state a sample later, by Runge-Kutta steps of 0.1 ms; bristles at 5 rad/s need less than 1 ms."""
+    """The state a sample later, by Runge-Kutta steps of 0.1 ms; bristles at 5 rad/s need less
+    than 1 ms.
+    """
     if arm.gear is not None:
-        return _geared_runge_kutta(state, torque, *_numbers(arm), *_numbers_of_gear(arm), 5e-5, round(SAMPLE_S / 5e-5))
+        return _geared_runge_kutta(
+            state, torque, *_numbers(arm), *_numbers_of_gear(arm), 5e-5, round(SAMPLE_S / 5e-5)
+        )
     return _runge_kutta(state, torque, *_numbers(arm), 1e-4, round(SAMPLE_S / 1e-4))
 
 
 def _numbers(arm):
     law, n = arm.friction, arm.joints
-    of_joints = (arm.length_m, arm.mass_kg, arm.rotor_kg_m2[:n], law.coulomb_Nm[:n], law.viscous_Nm_s_per_rad[:n])
-    return (*(np.array(values) for values in of_joints), np.array([law.rise, law.falls_rad_s, law.of_load]))
+    of_joints = (
+        arm.length_m,
+        arm.mass_kg,
+        arm.rotor_kg_m2[:n],
+        law.coulomb_Nm[:n],
+        law.viscous_Nm_s_per_rad[:n],
+    )
+    return (
+        *(np.array(values) for values in of_joints),
+        np.array([law.rise, law.falls_rad_s, law.of_load]),
+    )
 
 
 # Reach of the four stages of a step as shares of it, and their weights.
@@ -147,7 +186,10 @@ def _runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, h, steps):
 
 def _numbers_of_gear(arm):
     gear, n = arm.gear, arm.joints
-    return tuple(np.array(values[:n]) for values in (gear.stiffness_Nm_per_rad, gear.play_rad, gear.damping_Nm_s_per_rad))
+    return tuple(
+        np.array(values[:n])
+        for values in (gear.stiffness_Nm_per_rad, gear.play_rad, gear.damping_Nm_s_per_rad)
+    )
 
 
 def _deflection(arm, torque):
@@ -158,7 +200,9 @@ def _deflection(arm, torque):
 
 @numba.njit(cache=True)
 def _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping):
-    """Links with their bristles, then angles and speeds of the rotors; a gear pushes, and never pulls its teeth together."""
+    """Links with their bristles, then angles and speeds of the rotors; a gear pushes, and never
+    pulls its teeth together.
+    """
     n = length.size
     passed, rates = np.zeros(n), np.zeros(5 * n)
     for i in range(n):
@@ -177,14 +221,18 @@ def _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness
 
 
 @numba.njit(cache=True)
-def _geared_runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping, h, steps):
+def _geared_runge_kutta(
+    x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping, h, steps
+):
     x, at, rate, total = x.copy(), np.zeros(x.size), np.zeros(x.size), np.zeros(x.size)
     for _ in range(steps):
         total[:] = 0.0
         for reach, weight in STAGES:
             for i in range(x.size):
                 at[i] = x[i] + reach * h * rate[i]
-            rate = _geared_rates(at, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
+            rate = _geared_rates(
+                at, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping
+            )
             for i in range(x.size):
                 total[i] += weight * rate[i]
         for i in range(x.size):
@@ -249,7 +297,8 @@ def _solve(a, b):
 
 @numba.njit(cache=True)
 def _inertia(q, length, mass):
-    """The inertia (n, n) of the links in joint angles; c (n, n) of 1/2 sum c_ij cos(theta_i - theta_j) theta_i' theta_j'; moments of mass.
+    """The inertia (n, n) of the links in joint angles; c (n, n) of 1/2 sum c_ij cos(theta_i -
+    theta_j) theta_i' theta_j'; moments of mass.
 
     The kinetic energy is that sum, in absolute angles theta.
     """
@@ -267,7 +316,8 @@ def _inertia(q, length, mass):
             if j > i:
                 moment[i, j] = moment[j, i] = length[i] * heavy[j]
             inertia[i, j] = inertia[j, i] = moment[i, j] * np.cos(between)
-    # Absolute angles are sums of joint angles: each element is summed with all behind it, in both directions.
+    # Absolute angles are sums of joint angles: each element is summed with all behind it, in both
+    # directions.
     for i in range(n - 1, -1, -1):
         for j in range(n - 1, -1, -1):
             if i + 1 < n:
@@ -293,18 +343,42 @@ def _friction(w, bristle, torque, dry, viscous, shape):
 
 
 def write_campaign(folder, nominal, recordings, known_to):
-    """A folder with experiment.toml, model.xml of the nominal arm, and a CSV file of each recording."""
+    """A folder with experiment.toml, model.xml of the nominal arm, and a CSV file of each
+    recording.
+    """
     folder.mkdir(parents=True)
     (folder / "model.xml").write_text(mjcf(nominal), encoding="utf-8")
     joints = range(1, nominal.joints + 1)
-    names = ["t", *(f"q{j}" for j in joints), *(f"w{j}" for j in joints), *(f"tau{j}" for j in joints)]
+    names = [
+        "t",
+        *(f"q{j}" for j in joints),
+        *(f"w{j}" for j in joints),
+        *(f"tau{j}" for j in joints),
+    ]
     for number, (t_s, angle, speed, torque) in enumerate(recordings, start=1):
         rows = np.column_stack([t_s, np.degrees(angle), speed, torque])
-        np.savetxt(folder / f"run{number}.csv", rows, delimiter=",", header=",".join(names), comments="", fmt="%.8g")
-    signals = [f'{{ joint = "joint{j}", quantity = "position", column = "q{j}", unit = "deg" }}' for j in joints]
-    signals += [f'{{ joint = "joint{j}", quantity = "speed", column = "w{j}", unit = "rad/s" }}' for j in joints]
-    commands = [f'{{ actuator = "motor{j}", column = "tau{j}", unit = "N m", held = true }}' for j in joints]
-    runs = [f'{{ file = "run{k}.csv", condition = "sines {k}" }}' for k in range(1, len(recordings) + 1)]
+        np.savetxt(
+            folder / f"run{number}.csv",
+            rows,
+            delimiter=",",
+            header=",".join(names),
+            comments="",
+            fmt="%.8g",
+        )
+    signals = [
+        f'{{ joint = "joint{j}", quantity = "position", column = "q{j}", unit = "deg" }}'
+        for j in joints
+    ]
+    signals += [
+        f'{{ joint = "joint{j}", quantity = "speed", column = "w{j}", unit = "rad/s" }}'
+        for j in joints
+    ]
+    commands = [
+        f'{{ actuator = "motor{j}", column = "tau{j}", unit = "N m", held = true }}' for j in joints
+    ]
+    runs = [
+        f'{{ file = "run{k}.csv", condition = "sines {k}" }}' for k in range(1, len(recordings) + 1)
+    ]
     text = f"""format = "rfca-experiment/1"
 title = "arm"
 model = "model.xml"
@@ -314,5 +388,7 @@ commands = [{", ".join(commands)}]
 recordings = [{", ".join(runs)}]
 [known_to]
 """
-    (folder / "experiment.toml").write_text(text + "".join(f"{k} = {v}\n" for k, v in known_to.items()), encoding="utf-8")
+    (folder / "experiment.toml").write_text(
+        text + "".join(f"{k} = {v}\n" for k, v in known_to.items()), encoding="utf-8"
+    )
     return folder

@@ -1,4 +1,6 @@
-"""A double pendulum on a motor with torque, whose second joint has no encoder, simulated from its own equations, from rest."""
+"""A double pendulum on a motor with torque, whose second joint has no encoder, simulated from
+its own equations, from rest.
+"""
 
 import numpy as np
 
@@ -8,9 +10,15 @@ SECONDS = 1.5
 
 
 def record(arm, seed):
-    """Times (m,), angles and speeds of the first joint (m,), and the torque of its motor (m,), from rest under the weight."""
+    """Times (m,), angles and speeds of the first joint (m,), and the torque of its motor (m,),
+    from rest under the weight.
+    """
     random = np.random.default_rng(seed)
-    rates, phases, sizes = random.uniform(3.0, 9.0, 3), random.uniform(0.0, 2.0 * np.pi, 3), random.uniform(2.0, 4.0, 3)
+    rates, phases, sizes = (
+        random.uniform(3.0, 9.0, 3),
+        random.uniform(0.0, 2.0 * np.pi, 3),
+        random.uniform(2.0, 4.0, 3),
+    )
     t_s = np.arange(0.0, SECONDS, SAMPLE_S)
     torque = sizes @ (np.sin(rates[:, None] * t_s + phases[:, None]) - np.sin(phases)[:, None])
     state, angle, speed = np.zeros(6), np.empty(t_s.size), np.empty(t_s.size)
@@ -23,13 +31,24 @@ def record(arm, seed):
 
 
 def write_campaign(folder, nominal, recordings, known_to, start='state = "at rest"'):
-    """A folder with experiment.toml, model.xml of the nominal arm with one motor, and a CSV file of each recording."""
+    """A folder with experiment.toml, model.xml of the nominal arm with one motor, and a CSV file
+    of each recording.
+    """
     folder.mkdir(parents=True)
     text = mjcf(nominal).replace('<motor name="motor2" joint="joint2" gear="1"/>', "")
     (folder / "model.xml").write_text(text, encoding="utf-8")
     for number, rows in enumerate(recordings, start=1):
-        np.savetxt(folder / f"run{number}.csv", np.column_stack(rows), delimiter=",", header="t,q1,w1,tau1", comments="", fmt="%.8g")
-    runs = [f'{{ file = "run{k}.csv", condition = "pulls {k}" }}' for k in range(1, len(recordings) + 1)]
+        np.savetxt(
+            folder / f"run{number}.csv",
+            np.column_stack(rows),
+            delimiter=",",
+            header="t,q1,w1,tau1",
+            comments="",
+            fmt="%.8g",
+        )
+    runs = [
+        f'{{ file = "run{k}.csv", condition = "pulls {k}" }}' for k in range(1, len(recordings) + 1)
+    ]
     text = f"""format = "rfca-experiment/1"
 title = "pulled double pendulum"
 model = "model.xml"
@@ -44,5 +63,7 @@ recordings = [{", ".join(runs)}]
 {start}
 [known_to]
 """
-    (folder / "experiment.toml").write_text(text + "".join(f"{k} = {v}\n" for k, v in known_to.items()), encoding="utf-8")
+    (folder / "experiment.toml").write_text(
+        text + "".join(f"{k} = {v}\n" for k, v in known_to.items()), encoding="utf-8"
+    )
     return folder

@@ -1,4 +1,6 @@
-"""`check` of recordings of a mechanism: what can be used, and signs, units and columns that are probably wrong, each in one line."""
+"""`check` of recordings of a mechanism: what can be used, and signs, units and columns that are
+probably wrong, each in one line.
+"""
 
 import json
 import shutil
@@ -27,7 +29,12 @@ ARM = replace(Arm(), friction=Friction((0.0, 0.4, 0.0)))
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     known_to = {"mass_relative": 0.02, "zero_offset_rad": 0.002}
-    return write_campaign(tmp_path_factory.mktemp("check") / "arm", Arm(), [record(ARM, 3.4, seed) for seed in (0, 1)], known_to)
+    return write_campaign(
+        tmp_path_factory.mktemp("check") / "arm",
+        Arm(),
+        [record(ARM, 3.4, seed) for seed in (0, 1)],
+        known_to,
+    )
 
 
 @pytest.fixture
@@ -68,13 +75,19 @@ def until_priors(folder):
 
 
 def reverse(*columns):
-    return [(f'column = "{column}", unit', f'column = "{column}", sign = -1, unit') for column in columns]
+    return [
+        (f'column = "{column}", unit', f'column = "{column}", sign = -1, unit')
+        for column in columns
+    ]
 
 
 @pytest.mark.slow
 def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(sound):
     assert not [line for line in sound if line.is_warning]
-    names = {about: [line.name for line in sound if line.about == about] for about in {line.about for line in sound}}
+    names = {
+        about: [line.name for line in sound if line.about == about]
+        for about in {line.about for line in sound}
+    }
     assert names["model"] == ["model.xml"]
     assert names["recording"] == ["sines 1, repeat 1", "sines 2, repeat 1"]
     assert names["signal"] == names["prediction"] == ["q1", "q2", "q3", "w1", "w2", "w3"]
@@ -83,11 +96,22 @@ def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(sound):
     found = {(line.about, line.name): line.values for line in sound}
     assert found["model", "model.xml"] == {"mass_kg": pytest.approx(4.1)}
     assert found["recording", "sines 1, repeat 1"] == pytest.approx(
-        {"length_s": 3.398, "rate_Hz": 500.0, "largest_gap_s": 0.002, "windows": 6, "usable_windows": 6}
+        {
+            "length_s": 3.398,
+            "rate_Hz": 500.0,
+            "largest_gap_s": 0.002,
+            "windows": 6,
+            "usable_windows": 6,
+        }
     )
     assert found["signal", "q1"]["noise"] == pytest.approx(np.degrees(ARM.angle_error_rad), rel=0.1)
     assert found["signal", "w3"]["ratio"] == pytest.approx(1.0, abs=0.01)
-    assert found["balance", "joint1"]["imbalance"] < 0.02 < found["balance", "joint2"]["imbalance"] < 0.2
+    assert (
+        found["balance", "joint1"]["imbalance"]
+        < 0.02
+        < found["balance", "joint2"]["imbalance"]
+        < 0.2
+    )
     assert found["command", "tau1"]["gain"] == pytest.approx(1.0, abs=0.02)
     assert found["known_to", "priors"] == {"parameters": 6}
     assert found["integrator", "step"] == {"step_s": 0.004}
@@ -98,7 +122,9 @@ def test_errors_of_the_prediction_are_in_the_unit_of_the_column(sound, folder):
     in_deg = {line.name: line.values for line in sound if line.about == "prediction"}
     edit_column(folder, "q1", np.radians)
     edit(folder / "experiment.toml", ('column = "q1", unit = "deg"', 'column = "q1", unit = "rad"'))
-    in_rad = {line.name: line.values for line in check_experiment(folder) if line.about == "prediction"}
+    in_rad = {
+        line.name: line.values for line in check_experiment(folder) if line.about == "prediction"
+    }
     assert in_rad["q1"]["miss"] == pytest.approx(np.radians(in_deg["q1"]["miss"]), rel=1e-3)
     assert in_rad["q2"]["miss"] == pytest.approx(in_deg["q2"]["miss"], rel=1e-3)
 
@@ -106,7 +132,11 @@ def test_errors_of_the_prediction_are_in_the_unit_of_the_column(sound, folder):
 @pytest.mark.slow
 def test_a_prediction_that_misses_by_more_than_the_signal_changes_has_a_hint(folder):
     edit_column(folder, "w1", lambda speed: -speed)
-    found = {line.name: line for line in check_experiment(folder) if line.about == "prediction" and not line.is_warning}
+    found = {
+        line.name: line
+        for line in check_experiment(folder)
+        if line.about == "prediction" and not line.is_warning
+    }
     # The windows start from the recorded speeds, so that of one joint disturbs the others.
     missed = {name for name, line in found.items() if line.values["miss"] > line.values["change"]}
     assert "w1" in missed and "q1" not in missed
@@ -118,24 +148,59 @@ def test_a_prediction_that_misses_by_more_than_the_signal_changes_has_a_hint(fol
 @pytest.mark.parametrize(
     ("changes", "fix"),
     [
-        (reverse("q2", "w2"), "set sign = 1 in signals[2] (q2) and sign = 1 in signals[5] (w2); torques"),
+        (
+            reverse("q2", "w2"),
+            "set sign = 1 in signals[2] (q2) and sign = 1 in signals[5] (w2); torques",
+        ),
         (reverse("q2"), "set sign = 1 in signals[2] (q2); torques"),
-        (reverse("w2"), "signal w2: is -1 times the derivative of q2; set sign = 1 in signals[5] (w2)"),
+        (
+            reverse("w2"),
+            "signal w2: is -1 times the derivative of q2; set sign = 1 in signals[5] (w2)",
+        ),
         (reverse("tau3"), "set sign = 1 in commands[3] (tau3); torques"),
-        (reverse("q1", "w1", "tau3"), "set sign = 1 in signals[1] (q1) and sign = 1 in signals[4] (w1), sign = 1 in commands[3] (tau3);"),
+        (
+            reverse("q1", "w1", "tau3"),
+            (
+                "set sign = 1 in signals[1] (q1) and sign = 1 in signals[4] (w1), sign = 1 "
+                "in commands[3] (tau3);"
+            ),
+        ),
         (
             reverse("tau1", "tau2", "tau3"),
-            "or sign = 1 in commands[1] (tau1), sign = 1 in commands[2] (tau2), sign = 1 in commands[3] (tau3)",
+            (
+                "or sign = 1 in commands[1] (tau1), sign = 1 in commands[2] (tau2), sign = 1 "
+                "in commands[3] (tau3)"
+            ),
         ),
-        ([('column = "q1", unit = "deg"', 'column = "q1", unit = "rad"')], 'set unit = "deg" in signals[1] (q1); torques'),
-        ([('column = "w1", unit = "rad/s"', 'column = "w1", unit = "deg/s"')], 'set unit = "rad/s" in signals[4] (w1)'),
-        ([('column = "tau1", unit = "N m"', 'column = "tau1", unit = "mN m"')], 'set unit = "N m" in commands[1] (tau1); torques'),
         (
-            [('column = "q1", unit = "deg"', 'column = "q1", unit = "count", counts_per_turn = 720')],
+            [('column = "q1", unit = "deg"', 'column = "q1", unit = "rad"')],
+            'set unit = "deg" in signals[1] (q1); torques',
+        ),
+        (
+            [('column = "w1", unit = "rad/s"', 'column = "w1", unit = "deg/s"')],
+            'set unit = "rad/s" in signals[4] (w1)',
+        ),
+        (
+            [('column = "tau1", unit = "N m"', 'column = "tau1", unit = "mN m"')],
+            'set unit = "N m" in commands[1] (tau1); torques',
+        ),
+        (
+            [
+                (
+                    'column = "q1", unit = "deg"',
+                    'column = "q1", unit = "count", counts_per_turn = 720',
+                )
+            ],
             "set counts_per_turn = about 360 in signals[1]",
         ),
-        ([('column = "w1", unit', 'column = "w3", unit')], "signal w3: does not follow the derivative of q1"),
-        ([('column = "q1", unit', 'column = "q1", noise_std = 0.0001, unit')], "noise_std = 0.0001 is stated"),
+        (
+            [('column = "w1", unit', 'column = "w3", unit')],
+            "signal w3: does not follow the derivative of q1",
+        ),
+        (
+            [('column = "q1", unit', 'column = "q1", noise_std = 0.0001, unit')],
+            "noise_std = 0.0001 is stated",
+        ),
     ],
 )
 def test_a_wrong_sign_or_unit_is_one_warning_with_the_fix(folder, changes, fix):
@@ -148,7 +213,10 @@ def test_a_wrong_sign_or_unit_is_one_warning_with_the_fix(folder, changes, fix):
 def test_a_misread_column_is_neither_diagnosed_nor_fitted(folder, monkeypatch, use):
     edit(folder / "experiment.toml", *reverse("tau3"))
     experiment = read_experiment(folder)
-    with pytest.raises(BadInput, match=r"experiment.toml: set sign = 1 in commands\[3\] \(tau3\); .* take it with --as-is"):
+    with pytest.raises(
+        BadInput,
+        match=r"experiment.toml: set sign = 1 in commands\[3\] \(tau3\); .* take it with --as-is",
+    ):
         use(experiment, lambda *_: None)
 
     def stop(*_):
@@ -161,7 +229,11 @@ def test_a_misread_column_is_neither_diagnosed_nor_fitted(folder, monkeypatch, u
 
 @pytest.mark.slow
 def test_a_prior_without_an_object_is_warned_of_and_a_wrong_sign_only_once(folder):
-    edit(folder / "experiment.toml", *reverse("q2"), ("[known_to]", "[known_to]\nzero_offset_m = 0.1"))
+    edit(
+        folder / "experiment.toml",
+        *reverse("q2"),
+        ("[known_to]", "[known_to]\nzero_offset_m = 0.1"),
+    )
     sign, prior = warnings(check_experiment(folder))
     assert "signals[2]" in sign
     assert prior == "known_to zero_offset_m: the model has no slides; remove it"
@@ -172,14 +244,36 @@ def test_a_prior_without_an_object_is_warned_of_and_a_wrong_sign_only_once(folde
     ("column", "change", "files", "said"),
     [
         ("w2", np.zeros_like, ("run1.csv", "run2.csv"), "signal w2: column w2 is 0 in all samples"),
-        ("tau2", np.zeros_like, ("run1.csv", "run2.csv"), "command tau2: column tau2 is 0 in all samples"),
-        ("w2", np.zeros_like, ("run2.csv",), "signal w2: column w2 never changes in sines 2, repeat 1"),
-        ("q3", lambda q: 4.0 * np.round(q / 4.0), ("run1.csv", "run2.csv"), "steps over the whole range"),
+        (
+            "tau2",
+            np.zeros_like,
+            ("run1.csv", "run2.csv"),
+            "command tau2: column tau2 is 0 in all samples",
+        ),
+        (
+            "w2",
+            np.zeros_like,
+            ("run2.csv",),
+            "signal w2: column w2 never changes in sines 2, repeat 1",
+        ),
+        (
+            "q3",
+            lambda q: 4.0 * np.round(q / 4.0),
+            ("run1.csv", "run2.csv"),
+            "steps over the whole range",
+        ),
         ("q3", lambda q: (q - q.mean()) % 360.0, ("run1.csv",), "signal q3: jumps by 3"),
-        ("t", lambda t: np.where(t > 1.0, t + 0.2, t), ("run1.csv",), "recording sines 1, repeat 1: 2 windows hold or touch a gap"),
+        (
+            "t",
+            lambda t: np.where(t > 1.0, t + 0.2, t),
+            ("run1.csv",),
+            "recording sines 1, repeat 1: 2 windows hold or touch a gap",
+        ),
     ],
 )
-def test_a_column_that_is_dead_coarse_wrapped_or_has_a_gap_is_warned_of(folder, column, change, files, said):
+def test_a_column_that_is_dead_coarse_wrapped_or_has_a_gap_is_warned_of(
+    folder, column, change, files, said
+):
     edit_column(folder, column, change, files)
     assert any(said in warning for warning in warnings(until_priors(folder)))
 
@@ -209,20 +303,41 @@ def stop_clock(t):
             lambda f: edit_column(f, "q2", lambda q: np.where(q == q[4], np.nan, q), ("run1.csv",)),
             "run1.csv:6: column q2: nan is not a value",
         ),
-        (lambda f: edit_column(f, "t", stop_clock, ("run1.csv",)), "run1.csv:102: time does not run forwards"),
-        (lambda f: edit(f / "experiment.toml", ('joint = "joint3"', 'joint = "joint4"')), "joint 'joint4' is not in the model"),
-        (lambda f: edit(f / "experiment.toml", ('actuator = "motor3"', 'actuator = "m"')), "actuator 'm' is not in the model"),
+        (
+            lambda f: edit_column(f, "t", stop_clock, ("run1.csv",)),
+            "run1.csv:102: time does not run forwards",
+        ),
+        (
+            lambda f: edit(f / "experiment.toml", ('joint = "joint3"', 'joint = "joint4"')),
+            "joint 'joint4' is not in the model",
+        ),
+        (
+            lambda f: edit(f / "experiment.toml", ('actuator = "motor3"', 'actuator = "m"')),
+            "actuator 'm' is not in the model",
+        ),
         (forget_recordings, "recordings: should have 1 or more entries, not 0"),
         (
-            lambda f: edit(f / "experiment.toml", ('column = "t", unit = "s"', 'column = "t", unit = "ms"')),
+            lambda f: edit(
+                f / "experiment.toml", ('column = "t", unit = "s"', 'column = "t", unit = "ms"')
+            ),
             "is the unit of the time another?",
         ),
-        (lambda f: edit(f / "experiment.toml", ("[known_to]", "windows = { bin_s = 0.001 }\n[known_to]")), "has a gap longer than bin_s"),
-        (lambda f: edit(f / "model.xml", ('name="joint3"', 'name="joint3" damping="1e6"')), "the simulation diverges"),
+        (
+            lambda f: edit(
+                f / "experiment.toml", ("[known_to]", "windows = { bin_s = 0.001 }\n[known_to]")
+            ),
+            "has a gap longer than bin_s",
+        ),
+        (
+            lambda f: edit(f / "model.xml", ('name="joint3"', 'name="joint3" damping="1e6"')),
+            "the simulation diverges",
+        ),
         (lambda f: (f / "model.xml").unlink(), "model.xml: is not there"),
     ],
 )
-def test_what_cannot_be_used_is_one_line_and_exit_code_2(folder, monkeypatch, capsys, break_it, said):
+def test_what_cannot_be_used_is_one_line_and_exit_code_2(
+    folder, monkeypatch, capsys, break_it, said
+):
     break_it(folder)
     answer = typed(monkeypatch, capsys, "check", folder)
     assert answer.exit_code == 2
@@ -232,7 +347,9 @@ def test_what_cannot_be_used_is_one_line_and_exit_code_2(folder, monkeypatch, ca
 
 def test_a_time_in_another_unit_is_seen_in_the_speeds_too(folder, monkeypatch, capsys):
     edit(folder / "experiment.toml", ('column = "t", unit = "s"', 'column = "t", unit = "ms"'))
-    assert 'set unit = "s" in [time]' in " ".join(typed(monkeypatch, capsys, "check", folder).out.split())
+    assert 'set unit = "s" in [time]' in " ".join(
+        typed(monkeypatch, capsys, "check", folder).out.split()
+    )
 
 
 @pytest.mark.slow
@@ -263,8 +380,14 @@ def test_inverse_dynamics_agree_with_the_equations_of_the_other_engine(tmp_path)
     random = np.random.default_rng(0)
     position, speed, torque = (random.uniform(-2.0, 2.0, (20, 3)) for _ in range(3))
     states = [np.concatenate([q, w, np.zeros(3)]) for q, w in zip(position, speed, strict=True)]
-    acceleration = np.array([_rate(Arm(), state, tau)[3:6] for state, tau in zip(states, torque, strict=True)])
-    balance = balance_torques(load_mechanism(tmp_path / "model.xml"), States(position, speed, acceleration, torque))
+    acceleration = np.array(
+        [_rate(Arm(), state, tau)[3:6] for state, tau in zip(states, torque, strict=True)]
+    )
+    balance = balance_torques(
+        load_mechanism(tmp_path / "model.xml"), States(position, speed, acceleration, torque)
+    )
     assert np.abs(balance.remainder).max() < 1e-9
-    doubled = balance_torques(load_mechanism(tmp_path / "model.xml"), States(position, speed, acceleration, 2.0 * torque))
+    doubled = balance_torques(
+        load_mechanism(tmp_path / "model.xml"), States(position, speed, acceleration, 2.0 * torque)
+    )
     assert doubled.gain(1) == pytest.approx((0.5, 1.0))

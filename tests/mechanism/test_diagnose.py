@@ -1,4 +1,6 @@
-"""The diagnosis of mechanisms: an arm that another engine simulated, and a real pendulum, with their physics left out of the model file."""
+"""The diagnosis of mechanisms: an arm that another engine simulated, and a real pendulum, with
+their physics left out of the model file.
+"""
 
 import json
 import shutil
@@ -29,7 +31,9 @@ def campaign(folder, arm, seconds=6.0, seeds=(0, 1), nominal=NOMINAL):
 
 def diagnosed(folder):
     shares = []
-    found = diagnose_mechanism(read_experiment(folder), lambda _, share: shares.append(share)).diagnosis
+    found = diagnose_mechanism(
+        read_experiment(folder), lambda _, share: shares.append(share)
+    ).diagnosis
     assert shares == sorted(shares)
     return found
 
@@ -40,7 +44,9 @@ def sizes(effect):
 
 @pytest.mark.slow
 def test_commands_that_were_held_act_half_a_sample_late_unless_the_file_says_so(tmp_path):
-    """The arm's controller holds its torques. Taken as lines from row to row, they look 1 ms late: the first effect to be named."""
+    """The arm's controller holds its torques. Taken as lines from row to row, they look 1 ms
+    late: the first effect to be named.
+    """
     folder = campaign(tmp_path / "arm", replace(NOMINAL, angle_error_rad=0.0), seeds=(0,))
 
     def misfit():
@@ -48,7 +54,14 @@ def test_commands_that_were_held_act_half_a_sample_late_unless_the_file_says_so(
         problem = make_problem(experiment, load_mechanism(experiment.model))
         plant = problem.simulator.plant(MechanismInput())
         windows = [each.window for condition in problem.conditions for each in condition.windows]
-        return np.sqrt(np.mean([(problem.simulator.follow(plant, one)[0] - one.measured[0]) ** 2 for one in windows]))
+        return np.sqrt(
+            np.mean(
+                [
+                    (problem.simulator.follow(plant, one)[0] - one.measured[0]) ** 2
+                    for one in windows
+                ]
+            )
+        )
 
     told = misfit()
     path = folder / "experiment.toml"
@@ -62,24 +75,43 @@ def test_nothing_is_said_to_be_missing_of_an_arm_that_is_as_its_model(tmp_path):
     found = diagnosed(campaign(tmp_path / "arm", NOMINAL))
     assert found.grade == "nothing missing"
     assert not found.effects
-    assert {one.id for one in found.not_seen} >= {"joint_friction", "joint_damping", "joint_inertia", "torque_scale"}
+    assert {one.id for one in found.not_seen} >= {
+        "joint_friction",
+        "joint_damping",
+        "joint_inertia",
+        "torque_scale",
+    }
 
 
 @pytest.mark.long
 def test_nothing_is_said_to_be_missing_of_a_hopper_whose_contact_has_another_law(tmp_path):
     """Hunt and Crossley's sole against MuJoCo's contact, with a force plate."""
-    known_to = {"mass_relative": 0.01, "zero_offset_m": 0.0002, "contact_stiffness_relative": 0.1, "contact_damping_relative": 0.5}
+    known_to = {
+        "mass_relative": 0.01,
+        "zero_offset_m": 0.0002,
+        "contact_stiffness_relative": 0.1,
+        "contact_damping_relative": 0.5,
+    }
     recordings = [hopper.record(hopper.Hopper(), 5.2, seed) for seed in (0, 1)]
-    hopper.write_campaign(tmp_path / "hopper", hopper.Hopper(), recordings, known_to | {"command_delay_s": 0.001})
+    hopper.write_campaign(
+        tmp_path / "hopper", hopper.Hopper(), recordings, known_to | {"command_delay_s": 0.001}
+    )
     found = diagnosed(tmp_path / "hopper")
     assert found.grade == "nothing missing"
-    assert {one.id for one in found.not_seen} >= {"contact_stiffness", "sensor_gain", "sensor_lag", "added_mass"}
+    assert {one.id for one in found.not_seen} >= {
+        "contact_stiffness",
+        "sensor_gain",
+        "sensor_lag",
+        "added_mass",
+    }
     assert any("plate_force" in name for name in found.fit)
 
 
 @pytest.mark.long
 def test_friction_of_bristles_in_one_joint_is_identified_with_joint_and_size(tmp_path):
-    found = diagnosed(campaign(tmp_path / "arm", replace(NOMINAL, friction=Friction((0.0, 0.4, 0.0)))))
+    found = diagnosed(
+        campaign(tmp_path / "arm", replace(NOMINAL, friction=Friction((0.0, 0.4, 0.0))))
+    )
     (effect,) = found.effects
     assert found.grade in ("identified", "mostly")
     assert effect.id == "joint_friction_of_one"
@@ -108,7 +140,9 @@ def test_rotors_are_identified_and_stand_in_the_amended_model(tmp_path):
         (Gear((300.0, 120.0, 40.0), damping_Nm_s_per_rad=(2.0, 0.8, 0.2)), "gear_compliance"),
     ],
 )
-def test_rotors_that_are_bodies_of_their_own_are_said_to_have_gears_that_yield(tmp_path, gear, effect_id):
+def test_rotors_that_are_bodies_of_their_own_are_said_to_have_gears_that_yield(
+    tmp_path, gear, effect_id
+):
     """Play, and springs, between rotors that the model file knows and their joints."""
     nominal = replace(NOMINAL, rotor_kg_m2=(0.06, 0.02, 0.004))
     found = diagnosed(campaign(tmp_path / "arm", replace(nominal, gear=gear), nominal=nominal))
@@ -125,8 +159,8 @@ def test_a_real_pendulum_is_said_to_dissipate_through_this_simulator_too(tmp_pat
     ids = {effect.id for effect in found.effects}
     assert ids <= {"joint_friction", "joint_stribeck"}
     assert ids or found.family.id == "joint_dissipation"
-    # Over windows of two seconds the errors of an approximate friction add up: 0.56 and 0.50 of the mean
-    # squares go, over half a second 0.85 and 0.74.
+    # Over windows of two seconds the errors of an approximate friction add up: 0.56 and 0.50 of the
+    # mean squares go, over half a second 0.85 and 0.74.
     removed = [1.0 - (figure.after / figure.before) ** 2 for figure in found.held_out.values()]
     assert min(removed) > 0.4
 
@@ -136,7 +170,9 @@ def test_recordings_are_diagnosed_where_all_nominal_values_count_as_exact(tmp_pa
     put_together("simple", read_sets()["simple"], tmp_path)
     text = (tmp_path / "experiment.toml").read_text(encoding="utf-8")
     before, _, after = text.partition("[known_to]")
-    (tmp_path / "experiment.toml").write_text(before + after[after.index("[[recordings]]") :], encoding="utf-8")
+    (tmp_path / "experiment.toml").write_text(
+        before + after[after.index("[[recordings]]") :], encoding="utf-8"
+    )
     found = diagnosed(tmp_path)
     assert not found.believed_values
     assert "joint_friction" in {effect.id for effect in found.effects}
@@ -158,7 +194,9 @@ def test_of_more_windows_than_asked_for_a_few_of_every_recording_are_used(tmp_pa
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(replace(experiment, most_windows=6), mechanism)
     assert (problem.windows, problem.recorded_windows) == (6, 14)
-    starts = [[each.window.start_s for each in condition.windows] for condition in problem.conditions]
+    starts = [
+        [each.window.start_s for each in condition.windows] for condition in problem.conditions
+    ]
     assert [len(of_run) for of_run in starts] == [3, 3]
     assert [of_run[0] for of_run in starts] == pytest.approx([starts[0][0]] * 2)
     assert starts[0][-1] - starts[0][0] == pytest.approx(3.0)
@@ -183,7 +221,9 @@ def test_the_step_is_as_long_as_the_motion_allows(short, tmp_path):
     model = (folder / "model.xml").read_text(encoding="utf-8")
     experiment = read_experiment(folder)
     free_s = make_problem(experiment, load_mechanism(experiment.model)).simulator.step_s
-    (folder / "model.xml").write_text(model.replace('name="joint3"', 'name="joint3" stiffness="1000"'), encoding="utf-8")
+    (folder / "model.xml").write_text(
+        model.replace('name="joint3"', 'name="joint3" stiffness="1000"'), encoding="utf-8"
+    )
     stiff_s = make_problem(experiment, load_mechanism(experiment.model)).simulator.step_s
     assert free_s == 4e-3
     assert 1.25e-4 < stiff_s < free_s
@@ -192,21 +232,33 @@ def test_the_step_is_as_long_as_the_motion_allows(short, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('joint = "joint3"', 'joint = "joint4"', "joint 'joint4' is not in the model; it has joint1, joint2, joint3"),
+        (
+            'joint = "joint3"',
+            'joint = "joint4"',
+            "joint 'joint4' is not in the model; it has joint1, joint2, joint3",
+        ),
         ('actuator = "motor3"', 'actuator = "motor4"', "actuator 'motor4' is not in the model"),
         (
             '{ joint = "joint3", quantity = "speed", column = "w3", unit = "rad/s" }',
             '{ sensor = "plate", column = "w3", unit = "N" }',
             "sensor 'plate' is not in the model; it has none",
         ),
-        ('column = "q1", unit = "deg"', 'column = "q1", unit = "mm"', "the model has it in rad, not in m"),
+        (
+            'column = "q1", unit = "deg"',
+            'column = "q1", unit = "mm"',
+            "the model has it in rad, not in m",
+        ),
         (
             '{ joint = "joint3", quantity = "position", column = "q3", unit = "deg" }, ',
             "",
             "no signal holds the position of joint 'joint3'",
         ),
         ('model = "model.xml"', 'model = "none.xml"', "none.xml: is not there"),
-        ("[known_to]", "windows = { length_s = 3.0, bin_s = 0.1 }\n[known_to]", "no recording is longer than 3.12 s"),
+        (
+            "[known_to]",
+            "windows = { length_s = 3.0, bin_s = 0.1 }\n[known_to]",
+            "no recording is longer than 3.12 s",
+        ),
     ],
 )
 def test_what_does_not_fit_the_model_is_refused_in_one_line(short, tmp_path, old, new, said):
@@ -220,12 +272,18 @@ def test_what_does_not_fit_the_model_is_refused_in_one_line(short, tmp_path, old
 
 
 def test_an_unknown_effect_that_is_to_be_left_out_is_refused(short):
-    with pytest.raises(BadInput, match="'joint_frition' is no effect of this mechanism; did you mean joint_friction"):
+    with pytest.raises(
+        BadInput,
+        match="'joint_frition' is no effect of this mechanism; did you mean joint_friction",
+    ):
         diagnose_mechanism(read_experiment(short), lambda *_: None, ("joint_frition",))
 
 
 def test_options_for_a_leg_are_refused(short):
-    for options, said in ((("--close-the-loop",), "leave it out for a mechanism"), (("--law", "joints"), "no law can be measured there")):
+    for options, said in (
+        (("--close-the-loop",), "leave it out for a mechanism"),
+        (("--law", "joints"), "no law can be measured there"),
+    ):
         ran = CliRunner().invoke(app, ["diagnose", str(short), *options])
         assert isinstance(ran.exception, BadInput)
         assert said in str(ran.exception)
@@ -235,7 +293,9 @@ def test_a_draft_names_what_it_cannot_know_and_is_read_once_that_is_filled_in(sh
     folder = tmp_path / "data"
     folder.mkdir()
     shutil.copy(short / "run1.csv", folder)
-    ran = CliRunner().invoke(app, ["init", "--mjcf", str(short / "model.xml"), "--data", str(folder)])
+    ran = CliRunner().invoke(
+        app, ["init", "--mjcf", str(short / "model.xml"), "--data", str(folder)]
+    )
     assert ran.exit_code == 0, ran.output
     path = folder / "experiment.toml"
     text = path.read_text(encoding="utf-8")
@@ -254,6 +314,10 @@ def test_a_draft_names_what_it_cannot_know_and_is_read_once_that_is_filled_in(sh
     path.write_text("\n".join(filled), encoding="utf-8")
     run = read_experiment(folder).runs[0]
     assert run.signals.shape[1] == 6
-    assert np.array_equal(run.signals, read_experiment(short).runs[0].signals[:, [0, 3, 1, 4, 2, 5]])
-    again = CliRunner().invoke(app, ["init", "--mjcf", str(short / "model.xml"), "--data", str(folder)])
+    assert np.array_equal(
+        run.signals, read_experiment(short).runs[0].signals[:, [0, 3, 1, 4, 2, 5]]
+    )
+    again = CliRunner().invoke(
+        app, ["init", "--mjcf", str(short / "model.xml"), "--data", str(folder)]
+    )
     assert isinstance(again.exception, BadInput)

@@ -1,4 +1,6 @@
-"""`fit` of recordings of a mechanism: nominal values, effects that are named, errors on held-out conditions, the amended model."""
+"""`fit` of recordings of a mechanism: nominal values, effects that are named, errors on held-out
+conditions, the amended model.
+"""
 
 import json
 import shutil
@@ -22,13 +24,18 @@ def make(folder, arm):
 
 @pytest.fixture(scope="module")
 def dry(tmp_path_factory):
-    return make(tmp_path_factory.mktemp("dry") / "arm", replace(Arm(), friction=Friction((0.0, 0.4, 0.0))))
+    return make(
+        tmp_path_factory.mktemp("dry") / "arm", replace(Arm(), friction=Friction((0.0, 0.4, 0.0)))
+    )
 
 
 @pytest.fixture(scope="module")
 def off(tmp_path_factory):
     """Nothing is missing, but the second link is heavier and the first encoder reads too much."""
-    return make(tmp_path_factory.mktemp("off") / "arm", replace(Arm(), mass_kg=(2.0, 1.45, 0.7), zero_rad=(0.004, 0.0, 0.0)))
+    return make(
+        tmp_path_factory.mktemp("off") / "arm",
+        replace(Arm(), mass_kg=(2.0, 1.45, 0.7), zero_rad=(0.004, 0.0, 0.0)),
+    )
 
 
 def fitted(folder, **asked):
@@ -42,17 +49,43 @@ def fitted(folder, **asked):
 def test_nominal_values_are_found_within_their_errors(off):
     found = fitted(off, names=["mass_relative", "joint1.zero_offset_rad"]).fit
     shifts = {shift.name: shift for shift in found.shifts}
-    assert list(shifts) == ["link1.mass_relative", "link2.mass_relative", "link3.mass_relative", "joint1.zero_offset_rad"]
-    truth = {"link1.mass_relative": 0.0, "link2.mass_relative": 0.05 / 1.4, "link3.mass_relative": 0.0, "joint1.zero_offset_rad": 0.004}
+    assert list(shifts) == [
+        "link1.mass_relative",
+        "link2.mass_relative",
+        "link3.mass_relative",
+        "joint1.zero_offset_rad",
+    ]
+    truth = {
+        "link1.mass_relative": 0.0,
+        "link2.mass_relative": 0.05 / 1.4,
+        "link3.mass_relative": 0.0,
+        "joint1.zero_offset_rad": 0.004,
+    }
     for name, shift in shifts.items():
         assert shift.value == pytest.approx(truth[name], abs=3.0 * shift.std)
         assert shift.std < 0.8 * shift.prior_std
-    assert all(error.fitted < error.held_out < error.nominal for error in found.totals if error.signal.endswith("_rad"))
+    assert all(
+        error.fitted < error.held_out < error.nominal
+        for error in found.totals
+        if error.signal.endswith("_rad")
+    )
 
 
 @pytest.mark.slow
-def test_an_effect_that_is_named_is_found_and_stands_in_the_amended_model(dry, tmp_path, monkeypatch, capsys):
-    words = ("fit", dry, "--effects", "joint_friction_of_one", "--parameters", "mass_relative", "--out", tmp_path / "model.xml", "--json")
+def test_an_effect_that_is_named_is_found_and_stands_in_the_amended_model(
+    dry, tmp_path, monkeypatch, capsys
+):
+    words = (
+        "fit",
+        dry,
+        "--effects",
+        "joint_friction_of_one",
+        "--parameters",
+        "mass_relative",
+        "--out",
+        tmp_path / "model.xml",
+        "--json",
+    )
     found = json.loads(typed(monkeypatch, capsys, *words).out)
     assert found["format"] == "rfca-mechanism-fit/1"
     joint, size = found["effects"]
@@ -62,7 +95,9 @@ def test_an_effect_that_is_named_is_found_and_stands_in_the_amended_model(dry, t
     for error in found["totals"]:
         assert error["noise"] < error["fitted"] < 1.5 * error["held_out"] < 0.5 * error["nominal"]
     assert len(found["errors"]) == 2 * len(found["totals"]) == 12
-    assert load_mechanism(tmp_path / "model.xml").model.dof_frictionloss == pytest.approx([0.0, size["value"], 0.0], rel=1e-4)
+    assert load_mechanism(tmp_path / "model.xml").model.dof_frictionloss == pytest.approx(
+        [0.0, size["value"], 0.0], rel=1e-4
+    )
 
 
 @pytest.mark.slow
@@ -84,7 +119,16 @@ def test_values_that_do_the_same_are_said_to(dry, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_what_mjcf_does_not_hold_of_a_fit_is_said(off, tmp_path, monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "fit", off, "--parameters", "zero_offset_rad", "--out", tmp_path / "model.xml")
+    said = typed(
+        monkeypatch,
+        capsys,
+        "fit",
+        off,
+        "--parameters",
+        "zero_offset_rad",
+        "--out",
+        tmp_path / "model.xml",
+    )
     assert "MJCF does not hold zero offsets of the readings" in said.err
     assert f"rfca-rig report {off} --model {tmp_path / 'model.xml'}" in said.err
 
@@ -108,9 +152,21 @@ def test_an_effect_is_fitted_where_all_nominal_values_count_as_exact(dry, tmp_pa
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--effects", "joint_fricton"), "--effects: 'joint_fricton' is no effect of this mechanism; did you mean joint_friction?"),
-        (("--parameters", "mass_relativ"), "--parameters: 'mass_relativ' is no value of [known_to]; did you mean mass_relative?"),
-        (("--out", "model.toml"), "model.toml: the model of a mechanism is MJCF; name a file that ends with .xml"),
+        (
+            ("--effects", "joint_fricton"),
+            (
+                "--effects: 'joint_fricton' is no effect of this mechanism; did you mean "
+                "joint_friction?"
+            ),
+        ),
+        (
+            ("--parameters", "mass_relativ"),
+            "--parameters: 'mass_relativ' is no value of [known_to]; did you mean mass_relative?",
+        ),
+        (
+            ("--out", "model.toml"),
+            "model.toml: the model of a mechanism is MJCF; name a file that ends with .xml",
+        ),
         (("--phases", "free"), "--phases: is an option for recordings of a leg; leave it out here"),
     ],
 )
@@ -127,10 +183,15 @@ def test_what_makes_no_sense_is_one_line(dry, tmp_path, monkeypatch, capsys, wor
 def test_nothing_to_fit_is_said(dry, tmp_path, monkeypatch, capsys):
     answer = typed(monkeypatch, capsys, "fit", without_priors(dry, tmp_path / "arm"))
     assert answer.exit_code == 2
-    assert "nothing to fit: [known_to] lists no value that these recordings depend on; name --effects" in answer.err
+    assert (
+        "nothing to fit: [known_to] lists no value that these recordings depend on; name --effects"
+        in answer.err
+    )
 
 
 def test_effects_are_for_mechanisms(monkeypatch, capsys):
-    answer = typed(monkeypatch, capsys, "fit", "tests/data/small-campaign", "--effects", "joint_friction")
+    answer = typed(
+        monkeypatch, capsys, "fit", "tests/data/small-campaign", "--effects", "joint_friction"
+    )
     assert answer.exit_code == 2
     assert "--effects: is an option for recordings of a mechanism" in answer.err

@@ -1,4 +1,6 @@
-"""Gears that yield, against arms whose rotors are bodies of their own, and other effects against equations of their own."""
+"""Gears that yield, against arms whose rotors are bodies of their own, and other effects against
+equations of their own.
+"""
 
 from dataclasses import replace
 
@@ -68,7 +70,10 @@ def balance(tmp_path_factory):
 def with_effect(mechanism, usual, effect_id, values, reads_sensors=False):
     """A plant with an effect, whose sizes that are not in `values` are 0."""
     effect = {one.id: one for one in list_effects(mechanism, usual)}[effect_id]
-    plant = effect.apply(make_plant(mechanism, 1e-3, reads_sensors), dict.fromkeys((p.name for p in effect.parameters), 0.0) | values)
+    plant = effect.apply(
+        make_plant(mechanism, 1e-3, reads_sensors),
+        dict.fromkeys((p.name for p in effect.parameters), 0.0) | values,
+    )
     update_constants(plant)
     return plant
 
@@ -89,7 +94,9 @@ def moved(plant, position=START_RAD, speed=START_RAD_S):
         ("torque_falls_with_speed", {}, {"fall_relative": 0.3}),
     ],
 )
-def test_an_effect_without_size_is_the_plain_model_and_with_it_another(geared, effect_id, whole, size):
+def test_an_effect_without_size_is_the_plain_model_and_with_it_another(
+    geared, effect_id, whole, size
+):
     plain = moved(make_plant(geared, 1e-3))
     assert np.abs(moved(with_effect(geared, USUAL, effect_id, whole)) - plain).max() < 1e-12
     assert np.abs(moved(with_effect(geared, USUAL, effect_id, whole | size)) - plain).max() > 3e-3
@@ -97,18 +104,28 @@ def test_an_effect_without_size_is_the_plain_model_and_with_it_another(geared, e
 
 
 def test_an_elastic_gear_is_read_by_what_it_transmits_at_the_start_too(geared):
-    """The arm's own equations, with the deflection of a spring that carries the torque less what accelerates the rotor."""
+    """The arm's own equations, with the deflection of a spring that carries the torque less what
+    accelerates the rotor.
+    """
     compliance, rotor = np.array([0.004, 0.008, 0.02]), np.array(GEARED.rotor_kg_m2)
     state = np.concatenate([START_RAD, START_RAD_S, np.zeros(3)])
     found = solve_ivp(
-        lambda t, x: _rate(GEARED, x, waves(t)), (0.0, 0.6), state, t_eval=np.append(0.0, T_S), rtol=1e-9, atol=1e-11, dense_output=True
+        lambda t, x: _rate(GEARED, x, waves(t)),
+        (0.0, 0.6),
+        state,
+        t_eval=np.append(0.0, T_S),
+        rtol=1e-9,
+        atol=1e-11,
+        dense_output=True,
     )
 
     def transmitted(t):
         return waves(t) - rotor * _rate(GEARED, found.sol(t), waves(t))[3:6]
 
     ahead = compliance * np.array([transmitted(t) for t in found.t])
-    grows = compliance * np.array([(transmitted(t + 1e-4) - transmitted(t - 1e-4)) / 2e-4 for t in found.t])
+    grows = compliance * np.array(
+        [(transmitted(t + 1e-4) - transmitted(t - 1e-4)) / 2e-4 for t in found.t]
+    )
     position, speed = found.y[:3].T + ahead, found.y[3:6].T + grows
     values = {f"joint{j + 1}_compliance_rad_per_Nm": size for j, size in enumerate(compliance)}
     read = moved(with_effect(geared, USUAL, "gear_compliance", values), position[0], speed[0])
@@ -119,11 +136,14 @@ def test_an_elastic_gear_is_read_by_what_it_transmits_at_the_start_too(geared):
 
 
 def misses(problem, effects=()):
-    """Of all windows by the rig with these effects: rms of each signal in units of noise and usual model error."""
+    """Of all windows by the rig with these effects: rms of each signal in units of noise and
+    usual model error.
+    """
     plant = problem.simulator.plant(MechanismInput(effects=effects))
     windows = [each for condition in problem.conditions for each in condition.windows]
     off = [
-        (each.window.measured - problem.simulator.predict(plant, each)) / np.hypot(each.window.sensor_std, 0.01 * each.scale)
+        (each.window.measured - problem.simulator.predict(plant, each))
+        / np.hypot(each.window.sensor_std, 0.01 * each.scale)
         for each in windows
     ]
     return np.sqrt(np.mean(np.square(off), axis=(0, 2)))
@@ -139,13 +159,22 @@ def misses(problem, effects=()):
             "compliance_rad_per_Nm",
             (1 / 300, 1 / 120, 1 / 40),
         ),
-        (Gear((2e4, 8e3, 2e3), (0.03,) * 3, (5.0, 2.0, 0.5)), "gear_backlash", "play_rad", (0.03,) * 3),
+        (
+            Gear((2e4, 8e3, 2e3), (0.03,) * 3, (5.0, 2.0, 0.5)),
+            "gear_backlash",
+            "play_rad",
+            (0.03,) * 3,
+        ),
     ],
 )
 def test_the_laws_of_gears_follow_rotors_behind_springs(tmp_path, gear, effect_id, size, sizes):
-    """Of what separate rotors do to the readings the laws leave less than two fifths, and a quarter of joint 1."""
+    """Of what separate rotors do to the readings the laws leave less than two fifths, and a
+    quarter of joint 1.
+    """
     recordings = [record(replace(GEARED, gear=gear), 3.0, seed) for seed in (0, 1)]
-    experiment = read_experiment(write_campaign(tmp_path / "arm", GEARED, recordings, {"mass_relative": 0.02}))
+    experiment = read_experiment(
+        write_campaign(tmp_path / "arm", GEARED, recordings, {"mass_relative": 0.02})
+    )
     problem = make_problem(experiment, load_mechanism(experiment.model))
     values = tuple((f"joint{j + 1}_{size}", value) for j, value in enumerate(sizes))
     rigid, follows = misses(problem), misses(problem, (PresentEffect(effect_id, values),))
@@ -155,9 +184,13 @@ def test_the_laws_of_gears_follow_rotors_behind_springs(tmp_path, gear, effect_i
 
 
 def test_a_rotor_crosses_its_play_as_fast_as_its_inertia_lets_it(geared):
-    """The joint's equations, and a rotor that falls freely through the play under what the gear would transmit, solved with events."""
+    """The joint's equations, and a rotor that falls freely through the play under what the gear
+    would transmit, solved with events.
+    """
     play, inertia = 0.05, GEARED.rotor_kg_m2[0]
-    torque = CommandTrace(np.array([-0.2, 0.1, 0.1001, 0.9]), np.outer([4.0, 4.0, -8.0, -8.0], [1.0, 0.0, 0.0]))
+    torque = CommandTrace(
+        np.array([-0.2, 0.1, 0.1001, 0.9]), np.outer([4.0, 4.0, -8.0, -8.0], [1.0, 0.0, 0.0])
+    )
     plant = with_effect(geared, USUAL, "gear_backlash_of_one", {"joint": 1.0, "play_rad": play})
     ahead = np.array([0.5 * play, 0.0, 0.0])
     read = simulate_plant(plant, torque, np.zeros(3) + ahead, np.zeros(3), T_S).position[:, 0]
@@ -173,16 +206,31 @@ def test_a_rotor_crosses_its_play_as_fast_as_its_inertia_lets_it(geared):
 
 
 def test_a_torque_that_falls_with_speed_is_the_line_of_the_motor(geared):
-    """Pushed with the largest command, and braked against the motion, where the line does not limit."""
+    """Pushed with the largest command, and braked against the motion, where the line does not
+    limit.
+    """
     fall = 0.25
 
     def limited(w, torque):
-        return np.clip(torque, -LARGEST_NM * np.maximum(0.0, 1.0 + fall * w), LARGEST_NM * np.maximum(0.0, 1.0 - fall * w))
+        return np.clip(
+            torque,
+            -LARGEST_NM * np.maximum(0.0, 1.0 + fall * w),
+            LARGEST_NM * np.maximum(0.0, 1.0 - fall * w),
+        )
 
     torque = np.array([4.0, -2.0, -1.0])
     state = np.concatenate([START_RAD, START_RAD_S, np.zeros(3)])
     expected, full = (
-        solve_ivp(lambda _, x, by=by: _rate(GEARED, x, by(x[3:6], torque)), (0.0, 0.5), state, t_eval=T_S, rtol=1e-8, atol=1e-10).y[:3].T
+        solve_ivp(
+            lambda _, x, by=by: _rate(GEARED, x, by(x[3:6], torque)),
+            (0.0, 0.5),
+            state,
+            t_eval=T_S,
+            rtol=1e-8,
+            atol=1e-10,
+        )
+        .y[:3]
+        .T
         for by in (limited, lambda _, told: told)
     )
     told = CommandTrace(np.array([-0.1, 0.7]), np.tile(torque, (2, 1)))
@@ -191,9 +239,15 @@ def test_a_torque_that_falls_with_speed_is_the_line_of_the_motor(geared):
     assert np.abs(full - expected).max() > 0.1
     assert np.abs(read - expected).max() < 3e-3
     plant.command_gain[:] = 1.3  # the line scales with it: a gear, or a torque constant
-    scaled = simulate_plant(plant, CommandTrace(told.t_s, told.command), START_RAD, START_RAD_S, T_S).position
+    scaled = simulate_plant(
+        plant, CommandTrace(told.t_s, told.command), START_RAD, START_RAD_S, T_S
+    ).position
     plant.command_gain[:], plant.torque_speed[0] = 1.0, 1.3 * plant.torque_speed[0]
-    assert scaled == pytest.approx(simulate_plant(plant, CommandTrace(told.t_s, 1.3 * told.command), START_RAD, START_RAD_S, T_S).position)
+    assert scaled == pytest.approx(
+        simulate_plant(
+            plant, CommandTrace(told.t_s, 1.3 * told.command), START_RAD, START_RAD_S, T_S
+        ).position
+    )
 
 
 def swung(mechanism, plant):
@@ -204,7 +258,9 @@ def swung(mechanism, plant):
 
 def test_a_centre_of_mass_elsewhere_swings_as_a_pendulum_of_that_length(balance):
     usual = UsualMotion(*(np.ones(1) for _ in range(6)), np.ones(1), True, {})
-    read = swung(balance, with_effect(balance, usual, "centre_of_mass", {"body": 1.0, "shift_m": 0.05})).position[:, 0]
+    read = swung(
+        balance, with_effect(balance, usual, "centre_of_mass", {"body": 1.0, "shift_m": 0.05})
+    ).position[:, 0]
 
     def expected(distance):
         inertia = 0.02 + 2.0 * distance**2
@@ -220,7 +276,10 @@ def test_the_effect_of_a_centre_of_mass_is_the_nuisance_parameter_of_any_size(ge
     NUISANCES["centre_of_mass_m"].shift(plant, 1, 0.02)
     update_constants(plant)
     effect = {one.id: one for one in list_effects(geared, USUAL)}["centre_of_mass"]
-    assert np.array_equal(moved(plant), moved(with_effect(geared, USUAL, "centre_of_mass", {"body": 2.0, "shift_m": 0.02})))
+    assert np.array_equal(
+        moved(plant),
+        moved(with_effect(geared, USUAL, "centre_of_mass", {"body": 2.0, "shift_m": 0.02})),
+    )
     assert effect.parameters[1].low == pytest.approx(-0.5 * GEARED.length_m[0] / 2.0)
     assert effect.same_as == ""  # as of added_mass beside mass_relative
 
@@ -230,13 +289,21 @@ def test_crosstalk_adds_a_share_of_another_value_of_the_sensors(balance):
     rms = {"post_x": 3.0, "post_z": 20.0}
     usual = UsualMotion(*(np.ones(1) for _ in range(6)), np.ones(1), True, rms)
     plain = swung(balance, make_plant(balance, 1e-3, reads_sensors=True)).sensors
-    none = swung(balance, with_effect(balance, usual, "sensor_crosstalk", {"pair": 1.0}, True)).sensors
+    none = swung(
+        balance, with_effect(balance, usual, "sensor_crosstalk", {"pair": 1.0}, True)
+    ).sensors
     assert np.array_equal(none, plain)
-    leaks = swung(balance, with_effect(balance, usual, "sensor_crosstalk", {"pair": 1.0, "share_relative": 0.2}, True)).sensors
+    leaks = swung(
+        balance,
+        with_effect(balance, usual, "sensor_crosstalk", {"pair": 1.0, "share_relative": 0.2}, True),
+    ).sensors
     assert np.abs(plain[:, 2]).min() > 10.0
     assert leaks[:, 0] == pytest.approx(plain[:, 0] + 0.2 * 3.0 / 20.0 * plain[:, 2])
     assert np.array_equal(leaks[:, 1:], plain[:, 1:])
-    other = swung(balance, with_effect(balance, usual, "sensor_crosstalk", {"pair": 2.0, "share_relative": 0.2}, True)).sensors
+    other = swung(
+        balance,
+        with_effect(balance, usual, "sensor_crosstalk", {"pair": 2.0, "share_relative": 0.2}, True),
+    ).sensors
     assert other[:, 2] == pytest.approx(plain[:, 2] + 0.2 * 20.0 / 3.0 * plain[:, 0])
     alone = {one.id for one in list_effects(balance, replace(usual, sensors={"post_x": 3.0}))}
     assert "sensor_gain" in alone
@@ -244,14 +311,24 @@ def test_crosstalk_adds_a_share_of_another_value_of_the_sensors(balance):
 
 
 def test_gears_and_motors_are_looked_into_only_where_a_recording_is_driven(geared):
-    of_motors = {"gear_compliance", "gear_compliance_of_one", "gear_backlash", "gear_backlash_of_one", "torque_falls_with_speed"}
+    of_motors = {
+        "gear_compliance",
+        "gear_compliance_of_one",
+        "gear_backlash",
+        "gear_backlash_of_one",
+        "torque_falls_with_speed",
+    }
     assert of_motors <= {one.id for one in list_effects(geared, USUAL)}
-    assert not of_motors & {one.id for one in list_effects(geared, replace(USUAL, command=np.zeros(3)))}
+    assert not of_motors & {
+        one.id for one in list_effects(geared, replace(USUAL, command=np.zeros(3)))
+    }
 
 
 def test_elasticity_and_play_are_one_family_and_the_places_of_mass_another():
     assert families_of("gear_backlash") == families_of("gear_compliance_of_one")
-    assert {family.id for family in families_of("centre_of_mass")} < {family.id for family in families_of("added_mass")}
+    assert {family.id for family in families_of("centre_of_mass")} < {
+        family.id for family in families_of("added_mass")
+    }
 
 
 def test_an_amended_model_says_that_it_lacks_gears_and_has_the_centre_of_mass(geared, tmp_path):
@@ -261,4 +338,7 @@ def test_an_amended_model_says_that_it_lacks_gears_and_has_the_centre_of_mass(ge
     plant.torque_speed[1, 0] = 0.1
     beyond = write_amended_model(plant, tmp_path / "model.xml")
     assert beyond == ("elasticity or play of the gears", "largest commands that fall with speed")
-    assert np.abs(moved(make_plant(load_mechanism(tmp_path / "model.xml"), 1e-3)) - expected).max() < 1e-3
+    assert (
+        np.abs(moved(make_plant(load_mechanism(tmp_path / "model.xml"), 1e-3)) - expected).max()
+        < 1e-3
+    )

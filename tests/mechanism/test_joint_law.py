@@ -1,4 +1,6 @@
-"""The torque in a joint as measured: on an arm with LuGre's friction from another engine, and in the compiled loop."""
+"""The torque in a joint as measured: on an arm with LuGre's friction from another engine, and in
+the compiled loop.
+"""
 
 import json
 from dataclasses import replace
@@ -36,18 +38,36 @@ def problem_of(folder, arm, seconds=6.0):
 def measured(problem, place):
     """The law beside the nominal model with its nuisance parameters."""
     with single_threaded_blas():
-        found = search_models(make_dataset(problem.conditions, problem.simulator), Parameterization(problem.space), [], lambda *_: None)
-        return measure_joint_law(problem, found, found.nothing, parse_place(place, problem.simulator.mechanism))
+        found = search_models(
+            make_dataset(problem.conditions, problem.simulator),
+            Parameterization(problem.space),
+            [],
+            lambda *_: None,
+        )
+        return measure_joint_law(
+            problem, found, found.nothing, parse_place(place, problem.simulator.mechanism)
+        )
 
 
 @pytest.mark.long
 def test_lugre_friction_that_rises_at_rest_is_measured_within_its_band(tmp_path):
-    """The truth is the steady curve of the bristles; their bend of 2 mrad makes two branches at low speeds, which the band holds."""
+    """The truth is the steady curve of the bristles; their bend of 2 mrad makes two branches at
+    low speeds, which the band holds.
+    """
     friction = Friction((0.0, 0.4, 0.0), rise=0.8)
-    found = measured(problem_of(tmp_path / "arm", replace(Arm(), friction=friction)), "joint2.speed")
+    found = measured(
+        problem_of(tmp_path / "arm", replace(Arm(), friction=friction)), "joint2.speed"
+    )
     law = found.stated.law
-    assert (law.place, law.argument, law.unit, law.argument_unit) == ("joint2", "speed_rad_s", "N m", "rad/s")
-    assert (law.visited[0], law.visited[1]) == pytest.approx((-2.75, 2.48), abs=0.3)  # as recorded, not as the nominal model runs away
+    assert (law.place, law.argument, law.unit, law.argument_unit) == (
+        "joint2",
+        "speed_rad_s",
+        "N m",
+        "rad/s",
+    )
+    assert (law.visited[0], law.visited[1]) == pytest.approx(
+        (-2.75, 2.48), abs=0.3
+    )  # as recorded, not as the nominal model runs away
     moving = law.knots != 0.0
     u = law.knots[moving]
     truth = 0.4 * (1.0 + 0.8 * np.exp(-((u / 0.3) ** 2))) * np.sign(u)
@@ -83,9 +103,24 @@ def test_a_spring_is_measured_over_the_position(tmp_path):
 def test_the_law_stands_in_the_answer_and_takes_the_place_of_a_stated_effect(tmp_path):
     folder = campaign(tmp_path / "arm", replace(Arm(), friction=Friction((0.0, 0.4, 0.0))))
     out = tmp_path / "out"
-    ran = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out), "--law", "joint2.speed", "--without", "added_mass"])
+    ran = CliRunner().invoke(
+        app,
+        [
+            "diagnose",
+            str(folder),
+            "--out",
+            str(out),
+            "--law",
+            "joint2.speed",
+            "--without",
+            "added_mass",
+        ],
+    )
     assert ran.exit_code == 0, ran.output
-    assert "law at joint2 over speed_rad_s, measured beside the model without effects, in" in ran.output
+    assert (
+        "law at joint2 over speed_rad_s, measured beside the model without effects, in"
+        in ran.output
+    )
     assert "not looked for, as asked: added_mass" in ran.output
     answer = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
     law = answer["measured_law"]
@@ -98,7 +133,9 @@ def test_the_law_stands_in_the_answer_and_takes_the_place_of_a_stated_effect(tmp
     table = np.genfromtxt(out / "measured-law.csv", delimiter=",", names=True)
     assert table["residual_Nm"] == pytest.approx(law["values"], rel=1e-6)
     assert load_mechanism(out / "measured-law.xml").model.dof_frictionloss[1] == 0.0
-    assert load_mechanism(out / "model.xml").model.dof_frictionloss[1] == pytest.approx(0.4, abs=0.05)
+    assert load_mechanism(out / "model.xml").model.dof_frictionloss[1] == pytest.approx(
+        0.4, abs=0.05
+    )
     scope: dict[str, object] = {}
     exec((out / "measured_law.py").read_text(encoding="utf-8"), scope)
     assert scope["measured_law"](law["knots"][3]) == pytest.approx(law["values"][3], rel=1e-5)
@@ -111,17 +148,25 @@ def test_the_law_s_files_go_with_a_diagnosis_without_one(tmp_path):
     for options, there in ((("--law", "joint1.speed"), True), ((), False)):
         ran = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out), *options])
         assert ran.exit_code == 0, ran.output
-        assert [(out / name).exists() for name in ("measured-law.csv", "measured-law.xml", "measured_law.py")] == [there] * 3
+        assert [
+            (out / name).exists()
+            for name in ("measured-law.csv", "measured-law.xml", "measured_law.py")
+        ] == [there] * 3
 
 
 def test_a_place_is_a_joint_or_one_of_its_quantities(tmp_path):
     text = mjcf(ARM).replace('"joint2"', '"elbow.speed"')
     mechanism = loaded(tmp_path, text)
     assert parse_place("joint1", mechanism).quantities == ("speed", "position")
-    assert (parse_place("joint3.position", mechanism).joint, parse_place("joint3.position", mechanism).quantities) == (2, ("position",))
+    assert (
+        parse_place("joint3.position", mechanism).joint,
+        parse_place("joint3.position", mechanism).quantities,
+    ) == (2, ("position",))
     assert parse_place("elbow.speed", mechanism).quantities == ("speed", "position")
     assert parse_place("elbow.speed.speed", mechanism).quantities == ("speed",)
-    with pytest.raises(BadInput, match=r"--law joint4\.speed: no law can be measured there") as refused:
+    with pytest.raises(
+        BadInput, match=r"--law joint4\.speed: no law can be measured there"
+    ) as refused:
         parse_place("joint4.speed", mechanism)
     assert "\n" not in str(refused.value)
 
@@ -133,14 +178,21 @@ def short(tmp_path_factory):
 
 @pytest.mark.slow
 def test_an_effect_of_all_joints_stays_in_the_others(short):
-    mechanism, place = short.simulator.mechanism, parse_place("joint2.speed", short.simulator.mechanism)
+    mechanism, place = (
+        short.simulator.mechanism,
+        parse_place("joint2.speed", short.simulator.mechanism),
+    )
     for name in ("joint_friction", "joint_stribeck", "joint_hysteresis"):
         term = EffectTerm(short.simulator.effects[name])
         left = _leave_out(term, mechanism, place)
         values = {parameter.name: 0.3 for parameter in left.effect.parameters}
         assert "joint2_torque_Nm" not in values
         plant = left.effect.apply(make_plant(mechanism, 1e-3), values)
-        assert (plant.friction + plant.stribeck[0] + plant.hysteresis[0]).tolist() == [0.3, 0.0, 0.3]
+        assert (plant.friction + plant.stribeck[0] + plant.hysteresis[0]).tolist() == [
+            0.3,
+            0.0,
+            0.3,
+        ]
     one = short.simulator.effects["joint_damping_of_one"]
     assert _leave_out(EffectTerm(one, (("joint", 2.0),)), mechanism, place) is None
     other = EffectTerm(one, (("joint", 1.0),))
@@ -197,12 +249,19 @@ def test_branches_act_while_the_argument_rises_and_against_it_while_it_falls(tmp
     plant.laws = (JointLaw(1, False, KNOTS, NONE, NONE + 0.1, turning=0.01),)
     with_branch = moved(plant)
     plant.laws, plant.friction[1] = (), 0.1
-    assert np.abs(with_branch - moved(plant)).max() < 0.12 * np.abs(with_branch - without).max()  # it does not stick
+    assert (
+        np.abs(with_branch - moved(plant)).max() < 0.12 * np.abs(with_branch - without).max()
+    )  # it does not stick
 
 
 def test_what_a_plant_has_already_is_its_damper_friction_and_spring(tmp_path):
-    text = mjcf(ARM).replace('name="joint2"', 'name="joint2" damping="0.3" stiffness="4" springref="0.1" frictionloss="0.2"')
-    plant = make_plant(loaded(tmp_path, text.replace("<option", '<compiler angle="radian"/><option')), 1e-3)
+    text = mjcf(ARM).replace(
+        'name="joint2"',
+        'name="joint2" damping="0.3" stiffness="4" springref="0.1" frictionloss="0.2"',
+    )
+    plant = make_plant(
+        loaded(tmp_path, text.replace("<option", '<compiler angle="radian"/><option')), 1e-3
+    )
     plant.stribeck[0, 1], plant.stribeck[1, 1], plant.stribeck[2, 1] = 0.1, 1.0, 0.5
     u = np.array([-1.0, 0.0, 2.0])
     dry = 0.2 + 0.1 * (1.0 + np.exp(-np.abs(u) / 0.5))

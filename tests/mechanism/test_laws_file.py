@@ -1,4 +1,6 @@
-"""The Python functions beside an amended model: MuJoCo's own loop with them moves as our simulation does."""
+"""The Python functions beside an amended model: MuJoCo's own loop with them moves as our
+simulation does.
+"""
 
 import importlib.util
 
@@ -16,7 +18,9 @@ from tests.mechanism.arm import Arm, mjcf
 STEP_S, STEPS = 1e-3, 400
 START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
 TRACE_S = -0.2 + np.arange(800) * STEP_S
-TRACE = np.column_stack([3.0 * np.sin(9.0 * TRACE_S), 1.5 * np.cos(13.0 * TRACE_S), 0.3 * np.sin(17.0 * TRACE_S + 1.0)])
+TRACE = np.column_stack(
+    [3.0 * np.sin(9.0 * TRACE_S), 1.5 * np.cos(13.0 * TRACE_S), 0.3 * np.sin(17.0 * TRACE_S + 1.0)]
+)
 KNOTS = np.array([-4.0, -0.5, 0.0, 0.5, 4.0])
 
 
@@ -59,7 +63,9 @@ def stepped(model, laws):
 
 def rolled(plant):
     t_s = np.arange(1, STEPS + 1) * STEP_S
-    return simulate_plant(plant, CommandTrace(TRACE_S, TRACE), START_RAD + plant.zero_offset, START_RAD_S, t_s)
+    return simulate_plant(
+        plant, CommandTrace(TRACE_S, TRACE), START_RAD + plant.zero_offset, START_RAD_S, t_s
+    )
 
 
 def stribeck(plant):
@@ -96,7 +102,11 @@ def commands(plant):
 CHANGES = (stribeck, load_loss, hysteresis, steady, tables, commands)
 
 
-@pytest.mark.parametrize("changes", [*((each,) for each in CHANGES), CHANGES], ids=lambda each: "_".join(one.__name__ for one in each))
+@pytest.mark.parametrize(
+    "changes",
+    [*((each,) for each in CHANGES), CHANGES],
+    ids=lambda each: "_".join(one.__name__ for one in each),
+)
 def test_mujoco_s_own_loop_with_the_functions_moves_as_the_amended_simulation(tmp_path, changes):
     plant = plant_of(tmp_path)
     nominal = rolled(plant).position
@@ -112,13 +122,19 @@ def test_mujoco_s_own_loop_with_the_functions_moves_as_the_amended_simulation(tm
 
 def test_readings_are_those_of_the_amended_simulation(tmp_path):
     sensors = '<sensor><velocimeter name="tip" site="tip"/></sensor></mujoco>'
-    text = mjcf(Arm()).replace("</body></body></body>", '<site name="tip" pos="0 0 -0.2"/></body></body></body>')
+    text = mjcf(Arm()).replace(
+        "</body></body></body>", '<site name="tip" pos="0 0 -0.2"/></body></body></body>'
+    )
     (tmp_path / "arm.xml").write_text(text.replace("</mujoco>", sensors), encoding="utf-8")
     plant = make_plant(load_mechanism(tmp_path / "arm.xml"), STEP_S, reads_sensors=True)
     plain = rolled(plant)
     plant.zero_offset[:] = 0.01, -0.02, 0.03
     plant.speed_lag_s, plant.sensor_lag_s, plant.sensor_delay_s = 0.01, 0.007, 0.004
-    plant.sensor_gain[:], plant.sensor_offset[:], plant.sensor_drift_per_s[:] = 1.2, 0.1, (0.2, 0.0, -0.1)
+    plant.sensor_gain[:], plant.sensor_offset[:], plant.sensor_drift_per_s[:] = (
+        1.2,
+        0.1,
+        (0.2, 0.0, -0.1),
+    )
     plant.sensor_crosstalk[0, 2] = 0.05
     read = rolled(plant)
     _, laws = written(plant, tmp_path)
@@ -127,7 +143,9 @@ def test_readings_are_those_of_the_amended_simulation(tmp_path):
     assert speeds[1:] == pytest.approx(read.speed, abs=1e-6)
     assert plain.sensors.shape == (STEPS, 3)
     sensors = laws.read_sensors(np.vstack([plain.sensors[:1], plain.sensors]), STEP_S)
-    assert sensors[100:] == pytest.approx(read.sensors[99:], abs=1e-5)  # by then the value at time 0 counts no more
+    assert sensors[100:] == pytest.approx(
+        read.sensors[99:], abs=1e-5
+    )  # by then the value at time 0 counts no more
 
 
 def test_every_law_that_mjcf_does_not_hold_has_a_function(tmp_path):
@@ -137,13 +155,18 @@ def test_every_law_that_mjcf_does_not_hold_has_a_function(tmp_path):
     plant.zero_offset[:], plant.speed_lag_s, plant.sensor_lag_s = 0.01, 0.01, 0.01
     beyond = write_amended_model(plant, tmp_path / "model.xml")
     assert set(beyond) <= set(PARTS)
-    assert set(PARTS) - set(beyond) == {"scales and zeros of the sensors", "crosstalk of the sensors"}  # this arm has none
+    assert set(PARTS) - set(beyond) == {
+        "scales and zeros of the sensors",
+        "crosstalk of the sensors",
+    }  # this arm has none
 
 
 def test_what_has_no_function_is_said_in_the_file_and_an_old_file_goes(tmp_path):
     plant = plant_of(tmp_path)
     assert write_laws(plant, ["a law of tomorrow"], tmp_path / "laws.py", [], "model.xml")
-    assert "NOT in this file: a law of tomorrow" in (tmp_path / "laws.py").read_text(encoding="utf-8")
+    assert "NOT in this file: a law of tomorrow" in (tmp_path / "laws.py").read_text(
+        encoding="utf-8"
+    )
     assert not write_laws(plant, (), tmp_path / "laws.py", [], "model.xml")
     assert not (tmp_path / "laws.py").exists()
 
@@ -153,7 +176,8 @@ def test_an_amended_gain_scales_the_command_and_not_what_the_actuator_feeds_back
     text = mjcf(Arm())
     joints = [f"joint{number}" for number in (1, 2, 3)]
     servos = "".join(
-        f'<position name="servo{n}" joint="{joint}" kp="{kp_Nm_per_rad}" kv="{kv_Nm_s_per_rad}"/>' for n, joint in enumerate(joints)
+        f'<position name="servo{n}" joint="{joint}" kp="{kp_Nm_per_rad}" kv="{kv_Nm_s_per_rad}"/>'
+        for n, joint in enumerate(joints)
     )
     begin, end = text.index("<actuator>") + len("<actuator>"), text.index("</actuator>")
     (tmp_path / "arm.xml").write_text(text[:begin] + servos + text[end:], encoding="utf-8")

@@ -18,7 +18,9 @@ def short(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def diagnosed(short, tmp_path_factory):
-    """The folder of a diagnosis of these recordings, which is known by their content, wherever they lie."""
+    """The folder of a diagnosis of these recordings, which is known by their content, wherever
+    they lie.
+    """
     out = tmp_path_factory.mktemp("diagnosed") / "diagnosis"
     ran = CliRunner().invoke(app, ["diagnose", str(short), "--out", str(out)])
     assert ran.exit_code == 0, ran.output
@@ -61,7 +63,9 @@ def test_an_experiment_that_cannot_be_read_is_listed_without_its_length(short, t
 
 @pytest.mark.slow
 @pytest.mark.parametrize("place", ["diagnosis", "arm/diagnosis"])
-def test_the_verdict_of_a_diagnosis_beside_it_or_in_it_is_listed(short, diagnosed, tmp_path, monkeypatch, place):
+def test_the_verdict_of_a_diagnosis_beside_it_or_in_it_is_listed(
+    short, diagnosed, tmp_path, monkeypatch, place
+):
     shutil.copytree(short, tmp_path / "runs" / "arm")
     monkeypatch.chdir(tmp_path)
     shutil.copytree(diagnosed, tmp_path / ("runs" if "/" in place else "") / place)
@@ -71,5 +75,8 @@ def test_the_verdict_of_a_diagnosis_beside_it_or_in_it_is_listed(short, diagnose
 def test_import_says_in_one_line_that_an_experiment_needs_none(short, tmp_path):
     ran = CliRunner().invoke(app, ["import", str(short), "--out", str(tmp_path / "out")])
     assert isinstance(ran.exception, BadInput)
-    assert f"holds experiment.toml, which every command reads as it stands; go on with rfca-rig check {short}" in str(ran.exception)
+    assert (
+        "holds experiment.toml, which every command reads as it stands; go on with "
+        f"rfca-rig check {short}"
+    ) in str(ran.exception)
     assert not (tmp_path / "out").exists()

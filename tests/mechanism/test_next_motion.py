@@ -1,4 +1,6 @@
-"""What to record next of a mechanism: motions that its motors can make, which separate what is open."""
+"""What to record next of a mechanism: motions that its motors can make, which separate what is
+open.
+"""
 
 import csv
 
@@ -24,19 +26,25 @@ T_S = np.arange(0.0, 0.6, 1e-3)
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     path = tmp_path_factory.mktemp("arm") / "model.xml"
-    path.write_text(mjcf(Arm()).replace('joint="joint2" gear="1"', 'joint="joint2" gear="5"'), encoding="utf-8")
+    path.write_text(
+        mjcf(Arm()).replace('joint="joint2" gear="1"', 'joint="joint2" gear="5"'), encoding="utf-8"
+    )
     return load_mechanism(path)
 
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory):
     folder = tmp_path_factory.mktemp("short") / "arm"
-    return read_experiment(write_campaign(folder, Arm(), [record(Arm(), 1.4, 0)], {"mass_relative": 0.02}))
+    return read_experiment(
+        write_campaign(folder, Arm(), [record(Arm(), 1.4, 0)], {"mass_relative": 0.02})
+    )
 
 
 @pytest.mark.parametrize("change", ["", "friction", "load_loss", "torque_offset", "zero_offset"])
 def test_the_feed_forward_carries_a_mechanism_along_the_reference(arm, change):
-    """MuJoCo's forward dynamics under the commands of the inverse; without what was changed the arm leaves the reference."""
+    """MuJoCo's forward dynamics under the commands of the inverse; without what was changed the
+    arm leaves the reference.
+    """
     plant = make_plant(arm, 1e-3)
     if change:
         getattr(plant, change)[:] = 0.1
@@ -48,26 +56,46 @@ def test_the_feed_forward_carries_a_mechanism_along_the_reference(arm, change):
     assert read == pytest.approx(reference[[150, 250]], abs=4e-3)
     if change:
         bare = make_plant(arm, 1e-3)
-        assert np.abs(simulate_plant(bare, trace, reference[50], speed[50], np.array([0.2])).position - reference[250]).max() > 0.01
+        assert (
+            np.abs(
+                simulate_plant(bare, trace, reference[50], speed[50], np.array([0.2])).position
+                - reference[250]
+            ).max()
+            > 0.01
+        )
 
 
 def test_a_joint_without_a_motor_of_its_own_follows_no_reference(arm, tmp_path):
     (tmp_path / "hopper.xml").write_text(hopper.mjcf(hopper.Hopper()), encoding="utf-8")
-    (tmp_path / "servo.xml").write_text(mjcf(Arm()).replace("<motor", '<position kp="10"').replace(' gear="1"', ""), encoding="utf-8")
+    (tmp_path / "servo.xml").write_text(
+        mjcf(Arm()).replace("<motor", '<position kp="10"').replace(' gear="1"', ""),
+        encoding="utf-8",
+    )
     assert has_torque_motors(arm)
     assert not has_torque_motors(load_mechanism(tmp_path / "hopper.xml"))
     assert not has_torque_motors(load_mechanism(tmp_path / "servo.xml"))
 
 
-@pytest.mark.parametrize("every", [pytest.param(4, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "every", [pytest.param(4, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.long)]
+)
 def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experiment, every):
     """Every fourth is of every joint and of all together, each with other travels and speeds."""
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
     simulator = problem.simulator
     designs = list(_designs(problem))
-    assert {design.settings["joint"] for design in designs} <= {"joint1", "joint2", "joint3", "all joints"}
-    planned = [condition for design in designs[::every] if (condition := design.simulate(MechanismInput())) is not None]
+    assert {design.settings["joint"] for design in designs} <= {
+        "joint1",
+        "joint2",
+        "joint3",
+        "all joints",
+    }
+    planned = [
+        condition
+        for design in designs[::every]
+        if (condition := design.simulate(MechanismInput())) is not None
+    ]
     assert len(planned) > 2
     for condition in planned:
         rows = condition.rows()
@@ -83,7 +111,10 @@ def test_a_motion_that_needs_larger_commands_is_not_proposed(experiment):
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
     friction = problem.simulator.effects["joint_friction"]
-    values = tuple((parameter.name, float(10.0 * problem.usual.command.max())) for parameter in friction.parameters)
+    values = tuple(
+        (parameter.name, float(10.0 * problem.usual.command.max()))
+        for parameter in friction.parameters
+    )
     stuck = MechanismInput(effects=(PresentEffect("joint_friction", values),))
     assert all(design.simulate(stuck) is None for design in _designs(problem))
 
@@ -91,7 +122,9 @@ def test_a_motion_that_needs_larger_commands_is_not_proposed(experiment):
 @pytest.mark.long
 def test_what_is_open_gets_a_motion_as_a_file(tmp_path):
     rubs = Arm(friction=Friction((0.6, 0.3, 0.1)))
-    folder = write_campaign(tmp_path / "arm", Arm(), [record(rubs, 3.9, 0)], {"mass_relative": 0.02})
+    folder = write_campaign(
+        tmp_path / "arm", Arm(), [record(rubs, 3.9, 0)], {"mass_relative": 0.02}
+    )
     found = diagnose_mechanism(read_experiment(folder), lambda *_: None)
     assert found.diagnosis.grade == "not enough data"
     assert found.diagnosis.next_experiment["kind"] == "sine"

@@ -1,4 +1,6 @@
-"""A number of a model file that is not finite is refused, whatever it belongs to: MuJoCo reads a mass of "nan" as none, and goes on."""
+"""A number of a model file that is not finite is refused, whatever it belongs to: MuJoCo reads a
+mass of "nan" as none, and goes on.
+"""
 
 import re
 from pathlib import Path
@@ -52,9 +54,18 @@ NUMERIC = re.compile(rf'(\w+)="({NUMBER}(?: {NUMBER})*)"')
 
 def numeric_attributes(text: str) -> list[pytest.param]:
     """The place of each last number of an attribute, outside of comments."""
-    comment = range(*re.search(r"<!--.*-->", text, re.DOTALL).span()) if "<!--" in text else range(0)
-    attributes = [attribute for attribute in NUMERIC.finditer(text) if attribute.start() not in comment]
-    return [pytest.param(attribute.end(2) - len(attribute[2].split()[-1]), attribute.end(2), id=attribute[1]) for attribute in attributes]
+    comment = (
+        range(*re.search(r"<!--.*-->", text, re.DOTALL).span()) if "<!--" in text else range(0)
+    )
+    attributes = [
+        attribute for attribute in NUMERIC.finditer(text) if attribute.start() not in comment
+    ]
+    return [
+        pytest.param(
+            attribute.end(2) - len(attribute[2].split()[-1]), attribute.end(2), id=attribute[1]
+        )
+        for attribute in attributes
+    ]
 
 
 def check_refused(path: Path, text: str, start: int, end: int, word: str) -> None:
@@ -63,7 +74,8 @@ def check_refused(path: Path, text: str, start: int, end: int, word: str) -> Non
     with pytest.raises(BadInput) as refused:
         load_mechanism(path)
     assert re.fullmatch(
-        rf"{re.escape(str(path))}:{line}: \w+: \w+ is '.*{re.escape(word)}', which is no finite number; "
+        rf"{re.escape(str(path))}:{line}: \w+: \w+ is '.*{re.escape(word)}', which is no "
+        r"finite number; "
         "give a finite number, or remove the attribute",
         str(refused.value),
     )
@@ -87,15 +99,22 @@ def test_every_spelling_counts(tmp_path, word):
 
 
 def test_a_spelling_by_entities_counts(tmp_path):
-    (tmp_path / "model.xml").write_text(MODEL.replace('mass="1"', 'mass="&#110;an"'), encoding="utf-8")
+    (tmp_path / "model.xml").write_text(
+        MODEL.replace('mass="1"', 'mass="&#110;an"'), encoding="utf-8"
+    )
     with pytest.raises(BadInput, match="inertial: mass is 'nan', which is no finite number"):
         load_mechanism(tmp_path / "model.xml")
 
 
 @pytest.mark.parametrize("allow_outside", [True, False])
 def test_an_included_file_counts(tmp_path, allow_outside):
-    (tmp_path / "part.xml").write_text('<mujocoinclude>\n<body><geom size="0.1" mass="nan"/></body></mujocoinclude>', encoding="utf-8")
-    (tmp_path / "model.xml").write_text(MODEL.replace("</worldbody>", '<include file="part.xml"/></worldbody>'), encoding="utf-8")
+    (tmp_path / "part.xml").write_text(
+        '<mujocoinclude>\n<body><geom size="0.1" mass="nan"/></body></mujocoinclude>',
+        encoding="utf-8",
+    )
+    (tmp_path / "model.xml").write_text(
+        MODEL.replace("</worldbody>", '<include file="part.xml"/></worldbody>'), encoding="utf-8"
+    )
     with pytest.raises(BadInput, match=r"part.xml:2: geom: mass is 'nan'"):
         load_mechanism(tmp_path / "model.xml", allow_outside=allow_outside)
 
@@ -114,7 +133,13 @@ def test_the_same_models_with_finite_numbers_are_read(tmp_path, name, text):
 
 @pytest.mark.parametrize("attribute", ["damping", "armature", "frictionloss", "range", "springref"])
 def test_values_beyond_any_mechanism_are_refused_by_the_name_of_their_array(tmp_path, attribute):
-    text = re.sub(rf'\b{attribute}="[^"]*"', f'{attribute}="{"0 " if attribute == "range" else ""}1e20"', MODEL)
+    text = re.sub(
+        rf'\b{attribute}="[^"]*"',
+        f'{attribute}="{"0 " if attribute == "range" else ""}1e20"',
+        MODEL,
+    )
     (tmp_path / "model.xml").write_text(text, encoding="utf-8")
-    with pytest.raises(BadInput, match=r"holds 1e\+20; values are finite, and 1e\+12 or less in size"):
+    with pytest.raises(
+        BadInput, match=r"holds 1e\+20; values are finite, and 1e\+12 or less in size"
+    ):
         load_mechanism(tmp_path / "model.xml")

@@ -1,4 +1,6 @@
-"""Joints that follow a given motion, and starts at rest in equilibrium, against equations of their own."""
+"""Joints that follow a given motion, and starts at rest in equilibrium, against equations of
+their own.
+"""
 
 from dataclasses import replace
 
@@ -32,12 +34,15 @@ def passive(text):
 
 
 def second_rod(q1, w1, a1):
-    """The acceleration of the second rod's joint angle where the first joint moves as told; both hang down at 0."""
+    """The acceleration of the second rod's joint angle where the first joint moves as told; both
+    hang down at 0.
+    """
     length, own = TWO.length_m
 
     def rate(t, x):
         first, second = q1(t), q1(t) + x[0]
-        # of the rod about its joint, which moves on a circle: I a = -m g c sin - m c (acceleration of the joint along the rod's normal)
+        # of the rod about its joint, which moves on a circle: I a = -m g c sin - m c (acceleration
+        # of the joint along the rod's normal)
         along = length * (a1(t) * np.cos(first - second) + w1(t) ** 2 * -np.sin(first - second))
         pull = -(9.81 * np.sin(second) + along) * own / 2.0 / (own**2 / 3.0)
         return [x[1], pull - a1(t)]
@@ -47,14 +52,26 @@ def second_rod(q1, w1, a1):
 
 @pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
 def test_a_prescribed_joint_moves_the_others_as_it_is_told(tmp_path, integrator):
-    text = passive(mjcf(TWO)).replace('timestep="0.001"', f'timestep="0.001" integrator="{integrator}"')
+    text = passive(mjcf(TWO)).replace(
+        'timestep="0.001"', f'timestep="0.001" integrator="{integrator}"'
+    )
     mechanism = replace(loaded(tmp_path, text), prescribed=(0,))
     read_s = np.arange(0.0, 2.05, 0.001)
     motion = fit_trajectory(read_s, 0.6 * np.sin(4.0 * read_s)[:, None] ** 2, [0.0])
     found = simulate_plant(
-        make_plant(mechanism, 5e-4), replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion
+        make_plant(mechanism, 5e-4),
+        replace(STILL, command=np.zeros((2, 1))),
+        np.zeros(2),
+        np.zeros(2),
+        T_S,
+        0.0,
+        motion,
     )
-    rate = second_rod(lambda t: 0.6 * np.sin(4.0 * t) ** 2, lambda t: 2.4 * np.sin(8.0 * t), lambda t: 19.2 * np.cos(8.0 * t))
+    rate = second_rod(
+        lambda t: 0.6 * np.sin(4.0 * t) ** 2,
+        lambda t: 2.4 * np.sin(8.0 * t),
+        lambda t: 19.2 * np.cos(8.0 * t),
+    )
     own = solve_ivp(rate, (0.0, 2.0), [0.0, 0.0], t_eval=T_S, rtol=1e-10, atol=1e-12).y
     assert np.abs(found.position[:, 0] - 0.6 * np.sin(4.0 * T_S) ** 2).max() < 1e-6
     assert np.abs(own[0]).max() > 0.5
@@ -68,9 +85,12 @@ def test_no_load_moves_a_prescribed_joint(tmp_path):
     plant = make_plant(mechanism, 1e-3)
     plant.torque_offset[0] = 50.0
     plant.zero_offset[0] = 0.1
-    found = simulate_plant(plant, replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion)
+    found = simulate_plant(
+        plant, replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion
+    )
     assert found.position[:, 0] == pytest.approx(1.2, abs=1e-6)
-    # the zero offset of its reading is taken off: the second rod swings about the vertical, seen from 1.1 rad
+    # the zero offset of its reading is taken off: the second rod swings about the vertical, seen
+    # from 1.1 rad
     assert np.mean(found.position[:, 1]) == pytest.approx(-1.1, abs=0.15)
 
 
@@ -106,36 +126,65 @@ def test_a_start_at_rest_is_the_equilibrium_of_weight_and_springs(tmp_path):
 
 
 def test_a_start_may_swing_and_springs_may_be_stiffer(tmp_path):
-    """A weight on a spring: it hangs by m g / k, begins by the stated share nearer to its free length, and swings about its rest."""
-    text = '<mujoco><option gravity="0 0 -9.81"/><worldbody><body><joint name="x" type="slide" axis="0 0 1" stiffness="50"/>'
+    """A weight on a spring: it hangs by m g / k, begins by the stated share nearer to its free
+    length, and swings about its rest.
+    """
+    text = (
+        '<mujoco><option gravity="0 0 -9.81"/><worldbody><body><joint name="x" type="slide" '
+        'axis="0 0 1" stiffness="50"/>'
+    )
     mechanism = loaded(tmp_path, f'{text}<geom size="0.1" mass="0.5"/></body></worldbody></mujoco>')
     plant = make_plant(mechanism, 5e-4)
-    for key, value in {"joint_stiffness_relative": 0.2, "start_swing_relative": 0.3, "start_swing_rate_per_s": 2.0}.items():
+    for key, value in {
+        "joint_stiffness_relative": 0.2,
+        "start_swing_relative": 0.3,
+        "start_swing_rate_per_s": 2.0,
+    }.items():
         (place,) = find_places(mechanism, NUISANCES[key].objects).values()
         NUISANCES[key].shift(plant, place, value)
-    found = simulate_plant(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S)
+    found = simulate_plant(
+        plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S
+    )
     sag, w = 0.5 * 9.81 / 60.0, np.sqrt(60.0 / 0.5)
     own = -sag + sag * (0.3 * np.cos(w * T_S) + 2.0 / w * np.sin(w * T_S))
     assert found.position[:, 0] == pytest.approx(own, abs=1e-5)
 
 
 def test_what_falls_has_no_rest(tmp_path):
-    text = '<mujoco><worldbody><body><joint name="fall" type="slide" axis="0 0 1"/><geom size="0.1"/></body></worldbody></mujoco>'
+    text = (
+        '<mujoco><worldbody><body><joint name="fall" type="slide" axis="0 0 1"/><geom '
+        'size="0.1"/></body></worldbody></mujoco>'
+    )
     plant = make_plant(loaded(tmp_path, text), 1e-3)
     with pytest.raises(SimulationFailed, match="no rest pose found"):
-        simulate_plant(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S)
+        simulate_plant(
+            plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S
+        )
 
 
 def test_play_keeps_a_spring_away_until_it_engages(tmp_path):
-    text = '<mujoco><option gravity="0 0 0"/><worldbody><body><joint name="x" type="slide" axis="1 0 0" stiffness="40 0 900"/>'
-    plant = make_plant(loaded(tmp_path, f'{text}<geom size="0.1" mass="0.5"/></body></worldbody></mujoco>'), 2e-4)
+    text = (
+        '<mujoco><option gravity="0 0 0"/><worldbody><body><joint name="x" type="slide" '
+        'axis="1 0 0" stiffness="40 0 900"/>'
+    )
+    plant = make_plant(
+        loaded(tmp_path, f'{text}<geom size="0.1" mass="0.5"/></body></worldbody></mujoco>'), 2e-4
+    )
     plant.spring_half_gap[0] = 0.05
     t_s = np.linspace(0.01, 2.0, 200)
-    found = simulate_plant(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), np.array([0.2]), np.zeros(1), t_s)
+    found = simulate_plant(
+        plant,
+        CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))),
+        np.array([0.2]),
+        np.zeros(1),
+        t_s,
+    )
 
     def rate(_, x):
         engaged = np.sign(x[0]) * max(abs(x[0]) - 0.05, 0.0)
         return [x[1], -(40.0 * engaged + 900.0 * engaged**3) / 0.5]
 
-    own = solve_ivp(rate, (0.0, 2.0), [0.2, 0.0], t_eval=t_s, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
+    own = solve_ivp(
+        rate, (0.0, 2.0), [0.2, 0.0], t_eval=t_s, rtol=1e-9, atol=1e-11, max_step=1e-3
+    ).y[0]
     assert np.abs(found.position[:, 0] - own).max() < 2e-3

@@ -1,4 +1,6 @@
-"""`report` of recordings of a mechanism: signals, residuals, errors with and without a fit, and another model in place."""
+"""`report` of recordings of a mechanism: signals, residuals, errors with and without a fit, and
+another model in place.
+"""
 
 import csv
 import json
@@ -25,7 +27,12 @@ SIGNALS = [f"joint{j}_{kind}" for kind in ("position_rad", "speed_rad_s") for j 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     known_to = {"mass_relative": 0.02}
-    return write_campaign(tmp_path_factory.mktemp("report") / "arm", Arm(), [record(ARM, 3.4, seed) for seed in (0, 1)], known_to)
+    return write_campaign(
+        tmp_path_factory.mktemp("report") / "arm",
+        Arm(),
+        [record(ARM, 3.4, seed) for seed in (0, 1)],
+        known_to,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -46,20 +53,26 @@ def test_the_page_shows_every_signal_with_its_errors_and_residuals(folder, repor
     assert done.exit_code == 0
     assert done.err == "report/report.html: measured and simulated signals of 2 recordings\n"
     page = (place / "report" / "report.html").read_text(encoding="utf-8")
-    assert page.count("<figure>") == 6 + 6 + 3  # signals, their residuals, what the model lacks in each joint
+    assert (
+        page.count("<figure>") == 6 + 6 + 3
+    )  # signals, their residuals, what the model lacks in each joint
     assert "simulated, fitted values" in page
     assert "Diagnosis: <code>rfca-rig diagnose" in page
     found = json.loads((place / "report" / "mechanism.json").read_text(encoding="utf-8"))
     errors = rows_of(place / "report" / "mechanism-errors.csv")
     assert [row["run"] for row in errors] == ["sines 1, repeat 1"] * 6 + ["sines 2, repeat 1"] * 6
-    assert [float(row["held_out"]) for row in errors] == pytest.approx([error["held_out"] for error in found["errors"]])
+    assert [float(row["held_out"]) for row in errors] == pytest.approx(
+        [error["held_out"] for error in found["errors"]]
+    )
     assert [error["signal"] for error in found["totals"]] == SIGNALS
     values = rows_of(place / "report" / "mechanism-values.csv")
     assert [row["name"] for row in values] == [f"link{j}.mass_relative" for j in (1, 2, 3)]
     signals = rows_of(place / "report" / "mechanism-signals.csv")
     assert len(signals) == 2 * 6 * 6 * 10  # recordings, signals, windows, bins
     for error in found["errors"]:
-        here = [row for row in signals if (row["run"], row["signal"]) == (error["run"], error["signal"])]
+        here = [
+            row for row in signals if (row["run"], row["signal"]) == (error["run"], error["signal"])
+        ]
         for column in ("nominal", "fitted"):
             square = np.mean([(float(row["measured"]) - float(row[column])) ** 2 for row in here])
             assert np.sqrt(square) == pytest.approx(error[column])
@@ -68,14 +81,32 @@ def test_the_page_shows_every_signal_with_its_errors_and_residuals(folder, repor
 
 
 @pytest.mark.slow
-def test_another_model_takes_the_place_of_the_nominal_one(folder, reported, tmp_path, monkeypatch, capsys):
+def test_another_model_takes_the_place_of_the_nominal_one(
+    folder, reported, tmp_path, monkeypatch, capsys
+):
     amended = tmp_path / "amended.xml"
     text = (folder / "model.xml").read_text(encoding="utf-8")
-    amended.write_text(text.replace('name="joint2" type="hinge"', 'name="joint2" type="hinge" frictionloss="0.4"'), encoding="utf-8")
-    done = typed(monkeypatch, capsys, "report", folder, "--model", amended, "--json", "--out", tmp_path / "report")
+    amended.write_text(
+        text.replace('name="joint2" type="hinge"', 'name="joint2" type="hinge" frictionloss="0.4"'),
+        encoding="utf-8",
+    )
+    done = typed(
+        monkeypatch,
+        capsys,
+        "report",
+        folder,
+        "--model",
+        amended,
+        "--json",
+        "--out",
+        tmp_path / "report",
+    )
     nominal, other = (
         {error["signal"]: error["nominal"] for error in json.loads(text)["totals"]}
-        for text in ((reported[1] / "report" / "mechanism.json").read_text(encoding="utf-8"), done.out)
+        for text in (
+            (reported[1] / "report" / "mechanism.json").read_text(encoding="utf-8"),
+            done.out,
+        )
     )
     assert all(other[signal] < 0.4 * nominal[signal] for signal in SIGNALS)
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
@@ -87,14 +118,18 @@ def test_another_model_takes_the_place_of_the_nominal_one(folder, reported, tmp_
 def test_without_priors_the_nominal_model_alone_is_shown(folder, tmp_path, monkeypatch, capsys):
     shutil.copytree(folder, tmp_path / "arm")
     text = (tmp_path / "arm" / "experiment.toml").read_text(encoding="utf-8")
-    (tmp_path / "arm" / "experiment.toml").write_text(text.partition("[known_to]")[0], encoding="utf-8")
+    (tmp_path / "arm" / "experiment.toml").write_text(
+        text.partition("[known_to]")[0], encoding="utf-8"
+    )
     done = typed(monkeypatch, capsys, "report", tmp_path / "arm", "--out", tmp_path / "report")
     assert done.exit_code == 0
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert "Nothing is fitted" in page
     assert "fitted values" not in page
     assert not (tmp_path / "report" / "mechanism-values.csv").exists()
-    assert "held_out" not in (tmp_path / "report" / "mechanism-errors.csv").read_text(encoding="utf-8")
+    assert "held_out" not in (tmp_path / "report" / "mechanism-errors.csv").read_text(
+        encoding="utf-8"
+    )
     drawn = page.partition(">Signals</h2>")[2]
     assert "#d07f0e" not in drawn  # nothing is drawn as fitted
 
@@ -122,13 +157,30 @@ def test_lines_are_broken_where_windows_start_and_keep_their_peaks():
 def test_of_many_recordings_those_are_drawn_that_the_model_misses_most(tmp_path):
     names, t_s = [f"run {k}, repeat 1" for k in range(MOST_SHOWN + 3)], np.linspace(0.0, 1.0, 20)
     sizes = {name: 1.0 + (k * 7) % len(names) for k, name in enumerate(names)}
-    errors = [SignalError(name, "arm_position_rad", 0.1, size, size, size) for name, size in sizes.items()]
+    errors = [
+        SignalError(name, "arm_position_rad", 0.1, size, size, size) for name, size in sizes.items()
+    ]
     overlays = [
-        SignalOverlay(name, "arm_position_rad", t_s, t_s, t_s + size, t_s + size, np.array([0.0, 0.5])) for name, size in sizes.items()
+        SignalOverlay(
+            name, "arm_position_rad", t_s, t_s, t_s + size, t_s + size, np.array([0.0, 0.5])
+        )
+        for name, size in sizes.items()
     ]
     total = SignalError(ALL, "arm_position_rad", 0.1, 8.0, 8.0, 8.0)
-    fit = WindowFit((FittedShift("arm.mass_relative", 0.02, 0.2, 0.01),), (), (), tuple(errors), (total,), tuple(overlays))
-    write_motions(MotionsReport("motions of a mechanism", "arm", "model.xml", "mechanism", "f/1", 0.5), fit, tmp_path, Origin())
+    fit = WindowFit(
+        (FittedShift("arm.mass_relative", 0.02, 0.2, 0.01),),
+        (),
+        (),
+        tuple(errors),
+        (total,),
+        tuple(overlays),
+    )
+    write_motions(
+        MotionsReport("motions of a mechanism", "arm", "model.xml", "mechanism", "f/1", 0.5),
+        fit,
+        tmp_path,
+        Origin(),
+    )
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert f"Of {len(names)} recordings the {MOST_SHOWN} are drawn" in page
     pictures = page.partition(">Signals</h2>")[2]
@@ -140,7 +192,10 @@ def test_of_many_recordings_those_are_drawn_that_the_model_misses_most(tmp_path)
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--shaft", "recorded"), "--shaft: is an option for recordings of a leg; leave it out here"),
+        (
+            ("--shaft", "recorded"),
+            "--shaft: is an option for recordings of a leg; leave it out here",
+        ),
         (("--model", "none.xml"), "none.xml: is not there"),
         (("tests",), "which names a model of its own; give it alone"),
     ],

@@ -1,4 +1,6 @@
-"""MuJoCo's motion of a mechanism against an arm with equations of its own, and what happens to commands and readings."""
+"""MuJoCo's motion of a mechanism against an arm with equations of its own, and what happens to
+commands and readings.
+"""
 
 from dataclasses import replace
 
@@ -31,13 +33,26 @@ def told(torque):
 def of_scipy(arm, torque):
     """The arm's motion by its own equations, its bristles relaxed at first."""
     state = np.concatenate([START_RAD, START_RAD_S, np.zeros(3)])
-    found = solve_ivp(lambda _, x: _rate(arm, x, np.array(torque)), (0.0, 0.5), state, t_eval=T_S, rtol=1e-9, atol=1e-11)
+    found = solve_ivp(
+        lambda _, x: _rate(arm, x, np.array(torque)),
+        (0.0, 0.5),
+        state,
+        t_eval=T_S,
+        rtol=1e-9,
+        atol=1e-11,
+    )
     return found.y[:3].T, found.y[3:6].T
 
 
 @pytest.mark.parametrize("step_s", [4e-3, 1e-3])
 def test_a_rigid_arm_moves_as_its_equations_say(tmp_path, step_s):
-    motion = simulate_plant(make_plant(loaded(tmp_path, mjcf(ARM)), step_s), told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    motion = simulate_plant(
+        make_plant(loaded(tmp_path, mjcf(ARM)), step_s),
+        told([2.0, -1.0, 0.3]),
+        START_RAD,
+        START_RAD_S,
+        T_S,
+    )
     position, speed = of_scipy(ARM, [2.0, -1.0, 0.3])
     assert np.abs(motion.position - position).max() < 1e-5
     assert np.abs(motion.speed - speed).max() < 0.05 * (step_s / 4e-3)
@@ -51,7 +66,9 @@ def test_dry_friction_brakes_as_bristles_do(tmp_path):
     plant.friction[:] = (0.6, 0.4, 0.15)
     motion = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     position, _ = of_scipy(arm, [2.0, -1.0, 0.3])
-    assert np.abs(motion.position - position).max() < 0.06 * np.abs(without.position - position).max()
+    assert (
+        np.abs(motion.position - position).max() < 0.06 * np.abs(without.position - position).max()
+    )
 
 
 def test_friction_of_a_load_is_a_share_of_the_torque(tmp_path):
@@ -85,11 +102,19 @@ def test_commands_act_late_by_the_delay_and_after_the_gain(tmp_path):
     plant = make_plant(mechanism, 1e-3)
     plant.command_delay_s, plant.command_gain = 0.02, np.full(3, 2.0)
     late = simulate_plant(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
-    same = simulate_plant(make_plant(mechanism, 1e-3), CommandTrace(t_s, 2.0 * shifted), START_RAD, START_RAD_S, T_S)
+    same = simulate_plant(
+        make_plant(mechanism, 1e-3), CommandTrace(t_s, 2.0 * shifted), START_RAD, START_RAD_S, T_S
+    )
     assert np.abs(late.position - same.position).max() < 1e-5
     plant.command_limit[:] = 0.5
     limited = simulate_plant(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
-    clipped = simulate_plant(make_plant(mechanism, 1e-3), CommandTrace(t_s, np.clip(2.0 * shifted, -0.5, 0.5)), START_RAD, START_RAD_S, T_S)
+    clipped = simulate_plant(
+        make_plant(mechanism, 1e-3),
+        CommandTrace(t_s, np.clip(2.0 * shifted, -0.5, 0.5)),
+        START_RAD,
+        START_RAD_S,
+        T_S,
+    )
     assert np.abs(limited.position - clipped.position).max() < 1e-3
 
 
@@ -98,11 +123,23 @@ def test_a_lag_of_commands_and_of_speeds_follows_its_time_constant(tmp_path):
     t_s = np.arange(-0.4, 0.7, 0.001)
     plant = make_plant(mechanism, 1e-3)
     plant.command_lag_s = 0.03
-    lagged = simulate_plant(plant, CommandTrace(t_s, np.sin(10.0 * t_s)[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
+    lagged = simulate_plant(
+        plant,
+        CommandTrace(t_s, np.sin(10.0 * t_s)[:, None] * np.ones(3)),
+        START_RAD,
+        START_RAD_S,
+        T_S,
+    )
     # the steady answer of a low-pass to a sine
     phase, share = np.arctan(10.0 * 0.03), 1.0 / np.hypot(1.0, 10.0 * 0.03)
     steady = share * np.sin(10.0 * t_s - phase)
-    same = simulate_plant(make_plant(mechanism, 1e-3), CommandTrace(t_s, steady[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
+    same = simulate_plant(
+        make_plant(mechanism, 1e-3),
+        CommandTrace(t_s, steady[:, None] * np.ones(3)),
+        START_RAD,
+        START_RAD_S,
+        T_S,
+    )
     assert np.abs(lagged.position - same.position).max() < 0.01
     plant = make_plant(mechanism, 1e-3)
     plain = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
@@ -117,7 +154,9 @@ def test_a_zero_offset_is_read_and_does_not_act(tmp_path):
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
     plain = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
     plant.zero_offset[:] = (0.1, -0.2, 0.3)
-    shifted = simulate_plant(plant, told([0.0] * 3), START_RAD + plant.zero_offset, START_RAD_S, T_S)
+    shifted = simulate_plant(
+        plant, told([0.0] * 3), START_RAD + plant.zero_offset, START_RAD_S, T_S
+    )
     assert np.abs(shifted.position - plain.position - plant.zero_offset).max() < 1e-12
 
 
@@ -125,7 +164,9 @@ def test_a_simulation_that_diverges_is_said_so_and_leaves_no_log(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     text = mjcf(ARM).replace('name="joint3"', 'name="joint3" damping="1e6"')
     with pytest.raises(SimulationFailed, match="diverges"):
-        simulate_plant(make_plant(loaded(tmp_path, text), 1e-3), told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+        simulate_plant(
+            make_plant(loaded(tmp_path, text), 1e-3), told([0.0] * 3), START_RAD, START_RAD_S, T_S
+        )
     assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
 
 
@@ -146,7 +187,10 @@ def test_a_model_that_cannot_be_used_is_refused_in_one_line(tmp_path, old, new, 
 
 
 def test_every_joint_needs_a_name(tmp_path):
-    text = '<mujoco><worldbody><body><joint axis="0 1 0"/><geom type="sphere" size="0.1" pos="0 0 1"/></body></worldbody></mujoco>'
+    text = (
+        '<mujoco><worldbody><body><joint axis="0 1 0"/><geom type="sphere" size="0.1" pos="0 '
+        '0 1"/></body></worldbody></mujoco>'
+    )
     with pytest.raises(BadInput, match="a joint has no name"):
         loaded(tmp_path, text)
 
@@ -157,20 +201,28 @@ def test_a_model_that_is_not_there_is_said_so(tmp_path):
 
 
 def fallen(tmp_path, **changes):
-    """What the sole of a hopper reads that falls from 0.02 m above its rest, with a change of its readings."""
+    """What the sole of a hopper reads that falls from 0.02 m above its rest, with a change of
+    its readings.
+    """
     plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 5e-4, reads_sensors=True)
     for name, value in changes.items():
         setattr(plant, name, value)
     trace = CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0))
-    return simulate_plant(plant, trace, np.array([0.29, 0.25]), np.zeros(2), np.arange(1, 601) * 5e-4)
+    return simulate_plant(
+        plant, trace, np.array([0.29, 0.25]), np.zeros(2), np.arange(1, 601) * 5e-4
+    )
 
 
 def test_a_sensor_reads_the_force_that_moves_the_mechanism(tmp_path):
-    """Newton's law of the whole hopper: the mean force on the sole is its weight and the gain of its momentum."""
+    """Newton's law of the whole hopper: the mean force on the sole is its weight and the gain of
+    its momentum.
+    """
     motion, model = fallen(tmp_path), hopper.Hopper()
     trunk, foot = motion.speed[:, 0], motion.speed[:, 0] - motion.speed[:, 1]
     momentum = model.trunk_kg * trunk + model.foot_kg * foot
-    expected = (momentum[-1] - momentum[0]) / (599 * 5e-4) + hopper.GRAVITY_M_S2 * (model.trunk_kg + model.foot_kg)
+    expected = (momentum[-1] - momentum[0]) / (599 * 5e-4) + hopper.GRAVITY_M_S2 * (
+        model.trunk_kg + model.foot_kg
+    )
     assert motion.sensors[0, 0] == 0.0
     assert motion.sensors[:, 0].max() > 20.0
     assert np.mean(motion.sensors[:, 0]) == pytest.approx(expected, rel=0.02)
@@ -191,7 +243,11 @@ def test_sensors_are_computed_only_where_they_are_read(tmp_path):
     plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 1e-3)
     assert not plant.reads_sensors
     motion = simulate_plant(
-        plant, CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0)), np.array([0.29, 0.25]), np.zeros(2), T_S[:10]
+        plant,
+        CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0)),
+        np.array([0.29, 0.25]),
+        np.zeros(2),
+        T_S[:10],
     )
     assert motion.sensors.shape == (10, 0)
 
@@ -199,7 +255,13 @@ def test_sensors_are_computed_only_where_they_are_read(tmp_path):
 def test_hysteresis_returns_what_a_spring_of_the_same_slope_does_and_loses_its_loop(tmp_path):
     """Dahl's friction of a swinging rod against the same law in a solver of its own."""
     torque_Nm, bend_rad = 0.2, 0.05
-    one = Arm(length_m=(0.35,), mass_kg=(2.0,), friction=Friction((0.0,)), rotor_kg_m2=(0.0,), zero_rad=(0.0,))
+    one = Arm(
+        length_m=(0.35,),
+        mass_kg=(2.0,),
+        friction=Friction((0.0,)),
+        rotor_kg_m2=(0.0,),
+        zero_rad=(0.0,),
+    )
     plant = make_plant(loaded(tmp_path, mjcf(one)), 1e-3)
     plant.hysteresis[:] = [[torque_Nm], [bend_rad]]
     trace = CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 1)))
@@ -208,9 +270,15 @@ def test_hysteresis_returns_what_a_spring_of_the_same_slope_does_and_loses_its_l
     inertia = 2.0 * 0.35**2 / 3.0
 
     def rate(_, x):
-        return [x[1], (-9.81 * 2.0 * 0.175 * np.sin(x[0]) - torque_Nm * x[2]) / inertia, x[1] / bend_rad * (1.0 - x[2] * np.sign(x[1]))]
+        return [
+            x[1],
+            (-9.81 * 2.0 * 0.175 * np.sin(x[0]) - torque_Nm * x[2]) / inertia,
+            x[1] / bend_rad * (1.0 - x[2] * np.sign(x[1])),
+        ]
 
-    expected = solve_ivp(rate, (0.0, 2.0), [0.5, 0.0, 0.0], t_eval=t_s, rtol=1e-9, atol=1e-11, max_step=1e-3).y[0]
+    expected = solve_ivp(
+        rate, (0.0, 2.0), [0.5, 0.0, 0.0], t_eval=t_s, rtol=1e-9, atol=1e-11, max_step=1e-3
+    ).y[0]
     assert np.abs(motion.position[:, 0] - expected).max() < 2e-3
     assert np.abs(motion.position[-30:]).max() < 0.35
 
@@ -222,7 +290,12 @@ def test_clock_and_drift_count_from_the_beginning_of_the_recording(tmp_path):
     start, t_s = np.array([0.275, 0.25]), np.arange(1, 251) * 1e-3
 
     def read(since_s, **changes):
-        for name, value in {"command_clock_rate": 0.0, "command_delay_s": 0.0, "sensor_drift_per_s": np.zeros(1), **changes}.items():
+        for name, value in {
+            "command_clock_rate": 0.0,
+            "command_delay_s": 0.0,
+            "sensor_drift_per_s": np.zeros(1),
+            **changes,
+        }.items():
             setattr(plant, name, value)
         return simulate_plant(plant, trace, start, np.zeros(2), t_s, since_s)
 
@@ -238,4 +311,6 @@ def test_small_commands_have_no_effect(tmp_path):
     plant.command_dead_band[:] = (0.5, 0.5, 0.5)
     dead = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S).position
     plant.command_dead_band[:] = 0.0
-    assert dead == pytest.approx(simulate_plant(plant, told([1.5, -0.5, 0.0]), START_RAD, START_RAD_S, T_S).position)
+    assert dead == pytest.approx(
+        simulate_plant(plant, told([1.5, -0.5, 0.0]), START_RAD, START_RAD_S, T_S).position
+    )

@@ -23,11 +23,19 @@ def urdf(arm, kind="visual", compiler=""):
     for number, (length, mass) in enumerate(zip(arm.length_m, arm.mass_kg, strict=True), start=1):
         about = mass * length**2 / 12.0
         inertia = f'<inertia ixx="{about}" iyy="{about}" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
-        inertial = f'<inertial><origin xyz="0 0 {-length / 2}"/><mass value="{mass}"/>{inertia}</inertial>'
-        links += f'<link name="link{number}">{inertial}{MESH.format(kind=kind, name=f"link{number}")}</link>'
-        parent, at = (f"link{number - 1}", -arm.length_m[number - 2]) if number > 1 else ("base", 0.0)
+        inertial = (
+            f'<inertial><origin xyz="0 0 {-length / 2}"/><mass value="{mass}"/>{inertia}</inertial>'
+        )
+        links += (
+            "<link "
+            f'name="link{number}">{inertial}{MESH.format(kind=kind, name=f"link{number}")}</link>'
+        )
+        parent, at = (
+            (f"link{number - 1}", -arm.length_m[number - 2]) if number > 1 else ("base", 0.0)
+        )
         joints += (
-            f'<joint name="joint{number}" type="continuous"><parent link="{parent}"/><child link="link{number}"/>'
+            f'<joint name="joint{number}" type="continuous"><parent '
+            f'link="{parent}"/><child link="link{number}"/>'
             f'<origin xyz="0 0 {at}"/><axis xyz="0 -1 0"/></joint>'
         )
     return f'<robot name="arm">{compiler}{links}{joints}</robot>'
@@ -37,7 +45,9 @@ SHOWN = '<mujoco><compiler discardvisual="false"/></mujoco>'
 
 
 @pytest.mark.parametrize("compiler", ["", SHOWN])
-def test_a_urdf_without_its_visual_meshes_is_the_same_arm_with_a_motor_on_every_joint(tmp_path, compiler):
+def test_a_urdf_without_its_visual_meshes_is_the_same_arm_with_a_motor_on_every_joint(
+    tmp_path, compiler
+):
     (tmp_path / "arm.urdf").write_text(urdf(ARM, compiler=compiler), encoding="utf-8")
     (tmp_path / "arm.xml").write_text(mjcf(ARM), encoding="utf-8")
     ours, theirs = load_mechanism(tmp_path / "arm.urdf"), load_mechanism(tmp_path / "arm.xml")
@@ -56,7 +66,10 @@ def test_a_missing_mesh_of_a_collision_is_refused_in_one_line(tmp_path):
     (tmp_path / "arm.urdf").write_text(urdf(ARM, "collision"), encoding="utf-8")
     with pytest.raises(BadInput) as refused:
         load_mechanism(tmp_path / "arm.urdf")
-    assert "mesh package://arm/link1.stl of body 'link1' is not there, and contacts depend on it" in str(refused.value)
+    assert (
+        "mesh package://arm/link1.stl of body 'link1' is not there, and contacts depend on it"
+        in str(refused.value)
+    )
     assert "\n" not in str(refused.value)
 
 
@@ -71,7 +84,9 @@ def test_a_missing_mesh_that_a_mass_comes_from_is_refused(tmp_path):
 @pytest.fixture
 def folder(tmp_path):
     recordings = [record(replace(ARM, friction=Friction((0.3, 0.2))), 6.0, seed) for seed in (0, 1)]
-    folder = write_campaign(tmp_path / "arm", ARM, recordings, {"mass_relative": 0.02, "zero_offset_rad": 0.002})
+    folder = write_campaign(
+        tmp_path / "arm", ARM, recordings, {"mass_relative": 0.02, "zero_offset_rad": 0.002}
+    )
     (folder / "model.xml").unlink()
     (folder / "arm.urdf").write_text(urdf(ARM), encoding="utf-8")
     return folder
@@ -82,12 +97,16 @@ def test_a_urdf_is_drafted_and_checked(folder):
     path = folder / "experiment.toml"
     text = path.read_text(encoding="utf-8")
     path.unlink()
-    ran = CliRunner().invoke(app, ["init", "--urdf", str(folder / "arm.urdf"), "--data", str(folder)])
+    ran = CliRunner().invoke(
+        app, ["init", "--urdf", str(folder / "arm.urdf"), "--data", str(folder)]
+    )
     assert ran.exit_code == 0, ran.output
     draft = path.read_text(encoding="utf-8")
     assert 'model = "arm.urdf"' in draft
     assert draft.count('actuator = "joint') == 2
-    path.write_text(text.replace("model.xml", "arm.urdf").replace('"motor', '"joint'), encoding="utf-8")
+    path.write_text(
+        text.replace("model.xml", "arm.urdf").replace('"motor', '"joint'), encoding="utf-8"
+    )
     ran = CliRunner().invoke(app, ["check", str(folder), "--json"])
     assert ran.exit_code == 0, ran.output
     assert "WARNING" not in ran.output
@@ -96,7 +115,12 @@ def test_a_urdf_is_drafted_and_checked(folder):
 @pytest.mark.long
 def test_friction_of_a_urdf_arm_is_stated_and_stands_in_the_amended_model(folder, tmp_path):
     path = folder / "experiment.toml"
-    path.write_text(path.read_text(encoding="utf-8").replace("model.xml", "arm.urdf").replace('"motor', '"joint'), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8")
+        .replace("model.xml", "arm.urdf")
+        .replace('"motor', '"joint'),
+        encoding="utf-8",
+    )
     ran = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(tmp_path / "out")])
     assert ran.exit_code == 0, ran.output
     answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))

@@ -1,16 +1,19 @@
-"""The cantilever under a tip force in closed form, by elliptic integrals, as a reference for the discrete elastica.
+"""The cantilever under a tip force in closed form, by elliptic integrals, as a reference for the
+discrete elastica.
 
-EI theta'' = F sin(theta - alpha) with theta(0) = 0 and theta'(L) = 0 is a pendulum. With chi = pi - (alpha - theta), k = cos((alpha -
-theta_L) / 2) and sin(chi / 2) = k sin(phi), its first integral gives ds = sqrt(EI / F) dphi / sqrt(1 - k^2 sin^2 phi), phi from phi_0 at
-the clamp, sin(phi_0) = cos(alpha / 2) / k, to pi / 2 at the tip. Holds for 0 < theta_L < alpha < pi.
-"""
+EI theta'' = F sin(theta - alpha) with theta(0) = 0 and theta'(L) = 0 is a pendulum. With chi = pi -
+(alpha - theta), k = cos((alpha - theta_L) / 2) and sin(chi / 2) = k sin(phi), its first integral
+gives ds = sqrt(EI / F) dphi / sqrt(1 - k^2 sin^2 phi), phi from phi_0 at the clamp, sin(phi_0) =
+cos(alpha / 2) / k, to pi / 2 at the tip. Holds for 0 < theta_L < alpha < pi."""
 
 import numpy as np
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 
 def tip_of(EI, length_m, alpha_rad, slope_rad):
-    """(force, x, y): the force in the direction alpha that turns the tip by slope, and where the tip is then."""
+    """(force, x, y): the force in the direction alpha that turns the tip by slope, and where the
+    tip is then.
+    """
     k = np.cos(0.5 * (alpha_rad - slope_rad))
     phi_0, m = np.arcsin(np.cos(0.5 * alpha_rad) / k), k * k
     first, second = ellipk(m) - ellipkinc(phi_0, m), ellipe(m) - ellipeinc(phi_0, m)

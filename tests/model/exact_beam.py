@@ -1,8 +1,9 @@
-"""Geometrically exact planar beam by finite elements (Simo and Reissner's strains), and the chain of joints under the same tip force.
+"""Geometrically exact planar beam by finite elements (Simo and Reissner's strains), and the chain
+of joints under the same tip force.
 
-Two-node elements with one integration point; nodal unknowns x, y, theta. With dx, dy the element's chord and theta its mean angle,
-stretch e = (dx cos + dy sin) / h - 1, shear g = (dy cos - dx sin) / h, curvature dtheta / h.
-"""
+Two-node elements with one integration point; nodal unknowns x, y, theta. With dx, dy the element's
+chord and theta its mean angle, stretch e = (dx cos + dy sin) / h - 1, shear g = (dy cos - dx sin) /
+h, curvature dtheta / h."""
 
 from dataclasses import dataclass
 
@@ -11,7 +12,9 @@ from scipy.optimize import minimize
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
-CHORD = np.array([[-1, 0, 0, 1, 0, 0], [0, -1, 0, 0, 1, 0], [0, 0, 0.5, 0, 0, 0.5], [0, 0, -1, 0, 0, 1.0]])
+CHORD = np.array(
+    [[-1, 0, 0, 1, 0, 0], [0, -1, 0, 0, 1, 0], [0, 0, 0.5, 0, 0, 0.5], [0, 0, -1, 0, 0, 1.0]]
+)
 
 
 @dataclass(frozen=True)
@@ -30,14 +33,20 @@ class Beam:
     def forces_and_stiffness(self, nodes):
         """Gradient and Hessian of the strain energy by the nodes' unknowns."""
         h = self.h
-        dx, dy, theta, turn = np.einsum("ij,nj->in", CHORD, np.concatenate((nodes[:-1], nodes[1:]), axis=1))
+        dx, dy, theta, turn = np.einsum(
+            "ij,nj->in", CHORD, np.concatenate((nodes[:-1], nodes[1:]), axis=1)
+        )
         c, s, zero, one = np.cos(theta), np.sin(theta), 0 * h, np.ones_like(h)
         stretch, shear = (dx * c + dy * s) / h - 1, (dy * c - dx * s) / h
         by_stretch = np.stack((c / h, s / h, shear, zero), axis=1)
         by_shear = np.stack((-s / h, c / h, -(1 + stretch), zero), axis=1)
         by_bend = np.stack((zero, zero, zero, one / h), axis=1)
         force, stiffness = np.zeros((len(h), 4)), np.zeros((len(h), 4, 4))
-        for k, strain, by in ((self.EA, stretch, by_stretch), (self.GA, shear, by_shear), (self.EI, turn / h, by_bend)):
+        for k, strain, by in (
+            (self.EA, stretch, by_stretch),
+            (self.GA, shear, by_shear),
+            (self.EI, turn / h, by_bend),
+        ):
             force += (h * k * strain)[:, None] * by
             stiffness += (h * k)[:, None, None] * by[:, :, None] * by[:, None, :]
         pull, push = self.EA * stretch, self.GA * shear
@@ -55,7 +64,9 @@ class Beam:
         return total, coo_matrix((stiffness.ravel(), (rows, columns)), (size, size)).tocsr()
 
     def bent(self, force, steps=20):
-        """Nodes (n + 1, 3) of the cantilever under a dead tip force (2,), by Newton-Raphson in load steps."""
+        """Nodes (n + 1, 3) of the cantilever under a dead tip force (2,), by Newton-Raphson in
+        load steps.
+        """
         nodes = self.at_rest()
         for share in np.arange(1, steps + 1) / steps:
             for _ in range(60):
@@ -71,29 +82,50 @@ class Beam:
 
 
 def strip_between_shells(strip, link_lengths, free_m, element_m=1e-3, stiffer=1e5):
-    """The leg as one beam: the strip's stiffness within free_m / 2 of each pin, a shell's elsewhere. No pins: the strip carries all."""
+    """The leg as one beam: the strip's stiffness within free_m / 2 of each pin, a shell's
+    elsewhere. No pins: the strip carries all.
+    """
     pins = np.cumsum(link_lengths)[:-1]
-    borders = np.unique(np.round(np.concatenate(([0.0, sum(link_lengths)], pins - free_m / 2, pins + free_m / 2)), 9))
+    borders = np.unique(
+        np.round(
+            np.concatenate(([0.0, sum(link_lengths)], pins - free_m / 2, pins + free_m / 2)), 9
+        )
+    )
     counts = np.maximum(1, np.round(np.diff(borders) / element_m)).astype(int)
     s = np.concatenate(
-        [*(np.linspace(a, b, n, endpoint=False) for a, b, n in zip(borders[:-1], borders[1:], counts, strict=True)), [borders[-1]]]
+        [
+            *(
+                np.linspace(a, b, n, endpoint=False)
+                for a, b, n in zip(borders[:-1], borders[1:], counts, strict=True)
+            ),
+            [borders[-1]],
+        ]
     )
     middle, h = 0.5 * (s[1:] + s[:-1]), np.diff(s)
     free = np.abs(middle[:, None] - pins).min(axis=1) < free_m / 2
     area = strip.count * strip.width_m * strip.thickness_m
     G = strip.material.youngs_modulus_Pa / (2 * (1 + strip.material.poisson_ratio))
     EI = np.where(free, 1.0, stiffer) * strip.bending_stiffness_Nm2
-    return Beam(h, EI, np.full(h.size, strip.material.youngs_modulus_Pa * area), np.full(h.size, 5 / 6 * G * area))
+    return Beam(
+        h,
+        EI,
+        np.full(h.size, strip.material.youngs_modulus_Pa * area),
+        np.full(h.size, 5 / 6 * G * area),
+    )
 
 
 def chain_tip(link_lengths, energy, slope, force, steps=20):
-    """(x, y, angle) of the tip of rigid links whose hinges, the first excepted, store `energy(phi)`; the root is clamped."""
+    """(x, y, angle) of the tip of rigid links whose hinges, the first excepted, store
+    `energy(phi)`; the root is clamped.
+    """
     lengths, force, phi = np.array(link_lengths), np.asarray(force), np.zeros(len(link_lengths) - 1)
 
     def value(phi, share):
         angle = np.concatenate(([0.0], np.cumsum(phi)))
         by_angle = lengths * (force[0] * np.sin(angle) - force[1] * np.cos(angle)) * share
-        total = energy(phi).sum() - share * (force[0] * lengths @ np.cos(angle) + force[1] * lengths @ np.sin(angle))
+        total = energy(phi).sum() - share * (
+            force[0] * lengths @ np.cos(angle) + force[1] * lengths @ np.sin(angle)
+        )
         return total, slope(phi) + np.cumsum(by_angle[::-1])[::-1][1:]
 
     for share in np.arange(1, steps + 1) / steps:

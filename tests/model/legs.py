@@ -26,7 +26,13 @@ PAPER = RigModel(
 NO_GROUND_M = 10.0
 
 
-def pendulum(links: int = 1, length_m: float = 0.5, mass_kg: float = 0.4, hinge_damping: float = 0.0, k0: float = 0.0) -> RigModel:
+def pendulum(
+    links: int = 1,
+    length_m: float = 0.5,
+    mass_kg: float = 0.4,
+    hinge_damping: float = 0.0,
+    k0: float = 0.0,
+) -> RigModel:
     """A chain of equal links, springless unless told."""
     leg = Leg((length_m,) * links, (mass_kg,) * links, 0.0, k0, 0.0, hinge_damping, 0.0)
     return replace(PAPER, leg=leg)

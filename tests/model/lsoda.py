@@ -1,7 +1,7 @@
 """The same equations of motion in the hands of scipy's LSODA: slow, but somebody else's integrator.
 
-Friction with memory is no ordinary differential equation, so the floor is without it here; its normal forces stay.
-"""
+Friction with memory is no ordinary differential equation, so the floor is without it here; its
+normal forces stay."""
 
 from dataclasses import replace
 
@@ -18,8 +18,12 @@ from tests.model.legs import PAPER
 ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag_N_s_per_m=0.0))
 
 
-def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndarray, rtol: float) -> np.ndarray:
-    """fz (m,) at `t_s` > 0 of a stroke without friction; the shaft as in `simulate_stroke_at_speed`."""
+def fz_by_lsoda(
+    rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndarray, rtol: float
+) -> np.ndarray:
+    """fz (m,) at `t_s` > 0 of a stroke without friction; the shaft as in
+    `simulate_stroke_at_speed`.
+    """
     chain = make_chain(rig, height_m)
     n, ramp_s = chain.length.size, rig.drive.ramp_s
     rest = find_rest_state(chain, rig.leg.start_angle_rad)
@@ -28,7 +32,9 @@ def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndar
     def full(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ramping = t < ramp_s
         share = t / ramp_s
-        angle = rig.leg.start_angle_rad + speed_rad_s * (0.5 * ramp_s * share**2 if ramping else t - 0.5 * ramp_s)
+        angle = rig.leg.start_angle_rad + speed_rad_s * (
+            0.5 * ramp_s * share**2 if ramping else t - 0.5 * ramp_s
+        )
         q = np.concatenate([[angle], x[: n - 1]])
         w = np.concatenate([[speed_rad_s * min(share, 1.0)], x[n - 1 :]])
         a = np.zeros(n)
@@ -42,7 +48,10 @@ def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndar
         return np.concatenate([w[1:], a[1:]])
 
     fz, x, t0 = [], np.concatenate([rest.q[1:], np.zeros(n - 1)]), 0.0
-    for part in (t_s[t_s <= ramp_s], t_s[t_s > ramp_s]):  # the shaft's acceleration jumps in between
+    for part in (
+        t_s[t_s <= ramp_s],
+        t_s[t_s > ramp_s],
+    ):  # the shaft's acceleration jumps in between
         solution = solve_ivp(rhs, (t0, part[-1]), x, "LSODA", part, rtol=rtol, atol=1e-3 * rtol)
         for t, y in zip(part, solution.y.T, strict=True):
             q, w, a = full(t, y)

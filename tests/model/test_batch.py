@@ -13,13 +13,23 @@ from tests.model.legs import PAPER
 
 T = np.arange(1, 400) * 1e-3
 MOTION = ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 0.5)
-HEAVY = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", 10.0),)), PresentEffect("hinge_backlash", (("half_gap_deg", 0.5),))))
+HEAVY = replace(
+    PAPER,
+    effects=(
+        PresentEffect("tip_mass", (("mass_g", 10.0),)),
+        PresentEffect("hinge_backlash", (("half_gap_deg", 0.5),)),
+    ),
+)
 BROKEN = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=float("nan")))
 
 
 @pytest.mark.parametrize("threads", [None, 1, 3])
 def test_a_batch_is_the_strokes_one_by_one_and_a_failure_stays_its_own(threads):
-    jobs = [Job(rig, height_m, MOTION, T) for height_m in (0.215, 0.235) for rig in (PAPER, HEAVY, BROKEN)]
+    jobs = [
+        Job(rig, height_m, MOTION, T)
+        for height_m in (0.215, 0.235)
+        for rig in (PAPER, HEAVY, BROKEN)
+    ]
     found = simulate_strokes(jobs, threads)
     assert [isinstance(each, SimulationFailed) for each in found] == [False, False, True] * 2
     for job, each in zip(jobs, found, strict=True):
@@ -37,15 +47,23 @@ def test_a_batch_does_not_depend_on_the_number_of_threads():
 
 def test_like_strokes_share_their_steps_in_whatever_order_they_come():
     """Eight strokes of two conditions would need the steps of both."""
-    motions = [ramp_to_speed(PAPER.leg.start_angle_rad, speed_rad_s, 0.05, 0.5) for speed_rad_s in (2.4, 3.3)]
-    jobs = [Job(PAPER, 0.21 + 0.02 * (number % 2) + 1e-6 * number, motions[number % 2], T) for number in range(16)]
+    motions = [
+        ramp_to_speed(PAPER.leg.start_angle_rad, speed_rad_s, 0.05, 0.5)
+        for speed_rad_s in (2.4, 3.3)
+    ]
+    jobs = [
+        Job(PAPER, 0.21 + 0.02 * (number % 2) + 1e-6 * number, motions[number % 2], T)
+        for number in range(16)
+    ]
     alone = [simulate_stroke(PAPER, job.height_m, job.motion, T).steps for job in jobs]
     assert [each.steps for each in simulate_strokes(jobs)] == pytest.approx(alone, rel=0.1)
 
 
 def test_forces_alone_are_those_of_the_whole_stroke():
     jobs = [Job(HEAVY, height_m, MOTION, T) for height_m in (0.215, 0.22)]
-    for whole, sensed in zip(simulate_strokes(jobs), simulate_strokes(jobs, only_sensed=True), strict=True):
+    for whole, sensed in zip(
+        simulate_strokes(jobs), simulate_strokes(jobs, only_sensed=True), strict=True
+    ):
         assert sensed.fz_N.tobytes() == whole.fz_N.tobytes()
         assert sensed.shaft_angle_rad.tobytes() == whole.shaft_angle_rad.tobytes()
 

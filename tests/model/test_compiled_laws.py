@@ -1,4 +1,6 @@
-"""Laws of the package are compiled once for all processes, each for itself, and again where a file of the model changes."""
+"""Laws of the package are compiled once for all processes, each for itself, and again where a
+file of the model changes.
+"""
 
 import os
 import subprocess
@@ -28,7 +30,13 @@ print(torque(hinge_backlash_torque, 0.1), torque(hinge_stop_torque, 0.3, 40.0, 1
 
 def call_both(cache: Path) -> str:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    return subprocess.run([sys.executable, "-c", CALL_BOTH], env=environment, check=True, capture_output=True, text=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", CALL_BOTH],
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
 
 
 def compiled_laws(cache: Path) -> dict[Path, int]:
@@ -49,7 +57,11 @@ def test_a_second_process_takes_over_what_the_first_compiled_and_does_not_mix_th
 def test_a_law_is_kept_under_its_own_name_and_the_source_of_all(monkeypatch):
     keys = {
         laws._key_of(law)
-        for law in (hinge_stiffness.hinge_stop_torque, spring_memory.spring_relaxation_torque, spring_memory.spring_relaxation_advance)
+        for law in (
+            hinge_stiffness.hinge_stop_torque,
+            spring_memory.spring_relaxation_torque,
+            spring_memory.spring_relaxation_advance,
+        )
     }
     assert len(keys) == 3
     monkeypatch.setattr(laws, "_source_of_laws", lambda: "another edition")

@@ -19,7 +19,11 @@ START_RAD, ACCELERATION = 0.5, 8.0
 T = np.linspace(0.0, 0.46, 185)
 BARE = pendulum(3, 0.09, 0.1, hinge_damping=0.06, k0=8.0)
 SHORT_LEG = replace(BARE, leg=replace(BARE.leg, link_radius_m=0.004))
-SHAFT = KnownMotion(lambda t: START_RAD + 0.5 * ACCELERATION * t**2, lambda t: ACCELERATION * t, lambda _: ACCELERATION)
+SHAFT = KnownMotion(
+    lambda t: START_RAD + 0.5 * ACCELERATION * t**2,
+    lambda t: ACCELERATION * t,
+    lambda _: ACCELERATION,
+)
 RATTLE_S = 0.06
 
 
@@ -35,14 +39,21 @@ def sliding():
 
 def compliant(stiffness, mu):
     rig = replace(SHORT_LEG, ground=Ground(stiffness, 5.0, mu, 1e-5, 0.0))
-    motion = ShaftMotion(np.array([0.0, T[-1]]), np.array([[START_RAD, 0.0, 0.5 * ACCELERATION, 0.0]]), np.zeros(1))
+    motion = ShaftMotion(
+        np.array([0.0, T[-1]]), np.array([[START_RAD, 0.0, 0.5 * ACCELERATION, 0.0]]), np.zeros(1)
+    )
     return simulate_stroke(rig, HEIGHT_M, motion, T, Tolerance(1e-6, 3e-3))
 
 
 def distances(rigid, mu):
-    """Largest difference of normal force [N] in the loading, for floors that get ten times stiffer each."""
+    """Largest difference of normal force [N] in the loading, for floors that get ten times
+    stiffer each.
+    """
     loading = rigid.touchdowns_s[0] + RATTLE_S < T
-    return [np.abs(compliant(k, mu).normal_N.sum(axis=1) - rigid.lambda_N)[loading].max() for k in (1e5, 1e6, 1e7)]
+    return [
+        np.abs(compliant(k, mu).normal_N.sum(axis=1) - rigid.lambda_N)[loading].max()
+        for k in (1e5, 1e6, 1e7)
+    ]
 
 
 @pytest.mark.slow
@@ -60,7 +71,9 @@ def test_shape_and_torque_are_those_of_a_stiff_floor(on_ice):
     stiff, loading = compliant(1e8, 0.0), on_ice.touchdowns_s[0] + RATTLE_S < T
     assert on_ice.ended is EndReason.TIME
     assert np.abs(np.cumsum(on_ice.phi, axis=1) - stiff.q_rad)[loading].max() < 1e-3
-    assert np.abs(on_ice.shaft_torque_Nm - stiff.shaft_torque_Nm)[loading].max() < 1e-3 * np.ptp(on_ice.shaft_torque_Nm)
+    assert np.abs(on_ice.shaft_torque_Nm - stiff.shaft_torque_Nm)[loading].max() < 1e-3 * np.ptp(
+        on_ice.shaft_torque_Nm
+    )
 
 
 def test_the_tip_stays_on_the_floor_and_is_never_pulled(on_ice, sliding):
@@ -76,7 +89,11 @@ def test_friction_of_a_sliding_tip_takes_more_torque(on_ice, sliding):
     assert np.abs(on_ice.shaft_torque_Nm).max() < 0.95 * np.abs(sliding.shaft_torque_Nm).max()
 
 
-DIP = KnownMotion(lambda t: 0.5 + 0.4 * np.sin(4 * t) ** 2, lambda t: 1.6 * np.sin(8 * t), lambda t: 12.8 * np.cos(8 * t))
+DIP = KnownMotion(
+    lambda t: 0.5 + 0.4 * np.sin(4 * t) ** 2,
+    lambda t: 1.6 * np.sin(8 * t),
+    lambda t: 12.8 * np.cos(8 * t),
+)
 
 
 @pytest.mark.slow
@@ -92,7 +109,9 @@ def test_the_constraint_comes_and_goes_with_the_sign_of_lambda():
 
 @pytest.mark.slow
 def test_a_run_ends_where_the_tip_stops_sliding():
-    rigid = simulate_on_rigid_floor(SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301), friction_coefficient=0.2)
+    rigid = simulate_on_rigid_floor(
+        SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301), friction_coefficient=0.2
+    )
     assert rigid.ended is EndReason.SLIDING
     assert 0.3 < rigid.t_s[-1] < 0.5
 

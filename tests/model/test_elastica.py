@@ -4,25 +4,52 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.paper.elastica import Holds, bend, bend_cantilever, cantilever_tip, even_mesh, mesh_through, sensitivity
+from rfca_rig.model.paper.elastica import (
+    Holds,
+    bend,
+    bend_cantilever,
+    cantilever_tip,
+    even_mesh,
+    mesh_through,
+    sensitivity,
+)
 from tests.model.elliptic import tip_of
 
 EI, LENGTH_M = 0.26, 0.226
 
 # direction of the force and slope of the tip, degrees from the clamped tangent
-CASES = [(90, 1), (90, 30), (90, 60), (90, 85), (60, 50), (135, 90), (135, 110), (160, 110), (120, 110), (179, 40)]
+CASES = [
+    (90, 1),
+    (90, 30),
+    (90, 60),
+    (90, 85),
+    (60, 50),
+    (135, 90),
+    (135, 110),
+    (160, 110),
+    (120, 110),
+    (179, 40),
+]
 
 
 def loaded(direction_deg, slope_deg):
     force, x, y = tip_of(EI, LENGTH_M, np.radians(direction_deg), np.radians(slope_deg))
-    return (force * np.cos(np.radians(direction_deg)), force * np.sin(np.radians(direction_deg))), np.array([x, y])
+    return (
+        force * np.cos(np.radians(direction_deg)),
+        force * np.sin(np.radians(direction_deg)),
+    ), np.array([x, y])
 
 
 def errors(direction_deg, slope_deg, elements):
     """Of the tip's place, relative to the length, and of its slope, relative."""
     force, place = loaded(direction_deg, slope_deg)
     bent = bend_cantilever(EI, LENGTH_M, force, elements)
-    return np.array([np.hypot(*(bent.end_m - place)) / LENGTH_M, abs(bent.theta_rad[-1] / np.radians(slope_deg) - 1.0)])
+    return np.array(
+        [
+            np.hypot(*(bent.end_m - place)) / LENGTH_M,
+            abs(bent.theta_rad[-1] / np.radians(slope_deg) - 1.0),
+        ]
+    )
 
 
 def test_the_closed_form_bends_a_little_as_a_textbook_beam_does():
@@ -54,7 +81,9 @@ def test_a_strip_pushed_nearly_straight_back_buckles(direction_deg, slope_deg):
 
 def test_a_strip_pushed_straight_back_beyond_euler_s_load_has_no_side_to_go_to():
     euler_N = np.pi**2 / 4 * EI / LENGTH_M**2
-    assert bend_cantilever(EI, LENGTH_M, (-0.99 * euler_N, 0.0), 100).theta_rad == pytest.approx(0.0, abs=1e-9)
+    assert bend_cantilever(EI, LENGTH_M, (-0.99 * euler_N, 0.0), 100).theta_rad == pytest.approx(
+        0.0, abs=1e-9
+    )
     with pytest.raises(SimulationFailed, match="a little to one side"):
         bend_cantilever(EI, LENGTH_M, (-1.01 * euler_N, 0.0), 100)
 
@@ -89,7 +118,9 @@ def test_multipliers_are_the_moments_and_forces_of_what_holds_the_strip():
     assert -bent.multipliers[2] == pytest.approx(by_place, rel=1e-4)
     stiffness = sensitivity(bent, holds, np.zeros(2))
     assert stiffness == pytest.approx(stiffness.T, rel=1e-6)
-    assert stiffness[1, 1] == pytest.approx((held(-1e-4, 0.2)[0].multipliers[1] - held(1e-4, 0.2)[0].multipliers[1]) / 2e-4, rel=1e-5)
+    assert stiffness[1, 1] == pytest.approx(
+        (held(-1e-4, 0.2)[0].multipliers[1] - held(1e-4, 0.2)[0].multipliers[1]) / 2e-4, rel=1e-5
+    )
 
 
 def test_every_station_gets_a_node():

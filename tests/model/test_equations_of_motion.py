@@ -1,4 +1,6 @@
-"""The equations of motion against independent mechanics: closed forms, vectors in the plane, energy."""
+"""The equations of motion against independent mechanics: closed forms, vectors in the plane,
+energy.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +23,9 @@ def free_shaft() -> Shaft:
 
 def released(q):
     n = len(q)
-    return State(np.array(q, dtype=float), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((0, n, 4)))
+    return State(
+        np.array(q, dtype=float), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((0, n, 4))
+    )
 
 
 def swing(chain, state, t_s, tolerance=TIGHT):
@@ -42,14 +46,22 @@ def test_a_rod_swings_with_the_period_of_the_elliptic_integral():
 
 
 def vector_mechanics(rig):
-    """d/dt (q, w) of the chain from places and velocities of the link centres, sharing no formula with the package."""
+    """d/dt (q, w) of the chain from places and velocities of the link centres, sharing no
+    formula with the package.
+    """
     lengths, masses = np.array(rig.leg.link_lengths_m), np.array(rig.leg.link_masses_kg)
     n = len(lengths)
-    reach = np.array([[lengths[i] if i < k else lengths[i] / 2 if i == k else 0.0 for i in range(n)] for k in range(n)])
+    reach = np.array(
+        [
+            [lengths[i] if i < k else lengths[i] / 2 if i == k else 0.0 for i in range(n)]
+            for k in range(n)
+        ]
+    )
 
     def rhs(_, x):
         q, w = x[:n], x[n:]
-        # y and depth (2) of centre k (n) per unit of angle i (n): d/dt and d2/dt2 of a place at (cos q, sin q).
+        # y and depth (2) of centre k (n) per unit of angle i (n): d/dt and d2/dt2 of a place at
+        # (cos q, sin q).
         along = np.array([-np.sin(q), np.cos(q)])[:, None, :] * reach
         centripetal = (np.array([-np.cos(q), -np.sin(q)])[:, None, :] * reach) @ w**2
         weighed = masses[:, None] * along
@@ -57,7 +69,9 @@ def vector_mechanics(rig):
         force = np.einsum("xki,xk->i", weighed, np.array([[0.0], [9.81]]) - centripetal)
         for i in range(1, n):
             phi = q[i] - q[i - 1]
-            torque = rig.leg.k0_Nm_per_rad * (phi + rig.leg.k2_per_rad2 * phi**3) + rig.leg.hinge_damping_Nm_s_per_rad * (w[i] - w[i - 1])
+            torque = rig.leg.k0_Nm_per_rad * (
+                phi + rig.leg.k2_per_rad2 * phi**3
+            ) + rig.leg.hinge_damping_Nm_s_per_rad * (w[i] - w[i - 1])
             force[i] -= torque
             force[i - 1] += torque
         return np.concatenate([w, np.linalg.solve(mass, force)])
@@ -70,7 +84,15 @@ def test_the_paper_leg_falls_as_an_independent_integrator_has_it():
     chain, start = make_chain(PAPER, NO_GROUND_M), np.linspace(0.0, 0.9, 7)
     t = np.linspace(0.01, 0.6, 60)
     ours = swing(chain, released(start), t).q
-    other = solve_ivp(vector_mechanics(PAPER), (0.0, 0.6), np.concatenate([start, np.zeros(7)]), "DOP853", t, rtol=1e-10, atol=1e-11)
+    other = solve_ivp(
+        vector_mechanics(PAPER),
+        (0.0, 0.6),
+        np.concatenate([start, np.zeros(7)]),
+        "DOP853",
+        t,
+        rtol=1e-10,
+        atol=1e-11,
+    )
     assert np.abs(ours - other.y[:7].T).max() < 2e-5
 
 
@@ -79,7 +101,9 @@ def test_a_free_chain_without_damping_keeps_its_energy():
     chain, q = make_chain(rig, NO_GROUND_M), [0.3, 0.6, 1.0]
     samples = swing(chain, released(q), np.linspace(0.01, 2.0, 200), Tolerance(1e-10, 3e-7))
     energy = np.array([energy_J(chain, q, w) for q, w in zip(samples.q, samples.w, strict=True)])
-    assert np.ptp(energy) < 3e-4 * np.ptp([-9.81 * chain.first_moment @ np.sin(q) for q in samples.q])
+    assert np.ptp(energy) < 3e-4 * np.ptp(
+        [-9.81 * chain.first_moment @ np.sin(q) for q in samples.q]
+    )
 
 
 def energy_J(chain, q, w):
@@ -91,7 +115,9 @@ def energy_J(chain, q, w):
 
 def test_the_jacobian_is_the_derivative_of_the_residual():
     random = np.random.default_rng(7)
-    chain = make_chain(PAPER, 0.2)._replace(drag=200.0, lever=-0.02)  # large, so that a wrong sign of them shows
+    chain = make_chain(PAPER, 0.2)._replace(
+        drag=200.0, lever=-0.02
+    )  # large, so that a wrong sign of them shows
     q, w, a = np.linspace(1.0, 1.6, 7), random.normal(0, 2, 7), random.normal(0, 50, 7)
     anchor = np.cumsum(chain.length * np.cos(q)) + 0.02 * q + 1e-5 * random.normal(size=7)
     weights = (0.7, 0.02, 3e-3)
@@ -99,7 +125,14 @@ def test_the_jacobian_is_the_derivative_of_the_residual():
     for j in range(7):
         step = np.eye(7)[j] * 1e-6
         plus, minus = (
-            residual(chain, q + s * weights[2] * step, w + s * weights[1] * step, a + s * weights[0] * step, anchor, weights)[0]
+            residual(
+                chain,
+                q + s * weights[2] * step,
+                w + s * weights[1] * step,
+                a + s * weights[0] * step,
+                anchor,
+                weights,
+            )[0]
             for s in (1, -1)
         )
         assert (plus - minus) / 2e-6 == pytest.approx(exact[:, j], rel=2e-5, abs=1e-4)

@@ -1,22 +1,38 @@
-"""Equivalent hinge stiffness of the encased strip, (3) to (8), against a dense solution and by hand."""
+"""Equivalent hinge stiffness of the encased strip, (3) to (8), against a dense solution and by
+hand.
+"""
 
 import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.paper.equivalent_stiffness import EncasedStrip, at_pins, at_pins_mean, by_a_length, by_its_middle, centre_lay
+from rfca_rig.model.paper.equivalent_stiffness import (
+    EncasedStrip,
+    at_pins,
+    at_pins_mean,
+    by_a_length,
+    by_its_middle,
+    centre_lay,
+)
 from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 from tests.model.legs import LENGTHS
 
 CFSP = paper_strips(table_1_materials()[-1])
 EI, PITCH_M = CFSP.bending_stiffness_Nm2, 0.039333
 LAY = centre_lay(LENGTHS, CFSP.length_m)
-READINGS = {"middle": by_its_middle(LAY), "length": by_a_length(LAY, 0.0237), "pins": at_pins(LAY), "mean": at_pins_mean(LAY)}
+READINGS = {
+    "middle": by_its_middle(LAY),
+    "length": by_a_length(LAY, 0.0237),
+    "pins": at_pins(LAY),
+    "mean": at_pins_mean(LAY),
+}
 BENT = np.array([0.42, 0.35, -0.1, 0.2, 0.6, 0.05])
 
 
 def dense_stiffness(holding, elements=300):
-    """Second derivatives of (7) with the stations' angles eliminated from a dense matrix; nodes and springs put up again."""
+    """Second derivatives of (7) with the stations' angles eliminated from a dense matrix; nodes
+    and springs put up again.
+    """
     even = np.linspace(0.0, LAY.length_m, elements + 1)
     apart = np.abs(even[:, None] - holding.stations_m).min(axis=1) > 1e-6
     s = np.sort(np.concatenate((even[apart], holding.stations_m)))
@@ -26,7 +42,9 @@ def dense_stiffness(holding, elements=300):
         whole[e : e + 2, e : e + 2] += k * np.array([[1.0, -1.0], [-1.0, 1.0]])
     held = np.abs(s[:, None] - holding.stations_m).min(axis=1) < 1e-12
     inner = whole[np.ix_(~held, ~held)]
-    condensed = whole[np.ix_(held, held)] - whole[np.ix_(held, ~held)] @ np.linalg.solve(inner, whole[np.ix_(~held, held)])
+    condensed = whole[np.ix_(held, held)] - whole[np.ix_(held, ~held)] @ np.linalg.solve(
+        inner, whole[np.ix_(~held, held)]
+    )
     return holding.share.T @ condensed @ holding.share
 
 
@@ -35,14 +53,23 @@ def test_table_1_gives_the_bending_stiffness_and_mass_of_the_paper():
     assert names == ["VMQ", "PA12", "CFRP", "CFSP"]
     assert pytest.approx(0.260, abs=5e-4) == EI
     assert CFSP.mass_kg == pytest.approx(2 * 0.007, abs=5e-4)
-    printed = [0.0061, 2.43, 78.41, 77.42]  # GPa / (g/cm3); the paper prints 0.00061 for VMQ, a tenth of what its own modulus gives
-    assert [material.specific_modulus_m2_s2 / 1e6 for material in table_1_materials()] == pytest.approx(printed, rel=6e-3)
+    printed = [
+        0.0061,
+        2.43,
+        78.41,
+        77.42,
+    ]  # GPa / (g/cm3); the paper prints 0.00061 for VMQ, a tenth of what its own modulus gives
+    assert [
+        material.specific_modulus_m2_s2 / 1e6 for material in table_1_materials()
+    ] == pytest.approx(printed, rel=6e-3)
 
 
 def test_strain_and_moment_of_a_strip_bent_round_a_drum():
     assert CFSP.stress_at_Pa(1 / 0.1) == pytest.approx(120e9 * 0.0004 / 0.1)
     assert CFSP.stress_at_Pa(CFSP.breaking_curvature_per_m) == pytest.approx(651e6)
-    assert CFSP.breaking_moment_Nm == pytest.approx(651e6 * 2 * 0.0254 * 0.0008**2 / 6)  # strength times section modulus
+    assert CFSP.breaking_moment_Nm == pytest.approx(
+        651e6 * 2 * 0.0254 * 0.0008**2 / 6
+    )  # strength times section modulus
 
 
 @pytest.mark.slow
@@ -69,7 +96,9 @@ def test_each_hinge_is_as_stiff_as_the_strip_between_its_stations():
     reach = 0.5 * (0.226 - 5 * PITCH_M)
     ends = EI / (0.5 * reach + 0.5 * PITCH_M)
     assert middle == pytest.approx([ends, *[EI / PITCH_M] * 4, ends], rel=1e-6)
-    assert EncasedStrip(EI, LAY, READINGS["length"]).difference_stiffness(BENT) == pytest.approx(EI / 0.0237, rel=1e-6)
+    assert EncasedStrip(EI, LAY, READINGS["length"]).difference_stiffness(BENT) == pytest.approx(
+        EI / 0.0237, rel=1e-6
+    )
 
 
 def test_held_halfway_at_the_pins_hinges_turned_to_and_fro_feel_only_the_ends():
@@ -77,7 +106,9 @@ def test_held_halfway_at_the_pins_hinges_turned_to_and_fro_feel_only_the_ends():
     alternating = np.array([1.0, -1.0] * 3) * 0.1
     ends_only = 2 * 0.5 * EI / (0.5 * (0.226 - 5 * PITCH_M)) * 0.05**2
     assert strip.energy_J(alternating) == pytest.approx(ends_only, rel=1e-9)
-    assert strip.stiffness_matrix(BENT)[2, 1:4] == pytest.approx(EI / PITCH_M * np.array([0.25, 0.5, 0.25]), rel=1e-8)
+    assert strip.stiffness_matrix(BENT)[2, 1:4] == pytest.approx(
+        EI / PITCH_M * np.array([0.25, 0.5, 0.25]), rel=1e-8
+    )
 
 
 def test_the_strip_reaches_equally_far_beyond_both_end_hinges():

@@ -6,7 +6,13 @@ from scipy.optimize import lsq_linear, minimize_scalar
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.paper.elastica import Holds, bend, even_mesh
-from rfca_rig.model.paper.hinge_curve import HeldHinge, LooseGroove, compute_fixed_curve, compute_sliding_curve, fit_hardening
+from rfca_rig.model.paper.hinge_curve import (
+    HeldHinge,
+    LooseGroove,
+    compute_fixed_curve,
+    compute_sliding_curve,
+    fit_hardening,
+)
 from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 
 EI, FREE_M = 0.26, 0.0237
@@ -22,13 +28,19 @@ def test_a_sliding_strip_takes_the_length_that_costs_least(offset_m):
     hinge, phi = HeldHinge(EI, FREE_M, offset_m), 0.7
 
     def energy(length_m):
-        holds = Holds(np.array([0, 200]), np.array([-0.5, 0.5]) * phi, (float(hinge.chord_m(phi)), 0.0))
-        return bend(even_mesh(EI, length_m, 200), holds, np.zeros(2), np.linspace(-0.5, 0.5, 201) * phi).energy_J
+        holds = Holds(
+            np.array([0, 200]), np.array([-0.5, 0.5]) * phi, (float(hinge.chord_m(phi)), 0.0)
+        )
+        return bend(
+            even_mesh(EI, length_m, 200), holds, np.zeros(2), np.linspace(-0.5, 0.5, 201) * phi
+        ).energy_J
 
     chord = float(hinge.chord_m(phi))
     best = minimize_scalar(energy, bounds=(1.003 * chord, 1.1 * chord), method="bounded")
     assert 1.004 * chord < best.x < 1.099 * chord
-    assert compute_sliding_curve(hinge, np.array([phi])).energy_J[0] == pytest.approx(best.fun, rel=1e-5)
+    assert compute_sliding_curve(hinge, np.array([phi])).energy_J[0] == pytest.approx(
+        best.fun, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.003, -0.003])
@@ -49,7 +61,9 @@ def test_a_fixed_strip_is_upset_and_stiff_but_hardly_hardens():
     curve = compute_fixed_curve(HeldHinge(EI, FREE_M), PHI)
     assert curve.torque_Nm[1:-1] == pytest.approx(derivative(curve), rel=1e-4)
     ka = 0.5 * 4.493409457909064  # tan x = x
-    assert curve.torque_Nm[0] / PHI[0] == pytest.approx((ka / np.tan(ka)) ** 2 * EI / FREE_M, rel=2e-4)
+    assert curve.torque_Nm[0] / PHI[0] == pytest.approx(
+        (ka / np.tan(ka)) ** 2 * EI / FREE_M, rel=2e-4
+    )
     assert fit_hardening(PHI, curve.torque_Nm).k2_per_rad2 < 0.05
 
 
@@ -70,16 +84,22 @@ def test_grooves_that_meet_are_refused():
 
 
 def torque_by_bounds(groove, phi, nodes=96):
-    """The loose strip as a quadratic programme: deflections of nodes, bounded by the walls up to the mouth."""
+    """The loose strip as a quadratic programme: deflections of nodes, bounded by the walls up to
+    the mouth.
+    """
     h = 0.5 * groove.pitch_m / nodes
-    second = np.diag(np.full(nodes + 1, -2.0)) + np.diag(np.ones(nodes), 1) + np.diag(np.ones(nodes), -1)
+    second = (
+        np.diag(np.full(nodes + 1, -2.0)) + np.diag(np.ones(nodes), 1) + np.diag(np.ones(nodes), -1)
+    )
     second[0, 1] = second[-1, -2] = 2.0
     slope = np.zeros(nodes + 1)
     slope[-1] = h * phi
     weight = np.sqrt(np.concatenate(([0.5], np.ones(nodes - 1), [0.5])))
     inside = np.arange(nodes + 1) * h <= groove.reach_m + 1e-9
     bounds = np.where(inside, 0.0, -np.inf), np.where(inside, groove.play_m, np.inf)
-    solved = lsq_linear(weight[:, None] * second / h, -weight * slope / h, bounds, method="bvls", max_iter=5000)
+    solved = lsq_linear(
+        weight[:, None] * second / h, -weight * slope / h, bounds, method="bvls", max_iter=5000
+    )
     return groove.EI_Nm2 * (second @ solved.x + slope)[-1] / h**2
 
 
@@ -87,7 +107,9 @@ def torque_by_bounds(groove, phi, nodes=96):
 def test_a_loose_strip_bends_as_far_as_the_walls_let_it(phi_deg):
     groove, phi = LooseGroove(EI, 0.0384, 0.004, 0.0004), np.radians(phi_deg)
     assert groove.touches_rad < np.radians(8) < np.radians(12) < groove.flat_rad
-    assert groove.torque_Nm(np.array([phi]))[0] == pytest.approx(torque_by_bounds(groove, phi), rel=1e-2)
+    assert groove.torque_Nm(np.array([phi]))[0] == pytest.approx(
+        torque_by_bounds(groove, phi), rel=1e-2
+    )
 
 
 def test_a_loose_strip_hardens_from_the_whole_pitch_to_the_mouths():
@@ -100,7 +122,7 @@ def test_a_loose_strip_hardens_from_the_whole_pitch_to_the_mouths():
     assert EI / 0.0046 < secant[-1] < EI / 0.004
 
 
-def test_a_third_of_a_millimetre_of_play_gives_the_fitted_curve_but_more_torque_than_the_strips_can_carry():
+def test_a_third_of_a_millimetre_of_play_gives_the_fitted_curve_but_overloads_the_strips():
     strips = paper_strips(table_1_materials()[-1])
     phi = np.radians(np.linspace(0.5, 23.5, 47))  # as far as a hinge turns in the paper's stroke
     torque = LooseGroove(strips.bending_stiffness_Nm2, 0.039333, 0.003, 0.00032).torque_Nm(phi)

@@ -1,4 +1,6 @@
-"""^C while compiled code is called and hands back: an exception in the caller each time, never the end of the process."""
+"""^C while compiled code is called and hands back: an exception in the caller each time, never
+the end of the process.
+"""
 
 import signal
 import subprocess
@@ -7,7 +9,14 @@ import sys
 import numpy as np
 import pytest
 
-from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state, make_chain
+from rfca_rig.model.chain import (
+    HELD_SHAFT,
+    Tolerance,
+    advance,
+    allocate_samples,
+    find_rest_state,
+    make_chain,
+)
 from rfca_rig.model.statics_contact import follow_static_path
 from tests.model.legs import PAPER
 
@@ -20,7 +29,15 @@ def move() -> None:
     chain = make_chain(PAPER, 0.25)
     state, samples = find_rest_state(chain, 0.1), allocate_samples(np.array([1e-4]), 7)
     for _ in range(20):
-        advance(chain, HELD_SHAFT._replace(free=True, rotor=0.01), state, (0.0, 1e-4), 1e-4, Tolerance(), samples)
+        advance(
+            chain,
+            HELD_SHAFT._replace(free=True, rotor=0.01),
+            state,
+            (0.0, 1e-4),
+            1e-4,
+            Tolerance(),
+            samples,
+        )
     follow_static_path(PAPER, 0.25, np.radians([3.0, 4.0]))
 
 
@@ -42,5 +59,7 @@ def interrupted_often() -> None:
 @pytest.mark.slow
 def test_an_interrupt_at_any_moment_is_an_exception_in_the_caller():
     program = "from tests.model.test_interrupted import interrupted_often; interrupted_often()"
-    ended = subprocess.run((sys.executable, "-c", program), capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        (sys.executable, "-c", program), capture_output=True, text=True, check=False
+    )
     assert (ended.returncode, ended.stderr) == (0, "")

@@ -38,7 +38,9 @@ def test_a_function_is_optimised_with_all_that_it_calls_at_once(monkeypatch) -> 
     compiled = jit(far)
     # Not from an earlier process, which would have compiled nothing now.
     compiled.disable_compile(False)
-    compiled._cache = type("NoCache", (), {"load_overload": lambda *_: None, "save_overload": lambda *_: None})()
+    compiled._cache = type(
+        "NoCache", (), {"load_overload": lambda *_: None, "save_overload": lambda *_: None}
+    )()
     assert compiled(3.0, 4.0) == 5.0 + 9.0
     ours = [name for name in optimised if name in ("square", "add_squares", "length", "far")]
     assert ours == ["far"]

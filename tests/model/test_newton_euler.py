@@ -1,4 +1,6 @@
-"""The paper's recursion (11)-(13) against the compiled chain, which is derived in absolute angles instead, and against closed forms."""
+"""The paper's recursion (11)-(13) against the compiled chain, which is derived in absolute
+angles instead, and against closed forms.
+"""
 
 from dataclasses import replace
 
@@ -26,17 +28,27 @@ def relative(absolute):
 
 
 def uneven_leg(random, links):
-    leg = replace(PAPER.leg, link_lengths_m=tuple(random.uniform(0.03, 0.1, links)), link_masses_kg=tuple(random.uniform(0.01, 0.1, links)))
+    leg = replace(
+        PAPER.leg,
+        link_lengths_m=tuple(random.uniform(0.03, 0.1, links)),
+        link_masses_kg=tuple(random.uniform(0.01, 0.1, links)),
+    )
     return replace(PAPER, leg=leg)
 
 
 def compiled(rig, q, w, a, anchor):
-    """(R, M, loads of the ground) of the compiled chain; the shaft at ground level, so that many ends are in the ground."""
+    """(R, M, loads of the ground) of the compiled chain; the shaft at ground level, so that many
+    ends are in the ground.
+    """
     chain, work = make_chain(rig, 0.0), allocate_workspace(q.size, q.size)
     state = State(q, w, a, anchor, np.zeros((0, q.size, 4)))
     assemble_once(chain, NO_LAWS, state, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
     normal, tangential = work.contact.copy()
-    return work.R.copy(), work.J.copy(), EndLoads(np.array([tangential, -normal]), -chain.radius * tangential)
+    return (
+        work.R.copy(),
+        work.J.copy(),
+        EndLoads(np.array([tangential, -normal]), -chain.radius * tangential),
+    )
 
 
 @pytest.mark.parametrize("links", [1, 2, 7, 20])
@@ -44,12 +56,20 @@ def test_inverse_dynamics_agree_with_the_compiled_chain(links):
     random, touching = np.random.default_rng(links), 0
     for _ in range(20):
         rig = uneven_leg(random, links)
-        q, w, a = random.uniform(-3, 3, links), random.normal(0, 5, links), random.normal(0, 100, links)
-        anchor = np.cumsum(np.array(rig.leg.link_lengths_m) * np.cos(q)) + 1e-5 * random.normal(size=links)
+        q, w, a = (
+            random.uniform(-3, 3, links),
+            random.normal(0, 5, links),
+            random.normal(0, 100, links),
+        )
+        anchor = np.cumsum(np.array(rig.leg.link_lengths_m) * np.cos(q)) + 1e-5 * random.normal(
+            size=links
+        )
         R, _, loads = compiled(rig, q, w, a, anchor)
         touching += np.count_nonzero(loads.force_N[0])
         expected = np.cumsum(R[::-1])[::-1]
-        torques = joint_torques_Nm(link_chain_of(rig.leg), relative(q), relative(w), relative(a), loads)
+        torques = joint_torques_Nm(
+            link_chain_of(rig.leg), relative(q), relative(w), relative(a), loads
+        )
         assert torques == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
     assert touching > 3
 
@@ -75,20 +95,35 @@ def test_two_links_obey_the_textbook_double_pendulum():
     M11 = 2 * inertia + m * (2 * c**2 + a**2 + 2 * a * c * np.cos(phi[1]))
     down_1, down_2 = g * (m * c + m * a) * np.cos(phi[0]), g * m * c * np.cos(phi.sum())
     expected = [
-        M11 * ddphi[0] + M12 * ddphi[1] - h * (2 * dphi[0] * dphi[1] + dphi[1] ** 2) - down_1 - down_2,
+        M11 * ddphi[0]
+        + M12 * ddphi[1]
+        - h * (2 * dphi[0] * dphi[1] + dphi[1] ** 2)
+        - down_1
+        - down_2,
         M12 * ddphi[0] + M22 * ddphi[1] + h * dphi[0] ** 2 - down_2,
     ]
-    assert joint_torques_Nm(chain, phi, dphi, ddphi, no_loads(2)) == pytest.approx(expected, rel=1e-12)
+    assert joint_torques_Nm(chain, phi, dphi, ddphi, no_loads(2)) == pytest.approx(
+        expected, rel=1e-12
+    )
 
 
 def test_a_passive_hinge_bent_by_its_spring_swings_back():
     chain = replace(link_chain_of(pendulum(2, 0.3, 0.5, k0=50.0).leg), gravity_m_s2=0.0)
-    assert joint_accelerations(chain, np.array([0.0, 0.2]), np.zeros(2), np.zeros(2), no_loads(2))[1] < 0.0
+    assert (
+        joint_accelerations(chain, np.array([0.0, 0.2]), np.zeros(2), np.zeros(2), no_loads(2))[1]
+        < 0.0
+    )
 
 
 def test_a_spring_is_at_rest_at_its_rest_angle():
-    chain = replace(link_chain_of(pendulum(2, 0.3, 0.5, k0=50.0).leg), gravity_m_s2=0.0, phi_0=np.array([0.0, 0.2]))
-    assert joint_torques_Nm(chain, np.array([0.5, 0.2]), np.zeros(2), np.zeros(2), no_loads(2)) == pytest.approx(0.0, abs=1e-12)
+    chain = replace(
+        link_chain_of(pendulum(2, 0.3, 0.5, k0=50.0).leg),
+        gravity_m_s2=0.0,
+        phi_0=np.array([0.0, 0.2]),
+    )
+    assert joint_torques_Nm(
+        chain, np.array([0.5, 0.2]), np.zeros(2), np.zeros(2), no_loads(2)
+    ) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_accelerations_of_forward_dynamics_need_the_torques_they_came_from():
@@ -98,4 +133,6 @@ def test_accelerations_of_forward_dynamics_need_the_torques_they_came_from():
     loads = EndLoads(random.normal(0, 20, (2, 7)), random.normal(0, 0.1, 7))
     ddphi = joint_accelerations(chain, phi, dphi, tau, loads)
     assert joint_torques_Nm(chain, phi, dphi, ddphi, loads) == pytest.approx(tau, abs=1e-9)
-    assert mass_matrix(chain, phi) @ ddphi == pytest.approx(right_side_Nm(chain, phi, dphi, tau, loads), abs=1e-9)
+    assert mass_matrix(chain, phi) @ ddphi == pytest.approx(
+        right_side_Nm(chain, phi, dphi, tau, loads), abs=1e-9
+    )

@@ -1,4 +1,6 @@
-"""Two further ways to bend a strip: a finite-element beam with stretch and shear, and the chain of joints."""
+"""Two further ways to bend a strip: a finite-element beam with stretch and shear, and the chain
+of joints.
+"""
 
 import numpy as np
 import pytest
@@ -24,13 +26,17 @@ def test_a_beam_of_finite_elements_bends_as_the_elastica(direction_deg):
 
 
 @pytest.mark.parametrize(("free_m", "off"), [(0.0237, 0.003), (0.039, 0.008)])
-def test_joints_of_stiffness_EI_over_the_free_length_end_where_a_strip_between_shells_does(free_m, off):
+def test_joints_of_stiffness_EI_over_the_free_length_end_where_a_strip_between_shells_does(
+    free_m, off
+):
     k, force, leg_m = EI / free_m, np.array([-14.0, 14.0]), sum(LENGTHS)
     tip = strip_between_shells(CFSP, LENGTHS, free_m, 3e-3).bent(force)[-1]
     joints, phi = chain_tip(LENGTHS, lambda phi: 0.5 * k * phi**2, lambda phi: k * phi, force, 8)
     assert np.degrees(tip[2]) > 75
     assert np.hypot(*(joints[:2] - tip[:2])) < off * leg_m
     assert joints[2] == pytest.approx(tip[2], abs=np.radians(0.3))
-    softer, _ = chain_tip(LENGTHS, lambda phi: 0.45 * k * phi**2, lambda phi: 0.9 * k * phi, force, 8)
+    softer, _ = chain_tip(
+        LENGTHS, lambda phi: 0.45 * k * phi**2, lambda phi: 0.9 * k * phi, force, 8
+    )
     assert np.hypot(*(softer[:2] - tip[:2])) > off * leg_m  # so that the bound says something
     assert phi.max() > 0.35

@@ -1,4 +1,6 @@
-"""Legs that move side by side move as each of them does alone, whatever their effects, and a difference between two is free of steps."""
+"""Legs that move side by side move as each of them does alone, whatever their effects, and a
+difference between two is free of steps.
+"""
 
 from dataclasses import replace
 
@@ -11,7 +13,13 @@ from rfca_rig.model.catalogue import catalogue, set_up
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import TorqueSpline
-from rfca_rig.model.stroke import Job, StrokeRequest, simulate_stroke, simulate_strokes, simulate_variations
+from rfca_rig.model.stroke import (
+    Job,
+    StrokeRequest,
+    simulate_stroke,
+    simulate_strokes,
+    simulate_variations,
+)
 from tests.model.effects.rigs import having
 from tests.model.effects.test_strength import SMALL
 from tests.model.legs import PAPER
@@ -44,7 +52,12 @@ def test_legs_with_an_effect_move_side_by_side_as_each_does_alone(effect):
 def test_hinges_with_measured_curves_and_their_own_rest_angles_move_side_by_side():
     angles = (0.05, 0.1, 0.2, 0.4, 0.8)
     curve = TorqueSpline(angles, tuple(x + 0.3 * x**3 for x in angles))
-    leg = replace(PAPER.leg, torque_splines=(curve,), k2_per_rad2=0.0, rest_angles_rad=(0.0, 0.01, 0.02, 0.0, -0.01, 0.02))
+    leg = replace(
+        PAPER.leg,
+        torque_splines=(curve,),
+        k2_per_rad2=0.0,
+        rest_angles_rad=(0.0, 0.01, 0.02, 0.0, -0.01, 0.02),
+    )
     rigs = [stiffer(replace(PAPER, leg=leg), share) for share in (0.0, 0.02)]
     found = simulate_strokes([Job(rig, 0.215, MOTION, T, TIGHT) for rig in rigs])
     for rig, each in zip(rigs, found, strict=True):
@@ -59,12 +72,21 @@ def request(rig, tolerance=None, height_m=0.215):
 def test_a_difference_of_two_legs_side_by_side_is_free_of_what_different_steps_add():
     change = 1e-4
     ((above, here),) = simulate_variations(request(PAPER), [request(stiffer(PAPER, change))])
-    alone = simulate_stroke(stiffer(PAPER, change), 0.215, MOTION, T).fz_N - simulate_stroke(PAPER, 0.215, MOTION, T).fz_N
+    alone = (
+        simulate_stroke(stiffer(PAPER, change), 0.215, MOTION, T).fz_N
+        - simulate_stroke(PAPER, 0.215, MOTION, T).fz_N
+    )
     tighter = Tolerance(1e-9, 3e-6)
-    true = [simulate_stroke(stiffer(PAPER, 30.0 * sign * change), 0.215, MOTION, T, tighter).fz_N for sign in (1.0, -1.0)]
+    true = [
+        simulate_stroke(stiffer(PAPER, 30.0 * sign * change), 0.215, MOTION, T, tighter).fz_N
+        for sign in (1.0, -1.0)
+    ]
     slope = (true[0] - true[1]) / 60.0
     # The middle of the errors, because moments of chatter after touchdown have no slope.
-    error_beside, error_alone = np.median(np.abs(above.fz_N - here.fz_N - slope)), np.median(np.abs(alone - slope))
+    error_beside, error_alone = (
+        np.median(np.abs(above.fz_N - here.fz_N - slope)),
+        np.median(np.abs(alone - slope)),
+    )
     assert error_beside < 0.2 * error_alone
     assert error_beside < 0.02 * np.median(np.abs(slope))
 
@@ -74,7 +96,9 @@ def test_what_changes_only_the_sensor_shares_the_motion(monkeypatch):
     varied = [request(sensed), request(stiffer(PAPER, 0.01)), request(stiffer(sensed, 0.01))]
     moved, move = [], stroke_module._move_block
     monkeypatch.setattr(
-        stroke_module, "_move_block", lambda requests, only_sensed: moved.append(len(requests)) or move(requests, only_sensed)
+        stroke_module,
+        "_move_block",
+        lambda requests, only_sensed: moved.append(len(requests)) or move(requests, only_sensed),
     )
     gain, stiff, both = simulate_variations(request(PAPER), varied)
     assert moved == [2]
@@ -85,9 +109,14 @@ def test_what_changes_only_the_sensor_shares_the_motion(monkeypatch):
 
 def test_a_variation_without_an_answer_fails_alone():
     broken = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=float("nan")))
-    found = simulate_variations(request(PAPER), [request(stiffer(PAPER, share)) for share in (0.01, 0.02)] + [request(broken)])
+    found = simulate_variations(
+        request(PAPER),
+        [request(stiffer(PAPER, share)) for share in (0.01, 0.02)] + [request(broken)],
+    )
     assert [isinstance(each, SimulationFailed) for each in found] == [False, False, True]
-    assert np.array_equal(found[0][0].fz_N, simulate_stroke(stiffer(PAPER, 0.01), 0.215, MOTION, T).fz_N)
+    assert np.array_equal(
+        found[0][0].fz_N, simulate_stroke(stiffer(PAPER, 0.01), 0.215, MOTION, T).fz_N
+    )
 
 
 def test_other_effects_move_apart():
@@ -98,7 +127,10 @@ def test_other_effects_move_apart():
 
 
 def test_an_effect_of_each_leg_keeps_its_own_size_and_its_own_memory():
-    rigs = [having(PAPER, spring_relaxation={"strength_relative": share, "time_constant_s": 0.2}) for share in np.linspace(0.0, 0.3, 11)]
+    rigs = [
+        having(PAPER, spring_relaxation={"strength_relative": share, "time_constant_s": 0.2})
+        for share in np.linspace(0.0, 0.3, 11)
+    ]
     found = simulate_strokes([Job(rig, 0.215, MOTION, T, TIGHT) for rig in rigs])
     for rig, each in zip(rigs, found, strict=True):
         alone = simulate_stroke(rig, 0.215, MOTION, T, TIGHT)

@@ -1,4 +1,6 @@
-"""The chain at rest: under a force at its tip (9), back from its angles to the force (10), and held on the ground."""
+"""The chain at rest: under a force at its tip (9), back from its angles to the force (10), and
+held on the ground.
+"""
 
 from dataclasses import replace
 
@@ -18,7 +20,13 @@ from rfca_rig.model.paper.statics import (
     tip_place_m,
 )
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, Touch, make_stage_motion, simulate_static_stages
+from rfca_rig.model.static_stages import (
+    STILL_AFTER_S,
+    StageMoves,
+    Touch,
+    make_stage_motion,
+    simulate_static_stages,
+)
 from rfca_rig.model.statics_contact import follow_static_path
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
@@ -43,7 +51,9 @@ def test_the_jacobian_is_how_the_tip_moves():
 def test_the_tangent_stiffness_is_the_derivative_of_the_imbalance():
     phi = np.linspace(1.0, -0.3, 7)
     for n, step in enumerate(1e-6 * np.eye(7)):
-        change = (imbalance_Nm(CHAIN, phi + step, PUSH) - imbalance_Nm(CHAIN, phi - step, PUSH)) / 2e-6
+        change = (
+            imbalance_Nm(CHAIN, phi + step, PUSH) - imbalance_Nm(CHAIN, phi - step, PUSH)
+        ) / 2e-6
         assert tangent_stiffness(CHAIN, phi, PUSH)[:, n] == pytest.approx(change, abs=1e-7)
 
 
@@ -68,7 +78,11 @@ def test_a_small_force_bends_two_hinges_as_linear_theory_has_it():
 
 def test_every_hinge_carries_what_acts_beyond_it():
     found = equilibrium_under_tip_force(CHAIN, 1.2, PUSH)
-    varphi, lengths, masses = np.cumsum(found.phi), np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
+    varphi, lengths, masses = (
+        np.cumsum(found.phi),
+        np.array(PAPER.leg.link_lengths_m),
+        np.array(PAPER.leg.link_masses_kg),
+    )
     x, y = np.cumsum(lengths * np.cos(varphi)), np.cumsum(lengths * np.sin(varphi))
     centre = x - 0.5 * lengths * np.cos(varphi)
     for hinge in range(1, 7):
@@ -89,7 +103,13 @@ def test_a_column_pushed_beyond_its_critical_load_is_not_called_stable():
 
 def test_values_no_leg_has_are_refused_with_the_load_they_were_to_carry():
     chain = tip_chain_of(replace(PAPER.leg, k0_Nm_per_rad=float("nan")))
-    with pytest.raises(SimulationFailed, match=r"no equilibrium found beyond 0.0 % of weight and tip force \(0.0 N along, -4.0 N down\)"):
+    with pytest.raises(
+        SimulationFailed,
+        match=(
+            r"no equilibrium found beyond 0.0 % of weight and tip force \(0.0 N along, -4.0 N "
+            r"down\)"
+        ),
+    ):
         equilibrium_under_tip_force(chain, 0.5, np.array([0.0, -4.0]))
 
 
@@ -99,7 +119,9 @@ def test_exact_angles_give_back_the_force(estimator):
     estimate = estimator(CHAIN, phi, 1e-3)
     assert estimate.force_N == pytest.approx(PUSH, abs=1e-8)
     assert np.abs(estimate.residual_Nm).max() < 1e-10
-    assert estimate.condition_number == pytest.approx(estimate.singular_values[0] / estimate.singular_values[1])
+    assert estimate.condition_number == pytest.approx(
+        estimate.singular_values[0] / estimate.singular_values[1]
+    )
 
 
 @pytest.mark.slow
@@ -109,14 +131,21 @@ def test_the_standard_errors_are_the_scatter_of_noisy_photographs(estimator):
     phi = equilibrium_under_tip_force(CHAIN, 1.2, PUSH).phi
     photographs = [phi + noise * np.append(0.0, random.normal(size=6)) for _ in range(1500)]
     forces = np.array([estimator(CHAIN, photograph, noise).force_N for photograph in photographs])
-    assert estimator(CHAIN, phi, noise).standard_errors_N == pytest.approx(forces.std(axis=0, ddof=1), rel=0.08)
+    assert estimator(CHAIN, phi, noise).standard_errors_N == pytest.approx(
+        forces.std(axis=0, ddof=1), rel=0.08
+    )
     scale = np.outer(forces.std(axis=0), forces.std(axis=0))
-    assert estimator(CHAIN, phi, noise).covariance_N2 / scale == pytest.approx(np.cov(forces.T) / scale, abs=0.08)
+    assert estimator(CHAIN, phi, noise).covariance_N2 / scale == pytest.approx(
+        np.cov(forces.T) / scale, abs=0.08
+    )
 
 
 def test_weighing_the_angles_never_costs_accuracy():
     phi = equilibrium_under_tip_force(CHAIN, 1.2, PUSH).phi
-    plain, weighed = (estimator(CHAIN, phi, 1e-3).standard_errors_N for estimator in (tip_force, tip_force_weighing_angles))
+    plain, weighed = (
+        estimator(CHAIN, phi, 1e-3).standard_errors_N
+        for estimator in (tip_force, tip_force_weighing_angles)
+    )
     assert (weighed <= plain * (1.0 + 1e-9)).all()
 
 
@@ -125,7 +154,11 @@ def test_one_hinge_does_not_determine_a_force():
         tip_force(tip_chain_of(pendulum(2, k0=5.0).leg), np.array([0.3, 0.1]), 1e-3)
 
 
-@pytest.mark.parametrize("ground", [{}, {"stiffness_N_per_m1p5": 1.2e4, "friction_rise_share": 1.0}], ids=["paper", "soft, friction high"])
+@pytest.mark.parametrize(
+    "ground",
+    [{}, {"stiffness_N_per_m1p5": 1.2e4, "friction_rise_share": 1.0}],
+    ids=["paper", "soft, friction high"],
+)
 def test_the_dynamic_model_moved_slowly_and_held_still_comes_to_the_same_states(ground):
     rig = replace(PAPER, ground=replace(PAPER.ground, **ground))
     stages = simulate_static_stages(rig, 0.215, UP_AND_BACK, CREEPING)
@@ -146,7 +179,9 @@ def test_brisk_moves_leave_the_tip_inside_the_cone_of_friction(path):
 def test_stages_end_where_they_are_told_and_take_the_time_they_need():
     motion, read_s = make_stage_motion(0.2, [1.0, 1.0, 0.99, 0.5], StageMoves(0.5, 0.05, 2.0))
     assert motion.angle_rad(read_s) == pytest.approx([1.0, 1.0, 0.99, 0.5])
-    takes_s = np.array([0.8 / 0.5 + 0.05, STILL_AFTER_S, 0.1 + STILL_AFTER_S, 0.49 / 0.5 + 0.05 + STILL_AFTER_S])
+    takes_s = np.array(
+        [0.8 / 0.5 + 0.05, STILL_AFTER_S, 0.1 + STILL_AFTER_S, 0.49 / 0.5 + 0.05 + STILL_AFTER_S]
+    )
     assert np.diff(read_s, prepend=0.0) == pytest.approx(takes_s + 2.0, abs=0.031)
     for later_s in (0.5 * STILL_AFTER_S, STILL_AFTER_S):
         assert motion.angle_rad(read_s + later_s) == pytest.approx([1.0, 1.0, 0.99, 0.5])
@@ -161,13 +196,21 @@ def test_stages_without_speed_are_bad_input():
 
 def test_forces_of_the_ground_and_springs_are_in_balance_at_every_hinge(path):
     for state in path:
-        end = np.cumsum(np.array(PAPER.leg.link_lengths_m) * np.array([np.cos(state.q_rad), np.sin(state.q_rad)]), axis=1)
-        assert np.count_nonzero(state.normal_N[:-1]) == 0  # the tip alone touches, so that (10) holds with its force
+        end = np.cumsum(
+            np.array(PAPER.leg.link_lengths_m)
+            * np.array([np.cos(state.q_rad), np.sin(state.q_rad)]),
+            axis=1,
+        )
+        assert (
+            np.count_nonzero(state.normal_N[:-1]) == 0
+        )  # the tip alone touches, so that (10) holds with its force
         force = np.array([state.tangential_N[-1], -state.normal_N[-1]])
         phi = np.diff(state.q_rad, prepend=0.0)
         assert imbalance_Nm(CHAIN, phi, force)[1:] == pytest.approx(0.0, abs=1e-8)
         assert imbalance_Nm(CHAIN, phi, force)[0] == pytest.approx(state.shaft_torque_Nm, abs=1e-8)
-        assert state.normal_N[-1] == pytest.approx(1e5 * (end[1, -1] + 0.003 - 0.215) ** 1.5, rel=1e-9)
+        assert state.normal_N[-1] == pytest.approx(
+            1e5 * (end[1, -1] + 0.003 - 0.215) ** 1.5, rel=1e-9
+        )
 
 
 def test_the_sensor_feels_ground_and_weight(path):
@@ -193,7 +236,9 @@ def test_a_loading_tip_slides_at_the_limit_of_friction_and_sticks_when_turned_ba
 
 def test_a_stuck_tip_comes_back_to_nearly_the_same_state_and_a_slid_one_does_not():
     there = follow_static_path(PAPER, 0.215, np.radians([120, 119.5, 119, 119.5]))
-    assert there[3].fz_N == pytest.approx(there[1].fz_N, abs=0.02)  # the normal force fell and rose again, which dissipates
+    assert there[3].fz_N == pytest.approx(
+        there[1].fz_N, abs=0.02
+    )  # the normal force fell and rose again, which dissipates
     slid = follow_static_path(PAPER, 0.215, np.radians([90, 120, 90]))
     assert abs(slid[2].fy_N - slid[0].fy_N) > 1.0
 
@@ -211,14 +256,20 @@ def test_a_leg_in_the_air_feels_its_weight_only():
 
 
 def test_one_stiff_link_pressed_on_the_ground_obeys_the_lever():
-    """A single hinge: the moment of N and F about it is that of spring and weight, whatever the ground."""
-    rig = replace(pendulum(2, 0.2, 0.3, k0=40.0), ground=replace(PAPER.ground, friction_coefficient=0.3))
+    """A single hinge: the moment of N and F about it is that of spring and weight, whatever the
+    ground.
+    """
+    rig = replace(
+        pendulum(2, 0.2, 0.3, k0=40.0), ground=replace(PAPER.ground, friction_coefficient=0.3)
+    )
     state = follow_static_path(rig, 0.3, [1.0], begin_angle_rad=0.5)[0]
     phi, q = state.hinge_angles_rad[0], state.q_rad[1]
     N, F = state.normal_N[1], state.tangential_N[1]
     assert N > 1.0
     assert pytest.approx(F) == 0.3 * N
-    assert 40.0 * phi == pytest.approx(0.3 * 9.81 * 0.1 * np.cos(q) - 0.2 * (N * np.cos(q) + F * np.sin(q)), abs=1e-9)
+    assert 40.0 * phi == pytest.approx(
+        0.3 * 9.81 * 0.1 * np.cos(q) - 0.2 * (N * np.cos(q) + F * np.sin(q)), abs=1e-9
+    )
 
 
 def test_past_the_end_of_a_path_the_leg_jumps_to_another_rest():
@@ -228,8 +279,15 @@ def test_past_the_end_of_a_path_the_leg_jumps_to_another_rest():
 
 
 def test_a_leg_without_any_damping_that_jumps_finds_no_rest_and_says_where():
-    undamped = replace(PAPER, leg=replace(PAPER.leg, hinge_damping_Nm_s_per_rad=0.0), ground=replace(PAPER.ground, drag_N_s_per_m=0.0))
-    with pytest.raises(SimulationFailed, match=r"finds no rest with the shaft held at 16\d\.\d\d degrees, 215.0 mm above"):
+    undamped = replace(
+        PAPER,
+        leg=replace(PAPER.leg, hinge_damping_Nm_s_per_rad=0.0),
+        ground=replace(PAPER.ground, drag_N_s_per_m=0.0),
+    )
+    with pytest.raises(
+        SimulationFailed,
+        match=r"finds no rest with the shaft held at 16\d\.\d\d degrees, 215.0 mm above",
+    ):
         follow_static_path(undamped, 0.215, np.radians([170.0]))
 
 

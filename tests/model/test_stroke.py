@@ -13,7 +13,12 @@ from rfca_rig.model.kernel.integrator import FIRST_STEP_S
 from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.stroke import StrokeRequest, recall_stroke, simulate_stroke, simulate_stroke_at_speed
+from rfca_rig.model.stroke import (
+    StrokeRequest,
+    recall_stroke,
+    simulate_stroke,
+    simulate_stroke_at_speed,
+)
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
 
@@ -38,9 +43,17 @@ def test_at_rest_the_sensor_feels_the_weight_and_the_motor_holds_it(stroke):
 
 def test_force_on_the_mount_is_weight_and_ground_less_the_change_of_momentum(stroke):
     lengths, masses = np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
-    y, depth = np.cumsum(lengths * np.cos(stroke.q_rad), axis=1), np.cumsum(lengths * np.sin(stroke.q_rad), axis=1)
-    y, depth = y - 0.5 * lengths * np.cos(stroke.q_rad), depth - 0.5 * lengths * np.sin(stroke.q_rad)
-    up_to_the_valley = slice(450, 1100)  # smooth there, so that second differences of 1 ms samples are worth something
+    y, depth = (
+        np.cumsum(lengths * np.cos(stroke.q_rad), axis=1),
+        np.cumsum(lengths * np.sin(stroke.q_rad), axis=1),
+    )
+    y, depth = (
+        y - 0.5 * lengths * np.cos(stroke.q_rad),
+        depth - 0.5 * lengths * np.sin(stroke.q_rad),
+    )
+    up_to_the_valley = slice(
+        450, 1100
+    )  # smooth there, so that second differences of 1 ms samples are worth something
     for place, weight, ground, felt in (
         (depth, 0.32 * 9.81, -stroke.normal_N.sum(axis=1), stroke.fz_N),
         (-y, 0.0, -stroke.tangential_N.sum(axis=1), stroke.fy_N),
@@ -57,18 +70,33 @@ def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_
     phi, rate = np.diff(stroke.q_rad, axis=1), np.diff(w, axis=1)
     spring = (0.5 * 10.98 * phi**2 + 0.25 * 10.98 * 4.56 * phi**4).sum(axis=1)
     masses = np.array(PAPER.leg.link_masses_kg)
-    v_y, v_d = np.cumsum(-lengths * np.sin(stroke.q_rad) * w, axis=1), np.cumsum(lengths * np.cos(stroke.q_rad) * w, axis=1)
-    c_y, c_d = v_y + 0.5 * lengths * np.sin(stroke.q_rad) * w, v_d - 0.5 * lengths * np.cos(stroke.q_rad) * w
+    v_y, v_d = (
+        np.cumsum(-lengths * np.sin(stroke.q_rad) * w, axis=1),
+        np.cumsum(lengths * np.cos(stroke.q_rad) * w, axis=1),
+    )
+    c_y, c_d = (
+        v_y + 0.5 * lengths * np.sin(stroke.q_rad) * w,
+        v_d - 0.5 * lengths * np.cos(stroke.q_rad) * w,
+    )
     kinetic = (0.5 * masses * (c_y**2 + c_d**2) + masses * lengths**2 / 24 * w**2).sum(axis=1)
-    ground = -(stroke.normal_N * v_d).sum(axis=1) + (stroke.tangential_N * (v_y - lever_m * w)).sum(axis=1)
-    supplied = stroke.shaft_torque_Nm * w[:, 0] + 9.81 * c_d @ masses + ground - 0.088 * (rate**2).sum(axis=1)
+    ground = -(stroke.normal_N * v_d).sum(axis=1) + (stroke.tangential_N * (v_y - lever_m * w)).sum(
+        axis=1
+    )
+    supplied = (
+        stroke.shaft_torque_Nm * w[:, 0]
+        + 9.81 * c_d @ masses
+        + ground
+        - 0.088 * (rate**2).sum(axis=1)
+    )
     part = slice(450, 1100)
     gained = (spring + kinetic)[part][-1] - (spring + kinetic)[part][0]
     assert np.trapezoid(supplied[part], T[part]) == pytest.approx(gained, rel=2e-3)
 
 
 def test_friction_acts_at_the_tip_s_lowest_point_unless_another_lever_is_given(stroke):
-    assert np.array_equal(simulate_stroke_at_speed(with_lever(0.003), 0.215, 2.433, T).fz_N, stroke.fz_N)
+    assert np.array_equal(
+        simulate_stroke_at_speed(with_lever(0.003), 0.215, 2.433, T).fz_N, stroke.fz_N
+    )
     other = simulate_stroke_at_speed(with_lever(-0.004), 0.215, 2.433, T)
     assert 0.5 < np.abs(other.fz_N - stroke.fz_N)[450:1100].max() < 5.0
 
@@ -76,7 +104,9 @@ def test_friction_acts_at_the_tip_s_lowest_point_unless_another_lever_is_given(s
 def test_sliding_friction_is_mu_times_the_normal_force_and_the_floor_s_drag(stroke):
     sliding = slice(700, 1100)
     w = np.gradient(stroke.q_rad, T, axis=0)
-    slip = (-np.array(PAPER.leg.link_lengths_m) * np.sin(stroke.q_rad) * w).sum(axis=1) - 0.003 * w[:, -1]
+    slip = (-np.array(PAPER.leg.link_lengths_m) * np.sin(stroke.q_rad) * w).sum(axis=1) - 0.003 * w[
+        :, -1
+    ]
     expected = 0.41 * stroke.normal_N[:, -1] - 2.0 * slip
     assert stroke.tangential_N[sliding, -1] == pytest.approx(expected[sliding], abs=0.01)
 
@@ -94,7 +124,9 @@ def test_the_same_stroke_twice_is_the_same_to_the_last_bit(stroke):
 
 def recalled(effects, height_m):
     motion = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, PAPER.drive.ramp_s, float(T[-1]))
-    return recall_stroke(StrokeRequest(set_up(replace(PAPER, effects=effects), height_m, motion), T, Tolerance()))
+    return recall_stroke(
+        StrokeRequest(set_up(replace(PAPER, effects=effects), height_m, motion), T, Tolerance())
+    )
 
 
 def test_effects_of_the_sensor_use_the_motion_that_is_known_and_others_do_not(monkeypatch):
@@ -105,7 +137,10 @@ def test_effects_of_the_sensor_use_the_motion_that_is_known_and_others_do_not(mo
     with monkeypatch.context() as context:
         context.setattr(stroke_module, "advance", None)  # an integration would end in a TypeError
         felt = recalled(gain, 0.2151)
-        for effects, height_m in (((PresentEffect("shaft_friction", (("torque_Nm", 0.1),)),), 0.2151), (gain, 0.2152)):
+        for effects, height_m in (
+            ((PresentEffect("shaft_friction", (("torque_Nm", 0.1),)),), 0.2151),
+            (gain, 0.2152),
+        ):
             with pytest.raises(TypeError):
                 recalled(effects, height_m)
     anew = simulate_stroke_at_speed(replace(PAPER, effects=gain), 0.2151, 2.433, T)
@@ -124,7 +159,16 @@ def test_used_working_memory_gives_the_same_bits_as_new_memory():
     for n in range(100):
         for state, used in zip(states, (None, work), strict=True):
             span_s = (0.01 * n, 0.01 * (n + 1))
-            advance(chain, shaft, state, span_s, FIRST_STEP_S, Tolerance(), allocate_samples(np.empty(0), 7), work=used)
+            advance(
+                chain,
+                shaft,
+                state,
+                span_s,
+                FIRST_STEP_S,
+                Tolerance(),
+                allocate_samples(np.empty(0), 7),
+                work=used,
+            )
     assert all(np.array_equal(new, used) for new, used in zip(*states, strict=True))
 
 
@@ -132,16 +176,22 @@ def pressed_and_held() -> tuple[np.ndarray, ShaftMotion]:
     """Down to 80 degrees in a second, a little back, and then held for a minute."""
     angles, breaks = np.radians([14.1, 80.0, 79.0, 79.0]), np.array([0.0, 1.0, 1.5, 62.0])
     speeds = np.diff(angles) / np.diff(breaks)
-    coefficients = np.array([[angle, speed, 0.0, 0.0] for angle, speed in zip(angles[:-1], speeds, strict=True)])
+    coefficients = np.array(
+        [[angle, speed, 0.0, 0.0] for angle, speed in zip(angles[:-1], speeds, strict=True)]
+    )
     return np.linspace(2.0, 62.0, 601), ShaftMotion(breaks, coefficients, breaks[:-1])
 
 
 def test_a_leg_held_under_load_for_a_minute_keeps_its_tangential_force():
     t, motion = pressed_and_held()
-    held = simulate_stroke(replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.6)), 0.215, motion, t)
+    held = simulate_stroke(
+        replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.6)), 0.215, motion, t
+    )
     late = held.tangential_N.sum(axis=1)[t > 4.0]
     assert abs(late[0]) > 0.2
-    assert abs(late[0]) < 0.99 * 0.6 * held.normal_N.sum(axis=1)[-1]  # inside the cone: stuck, not about to slide
+    assert (
+        abs(late[0]) < 0.99 * 0.6 * held.normal_N.sum(axis=1)[-1]
+    )  # inside the cone: stuck, not about to slide
     assert np.ptp(late) < 1e-3 * abs(late[0])
 
 
@@ -167,7 +217,9 @@ def test_values_no_leg_has_end_in_one_clear_line_not_in_nan():
 
 def test_a_stroke_that_would_take_hours_is_given_up_after_so_many_steps():
     bounded = Tolerance(most_steps=200)
-    with pytest.raises(SimulationFailed, match=r"stopped after 200 steps .* steps are down to \d\S* s; look for"):
+    with pytest.raises(
+        SimulationFailed, match=r"stopped after 200 steps .* steps are down to \d\S* s; look for"
+    ):
         simulate_stroke_at_speed(PAPER, 0.215, 2.433, T, bounded)
 
 
@@ -179,13 +231,26 @@ def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
         k0_Nm_per_rad=10.98 * 10 ** random.uniform(-0.5, 0.5),
         hinge_damping_Nm_s_per_rad=0.088 * 10 ** random.uniform(-0.5, 0.5),
     )
-    ground = replace(PAPER.ground, friction_coefficient=random.uniform(0.2, 1.3), stiffness_N_per_m1p5=10 ** random.uniform(4.5, 6.5))
-    rig, motion = replace(PAPER, leg=leg, ground=ground), ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 1.0)
+    ground = replace(
+        PAPER.ground,
+        friction_coefficient=random.uniform(0.2, 1.3),
+        stiffness_N_per_m1p5=10 ** random.uniform(4.5, 6.5),
+    )
+    rig, motion = (
+        replace(PAPER, leg=leg, ground=ground),
+        ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 1.0),
+    )
     t = np.arange(1, 700) * 1e-3
-    plain, tight = (simulate_stroke(rig, 0.215, motion, t, tolerance) for tolerance in (Tolerance(), Tolerance(1e-6, 3e-3)))
+    plain, tight = (
+        simulate_stroke(rig, 0.215, motion, t, tolerance)
+        for tolerance in (Tolerance(), Tolerance(1e-6, 3e-3))
+    )
     late = slice(300, None)  # the touchdown's spikes are chaotic on a hard floor; loading is not
     assert np.isfinite(plain.fz_N).all()
-    assert np.sqrt(np.mean((plain.fz_N - tight.fz_N)[late] ** 2)) < 5e-3 * np.abs(tight.fz_N[late]).max()
+    assert (
+        np.sqrt(np.mean((plain.fz_N - tight.fz_N)[late] ** 2))
+        < 5e-3 * np.abs(tight.fz_N[late]).max()
+    )
 
 
 def test_another_integrator_gives_the_same_stroke_on_ice():

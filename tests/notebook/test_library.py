@@ -1,4 +1,6 @@
-"""`import rfca_rig as rr`: its names, results as tables, arrays, pages and pictures, and errors instead of prints and exits."""
+"""`import rfca_rig as rr`: its names, results as tables, arrays, pages and pictures, and errors
+instead of prints and exits.
+"""
 
 import builtins
 import importlib
@@ -20,7 +22,18 @@ from tests.mechanism.arm import Arm, record, write_campaign
 
 DATA = Path(__file__).parents[1] / "data"
 SMALL = DATA / "small-campaign"
-NAMES = ["Rig", "diagnose", "effects", "fit", "mechanics", "open", "plan", "report", "run", "simulate"]
+NAMES = [
+    "Rig",
+    "diagnose",
+    "effects",
+    "fit",
+    "mechanics",
+    "open",
+    "plan",
+    "report",
+    "run",
+    "simulate",
+]
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +49,9 @@ def recordings():
 
 @pytest.fixture(scope="module")
 def flapped(tmp_path_factory):
-    return rr.run(height_mm=215, speed_rad_s=2.433, repeats=1, seed=3, runs=tmp_path_factory.mktemp("runs"))
+    return rr.run(
+        height_mm=215, speed_rad_s=2.433, repeats=1, seed=3, runs=tmp_path_factory.mktemp("runs")
+    )
 
 
 @pytest.fixture
@@ -46,7 +61,9 @@ def here(tmp_path, monkeypatch):
 
 
 def test_the_stable_names_are_these():
-    """A name that is added, dropped or renamed must be so on purpose: users have it in their scripts."""
+    """A name that is added, dropped or renamed must be so on purpose: users have it in their
+    scripts.
+    """
     assert rr.__all__ == NAMES
     assert set(NAMES) <= set(dir(rr))
     with pytest.raises(AttributeError, match="it has Rig, diagnose"):
@@ -63,7 +80,10 @@ def test_names_are_what_they_say_whatever_was_imported_before():
 
 
 def test_the_import_alone_loads_nothing_heavy():
-    said = "import sys, rfca_rig; print([name for name in ('numpy', 'numba', 'matplotlib', 'typer') if name in sys.modules])"
+    said = (
+        "import sys, rfca_rig; print([name for name in ('numpy', 'numba', 'matplotlib', "
+        "'typer') if name in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
@@ -88,7 +108,9 @@ def test_a_simulated_stroke_is_a_dataset_with_units_and_a_picture(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(("name", "value"), [("height_mm", 0.215), ("speed_rad_s", -1.0), ("sweep_deg", float("nan"))])
+@pytest.mark.parametrize(
+    ("name", "value"), [("height_mm", 0.215), ("speed_rad_s", -1.0), ("sweep_deg", float("nan"))]
+)
 def test_a_value_outside_of_its_range_is_refused_with_its_limits(name, value):
     with pytest.raises(BadInput, match=rf"{name} = .*: should be a number from"):
         rr.simulate(**{"height_mm": 215, "speed_rad_s": 2.4, name: value})
@@ -101,7 +123,9 @@ def test_a_campaign_is_tables_and_datasets(recordings):
     t_s, fz_N = stroke.channel("fz_N")
     assert np.array_equal(data["fz_N"].values, fz_N) and data["fz_N"].attrs["units"] == "N"
     (along,) = data["fz_N"].dims
-    assert np.array_equal(data[along].values, t_s) and data.attrs["height_mm"] == pytest.approx(1e3 * stroke.height_m)
+    assert np.array_equal(data[along].values, t_s) and data.attrs["height_mm"] == pytest.approx(
+        1e3 * stroke.height_m
+    )
     static = recordings.static_table()
     assert len(static) == len(recordings.content.static) and "hinge2_deg" in static.columns
     assert recordings.plot(0).get_xlabel() == "time in s"
@@ -112,7 +136,10 @@ def test_a_campaign_is_tables_and_datasets(recordings):
 def test_recordings_of_a_pendulum_are_opened_with_the_same_name():
     swings = rr.open(DATA / "pendulums" / "free-swing")
     data = swings.to_xarray(0)
-    assert data.sizes["t_s"] == swings.table()["samples"][0] and data["angle_1"].attrs["units"] == "rad"
+    assert (
+        data.sizes["t_s"] == swings.table()["samples"][0]
+        and data["angle_1"].attrs["units"] == "rad"
+    )
     assert swings.plot(0).lines and len(swings.static_table()) == 0
 
 
@@ -120,7 +147,10 @@ def test_recordings_of_a_mechanism_are_opened_with_the_same_name(tmp_path):
     recorded = record(Arm(), 1.0, 0)
     opened = rr.open(write_campaign(tmp_path / "arm", Arm(), [recorded], {"mass_relative": 0.01}))
     data = opened.to_xarray(0)
-    assert np.allclose(data["joint1.position"], recorded[1][:, 0], atol=1e-6) and data["joint1.position"].attrs["units"] == "rad"
+    assert (
+        np.allclose(data["joint1.position"], recorded[1][:, 0], atol=1e-6)
+        and data["joint1.position"].attrs["units"] == "rad"
+    )
     assert "motor1.command" in data and opened.plot(0).lines
 
 
@@ -172,11 +202,14 @@ def test_the_catalogue_is_a_table():
 
 @pytest.mark.slow
 def test_a_diagnosis_is_a_grade_with_tables_and_a_picture(here):
-    # tests/diagnosis/test_pendulum.py looks for all effects in these recordings, which takes ten times as long.
+    # tests/diagnosis/test_pendulum.py looks for all effects in these recordings, which takes ten
+    # times as long.
     without = set(rr.effects()["id"]) - {"hinge_viscous_damping", "joint_friction", "fluid_drag"}
     found = rr.diagnose(DATA / "pendulums" / "free-swing", without=sorted(without), progress=False)
     assert found.grade == found.diagnosis.grade and found.grade in repr(found)
-    assert {"signal", "before", "after"} <= set(found.errors().columns) and len(found.rivals()) == len(found.diagnosis.rivals)
+    assert {"signal", "before", "after"} <= set(found.errors().columns) and len(
+        found.rivals()
+    ) == len(found.diagnosis.rivals)
     assert set(found.effects()["effect"]) == {effect.id for effect in found.diagnosis.effects}
     assert len(found.plot(0).lines) == 3 and "rms error" in found._repr_html_()
     assert found.save(here / "diagnosis").is_file()
@@ -203,7 +236,9 @@ def test_without_the_extra_the_command_that_installs_it_is_named(monkeypatch, re
 
     monkeypatch.setattr(builtins, "__import__", without)
     monkeypatch.setattr(shared, "import_module", without)
-    with pytest.raises(BadInput, match=r'pandas is not installed; pip install "rfca-rig\[notebook\]"'):
+    with pytest.raises(
+        BadInput, match=r'pandas is not installed; pip install "rfca-rig\[notebook\]"'
+    ):
         recordings.table()
     with shared.show_progress("work", True) as move:
         move("step", 0.5)  # no bar, and no error
@@ -216,11 +251,16 @@ def test_progress_moves_a_bar(capsys):
     assert "50%" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("use", "inner"), [(rr.diagnose, "diagnose_leg"), (rr.fit, "fit_recordings"), (rr.report, "write_report")])
+@pytest.mark.parametrize(
+    ("use", "inner"),
+    [(rr.diagnose, "diagnose_leg"), (rr.fit, "fit_recordings"), (rr.report, "write_report")],
+)
 def test_a_value_in_another_unit_is_taken_only_as_it_is(tmp_path, monkeypatch, use, inner):
     copytree(SMALL, tmp_path / "slipped")
     description = tmp_path / "slipped" / "campaign.toml"
-    description.write_text(re.sub(r"height_mm = (2\d\d)\.0", r"height_mm = 0.\1", description.read_text()))
+    description.write_text(
+        re.sub(r"height_mm = (2\d\d)\.0", r"height_mm = 0.\1", description.read_text())
+    )
     with pytest.raises(BadInput, match="height"):
         use(tmp_path / "slipped")
 

@@ -1,4 +1,6 @@
-"""The notebooks of the documentation run as written, and reach the verdicts that their text states."""
+"""The notebooks of the documentation run as written, and reach the verdicts that their text
+states.
+"""
 
 import ast
 import re
@@ -20,7 +22,9 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def execute(tmp_path, monkeypatch):
-    """Executes all cells of a notebook in an empty folder, and returns its names. The effects of other tests stay as they are."""
+    """Executes all cells of a notebook in an empty folder, and returns its names. The effects of
+    other tests stay as they are.
+    """
     monkeypatch.chdir(tmp_path)
     # Set and deleted, so that what a notebook sets is taken back.
     monkeypatch.setenv(FOLDER_VARIABLE, "")
@@ -29,7 +33,9 @@ def execute(tmp_path, monkeypatch):
     def run(name):
         names = {"__name__": "__main__"}
         with mpl.rc_context({"backend": "agg"}):
-            for number, cell in enumerate(CELL.findall((NOTEBOOKS / f"{name}.md").read_text(encoding="utf-8")), start=1):
+            for number, cell in enumerate(
+                CELL.findall((NOTEBOOKS / f"{name}.md").read_text(encoding="utf-8")), start=1
+            ):
                 exec(compile(ast.parse(cell), f"{name}, cell {number}", "exec"), names)
         return names
 
@@ -43,7 +49,9 @@ def look_for(monkeypatch):
 
     def narrow(*ids):
         def diagnose(recordings, progress, limits, _, law_at):
-            return diagnose_leg(recordings, progress, limits, [one for one in catalogue() if one not in ids], law_at)
+            return diagnose_leg(
+                recordings, progress, limits, [one for one in catalogue() if one not in ids], law_at
+            )
 
         monkeypatch.setattr(analyses, "diagnose_leg", diagnose)
 
@@ -51,18 +59,30 @@ def look_for(monkeypatch):
 
 
 def test_the_list_of_notebooks_is_whole():
-    assert {path.stem for path in NOTEBOOKS.glob("*.md")} == {"first-run", "own-data", "own-effect-and-simulator"}
-    assert all(len(CELL.findall(path.read_text(encoding="utf-8"))) >= 5 for path in NOTEBOOKS.glob("*.md"))
+    assert {path.stem for path in NOTEBOOKS.glob("*.md")} == {
+        "first-run",
+        "own-data",
+        "own-effect-and-simulator",
+    }
+    assert all(
+        len(CELL.findall(path.read_text(encoding="utf-8"))) >= 5 for path in NOTEBOOKS.glob("*.md")
+    )
 
 
 def test_a_first_run_finds_the_compliance_of_the_twins_drive(execute, look_for, tmp_path):
-    """tests/test_readme.py finds it among all effects, in more repeats of the same strokes; that takes three times as long."""
+    """tests/test_readme.py finds it among all effects, in more repeats of the same strokes; that
+    takes three times as long.
+    """
     look_for("motor_speed_droop", "motor_speed_ripple", "shaft_compliance", "sensor_lag")
     result = execute("first-run")["result"]
     assert result.grade == "identified" and set(result.effects()["effect"]) == {"motor_speed_droop"}
     values = result.effects().set_index("parameter")["value"]
-    assert values["kp_Nm_s_per_rad"] == pytest.approx(8.0, rel=0.15) and values["ki_Nm_per_rad"] == pytest.approx(60.0, rel=0.15)
-    assert (tmp_path / "diagnosis" / "diagnosis.html").is_file() and (tmp_path / "report" / "report.html").is_file()
+    assert values["kp_Nm_s_per_rad"] == pytest.approx(8.0, rel=0.15) and values[
+        "ki_Nm_per_rad"
+    ] == pytest.approx(60.0, rel=0.15)
+    assert (tmp_path / "diagnosis" / "diagnosis.html").is_file() and (
+        tmp_path / "report" / "report.html"
+    ).is_file()
 
 
 def test_own_recordings_have_the_published_friction(execute):
@@ -74,7 +94,9 @@ def test_own_recordings_have_the_published_friction(execute):
 def test_an_own_effect_acts_and_an_own_simulator_is_diagnosed(execute):
     names = execute("own-effect-and-simulator")
     assert "cubic_damping" in catalogue()
-    with_effect, without = (line.get_ydata() for line in (names["axes"].lines[0], names["axes"].lines[-1]))
+    with_effect, without = (
+        line.get_ydata() for line in (names["axes"].lines[0], names["axes"].lines[-1])
+    )
     # After the release, where the leg whips; the valley hardly moves.
     assert abs(with_effect - without).max() > 1.0
     (effect,) = names["decision"].effects

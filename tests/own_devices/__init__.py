@@ -1,1 +1,3 @@
-"""Motors, force sensors and effects of a lab's own: the worked examples, and what a rig file may say of them."""
+"""Motors, force sensors and effects of a lab's own: the worked examples, and what a rig file may
+say of them.
+"""

@@ -15,7 +15,9 @@ def section(name: str) -> str:
 
 
 def rig_with(folder: Path, *names: str, change: tuple[str, str] | None = None) -> Path:
-    """The shipped twin's file, with these sections and files of the worked example in place of its own, and one line changed."""
+    """The shipped twin's file, with these sections and files of the worked example in place of
+    its own, and one line changed.
+    """
     text = (ROOT / "calibration" / "twin.toml").read_text().partition("[twin.camera]")[0]
     for name in names:
         text = re.sub(rf"(?ms)^\[{name}\]\n.*?(?=^\[)", lambda _, name=name: section(name), text)
@@ -32,4 +34,6 @@ def rig_with(folder: Path, *names: str, change: tuple[str, str] | None = None) -
 def lines_of_code(file: Path) -> int:
     """What a person has to write: neither blank lines, nor comments, nor docstrings."""
     text = re.sub(r'(?s)"""(.*?)"""', "", file.read_text())
-    return sum(bool(line.strip()) and not line.strip().startswith("#") for line in text.splitlines())
+    return sum(
+        bool(line.strip()) and not line.strip().startswith("#") for line in text.splitlines()
+    )

@@ -27,12 +27,18 @@ class TestTheExampleSensor(own_devices.TestOurForceSensor):
 
 
 class Polled(SpeedDrive[MotorKeys]):
-    """A drive that reports only when it is asked: 0x10 turn, 0x11 off, 0x12 ask, 0x13 clear, 0x14 on; 0x20 is its answer."""
+    """A drive that reports only when it is asked: 0x10 turn, 0x11 off, 0x12 ask, 0x13 clear,
+    0x14 on; 0x20 is its answer.
+    """
 
     make = "polled"
 
     def say(self, identifier: int, value: float = 0.0) -> list[can.Message]:
-        return [can.Message(arbitration_id=identifier, data=struct.pack("<f", value), is_extended_id=False)]
+        return [
+            can.Message(
+                arbitration_id=identifier, data=struct.pack("<f", value), is_extended_id=False
+            )
+        ]
 
     def to_clear(self) -> list[can.Message]:
         return self.say(0x13)
@@ -54,7 +60,15 @@ class Polled(SpeedDrive[MotorKeys]):
             return None
         turns, turns_s, torque_Nm, is_on, fault, celsius = struct.unpack("<fffBBB", message.data)
         state = "on" if is_on else "off"
-        return Report(turns, turns_s, torque_Nm, bool(is_on), state, f"error {fault} (broken)" if fault else None, celsius)
+        return Report(
+            turns,
+            turns_s,
+            torque_Nm,
+            bool(is_on),
+            state,
+            f"error {fault} (broken)" if fault else None,
+            celsius,
+        )
 
 
 class PolledTwin(SpeedDriveTwin):
@@ -81,7 +95,15 @@ class PolledTwin(SpeedDriveTwin):
                 self.switch_on()
 
     def report(self, turns: float, turns_s: float, torque_Nm: float) -> list[can.Message]:
-        data = struct.pack("<fffBBB", turns, turns_s, torque_Nm, self.is_on, self.fault, round(self.warmth.reported_degC))
+        data = struct.pack(
+            "<fffBBB",
+            turns,
+            turns_s,
+            torque_Nm,
+            self.is_on,
+            self.fault,
+            round(self.warmth.reported_degC),
+        )
         return [can.Message(arbitration_id=0x20, data=data, is_fd=True, is_extended_id=False)]
 
     def starve(self) -> None:
@@ -129,8 +151,13 @@ class IncurableTwin(PolledTwin):
 
 def test_a_drive_whose_error_cannot_be_cleared_is_not_told_to_energise() -> None:
     keys = TestADriveThatOnlyAnswers.keys
-    with motor_rig(lambda bus, clock: Polled(bus, clock, keys, 0.3), lambda bus: IncurableTwin(bus, keys, LoopGains(), 0.1)) as rig:
-        with pytest.raises(DeviceError, match=r"not enabled: it still reports error 7 \(broken\), state off"):
+    with motor_rig(
+        lambda bus, clock: Polled(bus, clock, keys, 0.3),
+        lambda bus: IncurableTwin(bus, keys, LoopGains(), 0.1),
+    ) as rig:
+        with pytest.raises(
+            DeviceError, match=r"not enabled: it still reports error 7 \(broken\), state off"
+        ):
             rig.motor.enable()
         assert 0x14 not in {message.arbitration_id for message in drain(rig.observer)}
 
@@ -144,10 +171,14 @@ def test_an_example_has_less_than_sixty_lines_of_code(file: str) -> None:
 def test_the_command_runs_the_contract_and_names_what_is_not_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """In a process of its own pytest runs inside pytest: only the shorter of the contracts, with a driver that forgets the checksum."""
+    """In a process of its own pytest runs inside pytest: only the shorter of the contracts, with
+    a driver that forgets the checksum.
+    """
     rig = rig_with(tmp_path, "force_sensor")
     sensor = tmp_path / "our_sensor.py"
-    sensor.write_text(sensor.read_text().replace("if checksum != crc_x25(record[1:-2]):", "if checksum == 70000:"))
+    sensor.write_text(
+        sensor.read_text().replace("if checksum != crc_x25(record[1:-2]):", "if checksum == 70000:")
+    )
     said = typed(monkeypatch, capfd, "contract", rig)
     assert said.exit_code == 1
     assert "test_damaged_bytes_are_counted_and_the_stream_is_found_again" in said.out
@@ -163,9 +194,14 @@ def test_a_rig_without_a_device_of_its_own_has_no_contract_to_keep(
 
 @pytest.mark.parametrize(
     ("page", "table", "files"),
-    [("add-a-motor", "motor", ("our_motor", "our_motor_twin")), ("add-a-force-sensor", "force_sensor", ("our_sensor", "our_sensor_twin"))],
+    [
+        ("add-a-motor", "motor", ("our_motor", "our_motor_twin")),
+        ("add-a-force-sensor", "force_sensor", ("our_sensor", "our_sensor_twin")),
+    ],
 )
-def test_the_page_shows_the_section_and_the_length_of_the_files_that_are_tested(page: str, table: str, files: tuple[str, ...]) -> None:
+def test_the_page_shows_the_section_and_the_length_of_the_files_that_are_tested(
+    page: str, table: str, files: tuple[str, ...]
+) -> None:
     text = (EXAMPLES.parent / f"{page}.md").read_text()
     assert f"```toml\n{section(table).strip()}\n```" in text
     for file in files:

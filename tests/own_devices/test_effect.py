@@ -29,7 +29,10 @@ def test_a_run_whose_twin_has_it_and_whose_model_believes_it(tmp_path, monkeypat
     assert typed(monkeypatch, capsys, "dynamic", "run", "--rig", rig, *RUN).exit_code == 0
     recording = read_recording(Path("runs") / "SIM-flapping-215-mm-3.249-rad-per-s-001" / "run.h5")
     assert recording.nominal["effects"][0]["id"] == "cubic_damping"
-    assert recording.provenance["effect_cubic_damping_file"] == (EXAMPLES / "effects" / "our_effect.py").read_text()
+    assert (
+        recording.provenance["effect_cubic_damping_file"]
+        == (EXAMPLES / "effects" / "our_effect.py").read_text()
+    )
     t_s, fz_N = recording.strokes[0].channel("fz_N")
     assert t_s[fz_N.argmin()] == pytest.approx(0.831, abs=0.03)
 
@@ -44,7 +47,9 @@ def test_without_its_folder_the_rig_file_is_refused_in_one_line(tmp_path, monkey
 
 
 def test_the_guide_shows_the_trial_that_is_tested():
-    assert (EXAMPLES / "own_effect_trial.py").read_text() in (ROOT / "docs" / "add-an-effect.md").read_text()
+    assert (EXAMPLES / "own_effect_trial.py").read_text() in (
+        ROOT / "docs" / "add-an-effect.md"
+    ).read_text()
 
 
 @pytest.mark.long
@@ -57,6 +62,9 @@ def test_a_diagnosis_identifies_it_in_recordings_that_hold_it(tmp_path, monkeypa
     runpy.run_path(str(EXAMPLES / "own_effect_trial.py"))
     assert typed(monkeypatch, capsys, "diagnose", "trial", "--out", "diagnosis").exit_code == 0
     found = json.loads(Path("diagnosis", "diagnosis.json").read_text(encoding="utf-8"))
-    assert (found["grade"], [effect["id"] for effect in found["effects"]]) == ("identified", ["cubic_damping"])
+    assert (found["grade"], [effect["id"] for effect in found["effects"]]) == (
+        "identified",
+        ["cubic_damping"],
+    )
     (value,) = (one["value"] for one in found["effects"][0]["parameters"].values())
     assert value == pytest.approx(0.08, rel=0.05)

@@ -1,4 +1,6 @@
-"""A rig of which one device is a lab's own: the whole of a run, its recording, its limits, and what is refused."""
+"""A rig of which one device is a lab's own: the whole of a run, its recording, its limits, and
+what is refused.
+"""
 
 import hashlib
 import re
@@ -16,7 +18,12 @@ from rfca_rig.description.rig_file import read_rig
 from rfca_rig.devices.checks import Colour
 from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.own import twin_of
-from rfca_rig.doctor.rig_checks import check_own_motor, check_own_sensor, judge_own_motor, judge_own_sensor
+from rfca_rig.doctor.rig_checks import (
+    check_own_motor,
+    check_own_sensor,
+    judge_own_motor,
+    judge_own_sensor,
+)
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import prove_stop
 from rfca_rig.errors import BadInput, DeviceError
@@ -34,7 +41,10 @@ VALLEY = r"valley \(([\d.]+) s, (-[\d.]+) N\)"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("section", "make"), [("motor", "CANopen drive, CiA 402"), ("force_sensor", "Bota Systems, serial")])
+@pytest.mark.parametrize(
+    ("section", "make"),
+    [("motor", "CANopen drive, CiA 402"), ("force_sensor", "Bota Systems, serial")],
+)
 def test_a_whole_run_in_which_only_one_device_is_hers(section, make, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     said = typed(monkeypatch, capsys, "dynamic", "run", "--rig", rig_with(tmp_path, section), *RUN)
@@ -51,14 +61,27 @@ def test_a_whole_run_in_which_only_one_device_is_hers(section, make, tmp_path, m
         assert kept[f"{section}_{file}_file_sha256"] == hashlib.sha256(text.encode()).hexdigest()
     for file in tmp_path.glob("our_*.py"):
         file.unlink()
-    assert typed(monkeypatch, capsys, "check", FOLDER).exit_code == 0  # a recording needs none of her files
+    assert (
+        typed(monkeypatch, capsys, "check", FOLDER).exit_code == 0
+    )  # a recording needs none of her files
 
 
 @pytest.mark.slow
-def test_a_run_with_both_trips_at_her_limits_and_does_not_go_on_with_another_driver(tmp_path, monkeypatch, capsys):
+def test_a_run_with_both_trips_at_her_limits_and_does_not_go_on_with_another_driver(
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
-    rig = rig_with(tmp_path, "motor", "force_sensor", change=("following_error_deg = 20.0", "following_error_deg = 3.0"))
-    rig.write_text(rig.read_text().replace("following_error_deg_s_per_rad = 8.0", "following_error_deg_s_per_rad = 1.0"))
+    rig = rig_with(
+        tmp_path,
+        "motor",
+        "force_sensor",
+        change=("following_error_deg = 20.0", "following_error_deg = 3.0"),
+    )
+    rig.write_text(
+        rig.read_text().replace(
+            "following_error_deg_s_per_rad = 8.0", "following_error_deg_s_per_rad = 1.0"
+        )
+    )
     said = typed(monkeypatch, capsys, "dynamic", "run", "--rig", rig, *RUN)
     assert said.exit_code == 3
     assert "TRIP F-02: following error" in said.err
@@ -68,7 +91,10 @@ def test_a_run_with_both_trips_at_her_limits_and_does_not_go_on_with_another_dri
     driver.write_text(driver.read_text() + "\n# mended\n")
     said = typed(monkeypatch, capsys, "resume", folder, "--after-trip", "--dry-run")
     assert said.exit_code == 2
-    assert f"{rig}: would execute {driver}, which never drove a run on this computer; read it, then give --rig {rig}" in said.err
+    assert (
+        f"{rig}: would execute {driver}, which never drove a run on this computer; read "
+        f"it, then give --rig {rig}"
+    ) in said.err
 
 
 def test_her_drive_proves_its_watchdog_before_anything_moves(tmp_path):
@@ -84,7 +110,10 @@ def test_her_drive_without_a_watchdog_is_refused_and_left_without_torque(tmp_pat
         sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
         clock.carry(TwinWorld(rotor, drive, sensor).process)
         bench = Bench(make_motor(rig, here, clock), None, None, clock, True)
-        with pytest.raises(DeviceError, match="watchdog let it run through 1 s of silence; switch it on in the drive"):
+        with pytest.raises(
+            DeviceError,
+            match="watchdog let it run through 1 s of silence; switch it on in the drive",
+        ):
             prove_stop(bench)
         clock.wait_until(clock.now_s() + 0.01)
         assert rotor.angle_rad == pytest.approx(0.3, abs=1e-3)
@@ -94,17 +123,35 @@ def test_her_drive_without_a_watchdog_is_refused_and_left_without_torque(tmp_pat
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (("node_id = 5", "node = 5"), r"rig\.toml:\d+: motor\.node: unknown key; did you mean node_id\?$"),
-        (("node_id = 5", "node_id = 400"), r"rig\.toml:\d+: motor\.node_id: should be less than or equal to 126, not 400"),
+        (
+            ("node_id = 5", "node = 5"),
+            r"rig\.toml:\d+: motor\.node: unknown key; did you mean node_id\?$",
+        ),
+        (
+            ("node_id = 5", "node_id = 400"),
+            r"rig\.toml:\d+: motor\.node_id: should be less than or equal to 126, not 400",
+        ),
         (("counts_per_turn = 16384.0", ""), r"rig\.toml:\d+: motor\.counts_per_turn: missing"),
-        (("direction = -1", "direction = -1\nguardian = true"), r"motor\.guardian: is for drives without a watchdog"),
+        (
+            ("direction = -1", "direction = -1\nguardian = true"),
+            r"motor\.guardian: is for drives without a watchdog",
+        ),
         (('"our_motor.py" ', '"ours.py" '), r"ours\.py: cannot be read: No such file"),
-        (('twin_file = "our_motor_twin.py"', ""), r"\[motor\] our_motor\.py has no twin: name one in twin_file \(docs/add-a-motor\.md\)"),
-        (('twin_file = "our_motor_twin.py"', 'twin_file = "our_sensor.py"'), r"our_sensor\.py: defines no class of its own as TWIN"),
+        (
+            ('twin_file = "our_motor_twin.py"', ""),
+            r"\[motor\] our_motor\.py has no twin: name one in twin_file \(docs/add-a-motor\.md\)",
+        ),
+        (
+            ('twin_file = "our_motor_twin.py"', 'twin_file = "our_sensor.py"'),
+            r"our_sensor\.py: defines no class of its own as TWIN",
+        ),
     ],
 )
 def test_what_is_wrong_with_her_section_is_said_in_one_line(change, said, tmp_path):
-    with pytest.raises(BadInput, match=said) as refused, open_bench(read_rig(rig_with(tmp_path, "motor", change=change)), 1):
+    with (
+        pytest.raises(BadInput, match=said) as refused,
+        open_bench(read_rig(rig_with(tmp_path, "motor", change=change)), 1),
+    ):
         pass
     assert "\n" not in str(refused.value)
 
@@ -112,10 +159,22 @@ def test_what_is_wrong_with_her_section_is_said_in_one_line(change, said, tmp_pa
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        ("MOTOR = OurKeys", "", r"our_motor\.py: defines no class of its own as MOTOR; see docs/add-a-motor\.md"),
-        ("MOTOR = OurKeys", "MOTOR = MotorKeys", r"our_motor\.py: defines no class of its own as MOTOR"),
+        (
+            "MOTOR = OurKeys",
+            "",
+            r"our_motor\.py: defines no class of its own as MOTOR; see docs/add-a-motor\.md",
+        ),
+        (
+            "MOTOR = OurKeys",
+            "MOTOR = MotorKeys",
+            r"our_motor\.py: defines no class of its own as MOTOR",
+        ),
         ("MOTOR = OurKeys", "MOTOR = OurMotor", r"our_motor\.py: MOTOR does not inherit MotorKeys"),
-        ("import struct", "import no_such_thing", r"our_motor\.py:\d+: ModuleNotFoundError: No module named 'no_such_thing'"),
+        (
+            "import struct",
+            "import no_such_thing",
+            r"our_motor\.py:\d+: ModuleNotFoundError: No module named 'no_such_thing'",
+        ),
         ("MILLI_RPM = 60e3", "MILLI_RPM = 60e3 +", r"our_motor\.py:\d+: invalid syntax"),
     ],
 )
@@ -138,9 +197,19 @@ def test_the_doctor_asks_her_drivers(tmp_path):
 
 
 def test_the_doctor_says_what_cannot_be_opened(tmp_path):
-    rig = read_rig(rig_with(tmp_path, "motor", "force_sensor", change=("node_id = 5", 'node_id = 5\nchannel = "can77"')))
+    rig = read_rig(
+        rig_with(
+            tmp_path,
+            "motor",
+            "force_sensor",
+            change=("node_id = 5", 'node_id = 5\nchannel = "can77"'),
+        )
+    )
     clock = TwinClock()
-    for findings in (list(check_own_motor(rig.motor, clock)), list(check_own_sensor(rig.force_sensor, clock))):
+    for findings in (
+        list(check_own_motor(rig.motor, clock)),
+        list(check_own_sensor(rig.force_sensor, clock)),
+    ):
         assert [one.colour for one in findings] == [Colour.GREEN, Colour.RED]
         assert "cannot be opened" in findings[1].seen
 
@@ -150,7 +219,10 @@ def test_a_frame_that_her_driver_cannot_read_is_an_error_with_its_bytes(tmp_path
     with can_wire() as (here, there):
         motor = make_motor(rig, here, TwinClock())
         there.send(can.Message(arbitration_id=0x185, data=b"\1\2\3", is_extended_id=False))
-        with pytest.raises(DeviceError, match="CAN frame 0x185 010203 cannot be read: unpack requires a buffer of 8 bytes"):
+        with pytest.raises(
+            DeviceError,
+            match="CAN frame 0x185 010203 cannot be read: unpack requires a buffer of 8 bytes",
+        ):
             motor.read()
 
 

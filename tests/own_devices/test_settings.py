@@ -1,4 +1,6 @@
-"""Where a rig file and a device of a lab's own do not agree on how often it speaks; and time, where it speaks only when spoken to."""
+"""Where a rig file and a device of a lab's own do not agree on how often it speaks; and time,
+where it speaks only when spoken to.
+"""
 
 import numpy as np
 import pytest
@@ -21,8 +23,14 @@ RIG = read_rig(EXAMPLES / "our-rig.toml")
 def test_a_drive_that_reports_more_rarely_than_the_rig_file_says_is_not_enabled():
     keys, slow = RIG.motor, RIG.motor.model_copy(update={"report_period_ms": 8.0})
     twin = twin_of(keys)
-    with motor_rig(lambda bus, clock: keys.driver(bus, clock, 0.3), lambda bus: twin(bus, slow, LoopGains(), 0.1)) as rig:
-        with pytest.raises(DeviceError, match="not enabled: it does not report every 2 ms; set report_period_ms to what"):
+    with motor_rig(
+        lambda bus, clock: keys.driver(bus, clock, 0.3),
+        lambda bus: twin(bus, slow, LoopGains(), 0.1),
+    ) as rig:
+        with pytest.raises(
+            DeviceError,
+            match="not enabled: it does not report every 2 ms; set report_period_ms to what",
+        ):
             rig.motor.enable()
         rig.tick()
         assert not rig.twin.is_on
@@ -30,7 +38,12 @@ def test_a_drive_that_reports_more_rarely_than_the_rig_file_says_is_not_enabled(
 
 def sensor_on(twins_rate_Hz):
     keys, clock, (host, device) = RIG.force_sensor, TwinClock(), serial_line()
-    twin = twin_of(keys)(device, keys.model_copy(update={"rate_Hz": twins_rate_Hz}), (0.1,) * 6, np.random.default_rng(1))
+    twin = twin_of(keys)(
+        device,
+        keys.model_copy(update={"rate_Hz": twins_rate_Hz}),
+        (0.1,) * 6,
+        np.random.default_rng(1),
+    )
 
     def carry(to_s):
         twin.take_requests()
@@ -44,7 +57,10 @@ def sensor_on(twins_rate_Hz):
 
 def test_a_sensor_at_another_rate_than_the_rig_file_says_ends_the_stream_within_two_seconds():
     sensor, clock, _ = sensor_on(400.0)
-    with pytest.raises(DeviceError, match=r"force sensor sends 400\.\d records/s, the rig file says 800; put that into rate_Hz"):
+    with pytest.raises(
+        DeviceError,
+        match=r"force sensor sends 400\.\d records/s, the rig file says 800; put that into rate_Hz",
+    ):
         for _ in range(1000):
             clock.wait_until(clock.now_s() + 2e-3)
             sensor.read()
@@ -61,9 +77,14 @@ def test_a_stretch_of_garbage_counts_once_and_what_comes_after_it_is_found():
 
 
 def test_an_answer_is_stamped_with_when_it_was_asked_for():
-    """In ticks of 2 and 8 ms in turn, angle over device time is a straight line only if each is the moment of its question."""
+    """In ticks of 2 and 8 ms in turn, angle over device time is a straight line only if each is
+    the moment of its question.
+    """
     keys = test_contracts.TestADriveThatOnlyAnswers.keys
-    with motor_rig(lambda bus, clock: Polled(bus, clock, keys, 0.3), lambda bus: PolledTwin(bus, keys, LoopGains(), 0.1)) as rig:
+    with motor_rig(
+        lambda bus, clock: Polled(bus, clock, keys, 0.3),
+        lambda bus: PolledTwin(bus, keys, LoopGains(), 0.1),
+    ) as rig:
         rig.motor.enable()
         rig.run(1.0, speed_rad_s=3.0)
         blocks = []

@@ -1,4 +1,6 @@
-"""A folder from elsewhere executes no Python file here; what this command line names, or what ran here before, does."""
+"""A folder from elsewhere executes no Python file here; what this command line names, or what
+ran here before, does.
+"""
 
 import shutil
 from pathlib import Path
@@ -17,10 +19,21 @@ def marked_rig(tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     (tmp_path / "theirs").mkdir()
-    rig = rig_with(tmp_path / "theirs", "motor", change=("following_error_deg = 20.0", "following_error_deg = 3.0"))
-    rig.write_text(rig.read_text().replace("following_error_deg_s_per_rad = 8.0", "following_error_deg_s_per_rad = 1.0"))
+    rig = rig_with(
+        tmp_path / "theirs",
+        "motor",
+        change=("following_error_deg = 20.0", "following_error_deg = 3.0"),
+    )
+    rig.write_text(
+        rig.read_text().replace(
+            "following_error_deg_s_per_rad = 8.0", "following_error_deg_s_per_rad = 1.0"
+        )
+    )
     driver = tmp_path / "theirs" / "our_motor.py"
-    driver.write_text(f"{driver.read_text()}\nfrom pathlib import Path\n\nPath({str(tmp_path / 'executed')!r}).touch()\n")
+    driver.write_text(
+        f"{driver.read_text()}\nfrom pathlib import "
+        f"Path\n\nPath({str(tmp_path / 'executed')!r}).touch()\n"
+    )
     return rig
 
 
@@ -31,7 +44,9 @@ def has_run(folder: Path) -> bool:
     return found
 
 
-def test_a_recording_from_elsewhere_does_not_choose_what_is_executed(marked_rig, tmp_path, monkeypatch, capsys):
+def test_a_recording_from_elsewhere_does_not_choose_what_is_executed(
+    marked_rig, tmp_path, monkeypatch, capsys
+):
     said = typed(monkeypatch, capsys, *RUN, "--rig", marked_rig)
     assert said.exit_code == 3, said.err
     (folder,) = Path("runs").iterdir()
@@ -50,10 +65,18 @@ def test_a_recording_from_elsewhere_does_not_choose_what_is_executed(marked_rig,
 
 @pytest.mark.parametrize(
     "words",
-    [(*RUN, "--dry-run"), ("plan", "table2"), ("predict", "--height", "215", "--speed", "2.4"), ("doctor", "--rig", "twin"), ("strip",)],
+    [
+        (*RUN, "--dry-run"),
+        ("plan", "table2"),
+        ("predict", "--height", "215", "--speed", "2.4"),
+        ("doctor", "--rig", "twin"),
+        ("strip",),
+    ],
     ids=lambda words: words[0],
 )
-def test_a_rig_file_in_the_current_folder_executes_nothing_by_its_bare_name(marked_rig, tmp_path, monkeypatch, capsys, words):
+def test_a_rig_file_in_the_current_folder_executes_nothing_by_its_bare_name(
+    marked_rig, tmp_path, monkeypatch, capsys, words
+):
     shutil.copytree(marked_rig.parent, "calibration")
     shutil.move(f"calibration/{marked_rig.name}", "calibration/twin.toml")
     said = typed(monkeypatch, capsys, *words)

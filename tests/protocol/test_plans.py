@@ -8,13 +8,33 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
-from rfca_rig.protocol.experiments import Flapping, PlannedCondition, RigFacts, StaticStages, flapping_plan, static_plan
-from rfca_rig.protocol.plan import Flap, Hold, Limits, MoveShaft, Rates, SetHeight, SettleCriterion, turn_to
+from rfca_rig.protocol.experiments import (
+    Flapping,
+    PlannedCondition,
+    RigFacts,
+    StaticStages,
+    flapping_plan,
+    static_plan,
+)
+from rfca_rig.protocol.plan import (
+    Flap,
+    Hold,
+    Limits,
+    MoveShaft,
+    Rates,
+    SetHeight,
+    SettleCriterion,
+    turn_to,
+)
 
 LIMITS = Limits(300.0, 25.0, 20.0, 0.3, 0.1, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05, 0.1)
 RIG = RigFacts(0.25, 0.7, 0.05, LIMITS, Rates(7000.0, 1000.0))
 SETTLE = SettleCriterion(0.1, 0.001, 0.5, 10.0)
-CONDITIONS = (PlannedCondition(0.215, 2.0), PlannedCondition(0.215, 3.0), PlannedCondition(0.235, 2.5))
+CONDITIONS = (
+    PlannedCondition(0.215, 2.0),
+    PlannedCondition(0.215, 3.0),
+    PlannedCondition(0.235, 2.5),
+)
 
 
 def flapping(**changes):
@@ -38,13 +58,19 @@ def test_the_rack_moves_once_per_height_and_only_with_the_shaft_parked():
         assert heights[0] == 0
         assert [plan.stages[i].height_m for i in heights] == [0.215, 0.235]
         for i in heights[1:]:
-            assert plan.stages[i - 1] == MoveShaft(RIG.parked_angle_rad, plan.stages[i - 1].speed_rad_s)
+            assert plan.stages[i - 1] == MoveShaft(
+                RIG.parked_angle_rad, plan.stages[i - 1].speed_rad_s
+            )
 
 
 def test_a_bent_leg_is_never_taken_backwards_to_the_start():
     stages = static().stages
     for before, after in pairwise(stages):
-        if isinstance(before, Hold) and isinstance(after, MoveShaft) and after.angle_rad == RIG.start_angle_rad:
+        if (
+            isinstance(before, Hold)
+            and isinstance(after, MoveShaft)
+            and after.angle_rad == RIG.start_angle_rad
+        ):
             assert after.forwards
 
 
@@ -52,7 +78,9 @@ def test_duration_and_size_follow_from_the_stages():
     plan = flapping(conditions=(PlannedCondition(0.2, 2.0),), repeats=1)
     stroke_s = 3.5 / 2.0 + 0.025
     assert plan.flaps[0].stroke_s == pytest.approx(stroke_s)
-    assert plan.recorded_bytes == pytest.approx((0.2 + stroke_s) * (7000 * 48 + 1000 * 32), rel=1e-6)
+    assert plan.recorded_bytes == pytest.approx(
+        (0.2 + stroke_s) * (7000 * 48 + 1000 * 32), rel=1e-6
+    )
     assert plan.duration_s > 0.2 + stroke_s + SETTLE.limit_s
 
 
@@ -77,7 +105,11 @@ def test_a_good_plan_passes():
 @pytest.mark.parametrize(
     ("plan", "load", "said"),
     [
-        (flapping(conditions=(PlannedCondition(0.215, 25.0),)), Load(1.0, 1.0), "25 rad/s is above the rig's limit of 20 rad/s"),
+        (
+            flapping(conditions=(PlannedCondition(0.215, 25.0),)),
+            Load(1.0, 1.0),
+            "25 rad/s is above the rig's limit of 20 rad/s",
+        ),
         (flapping(return_speed_rad_s=21.0), Load(1.0, 1.0), "21 rad/s is above"),
         (flapping(), Load(301.0, 1.0), "expects 301 N"),
         (flapping(), Load(1.0, 25.5), "25.5 N m"),
@@ -94,6 +126,8 @@ def test_a_hold_lasts_as_long_as_its_parts_and_its_photo():
     stages = StaticStages("s", (0.215,), ((1.0, "loading"),), 0.4, SETTLE, 0.5, dwell_s=2.0)
     with_camera = replace(RIG, photo_limit_s=5.0)
     assert static_plan(stages, RIG).holds[0].duration_s == pytest.approx(SETTLE.limit_s + 2.0 + 0.5)
-    assert static_plan(stages, with_camera).holds[0].duration_s == pytest.approx(SETTLE.limit_s + 2.0 + 5.0)
+    assert static_plan(stages, with_camera).holds[0].duration_s == pytest.approx(
+        SETTLE.limit_s + 2.0 + 5.0
+    )
     assert [static_plan(stages, rig).photos for rig in (RIG, with_camera)] == [0, 1]
     assert static_plan(replace(stages, photo=False), with_camera).photos == 0

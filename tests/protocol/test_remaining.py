@@ -1,4 +1,6 @@
-"""What is left of a plan: done and remaining are the whole plan, each stage once, and the leg is never pushed backwards."""
+"""What is left of a plan: done and remaining are the whole plan, each stage once, and the leg is
+never pushed backwards.
+"""
 
 from dataclasses import replace
 from itertools import takewhile
@@ -20,7 +22,10 @@ def recorded(plan):
     """Every stroke, static stage and cycle of the plan in its order."""
     for stage in plan.stages:
         if isinstance(stage, Cycles):
-            yield from (("cycle", stage.height_m, stage.speed_rad_s, number) for number in range(stage.first, stage.last + 1))
+            yield from (
+                ("cycle", stage.height_m, stage.speed_rad_s, number)
+                for number in range(stage.first, stage.last + 1)
+            )
         elif isinstance(stage, Flap | Hold):
             yield stage
 
@@ -52,7 +57,9 @@ def test_done_and_remaining_are_every_stage_exactly_once_and_in_order(case):
 
 @given(stopped(), st.data())
 def test_a_run_may_be_stopped_any_number_of_times(case, data):
-    """What remains after a second stop follows from all that is done, not from what remained after the first."""
+    """What remains after a second stop follows from all that is done, not from what remained
+    after the first.
+    """
     plan, records = case
     left = list(recorded(make_remaining_plan(plan, done_of(records))))
     more = left[: data.draw(st.integers(0, len(left)))]
@@ -70,7 +77,10 @@ def test_it_begins_with_the_rack_and_the_way_forwards_to_the_start(case):
     rack, home = stages[:2]
     assert isinstance(rack, SetHeight)
     assert (home.angle_rad, home.forwards) == (RIG.start_angle_rad, True)
-    assert next(stage.height_m for stage in stages if isinstance(stage, Flap | Hold | Cycles)) == rack.height_m
+    assert (
+        next(stage.height_m for stage in stages if isinstance(stage, Flap | Hold | Cycles))
+        == rack.height_m
+    )
 
 
 @given(static_plans(), st.data())
@@ -83,23 +93,33 @@ def test_a_static_stage_is_reached_on_the_same_way_as_ever(plan, data):
         moves = [stage for stage in stages[:place] if isinstance(stage, MoveShaft)]
         return list(takewhile(lambda move: move.angle_rad != RIG.start_angle_rad, reversed(moves)))
 
-    assert way_to(0, make_remaining_plan(plan, PlanProgress(holds=done)).stages) == way_to(done, plan.stages)
+    assert way_to(0, make_remaining_plan(plan, PlanProgress(holds=done)).stages) == way_to(
+        done, plan.stages
+    )
 
 
 def test_first_strokes_are_done_again_before_the_speed_they_are_for():
-    plan = flapping_plan(Flapping("f", CONDITIONS, 4, 3.5, 3.0, SETTLE), replace(RIG, first_strokes=(0.5, 0.75)))
+    plan = flapping_plan(
+        Flapping("f", CONDITIONS, 4, 3.5, 3.0, SETTLE), replace(RIG, first_strokes=(0.5, 0.75))
+    )
     left = make_remaining_plan(plan, PlanProgress(strokes=5)).stages
     until_flap = list(takewhile(lambda stage: not isinstance(stage, Flap), left))
     assert [stage.speed_rad_s for stage in until_flap if isinstance(stage, Approach)] == [1.5, 2.25]
     assert until_flap[-2] == MoveShaft(RIG.start_angle_rad, 3.0, forwards=True)
 
 
-@pytest.mark.parametrize("done", [PlanProgress(holds=1), PlanProgress(strokes=13), PlanProgress(cycle=3)])
+@pytest.mark.parametrize(
+    "done", [PlanProgress(holds=1), PlanProgress(strokes=13), PlanProgress(cycle=3)]
+)
 def test_what_is_not_what_the_plan_begins_with_is_refused(done):
     with pytest.raises(BadInput, match="are not what the plan begins with"):
         make_remaining_plan(flapping(), done)
 
 
 def test_a_height_that_is_done_is_not_set_up_again():
-    racks = [stage.height_m for stage in make_remaining_plan(static(), PlanProgress(holds=3)).stages if isinstance(stage, SetHeight)]
+    racks = [
+        stage.height_m
+        for stage in make_remaining_plan(static(), PlanProgress(holds=3)).stages
+        if isinstance(stage, SetHeight)
+    ]
     assert racks == [0.235]

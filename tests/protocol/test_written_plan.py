@@ -18,7 +18,13 @@ def test_a_plan_comes_back_as_it_was(plan):
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("plan", "["), ("plan", '[{"stage": "Jump"}]'), ("plan", '[{"stage": "Flap"}]'), ("limits", "{}"), ("experiment", "walk")],
+    [
+        ("plan", "["),
+        ("plan", '[{"stage": "Jump"}]'),
+        ("plan", '[{"stage": "Flap"}]'),
+        ("limits", "{}"),
+        ("experiment", "walk"),
+    ],
 )
 def test_a_plan_that_cannot_be_read_is_one_line(name, text):
     with pytest.raises(BadInput, match="its plan cannot be read"):
@@ -27,7 +33,10 @@ def test_a_plan_that_cannot_be_read_is_one_line(name, text):
 
 def test_a_run_of_a_version_that_kept_no_rates_says_so():
     with pytest.raises(BadInput, match="rates"):
-        parse_plan("f", {name: text for name, text in serialize_plan(flapping()).items() if name != "rates"})
+        parse_plan(
+            "f",
+            {name: text for name, text in serialize_plan(flapping()).items() if name != "rates"},
+        )
 
 
 def test_every_stage_stands_with_its_kind_and_label():

@@ -1,10 +1,10 @@
 """The diagnosis of real recordings through MuJoCo: python -m tests.real FOLDER [SET...]
 
-Each set of sets.toml is put together in FOLDER and diagnosed. A row says what is stated, what was published, the rms error of each
-position (joints by name) on held-out conditions before and after, and after a least-squares fit of the published law by hand. The last
-column is the error that the statement closes over the error that the hand fit closes, both as mean squares of all positions. Counts follow
-for each split. Answers stay in FOLDER.
-"""
+Each set of sets.toml is put together in FOLDER and diagnosed. A row says what is stated, what was
+published, the rms error of each position (joints by name) on held-out conditions before and after,
+and after a least-squares fit of the published law by hand. The last column is the error that the
+statement closes over the error that the hand fit closes, both as mean squares of all positions.
+Counts follow for each split. Answers stay in FOLDER."""
 
 import json
 import math
@@ -58,9 +58,13 @@ def answer(name, described, out):
         found = diagnose_mechanism(read_experiment(out / name), lambda *_: None).diagnosis
         return {
             "grade": found.grade,
-            "effects": {e.id: {n: [v.value, v.std] for n, v in e.parameters.items()} for e in found.effects},
+            "effects": {
+                e.id: {n: [v.value, v.std] for n, v in e.parameters.items()} for e in found.effects
+            },
             "family": found.family.id if found.family is not None and not found.effects else "",
-            "held_out": {k: [f.before, f.after] for k, f in found.held_out.items() if "position" in k},
+            "held_out": {
+                k: [f.before, f.after] for k, f in found.held_out.items() if "position" in k
+            },
         }
 
     return keep(out / f"{name}.json", diagnose)
@@ -77,7 +81,9 @@ def fit_of(name, described, out):
 
 
 def closed_share(said, by_hand):
-    """The mean square that a statement closes on held-out conditions over that of the fit by hand; NaN where that closes nothing."""
+    """The mean square that a statement closes on held-out conditions over that of the fit by
+    hand; NaN where that closes nothing.
+    """
     before, after = (sum(pair[k] ** 2 for pair in said["held_out"].values()) for k in (0, 1))
     of_hand = before - sum(error**2 for error in by_hand["held_out"].values())
     return (before - after) / of_hand if of_hand > 0.0 else math.nan
@@ -90,7 +96,9 @@ def is_silent(said):
 
 def contradicts(said, described):
     """Whether an effect is stated that was not published, or a family without one that was."""
-    stated = [{name} for name in said["effects"]] or ([members_of(said["family"])] if said["family"] else [])
+    stated = [{name} for name in said["effects"]] or (
+        [members_of(said["family"])] if said["family"] else []
+    )
     return any(not members & set(described["right"]) for members in stated)
 
 
@@ -100,35 +108,73 @@ def row_of(name, described, said, by_hand):
     if "refused" in said:
         return f"{head} refused: {said['refused']} | {described['published']} | | | |"
     sizes = "; ".join(
-        f"`{effect}` " + ", ".join(f"{v:.3g} +- {1.645 * s:.2g}" for v, s in values.values()) for effect, values in said["effects"].items()
+        f"`{effect}` " + ", ".join(f"{v:.3g} +- {1.645 * s:.2g}" for v, s in values.values())
+        for effect, values in said["effects"].items()
     )
-    stated = f"{said['grade']}: {sizes or said['family'] or '-'}{' CONTRADICTED' if contradicts(said, described) else ''}"
-    errors = ", ".join(f"{before:.3g} to {after:.3g}" for _, (before, after) in sorted(said["held_out"].items()))
+    stated = (
+        f"{said['grade']}: "
+        f"{sizes or said['family'] or '-'}{' CONTRADICTED' if contradicts(said, described) else ''}"
+    )
+    errors = ", ".join(
+        f"{before:.3g} to {after:.3g}" for _, (before, after) in sorted(said["held_out"].items())
+    )
     if "refused" in by_hand:
-        return f"{head} {stated} | {described['published']} | {errors} | refused: {by_hand['refused']} | |"
-    of_law = {key: value for key, (value, _) in by_hand["values"].items() if key.rsplit(".", 1)[-1] in described["law"]}
+        return (
+            f"{head} {stated} | {described['published']} | {errors} | refused: "
+            f"{by_hand['refused']} | |"
+        )
+    of_law = {
+        key: value
+        for key, (value, _) in by_hand["values"].items()
+        if key.rsplit(".", 1)[-1] in described["law"]
+    }
     values = ", ".join(f"{key} {value:.3g}" for key, value in of_law.items())
     after = ", ".join(f"{error:.3g}" for _, error in sorted(by_hand["held_out"].items()))
-    return f"{head} {stated} | {described['published']} | {errors} | {after} ({values}) | {closed_share(said, by_hand):.2f} |"
+    return (
+        f"{head} {stated} | {described['published']} | {errors} | {after} ({values}) | "
+        f"{closed_share(said, by_hand):.2f} |"
+    )
 
 
 def count(split, found):
     """In words how many sets of a split reach the goal, are silent, or are contradicted."""
-    of_split = [(described, said, by_hand) for described, said, by_hand in found if described["split"] == split]
+    of_split = [
+        (described, said, by_hand)
+        for described, said, by_hand in found
+        if described["split"] == split
+    ]
     heard = [one for one in of_split if "refused" not in one[1]]
-    to_close = [(said, by_hand) for d, said, by_hand in heard if not d.get("negligible", False) and "refused" not in by_hand]
+    to_close = [
+        (said, by_hand)
+        for d, said, by_hand in heard
+        if not d.get("negligible", False) and "refused" not in by_hand
+    ]
     closed = sum(closed_share(said, by_hand) >= GOAL for said, by_hand in to_close)
-    silent, contradicted = sum(is_silent(said) for _, said, _ in heard), sum(contradicts(said, d) for d, said, _ in heard)
-    denied = sum(said["grade"] == NOTHING and not d.get("negligible", False) for d, said, _ in heard)
-    words = f"{closed} of {len(to_close)} close {GOAL:g} of what the hand fit closes, {contradicted} contradicted, {silent} silent"
-    return f"{split}: {len(of_split)} sets, {words} ({denied} of them say that nothing is missing), {len(of_split) - len(heard)} refused"
+    silent, contradicted = (
+        sum(is_silent(said) for _, said, _ in heard),
+        sum(contradicts(said, d) for d, said, _ in heard),
+    )
+    denied = sum(
+        said["grade"] == NOTHING and not d.get("negligible", False) for d, said, _ in heard
+    )
+    words = (
+        f"{closed} of {len(to_close)} close {GOAL:g} of what the hand fit closes, "
+        f"{contradicted} contradicted, {silent} silent"
+    )
+    return (
+        f"{split}: {len(of_split)} sets, {words} ({denied} of them say that nothing is "
+        f"missing), {len(of_split) - len(heard)} refused"
+    )
 
 
 def main(out, names):
     """A row for each set, then the counts."""
     sets, found = read_sets(), []
     out.mkdir(parents=True, exist_ok=True)
-    print("| recordings | split | stated | published | held-out rms of the positions | by hand | closed, of what the hand fit closes |")
+    print(
+        "| recordings | split | stated | published | held-out rms of the positions | by "
+        "hand | closed, of what the hand fit closes |"
+    )
     print("|---|---|---|---|---|---|---|")
     for name in names or sets:
         said = answer(name, sets[name], out)

@@ -1,10 +1,13 @@
-"""A least-squares fit of the published law, by hand: the yardstick of the diagnosis on real recordings.
+"""A least-squares fit of the published law, by hand: the yardstick of the diagnosis on real
+recordings.
 
-- Windows, starts and simulator are those of the diagnosis. Only the law is given, and nothing is searched for.
-- The fit minimises the squared differences of the positions. It moves the law's values and the nominal values, as the diagnosis does, but
-  without priors; friction, damping and rotors stay above zero.
-- Held out is one condition at a time: the law is fitted to all others, and then predicts it. The diagnosis does the same, with the same
-  conditions.
+- Windows, starts and simulator are those of the diagnosis. Only the law is given, and nothing is
+  searched for.
+- The fit minimises the squared differences of the positions. It moves the law's values and the
+  nominal values, as the diagnosis does, but without priors; friction, damping and rotors stay above
+  zero.
+- Held out is one condition at a time: the law is fitted to all others, and then predicts it. The
+  diagnosis does the same, with the same conditions.
 """
 
 from dataclasses import dataclass
@@ -20,7 +23,8 @@ from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, find_places
 
 STEP = 1e-3  # of finite differences, in the scale of a parameter
-BEGINNING = 0.1  # where parameters that stay above zero begin, in their scale: at zero, dry friction has no slope
+# where parameters that stay above zero begin, in their scale: at zero, dry friction has no slope
+BEGINNING = 0.1
 DIVERGED = 1e3  # residual of a simulation that diverges, in rad or m
 LEAST_SHARE = -0.9  # of masses and inertias
 MOST_EVALUATIONS = 60
@@ -28,7 +32,9 @@ MOST_EVALUATIONS = 60
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One value that the fit moves: a key of [known_to] and the place of its object. It is counted in units of `scale`."""
+    """One value that the fit moves: a key of [known_to] and the place of its object. It is
+    counted in units of `scale`.
+    """
 
     name: str
     key: str
@@ -54,19 +60,43 @@ class HandFit:
 
 
 def list_free(problem: MechanismProblem, keys: list[str]) -> list[FreeParameter]:
-    """The parameters of a law that is given by keys of [known_to], of every object that a key belongs to."""
+    """The parameters of a law that is given by keys of [known_to], of every object that a key
+    belongs to.
+    """
     mechanism, usual = problem.simulator.mechanism, problem.usual
     torque, inertia = usual.torque, usual.inertia
-    sizes = {"friction": torque, "offset": 0.2 * torque, "damping": torque / usual.speed, "rotor": 0.1 * inertia}
-    plain = {"_relative": 0.2, "centre_of_mass_m": 0.02, "zero_offset": 0.01, "command_delay_s": 0.004}
+    sizes = {
+        "friction": torque,
+        "offset": 0.2 * torque,
+        "damping": torque / usual.speed,
+        "rotor": 0.1 * inertia,
+    }
+    plain = {
+        "_relative": 0.2,
+        "centre_of_mass_m": 0.02,
+        "zero_offset": 0.01,
+        "command_delay_s": 0.004,
+    }
     found = []
     for key in keys:
         kind = NUISANCES[key]
         for name, place in find_places(mechanism, kind.objects).items():
             by_name = [value for part, value in plain.items() if part in key]
-            scale = by_name[0] if by_name else next(float(size[place]) for part, size in sizes.items() if part in key)
+            scale = (
+                by_name[0]
+                if by_name
+                else next(float(size[place]) for part, size in sizes.items() if part in key)
+            )
             least = -np.inf if kind.nominal is None else -kind.nominal(mechanism, place)
-            found.append(FreeParameter(f"{name}.{key}", key, place, scale, LEAST_SHARE if key.endswith("_relative") else least))
+            found.append(
+                FreeParameter(
+                    f"{name}.{key}",
+                    key,
+                    place,
+                    scale,
+                    LEAST_SHARE if key.endswith("_relative") else least,
+                )
+            )
     return found
 
 
@@ -88,7 +118,9 @@ class Fit:
             parts = []
             for window in condition.windows:
                 try:
-                    parts.append(window.window.measured - self.problem.simulator.predict(plant, window))
+                    parts.append(
+                        window.window.measured - self.problem.simulator.predict(plant, window)
+                    )
                 except SimulationFailed:
                     parts.append(np.full(window.window.measured.shape, DIVERGED))
             found.append(np.concatenate(parts, axis=1))
@@ -97,7 +129,12 @@ class Fit:
     def positions(self, x, conditions):
         """The same of the positions as one vector."""
         joints = len(self.problem.simulator.mechanism.joints)
-        return np.concatenate([one[self.problem.simulator.columns < joints].ravel() for one in self.misfits(x, conditions)])
+        return np.concatenate(
+            [
+                one[self.problem.simulator.columns < joints].ravel()
+                for one in self.misfits(x, conditions)
+            ]
+        )
 
     def solve(self, conditions, start):
         """The least-squares solution."""
@@ -107,14 +144,25 @@ class Fit:
 
         def slopes(x):
             here = differences(x)
-            return np.column_stack([(differences(x + step) - here) / STEP for step in STEP * np.eye(len(x))])
+            return np.column_stack(
+                [(differences(x + step) - here) / STEP for step in STEP * np.eye(len(x))]
+            )
 
         limits = (self.least, np.inf)
-        return least_squares(differences, start, jac=slopes, bounds=limits, max_nfev=MOST_EVALUATIONS, xtol=1e-4, ftol=1e-5)
+        return least_squares(
+            differences,
+            start,
+            jac=slopes,
+            bounds=limits,
+            max_nfev=MOST_EVALUATIONS,
+            xtol=1e-4,
+            ftol=1e-5,
+        )
 
 
 def fit_by_hand(experiment, keys):
-    """The law of these keys of [known_to], fitted to the recordings together with all values that [known_to] of the recordings lists.
+    """The law of these keys of [known_to], fitted to the recordings together with all values that
+    [known_to] of the recordings lists.
 
     Parameters
     ----------
@@ -124,7 +172,10 @@ def fit_by_hand(experiment, keys):
         Of the published law.
     """
     problem = make_problem(experiment, load_mechanism(experiment.model))
-    return solve_problem(problem, list(dict.fromkeys([*keys, *(key for key in experiment.known_to if key in NUISANCES)])))
+    return solve_problem(
+        problem,
+        list(dict.fromkeys([*keys, *(key for key in experiment.known_to if key in NUISANCES)])),
+    )
 
 
 def solve_problem(problem, keys):
@@ -132,7 +183,12 @@ def solve_problem(problem, keys):
     fit = Fit(problem, list_free(problem, keys))
     conditions = problem.conditions
     whole = fit.solve(conditions, fit.start)
-    spread = 2.0 * whole.cost / max(1, len(whole.fun) - len(whole.x)) * np.linalg.pinv(whole.jac.T @ whole.jac)
+    spread = (
+        2.0
+        * whole.cost
+        / max(1, len(whole.fun) - len(whole.x))
+        * np.linalg.pinv(whole.jac.T @ whole.jac)
+    )
     stds = np.sqrt(np.diag(spread)) * fit.scales
     apart = []
     for number, out in enumerate(conditions):
@@ -140,6 +196,9 @@ def solve_problem(problem, keys):
         apart += fit.misfits(fit.solve(others, whole.x).x, [out])
     by_signal = zip(conditions[0].signals, np.concatenate(apart, axis=1), strict=True)
     return HandFit(
-        values={one.name: (float(v), float(s)) for one, v, s in zip(fit.free, whole.x * fit.scales, stds, strict=True)},
+        values={
+            one.name: (float(v), float(s))
+            for one, v, s in zip(fit.free, whole.x * fit.scales, stds, strict=True)
+        },
         held_out={name: rms(row) for name, row in by_signal if "position" in name},
     )

@@ -1,13 +1,14 @@
-"""MuJoCo's own system identification on the same windows: python -m tests.real.sysid FOLDER [SET...]
+"""MuJoCo's own system identification on the same windows: python -m tests.real.sysid FOLDER
+[SET...]
 
-FOLDER is that of `python -m tests.real`; the toolbox needs `pip install 'mujoco[sysid]'`. The right parameters are freed by hand, as it
-asks for: those of the published law, and masses, inertias and centres of mass where [known_to] lists them. Offsets and delays are not
-freed. The toolbox starts each window from the measured state, and is scored as the other fits are: one condition is held out at a time, and
-the start of a held-out window is moved within its uncertainty.
+FOLDER is that of `python -m tests.real`; the toolbox needs `pip install 'mujoco[sysid]'`. The right
+parameters are freed by hand, as it asks for: those of the published law, and masses, inertias and
+centres of mass where [known_to] lists them. Offsets and delays are not freed. The toolbox starts
+each window from the measured state, and is scored as the other fits are: one condition is held out
+at a time, and the start of a held-out window is moved within its uncertainty.
 
-Steps are those of the diagnosis, with MuJoCo's Runge-Kutta integrator. All windows of a fit go through one call: one call for each compiles
-the model and starts threads each time.
-"""
+Steps are those of the diagnosis, with MuJoCo's Runge-Kutta integrator. All windows of a fit go
+through one call: one call for each compiles the model and starts threads each time."""
 
 import io
 import json
@@ -35,11 +36,21 @@ STEP = 1e-3  # of finite differences, as the hand fit has it
 def keys_of(described, experiment):
     """The keys of [known_to] that are freed."""
     of_bodies = [key for key in OF_BODIES if key in experiment.known_to]
-    return list(dict.fromkeys([key for key in [*described["law"], *of_bodies] if key in OF_BODIES or key.startswith(OF_JOINTS)]))
+    return list(
+        dict.fromkeys(
+            [
+                key
+                for key in [*described["law"], *of_bodies]
+                if key in OF_BODIES or key.startswith(OF_JOINTS)
+            ]
+        )
+    )
 
 
 def spec_of(path, step_s):
-    """The model with a sensor for the position of every joint, and bodies whose inertia does not follow from geoms."""
+    """The model with a sensor for the position of every joint, and bodies whose inertia does not
+    follow from geoms.
+    """
     spec = mujoco.MjSpec.from_file(str(path))
     model = spec.compile()
     spec.memory = ARENA_BYTES
@@ -51,14 +62,21 @@ def spec_of(path, step_s):
             body.ipos, body.iquat = model.body_ipos[place], model.body_iquat[place]
     for joint in spec.joints:
         spec.add_sensor(
-            name=f"{joint.name}_read", type=mujoco.mjtSensor.mjSENS_JOINTPOS, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=joint.name
+            name=f"{joint.name}_read",
+            type=mujoco.mjtSensor.mjSENS_JOINTPOS,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            objname=joint.name,
         )
     return spec
 
 
 def parameters_of(spec, free, scales):
-    """The freed parameters as the toolbox has them, in their scales; masses scale with their inertia."""
-    nominal = {body.name: (body.mass, np.array(body.inertia), np.array(body.ipos)) for body in spec.bodies}
+    """The freed parameters as the toolbox has them, in their scales; masses scale with their
+    inertia.
+    """
+    nominal = {
+        body.name: (body.mass, np.array(body.inertia), np.array(body.ipos)) for body in spec.bodies
+    }
 
     def modifier(one):
         object_name = one.name.rsplit(".", 1)[0]
@@ -85,12 +103,16 @@ def parameters_of(spec, free, scales):
     found = sysid.ParameterDict()
     for one, scale in zip(free, scales, strict=True):
         least = max(one.least / scale, -WIDEST)
-        found.add(sysid.Parameter(one.name, max(0.0, least) + 0.1, least, WIDEST, modifier=modifier(one)))
+        found.add(
+            sysid.Parameter(one.name, max(0.0, least) + 0.1, least, WIDEST, modifier=modifier(one))
+        )
     return found
 
 
 def measure_and_drive(problem, model, conditions):
-    """Initial states, commands and readings of all windows of these conditions, all of one length."""
+    """Initial states, commands and readings of all windows of these conditions, all of one
+    length.
+    """
     windows = [each.window for condition in conditions for each in condition.windows]
     columns, joints = problem.simulator.columns, len(problem.simulator.mechanism.joints)
     first = [int(np.flatnonzero(columns == joint)[0]) for joint in range(joints)]
@@ -105,7 +127,9 @@ def measure_and_drive(problem, model, conditions):
         means_s = np.array([part.mean() for part in np.split(window.t_s, window.bins[1:])])
         state = sysid.create_initial_state(model, window.position, window.speed)
         reading = sysid.TimeSeries.from_names(means_s, window.measured[first].T, model)
-        found.append(sysid.SystemTrajectory(model, sysid.TimeSeries(t_s, command), reading, state, None))
+        found.append(
+            sysid.SystemTrajectory(model, sysid.TimeSeries(t_s, command), reading, state, None)
+        )
     return found
 
 
@@ -116,16 +140,24 @@ def subtract(_params, predicted, measured, _model, _all, **_kwargs):
 
 
 def fit(problem, path, free, conditions):
-    """The values of the free parameters (p,), in their scales, that the toolbox finds on these conditions."""
+    """The values of the free parameters (p,), in their scales, that the toolbox finds on these
+    conditions.
+    """
     spec = spec_of(path, problem.simulator.step_s)
     trajectories = measure_and_drive(problem, spec.compile(), conditions)
     by_length = [
-        [one for one in trajectories if len(one.sensordata.times) == bins] for bins in {len(t.sensordata.times) for t in trajectories}
+        [one for one in trajectories if len(one.sensordata.times) == bins]
+        for bins in {len(t.sensordata.times) for t in trajectories}
     ]
 
     def residual_at(x, params):
         build = lambda changed: sysid.apply_param_modifiers(changed, spec)  # noqa: E731
-        groups = [sysid.model_residual(x, params, build, alike, subtract, n_threads=1, resample_true=False) for alike in by_length]
+        groups = [
+            sysid.model_residual(
+                x, params, build, alike, subtract, n_threads=1, resample_true=False
+            )
+            for alike in by_length
+        ]
         return np.concatenate([np.ravel(group[0]) for group in groups])
 
     def residual(x, params):
@@ -133,7 +165,9 @@ def fit(problem, path, free, conditions):
         return [columns[0] if np.ndim(x) == 1 else np.column_stack(columns)], None, None
 
     parameters = parameters_of(spec, free, [one.scale for one in free])
-    _, result = sysid.optimize(parameters, residual, verbose=False, max_iters=ITERATIONS, eps=STEP, output=io.StringIO())
+    _, result = sysid.optimize(
+        parameters, residual, verbose=False, max_iters=ITERATIONS, eps=STEP, output=io.StringIO()
+    )
     return np.ravel(result.x)
 
 
@@ -141,7 +175,8 @@ def main(out, names):
     """A row for each set."""
     sets = read_sets()
     print(
-        "| recordings | by the toolbox | held-out rms: nominal | toolbox | fit by hand | after the statement |\n|---|---|---|---|---|---|"
+        "| recordings | by the toolbox | held-out rms: nominal | toolbox | fit by hand | "
+        "after the statement |\n|---|---|---|---|---|---|"
     )
     for name in names or sets:
         experiment = read_experiment(out / name)
@@ -153,10 +188,20 @@ def main(out, names):
         for number, held in enumerate(problem.conditions):
             others = [*problem.conditions[:number], *problem.conditions[number + 1 :]]
             apart += scored.misfits(fit(problem, experiment.model, free, others), [held])
-        cells = [", ".join(f"{one.name} {value * one.scale:.3g}" for one, value in zip(free, whole, strict=True))]
+        cells = [
+            ", ".join(
+                f"{one.name} {value * one.scale:.3g}"
+                for one, value in zip(free, whole, strict=True)
+            )
+        ]
         for misses in (nominal, apart):
-            rows = sorted(zip(problem.conditions[0].signals, np.concatenate(misses, axis=1), strict=True), key=lambda row: row[0])
-            cells.append(", ".join(f"{rms(row):.3g}" for signal, row in rows if "position" in signal))
+            rows = sorted(
+                zip(problem.conditions[0].signals, np.concatenate(misses, axis=1), strict=True),
+                key=lambda row: row[0],
+            )
+            cells.append(
+                ", ".join(f"{rms(row):.3g}" for signal, row in rows if "position" in signal)
+            )
         by_hand = json.loads((out / f"{name}-by-hand.json").read_text(encoding="utf-8"))["held_out"]
         stated = json.loads((out / f"{name}.json").read_text(encoding="utf-8"))["held_out"]
         cells += [

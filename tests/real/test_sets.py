@@ -1,4 +1,6 @@
-"""The benchmark of real recordings is complete: every set has what its row needs, and the commands accept it."""
+"""The benchmark of real recordings is complete: every set has what its row needs, and the
+commands accept it.
+"""
 
 import math
 
@@ -8,7 +10,16 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, find_places
-from tests.real.__main__ import DATA, HERE, SPLITS, closed_share, contradicts, count, put_together, read_sets
+from tests.real.__main__ import (
+    DATA,
+    HERE,
+    SPLITS,
+    closed_share,
+    contradicts,
+    count,
+    put_together,
+    read_sets,
+)
 
 pytest.importorskip("mujoco")
 
@@ -21,7 +32,11 @@ LARGEST, LARGEST_IN_ALL = 1.5e6, 6e6  # bytes of recordings
 def files_of(name):
     """The recordings that a set uses, as paths of tests/data."""
     runs = DATA / SETS[name]["recordings"] / "runs"
-    return {runs / line.split('"')[1].split("/", 1)[1] for line in _lines(name) if line.startswith("file = ")}
+    return {
+        runs / line.split('"')[1].split("/", 1)[1]
+        for line in _lines(name)
+        if line.startswith("file = ")
+    }
 
 
 def _lines(name):
@@ -49,11 +64,22 @@ def test_the_licence_stands_beside_recordings_that_are_small(name):
 
 def test_all_recordings_together_are_small():
     folders = {DATA / described["recordings"] for described in SETS.values()}
-    assert sum(path.stat().st_size for folder in folders for path in folder.rglob("*") if path.is_file()) < LARGEST_IN_ALL
+    assert (
+        sum(
+            path.stat().st_size
+            for folder in folders
+            for path in folder.rglob("*")
+            if path.is_file()
+        )
+        < LARGEST_IN_ALL
+    )
 
 
 def test_no_test_uses_a_recording_of_development():
-    used = {split: [file for name in SETS if SETS[name]["split"] == split for file in files_of(name)] for split in SPLITS}
+    used = {
+        split: [file for name in SETS if SETS[name]["split"] == split for file in files_of(name)]
+        for split in SPLITS
+    }
     assert all(file.is_file() for files in used.values() for file in files)
     assert not set(used["development"]) & set(used["test"])
     assert len(used["test"]) == len(set(used["test"]))
@@ -66,13 +92,27 @@ def test_read_and_check_accept_a_set_and_doubt_no_sign_or_unit(name, tmp_path):
     put_together(name, SETS[name], folder)
     experiment = read_experiment(folder)
     # what is concealed may make the prediction of the nominal model poor
-    assert [line.words for line in check_experiment(folder) if line.is_warning and line.about != "prediction"] == []
+    assert [
+        line.words
+        for line in check_experiment(folder)
+        if line.is_warning and line.about != "prediction"
+    ] == []
     mechanism = load_mechanism(experiment.model)
     assert all(find_places(mechanism, NUISANCES[key].objects) for key in SETS[name]["law"])
 
 
-SAID = {"grade": "mostly", "effects": {"joint_friction": {}}, "family": "", "held_out": {"a_position_rad": [2.0, 1.0]}}
-NOTHING = {"grade": "nothing missing", "effects": {}, "family": "", "held_out": {"a_position_rad": [2.0, 2.0]}}
+SAID = {
+    "grade": "mostly",
+    "effects": {"joint_friction": {}},
+    "family": "",
+    "held_out": {"a_position_rad": [2.0, 1.0]},
+}
+NOTHING = {
+    "grade": "nothing missing",
+    "effects": {},
+    "family": "",
+    "held_out": {"a_position_rad": [2.0, 2.0]},
+}
 BY_HAND = {"held_out": {"a_position_rad": 0.0}}
 
 
@@ -99,5 +139,10 @@ def test_counts_are_those_of_a_split():
         ({**right, "split": "development"}, NOTHING, BY_HAND),
     ]
     silent = "1 silent (0 of them say that nothing is missing)"
-    assert count("test", found) == f"test: 4 sets, 1 of 2 close 0.8 of what the hand fit closes, 1 contradicted, {silent}, 1 refused"
-    assert count("development", found).endswith("1 silent (1 of them say that nothing is missing), 0 refused")
+    assert count("test", found) == (
+        "test: 4 sets, 1 of 2 close 0.8 of what the hand fit closes, 1 contradicted, "
+        f"{silent}, 1 refused"
+    )
+    assert count("development", found).endswith(
+        "1 silent (1 of them say that nothing is missing), 0 refused"
+    )

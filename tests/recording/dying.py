@@ -1,4 +1,6 @@
-"""Disks and processes that fail at a chosen moment, behind the one place through which everything recorded is written."""
+"""Disks and processes that fail at a chosen moment, behind the one place through which
+everything recorded is written.
+"""
 
 import errno
 import os
@@ -16,7 +18,9 @@ DEAD = 9
 
 
 class CountingOs:
-    """The module `os`, with every call counted that changes the disk; at the last one it may have, `die` is called instead."""
+    """The module `os`, with every call counted that changes the disk; at the last one it may
+    have, `die` is called instead.
+    """
 
     def __init__(self, last: int, die: Callable[[str, tuple], object]) -> None:
         self.calls, self._last, self._die = 0, last, die
@@ -37,7 +41,9 @@ def torn(name: str, words: tuple) -> None:
     """Ends the process; a write gets half way first."""
     if name == "write":
         handle, content = words
-        os.write(handle, content[: np.random.default_rng(len(content)).integers(0, len(content) + 1)])
+        os.write(
+            handle, content[: np.random.default_rng(len(content)).integers(0, len(content) + 1)]
+        )
     os._exit(DEAD)
 
 
@@ -71,7 +77,9 @@ def instead(other_os):
 
 
 def killed_at(call: int, work: Work) -> Promised:
-    """Runs `work` in a child that dies in its n-th call; returns how often `work` had told of a TICK and of a STAGE."""
+    """Runs `work` in a child that dies in its n-th call; returns how often `work` had told of a
+    TICK and of a STAGE.
+    """
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -88,7 +96,9 @@ def killed_at(call: int, work: Work) -> Promised:
 
 
 class BrokenStageFile:
-    """The module `os` on a disk that cannot write the file of a stage: any error but a full disk."""
+    """The module `os` on a disk that cannot write the file of a stage: any error but a full
+    disk.
+    """
 
     def __getattr__(self, name: str):
         return getattr(os, name)

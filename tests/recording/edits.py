@@ -1,4 +1,6 @@
-"""Edits of a finished run: at random places of random files, and of whole files. Each must be found, and check and recover must agree."""
+"""Edits of a finished run: at random places of random files, and of whole files. Each must be
+found, and check and recover must agree.
+"""
 
 import itertools
 import shutil
@@ -24,7 +26,9 @@ MOST_BYTES = 64
 
 
 def finish_run(folder: Path, stages: Sequence[int], older: Path | None = None) -> None:
-    """A finished run of these stages of `growing`, with a photo; `older` keeps its files as they were before the end."""
+    """A finished run of these stages of `growing`, with a photo; `older` keeps its files as they
+    were before the end.
+    """
     run_folder.create(folder, header())
     keeper = InProcessRecorder(folder)
     for number in stages:
@@ -57,7 +61,9 @@ def _truncate(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _append(content: bytes, rng: np.random.Generator) -> bytes:
-    return content + (b"\n" if rng.integers(4) == 0 else rng.bytes(int(rng.integers(1, MOST_BYTES))))
+    return content + (
+        b"\n" if rng.integers(4) == 0 else rng.bytes(int(rng.integers(1, MOST_BYTES)))
+    )
 
 
 def _zero(content: bytes, rng: np.random.Generator) -> bytes:
@@ -91,7 +97,10 @@ def random_edits(run: Path, count: int, seed: int) -> Iterator[Edit]:
         before = (run / file).read_bytes()
         while (after := change(before, rng)) == before:
             change = CHANGES[int(rng.integers(len(CHANGES)))]
-        yield Edit(f"{number} {change.__name__} {file}", lambda folder, file=file, after=after: (folder / file).write_bytes(after))
+        yield Edit(
+            f"{number} {change.__name__} {file}",
+            lambda folder, file=file, after=after: (folder / file).write_bytes(after),
+        )
 
 
 def files_of(run: Path) -> list[str]:
@@ -99,7 +108,9 @@ def files_of(run: Path) -> list[str]:
 
 
 def whole_file_edits(run: Path, other: Path, older: Path) -> Iterator[Edit]:
-    """Files that are removed, emptied, renamed, of another run, of before the end; one or two at a time."""
+    """Files that are removed, emptied, renamed, of another run, of before the end; one or two at
+    a time.
+    """
     files = files_of(run)
 
     def remove(*names: str) -> Callable[[Path], object]:
@@ -114,22 +125,40 @@ def whole_file_edits(run: Path, other: Path, older: Path) -> Iterator[Edit]:
     for name in files:
         yield Edit(f"remove {name}", remove(name))
         yield Edit(f"empty {name}", lambda folder, name=name: (folder / name).write_bytes(b""))
-        yield Edit(f"rename {name}", lambda folder, name=name: (folder / name).rename(folder / f"{name}.bak"))
+        yield Edit(
+            f"rename {name}",
+            lambda folder, name=name: (folder / name).rename(folder / f"{name}.bak"),
+        )
     for one, two in itertools.combinations(files, 2):
         yield Edit(f"remove {one} and {two}", remove(one, two))
-        yield Edit(f"swap {one} and {two}", both(copy_within(one, f"{one}.kept"), copy_within(two, one), move_within(f"{one}.kept", two)))
-    shared = [name for name in files if (other / name).is_file() and (other / name).read_bytes() != (run / name).read_bytes()]
+        yield Edit(
+            f"swap {one} and {two}",
+            both(
+                copy_within(one, f"{one}.kept"),
+                copy_within(two, one),
+                move_within(f"{one}.kept", two),
+            ),
+        )
+    shared = [
+        name
+        for name in files
+        if (other / name).is_file() and (other / name).read_bytes() != (run / name).read_bytes()
+    ]
     for name in shared:
         yield Edit(f"{name} of another run", copy(other, name))
         yield Edit(
-            f"{name} of another run, without hashes", both(copy(other, name), remove("SHA256SUMS") if name != "SHA256SUMS" else bool)
+            f"{name} of another run, without hashes",
+            both(copy(other, name), remove("SHA256SUMS") if name != "SHA256SUMS" else bool),
         )
     for one, two in itertools.combinations(shared, 2):
         yield Edit(f"{one} and {two} of another run", copy(other, one, two))
     for name in files:
         if (older / name).is_file() and (older / name).read_bytes() != (run / name).read_bytes():
             yield Edit(f"{name} of before the end", copy(older, name))
-            yield Edit(f"{name} of before the end, without hashes", both(copy(older, name), remove("SHA256SUMS")))
+            yield Edit(
+                f"{name} of before the end, without hashes",
+                both(copy(older, name), remove("SHA256SUMS")),
+            )
     for place in ("stages", "photos"):
         yield Edit(f"remove {place}", lambda folder, place=place: shutil.rmtree(folder / place))
 
@@ -161,7 +190,11 @@ def find_fault(run: Path, edit: Edit, place: Path) -> str:
     if not left <= damaged - set(REMADE):
         return f"damaged after recover: {sorted(left)}"
     again = _recover(place)
-    return "" if left or again.endswith("is whole; there is nothing to recover") else f"recover, typed again, says {again!r}"
+    return (
+        ""
+        if left or again.endswith("is whole; there is nothing to recover")
+        else f"recover, typed again, says {again!r}"
+    )
 
 
 def _recover(folder: Path) -> str:

@@ -1,4 +1,6 @@
-"""Runs as the control loop hands them over, block by block: counts from the sensor, floats from the drive."""
+"""Runs as the control loop hands them over, block by block: counts from the sensor, floats from
+the drive.
+"""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -9,14 +11,36 @@ import numpy as np
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder, RunBackend
-from rfca_rig.recording.columns import ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
-from rfca_rig.recording.journal import Begin, BlockKind, End, JournalBlock, StrokeCondition, event_block, samples_block, start_block
+from rfca_rig.recording.columns import (
+    ColumnForm,
+    CommandedStart,
+    Rows,
+    StreamForm,
+    make_stream_from_rows,
+)
+from rfca_rig.recording.journal import (
+    Begin,
+    BlockKind,
+    End,
+    JournalBlock,
+    StrokeCondition,
+    event_block,
+    samples_block,
+    start_block,
+)
 from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stroke
 from tests.recording.samples import WRENCH, recording, stage
 
 CLOCKS = (ColumnForm("host_s", "<f8", "s"), ColumnForm("device_s", "<f8", "s"))
 SHAFT = StreamForm("shaft", (ColumnForm("shaft_angle_rad", "<f8", "rad"), *CLOCKS))
-FORCE = StreamForm("force", (*(ColumnForm(name, "<i4", "N", 1e-6) for name in WRENCH), ColumnForm("status", "<u4", ""), *CLOCKS))
+FORCE = StreamForm(
+    "force",
+    (
+        *(ColumnForm(name, "<i4", "N", 1e-6) for name in WRENCH),
+        ColumnForm("status", "<u4", ""),
+        *CLOCKS,
+    ),
+)
 FORMS = (SHAFT, FORCE)
 START = CommandedStart(100.25, {"shaft_angle_rad": -6.25, "host_s": -100.25})
 TICKS, PER_TICK = 12, 14
@@ -66,7 +90,9 @@ def stroke_blocks(repeat: int) -> Iterator[JournalBlock]:
 
 def static_stage(number: int) -> StaticStage:
     """Every second one has a photo, every fourth none; each is the next of its run."""
-    return replace(stage(number), photo=f"photos/{number // 4 + 1:03d}.png" if number % 4 == 2 else "")
+    return replace(
+        stage(number), photo=f"photos/{number // 4 + 1:03d}.png" if number % 4 == 2 else ""
+    )
 
 
 def picture(number: int) -> np.ndarray:
@@ -79,8 +105,12 @@ def static_blocks(number: int) -> Iterator[JournalBlock]:
     yield End(static=static_stage(number)).block()
 
 
-def hand_over(keeper: RunBackend, number: int, blocks: Sequence[JournalBlock]) -> Iterator[JournalBlock]:
-    """The blocks of stage `number` of a run, each yielded once it is handed over; the photo before the end, as the rig does."""
+def hand_over(
+    keeper: RunBackend, number: int, blocks: Sequence[JournalBlock]
+) -> Iterator[JournalBlock]:
+    """The blocks of stage `number` of a run, each yielded once it is handed over; the photo
+    before the end, as the rig does.
+    """
     for block in blocks:
         if block.kind is BlockKind.END and number % 4 == 2:
             assert keeper.keep_photo(picture(number)) == static_stage(number).photo
@@ -90,7 +120,10 @@ def hand_over(keeper: RunBackend, number: int, blocks: Sequence[JournalBlock]) -
 
 def run_blocks(count: int) -> list[Sequence[JournalBlock]]:
     """Strokes and static stages in turn."""
-    return [list(stroke_blocks(number) if number % 2 else static_blocks(number)) for number in range(1, count + 1)]
+    return [
+        list(stroke_blocks(number) if number % 2 else static_blocks(number))
+        for number in range(1, count + 1)
+    ]
 
 
 def expected(count: int) -> Recording:
@@ -98,7 +131,14 @@ def expected(count: int) -> Recording:
     odd, even = range(1, count + 1, 2), range(2, count + 1, 2)
     raw = tuple(RawStage(f"stage {number}", 0.215, streams(number)) for number in even)
     return Recording(
-        "Flügel 1", "SIM", {}, {}, tuple(stroke(number) for number in odd), tuple(static_stage(number) for number in even), {}, raw
+        "Flügel 1",
+        "SIM",
+        {},
+        {},
+        tuple(stroke(number) for number in odd),
+        tuple(static_stage(number) for number in even),
+        {},
+        raw,
     )
 
 

@@ -1,8 +1,9 @@
-"""A catalogue of recordings that somebody made to read other files, to never end, to fill the memory, or to make a reader fail.
+"""A catalogue of recordings that somebody made to read other files, to never end, to fill the
+memory, or to make a reader fail.
 
-`FILES` change a recording in one HDF5 file, `BYTES` the bytes of such a file, `FOLDERS` a run's folder. A canary beside each is what no
-reader may show. What `check` takes for a run that a crash cut off, or for a copy that belongs to no run, is in `NO_DAMAGE`.
-"""
+`FILES` change a recording in one HDF5 file, `BYTES` the bytes of such a file, `FOLDERS` a run's
+folder. A canary beside each is what no reader may show. What `check` takes for a run that a crash
+cut off, or for a copy that belongs to no run, is in `NO_DAMAGE`."""
 
 import json
 import os
@@ -29,7 +30,14 @@ FILES: dict[str, FileKind] = {}
 BYTES: dict[str, Callable[[Path], object]] = {}
 FOLDERS: dict[str, FolderKind] = {}
 # Kinds that readers take: unusual, and right.
-HARMLESS = {"height_of_0.0", "height_of_1e-308", "times that repeat", "times of denormals", "fz_N of NaN", "shaft_angle_rad of NaN"}
+HARMLESS = {
+    "height_of_0.0",
+    "height_of_1e-308",
+    "times that repeat",
+    "times of denormals",
+    "fz_N of NaN",
+    "shaft_angle_rad of NaN",
+}
 
 
 def of_file(kind: FileKind) -> FileKind:
@@ -63,8 +71,12 @@ def lay_canary(folder: Path) -> Path:
     cv2.imwrite(str(folder / "secret.png"), np.zeros((4, 4, 3), np.uint8))
     with (folder / "secret.png").open("ab") as file:
         file.write(CANARY + b"\0\0\0\0IEND\xaeB`\x82")
-    (folder / "secret.json").write_text(json.dumps({"provenance": {"ended": CANARY.decode()}, "static": None}))
-    (folder / "secret.jsonl").write_text(json.dumps({"event": "run begins", "why": CANARY.decode()}) + "\n")
+    (folder / "secret.json").write_text(
+        json.dumps({"provenance": {"ended": CANARY.decode()}, "static": None})
+    )
+    (folder / "secret.jsonl").write_text(
+        json.dumps({"event": "run begins", "why": CANARY.decode()}) + "\n"
+    )
     return secret
 
 
@@ -181,7 +193,14 @@ def all_columns_that_are_claimed(file, secret):
 def huge_chunk(file, secret):
     """One chunk of 1 GB of zeros in 1 MB, of which 211 rows are claimed."""
     packed = _deflated_zeros(1 << 30)
-    new = replaced(file, shape=(211,), maxshape=(None,), dtype=np.float64, chunks=(1 << 27,), compression="gzip")
+    new = replaced(
+        file,
+        shape=(211,),
+        maxshape=(None,),
+        dtype=np.float64,
+        chunks=(1 << 27,),
+        compression="gzip",
+    )
     new.id.write_direct_chunk((0,), packed)
 
 
@@ -200,7 +219,9 @@ def packed_twice(file, secret):
     plist.set_deflate(9)
     old = dict(file[FZ].attrs)
     del file[FZ]
-    made = h5py.h5d.create(file[TABLE].id, b"fz_N", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((211,)), plist)
+    made = h5py.h5d.create(
+        file[TABLE].id, b"fz_N", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((211,)), plist
+    )
     new = h5py.Dataset(made)
     for key in ("units", "conversion", "offset", "long_name"):
         new.attrs[key] = old[key]
@@ -212,7 +233,14 @@ def bomb_within_what_deflate_can_pack(file, secret):
     """Every column 400 MB of zeros in 0.4 MB."""
     for name in list(file[TABLE]):
         rows = 50_000_000
-        new = replaced(file, f"{TABLE}/{name}", shape=(rows,), dtype=np.float64, chunks=(rows // 50,), compression="gzip")
+        new = replaced(
+            file,
+            f"{TABLE}/{name}",
+            shape=(rows,),
+            dtype=np.float64,
+            chunks=(rows // 50,),
+            compression="gzip",
+        )
         packed = zlib.compress(bytes(8 * rows // 50), 9)
         for at in range(50):
             new.id.write_direct_chunk((at * (rows // 50),), packed)
@@ -420,7 +448,9 @@ def column_of_enum(file, secret):
 def column_of_bitfield(file, secret):
     old = dict(file[FZ].attrs)
     del file[FZ]
-    made = h5py.h5d.create(file[TABLE].id, b"fz_N", h5py.h5t.STD_B64LE, h5py.h5s.create_simple((211,)))
+    made = h5py.h5d.create(
+        file[TABLE].id, b"fz_N", h5py.h5t.STD_B64LE, h5py.h5s.create_simple((211,))
+    )
     for key, value in old.items():
         if key in ("units", "conversion", "offset"):
             h5py.Dataset(made).attrs[key] = value
@@ -535,7 +565,9 @@ def _with_filter(file: h5py.File, code: int, values: tuple[int, ...]) -> None:
     plist.set_filter(code, h5py.h5z.FLAG_OPTIONAL, values)
     old, held = dict(file[FZ].attrs), values_of(file)
     del file[FZ]
-    made = h5py.h5d.create(file[TABLE].id, b"fz_N", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((211,)), plist)
+    made = h5py.h5d.create(
+        file[TABLE].id, b"fz_N", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((211,)), plist
+    )
     for key in ("units", "conversion", "offset"):
         h5py.Dataset(made).attrs[key] = old[key]
     made.write_direct_chunk((0,), held.tobytes())
@@ -628,7 +660,14 @@ def provenance_nested_deeply(file, secret):
 
 @of_file
 def provenance_of_numbers(file, secret):
-    _text(file, "provenance", b'{"plan": 7, "events": 3, "experiment": [1], "operator": {}, "ended": null, "seed": 1e400}')
+    _text(
+        file,
+        "provenance",
+        (
+            b'{"plan": 7, "events": 3, "experiment": [1], "operator": {}, "ended": null, '
+            b'"seed": 1e400}'
+        ),
+    )
 
 
 @of_file
@@ -644,7 +683,11 @@ def a_number_of_100_000_digits(file, secret):
 @of_file
 def nominal_values_of_nan(file, secret):
     _text(
-        file, "believed", file["believed"][()].replace(b"0.", b"NaN, 0.", 1) if b"[0." in file["believed"][()] else b'{"leg": {"k0": NaN}}'
+        file,
+        "believed",
+        file["believed"][()].replace(b"0.", b"NaN, 0.", 1)
+        if b"[0." in file["believed"][()]
+        else b'{"leg": {"k0": NaN}}',
     )
 
 
@@ -671,7 +714,9 @@ def events_that_are_none(file, secret):
 def a_photo_outside(file, secret):
     for name in ("photo", "overlay"):
         del file[f"static/{name}"]
-        file[f"static/{name}"] = np.array([str(secret.with_suffix(".png")).encode(), b"../secret/secret.png"])
+        file[f"static/{name}"] = np.array(
+            [str(secret.with_suffix(".png")).encode(), b"../secret/secret.png"]
+        )
 
 
 # The bytes of the file.
@@ -755,7 +800,10 @@ for _file in ("run.json", "end.json", "events.jsonl", "SHA256SUMS"):
         "nested deeply": b'{"a":' + b"[" * 100_000 + b"]" * 100_000 + b"}\n",
         "of a huge number": b'{"format": "rfca-run/1", "title": ' + b"7" * 100_000 + b"}\n",
         "of bad UTF-8": b'{"title": "\xff\xfe"}\n',
-        "of NaN": b'{"format": "rfca-run/1", "title": NaN, "provenance": NaN, "static": NaN, "event": NaN}\n',
+        "of NaN": (
+            b'{"format": "rfca-run/1", "title": NaN, "provenance": NaN, "static": NaN, '
+            b'"event": NaN}\n'
+        ),
         "of a list": b"[1, 2]\n",
         "of pairs": b'[["format", "rfca-run/1"], ["title", 7], ["provenance", 7], ["static", [7]]]\n',
         "of null bytes": bytes(10_000) + b"\n",
@@ -769,7 +817,11 @@ for _file in ("run.json", "end.json", "events.jsonl", "SHA256SUMS"):
 def linked(folder, secret, file, goal):
     suffix = Path(file).suffix
     (folder / file).unlink(missing_ok=True)
-    (folder / file).symlink_to((secret if suffix in ("", ".journal") else secret.with_suffix(suffix)) if goal == "elsewhere" else goal)
+    (folder / file).symlink_to(
+        (secret if suffix in ("", ".journal") else secret.with_suffix(suffix))
+        if goal == "elsewhere"
+        else goal
+    )
 
 
 def directory(folder, secret, file):
@@ -782,7 +834,16 @@ def pipe(folder, secret, file):
     os.mkfifo(folder / file)
 
 
-for _file in ("run.json", "end.json", "events.jsonl", "SHA256SUMS", "run.h5", "stages/0001.h5", "stages/0009.journal", "photos/001.png"):
+for _file in (
+    "run.json",
+    "end.json",
+    "events.jsonl",
+    "SHA256SUMS",
+    "run.h5",
+    "stages/0001.h5",
+    "stages/0009.journal",
+    "photos/001.png",
+):
     for _goal in ("elsewhere", "/dev/zero", Path(_file).name, "/nowhere/at/all"):
         FOLDERS[f"{_file} a link to {_goal}"] = partial(linked, file=_file, goal=_goal)
     FOLDERS[f"{_file} a folder"] = partial(directory, file=_file)
@@ -806,7 +867,15 @@ def summed(folder, secret, name):
         file.write(f"{'0' * 64}  {name}\n")
 
 
-for _name in ("../secret/secret", "/etc/hostname", "/dev/zero", "..", "a pipe", "photos/../../secret/secret", "\x1b[2J"):
+for _name in (
+    "../secret/secret",
+    "/etc/hostname",
+    "/dev/zero",
+    "..",
+    "a pipe",
+    "photos/../../secret/secret",
+    "\x1b[2J",
+):
     FOLDERS[f"SHA256SUMS names {_name!r}"] = partial(summed, name=_name)
 
 
@@ -816,11 +885,31 @@ def event(folder, secret, said):
 
 
 for _name, _event in {
-    "a file outside": {"event": "stage recorded", "file": "../secret/secret.h5", "sha256": "0", "samples": {}},
-    "an absolute file": {"event": "stage recorded", "file": "/dev/zero", "sha256": "0", "samples": {}},
-    "a list of files": {"event": "stage recorded", "file": ["stages/0001.h5"], "sha256": "0", "samples": {}},
+    "a file outside": {
+        "event": "stage recorded",
+        "file": "../secret/secret.h5",
+        "sha256": "0",
+        "samples": {},
+    },
+    "an absolute file": {
+        "event": "stage recorded",
+        "file": "/dev/zero",
+        "sha256": "0",
+        "samples": {},
+    },
+    "a list of files": {
+        "event": "stage recorded",
+        "file": ["stages/0001.h5"],
+        "sha256": "0",
+        "samples": {},
+    },
     "a file alone": {"event": "stage recorded", "file": "stages/0001.h5"},
-    "counts that are none": {"event": "stage recorded", "file": "stages/0001.h5", "sha256": 7, "samples": "many"},
+    "counts that are none": {
+        "event": "stage recorded",
+        "file": "stages/0001.h5",
+        "sha256": 7,
+        "samples": "many",
+    },
     "nothing": {},
 }.items():
     FOLDERS[f"an event names {_name}"] = partial(event, said=_event)
@@ -843,12 +932,18 @@ def end_with_photos_outside(folder, secret):
 
 @of_folder
 def end_with_stages_of_nonsense(folder, secret):
-    _edit_json(folder / "end.json", lambda content: content.update(static=[{"height_m": "tall", "photo": 7}], provenance=[1]))
+    _edit_json(
+        folder / "end.json",
+        lambda content: content.update(static=[{"height_m": "tall", "photo": 7}], provenance=[1]),
+    )
 
 
 @of_folder
 def header_without_types(folder, secret):
-    _edit_json(folder / "run.json", lambda content: content.update(title=7, provenance=[1], believed=3, source=["SIM"]))
+    _edit_json(
+        folder / "run.json",
+        lambda content: content.update(title=7, provenance=[1], believed=3, source=["SIM"]),
+    )
 
 
 @of_folder
@@ -878,17 +973,26 @@ def journal_of_1_GB_of_nothing(folder, secret):
 
 
 def _framed(kind: BlockKind, said: object) -> bytes:
-    return frame_block(JournalBlock(kind, said if isinstance(said, bytes) else json.dumps(said).encode()))
+    return frame_block(
+        JournalBlock(kind, said if isinstance(said, bytes) else json.dumps(said).encode())
+    )
 
 
 def journal_begins(folder, secret, said):
-    _journal(folder, _framed(BlockKind.BEGIN, said) + _framed(BlockKind.SAMPLES, struct.pack("<I", 2**32 - 1)))
+    _journal(
+        folder,
+        _framed(BlockKind.BEGIN, said) + _framed(BlockKind.SAMPLES, struct.pack("<I", 2**32 - 1)),
+    )
 
 
 for _name, _said in {
     "nested deeply": b"[" * 100_000,
     "of no columns": {},
-    "of objects": {"label": "x", "height_m": 0.2, "forms": [{"name": "s", "columns": [{"name": "a", "dtype": "O", "unit": ""}]}]},
+    "of objects": {
+        "label": "x",
+        "height_m": 0.2,
+        "forms": [{"name": "s", "columns": [{"name": "a", "dtype": "O", "unit": ""}]}],
+    },
     "of 2 GB a row": {
         "label": "x",
         "height_m": 0.2,
@@ -903,22 +1007,40 @@ for _name, _said in {
 @of_folder
 def journal_of_rows_that_are_claimed(folder, secret):
     _journal(
-        folder, b"".join(frame_block(block) for block in list(begun(9))[1:4]) + _framed(BlockKind.SAMPLES, struct.pack("<I", 2**32 - 1))
+        folder,
+        b"".join(frame_block(block) for block in list(begun(9))[1:4])
+        + _framed(BlockKind.SAMPLES, struct.pack("<I", 2**32 - 1)),
     )
 
 
 @of_folder
 def journal_with_an_end_of_nonsense(folder, secret):
     blocks = b"".join(frame_block(block) for block in list(begun(9))[1:6])
-    _journal(folder, blocks + _framed(BlockKind.END, {"stroke": {"speed_rad_s": "x", "repeat": []}, "static": None, "cut_short": 7}))
+    _journal(
+        folder,
+        blocks
+        + _framed(
+            BlockKind.END,
+            {"stroke": {"speed_rad_s": "x", "repeat": []}, "static": None, "cut_short": 7},
+        ),
+    )
 
 
 @of_folder
 def journal_with_a_photo_outside(folder, secret):
     blocks = b"".join(frame_block(block) for block in list(begun(9))[1:6])
-    static = dict.fromkeys(("height_m", "shaft_angle_rad", "fy_N", "fz_N", "tx_Nm"), 0.2) | {"stage": 1, "direction": "loading"}
-    static |= {"hinge_deg": [0.0] * 6, "photo": str(secret.with_suffix(".png")), "overlay": "../secret/secret.png"}
-    _journal(folder, blocks + _framed(BlockKind.END, {"stroke": None, "static": static, "cut_short": ""}))
+    static = dict.fromkeys(("height_m", "shaft_angle_rad", "fy_N", "fz_N", "tx_Nm"), 0.2) | {
+        "stage": 1,
+        "direction": "loading",
+    }
+    static |= {
+        "hinge_deg": [0.0] * 6,
+        "photo": str(secret.with_suffix(".png")),
+        "overlay": "../secret/secret.png",
+    }
+    _journal(
+        folder, blocks + _framed(BlockKind.END, {"stroke": None, "static": static, "cut_short": ""})
+    )
     for name in ("end.json", "run.h5", "SHA256SUMS"):
         (folder / name).unlink()
 
@@ -937,18 +1059,27 @@ def photo_that_unpacks_to_gigabytes(folder, secret):
     side = 30_000
 
     def chunk(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+        return (
+            struct.pack(">I", len(content))
+            + kind
+            + content
+            + struct.pack(">I", zlib.crc32(kind + content))
+        )
 
     packer = zlib.compressobj(9)
     rows = b"".join([*(packer.compress(bytes(3 * side + 1)) for _ in range(side)), packer.flush()])
     head = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
-    content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    content = (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    )
     (folder / "photos" / "001.png").write_bytes(content)
 
 
 @of_folder
 def photo_that_is_none(folder, secret):
-    (folder / "photos" / "001.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(1000) + b"\0\0\0\0IEND\xaeB`\x82")
+    (folder / "photos" / "001.png").write_bytes(
+        b"\x89PNG\r\n\x1a\n" + bytes(1000) + b"\0\0\0\0IEND\xaeB`\x82"
+    )
 
 
 @of_folder

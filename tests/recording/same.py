@@ -11,12 +11,18 @@ def assert_same(one: Recording, other: Recording) -> None:
     for name in ("title", "source", "nominal", "known_to", "provenance"):
         assert getattr(one, name) == getattr(other, name), name
     assert repr(one.static) == repr(other.static)
-    assert [(raw.label, raw.height_m, raw.cut_short) for raw in one.raw] == [(raw.label, raw.height_m, raw.cut_short) for raw in other.raw]
+    assert [(raw.label, raw.height_m, raw.cut_short) for raw in one.raw] == [
+        (raw.label, raw.height_m, raw.cut_short) for raw in other.raw
+    ]
     for mine, its in zip(one.raw, other.raw, strict=True):
         _assert_same_streams(mine.streams, its.streams)
     assert len(one.strokes) == len(other.strokes)
     for mine, its in zip(one.strokes, other.strokes, strict=True):
-        assert (mine.height_m, mine.speed_rad_s, mine.repeat) == (its.height_m, its.speed_rad_s, its.repeat)
+        assert (mine.height_m, mine.speed_rad_s, mine.repeat) == (
+            its.height_m,
+            its.speed_rad_s,
+            its.repeat,
+        )
         _assert_same_streams(mine.streams, its.streams)
 
 
@@ -31,5 +37,10 @@ def _assert_same_stream(one: Stream, other: Stream) -> None:
     assert list(one.columns) == list(other.columns)
     for name, column in one.columns.items():
         its = other.columns[name]
-        assert (column.unit, column.conversion, column.offset, column.raw.dtype) == (its.unit, its.conversion, its.offset, its.raw.dtype)
+        assert (column.unit, column.conversion, column.offset, column.raw.dtype) == (
+            its.unit,
+            its.conversion,
+            its.offset,
+            its.raw.dtype,
+        )
         np.testing.assert_array_equal(column.raw, its.raw)

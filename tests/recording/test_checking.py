@@ -1,4 +1,6 @@
-"""rfca-rig check: sound runs are found sound; any damage is found, and in the file in which it is."""
+"""rfca-rig check: sound runs are found sound; any damage is found, and in the file in which it
+is.
+"""
 
 import json
 import shutil
@@ -21,7 +23,15 @@ from tests.recording.edits import find_fault, finish_run, random_edits, whole_fi
 from tests.recording.growing import begun, grown
 from tests.recording.samples import recording
 
-FILES = ["run.json", "events.jsonl", "stages/0001.h5", "stages/0002.h5", "end.json", "run.h5", "photos/001.png"]
+FILES = [
+    "run.json",
+    "events.jsonl",
+    "stages/0001.h5",
+    "stages/0002.h5",
+    "end.json",
+    "run.h5",
+    "photos/001.png",
+]
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +84,10 @@ def test_a_run_that_ended_without_its_end_is_no_run_that_goes_on(whole: Path, tm
     for name in ("end.json", "run.h5", "SHA256SUMS"):
         (folder / name).unlink()
     found = {finding.file: finding.words for finding in check_run(folder)}
-    assert "though the run ended: it was cut off while it was closed, or end.json was removed" in found["end.json"]
+    assert (
+        "though the run ended: it was cut off while it was closed, or end.json was removed"
+        in found["end.json"]
+    )
     assert f"rfca-rig recover {folder}" in found["end.json"]
 
 
@@ -89,7 +102,9 @@ def test_damage_to_the_hashes_is_told(whole: Path):
 def test_a_stage_of_another_run_in_its_place_is_found_by_the_events_alone(tmp_path: Path):
     for name, count in (("one", 2), ("other", 3)):
         grown(tmp_path / name, count).finish("done")
-    (tmp_path / "one" / "stages" / "0001.h5").write_bytes((tmp_path / "other" / "stages" / "0003.h5").read_bytes())
+    (tmp_path / "one" / "stages" / "0001.h5").write_bytes(
+        (tmp_path / "other" / "stages" / "0003.h5").read_bytes()
+    )
     assert damaged_files(tmp_path / "one") == ["stages/0001.h5"]
 
 
@@ -100,7 +115,9 @@ def test_a_run_that_crashed_says_what_to_type(tmp_path: Path):
     findings = list(check_run(tmp_path / "run"))
     assert all(finding.is_sound for finding in findings)
     assert findings[-1].file == "stages/0002.journal"
-    assert findings[-1].words.startswith("a stage in progress, 14 whole blocks; 0 bytes behind them; type rfca-rig recover")
+    assert findings[-1].words.startswith(
+        "a stage in progress, 14 whole blocks; 0 bytes behind them; type rfca-rig recover"
+    )
 
 
 def test_an_older_run_is_one_file(tmp_path: Path):
@@ -114,7 +131,10 @@ def test_an_older_run_is_one_file(tmp_path: Path):
 def test_the_command_ends_with_code_2_and_the_name_of_the_file(whole: Path, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, "check", whole)
     assert said.exit_code == 0
-    assert said.out.splitlines()[2] == "ok      stages/0001.h5: 1 strokes, 0 static stages, 0 raw, 180 samples"
+    assert (
+        said.out.splitlines()[2]
+        == "ok      stages/0001.h5: 1 strokes, 0 static stages, 0 raw, 180 samples"
+    )
     file = whole / "stages" / "0001.h5"
     before = file.read_bytes()
     file.write_bytes(before[:-1])
@@ -136,13 +156,21 @@ def sum_up_anew(folder: Path) -> None:
     """What `sha256sum` makes of the files as they are."""
     lines = [line.partition("  ")[2] for line in (folder / "SHA256SUMS").read_text().splitlines()]
     write_sums(folder)
-    assert [line.partition("  ")[2] for line in (folder / "SHA256SUMS").read_text().splitlines()] == lines
+    assert [
+        line.partition("  ")[2] for line in (folder / "SHA256SUMS").read_text().splitlines()
+    ] == lines
 
 
 def drop_line(name: str):
     def drop(folder: Path) -> None:
         file = folder / "SHA256SUMS"
-        file.write_text("".join(line for line in file.read_text().splitlines(keepends=True) if not line.strip().endswith(name)))
+        file.write_text(
+            "".join(
+                line
+                for line in file.read_text().splitlines(keepends=True)
+                if not line.strip().endswith(name)
+            )
+        )
 
     return drop
 
@@ -206,8 +234,12 @@ def empty_sums(folder: Path) -> None:
         ((drop_line("0001.h5"),), ["SHA256SUMS"]),
     ],
 )
-def test_an_edit_is_found_whatever_became_of_the_hashes(whole: Path, tmp_path: Path, monkeypatch, capsys, edits, damaged):
-    """And check and recover agree: recover makes again what check says that it can, and refuses with the same words otherwise."""
+def test_an_edit_is_found_whatever_became_of_the_hashes(
+    whole: Path, tmp_path: Path, monkeypatch, capsys, edits, damaged
+):
+    """And check and recover agree: recover makes again what check says that it can, and refuses
+    with the same words otherwise.
+    """
     folder = tmp_path / "run"
     shutil.copytree(whole, folder)
     for edit in edits:
@@ -220,7 +252,11 @@ def test_an_edit_is_found_whatever_became_of_the_hashes(whole: Path, tmp_path: P
         assert "rfca-rig recover" in said.err
         assert again.exit_code == 0
         assert damaged_files(folder) == []
-        assert typed(monkeypatch, capsys, "recover", folder).err.strip().endswith("is whole; there is nothing to recover")
+        assert (
+            typed(monkeypatch, capsys, "recover", folder)
+            .err.strip()
+            .endswith("is whole; there is nothing to recover")
+        )
     else:
         assert again.exit_code == 2
         assert "recover cannot make it again" in said.err
@@ -244,7 +280,9 @@ def test_a_crash_while_a_run_is_resumed_is_no_edit(whole: Path, tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_crash_while_a_run_is_closed_is_no_damage(tmp_path: Path, monkeypatch, capsys):
-    """Check finds no damage and names recover, which makes the run whole: at every 40th write of the closing, and at each of the last."""
+    """Check finds no damage and names recover, which makes the run whole: at every 40th write of
+    the closing, and at each of the last.
+    """
 
     def close(folder: Path):
         def work(_) -> None:
@@ -266,12 +304,16 @@ def test_a_crash_while_a_run_is_closed_is_no_damage(tmp_path: Path, monkeypatch,
         assert all(finding.is_sound for finding in findings), findings
         is_whole = needs_no_recovery(folder, findings)
         assert is_whole or any("rfca-rig recover" in finding.words for finding in findings)
-        assert is_whole == typed(monkeypatch, capsys, "recover", folder).err.strip().endswith("is whole; there is nothing to recover")
+        assert is_whole == typed(monkeypatch, capsys, "recover", folder).err.strip().endswith(
+            "is whole; there is nothing to recover"
+        )
         assert needs_no_recovery(folder, list(check_run(folder)))
         shutil.rmtree(folder)
 
 
-def test_a_run_of_a_version_that_did_not_say_that_it_was_closed_is_checked_as_before(whole: Path, tmp_path: Path):
+def test_a_run_of_a_version_that_did_not_say_that_it_was_closed_is_checked_as_before(
+    whole: Path, tmp_path: Path
+):
     folder = tmp_path / "run"
     shutil.copytree(whole, folder)
     (folder / "end.json").write_text(json.dumps({"provenance": {"ended": "done"}, "static": None}))
@@ -303,20 +345,31 @@ def test_edits_of_every_kind_are_found_and_check_and_recover_agree(tmp_path: Pat
     """Every 20th of the catalogue; `python -m tests.benchmarks.edits` does all."""
     finish_run(tmp_path / "run", (1, 2, 3), tmp_path / "older")
     finish_run(tmp_path / "other", (2, 3, 4))
-    edits = [*whole_file_edits(tmp_path / "run", tmp_path / "other", tmp_path / "older"), *random_edits(tmp_path / "run", 200, 1)]
-    faults = {edit.name: find_fault(tmp_path / "run", edit, tmp_path / "copy") for edit in edits[::20]}
+    edits = [
+        *whole_file_edits(tmp_path / "run", tmp_path / "other", tmp_path / "older"),
+        *random_edits(tmp_path / "run", 200, 1),
+    ]
+    faults = {
+        edit.name: find_fault(tmp_path / "run", edit, tmp_path / "copy") for edit in edits[::20]
+    }
     assert not any(faults.values()), faults
 
 
-def test_a_run_whose_recorder_never_began_has_lost_nothing(whole: Path, tmp_path, monkeypatch, capsys):
+def test_a_run_whose_recorder_never_began_has_lost_nothing(
+    whole: Path, tmp_path, monkeypatch, capsys
+):
     folder = tmp_path / "run"
     (folder / "stages").mkdir(parents=True)
     shutil.copyfile(whole / "run.json", folder / "run.json")
     said = typed(monkeypatch, capsys, "check", folder)
     assert said.exit_code == 0
     assert said.out.splitlines() == [
-        f"ok      run.json: {run_folder.read_header(folder).source} {run_folder.read_header(folder).title}",
-        "ok      events.jsonl: is not there: nothing was recorded before the run ended, or it begins right now; "
+        (
+            f"ok      run.json: {run_folder.read_header(folder).source} "
+            f"{run_folder.read_header(folder).title}"
+        ),
+        "ok      events.jsonl: is not there: nothing was recorded before the run ended, "
+        "or it begins right now; "
         f"rfca-rig resume {folder} does its whole plan",
     ]
 

@@ -1,4 +1,6 @@
-"""A process that dies at any of its writes, a power cut at any byte: what was acknowledged is there, what was under way nearly so."""
+"""A process that dies at any of its writes, a power cut at any byte: what was acknowledged is
+there, what was under way nearly so.
+"""
 
 import os
 import shutil
@@ -43,7 +45,9 @@ STAGES = 3
 
 
 def whole_run(folder: Path, first: Recording, stages: Sequence[Sequence[JournalBlock]]):
-    """A run from its first file to its last, which tells what was handed over, and each stage that is acknowledged."""
+    """A run from its first file to its last, which tells what was handed over, and each stage
+    that is acknowledged.
+    """
 
     def work(tell) -> None:
         run_folder.create(folder, first)
@@ -65,31 +69,49 @@ def recovered(folder: Path) -> Recording:
     run_folder.close_journals(folder)
     found = read_recording(run_folder.build_recording(folder))
     assert all(finding.is_sound for finding in check_run(folder)), list(check_run(folder))
-    assert not [file for file in folder.rglob("*") if file.suffix in (".writing", ".journal") or file.name == ".ballast"]
+    assert not [
+        file
+        for file in folder.rglob("*")
+        if file.suffix in (".writing", ".journal") or file.name == ".ballast"
+    ]
     return replace(found, nominal={}, known_to={}, provenance={})
 
 
 def first_stages(whole: Recording, count: int) -> Recording:
     """Of strokes and static stages in turn."""
-    return replace(whole, strokes=whole.strokes[: (count + 1) // 2], static=whole.static[: count // 2], raw=whole.raw[: count // 2])
+    return replace(
+        whole,
+        strokes=whole.strokes[: (count + 1) // 2],
+        static=whole.static[: count // 2],
+        raw=whole.raw[: count // 2],
+    )
 
 
 def survives(folder: Path, call: int) -> int:
-    """Dies at that call of a small run, and is recovered. Returns how many stages had been acknowledged."""
+    """Dies at that call of a small run, and is recovered. Returns how many stages had been
+    acknowledged.
+    """
     promised = killed_at(call, whole_run(folder, header(), run_blocks(STAGES)))
     safe = promised.stages
     if not run_folder.is_run(folder):
         assert promised == Promised(0, 0)
         return 0
     for number in range(2, safe + 1, 4):
-        assert np.array_equal(cv2.imread(str(folder / static_stage(number).photo)), picture(number)), "the photo of an acknowledged stage"
+        assert np.array_equal(
+            cv2.imread(str(folder / static_stage(number).photo)), picture(number)
+        ), "the photo of an acknowledged stage"
     before = run_folder.read_stages(folder)
-    assert len(before.strokes) + len(before.static) >= safe, "readable even before anything is recovered"
+    assert len(before.strokes) + len(before.static) >= safe, (
+        "readable even before anything is recovered"
+    )
     found = recovered(folder)
     done = len(found.strokes) + len(found.static)
     assert safe <= done <= safe + 1
     cut_short = [raw for raw in found.raw if raw.cut_short]
-    assert_same(replace(found, raw=tuple(raw for raw in found.raw if not raw.cut_short)), first_stages(expected(STAGES), done))
+    assert_same(
+        replace(found, raw=tuple(raw for raw in found.raw if not raw.cut_short)),
+        first_stages(expected(STAGES), done),
+    )
     assert len(cut_short) <= 1
     assert promised.ticks <= ticks_in(found) <= promised.ticks + 1
     return safe
@@ -104,7 +126,9 @@ def ticks_in(found: Recording) -> int:
 @pytest.mark.slow
 def test_a_run_killed_at_any_of_twenty_writes_loses_no_acknowledged_stage(tmp_path: Path):
     calls = calls_of(whole_run(tmp_path / "calls", header(), run_blocks(STAGES)))
-    safe = [survives(tmp_path / str(call), int(call)) for call in np.linspace(2, calls, 20, dtype=int)]
+    safe = [
+        survives(tmp_path / str(call), int(call)) for call in np.linspace(2, calls, 20, dtype=int)
+    ]
     assert {0, 1, 2, 3} == set(safe)
 
 
@@ -142,7 +166,13 @@ def test_a_run_on_the_twin_killed_at_over_200_writes_loses_no_acknowledged_stage
         stages, whole = recorder._keeper.stages[:-1], kept.finish()
     calls = calls_of(whole_run(tmp_path / "calls", header(), stages))
     lost = 0
-    points = sorted({*np.linspace(1, calls, 190, dtype=int).tolist(), *range(1, 12), *range(calls - 25, calls + 1)})
+    points = sorted(
+        {
+            *np.linspace(1, calls, 190, dtype=int).tolist(),
+            *range(1, 12),
+            *range(calls - 25, calls + 1),
+        }
+    )
     assert len(points) > 200
     for call in points:
         folder = tmp_path / str(call)
@@ -150,7 +180,10 @@ def test_a_run_on_the_twin_killed_at_over_200_writes_loses_no_acknowledged_stage
         if run_folder.is_run(folder):
             found = recovered(folder).strokes
             lost += max(safe - len(found), 0)
-            assert_same(replace(header(), strokes=found), replace(header(), strokes=whole.strokes[: len(found)]))
+            assert_same(
+                replace(header(), strokes=found),
+                replace(header(), strokes=whole.strokes[: len(found)]),
+            )
         else:
             lost += safe
         shutil.rmtree(folder, ignore_errors=True)
@@ -176,13 +209,19 @@ def test_a_crash_within_a_stage_costs_none_of_the_samples_handed_over(tmp_path: 
 
 
 def cut_at(folder: Path, copy: Path, place: int, ends: np.ndarray) -> None:
-    """The journal cut at a byte gives back all blocks before, and the stages before as they were."""
+    """The journal cut at a byte gives back all blocks before, and the stages before as they
+    were.
+    """
     shutil.copytree(folder, copy)
     (journal,) = journals(copy)
     os.truncate(journal, place)
     found = recovered(copy)
     assert len(found.strokes) + len(found.static) == 2
-    ticks = sum(1 for end, block in zip(ends, list(begun(3))[1:], strict=True) if end <= place and block.kind is BlockKind.SAMPLES)
+    ticks = sum(
+        1
+        for end, block in zip(ends, list(begun(3))[1:], strict=True)
+        if end <= place and block.kind is BlockKind.SAMPLES
+    )
     kept = [len(raw.streams["force"].t_s) for raw in found.raw if raw.cut_short]
     assert kept == ([ticks * PER_TICK] if ticks else [])
     shutil.rmtree(copy)
@@ -205,13 +244,17 @@ def test_a_journal_cut_at_any_of_six_bytes(tmp_path: Path):
 @pytest.mark.timeout(3600)
 def test_a_journal_cut_at_over_200_bytes(tmp_path: Path):
     where, ends = places(tmp_path / "run", 12)
-    for place in sorted({*range(0, int(ends[-1]), 37), *where.tolist(), *ends.tolist(), *(ends - 1).tolist()}):
+    for place in sorted(
+        {*range(0, int(ends[-1]), 37), *where.tolist(), *ends.tolist(), *(ends - 1).tolist()}
+    ):
         cut_at(tmp_path / "run", tmp_path / "copy", place, ends)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
-def test_a_stage_file_half_written_is_passed_over_and_its_journal_taken(tmp_path: Path, share: float):
+def test_a_stage_file_half_written_is_passed_over_and_its_journal_taken(
+    tmp_path: Path, share: float
+):
     journal = crashed(tmp_path / "run")
     whole = (tmp_path / "run" / "stages" / "0001.h5").read_bytes()
     journal.with_name("0003.h5.writing").write_bytes(whole[: int(share * len(whole))])
@@ -238,7 +281,9 @@ def test_a_journal_of_nonsense_in_whole_blocks_is_one_line(tmp_path: Path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("steps", [0, 1, 3])
-def test_a_crash_while_the_file_of_one_stage_is_made_and_the_next_goes_on_costs_neither(tmp_path: Path, steps: int):
+def test_a_crash_while_the_file_of_one_stage_is_made_and_the_next_goes_on_costs_neither(
+    tmp_path: Path, steps: int
+):
     """As on a real rig, whose next stage does not wait."""
     keeper = grown(tmp_path / "run", 2)
     writer, whole = keeper._writer, list(stroke_blocks(3))

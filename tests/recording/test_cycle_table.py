@@ -1,4 +1,6 @@
-"""The table of cycles on disk: small, whole block by block, and of a block in progress all but what was not written yet."""
+"""The table of cycles on disk: small, whole block by block, and of a block in progress all but
+what was not written yet.
+"""
 
 from pathlib import Path
 
@@ -17,7 +19,13 @@ BYTES_PER_CYCLE = 100  # a million are 100 MB
 
 
 def row(number, random):
-    return samples_block((cycle_row(number, (50.0 + random.normal(), 7.0, -43.0, 6.0), 1.047 * number, 1.047 * number),))
+    return samples_block(
+        (
+            cycle_row(
+                number, (50.0 + random.normal(), 7.0, -43.0, 6.0), 1.047 * number, 1.047 * number
+            ),
+        )
+    )
 
 
 def begun(folder, first, count):
@@ -39,8 +47,12 @@ def test_blocks_of_cycles_are_one_table_and_a_million_stay_below_100_MB(tmp_path
         keeper.finish("done")
     table = cycle_table(read_stages(tmp_path / "run"))
     assert table.numbers.tolist() == [*range(1, 1001), *range(999_001, 1_000_001)]
-    assert table.peak_force_N[0] == pytest.approx(50.0 + np.random.default_rng(1).normal(), rel=1e-6)
-    assert sum(file.stat().st_size for file in stage_files(tmp_path / "run")) < 2000 * BYTES_PER_CYCLE
+    assert table.peak_force_N[0] == pytest.approx(
+        50.0 + np.random.default_rng(1).normal(), rel=1e-6
+    )
+    assert (
+        sum(file.stat().st_size for file in stage_files(tmp_path / "run")) < 2000 * BYTES_PER_CYCLE
+    )
 
 
 def test_what_of_a_block_was_written_is_counted_wherever_the_power_went(tmp_path: Path):
@@ -53,10 +65,16 @@ def test_what_of_a_block_was_written_is_counted_wherever_the_power_went(tmp_path
         run_folder.create(folder, header())
         (folder / "stages" / "0001.journal").write_bytes(content[: len(content) - lost])
         close_journals(folder)
-        assert cycle_table(read_stages(folder)).numbers.tolist() == list(range(1, 6 - -(-lost // length)))
+        assert cycle_table(read_stages(folder)).numbers.tolist() == list(
+            range(1, 6 - -(-lost // length))
+        )
 
 
 def test_a_run_without_cycles_has_an_empty_table(tmp_path: Path):
     run_folder.create(tmp_path / "run", header())
     table = cycle_table(read_stages(tmp_path / "run"))
-    assert (len(table.numbers), table.numbers.dtype, len(table.peak_force_N)) == (0, np.dtype("<u4"), 0)
+    assert (len(table.numbers), table.numbers.dtype, len(table.peak_force_N)) == (
+        0,
+        np.dtype("<u4"),
+        0,
+    )

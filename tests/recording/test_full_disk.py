@@ -1,4 +1,6 @@
-"""A disk that fills up: the run is told to stop, everything acknowledged stays, and what was under way is kept too."""
+"""A disk that fills up: the run is told to stop, everything acknowledged stays, and what was
+under way is kept too.
+"""
 
 import subprocess
 import sys
@@ -17,7 +19,14 @@ from rfca_rig.recording.layout import journals
 from rfca_rig.recording.run_text import events_of
 from rfca_rig.recording.run_writer import DiskReserve, check_room
 from tests.recording.dying import BrokenStageFile, FullDisk, instead
-from tests.recording.growing import begun, grown, header, run_blocks, stroke_blocks, wait_until_acknowledged
+from tests.recording.growing import (
+    begun,
+    grown,
+    header,
+    run_blocks,
+    stroke_blocks,
+    wait_until_acknowledged,
+)
 
 ROOT = Path(__file__).parents[2]
 
@@ -49,7 +58,9 @@ def test_a_full_disk_stops_the_run_and_costs_nothing_that_was_recorded(tmp_path:
         assert raw.cut_short == "stopped: disk full"
 
 
-def test_where_not_even_the_ballast_is_room_enough_the_journal_waits_for_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_where_not_even_the_ballast_is_room_enough_the_journal_waits_for_recovery(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(run_writer, "RESERVE_BYTES", 6_000)
     folder = tmp_path / "run"
     keeper = grown(folder, 1)
@@ -73,20 +84,31 @@ def test_where_not_even_the_ballast_is_room_enough_the_journal_waits_for_recover
 
 
 def test_a_disk_with_too_little_room_is_refused_before_anything_is_made(tmp_path: Path):
-    with pytest.raises(BadInput, match=r"MB free, the run may need 2000\d{6} MB; make room, or choose another disk with --runs"):
+    with pytest.raises(
+        BadInput,
+        match=(
+            r"MB free, the run may need 2000\d{6} MB; make room, or choose another disk with "
+            r"--runs"
+        ),
+    ):
         check_room(tmp_path / "not" / "there" / "yet", 10**15)
     check_room(tmp_path / "not" / "there" / "yet", 10**3)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_no_room_for_the_ballast_is_no_beginning(tmp_path: Path):
-    with instead(FullDisk(tmp_path, 200_000)), pytest.raises(DiskFull, match=r"no room for 4\.2 MB in reserve"):
+    with (
+        instead(FullDisk(tmp_path, 200_000)),
+        pytest.raises(DiskFull, match=r"no room for 4\.2 MB in reserve"),
+    ):
         DiskReserve(tmp_path).lay()
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes_nothing_down(tmp_path: Path):
+def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes_nothing_down(
+    tmp_path: Path,
+):
     """In a process of its own, because HDF5 takes a process down only when it exits."""
     program = f"""
         from pathlib import Path
@@ -109,7 +131,13 @@ def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes
             assert [file.name for file in folder.iterdir()] == ["run.h5"]
             assert (folder / "run.h5").read_bytes() == before
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -140,7 +168,11 @@ def small_disk(tmp_path: Path):
     place = tmp_path / "disk"
     place.mkdir()
     try:
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=6m", "none", str(place)], capture_output=True, check=False)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=6m", "none", str(place)],
+            capture_output=True,
+            check=False,
+        )
     except OSError:
         pytest.skip("no mount here")
     if done.returncode:
@@ -149,7 +181,9 @@ def small_disk(tmp_path: Path):
     subprocess.run(["umount", str(place)], check=True)
 
 
-def test_a_disk_filled_by_others_stops_the_run_and_the_recorder_ends_in_good_order(small_disk: Path):
+def test_a_disk_filled_by_others_stops_the_run_and_the_recorder_ends_in_good_order(
+    small_disk: Path,
+):
     folder = small_disk / "run"
     run_folder.create(folder, header())
     keeper = RecorderClient(folder, patient=True)
@@ -157,7 +191,10 @@ def test_a_disk_filled_by_others_stops_the_run_and_the_recorder_ends_in_good_ord
     for block in first:
         keeper.give(block)
     wait_until_acknowledged(keeper, 1)
-    with (small_disk / "others").open("wb", buffering=0) as others, pytest.raises(OSError, match="No space left"):
+    with (
+        (small_disk / "others").open("wb", buffering=0) as others,
+        pytest.raises(OSError, match="No space left"),
+    ):
         while True:
             others.write(bytes(4096))
     with pytest.raises(DiskFull, match="stopped: disk full"):
@@ -167,7 +204,11 @@ def test_a_disk_filled_by_others_stops_the_run_and_the_recorder_ends_in_good_ord
         keeper.give(event_block({"event": "motor off"}))
     safe = keeper.acknowledged
     keeper.finish("stopped: disk full")
-    assert [event["event"] for event in events_of(folder)][-3:] == ["motor off", "stage cut short", "run ends"], "said, and kept as well"
+    assert [event["event"] for event in events_of(folder)][-3:] == [
+        "motor off",
+        "stage cut short",
+        "run ends",
+    ], "said, and kept as well"
     assert keeper._process.returncode == 0
     found = run_folder.read_stages(folder)
     assert (safe, len(found.strokes)) == (1, 1)

@@ -100,7 +100,10 @@ def test_a_recording_that_leads_elsewhere_or_claims_too_much_is_refused(hostile)
 def test_no_command_hands_out_what_the_file_leads_to(hostile, monkeypatch, capsys, tmp_path):
     path, words = hostile
     out = tmp_path / "csv"
-    for line in (["export", "csv", path, "--out", out], ["report", path, "--out", tmp_path / "report"]):
+    for line in (
+        ["export", "csv", path, "--out", out],
+        ["report", path, "--out", tmp_path / "report"],
+    ):
         said = typed(monkeypatch, capsys, *line)
         assert said.exit_code == 2
         assert words in " ".join(said.err.split())

@@ -1,4 +1,6 @@
-"""No reader follows, believes or trips over what is in a hostile recording: every kind of the catalogue, every command."""
+"""No reader follows, believes or trips over what is in a hostile recording: every kind of the
+catalogue, every command.
+"""
 
 import base64
 import hashlib
@@ -26,7 +28,8 @@ from tests.recording.hostile import BYTES, CANARY, FILES, FOLDERS, HARMLESS, NO_
 SEAL_BYTES = 41
 # The interpreter with what it imports takes 300 MB; a reader may take this much more.
 MOST_MEMORY_MB = 700
-# Of processor time, against a reader that never ends: all take seconds. One that waits for a pipe meets the limit of every test.
+# Of processor time, against a reader that never ends: all take seconds. One that waits for a pipe
+# meets the limit of every test.
 MOST_WORK_S = 60
 
 
@@ -34,7 +37,10 @@ MOST_WORK_S = 60
 def plain(tmp_path_factory) -> Path:
     """A recording in one file: a stroke and two static stages."""
     whole = read_campaign(SMALL)
-    return write_recording(replace(whole, strokes=whole.strokes[:1], static=whole.static[:2]), tmp_path_factory.mktemp("plain") / "run.h5")
+    return write_recording(
+        replace(whole, strokes=whole.strokes[:1], static=whole.static[:2]),
+        tmp_path_factory.mktemp("plain") / "run.h5",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +55,10 @@ def whole(tmp_path_factory) -> Path:
 
 def each(kinds: Iterable[str]) -> list:
     """Every eighth kind at each change, all of them with the slow tests."""
-    return [pytest.param(name, marks=() if number % 8 == 0 else pytest.mark.slow) for number, name in enumerate(kinds)]
+    return [
+        pytest.param(name, marks=() if number % 8 == 0 else pytest.mark.slow)
+        for number, name in enumerate(kinds)
+    ]
 
 
 def seal_again(path: Path) -> None:
@@ -64,7 +73,11 @@ def peak_MB():
     marks = Path("/proc/self/clear_refs")
 
     def read() -> float:
-        (line,) = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")]
+        (line,) = [
+            line
+            for line in Path("/proc/self/status").read_text().splitlines()
+            if line.startswith("VmHWM")
+        ]
         return int(line.split()[1]) / 1e3
 
     try:
@@ -83,11 +96,15 @@ def spellings(canary: bytes) -> Iterator[bytes]:
 
 
 def assert_no_canary(place: str, content: bytes) -> None:
-    assert not any(spelling in content for spelling in spellings(CANARY)), f"{place} shows another file"
+    assert not any(spelling in content for spelling in spellings(CANARY)), (
+        f"{place} shows another file"
+    )
 
 
 def times_of(folder: Path) -> dict[Path, tuple[int, int, int]]:
-    """Size, place on the disk and time of the last change of everything in a folder; links are not followed."""
+    """Size, place on the disk and time of the last change of everything in a folder; links are
+    not followed.
+    """
     found = {path: path.lstat() for path in (folder, *folder.rglob("*"))}
     return {path: (at.st_size, at.st_ino, at.st_mtime_ns) for path, at in found.items()}
 
@@ -111,10 +128,12 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
     signal.setitimer(signal.ITIMER_PROF, MOST_WORK_S)
     try:
         for name, line in lines.items():
-            # A recording that can be read would be diagnosed for minutes; one that cannot is refused at once.
+            # A recording that can be read would be diagnosed for minutes; one that cannot is
+            # refused at once.
             if name == "diagnose" and codes["report"] == 0:
                 continue
-            # What was refused and left as it was would be checked a second time with the same result.
+            # What was refused and left as it was would be checked a second time with the same
+            # result.
             if name == "check again" and codes["recover"] == 2:
                 assert times_of(folder) == before
                 continue
@@ -133,8 +152,14 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
         signal.setitimer(signal.ITIMER_PROF, 0.0)
     assert peak_MB() < MOST_MEMORY_MB
     for file in folder.parent.rglob("*"):
-        if file.is_file() and not file.is_symlink() and "secret" not in file.relative_to(folder.parent).parts:
-            assert_no_canary(str(file), file.read_bytes() if file.stat().st_size < 64 << 20 else b"")
+        if (
+            file.is_file()
+            and not file.is_symlink()
+            and "secret" not in file.relative_to(folder.parent).parts
+        ):
+            assert_no_canary(
+                str(file), file.read_bytes() if file.stat().st_size < 64 << 20 else b""
+            )
     return codes
 
 

@@ -1,4 +1,6 @@
-"""Stages longer than a piece: whole to the last bit, in run.h5 as in their own file, and with no more memory than a short one."""
+"""Stages longer than a piece: whole to the last bit, in run.h5 as in their own file, and with no
+more memory than a short one.
+"""
 
 import tracemalloc
 from dataclasses import replace
@@ -12,7 +14,16 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, Rows, make_stream_from_rows
 from rfca_rig.recording.hdf5_file import run_to_completion
-from rfca_rig.recording.journal import Begin, End, StrokeCondition, frame_block, parse_blocks, read_blocks, samples_block, start_block
+from rfca_rig.recording.journal import (
+    Begin,
+    End,
+    StrokeCondition,
+    frame_block,
+    parse_blocks,
+    read_blocks,
+    samples_block,
+    start_block,
+)
 from rfca_rig.recording.layout import stage_files
 from rfca_rig.recording.model import Stroke
 from rfca_rig.recording.stage_file import write_stage
@@ -37,7 +48,10 @@ def rows(number: int, force_length: int) -> tuple[Rows, Rows]:
 
 def test_a_stage_of_several_pieces_is_what_was_handed_over(tmp_path: Path):
     run_folder.create(tmp_path / "run", header())
-    keeper, pieces = InProcessRecorder(tmp_path / "run"), [rows(number, length) for number, length in enumerate(LENGTHS)]
+    keeper, pieces = (
+        InProcessRecorder(tmp_path / "run"),
+        [rows(number, length) for number, length in enumerate(LENGTHS)],
+    )
     keeper.give(Begin("long", 0.215, FORMS).block())
     keeper.give(start_block(START))
     for piece in pieces:
@@ -52,12 +66,22 @@ def test_a_stage_of_several_pieces_is_what_was_handed_over(tmp_path: Path):
     (stage,) = stage_files(tmp_path / "run")
     for path in (stage, run_folder.build_recording(tmp_path / "run")):
         found = read_recording(path)
-        assert_same(replace(found, nominal=expected.nominal, known_to=expected.known_to, provenance=expected.provenance), expected)
+        assert_same(
+            replace(
+                found,
+                nominal=expected.nominal,
+                known_to=expected.known_to,
+                provenance=expected.provenance,
+            ),
+            expected,
+        )
     assert summarize(stage).samples == {"shaft": sum(range(len(LENGTHS))), "force": sum(LENGTHS)}
 
 
 @pytest.mark.parametrize("piece", [1, 13, 700, 1 << 20])
-def test_a_journal_is_read_in_pieces_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piece: int):
+def test_a_journal_is_read_in_pieces_of_any_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piece: int
+):
     monkeypatch.setattr(journal_module, "PIECE", piece)
     content = b"".join(frame_block(block) for block in begun(1))
     path, random = tmp_path / "a.journal", np.random.default_rng(piece)

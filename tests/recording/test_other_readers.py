@@ -1,4 +1,6 @@
-"""A run opens in other people's programs: h5py, and xarray with both of its engines; photos aside, nothing else is needed."""
+"""A run opens in other people's programs: h5py, and xarray with both of its engines; photos
+aside, nothing else is needed.
+"""
 
 from pathlib import Path
 
@@ -38,7 +40,9 @@ def test_xarray_finds_time_units_and_counts(files: dict[str, Path], name: str, e
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
 def test_xarray_opens_the_whole_tree(files: dict[str, Path], engine: str):
     pytest.importorskip({"netcdf4": "netCDF4"}.get(engine, engine))
-    anonymous = {"phony_dims": "sort"} if engine == "h5netcdf" else {}  # the static table has no axis
+    anonymous = (
+        {"phony_dims": "sort"} if engine == "h5netcdf" else {}
+    )  # the static table has no axis
     with xarray.open_datatree(files["run.h5"], engine=engine, **anonymous) as tree:
         assert tree["strokes/001/shaft"]["shaft_angle_rad"].dims == ("t_s",)
         assert tree["raw/001/force"]["fz_N"].dims == ("t_s",)
@@ -54,13 +58,24 @@ def test_h5py_reads_each_stage_alone(files: dict[str, Path]):
 
 
 def test_viewers_of_nexus_files_find_something_to_plot(files: dict[str, Path]):
-    """From the root along the defaults to a signal over its axis, as the NeXus manual describes it."""
+    """From the root along the defaults to a signal over its axis, as the NeXus manual describes
+    it.
+    """
     for path in files.values():
         with h5py.File(path) as file:
             group, classes = file, []
             while "default" in group.attrs:
                 classes.append(group.attrs["NX_class"])
                 group = group[group.attrs["default"]]
-            assert [*classes, group.attrs["NX_class"]] == ["NXroot", "NXentry", "NXsubentry", "NXdata"]
+            assert [*classes, group.attrs["NX_class"]] == [
+                "NXroot",
+                "NXentry",
+                "NXsubentry",
+                "NXdata",
+            ]
             assert (group.attrs["signal"], group.attrs["axes"]) == ("fz_N", "t_s")
-            assert group[group.attrs["signal"]].shape == group[group.attrs["axes"]].shape == (TICKS * PER_TICK,)
+            assert (
+                group[group.attrs["signal"]].shape
+                == group[group.attrs["axes"]].shape
+                == (TICKS * PER_TICK,)
+            )

@@ -1,4 +1,6 @@
-"""A stage with a photo is acknowledged when the photo, too, is on disk; a crash costs no more than that of the stage in flight."""
+"""A stage with a photo is acknowledged when the photo, too, is on disk; a crash costs no more
+than that of the stage in flight.
+"""
 
 import subprocess
 import sys
@@ -16,20 +18,36 @@ from rfca_rig.recording.backend import InProcessRecorder, RecorderClient
 from rfca_rig.recording.run_text import events_of
 from rfca_rig.recording.run_writer import PhotoSender
 from rfca_rig.subprocesses import can_be_started
-from tests.recording.growing import exhaust, grown, hand_over, header, run_blocks, static_blocks, wait_until_acknowledged
+from tests.recording.growing import (
+    exhaust,
+    grown,
+    hand_over,
+    header,
+    run_blocks,
+    static_blocks,
+    wait_until_acknowledged,
+)
 from tests.recording.growing import picture as picture_of
 from tests.recording.test_recorder_process import ROOT, _wait_until_over
 
-needs_process = pytest.mark.skipif(not can_be_started(), reason="no process can be started to record")
+needs_process = pytest.mark.skipif(
+    not can_be_started(), reason="no process can be started to record"
+)
 PICTURES = [picture_of(number) for number in range(3)]
 
 
 def keeper_of(kind: type, folder: Path) -> InProcessRecorder | RecorderClient:
     run_folder.create(folder, header())
-    return InProcessRecorder(folder) if kind is InProcessRecorder else RecorderClient(folder, patient=False)
+    return (
+        InProcessRecorder(folder)
+        if kind is InProcessRecorder
+        else RecorderClient(folder, patient=False)
+    )
 
 
-@pytest.mark.parametrize("kind", [InProcessRecorder, pytest.param(RecorderClient, marks=needs_process)])
+@pytest.mark.parametrize(
+    "kind", [InProcessRecorder, pytest.param(RecorderClient, marks=needs_process)]
+)
 def test_every_picture_is_there_as_it_was(tmp_path: Path, kind: type):
     keeper = keeper_of(kind, tmp_path / "run")
     names = [keeper.keep_photo(picture) for picture in PICTURES]
@@ -37,7 +55,11 @@ def test_every_picture_is_there_as_it_was(tmp_path: Path, kind: type):
     assert names == ["photos/001.png", "photos/002.png", "photos/003.png"]
     for name, kept in zip(names, PICTURES, strict=True):
         assert np.array_equal(cv2.imread(str(tmp_path / "run" / name)), kept)
-    assert sorted(file.name for file in (tmp_path / "run" / "photos").iterdir()) == ["001.png", "002.png", "003.png"]
+    assert sorted(file.name for file in (tmp_path / "run" / "photos").iterdir()) == [
+        "001.png",
+        "002.png",
+        "003.png",
+    ]
 
 
 @pytest.mark.slow
@@ -63,7 +85,9 @@ def test_a_run_that_goes_on_numbers_them_on(tmp_path: Path):
     keeper.finish("done")
 
 
-def test_a_stage_whose_photo_the_disk_refuses_is_kept_and_never_acknowledged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_stage_whose_photo_the_disk_refuses_is_kept_and_never_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     def refuse(path: Path, _content: bytes) -> None:
         raise RigError(f"{path}: cannot be written: Input/output error")
 
@@ -76,7 +100,9 @@ def test_a_stage_whose_photo_the_disk_refuses_is_kept_and_never_acknowledged(tmp
     assert keeper.acknowledged == 1
     keeper.finish("the photo was refused")
     assert len(run_folder.read_stages(tmp_path / "run").static) == 1
-    assert [event["photo"] for event in events_of(tmp_path / "run") if "photo" in event] == ["photos/001.png is lost"]
+    assert [event["photo"] for event in events_of(tmp_path / "run") if "photo" in event] == [
+        "photos/001.png is lost"
+    ]
 
 
 def slowly(work):
@@ -88,7 +114,9 @@ def slowly(work):
 
 
 @needs_process
-def test_when_a_stage_is_acknowledged_its_photo_is_on_disk_however_long_that_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_when_a_stage_is_acknowledged_its_photo_is_on_disk_however_long_that_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(PhotoSender, "_work", slowly(PhotoSender._work))
     keeper = keeper_of(RecorderClient, tmp_path / "run")
     first, second = run_blocks(2)
@@ -100,14 +128,22 @@ def test_when_a_stage_is_acknowledged_its_photo_is_on_disk_however_long_that_tak
 
 
 @needs_process
-def test_a_control_process_that_dies_before_its_photo_is_through_loses_that_photo_and_nothing_else(tmp_path: Path):
+def test_a_control_process_that_dies_before_its_photo_is_through_loses_that_photo_and_nothing_else(
+    tmp_path: Path,
+):
     program = f"""
         import os
         from pathlib import Path
         from rfca_rig.recording import run_folder
         from rfca_rig.recording.run_writer import PhotoSender
         from rfca_rig.recording.backend import RecorderClient
-        from tests.recording.growing import exhaust, hand_over, header, run_blocks, wait_until_acknowledged
+        from tests.recording.growing import (
+            exhaust,
+            hand_over,
+            header,
+            run_blocks,
+            wait_until_acknowledged,
+        )
         folder = Path({str(tmp_path / "run")!r})
         run_folder.create(folder, header())
         keeper = RecorderClient(folder, patient=False)
@@ -123,12 +159,16 @@ def test_a_control_process_that_dies_before_its_photo_is_through_loses_that_phot
     _wait_until_over(tmp_path / "run")
     found = run_folder.read_stages(tmp_path / "run")
     assert [stage.stage for stage in found.static] == [2, 6]
-    assert [event["photo"] for event in events_of(tmp_path / "run") if "photo" in event] == ["photos/002.png is lost"]
+    assert [event["photo"] for event in events_of(tmp_path / "run") if "photo" in event] == [
+        "photos/002.png is lost"
+    ]
     assert np.array_equal(cv2.imread(str(tmp_path / "run" / "photos" / "001.png")), picture_of(2))
 
 
 @needs_process
-def test_where_no_thread_can_be_started_the_photo_is_lost_and_not_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_where_no_thread_can_be_started_the_photo_is_lost_and_not_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     def refuse(_: PhotoSender) -> None:
         raise RuntimeError("can't start new thread")
 

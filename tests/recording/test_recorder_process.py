@@ -1,4 +1,6 @@
-"""The recorder process: same files as without, survives its parent, and whatever it cannot keep ends the run."""
+"""The recorder process: same files as without, survives its parent, and whatever it cannot keep
+ends the run.
+"""
 
 import os
 import signal
@@ -18,7 +20,17 @@ from rfca_rig.recording.journal import frame_block
 from rfca_rig.recording.recorder_process import start_recorder
 from rfca_rig.recording.run_text import check_not_running
 from rfca_rig.subprocesses import can_be_started
-from tests.recording.growing import PER_TICK, TICKS, begun, exhaust, grown, hand_over, header, run_blocks, wait_until_acknowledged
+from tests.recording.growing import (
+    PER_TICK,
+    TICKS,
+    begun,
+    exhaust,
+    grown,
+    hand_over,
+    header,
+    run_blocks,
+    wait_until_acknowledged,
+)
 
 pytestmark = pytest.mark.skipif(not can_be_started(), reason="no process can be started to record")
 ROOT = Path(__file__).parents[2]
@@ -42,10 +54,16 @@ def test_it_writes_the_bytes_that_would_be_written_without_it(tmp_path: Path, pa
     keeper.finish("done")
     assert keeper.acknowledged == 2
     grown(tmp_path / "same", 2).finish("done")
-    files = [file.relative_to(tmp_path / "run") for file in (tmp_path / "run").rglob("*") if file.is_file()]
+    files = [
+        file.relative_to(tmp_path / "run")
+        for file in (tmp_path / "run").rglob("*")
+        if file.is_file()
+    ]
     assert len(files) == 5
     if not patient:
-        files.remove(Path("events.jsonl"))  # in which the next stage may begin before the file of the last is there
+        files.remove(
+            Path("events.jsonl")
+        )  # in which the next stage may begin before the file of the last is there
     assert {file: (tmp_path / "run" / file).read_bytes() for file in files} == {
         file: (tmp_path / "same" / file).read_bytes() for file in files
     }
@@ -74,11 +92,19 @@ def test_finishing_again_does_nothing(keeper: RecorderClient):
     assert keeper.acknowledged == 0
 
 
-def test_a_recorder_that_cannot_keep_up_trips_and_loses_nothing_in_silence(tmp_path: Path, keeper: RecorderClient):
+def test_a_recorder_that_cannot_keep_up_trips_and_loses_nothing_in_silence(
+    tmp_path: Path, keeper: RecorderClient
+):
     os.kill(keeper.process_id, signal.SIGSTOP)
     given = 0
     try:
-        with pytest.raises(Tripped, match=r"the recorder is 0\.2 MB behind and its queue is full: the disk under .*/run is too slow"):
+        with pytest.raises(
+            Tripped,
+            match=(
+                r"the recorder is 0\.2 MB behind and its queue is full: the disk under .*/run "
+                r"is too slow"
+            ),
+        ):
             for block in begun(1, ticks=10**4):
                 keeper.give(block)
                 given += 1
@@ -86,7 +112,9 @@ def test_a_recorder_that_cannot_keep_up_trips_and_loses_nothing_in_silence(tmp_p
         os.kill(keeper.process_id, signal.SIGCONT)
     keeper.finish("the recorder is behind")
     (raw,) = run_folder.read_stages(tmp_path / "run").raw
-    assert len(raw.streams["shaft"].t_s) == given - 3, "all but the three blocks that are no samples"
+    assert len(raw.streams["shaft"].t_s) == given - 3, (
+        "all but the three blocks that are no samples"
+    )
     assert raw.cut_short == "the recorder is behind"
 
 

@@ -1,4 +1,6 @@
-"""A run's folder: what comes in block by block is there, whole, as soon as it is acknowledged, and is put together at the end."""
+"""A run's folder: what comes in block by block is there, whole, as soon as it is acknowledged,
+and is put together at the end.
+"""
 
 import hashlib
 import json
@@ -48,7 +50,9 @@ def test_each_stage_is_readable_alone_as_soon_as_it_is_acknowledged(tmp_path: Pa
         for block in stroke_blocks(number):
             keeper.give(block)
         assert keeper.acknowledged == number
-        assert [read_recording(file).strokes[0].repeat for file in stage_files(tmp_path / "run")] == list(range(1, number + 1))
+        assert [
+            read_recording(file).strokes[0].repeat for file in stage_files(tmp_path / "run")
+        ] == list(range(1, number + 1))
         assert journals(tmp_path / "run") == []
         assert len(open_recordings([tmp_path / "run"])[0].strokes) == number
 
@@ -72,16 +76,40 @@ def test_sha256sum_finds_everything_in_order(tmp_path: Path):
     ]
     checker = shutil.which("sha256sum")
     if checker:
-        told = subprocess.run([checker, "-c", "SHA256SUMS"], cwd=tmp_path / "run", capture_output=True, text=True, check=False).stdout
-        assert [line.endswith(": OK") for line in told.splitlines()] == [True, True, True, True, True, False, True, True, True]
+        told = subprocess.run(
+            [checker, "-c", "SHA256SUMS"],
+            cwd=tmp_path / "run",
+            capture_output=True,
+            text=True,
+            check=False,
+        ).stdout
+        assert [line.endswith(": OK") for line in told.splitlines()] == [
+            True,
+            True,
+            True,
+            True,
+            True,
+            False,
+            True,
+            True,
+            True,
+        ]
 
 
 def test_events_say_what_reached_the_disk(tmp_path: Path):
     finished(tmp_path / "run", 2)
     events = events_of(tmp_path / "run")
-    assert [event["event"] for event in events] == ["stage begins", "stage recorded", "stage begins", "stage recorded", "run ends"]
+    assert [event["event"] for event in events] == [
+        "stage begins",
+        "stage recorded",
+        "stage begins",
+        "stage recorded",
+        "run ends",
+    ]
     said = events[1]
-    assert said["sha256"] == hashlib.sha256((tmp_path / "run" / said["file"]).read_bytes()).hexdigest()
+    assert (
+        said["sha256"] == hashlib.sha256((tmp_path / "run" / said["file"]).read_bytes()).hexdigest()
+    )
     assert said["samples"] == {"shaft": 12, "force": 12 * PER_TICK}
 
 
@@ -93,7 +121,9 @@ def test_a_stage_cut_short_keeps_its_samples_and_says_why(tmp_path: Path):
     (raw,) = run_folder.read_stages(tmp_path / "run").raw
     assert (raw.label, raw.cut_short) == ("stage 2", "force 301 N, limit 300 N")
     assert len(raw.streams["force"].t_s) == 7 * PER_TICK
-    assert abs(raw.streams["force"].t_s[0] + 0.25) < 2e-3, "counted from the commanded start, which had come"
+    assert abs(raw.streams["force"].t_s[0] + 0.25) < 2e-3, (
+        "counted from the commanded start, which had come"
+    )
 
 
 def test_a_stage_cut_short_before_its_commanded_start_counts_from_its_first_sample(tmp_path: Path):
@@ -115,7 +145,12 @@ def test_a_stage_without_a_single_sample_leaves_nothing(tmp_path: Path):
 
 def test_photos_read_at_the_end_take_the_place_of_what_was_recorded(tmp_path: Path):
     grown(tmp_path / "run", 2).finish("done")
-    seen = replace(stage(2), hinge_deg=(1.0, 2.0, 3.0, 4.0, 5.0, float("nan")), overlay="overlays/002.jpg", photo_doubts="hinge 7 left out")
+    seen = replace(
+        stage(2),
+        hinge_deg=(1.0, 2.0, 3.0, 4.0, 5.0, float("nan")),
+        overlay="overlays/002.jpg",
+        photo_doubts="hinge 7 left out",
+    )
     write_ending(tmp_path / "run", Ending({"ended": "done"}, (seen,)))
     assert repr(read_ending(tmp_path / "run").static) == repr((seen,))
     found = read_recording(run_folder.build_recording(tmp_path / "run"))
@@ -164,7 +199,9 @@ def older_partial(folder: Path) -> Path:
     path = folder / "run.h5"
     partial_of(path).mkdir(parents=True)
     bare = replace(recording(0, 0), nominal={}, known_to={}, provenance={})
-    for number, part in enumerate([recording(0, 0), replace(bare, strokes=(stroke(1),)), replace(bare, static=(stage(1),))]):
+    for number, part in enumerate(
+        [recording(0, 0), replace(bare, strokes=(stroke(1),)), replace(bare, static=(stage(1),))]
+    ):
         write_recording(part, partial_of(path) / f"{number:05d}.h5")
     (partial_of(path) / "00003.h5.writing").write_bytes(b"half")
     return path
@@ -186,7 +223,13 @@ def test_an_older_run_that_died_before_it_began_says_so(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("run.json", b"{"), ("run.json", b'{"format": "x"}'), ("end.json", b"[1]"), ("end.json", b"{}")]
+    ("name", "content"),
+    [
+        ("run.json", b"{"),
+        ("run.json", b'{"format": "x"}'),
+        ("end.json", b"[1]"),
+        ("end.json", b"{}"),
+    ],
 )
 def test_damaged_words_are_one_line_with_the_file(tmp_path: Path, name: str, content: bytes):
     finished(tmp_path / "run", 1)
@@ -204,7 +247,10 @@ def test_a_writer_that_goes_on_with_a_run_leaves_no_torn_line(tmp_path: Path):
     for block in stroke_blocks(2):
         keeper.give(block)
     keeper.finish("done")
-    assert [event.get("file") for event in events_of(tmp_path / "run") if "file" in event] == ["stages/0001.h5", "stages/0002.h5"]
+    assert [event.get("file") for event in events_of(tmp_path / "run") if "file" in event] == [
+        "stages/0001.h5",
+        "stages/0002.h5",
+    ]
     assert [stroke.repeat for stroke in run_folder.read_stages(tmp_path / "run").strokes] == [1, 2]
 
 

@@ -23,13 +23,21 @@ def test_a_recording_comes_back_as_it_was(tmp_path: Path):
 
 
 def test_a_recording_without_strokes_stages_or_samples_comes_back(tmp_path: Path):
-    empty = Stroke(0.2, 3.0, 1, {"force": Stream(np.array([]), {"fz_N": Column(np.array([], dtype=np.int32), "N", 2.0)})})
+    empty = Stroke(
+        0.2,
+        3.0,
+        1,
+        {"force": Stream(np.array([]), {"fz_N": Column(np.array([], dtype=np.int32), "N", 2.0)})},
+    )
     for written in (recording(0, 0), dataclasses.replace(recording(0, 0), strokes=(empty,))):
         assert_same(read_recording(write_recording(written, tmp_path / "run.h5")), written)
 
 
 def test_the_same_recording_gives_the_same_bytes(tmp_path: Path):
-    one, two = write_recording(recording(), tmp_path / "one.h5"), write_recording(recording(), tmp_path / "two.h5")
+    one, two = (
+        write_recording(recording(), tmp_path / "one.h5"),
+        write_recording(recording(), tmp_path / "two.h5"),
+    )
     assert one.read_bytes() == two.read_bytes()
     with h5py.File(one) as file:
         file.visititems(_assert_no_time_of_writing)
@@ -50,28 +58,46 @@ def test_who_reads_while_a_file_is_replaced_sees_the_old_one_whole(tmp_path: Pat
 @pytest.mark.long
 def test_more_than_999_strokes_keep_their_order(tmp_path: Path):
     times = Stream(np.array([0.0]), {})
-    written = dataclasses.replace(recording(0, 0), strokes=tuple(Stroke(0.2, 3.0, k, {"force": times}) for k in range(1, 1003)))
-    assert [found.repeat for found in read_recording(write_recording(written, tmp_path / "run.h5")).strokes] == list(range(1, 1003))
+    written = dataclasses.replace(
+        recording(0, 0),
+        strokes=tuple(Stroke(0.2, 3.0, k, {"force": times}) for k in range(1, 1003)),
+    )
+    assert [
+        found.repeat
+        for found in read_recording(write_recording(written, tmp_path / "run.h5")).strokes
+    ] == list(range(1, 1003))
 
 
 def test_a_height_written_in_mm_stays_that_number(tmp_path: Path):
     """Also one that 1e3 * (mm / 1e3) does not give back, such as 254.3."""
     heights_mm = [215.0, 254.3]
-    strokes = tuple(dataclasses.replace(stroke(1, 2), height_m=height_mm / 1e3) for height_mm in heights_mm)
-    path = write_recording(dataclasses.replace(recording(0, 0), strokes=strokes), tmp_path / "run.h5")
-    assert [found.height_m for found in read_recording(path).strokes] == [height_mm / 1e3 for height_mm in heights_mm]
+    strokes = tuple(
+        dataclasses.replace(stroke(1, 2), height_m=height_mm / 1e3) for height_mm in heights_mm
+    )
+    path = write_recording(
+        dataclasses.replace(recording(0, 0), strokes=strokes), tmp_path / "run.h5"
+    )
+    assert [found.height_m for found in read_recording(path).strokes] == [
+        height_mm / 1e3 for height_mm in heights_mm
+    ]
     with h5py.File(path) as file:
         assert [group.attrs["height_mm"] for group in file["strokes"].values()] == heights_mm
 
 
-@pytest.mark.parametrize("name", ["speed_m/s", "/fz_N", "a//b", "a%2Fb", ".", "..", "Kraft (µN)", "a b"])
+@pytest.mark.parametrize(
+    "name", ["speed_m/s", "/fz_N", "a//b", "a%2Fb", ".", "..", "Kraft (µN)", "a b"]
+)
 def test_any_column_name_survives(tmp_path: Path, name: str):
     stream = Stream(np.array([0.0, 1.0]), {name: Column(np.array([3.0, 4.0]), "")})
-    written = dataclasses.replace(recording(0, 0), strokes=(Stroke(0.2, 3.0, 1, {"table": stream}),))
+    written = dataclasses.replace(
+        recording(0, 0), strokes=(Stroke(0.2, 3.0, 1, {"table": stream}),)
+    )
     path = write_recording(written, tmp_path / "run.h5")
     assert_same(read_recording(path), written)
     with h5py.File(path) as file:
-        assert {type(file["strokes/001/table"][found]) for found in file["strokes/001/table"]} == {h5py.Dataset}
+        assert {type(file["strokes/001/table"][found]) for found in file["strokes/001/table"]} == {
+            h5py.Dataset
+        }
 
 
 def test_other_programs_find_time_units_and_scale(tmp_path: Path):
@@ -91,15 +117,21 @@ def test_columns_that_are_not_rows_of_numbers_are_refused_and_nothing_is_left(tm
     for raw in (np.array(["a", "b"]), np.zeros((2, 2)), np.zeros(3)):
         bad = Stroke(0.2, 3.0, 1, {"force": Stream(t_s, {"fz_N": Column(raw, "N")})})
         with pytest.raises(ValueError, match="fz_N"):
-            write_recording(dataclasses.replace(recording(0, 0), strokes=(bad,)), tmp_path / "run.h5")
+            write_recording(
+                dataclasses.replace(recording(0, 0), strokes=(bad,)), tmp_path / "run.h5"
+            )
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_full_disk_leaves_the_file_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     path = write_recording(recording(1), tmp_path / "run.h5")
     before = path.read_bytes()
     monkeypatch.setattr(atomic.os, "fsync", _full_disk)
-    with pytest.raises(RigError, match=r"run\.h5: .* MB cannot be written: No space left on device"):
+    with pytest.raises(
+        RigError, match=r"run\.h5: .* MB cannot be written: No space left on device"
+    ):
         write_recording(recording(2), path)
     assert path.read_bytes() == before
     assert [found.name for found in tmp_path.iterdir()] == ["run.h5"]
@@ -138,7 +170,9 @@ def test_a_file_that_another_program_edited_is_refused(tmp_path: Path):
     path = write_recording(recording(), tmp_path / "run.h5")
     with h5py.File(path, "r+") as file:
         file.attrs["note"] = "checked by hand"
-    assert "its checksum is gone from its end, so it was changed after it was written" in refusal(path)
+    assert "its checksum is gone from its end, so it was changed after it was written" in refusal(
+        path
+    )
 
 
 def test_a_file_from_before_files_stated_that_they_are_sealed_still_opens(tmp_path: Path):
@@ -156,7 +190,10 @@ def test_files_of_another_kind_are_refused(tmp_path: Path):
     assert "without format attribute" in refusal(tmp_path / "foreign.h5")
     with h5py.File(tmp_path / "newer.h5", "w") as file:
         file.attrs["format"] = "rfca-recording/2"
-    assert "'rfca-recording/2', where a recording of format 'rfca-recording/1' is needed" in refusal(tmp_path / "newer.h5")
+    assert (
+        "'rfca-recording/2', where a recording of format 'rfca-recording/1' is needed"
+        in refusal(tmp_path / "newer.h5")
+    )
     assert "is not there" in refusal(tmp_path / "absent.h5")
 
 
@@ -179,7 +216,11 @@ def test_a_simulated_stream_in_a_real_recording_is_refused(tmp_path: Path):
 def test_a_file_from_before_there_were_photos_still_opens(tmp_path: Path):
     path = write_recording(recording(), tmp_path / "a.h5")
     with h5py.File(path, "r+") as file:
-        for name in [name for name in file["static"] if "std_deg" in name or name.startswith("photo") or name == "overlay"]:
+        for name in [
+            name
+            for name in file["static"]
+            if "std_deg" in name or name.startswith("photo") or name == "overlay"
+        ]:
             del file["static"][name]
         del file.attrs[SEALED]
     found, given = read_recording(path).static, recording().static

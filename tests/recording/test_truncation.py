@@ -1,4 +1,6 @@
-"""A power cut leaves what was being written cut off at any byte, or zeros from there on: nothing acknowledged is lost, nothing made up."""
+"""A power cut leaves what was being written cut off at any byte, or zeros from there on: nothing
+acknowledged is lost, nothing made up.
+"""
 
 import os
 import shutil
@@ -20,7 +22,16 @@ from tests.recording.test_crashes import recovered
 
 ACKNOWLEDGED = 2
 IN_FLIGHT = ACKNOWLEDGED + 1
-KINDS = ("journal", "journal of zeros", "stage file", "stage file of zeros", "events", "run.h5", "SHA256SUMS", "photo")
+KINDS = (
+    "journal",
+    "journal of zeros",
+    "stage file",
+    "stage file of zeros",
+    "events",
+    "run.h5",
+    "SHA256SUMS",
+    "photo",
+)
 POINTS = 35
 
 
@@ -37,7 +48,9 @@ def crashed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def being_written(folder: Path, kind: str) -> Path:
-    """Puts the folder where it is when that file is being written, and gives the file, as yet whole."""
+    """Puts the folder where it is when that file is being written, and gives the file, as yet
+    whole.
+    """
     (journal,) = journals(folder)
     match kind.removesuffix(" of zeros"):
         case "journal":
@@ -69,13 +82,17 @@ def cut(file: Path, place: int, kind: str) -> None:
 
 
 def survives(crashed: Path, copy: Path, kind: str, share: float) -> None:
-    """One cut, at that share of the file: nothing is lost, and nothing is there that was not recorded."""
+    """One cut, at that share of the file: nothing is lost, and nothing is there that was not
+    recorded.
+    """
     shutil.copytree(crashed, copy)
     file = being_written(copy, kind)
     cut(file, round(share * file.stat().st_size), kind)
     assert_whole(run_folder.read_stages(copy))
     # Hashes that were cut off are damage, which recovery makes good.
-    assert all(finding.is_sound or finding.file in REMADE for finding in check_run(copy)), list(check_run(copy))
+    assert all(finding.is_sound or finding.file in REMADE for finding in check_run(copy)), list(
+        check_run(copy)
+    )
     assert_whole(recovered(copy))
     shutil.rmtree(copy)
 
@@ -84,7 +101,10 @@ def assert_whole(found: Recording) -> None:
     """The acknowledged stages to the last bit, and of the third no more than its first samples."""
     recorded = replace(found, nominal={}, known_to={}, provenance={})
     cut_short = [raw for raw in found.raw if raw.cut_short]
-    assert_same(replace(recorded, raw=tuple(raw for raw in found.raw if not raw.cut_short)), expected(ACKNOWLEDGED))
+    assert_same(
+        replace(recorded, raw=tuple(raw for raw in found.raw if not raw.cut_short)),
+        expected(ACKNOWLEDGED),
+    )
     assert len(cut_short) <= 1
     for raw in cut_short:
         for name, stream in streams(IN_FLIGHT).items():

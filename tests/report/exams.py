@@ -1,4 +1,6 @@
-"""Exams with made-up answers: the truths as drawn, sealed in a folder, and diagnoses of a given honesty beside them."""
+"""Exams with made-up answers: the truths as drawn, sealed in a folder, and diagnoses of a given
+honesty beside them.
+"""
 
 import json
 from collections.abc import Mapping
@@ -15,7 +17,9 @@ from rfca_rig.exam.truth import FORMAT
 
 
 def made_up_exam(folder: Path, numbers: Mapping[str, int], false_names: float) -> Path:
-    """An exam's folder without campaigns; a share `false_names` of the answers names something that is not there."""
+    """An exam's folder without campaigns; a share `false_names` of the answers names something
+    that is not there.
+    """
     begin(folder, ExamPlan(3, numbers))
     cases = draw_cases(3, numbers)
     seal_all([truth_of(case) for case in cases], folder)
@@ -30,7 +34,9 @@ def made_up_exam(folder: Path, numbers: Mapping[str, int], false_names: float) -
 
 def truth_of(case: Case | PendulumCase) -> dict:
     """As the exam writes it; sizes grow with the strength instead of being computed."""
-    mislabelled, structured, uneven = (getattr(case, name, None) for name in ("mislabelled", "structured", "uneven"))
+    mislabelled, structured, uneven = (
+        getattr(case, name, None) for name in ("mislabelled", "structured", "uneven")
+    )
     left = 50.0 * case.strength**2 if case.effects or case.strangers or mislabelled else 0.0
     return {
         "format": FORMAT,
@@ -46,7 +52,9 @@ def truth_of(case: Case | PendulumCase) -> dict:
         "left_of_each": dict.fromkeys(case.effects, left),
         "structured": asdict(structured) if structured else None,
         "uneven": asdict(uneven) if uneven else None,
-        "design": asdict(case.design) if isinstance(case, Case) else {"conditions": ["run 1", "run 2"]},
+        "design": asdict(case.design)
+        if isinstance(case, Case)
+        else {"conditions": ["run 1", "run 2"]},
     }
 
 
@@ -54,20 +62,38 @@ def answer_to(case: Case | PendulumCase, false_names: float, random: np.random.G
     """True names at good strength; one of two that look alike is told with the other."""
     if random.random() < false_names:
         return diagnosis("named", [claim(str(random.choice(list(SIZE_RANGES))), {}, random)])
-    if case.strangers or getattr(case, "mislabelled", None) or (getattr(case, "uneven", None) and random.random() < 0.5):
+    if (
+        case.strangers
+        or getattr(case, "mislabelled", None)
+        or (getattr(case, "uneven", None) and random.random() < 0.5)
+    ):
         return diagnosis("unexplained", [])
     if not case.effects or case.strength < 0.3 * random.random():
         return diagnosis("nothing missing", [])
-    return diagnosis("named", [claim(name, values, random) for name, values in case.effects.items()])
+    return diagnosis(
+        "named", [claim(name, values, random) for name, values in case.effects.items()]
+    )
 
 
 def claim(name: str, values: Mapping[str, float], random: np.random.Generator) -> dict:
     alike = [other for pair in NEVER_TOGETHER if name in pair for other in pair - {name}]
     told, others = (alike[0], [name]) if alike and random.random() < 0.4 else (name, alike)
-    found = {key: {"value": value * (1.0 + 0.03 * random.normal()), "std": 0.03 * abs(value)} for key, value in values.items()}
-    return {"id": told, "probability": float(random.uniform(0.8, 1.0)), "parameters": found, "cannot_tell_from": others}
+    found = {
+        key: {"value": value * (1.0 + 0.03 * random.normal()), "std": 0.03 * abs(value)}
+        for key, value in values.items()
+    }
+    return {
+        "id": told,
+        "probability": float(random.uniform(0.8, 1.0)),
+        "parameters": found,
+        "cannot_tell_from": others,
+    }
 
 
 def diagnosis(verdict: str, effects: list) -> dict:
-    fit = {"held_out_rms_fz_N": {"before": 3.0, "after": 0.45, "noise_floor": 0.2}} if effects else None
+    fit = (
+        {"held_out_rms_fz_N": {"before": 3.0, "after": 0.45, "noise_floor": 0.2}}
+        if effects
+        else None
+    )
     return {"format": "rfca-diagnosis/1", "verdict": verdict, "effects": effects, "fit": fit}

@@ -8,7 +8,9 @@ VOID = {"meta", "br", "img"}
 
 
 class Outline(HTMLParser):
-    """Checks that elements close as they opened, and collects ids, text and what could be fetched; no element is one of `forbidden`."""
+    """Checks that elements close as they opened, and collects ids, text and what could be
+    fetched; no element is one of `forbidden`.
+    """
 
     def __init__(self, page, forbidden=("script", "link", "iframe", "img", "object")):
         super().__init__()
@@ -26,7 +28,11 @@ class Outline(HTMLParser):
 
     def _note(self, tag, attrs):
         self.ids += [value for name, value in attrs if name == "id"]
-        found = [value for name, value in attrs if name in ("src", "href", "xlink:href", "data", "srcset")]
+        found = [
+            value
+            for name, value in attrs
+            if name in ("src", "href", "xlink:href", "data", "srcset")
+        ]
         self.fetched += [value for value in found if tag != "a" or not value.endswith(FILES)]
         assert tag not in self.forbidden
 

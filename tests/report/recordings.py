@@ -20,7 +20,11 @@ BELIEVED = {
         "hinge_damping_Nm_s_per_rad": 0.05,
         "start_angle_rad": 0.226893,
     },
-    "ground": {"contact_stiffness_N_per_m1p5": 1.0e5, "contact_damping_s_per_m": 1.0, "friction_coefficient": 0.45},
+    "ground": {
+        "contact_stiffness_N_per_m1p5": 1.0e5,
+        "contact_damping_s_per_m": 1.0,
+        "friction_coefficient": 0.45,
+    },
     "sensor": {"below_shaft_mm": 45.0},
     "drive": {"ramp_s": 0.05, "mode": "speed"},
 }
@@ -31,19 +35,37 @@ CONDITIONS = ((0.215, 2.433), (0.235, 3.25))
 @cache
 def strokes(repeats: int = 2, rate_Hz: float = 1000.0) -> tuple[Stroke, ...]:
     t_s = traces.even(rate_Hz, end_s=1.38)
-    return tuple(_stroke(t_s, height_m, speed_rad_s, repeat) for height_m, speed_rad_s in CONDITIONS for repeat in range(1, repeats + 1))
+    return tuple(
+        _stroke(t_s, height_m, speed_rad_s, repeat)
+        for height_m, speed_rad_s in CONDITIONS
+        for repeat in range(1, repeats + 1)
+    )
 
 
 def _stroke(t_s: np.ndarray, height_m: float, speed_rad_s: float, repeat: int) -> Stroke:
     simulated = simulate_stroke_at_speed(nominal_model(BELIEVED), height_m, speed_rad_s, t_s)
     noise_N = np.random.default_rng(repeat).normal(0.0, 0.15, len(t_s))
     fz_N, angle_rad = simulated.fz_N + noise_N, simulated.shaft_angle_rad
-    return traces.stroke(t_s, fz_N, height_m=height_m, speed_rad_s=speed_rad_s, repeat=repeat, shaft_angle_rad=angle_rad)
+    return traces.stroke(
+        t_s,
+        fz_N,
+        height_m=height_m,
+        speed_rad_s=speed_rad_s,
+        repeat=repeat,
+        shaft_angle_rad=angle_rad,
+    )
 
 
 def stages(hinge: float = -5.25) -> tuple[StaticStage, ...]:
-    return tuple(StaticStage(0.215, stage, "loading", 1.0472, (hinge,) * 6, -1.4977, -3.1541, 1.1848) for stage in (1, 2))
+    return tuple(
+        StaticStage(0.215, stage, "loading", 1.0472, (hinge,) * 6, -1.4977, -3.1541, 1.1848)
+        for stage in (1, 2)
+    )
 
 
-def recording(strokes=(), static=(), title="A <bold> campaign & more", source="IMPORT", provenance=None) -> Recording:
-    return Recording(title, source, BELIEVED, KNOWN_TO, tuple(strokes), tuple(static), provenance or {})
+def recording(
+    strokes=(), static=(), title="A <bold> campaign & more", source="IMPORT", provenance=None
+) -> Recording:
+    return Recording(
+        title, source, BELIEVED, KNOWN_TO, tuple(strokes), tuple(static), provenance or {}
+    )

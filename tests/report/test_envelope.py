@@ -18,7 +18,9 @@ def test_every_column_keeps_its_extremes():
     x = np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 5000))
     y = np.sin(40.0 * x)
     thin_x, thin_y = envelope(x, y, 50)
-    column, thin_column = (np.minimum((each - x[0]) / (x[-1] - x[0]) * 50, 49).astype(int) for each in (x, thin_x))
+    column, thin_column = (
+        np.minimum((each - x[0]) / (x[-1] - x[0]) * 50, 49).astype(int) for each in (x, thin_x)
+    )
     for number in range(50):
         assert thin_y[thin_column == number].max() == y[column == number].max()
         assert thin_y[thin_column == number].min() == y[column == number].min()

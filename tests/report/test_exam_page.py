@@ -24,7 +24,9 @@ COUNT = 90
 
 @pytest.fixture(scope="module")
 def exam(tmp_path_factory):
-    return score_exam(made_up_exam(tmp_path_factory.mktemp("exam"), split_numbers(COUNT), false_names=0.1))
+    return score_exam(
+        made_up_exam(tmp_path_factory.mktemp("exam"), split_numbers(COUNT), false_names=0.1)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,16 @@ def test_the_page_is_whole_and_fetches_nothing(shown):
 def test_the_words_are_those_of_the_field(shown):
     text = Outline(shown).text
     assert "effect outside the catalogue" in text and "inconclusive" in text
-    assert re.findall(r"(?i)(?<![a-z])(?:strangers?|named|decoys?|sealed|marks|silent|cautious|by lot)(?![a-z])", text) == []
+    assert (
+        re.findall(
+            (
+                r"(?i)(?<![a-z])(?:strangers?|named|decoys?|sealed|marks|silent|cautious|by "
+                r"lot)(?![a-z])"
+            ),
+            text,
+        )
+        == []
+    )
 
 
 def test_every_bar_is_told_with_goal_value_and_counts(exam, shown):
@@ -52,7 +63,10 @@ def test_every_bar_is_told_with_goal_value_and_counts(exam, shown):
         assert bar.name in text and bar.counted in text
     false = exam.marks.false_discoveries
     assert false.hits > 0
-    assert f"wrong among all identified effectsat most 5 %{100 * false.value:.1f} %{false.hits} of {false.of}" in text
+    assert (
+        f"wrong among all identified effectsat most 5 %{100 * false.value:.1f} "
+        f"%{false.hits} of {false.of}"
+    ) in text
     assert f"{false.hits} of {false.of} identified effects were wrong" in text
     failed = sum(bar.passed is False for bar in bars(exam.marks))
     assert failed > 0 and shown.count('<td class="failed">') == failed
@@ -70,7 +84,13 @@ def test_the_csv_has_a_line_for_each_case(exam, tmp_path):
     lines = list(csv.DictReader((tmp_path / "exam.csv").open()))
     assert len(lines) == COUNT and tuple(lines[0]) == HEADER
     outcomes = Counter(line["outcome"] for line in lines)
-    assert outcomes == Counter({word: n for word in OUTCOMES if (n := sum(c.get(word, 0) for c in exam.marks.outcomes.values()))})
+    assert outcomes == Counter(
+        {
+            word: n
+            for word in OUTCOMES
+            if (n := sum(c.get(word, 0) for c in exam.marks.outcomes.values()))
+        }
+    )
     for line in lines:
         assert bool(line["named"]) == (line["verdict"] == "named") == bool(line["probability"])
         assert 20.0 <= float(line["seconds"]) <= 200.0
@@ -83,7 +103,10 @@ def test_the_json_holds_bars_marks_and_cases(exam):
     assert document["seed"] == 3 and document["numbers"] == split_numbers(COUNT)
     assert [bar["name"] for bar in document["bars"]] == [bar.name for bar in bars(exam.marks)]
     assert document["marks"]["false_discoveries"]["hits"] == exam.marks.false_discoveries.hits
-    assert sum(entry["count"] for entry in document["marks"]["confusion"]) == split_numbers(COUNT)[cases.SINGLE]
+    assert (
+        sum(entry["count"] for entry in document["marks"]["confusion"])
+        == split_numbers(COUNT)[cases.SINGLE]
+    )
     assert len(document["cases"]) == COUNT
 
 
@@ -96,12 +119,28 @@ def test_an_exam_of_one_kind_is_told_without_what_it_did_not_ask(tmp_path):
     told = page(small)
     text = Outline(told).text
     assert "nan" not in text and "no case" in text
-    assert "no effect was identified; in none of 4 campaigns without one, an effect was identified" in text
+    assert (
+        "no effect was identified; in none of 4 campaigns without one, an effect was identified"
+        in text
+    )
     assert "rfca-rig prove --out exam --seed 3 --cases 4 --kind 'nothing missing'" in text
     assert score_exam(tmp_path).plan == ExamPlan(3, {cases.NOTHING: 4})
 
 
-PLAIN = ScoredCase("a", cases.SINGLE, ("tip_mass",), 0.5, 9.0, "named", ("tip_mass",), (0.9,), "right", (), None, None)
+PLAIN = ScoredCase(
+    "a",
+    cases.SINGLE,
+    ("tip_mass",),
+    0.5,
+    9.0,
+    "named",
+    ("tip_mass",),
+    (0.9,),
+    "right",
+    (),
+    None,
+    None,
+)
 
 
 def test_the_matrix_counts_and_shows_the_worst():
@@ -112,14 +151,35 @@ def test_the_matrix_counts_and_shows_the_worst():
         replace(PLAIN, named=("fluid_drag",), outcome="wrong"),
         replace(PLAIN, named=("tip_mass", "fluid_drag"), outcome="extra"),
         replace(PLAIN, verdict="nothing missing", named=(), outcome="silent"),
-        replace(PLAIN, kind=cases.STRANGER, concealed=("floor_magnet",), verdict="unexplained", named=(), outcome="right"),
+        replace(
+            PLAIN,
+            kind=cases.STRANGER,
+            concealed=("floor_magnet",),
+            verdict="unexplained",
+            named=(),
+            outcome="right",
+        ),
         replace(PLAIN, kind=cases.PAIR, concealed=("tip_mass", "sensor_lag")),
     ]
     matrix = matrix_of(marked)
-    assert (matrix.names, matrix.verdicts) == (("tip_mass", "fluid_drag"), ("several effects", "nothing missing", "unexplained"))
+    assert (matrix.names, matrix.verdicts) == (
+        ("tip_mass", "fluid_drag"),
+        ("several effects", "nothing missing", "unexplained"),
+    )
     (single, (row,)), (stranger, (other,)) = matrix.kinds
-    assert (single, stranger, row.concealed, other.concealed) == (cases.SINGLE, cases.STRANGER, "tip_mass", "floor_magnet")
-    assert row.cells == (MatrixCell(2, "right"), MatrixCell(2, "wrong"), MatrixCell(1, "wrong"), MatrixCell(1, ""), None)
+    assert (single, stranger, row.concealed, other.concealed) == (
+        cases.SINGLE,
+        cases.STRANGER,
+        "tip_mass",
+        "floor_magnet",
+    )
+    assert row.cells == (
+        MatrixCell(2, "right"),
+        MatrixCell(2, "wrong"),
+        MatrixCell(1, "wrong"),
+        MatrixCell(1, ""),
+        None,
+    )
     assert other.cells == (None, None, None, None, MatrixCell(1, "right"))
 
 
@@ -131,14 +191,19 @@ def test_shares_in_words():
 
 @pytest.mark.slow
 def test_effects_that_were_taken_out_are_told_with_what_they_were_called(exam, shown, tmp_path):
-    assert "its catalogue does not hold" not in shown and json.loads(as_json(exam))["taken_out"] is None
+    assert (
+        "its catalogue does not hold" not in shown
+        and json.loads(as_json(exam))["taken_out"] is None
+    )
     called = WronglyNamed("case-0007", "tip_mass", ("height_offset",), 0.95)
-    asked = replace(exam, taken_out=AblationResult(Share(1, 20), Share(17, 20), Share(2, 20), (called,)))
+    asked = replace(
+        exam, taken_out=AblationResult(Share(1, 20), Share(17, 20), Share(2, 20), (called,))
+    )
     text = " ".join(Outline(page(asked)).text.replace("\u00a0", " ").split())
     assert (
-        "Each effect removed from the catalogue in turn: 1 of 20 identified as another at 90 % or more, 17 reported as unexplained, 2 as"
-        in text
-    )
+        "Each effect removed from the catalogue in turn: 1 of 20 identified as another "
+        "at 90 % or more, 17 reported as unexplained, 2 as"
+    ) in text
     assert "tip mass" in text and "height offset" in text and "--take-out-each" in text
     none = replace(exam, taken_out=AblationResult(Share(0, 20), Share(18, 20), Share(2, 20), ()))
     assert "0 of 20 identified as another" in Outline(page(none)).text

@@ -1,8 +1,8 @@
-"""Whole pages, programs and files with hostile names, by the writers of the real commands: a name stays a name.
+"""Whole pages, programs and files with hostile names, by the writers of the real commands: a name
+stays a name.
 
-Names of models have no quotes and no control characters, other models are refused. Names of conditions, columns, data sets and titles may
-be anything that a file can hold.
-"""
+Names of models have no quotes and no control characters, other models are refused. Names of
+conditions, columns, data sets and titles may be anything that a file can hold."""
 
 import csv
 import json
@@ -52,11 +52,19 @@ ANY_NAMES = (
     "\x1b]0;hostile\x07\x9b2J\x7f",
     "\u202ehostile\u2066\u2028\u2029\x85",
 )
-UNPRINTABLE = {*map(chr, range(32)), *map(chr, range(127, 160)), *TURNS_DIRECTION, "\u2028", "\u2029"} - {"\n", "\t"}
+UNPRINTABLE = {
+    *map(chr, range(32)),
+    *map(chr, range(127, 160)),
+    *TURNS_DIRECTION,
+    "\u2028",
+    "\u2029",
+} - {"\n", "\t"}
 
 
 class Outline(HTMLParser):
-    """Elements with the names of their attributes, programs and styles, and the text that a reader sees."""
+    """Elements with the names of their attributes, programs and styles, and the text that a
+    reader sees.
+    """
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -71,7 +79,9 @@ class Outline(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.elements.add((tag, *sorted(name for name, _ in attrs)))
-        self.links |= {value or "" for name, value in attrs if name in ("href", "src", "action", "xlink:href")}
+        self.links |= {
+            value or "" for name, value in attrs if name in ("href", "src", "action", "xlink:href")
+        }
         self._within = tag
 
     def handle_endtag(self, _tag: str) -> None:
@@ -88,18 +98,29 @@ class Outline(HTMLParser):
 
 
 def check_page(page: str, harmless: str) -> Outline:
-    """The page has elements of the harmless one only, its programs and styles, and no character that cannot be printed."""
+    """The page has elements of the harmless one only, its programs and styles, and no character
+    that cannot be printed.
+    """
     outline, usual = Outline(page), Outline(harmless)
     names = {tag for tag, *_ in outline.elements}
     assert names <= {tag for tag, *_ in usual.elements}
-    assert not [attribute for _, *attributes in outline.elements for attribute in attributes if attribute.startswith("on")]
+    assert not [
+        attribute
+        for _, *attributes in outline.elements
+        for attribute in attributes
+        if attribute.startswith("on")
+    ]
     assert {name for _, *attributes in outline.elements for name in attributes} <= {
         name for _, *attributes in usual.elements for name in attributes
     }
     assert outline.comments == usual.comments
     assert "hostile" not in "".join(outline.programs)
     assert len(outline.programs) == len(usual.programs)
-    assert not [link for link in outline.links if link.split(":")[0] in ("javascript", "vbscript", "data") and "hostile" in link]
+    assert not [
+        link
+        for link in outline.links
+        if link.split(":")[0] in ("javascript", "vbscript", "data") and "hostile" in link
+    ]
     assert not UNPRINTABLE & set(page)
     return outline
 
@@ -111,30 +132,52 @@ def rename(value: object, names: Mapping[str, str]) -> object:
             value = value.replace(old, new)
         return value
     if isinstance(value, np.ndarray):
-        return np.array([rename(one, names) for one in value.tolist()]) if value.dtype.kind == "U" else value
+        return (
+            np.array([rename(one, names) for one in value.tolist()])
+            if value.dtype.kind == "U"
+            else value
+        )
     if isinstance(value, tuple | list):
         return type(value)(rename(one, names) for one in value)
     if isinstance(value, dict):
         return {rename(key, names): rename(one, names) for key, one in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{field.name: rename(getattr(value, field.name), names) for field in fields(value) if field.init})
+        return replace(
+            value,
+            **{
+                field.name: rename(getattr(value, field.name), names)
+                for field in fields(value)
+                if field.init
+            },
+        )
     return value
 
 
 def written_diagnosis(folder: Path, diagnosis: object, title: str) -> Path:
-    sources = (RecordingSource(f"runs/{title}", "0" * 64, "REAL", title, None, None, None),) if title else ()
-    write_diagnosis(diagnosis, folder, Origin(command=f"rfca-rig diagnose {title}", recordings=sources))
+    sources = (
+        (RecordingSource(f"runs/{title}", "0" * 64, "REAL", title, None, None, None),)
+        if title
+        else ()
+    )
+    write_diagnosis(
+        diagnosis, folder, Origin(command=f"rfca-rig diagnose {title}", recordings=sources)
+    )
     return folder
 
 
 def check_tables(folder: Path, harmless: Path) -> None:
     """Every table has the cells of the harmless one, and the JSON its keys."""
     for path in folder.glob("*.csv"):
-        rows, usual = (list(csv.reader(one.open(encoding="utf-8", newline=""))) for one in (path, harmless / path.name))
+        rows, usual = (
+            list(csv.reader(one.open(encoding="utf-8", newline="")))
+            for one in (path, harmless / path.name)
+        )
         assert [len(row) for row in rows] == [len(row) for row in usual]
     for path in folder.glob("*.tex"):
         text = path.read_text(encoding="utf-8")
-        assert text.count("\\end{") == (harmless / path.name).read_text(encoding="utf-8").count("\\end{")
+        assert text.count("\\end{") == (harmless / path.name).read_text(encoding="utf-8").count(
+            "\\end{"
+        )
     assert {path.name for path in folder.iterdir()} == {path.name for path in harmless.iterdir()}
 
 
@@ -149,20 +192,32 @@ def usual_diagnoses(tmp_path_factory) -> dict[str, Path]:
 
 @pytest.mark.parametrize("name", ANY_NAMES)
 def test_a_diagnosis_of_conditions_with_hostile_names(tmp_path, usual_diagnoses, name):
-    names = {"Leg 4 on the bench, March": name, "215 mm": f"215 mm {name}", "Repeat 3": name, "Law confirmed": name}
+    names = {
+        "Leg 4 on the bench, March": name,
+        "215 mm": f"215 mm {name}",
+        "Repeat 3": name,
+        "Law confirmed": name,
+    }
     folder = written_diagnosis(tmp_path / "out", rename(NAMED, names), name)
     outline = check_page(
-        (folder / "diagnosis.html").read_text(encoding="utf-8"), (usual_diagnoses["leg"] / "diagnosis.html").read_text(encoding="utf-8")
+        (folder / "diagnosis.html").read_text(encoding="utf-8"),
+        (usual_diagnoses["leg"] / "diagnosis.html").read_text(encoding="utf-8"),
     )
     assert " ".join(printable(name).split()) in " ".join(outline.text.split())
     check_tables(folder, usual_diagnoses["leg"])
     found = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    assert found["located"][0]["conditions"] == [condition.replace("215 mm", names["215 mm"]) for condition in NAMED.located[0].conditions]
+    assert found["located"][0]["conditions"] == [
+        condition.replace("215 mm", names["215 mm"]) for condition in NAMED.located[0].conditions
+    ]
 
 
 @pytest.mark.parametrize("name", MODEL_NAMES)
 def test_a_diagnosis_of_joints_with_hostile_names(tmp_path, usual_diagnoses, name):
-    folder = written_diagnosis(tmp_path / "out", rename(MECHANISM, {"joint2": name, "link2": name, "Arm on the table": name}), name)
+    folder = written_diagnosis(
+        tmp_path / "out",
+        rename(MECHANISM, {"joint2": name, "link2": name, "Arm on the table": name}),
+        name,
+    )
     outline = check_page(
         (folder / "diagnosis.html").read_text(encoding="utf-8"),
         (usual_diagnoses["mechanism"] / "diagnosis.html").read_text(encoding="utf-8"),
@@ -176,15 +231,21 @@ def test_a_diagnosis_of_joints_with_hostile_names(tmp_path, usual_diagnoses, nam
 @pytest.fixture(scope="module")
 def usual_report(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    write_report((recording(strokes(), stages(), title="usual", provenance={"camera": "usual"}),), folder)
+    write_report(
+        (recording(strokes(), stages(), title="usual", provenance={"camera": "usual"}),), folder
+    )
     return folder
 
 
 @pytest.mark.parametrize("name", ANY_NAMES)
 def test_a_report_of_strokes_with_a_hostile_title(tmp_path, usual_report, name):
-    write_report((recording(strokes(), stages(), title=name, provenance={"camera": name}),), tmp_path)
+    write_report(
+        (recording(strokes(), stages(), title=name, provenance={"camera": name}),), tmp_path
+    )
     for page in tmp_path.glob("*.html"):
-        check_page(page.read_text(encoding="utf-8"), (usual_report / page.name).read_text(encoding="utf-8"))
+        check_page(
+            page.read_text(encoding="utf-8"), (usual_report / page.name).read_text(encoding="utf-8")
+        )
 
 
 @pytest.mark.parametrize("name", ANY_NAMES)
@@ -192,16 +253,24 @@ def test_the_page_of_a_run_with_a_hostile_title(name):
     pages = []
     for title in ("usual", name):
         story = story_of(rename(runs.tripped(), {"Table II": title}))
-        pages.append(run_page(story, tables_of(story), PageContext(Origin(command=f"rfca-rig report {title}")), ()))
+        pages.append(
+            run_page(
+                story, tables_of(story), PageContext(Origin(command=f"rfca-rig report {title}")), ()
+            )
+        )
     check_page(pages[1], pages[0])
 
 
 def write_arm(folder: Path, names: Mapping[str, str]) -> Path:
-    """Recordings of an arm, with other names for a joint, a motor, a column, and what the experiment states."""
+    """Recordings of an arm, with other names for a joint, a motor, a column, and what the
+    experiment states.
+    """
     write_campaign(folder, Arm(), [record(Arm(), 1.6, 0)], {})
     text = mjcf(Arm())
     for old in ("joint2", "motor2", "link2"):
-        text = text.replace(f'"{old}"', '"' + names[old].replace("&", "&amp;").replace("<", "&lt;") + '"')
+        text = text.replace(
+            f'"{old}"', '"' + names[old].replace("&", "&amp;").replace("<", "&lt;") + '"'
+        )
     (folder / "model.xml").write_text(text, encoding="utf-8")
     experiment = tomllib.loads((folder / "experiment.toml").read_text(encoding="utf-8"))
     (table,) = folder.glob("*.csv")
@@ -210,7 +279,9 @@ def write_arm(folder: Path, names: Mapping[str, str]) -> Path:
     experiment["title"] = names["title"]
     for section in (*experiment["signals"], *experiment.get("commands", ())):
         for key in ("joint", "actuator"):
-            section[key] = names.get(section[key], section[key]) if key in section else section.get(key)
+            section[key] = (
+                names.get(section[key], section[key]) if key in section else section.get(key)
+            )
         if section["column"] == columns[1]:
             section["column"] = names["column"]
     columns[1] = names["column"]
@@ -223,13 +294,23 @@ def write_arm(folder: Path, names: Mapping[str, str]) -> Path:
 
 
 def _toml(value: Mapping[str, object]) -> str:
-    """TOML by the rules of JSON, whose strings and lists TOML reads too; inline tables within lists."""
+    """TOML by the rules of JSON, whose strings and lists TOML reads too; inline tables within
+    lists.
+    """
     return "".join(f"{json.dumps(key)} = {_inline(one)}\n" for key, one in value.items())
 
 
 def _inline(value: object) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_inline(one)}" for key, one in value.items() if one is not None) + " }"
+        return (
+            "{ "
+            + ", ".join(
+                f"{json.dumps(key)} = {_inline(one)}"
+                for key, one in value.items()
+                if one is not None
+            )
+            + " }"
+        )
     if isinstance(value, list):
         return "[" + ", ".join(map(_inline, value)) + "]"
     text = json.dumps(value)
@@ -240,7 +321,8 @@ def _inline(value: object) -> str:
 def reported(place: Path, model_name: str, name: str) -> Path:
     """The folder of the report that the command writes."""
     words = {"joint2": f"{model_name} j", "motor2": f"{model_name} m", "link2": f"{model_name} l"}
-    # The head of a table is one line, without blanks at its end: a column with line breaks is refused.
+    # The head of a table is one line, without blanks at its end: a column with line breaks is
+    # refused.
     column = f"c{' '.join(name.splitlines())}".strip()
     write_arm(place / "arm", {**words, "title": name, "column": column, "condition": name})
     done = typed_in(place, "report", place / "arm")
@@ -254,7 +336,10 @@ def usual_arm_report(tmp_path_factory) -> Path:
     return reported(tmp_path_factory.mktemp("usual"), "usual", "usual")
 
 
-@pytest.mark.parametrize(("model_name", "name"), [(MODEL_NAMES[k % len(MODEL_NAMES)], ANY_NAMES[k]) for k in range(len(ANY_NAMES))])
+@pytest.mark.parametrize(
+    ("model_name", "name"),
+    [(MODEL_NAMES[k % len(MODEL_NAMES)], ANY_NAMES[k]) for k in range(len(ANY_NAMES))],
+)
 def test_the_report_of_a_mechanism_with_hostile_names(tmp_path, usual_arm_report, model_name, name):
     folder = reported(tmp_path, model_name, name)
     page = (folder / "report.html").read_text(encoding="utf-8")
@@ -262,13 +347,21 @@ def test_the_report_of_a_mechanism_with_hostile_names(tmp_path, usual_arm_report
     assert " ".join(f"{model_name} j".split()) in " ".join(outline.text.split())
 
 
-@pytest.mark.parametrize(("model_name", "name"), [(MODEL_NAMES[k % len(MODEL_NAMES)], ANY_NAMES[k]) for k in range(len(ANY_NAMES))])
+@pytest.mark.parametrize(
+    ("model_name", "name"),
+    [(MODEL_NAMES[k % len(MODEL_NAMES)], ANY_NAMES[k]) for k in range(len(ANY_NAMES))],
+)
 def test_the_draft_of_an_experiment_with_hostile_data_sets(tmp_path, model_name, name):
-    """By `init`, of a model and of recordings in HDF5, whose data sets may have any name without a slash or a zero."""
+    """By `init`, of a model and of recordings in HDF5, whose data sets may have any name without
+    a slash or a zero.
+    """
     data = tmp_path / "data"
     data.mkdir()
     quoted = model_name.replace("&", "&amp;").replace("<", "&lt;")
-    (tmp_path / "model.xml").write_text(mjcf(Arm()).replace('"joint2"', f'"{quoted}"').replace('"motor2"', f'"{quoted}"'), encoding="utf-8")
+    (tmp_path / "model.xml").write_text(
+        mjcf(Arm()).replace('"joint2"', f'"{quoted}"').replace('"motor2"', f'"{quoted}"'),
+        encoding="utf-8",
+    )
     column = name.replace("/", "|").replace("\0", "")
     with h5py.File(data / "run.h5", "w") as file:
         file["t"] = np.arange(300) * 0.002
@@ -278,7 +371,16 @@ def test_the_draft_of_an_experiment_with_hostile_data_sets(tmp_path, model_name,
     assert not UNPRINTABLE & set(done.out + done.err) - {"\r", "\x1b"}
     (draft,) = tmp_path.rglob("experiment.toml")
     written = tomllib.loads(draft.read_text(encoding="utf-8"))
-    assert set(written) <= {"format", "title", "model", "time", "signals", "commands", "known_to", "recordings"}
+    assert set(written) <= {
+        "format",
+        "title",
+        "model",
+        "time",
+        "signals",
+        "commands",
+        "known_to",
+        "recordings",
+    }
     assert model_name in [signal.get("joint") for signal in written["signals"]]
     assert model_name in [command.get("actuator") for command in written["commands"]]
     assert "hostile" not in written["known_to"]

@@ -1,4 +1,6 @@
-"""The picture of a measured law: the law, its band, the catalogue's beside it, and both branches where it has memory."""
+"""The picture of a measured law: the law, its band, the catalogue's beside it, and both branches
+where it has memory.
+"""
 
 from types import SimpleNamespace
 
@@ -40,8 +42,9 @@ def test_it_is_the_same_every_time_and_says_what_it_shows():
     assert svg == draw_law(law(), CURVE)
     assert svg.startswith("<svg ")
     assert (
-        'aria-label="measured law of sliding speed of the tip at floor_friction with its band, and friction that falls &amp; rises' in svg
-    )
+        'aria-label="measured law of sliding speed of the tip at floor_friction with its '
+        "band, and friction that falls &amp; rises"
+    ) in svg
     assert "sliding speed of the tip (m/s)" in svg
     assert len(svg) < 30_000
 
@@ -49,7 +52,9 @@ def test_it_is_the_same_every_time_and_says_what_it_shows():
 @pytest.mark.parametrize("has_memory", [False, True])
 def test_branches_are_drawn_where_the_law_has_memory(has_memory):
     half = np.full(7, 0.1)
-    memory = MemoryTest(law().values + half, law().values - half, np.full(7, 0.02), 40.0, has_memory)
+    memory = MemoryTest(
+        law().values + half, law().values - half, np.full(7, 0.02), 40.0, has_memory
+    )
     assert ("while it rises, while it falls" in draw_law(law(memory), None)) is has_memory
 
 

@@ -1,4 +1,6 @@
-"""The pages in a browser on a desk and on a phone: nothing is cut off, too small, or wider than the screen."""
+"""The pages in a browser on a desk and on a phone: nothing is cut off, too small, or wider than
+the screen.
+"""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -6,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("playwright", reason='pages are tested in a browser: pip install "rfca-rig[dev]"')
+pytest.importorskip(
+    "playwright", reason='pages are tested in a browser: pip install "rfca-rig[dev]"'
+)
 
 from playwright.sync_api import Page, ViewportSize
 
@@ -63,7 +67,9 @@ def folder(tmp_path_factory) -> Path:
     """All pages, from made-up results."""
     out = tmp_path_factory.mktemp("pages")
     for name, diagnosis in ALL.items():
-        (out / f"diagnosis-{name.replace(' ', '-')}.html").write_text(diagnosis_page(diagnosis, PageContext(Origin())), encoding="utf-8")
+        (out / f"diagnosis-{name.replace(' ', '-')}.html").write_text(
+            diagnosis_page(diagnosis, PageContext(Origin())), encoding="utf-8"
+        )
     for made in (runs.done, runs.tripped, runs.worn):
         story = story_of(made())
         text = run_page(story, tables_of(story), PageContext(Origin()), ())
@@ -71,11 +77,27 @@ def folder(tmp_path_factory) -> Path:
     write_report((recording(strokes(), stages()),), out)
     write_exam(score_exam(made_up_exam(out / "exam", split_numbers(90), false_names=0.1)), out)
     for name, swept in (
-        ("map", sweep_result("k0=8:12:5", "height_mm=200:240:9", value=lambda k0, height_mm: np.nan if k0 > 11.5 else k0 * height_mm)),
-        ("curves", sweep_result("strip.material=CFSP,PA12", "height_mm=200:240:9", value=lambda *point: float(point[1]))),
+        (
+            "map",
+            sweep_result(
+                "k0=8:12:5",
+                "height_mm=200:240:9",
+                value=lambda k0, height_mm: np.nan if k0 > 11.5 else k0 * height_mm,
+            ),
+        ),
+        (
+            "curves",
+            sweep_result(
+                "strip.material=CFSP,PA12",
+                "height_mm=200:240:9",
+                value=lambda *point: float(point[1]),
+            ),
+        ),
         ("samples", sweep_result("height_mm=200,220", "k0=8:12", "friction=0.1:0.9", samples=64)),
     ):
-        (out / f"sweep-{name}.html").write_text(sweep_page(swept, compute_sensitivities(swept), "rfca-rig sweep"), encoding="utf-8")
+        (out / f"sweep-{name}.html").write_text(
+            sweep_page(swept, compute_sensitivities(swept), "rfca-rig sweep"), encoding="utf-8"
+        )
     (out / "static").mkdir()
     written(out / "static", noisy(plain(), np.random.default_rng(2)))
     return out
@@ -93,7 +115,9 @@ def opened(watched: WatchedPage, path: Path, width_px: int):
     watched.page.set_viewport_size(ViewportSize(width=width_px, height=900))
     watched.page.goto(path.as_uri())
     yield watched.page
-    assert [each for each in watched.complaints if not each.startswith("leaves this machine: file:")] == []
+    assert [
+        each for each in watched.complaints if not each.startswith("leaves this machine: file:")
+    ] == []
 
 
 def scrolled(page: Page) -> list[str]:
@@ -106,14 +130,21 @@ def scrolled(page: Page) -> list[str]:
 def test_no_page_is_wider_than_the_screen(folder, watched, width_px, tmp_path):
     pages = sorted(folder.rglob("*.html"))
     assert len(pages) >= 17
-    assert {"exam", "diagnosis-mechanism", "sweep-map", "sweep-samples"} <= {path.stem for path in pages}
+    assert {"exam", "diagnosis-mechanism", "sweep-map", "sweep-samples"} <= {
+        path.stem for path in pages
+    }
     for path in pages:
         with opened(watched, path, width_px) as page:
             try:
                 boxes = scrolled(page)
-                # On a desk all fits. On a phone wide figures scroll within their box rather than shrink; rows of tables become cards.
-                assert boxes == [] if width_px == WIDTHS_PX[0] else set(boxes) <= MAY_SCROLL, path.name
-                assert page.evaluate(SMALL) == page.evaluate(CLIPPED) == page.evaluate(UNREACHED) == [], path.name
+                # On a desk all fits. On a phone wide figures scroll within their box rather than
+                # shrink; rows of tables become cards.
+                assert boxes == [] if width_px == WIDTHS_PX[0] else set(boxes) <= MAY_SCROLL, (
+                    path.name
+                )
+                assert (
+                    page.evaluate(SMALL) == page.evaluate(CLIPPED) == page.evaluate(UNREACHED) == []
+                ), path.name
             except AssertionError:
                 # For people: it stays where pytest keeps what failed.
                 page.screenshot(path=tmp_path / f"{path.stem}-{width_px}.png", full_page=True)

@@ -1,4 +1,6 @@
-"""Pages printed by a browser: a stand-in that tells what it was given, and a real one where there is one."""
+"""Pages printed by a browser: a stand-in that tells what it was given, and a real one where
+there is one.
+"""
 
 import os
 import re
@@ -54,7 +56,10 @@ def test_a_browser_that_fails_is_said_in_one_line(tmp_path, browser):
     browser(BROKEN)
     page = tmp_path / "page.html"
     page.write_text("<p>")
-    with pytest.raises(RigError, match=r"page.html: browser made no PDF of it: no display, no fonts, nothing; open the page") as raised:
+    with pytest.raises(
+        RigError,
+        match=r"page.html: browser made no PDF of it: no display, no fonts, nothing; open the page",
+    ) as raised:
         print_pdfs(find_browser(), [page])
     assert "\n" not in str(raised.value) and not (tmp_path / "page.pdf").exists()
 
@@ -62,14 +67,21 @@ def test_a_browser_that_fails_is_said_in_one_line(tmp_path, browser):
 def test_without_a_browser_nothing_is_begun(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv(VARIABLE, "no-such-browser")
-    for words in (("report", "nowhere"), ("static", "report", "nowhere"), ("diagnose", "nowhere"), ("prove", "--out", "exam")):
+    for words in (
+        ("report", "nowhere"),
+        ("static", "report", "nowhere"),
+        ("diagnose", "nowhere"),
+        ("prove", "--out", "exam"),
+    ):
         said = typed(monkeypatch, capsys, *words, "--pdf")
         assert said.exit_code == 2 and said.err.count("\n") == 1 and "no-such-browser" in said.err
     assert list(tmp_path.iterdir()) == []
     monkeypatch.delenv(VARIABLE)
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("rfca_rig.reports.pdf.PLACES", ())
-    with pytest.raises(BadInput, match="install one, name it with RFCA_RIG_BROWSER, or open the page"):
+    with pytest.raises(
+        BadInput, match="install one, name it with RFCA_RIG_BROWSER, or open the page"
+    ):
         find_browser()
 
 
@@ -87,10 +99,19 @@ def test_a_real_browser_prints_a_sheet_of_a4_with_the_words_of_the_page(tmp_path
     printed = print_pdfs(real_browser(), written.pages)
     assert [one.name for one in printed] == ["report.pdf", "run.pdf"]
     content = printed[0].read_bytes()
-    assert content.startswith(b"%PDF-") and b"D:20000101000000" in content and os.fsencode(tmp_path) not in content
+    assert (
+        content.startswith(b"%PDF-")
+        and b"D:20000101000000" in content
+        and os.fsencode(tmp_path) not in content
+    )
     boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", content)
-    assert boxes and all(abs(float(w) - 595.3) < 1.0 and abs(float(h) - 841.9) < 1.0 for w, h in boxes)
-    drawn = b"".join(_inflated(part) for part in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", content, re.DOTALL))
+    assert boxes and all(
+        abs(float(w) - 595.3) < 1.0 and abs(float(h) - 841.9) < 1.0 for w, h in boxes
+    )
+    drawn = b"".join(
+        _inflated(part)
+        for part in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", content, re.DOTALL)
+    )
     assert drawn.count(b"Tj") + drawn.count(b"TJ") > 50, "words are words, not pictures of them"
 
 

@@ -54,7 +54,10 @@ def test_json_has_exactly_the_form_that_other_programs_read(mixed):
     assert list(document) == ["format", "rows", "average"]
     assert document["format"] == "rfca-table2/1"
     assert list(document["average"]) == ["time_error_pct", "force_error_pct"]
-    assert [(row["height_mm"], row["speed_rad_s"], row["repeats"]) for row in document["rows"]] == [(215.0, 2.433, 2), (235.0, 3.25, 2)]
+    assert [(row["height_mm"], row["speed_rad_s"], row["repeats"]) for row in document["rows"]] == [
+        (215.0, 2.433, 2),
+        (235.0, 3.25, 2),
+    ]
     for row in document["rows"]:
         assert list(row)[: len(KEYS)] == KEYS
         assert all(isinstance(row[key], int | float) for key in KEYS)
@@ -73,7 +76,9 @@ def test_csv_says_the_same_as_json(mixed):
     with (mixed / "table2.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     rows = table(mixed)["rows"]
-    assert [{key: float(line[key]) for key in KEYS} for line in lines] == [{key: float(row[key]) for key in KEYS} for row in rows]
+    assert [{key: float(line[key]) for key in KEYS} for line in lines] == [
+        {key: float(row[key]) for key in KEYS} for row in rows
+    ]
 
 
 def test_latex_has_every_row_and_balanced_columns(mixed):
@@ -81,42 +86,72 @@ def test_latex_has_every_row_and_balanced_columns(mixed):
     assert r"\begin{tabular}{rrrrrrrrr}" in tex and r"\end{tabular}" in tex
     rows = [line for line in tex.splitlines() if re.match(r"\$2[13]5\$ &", line)]
     assert len(rows) == 2
-    assert all(row.count(" & ") == 8 and row.endswith(r" \\") and row.count("$") % 2 == 0 for row in rows)
+    assert all(
+        row.count(" & ") == 8 and row.endswith(r" \\") and row.count("$") % 2 == 0 for row in rows
+    )
     assert all(re.search(r"\$-\d\d\.\d\d \\pm 0\.\d\d\$", row) for row in rows)
 
 
 def impact(repeat, factor, **options):
     """A stroke of the paper's impact test by the model, its forces times `factor`."""
-    t_s = traces.even(2000.0, end_s=0.25)  # as the simulation; a sample beside the peak has another fy
+    t_s = traces.even(
+        2000.0, end_s=0.25
+    )  # as the simulation; a sample beside the peak has another fy
     simulated = simulate_stroke_at_speed(nominal_model(BELIEVED), 0.155, 15.0, t_s)
     condition = {"height_m": 0.155, "speed_rad_s": 15.0, "repeat": repeat, **options}
-    return traces.stroke(t_s, factor * simulated.fz_N, **condition, fy_N=factor * simulated.fy_N, shaft_angle_rad=simulated.shaft_angle_rad)
+    return traces.stroke(
+        t_s,
+        factor * simulated.fz_N,
+        **condition,
+        fy_N=factor * simulated.fy_N,
+        shaft_angle_rad=simulated.shaft_angle_rad,
+    )
 
 
 def test_the_forces_at_the_peak_stand_measured_beside_simulated_in_every_file(tmp_path):
     folder = written(tmp_path, recording((impact(1, 0.9), impact(2, 1.1))), shaft="commanded")
     document = json.loads((folder / "peak-forces.json").read_text(), parse_constant=pytest.fail)
     (row,) = document["rows"]
-    assert (document["format"], row["height_mm"], row["speed_rad_s"], row["repeats"]) == ("rfca-peak-forces/1", 155.0, 15.0, 2)
+    assert (document["format"], row["height_mm"], row["speed_rad_s"], row["repeats"]) == (
+        "rfca-peak-forces/1",
+        155.0,
+        15.0,
+        2,
+    )
     for name in ("force", "fy", "fz"):
         simulated = row[f"simulated_{name}_N"]
         assert row[f"measured_{name}_N"] == pytest.approx(simulated, rel=1e-3)
-        assert row[f"measured_{name}_std_N"] == pytest.approx(0.2 / np.sqrt(2.0) * abs(row[f"measured_{name}_N"]), rel=1e-3)
-    assert row["simulated_force_N"] == pytest.approx(np.hypot(row["simulated_fy_N"], row["simulated_fz_N"]), abs=1e-3)
+        assert row[f"measured_{name}_std_N"] == pytest.approx(
+            0.2 / np.sqrt(2.0) * abs(row[f"measured_{name}_N"]), rel=1e-3
+        )
+    assert row["simulated_force_N"] == pytest.approx(
+        np.hypot(row["simulated_fy_N"], row["simulated_fz_N"]), abs=1e-3
+    )
     with (folder / "peak-forces.csv").open(newline="") as file:
         (line,) = csv.DictReader(file)
     numbers = [key for key, value in row.items() if isinstance(value, float)]
     assert len(numbers) > 12 and all(float(line[key]) == row[key] for key in numbers)
     text = Outline((folder / "report.html").read_text()).text
-    assert "Forces at the peak" in text and f"{row['measured_force_N']:.1f}\u00a0±\u00a0{row['measured_force_std_N']:.1f}" in text
+    assert (
+        "Forces at the peak" in text
+        and f"{row['measured_force_N']:.1f}\u00a0±\u00a0{row['measured_force_std_N']:.1f}" in text
+    )
     assert "off the ground at its peak" in text
     tex = (folder / "peak-forces.tex").read_text()
-    assert r"$|F|$" in tex and rf"${row['measured_fz_N']:.1f} \pm {row['measured_fz_std_N']:.1f}$" in tex
+    assert (
+        r"$|F|$" in tex
+        and rf"${row['measured_fz_N']:.1f} \pm {row['measured_fz_std_N']:.1f}$" in tex
+    )
 
 
 def test_the_papers_own_peak_stands_below_its_condition_alone(tmp_path):
     at_papers, faster = (
-        (written(tmp_path / f"{speed_rad_s}", recording((impact(1, 1.0, speed_rad_s=speed_rad_s),))) / "peak-forces.tex").read_text()
+        (
+            written(
+                tmp_path / f"{speed_rad_s}", recording((impact(1, 1.0, speed_rad_s=speed_rad_s),))
+            )
+            / "peak-forces.tex"
+        ).read_text()
         for speed_rad_s in (15.0, 15.1)
     )
     assert all(f"${value}$" in at_papers for value in (299, 188, 232))
@@ -142,7 +177,9 @@ def test_hinges_that_bend_beyond_their_measured_torque_are_named(tmp_path, last_
     measured = replace(rig, leg=replace(rig.leg, k2_per_rad2=0.0, torque_splines=(curve,)))
     given = GivenModel("curve.toml", measured)
     said = (written(tmp_path, recording(strokes()[:1]), given=given) / "report.html").read_text()
-    assert ("and its torque was measured to 15.0; beyond that the curve is straight." in said) is is_said
+    assert (
+        "and its torque was measured to 15.0; beyond that the curve is straight." in said
+    ) is is_said
 
 
 def test_the_page_says_what_it_shows(mixed):
@@ -158,7 +195,14 @@ def test_the_page_says_what_it_shows(mixed):
         "rms: rest",
     ):
         assert said in text
-    for said in ("fz (N)", "residual (N)", "time from the start of the motion (s)", "Static stages", "\u22125.25", "over the repeats"):
+    for said in (
+        "fz (N)",
+        "residual (N)",
+        "time from the start of the motion (s)",
+        "Static stages",
+        "\u22125.25",
+        "over the repeats",
+    ):
         assert said in text
     assert not re.search(r"\bnan\b|None|\binf\b", text)
 
@@ -171,16 +215,26 @@ def test_every_picture_marks_the_regions_and_its_caption_gives_their_borders(mix
     for svg, caption, row in zip(svgs, captions, table(mixed)["rows"], strict=True):
         for name in ("I", "II", "III"):
             assert len(re.findall(rf">\s*{name}\s*</text>", svg)) == 1, name
-        said = re.search(r"Regions: I to ([\d.]+)\Ws, II to ([\d.]+)\Ws, III to ([\d.]+)\Ws \(mean over the repeats\)", caption)
+        said = re.search(
+            (
+                r"Regions: I to ([\d.]+)\Ws, II to ([\d.]+)\Ws, III to ([\d.]+)\Ws \(mean "
+                r"over the repeats\)"
+            ),
+            caption,
+        )
         first, second, third = map(float, said.groups())
         assert 0.1 < first < second < third < second + 0.1
-        assert second == pytest.approx(row["measured_time_s"], abs=6e-4), "region II ends at the valley of Table II"
+        assert second == pytest.approx(row["measured_time_s"], abs=6e-4), (
+            "region II ends at the valley of Table II"
+        )
     assert "I is the free swing" in Outline(page).text
 
 
 def test_a_leg_in_the_air_has_no_regions_ii_and_iii(tmp_path):
     t_s = traces.even(1000.0)
-    folder = written(tmp_path, recording((traces.stroke(t_s, np.full(len(t_s), 3.1), height_m=0.5),)))
+    folder = written(
+        tmp_path, recording((traces.stroke(t_s, np.full(len(t_s), 3.1), height_m=0.5),))
+    )
     text = Outline((folder / "report.html").read_text()).text
     assert "No regions II and III" in text and "Regions: " not in text
 
@@ -202,17 +256,30 @@ def test_a_refused_stroke_is_told_in_every_file(tmp_path):
     row = table(folder)["rows"][0]
     assert row["repeats"] == 2
     assert "repeat 3: no contact" in row["refused"][0]
-    assert all("repeat 3: no contact" in (folder / name).read_text() for name in ("report.html", "table2.csv"))
+    assert all(
+        "repeat 3: no contact" in (folder / name).read_text()
+        for name in ("report.html", "table2.csv")
+    )
 
 
 def test_what_is_not_known_is_null_and_never_nan(tmp_path):
     t_s = traces.even(1000.0)
-    folder = written(tmp_path, recording((traces.stroke(t_s, None), traces.stroke(t_s, np.full(len(t_s), 3.1), height_m=0.235))))
+    folder = written(
+        tmp_path,
+        recording(
+            (traces.stroke(t_s, None), traces.stroke(t_s, np.full(len(t_s), 3.1), height_m=0.235))
+        ),
+    )
     document = table(folder)
-    assert all(row["measured_time_s"] is None and row["force_error_pct"] is None for row in document["rows"])
+    assert all(
+        row["measured_time_s"] is None and row["force_error_pct"] is None
+        for row in document["rows"]
+    )
     assert document["average"] == {"time_error_pct": None, "force_error_pct": None}
     for written_file in folder.iterdir():
-        assert not re.search(r"\bnan\b", written_file.read_text(), flags=re.IGNORECASE), written_file.name
+        assert not re.search(r"\bnan\b", written_file.read_text(), flags=re.IGNORECASE), (
+            written_file.name
+        )
 
 
 def test_one_repeat_has_no_standard_deviation(tmp_path):
@@ -229,9 +296,18 @@ def test_static_stages_alone_make_a_report(tmp_path):
 
 
 def test_sources_stay_apart_with_their_names_and_models(tmp_path):
-    twin = recording(strokes(), title="Twin run", source="SIM", provenance={"seed": "7", "plan": "/home/lab/plans/table2.toml"})
+    twin = recording(
+        strokes(),
+        title="Twin run",
+        source="SIM",
+        provenance={"seed": "7", "plan": "/home/lab/plans/table2.toml"},
+    )
     folder = written(tmp_path, twin, recording(strokes()[:1], title="Twin run"))
-    assert [row["source"] for row in table(folder)["rows"]] == ["Twin run (1)", "Twin run (1)", "Twin run (2)"]
+    assert [row["source"] for row in table(folder)["rows"]] == [
+        "Twin run (1)",
+        "Twin run (1)",
+        "Twin run (2)",
+    ]
     text = Outline((folder / "report.html").read_text()).text
     assert "SIM was recorded on simulated twins" in text and "IMPORT came from" in text
     run = Outline((folder / "run-1.html").read_text()).text
@@ -241,7 +317,9 @@ def test_sources_stay_apart_with_their_names_and_models(tmp_path):
 
 def test_a_given_model_takes_the_place_of_the_believed_one(tmp_path):
     slippery = {**BELIEVED, "ground": {**BELIEVED["ground"], "friction_coefficient": 0.2}}
-    folder = written(tmp_path, recording(strokes()), given=GivenModel("slippery.toml", nominal_model(slippery)))
+    folder = written(
+        tmp_path, recording(strokes()), given=GivenModel("slippery.toml", nominal_model(slippery))
+    )
     assert table(folder)["average"]["force_error_pct"] > 5.0
     text = Outline((folder / "report.html").read_text()).text
     assert "The model in slippery.toml, given for this report" in text
@@ -254,7 +332,11 @@ def test_the_page_ends_with_what_remakes_it(tmp_path, shaft):
     folder = written(tmp_path, recording(strokes()[:1]), shaft=shaft, origin=origin)
     for page in ("report.html", "run.html"):
         text = Outline((folder / page).read_text()).text
-        assert text.index(origin.command) < text.index(recorded.sha256) < text.index("Written by rfca-rig 0.1.0, git 0123")
+        assert (
+            text.index(origin.command)
+            < text.index(recorded.sha256)
+            < text.index("Written by rfca-rig 0.1.0, git 0123")
+        )
 
 
 def test_fifteen_kilohertz_does_not_make_the_page_heavier(mixed, tmp_path):

@@ -11,7 +11,12 @@ import pytest
 from rfca_rig.reports.provenance import Origin, PageContext, PageLink, RecordingSource
 from rfca_rig.reports.run.page import page, tables_of
 from rfca_rig.reports.run.parts import story_of
-from rfca_rig.reports.run.pictures import MOST_STAGES, MOST_TRACES, select_static_stages, select_traces
+from rfca_rig.reports.run.pictures import (
+    MOST_STAGES,
+    MOST_TRACES,
+    select_static_stages,
+    select_traces,
+)
 from rfca_rig.reports.run.tables import MOST_ROWS, clock_drifts
 from rfca_rig.reports.table import as_csv
 from tests.report import runs
@@ -22,7 +27,8 @@ from tests.report.recordings import recording, stages, strokes
 def shown(recorded):
     story = story_of(recorded)
     told = PageContext(
-        Origin("", (RecordingSource(recorded.source, recorded.title),)), (PageLink("report.html", "Compared with the model"),)
+        Origin("", (RecordingSource(recorded.source, recorded.title),)),
+        (PageLink("report.html", "Compared with the model"),),
     )
     html = page(story, tables_of(story), told, ("run-stages.csv",))
     outline = Outline(html)
@@ -40,7 +46,9 @@ def rows(table):
 def test_a_run_that_was_carried_out():
     html, text, story = shown(runs.done())
     assert (
-        "done" in text and "The whole plan was carried out." in text and "4 of 4 strokes recorded" in text.replace("4strokes", "4 strokes")
+        "done" in text
+        and "The whole plan was carried out." in text
+        and "4 of 4 strokes recorded" in text.replace("4strokes", "4 strokes")
     )
     for said in (
         "12.5 ms, may be late by 50 ms",
@@ -73,7 +81,10 @@ def test_a_run_that_tripped_says_so_first_and_shows_what_was_cut_short():
     assert "cut short: TRIP L-01" in text and "✗" in html
     stage = rows(tables_of(story)[0])[1]
     assert float(stage["peak_force_N"]) == 50.5 and stage["cut_short"].startswith("cut short: TRIP")
-    assert [(row["done"], each.marked) for row, each in zip(rows(tables_of(story)[1]), tables_of(story)[1].rows, strict=True)] == [
+    assert [
+        (row["done"], each.marked)
+        for row, each in zip(rows(tables_of(story)[1]), tables_of(story)[1].rows, strict=True)
+    ] == [
         ("1", True),
         ("0", True),
     ]
@@ -87,7 +98,11 @@ def test_a_worn_leg_shows_its_cycles_and_its_checks():
     assert float(check["drift_pct"]) == pytest.approx(-8.0, abs=0.3) and check["cycles"] == "40"
     assert checks.rows[0].marked and "worn out" in text
     by_kind = {row["kind"]: row for row in rows(done)}
-    assert (by_kind["cycles"]["done"], by_kind["cycles"]["planned"], by_kind["static stage"]["done"]) == ("40", "40", "6")
+    assert (
+        by_kind["cycles"]["done"],
+        by_kind["cycles"]["planned"],
+        by_kind["static stage"]["done"],
+    ) == ("40", "40", "6")
     assert float(by_kind["cycles"]["largest_peak_force_N"]) == pytest.approx(51.0)
     assert float(by_kind["cycles"]["expected_force_N"]) > 30.0
     # The static forces are three panels; cycles and checks are drawn for two widths.
@@ -97,7 +112,10 @@ def test_a_worn_leg_shows_its_cycles_and_its_checks():
 def test_a_campaign_from_elsewhere_tells_what_it_holds():
     html, text, story = shown(recording(strokes(), stages()))
     assert "imported" in text and "Planned" not in text and "Limits in force" not in text
-    assert "No limits are recorded" in text and html.count('role="img"') == len(story.recording.strokes) + 3
+    assert (
+        "No limits are recorded" in text
+        and html.count('role="img"') == len(story.recording.strokes) + 3
+    )
     assert all(float(row["expected_force_N"]) > 30.0 for row in rows(tables_of(story)[0])[:4])
 
 
@@ -128,8 +146,13 @@ def test_long_runs_stay_light():
 def test_long_runs_show_whole_sequences_of_static_stages():
     many = tuple(runs.static_stage(n, runs.CHECKED_DEG[n % 3], -10.0) for n in range(300))
     shown_stages = select_static_stages(many)
-    assert len(shown_stages) <= MOST_STAGES and (shown_stages[0], shown_stages[-1]) == (many[0], many[-1])
-    assert [stage.shaft_angle_rad for stage in shown_stages] == [many[n % 3].shaft_angle_rad for n in range(len(shown_stages))]
+    assert len(shown_stages) <= MOST_STAGES and (shown_stages[0], shown_stages[-1]) == (
+        many[0],
+        many[-1],
+    )
+    assert [stage.shaft_angle_rad for stage in shown_stages] == [
+        many[n % 3].shaft_angle_rad for n in range(len(shown_stages))
+    ]
     assert select_static_stages(many[:9]) == list(many[:9])
 
 
@@ -156,17 +179,45 @@ def test_the_same_run_gives_the_same_page():
 def test_a_run_that_went_on_with_other_limits_is_held_against_those_in_force():
     cut = runs.tripped()
     label = runs.FLAPS[1].label
-    resumed = {"event": "run resumed", "t_s": 0.0, "utc": "2000", "stopped": runs.TRIP, "rig_changes": {"limits.force_N": "150.0"}}
-    events = "\n".join([cut.provenance["events"], json.dumps(resumed), json.dumps({"event": "stage begins", "t_s": 0.7, "stage": label})])
-    provenance = {**cut.provenance, "events": events, "resumed": json.dumps([resumed]), "ended": "done", "reason": "done"}
+    resumed = {
+        "event": "run resumed",
+        "t_s": 0.0,
+        "utc": "2000",
+        "stopped": runs.TRIP,
+        "rig_changes": {"limits.force_N": "150.0"},
+    }
+    events = "\n".join(
+        [
+            cut.provenance["events"],
+            json.dumps(resumed),
+            json.dumps({"event": "stage begins", "t_s": 0.7, "stage": label}),
+        ]
+    )
+    provenance = {
+        **cut.provenance,
+        "events": events,
+        "resumed": json.dumps([resumed]),
+        "ended": "done",
+        "reason": "done",
+    }
     _, text, story = shown(replace(cut, strokes=strokes()[:2], provenance=provenance))
-    shares = [float(row["peak_force_N"]) / float(row["force_of_limit_pct"]) for row in rows(tables_of(story)[0])]
+    shares = [
+        float(row["peak_force_N"]) / float(row["force_of_limit_pct"])
+        for row in rows(tables_of(story)[0])
+    ]
     assert shares == pytest.approx([3.0, 3.0, 1.5])
-    assert [(part.begun.t_s, bool(part.ended)) for part in story.parts] == [(1.0, False), (4.0, True), (0.7, False)]
+    assert [(part.begun.t_s, bool(part.ended)) for part in story.parts] == [
+        (1.0, False),
+        (4.0, True),
+        (0.7, False),
+    ]
     assert "300 N, later 150 N" in text and "at 2000 with limits.force_N 150.0, had stopped" in text
 
 
 def test_events_that_are_none_are_passed_over():
     odd = runs.done()
     events = "not json\n[1, 2]\n{}\n" + odd.provenance["events"]
-    assert story_of(replace(odd, provenance={**odd.provenance, "events": events})).events == story_of(odd).events
+    assert (
+        story_of(replace(odd, provenance={**odd.provenance, "events": events})).events
+        == story_of(odd).events
+    )

@@ -19,7 +19,9 @@ def text_of(name):
 
 def luminance(colour):
     parts = [int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5)]
-    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+    linear = [
+        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
+    ]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
@@ -29,14 +31,28 @@ def contrast(one, other):
 
 
 @pytest.mark.parametrize(
-    ("one", "other"), [("MEASURED", "PAPER"), ("SIMULATED", "PAPER"), ("MEASURED", "SIMULATED"), ("OTHER", "PAPER"), ("FAINT", "PAPER")]
+    ("one", "other"),
+    [
+        ("MEASURED", "PAPER"),
+        ("SIMULATED", "PAPER"),
+        ("MEASURED", "SIMULATED"),
+        ("OTHER", "PAPER"),
+        ("FAINT", "PAPER"),
+    ],
 )
 def test_lines_stand_out_three_to_one(one, other):
     assert contrast(getattr(style, one), getattr(style, other)) >= 3.0
 
 
 @pytest.mark.parametrize(
-    ("one", "other"), [("measured", "paper"), ("simulated", "paper"), ("measured", "simulated"), ("other", "paper"), ("faint", "paper")]
+    ("one", "other"),
+    [
+        ("measured", "paper"),
+        ("simulated", "paper"),
+        ("measured", "simulated"),
+        ("other", "paper"),
+        ("faint", "paper"),
+    ],
 )
 def test_lines_stand_out_on_dark_paper_too(one, other):
     assert set(style.DARK) == set(style.colours())
@@ -55,9 +71,17 @@ def test_figures_follow_the_page_into_dark_mode_and_scroll_before_they_shrink():
     figure, axes = style.make_panel("force (N)", "time (s)")
     axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MEASURED)
     axes.margins(x=0.0)
-    svg = style.inline_svg(figure, "salt", "a line", style.hover_values(axes, np.linspace(0.0, 1.0, 9), "s", {"a": np.arange(9.0)}, "N", 3))
+    svg = style.inline_svg(
+        figure,
+        "salt",
+        "a line",
+        style.hover_values(axes, np.linspace(0.0, 1.0, 9), "s", {"a": np.arange(9.0)}, "N", 3),
+    )
     assert style.MEASURED not in svg and "var(--measured)" in svg and "#000000" not in svg
-    assert f"--width: {72.0 * style.PANEL_IN[0]:.0f}px" in svg and "min-width: var(--width, 0)" in text_of("base.css")
+    assert (
+        f"--width: {72.0 * style.PANEL_IN[0]:.0f}px" in svg
+        and "min-width: var(--width, 0)" in text_of("base.css")
+    )
     # A phone is 390 px wide, less margins of 15 px.
     assert 72.0 * style.PANEL_IN[0] <= 360.0
     assert [float(x) for x in re.findall(r"<title>([\d.]+) s: a", svg)] == [0.125, 0.5, 0.875]
@@ -75,7 +99,12 @@ def test_no_label_of_a_panel_is_cut(values):
         canvas.draw()
         renderer = canvas.get_renderer()
         box = figure.get_tightbbox(renderer)
-    assert box.x0 >= 0.0 and box.y0 >= 0.0 and box.x1 <= style.PANEL_IN[0] and box.y1 <= style.PANEL_IN[1]
+    assert (
+        box.x0 >= 0.0
+        and box.y0 >= 0.0
+        and box.x1 <= style.PANEL_IN[0]
+        and box.y1 <= style.PANEL_IN[1]
+    )
 
 
 def test_text_stands_out_four_and_a_half_to_one():
@@ -108,4 +137,8 @@ def test_every_page_extends_the_base_and_no_sheet_styles_tables_anew():
 
 def test_in_print_nothing_scrolls_and_rows_stay_whole():
     printed = text_of("base.css").split("@media print")[1]
-    assert ".wide { overflow: visible; }" in printed and "tr, figure" in printed and "break-inside: avoid" in printed
+    assert (
+        ".wide { overflow: visible; }" in printed
+        and "tr, figure" in printed
+        and "break-inside: avoid" in printed
+    )

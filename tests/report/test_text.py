@@ -10,7 +10,9 @@ from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together,
 from tests.model.legs import PAPER
 
 
-@pytest.mark.parametrize(("value", "said"), [(-1.25, "\u22121.25"), (-0.001, "0.00"), (None, "\u2013"), (3.0, "3.00")])
+@pytest.mark.parametrize(
+    ("value", "said"), [(-1.25, "\u22121.25"), (-0.001, "0.00"), (None, "\u2013"), (3.0, "3.00")]
+)
 def test_numbers_have_a_true_minus_and_no_minus_nothing(value, said):
     assert number(value, 2) == said
 
@@ -22,7 +24,10 @@ def test_spread_and_counts():
 
 
 def test_units_stay_with_their_numbers():
-    assert keep_units_together("rms 0.29 N, at 2.433 rad/s (N m), 3 not") == "rms 0.29\u00a0N, at 2.433\u00a0rad/s (N\u00a0m), 3 not"
+    assert (
+        keep_units_together("rms 0.29 N, at 2.433 rad/s (N m), 3 not")
+        == "rms 0.29\u00a0N, at 2.433\u00a0rad/s (N\u00a0m), 3 not"
+    )
 
 
 def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
@@ -42,8 +47,13 @@ def test_a_measured_curve_is_shown_by_its_points(curves):
     leg = replace(PAPER.leg, k0_Nm_per_rad=10.0, k2_per_rad2=0.0, torque_splines=splines)
     lines = parameter_lines(replace(PAPER, leg=leg))
     assert [line.section for line in lines].index("ground") == 6 + curves
-    torques = {line.name: (line.value, line.unit) for line in lines if line.name.startswith("torque")}
-    assert torques["torque" if curves == 1 else "torque of hinge 7"] == ("2 at 10, 5 at 20", "N m at deg")
+    torques = {
+        line.name: (line.value, line.unit) for line in lines if line.name.startswith("torque")
+    }
+    assert torques["torque" if curves == 1 else "torque of hinge 7"] == (
+        "2 at 10, 5 at 20",
+        "N m at deg",
+    )
     assert len(torques) == curves
     assert "k2" not in {line.name for line in lines}
 
@@ -67,7 +77,10 @@ def test_long_numbers_stand_in_groups_of_three(text, said):
     [
         ("zero of 0.0200 ± 0.0010 rad", "zero of 1.146 ± 0.057 deg"),
         ("\u22120.1 rad, then 0.25\u00a0rad", "\u22125.7 deg, then 14\u00a0deg"),
-        ("at 2.433 rad/s, k0 11 N m/rad, 3 rad² and 5 radii", "at 2.433 rad/s, k0 11 N m/rad, 3 rad² and 5 radii"),
+        (
+            "at 2.433 rad/s, k0 11 N m/rad, 3 rad² and 5 radii",
+            "at 2.433 rad/s, k0 11 N m/rad, 3 rad² and 5 radii",
+        ),
         ("1.2e-05 rad", "1.2e-05 rad"),
     ],
 )
@@ -78,4 +91,9 @@ def test_angles_in_sentences_are_in_degrees(text, said):
 def test_names_in_degrees_are_those_of_angles_only():
     assert page_name("mass_relative") == ("mass_pct", 100.0)
     names = ["joint1_position_rad", "k0_Nm_per_rad", "speed_rad_s", "rms_shaft_angle_rad"]
-    assert [page_name(name)[0] for name in names] == ["joint1_position_deg", "k0_Nm_per_rad", "speed_rad_s", "rms_shaft_angle_deg"]
+    assert [page_name(name)[0] for name in names] == [
+        "joint1_position_deg",
+        "k0_Nm_per_rad",
+        "speed_rad_s",
+        "rms_shaft_angle_deg",
+    ]

@@ -1,4 +1,5 @@
-"""python -m tests.runner_faults [FILE] [--cheap]: the fault table on the twin of the leg, onto the screen and into a file.
+"""python -m tests.runner_faults [FILE] [--cheap]: the fault table on the twin of the leg, onto the
+screen and into a file.
 
 With --cheap on the plant and at the rates of the tests.
 """

@@ -1,4 +1,6 @@
-"""Bus, network, clock, drive, recorder and camera that do what they should until a cause says otherwise."""
+"""Bus, network, clock, drive, recorder and camera that do what they should until a cause says
+otherwise.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,10 +22,11 @@ MOTION = frozenset({OdriveCommand.INPUT_POS, OdriveCommand.INPUT_VEL, OdriveComm
 
 
 class BreakableBus(can.BusABC):
-    """The driver's end of the wire; `alter` does to a received frame whatever it wants, and None takes it away.
+    """The driver's end of the wire; `alter` does to a received frame whatever it wants, and None
+    takes it away.
 
-    Every frame that the driver wants to send is kept, with the time; `fetch_photo` are those that left.
-    """
+    Every frame that the driver wants to send is kept, with the time; `fetch_photo` are those that
+    left."""
 
     def __init__(self, end: can.BusABC, clock: TwinClock) -> None:
         super().__init__(channel=end.channel_info)
@@ -42,7 +45,9 @@ class BreakableBus(can.BusABC):
         if self.send_error is not None:
             raise self.send_error
         if self._clock.now_s() < self.refuses_until_s:
-            raise can.CanOperationError("Failed to transmit: No buffer space available [Error Code 105]")
+            raise can.CanOperationError(
+                "Failed to transmit: No buffer space available [Error Code 105]"
+            )
         self._end.send(msg, timeout)
         self.taken.append(self.sent[-1])
 
@@ -58,12 +63,16 @@ class BreakableBus(can.BusABC):
         return message, False
 
     def told_to_let_go_s(self) -> float | None:
-        """When an order to go idle first left, after the one that last closed the loop, if any did."""
+        """When an order to go idle first left, after the one that last closed the loop, if any
+        did.
+        """
         first = _first_idle(self.taken)
         return None if first is None else self.taken[first][0]
 
     def motion_after_stop(self) -> int:
-        """Frames that would move the motor, after the driver first wanted to send that order; set-points before it was enabled are none."""
+        """Frames that would move the motor, after the driver first wanted to send that order;
+        set-points before it was enabled are none.
+        """
         first = _first_idle(self.sent)
         if first is None or not any(_closes_loop(message) for _, message in self.sent[:first]):
             return 0
@@ -79,7 +88,10 @@ def _first_idle(frames: list[tuple[float, can.Message]]) -> int | None:
 
 
 def _closes_loop(message: can.Message) -> bool:
-    return message.arbitration_id & 0x1F == OdriveCommand.AXIS_STATE and message.data[0] == AxisState.CLOSED_LOOP
+    return (
+        message.arbitration_id & 0x1F == OdriveCommand.AXIS_STATE
+        and message.data[0] == AxisState.CLOSED_LOOP
+    )
 
 
 class BreakableLink:
@@ -105,7 +117,9 @@ class BreakableLink:
 
 @dataclass
 class BreakableClock:
-    """The engine's clock; `late_s` is slept too long, once, and `meanwhile` happens every 10 ms of that."""
+    """The engine's clock; `late_s` is slept too long, once, and `meanwhile` happens every 10 ms
+    of that.
+    """
 
     clock: TwinClock
     late_s: float = 0.0
@@ -142,9 +156,13 @@ class RunawayDrive:
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         law = self.twin.drive(shaft)
-        return law if self.away_Nm is None or law == ShaftDrive() else ShaftDrive(feed_Nm=self.away_Nm)
+        return (
+            law if self.away_Nm is None or law == ShaftDrive() else ShaftDrive(feed_Nm=self.away_Nm)
+        )
 
-    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def advance(
+        self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive
+    ) -> None:
         self.twin.advance(elapsed_s, now_s, before, after, law)
 
 

@@ -7,4 +7,7 @@ from tests.runner_faults.drive_causes import DRIVE_CAUSES
 from tests.runner_faults.operator_causes import OPERATOR_CAUSES
 from tests.runner_faults.sensor_causes import SENSOR_CAUSES
 
-CAUSES: dict[str, Cause] = {cause.name: cause for cause in (*SENSOR_CAUSES, *DRIVE_CAUSES, *BUS_CAUSES, *COMPUTER_CAUSES, *OPERATOR_CAUSES)}
+CAUSES: dict[str, Cause] = {
+    cause.name: cause
+    for cause in (*SENSOR_CAUSES, *DRIVE_CAUSES, *BUS_CAUSES, *COMPUTER_CAUSES, *OPERATOR_CAUSES)
+}

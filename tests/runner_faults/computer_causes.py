@@ -32,7 +32,9 @@ def _step_wall_clock(rig: FaultyRig) -> None:
 
 
 COMPUTER_CAUSES = (
-    Cause("late", "computer", "the control loop sleeps 80 ms too long", "C-01", _be_late, within_ms=90),
+    Cause(
+        "late", "computer", "the control loop sleeps 80 ms too long", "C-01", _be_late, within_ms=90
+    ),
     Cause(
         "stopped-for-a-while",
         "computer",
@@ -55,8 +57,34 @@ COMPUTER_CAUSES = (
         "C-02",
         lambda rig: _recorder_says(rig, Tripped(Trip.RECORDER_BEHIND, "its queue is full")),
     ),
-    Cause("disk-full", "computer", "the disk takes no more", "DiskFull", lambda rig: _recorder_says(rig, DiskFull("stopped: disk full"))),
-    Cause("camera-frozen", "computer", "the camera never gives the photo it was asked for", GOES_ON, _freeze_camera, in_hold=True),
-    Cause("camera-gone", "computer", "the camera raises when asked", GOES_ON, _lose_camera, in_hold=True),
-    Cause("wall-clock-set", "computer", "the computer's clock is set an hour on", GOES_ON, _step_wall_clock),
+    Cause(
+        "disk-full",
+        "computer",
+        "the disk takes no more",
+        "DiskFull",
+        lambda rig: _recorder_says(rig, DiskFull("stopped: disk full")),
+    ),
+    Cause(
+        "camera-frozen",
+        "computer",
+        "the camera never gives the photo it was asked for",
+        GOES_ON,
+        _freeze_camera,
+        in_hold=True,
+    ),
+    Cause(
+        "camera-gone",
+        "computer",
+        "the camera raises when asked",
+        GOES_ON,
+        _lose_camera,
+        in_hold=True,
+    ),
+    Cause(
+        "wall-clock-set",
+        "computer",
+        "the computer's clock is set an hour on",
+        GOES_ON,
+        _step_wall_clock,
+    ),
 )

@@ -21,7 +21,11 @@ HOT_degC = 120.0
 def _error(bit: int) -> Cause:
     name, meaning = ERROR_BITS[bit]
     return Cause(
-        f"drive-{name.lower().replace('_', '-')}", "drive", f"the drive stops: {meaning}", "D-01", lambda rig: rig.drive.set_error(1 << bit)
+        f"drive-{name.lower().replace('_', '-')}",
+        "drive",
+        f"the drive stops: {meaning}",
+        "D-01",
+        lambda rig: rig.drive.set_error(1 << bit),
     )
 
 
@@ -74,7 +78,9 @@ def _command_of(message: can.Message) -> int:
     return message.arbitration_id & 0x1F
 
 
-def _replace_values(rig: FaultyRig, command: OdriveCommand, first: float, second: float, frames: float = inf) -> None:
+def _replace_values(
+    rig: FaultyRig, command: OdriveCommand, first: float, second: float, frames: float = inf
+) -> None:
     """So many frames of that message carry these two numbers."""
     left = frames
 
@@ -83,7 +89,11 @@ def _replace_values(rig: FaultyRig, command: OdriveCommand, first: float, second
         if _command_of(message) != command or left <= 0:
             return message
         left -= 1
-        return can.Message(arbitration_id=message.arbitration_id, data=struct.pack("<ff", first, second), is_extended_id=False)
+        return can.Message(
+            arbitration_id=message.arbitration_id,
+            data=struct.pack("<ff", first, second),
+            is_extended_id=False,
+        )
 
     rig.bus.alter = alter
 
@@ -102,7 +112,9 @@ def _hold_back(rig: FaultyRig, late_s: float) -> None:
 
 
 def _silence_torque(rig: FaultyRig) -> None:
-    rig.bus.alter = lambda message: None if _command_of(message) == OdriveCommand.TORQUES else message
+    rig.bus.alter = lambda message: (
+        None if _command_of(message) == OdriveCommand.TORQUES else message
+    )
 
 
 DRIVE_CAUSES = (
@@ -124,8 +136,21 @@ DRIVE_CAUSES = (
         _order_idle,
     ),
     Cause("e-stop-frame", "drive", "an emergency stop frame on the bus", "D-01", _press_e_stop),
-    catalogued("heartbeat-silent", "drive", "no heartbeat any more, all else goes on", "D-02", within_ms=610),
-    Cause("encoder-silent", "drive", "no encoder estimates any more, heartbeats go on", "D-03", _silence_encoder, within_ms=120),
+    catalogued(
+        "heartbeat-silent",
+        "drive",
+        "no heartbeat any more, all else goes on",
+        "D-02",
+        within_ms=610,
+    ),
+    Cause(
+        "encoder-silent",
+        "drive",
+        "no encoder estimates any more, heartbeats go on",
+        "D-03",
+        _silence_encoder,
+        within_ms=120,
+    ),
     Cause(
         "encoder-silent-held",
         "drive",
@@ -136,8 +161,22 @@ DRIVE_CAUSES = (
         within_ms=130,
         hold_s=0.8,
     ),
-    Cause("encoder-late", "drive", "the encoder estimates come 0.2 s late", "D-03", lambda rig: _hold_back(rig, 0.2), within_ms=120),
-    Cause("torque-silent", "drive", "no torque is reported any more, all else goes on", "D-03", _silence_torque, within_ms=120),
+    Cause(
+        "encoder-late",
+        "drive",
+        "the encoder estimates come 0.2 s late",
+        "D-03",
+        lambda rig: _hold_back(rig, 0.2),
+        within_ms=120,
+    ),
+    Cause(
+        "torque-silent",
+        "drive",
+        "no torque is reported any more, all else goes on",
+        "D-03",
+        _silence_torque,
+        within_ms=120,
+    ),
     Cause(
         "encoder-nan",
         "drive",
@@ -187,15 +226,50 @@ DRIVE_CAUSES = (
         lambda rig: _replace_values(rig, OdriveCommand.TEMPERATURES, nan, nan),
         within_ms=1600,
     ),
-    catalogued("encoder-frozen", "drive", "every encoder report repeats the one before", "F-02", within_ms=200),
+    catalogued(
+        "encoder-frozen",
+        "drive",
+        "every encoder report repeats the one before",
+        "F-02",
+        within_ms=200,
+    ),
     catalogued("encoder-jump", "drive", "the encoder slips by a turn of the motor", "F-04"),
-    catalogued("drive-restart", "drive", "the drive restarts: idle, its position counts from elsewhere", "F-04"),
-    Cause("drive-hot", "drive", "motor above the limit of temperature, no error of the drive", "D-04", _fever, within_ms=600),
+    catalogued(
+        "drive-restart",
+        "drive",
+        "the drive restarts: idle, its position counts from elsewhere",
+        "F-04",
+    ),
+    Cause(
+        "drive-hot",
+        "drive",
+        "motor above the limit of temperature, no error of the drive",
+        "D-04",
+        _fever,
+        within_ms=600,
+    ),
     Cause("weak-drive", "drive", "the drive gives 0.3 N m at most", "F-02", _weaken, within_ms=250),
-    Cause("runaway", "drive", "the drive pushes with 15 N m, whatever the command", "F-01", _run_away),
-    Cause("coupling-slips", "drive", "the motor's torque no longer gets to the shaft", "F-02", _loosen, within_ms=250),
+    Cause(
+        "runaway", "drive", "the drive pushes with 15 N m, whatever the command", "F-01", _run_away
+    ),
+    Cause(
+        "coupling-slips",
+        "drive",
+        "the motor's torque no longer gets to the shaft",
+        "F-02",
+        _loosen,
+        within_ms=250,
+    ),
     Cause("jam", "drive", "the shaft is held fast", "F-02", _block, within_ms=200),
-    Cause("jam-slow", "drive", "the shaft is held fast in a stroke at 1 rad/s", "F-03", _block, within_ms=320, speed_rad_s=1.0),
+    Cause(
+        "jam-slow",
+        "drive",
+        "the shaft is held fast in a stroke at 1 rad/s",
+        "F-03",
+        _block,
+        within_ms=320,
+        speed_rad_s=1.0,
+    ),
     Cause(
         "drive-forgets-address",
         "drive",

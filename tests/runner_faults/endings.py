@@ -1,4 +1,6 @@
-"""What becomes of motor and recording when the run's process is told, stopped or killed; each line has its test in `test_signals`."""
+"""What becomes of motor and recording when the run's process is told, stopped or killed; each
+line has its test in `test_signals`.
+"""
 
 from dataclasses import dataclass
 

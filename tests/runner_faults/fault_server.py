@@ -1,10 +1,11 @@
-"""The twin server, in which the causes of the fault table can be brought about: python -m tests.runner_faults.fault_server, as `rfca-rig`.
+"""The twin server, in which the causes of the fault table can be brought about: python -m
+tests.runner_faults.fault_server, as `rfca-rig`.
 
-It takes the words of `rfca-rig`, here `twin serve`. Three more lines work on its control port. `cause NAME` brings about a cause that acts
-on the drive, the shaft, the sensor or the bus, by the same function as in simulated time; the answer is when it began. `heal` takes it
-back, unless it is in PERMANENT. `torque` tells when the motor last gave torque, whatever the drive reports. Times are those of the
-system's monotonic clock, which all processes share.
-"""
+It takes the words of `rfca-rig`, here `twin serve`. Three more lines work on its control port.
+`cause NAME` brings about a cause that acts on the drive, the shaft, the sensor or the bus, by the
+same function as in simulated time; the answer is when it began. `heal` takes it back, unless it is
+in PERMANENT. `torque` tells when the motor last gave torque, whatever the drive reports. Times are
+those of the system's monotonic clock, which all processes share."""
 
 import sys
 import time
@@ -31,12 +32,24 @@ from tests.runner_faults.rig import TRUE, box_settings
 from tests.runner_faults.truth import Truth
 
 FAULT_SERVER = (sys.executable, "-m", "tests.runner_faults.fault_server")
-# After these the drive has another zero, is hot, or reports nothing, or the leg may lie on the floor: the next try needs a new server.
-PERMANENT = frozenset({"drive-restart", "drive-hot", "encoder-frozen", "encoder-silent", "encoder-silent-held", "runaway"})
+# After these the drive has another zero, is hot, or reports nothing, or the leg may lie on the
+# floor: the next try needs a new server.
+PERMANENT = frozenset(
+    {
+        "drive-restart",
+        "drive-hot",
+        "encoder-frozen",
+        "encoder-silent",
+        "encoder-silent-held",
+        "runaway",
+    }
+)
 
 
 class AlterableBus(can.BusABC):
-    """The drive's end of the bus; `alter` does to a frame of the drive whatever it wants, and None takes it away."""
+    """The drive's end of the bus; `alter` does to a frame of the drive whatever it wants, and
+    None takes it away.
+    """
 
     def __init__(self, end: can.BusABC) -> None:
         super().__init__(channel=end.channel_info)
@@ -96,17 +109,22 @@ class ServedTwins:
         self.link, self.panel = AlterableLink(link, panel), panel
         return self.link
 
-    def make_twins(self, rig: Any, twin: Any, seed: int, bus: can.BusABC, put_on_ports: Any) -> Twins:
+    def make_twins(
+        self, rig: Any, twin: Any, seed: int, bus: can.BusABC, put_on_ports: Any
+    ) -> Twins:
         self.bus = AlterableBus(bus)
         twins = make_twins(rig, twin, seed, self.bus, put_on_ports)
         self.drive = twins.motor
         self.truth = TimedTruth(twins.plant)
         self.runaway = RunawayDrive(twins.motor)
-        # The range of the simulated run: the served sensor's own ends a little above the limit of the moment.
+        # The range of the simulated run: the served sensor's own ends a little above the limit of
+        # the moment.
         twins.sensor._full_scale = np.array(box_settings(TRUE).full_scale)
         self._healthy = twins.motor._settings, twins.motor._loop
         self.events = dict(served.drive_faults_of(rig).events(twins.motor))
-        return Twins(self.truth, twins.motor, twins.sensor, TwinWorld(self.truth, self.runaway, twins.sensor))
+        return Twins(
+            self.truth, twins.motor, twins.sensor, TwinWorld(self.truth, self.runaway, twins.sensor)
+        )
 
     @property
     def observer(self) -> can.BusABC:

@@ -1,4 +1,6 @@
-"""What the operator does, and the system on behalf of somebody: keys and signals, as the command line hears them."""
+"""What the operator does, and the system on behalf of somebody: keys and signals, as the command
+line hears them.
+"""
 
 import signal
 
@@ -25,12 +27,58 @@ def _shut_down(rig: FaultyRig) -> None:
 
 
 OPERATOR_CAUSES = (
-    Cause("^C", "operator", "^C once: on to the next safe point", "Stopped", lambda rig: press(rig, 1), by_press=True, within_ms=1400),
-    Cause("^C ^C", "operator", "^C twice: now", "Stopped", lambda rig: press(rig, 2), by_press=True, within_ms=30),
-    Cause("^C ^C ^C", "operator", "^C three times", "Stopped", lambda rig: press(rig, 3), by_press=True, within_ms=30),
     Cause(
-        "SIGTERM", "operator", "the system ends the process", "Stopped", lambda rig: tell(rig, signal.SIGTERM), by_press=True, within_ms=215
+        "^C",
+        "operator",
+        "^C once: on to the next safe point",
+        "Stopped",
+        lambda rig: press(rig, 1),
+        by_press=True,
+        within_ms=1400,
     ),
-    Cause("SIGHUP", "operator", "the terminal is closed", "Stopped", lambda rig: tell(rig, signal.SIGHUP), by_press=True, within_ms=215),
-    Cause("SIGHUP SIGTERM", "operator", "both, as at a shutdown", "Stopped", _shut_down, by_press=True, within_ms=215),
+    Cause(
+        "^C ^C",
+        "operator",
+        "^C twice: now",
+        "Stopped",
+        lambda rig: press(rig, 2),
+        by_press=True,
+        within_ms=30,
+    ),
+    Cause(
+        "^C ^C ^C",
+        "operator",
+        "^C three times",
+        "Stopped",
+        lambda rig: press(rig, 3),
+        by_press=True,
+        within_ms=30,
+    ),
+    Cause(
+        "SIGTERM",
+        "operator",
+        "the system ends the process",
+        "Stopped",
+        lambda rig: tell(rig, signal.SIGTERM),
+        by_press=True,
+        within_ms=215,
+    ),
+    Cause(
+        "SIGHUP",
+        "operator",
+        "the terminal is closed",
+        "Stopped",
+        lambda rig: tell(rig, signal.SIGHUP),
+        by_press=True,
+        within_ms=215,
+    ),
+    Cause(
+        "SIGHUP SIGTERM",
+        "operator",
+        "both, as at a shutdown",
+        "Stopped",
+        _shut_down,
+        by_press=True,
+        within_ms=215,
+    ),
 )

@@ -20,10 +20,11 @@ WATCHDOG_S = 0.1
 
 @dataclass(frozen=True)
 class Outcome:
-    """`ended` by which code or error; `lost` are acknowledged stages that cannot be read back; `energised_s` after the run's end.
+    """`ended` by which code or error; `lost` are acknowledged stages that cannot be read back;
+    `energised_s` after the run's end.
 
-    `obeyed_s` is how long the drive gave torque after the first order to let go had left; NaN where none left.
-    """
+    `obeyed_s` is how long the drive gave torque after the first order to let go had left; NaN where
+    none left."""
 
     ended: str
     message: str
@@ -37,9 +38,16 @@ class Outcome:
 
     @property
     def is_safe(self) -> bool:
-        """A drive that could not be disabled is left to its watchdog, and the operator asked to press the emergency stop."""
+        """A drive that could not be disabled is left to its watchdog, and the operator asked to
+        press the emergency stop.
+        """
         obeys = self.not_disabled or self.obeyed_s == 0.0
-        return obeys and self.energised_s <= (WATCHDOG_S if self.not_disabled else 0.0) and self.motion_frames == 0 and self.lost == 0
+        return (
+            obeys
+            and self.energised_s <= (WATCHDOG_S if self.not_disabled else 0.0)
+            and self.motion_frames == 0
+            and self.lost == 0
+        )
 
 
 class Hooked:
@@ -63,7 +71,9 @@ class Hooked:
 
 
 def caused(cause: Cause, folder: Path, fidelity: Fidelity = CHEAP) -> Outcome:
-    """The cause begins half way through the stroke, in contact with the floor; or where the shaft is about to be held."""
+    """The cause begins half way through the stroke, in contact with the floor; or where the
+    shaft is about to be held.
+    """
 
     def begun(stage: Flap | Hold, start_s: float) -> None:
         if isinstance(stage, Hold) and cause.in_hold:
@@ -87,8 +97,15 @@ def begin_now(rig: FaultyRig, *causes: Cause) -> None:
 
 
 def run_to_its_end(rig: FaultyRig, sink: Any) -> Outcome:
-    """Carries the rig's plan out, whatever comes; raises what is no error of a kind that the command line knows."""
-    return ended_by(rig, lambda: run_plan(rig.plan, rig.bench, sink, _nothing, Supervision(rig.expected(), rig.stop_request)))
+    """Carries the rig's plan out, whatever comes; raises what is no error of a kind that the
+    command line knows.
+    """
+    return ended_by(
+        rig,
+        lambda: run_plan(
+            rig.plan, rig.bench, sink, _nothing, Supervision(rig.expected(), rig.stop_request)
+        ),
+    )
 
 
 def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:
@@ -108,7 +125,9 @@ def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:
         not_disabled=error is not None and "could not be disabled" in str(error),
         stop=stop_after(rig.truth.moments, rig.begun_s),
         energised_s=_energised_s(rig, over_s),
-        obeyed_s=_energised_s(rig, np.nan if (told_s := rig.bus.told_to_let_go_s()) is None else told_s),
+        obeyed_s=_energised_s(
+            rig, np.nan if (told_s := rig.bus.told_to_let_go_s()) is None else told_s
+        ),
         motion_frames=rig.bus.motion_after_stop(),
         acknowledged=acknowledged,
         lost=max(0, acknowledged - len(kept.strokes) - len(kept.static)),
@@ -126,7 +145,14 @@ def code_of(error: BaseException) -> str:
 
 def _energised_s(rig: FaultyRig, over_s: float) -> float:
     """How long the drive gave torque after that."""
-    return over_s if np.isnan(over_s) else max((moment.at_s - over_s for moment in rig.truth.after(over_s) if moment.powered), default=0.0)
+    return (
+        over_s
+        if np.isnan(over_s)
+        else max(
+            (moment.at_s - over_s for moment in rig.truth.after(over_s) if moment.powered),
+            default=0.0,
+        )
+    )
 
 
 def _nothing(_stage: Stage) -> None:

@@ -1,4 +1,6 @@
-"""A run as on a real rig, against the twin server and through a proxy, in which something goes wrong while the shaft is held or moves."""
+"""A run as on a real rig, against the twin server and through a proxy, in which something goes
+wrong while the shaft is held or moves.
+"""
 
 import builtins
 import json
@@ -34,7 +36,13 @@ from tests.runner_faults.breakable import BreakableBus
 from tests.runner_faults.cause import GOES_ON, Cause
 from tests.runner_faults.outcome import Hooked, code_of
 from tests.runner_faults.rig import EXPECTED_LOAD, TRUE, short_plan
-from tests.twin_server.can_proxy import LoggedFrame, RunningProxy, can_proxy, last_torque_s, shows_odrive_torque
+from tests.twin_server.can_proxy import (
+    LoggedFrame,
+    RunningProxy,
+    can_proxy,
+    last_torque_s,
+    shows_odrive_torque,
+)
 from tests.twin_server.server import COMMAND, Server, serving
 from tests.twin_server.test_real_run import real_rig
 
@@ -45,7 +53,9 @@ HELD_S = 4.0
 
 @dataclass(frozen=True)
 class WireRun:
-    """How a run ended: by which code or error, what it said, and when the fault began; NaN where the run ended before."""
+    """How a run ended: by which code or error, what it said, and when the fault began; NaN where
+    the run ended before.
+    """
 
     ended: str
     message: str
@@ -57,8 +67,12 @@ class WireRun:
 
     @property
     def torque_s(self) -> float:
-        """Time from the fault to the last torque of the motor, else to the last one that the drive reports."""
-        last_s = last_torque_s(self.frames, self.shows_torque) if self.motor_s is None else self.motor_s
+        """Time from the fault to the last torque of the motor, else to the last one that the
+        drive reports.
+        """
+        last_s = (
+            last_torque_s(self.frames, self.shows_torque) if self.motor_s is None else self.motor_s
+        )
         return last_s - self.begun_s
 
     @property
@@ -84,8 +98,16 @@ class Wire:
 
     def kill_guardian(self) -> float:
         """Returns when it did."""
-        children = Path(f"/proc/self/task/{threading.main_thread().native_id}/children").read_text(encoding="utf-8").split()
-        guardians = [child for child in children if "guarded_bus" in Path(f"/proc/{child}/cmdline").read_text(encoding="utf-8")]
+        children = (
+            Path(f"/proc/self/task/{threading.main_thread().native_id}/children")
+            .read_text(encoding="utf-8")
+            .split()
+        )
+        guardians = [
+            child
+            for child in children
+            if "guarded_bus" in Path(f"/proc/{child}/cmdline").read_text(encoding="utf-8")
+        ]
         return kill_process(int(guardians[0]))
 
 
@@ -109,16 +131,23 @@ def served_guarded_rig(folder: Path) -> Iterator[tuple[Server, RigFile]]:
     with guarded_rigs.served_rig(folder, "mit") as served:
         real_rig(folder, served.server)
         text = (folder / "real.toml").read_text(encoding="utf-8")
-        motor = 'interface = "socketcand"\nchannel = "can0"\nguardian = true\n' + guarded_rigs.SECTIONS["mit"]
+        motor = (
+            'interface = "socketcand"\nchannel = "can0"\nguardian = true\n'
+            + guarded_rigs.SECTIONS["mit"]
+        )
         before, rest = text.split("[motor]\n")
-        (folder / "real.toml").write_text(f"{before}[motor]\n{motor}\n{rest[rest.index('[force_sensor]') :]}", encoding="utf-8")
+        (folder / "real.toml").write_text(
+            f"{before}[motor]\n{motor}\n{rest[rest.index('[force_sensor]') :]}", encoding="utf-8"
+        )
         yield served.server, read_rig(folder / "real.toml")
 
 
 def shows_mit_torque(frame: LoggedFrame) -> bool:
     """Whether the AK drive reports a torque in this frame."""
     frames = guarded_rigs.LAST_WORDS["mit"]
-    torque_Nm = frames.torque_Nm(can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False))
+    torque_Nm = frames.torque_Nm(
+        can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
+    )
     return torque_Nm is not None and abs(torque_Nm) >= frames.min_visible_torque_Nm()
 
 
@@ -130,26 +159,51 @@ class Adapter(BreakableBus):
         self._end.shutdown()
 
 
-def run_with_fault(server: Server, rig: RigFile, begin: Callable[[Wire], float], in_hold: bool, cause: Cause | None = None) -> WireRun:
+def run_with_fault(
+    server: Server,
+    rig: RigFile,
+    begin: Callable[[Wire], float],
+    in_hold: bool,
+    cause: Cause | None = None,
+) -> WireRun:
     """Runs the short plan; `begin` starts the fault and returns when it did.
 
-    It begins in the stroke, or while the shaft is held and nothing is recorded. With a cause of the fault table, the stroke, the moment in
-    it and the expected loads are those of the run in simulated time, and the adapter can be made to fail.
-    """
-    with can_proxy(server.host, int(server.ports["can_port"])) as proxy, tempfile.TemporaryDirectory() as place, ExitStack() as patches:
+    It begins in the stroke, or while the shaft is held and nothing is recorded. With a cause of the
+    fault table, the stroke, the moment in it and the expected loads are those of the run in
+    simulated time, and the adapter can be made to fail."""
+    with (
+        can_proxy(server.host, int(server.ports["can_port"])) as proxy,
+        tempfile.TemporaryDirectory() as place,
+        ExitStack() as patches,
+    ):
         where = json.dumps({"host": "127.0.0.1", "port": proxy.port})
         patches.enter_context(mock.patch.dict(os.environ, {"CAN_CONFIG": where}))
-        patches.enter_context(mock.patch.object(builtins, "input", lambda text: _set_rack(server, text)))
+        patches.enter_context(
+            mock.patch.object(builtins, "input", lambda text: _set_rack(server, text))
+        )
         folder = Path(place) / "run"
         run_folder.create(folder, Recording("a run", "SIM", rig.nominal(), {}, (), ()))
         keeper = RecorderClient(folder, patient=False)
         wire = Wire(proxy, server, keeper.process_id)
         if cause is not None:
-            patches.enter_context(mock.patch.object(factory, "open_commanding_bus", lambda rig, clock: _open_adapter(wire, rig, clock)))
+            patches.enter_context(
+                mock.patch.object(
+                    factory,
+                    "open_commanding_bus",
+                    lambda rig, clock: _open_adapter(wire, rig, clock),
+                )
+            )
         error, begun_s = _run(rig, keeper, wire, begin, in_hold, cause)
         shows_torque = shows_odrive_torque if rig.motor.device == "odrive" else shows_mit_torque
         frames = proxy.finish()
-    return WireRun(GOES_ON if error is None else code_of(error), str(error or ""), begun_s, frames, shows_torque, _motor_s(server))
+    return WireRun(
+        GOES_ON if error is None else code_of(error),
+        str(error or ""),
+        begun_s,
+        frames,
+        shows_torque,
+        _motor_s(server),
+    )
 
 
 def _open_adapter(wire: Wire, rig: RigFile, clock: WallClock) -> BreakableBus:
@@ -158,7 +212,9 @@ def _open_adapter(wire: Wire, rig: RigFile, clock: WallClock) -> BreakableBus:
 
 
 def _motor_s(server: Server) -> float | None:
-    """When the motor last gave torque; None where the server is not the one of the tests, or is gone."""
+    """When the motor last gave torque; None where the server is not the one of the tests, or is
+    gone.
+    """
     if server.process.poll() is not None:
         return None
     answer = server.told("torque")
@@ -172,7 +228,12 @@ def _set_rack(server: Server, prompt: str) -> str:
 
 
 def _run(
-    rig: RigFile, keeper: RecorderClient, wire: Wire, begin: Callable[[Wire], float], in_hold: bool, cause: Cause | None
+    rig: RigFile,
+    keeper: RecorderClient,
+    wire: Wire,
+    begin: Callable[[Wire], float],
+    in_hold: bool,
+    cause: Cause | None,
 ) -> tuple[RigError | None, float]:
     """The error that ended the run, if any, and when the fault began."""
     begun: list[float] = []
@@ -182,7 +243,9 @@ def _run(
 
     def on_begin(stage: Flap | Hold, start_s: float) -> None:
         if isinstance(stage, Flap) and not in_hold:
-            begin_soon(AFTER_S if cause is None else start_s + 0.5 * stage.stroke_s - bench.clock.now_s())
+            begin_soon(
+                AFTER_S if cause is None else start_s + 0.5 * stage.stroke_s - bench.clock.now_s()
+            )
 
     def on_stage(stage: Stage) -> None:
         # The hold comes next.
@@ -190,7 +253,11 @@ def _run(
             begin_soon(AFTER_S)
 
     plan, error = _plan(rig, in_hold, cause), None
-    expected = {} if cause is None else {stage: EXPECTED_LOAD for stage in plan.stages if isinstance(stage, Flap)}
+    expected = (
+        {}
+        if cause is None
+        else {stage: EXPECTED_LOAD for stage in plan.stages if isinstance(stage, Flap)}
+    )
     supervision = Supervision(expected)
     with open_bench(rig, None) as bench, handle_signals(supervision.stop_request, lambda _: None):
         keeper.watch(supervision.helpers)
@@ -211,7 +278,14 @@ def _run(
 
 def _plan(rig: RigFile, in_hold: bool, cause: Cause | None) -> Plan:
     fidelity = replace(TRUE, encoder_s=1.0 / rig.motor.reports_Hz)
-    plan = short_plan(rig.facts().limits, fidelity, speed_rad_s=3.0 if cause is None else cause.speed_rad_s)
+    plan = short_plan(
+        rig.facts().limits, fidelity, speed_rad_s=3.0 if cause is None else cause.speed_rad_s
+    )
     dwell_s = HELD_S if in_hold else 0.0
-    stages = [replace(stage, timing=replace(stage.timing, dwell_s=dwell_s)) if isinstance(stage, Hold) else stage for stage in plan.stages]
+    stages = [
+        replace(stage, timing=replace(stage.timing, dwell_s=dwell_s))
+        if isinstance(stage, Hold)
+        else stage
+        for stage in plan.stages
+    ]
     return replace(plan, stages=tuple(stages))

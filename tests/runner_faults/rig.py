@@ -1,4 +1,6 @@
-"""A whole twin rig in this process whose every part can be made to fail, a short plan for it, and the folder it records into."""
+"""A whole twin rig in this process whose every part can be made to fail, a short plan for it,
+and the folder it records into.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,11 +20,29 @@ from rfca_rig.devices.netft.ports import FORCE_FAULTS, TamperedLink
 from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
-from rfca_rig.devices.odrive.twin import FAULTS, OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
+from rfca_rig.devices.odrive.twin import (
+    FAULTS,
+    OdriveDialect,
+    OdriveTwin,
+    OdriveTwinSettings,
+    odrive_events,
+)
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.engine.interfaces import Bench, StopRequest
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
+from rfca_rig.protocol.plan import (
+    Flap,
+    Hold,
+    HoldTiming,
+    Limits,
+    MoveShaft,
+    Plan,
+    Rates,
+    Rest,
+    SetHeight,
+    SettleCriterion,
+    Stage,
+)
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
@@ -30,7 +50,14 @@ from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinPlant, TwinWorld
 from tests.engine import rigs
-from tests.runner_faults.breakable import BreakableBus, BreakableCamera, BreakableClock, BreakableKeeper, BreakableLink, RunawayDrive
+from tests.runner_faults.breakable import (
+    BreakableBus,
+    BreakableCamera,
+    BreakableClock,
+    BreakableKeeper,
+    BreakableLink,
+    RunawayDrive,
+)
 from tests.runner_faults.pendulum import Pendulum
 from tests.runner_faults.truth import Truth
 
@@ -45,7 +72,9 @@ SETTLE = SettleCriterion(force_band_N=3.0, angle_band_rad=0.05, for_s=0.1, limit
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How much the simulation is to cost: which plant, how often the devices report, how long all of it is watched after the run."""
+    """How much the simulation is to cost: which plant, how often the devices report, how long
+    all of it is watched after the run.
+    """
 
     plant: str
     decimation: int
@@ -69,17 +98,31 @@ def short_limits() -> Limits:
     return twin_rig().facts().limits
 
 
-def short_plan(limits: Limits, fidelity: Fidelity, speed_rad_s: float = 5.0, hold_s: float = 0.1) -> Plan:
-    """One height: a stage in which the shaft is held and a photo taken, and a stroke; two and a half seconds of the rig's time."""
-    hold = Hold(HEIGHT_M, 1, "loading", START_RAD, SETTLE, HoldTiming(0.0, hold_s, photo_limit_s=0.2))
+def short_plan(
+    limits: Limits, fidelity: Fidelity, speed_rad_s: float = 5.0, hold_s: float = 0.1
+) -> Plan:
+    """One height: a stage in which the shaft is held and a photo taken, and a stroke; two and a
+    half seconds of the rig's time.
+    """
+    hold = Hold(
+        HEIGHT_M, 1, "loading", START_RAD, SETTLE, HoldTiming(0.0, hold_s, photo_limit_s=0.2)
+    )
     flap = Flap(HEIGHT_M, speed_rad_s, 1, 0.05, 1.3, before_s=0.04)
     way = (SetHeight(HEIGHT_M), MoveShaft(START_RAD, RETURN_RAD_S), Rest(SETTLE))
     back = (MoveShaft(START_RAD, RETURN_RAD_S, forwards=True), MoveShaft(PARKED_RAD, RETURN_RAD_S))
-    return Plan("faults", "dynamic", (*way, hold, flap, *back), limits, Rates(fidelity.force_Hz, 1.0 / fidelity.encoder_s))
+    return Plan(
+        "faults",
+        "dynamic",
+        (*way, hold, flap, *back),
+        limits,
+        Rates(fidelity.force_Hz, 1.0 / fidelity.encoder_s),
+    )
 
 
 class Agenda:
-    """What is to happen at which time of the twins; carried along by their clock, before they move on."""
+    """What is to happen at which time of the twins; carried along by their clock, before they
+    move on.
+    """
 
     def __init__(self, clock: TwinClock) -> None:
         self._clock = clock
@@ -90,7 +133,9 @@ class Agenda:
         self._due = sorted([*self._due, (t_s, act)], key=lambda entry: entry[0])
 
     def process(self, to_s: float) -> None:
-        """Acts that fall due before the world stands at `to_s`; one may raise, as a pressed key does."""
+        """Acts that fall due before the world stands at `to_s`; one may raise, as a pressed key
+        does.
+        """
         reached_s, self._reached_s = self._reached_s, to_s
         while self._due and self._due[0][0] <= reached_s:
             self._due.pop(0)[1]()
@@ -126,7 +171,9 @@ class FaultyRig:
     ear: SignalHandler = field(init=False)
 
     def __post_init__(self) -> None:
-        self.bench = Bench(self.motor, self.sensor, Rack(self.truth), self.engine_clock, False, self.camera)
+        self.bench = Bench(
+            self.motor, self.sensor, Rack(self.truth), self.engine_clock, False, self.camera
+        )
         self.ear = SignalHandler(self.stop_request, self.said.append)
 
     def expected(self) -> dict[Stage, Load]:
@@ -149,25 +196,44 @@ class Rack:
 
 
 @contextmanager
-def faulty_rig(folder: Path, fidelity: Fidelity = CHEAP, watchdog_s: float | None = 0.1) -> Iterator[FaultyRig]:
+def faulty_rig(
+    folder: Path, fidelity: Fidelity = CHEAP, watchdog_s: float | None = 0.1
+) -> Iterator[FaultyRig]:
     with ExitStack() as stack:
         yield _put_together(folder, fidelity, watchdog_s, np.random.default_rng(1), stack)
 
 
-def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, random: np.random.Generator, stack: ExitStack) -> FaultyRig:
+def _put_together(
+    folder: Path,
+    fidelity: Fidelity,
+    watchdog_s: float | None,
+    random: np.random.Generator,
+    stack: ExitStack,
+) -> FaultyRig:
     clock, panel = TwinClock(), FaultPanel((*FORCE_FAULTS, *CAN_FAULTS, *FAULTS.faults))
     agenda, truth = Agenda(clock), Truth(_plant(fidelity, random))
     drivers_end, twins_end, observer = stack.enter_context(can_wire(ends=3))
     here, there = datagram_link()
-    tampered, bus, link = TamperedBus(twins_end, panel, OdriveDialect()), BreakableBus(drivers_end, clock), BreakableLink(here)
+    tampered, bus, link = (
+        TamperedBus(twins_end, panel, OdriveDialect()),
+        BreakableBus(drivers_end, clock),
+        BreakableLink(here),
+    )
     stack.callback(tampered.shutdown)
     stack.callback(bus.shutdown)
-    drive = OdriveTwin(tampered, OdriveTwinSettings(gear_ratio=GEAR, encoder_period_s=fidelity.encoder_s, watchdog_s=watchdog_s))
+    drive = OdriveTwin(
+        tampered,
+        OdriveTwinSettings(
+            gear_ratio=GEAR, encoder_period_s=fidelity.encoder_s, watchdog_s=watchdog_s
+        ),
+    )
     box = NetFtTwin(TamperedLink(there, panel), box_settings(fidelity), random)
     runaway = RunawayDrive(drive)
     clock.carry(agenda.process)
     clock.carry(TwinWorld(truth, runaway, box, fidelity.step_s).process)
-    sensor = NetFtSensor(link, clock, NetFtSettings(rate_Hz=fidelity.force_Hz, buffered=fidelity.decimation == 1))
+    sensor = NetFtSensor(
+        link, clock, NetFtSettings(rate_Hz=fidelity.force_Hz, buffered=fidelity.decimation == 1)
+    )
     keeper, engine_clock = BreakableKeeper(_keeper(folder)), BreakableClock(clock)
     return FaultyRig(
         clock=clock,
@@ -184,7 +250,12 @@ def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, ra
         motor=OdriveMotor(
             bus,
             clock,
-            OdriveSettings(0, gear_ratio=GEAR, encoder_period_s=fidelity.encoder_s, heartbeat_timeout_s=short_limits().drive_silent_s),
+            OdriveSettings(
+                0,
+                gear_ratio=GEAR,
+                encoder_period_s=fidelity.encoder_s,
+                heartbeat_timeout_s=short_limits().drive_silent_s,
+            ),
         ),
         sensor=sensor,
         keeper=keeper,

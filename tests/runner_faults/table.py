@@ -72,7 +72,9 @@ def rows(causes: Mapping[str, Cause], fidelity: Fidelity) -> Iterator[str]:
 def head(fidelity: Fidelity) -> str:
     arm = "turning an arm that swings and brushes a soft floor, force at 250 Hz"
     leg = "turning the leg of the paper, force at 7 kHz"
-    return HEAD.format(watched=fidelity.watched_s, plant=arm if fidelity.plant == "pendulum" else leg)
+    return HEAD.format(
+        watched=fidelity.watched_s, plant=arm if fidelity.plant == "pendulum" else leg
+    )
 
 
 def foot() -> str:
@@ -91,7 +93,9 @@ def row(cause: Cause, outcome: Outcome) -> str:
         over_the_wire(cause),
         "" if goes_on else _ms_and_deg(stop.torque_ms, stop.torque_deg),
         "" if goes_on else _ms_and_deg(stop.stands_ms, stop.stands_deg),
-        "never" if outcome.energised_s == 0.0 else f"{1e3 * outcome.energised_s:.0f} ms, until the drive's watchdog",
+        "never"
+        if outcome.energised_s == 0.0
+        else f"{1e3 * outcome.energised_s:.0f} ms, until the drive's watchdog",
         str(outcome.motion_frames),
         str(outcome.lost),
     )

@@ -1,4 +1,6 @@
-"""Every cause ends as it should: motor off, nothing commanded afterwards, nothing lost; and the printed table knows them all."""
+"""Every cause ends as it should: motor off, nothing commanded afterwards, nothing lost; and the
+printed table knows them all.
+"""
 
 import json
 import re
@@ -25,9 +27,14 @@ def test_a_cause_ends_as_it_should(cause: Cause, tmp_path: Path) -> None:
     outcome = caused(cause, tmp_path / "run")
     assert outcome.ended == cause.ends, outcome.message
     assert outcome.is_safe, outcome
-    if re.fullmatch(r"[A-Z]-\d\d", cause.ends) and (page := page_of(cause.ends)).fault == cause.name:
+    if (
+        re.fullmatch(r"[A-Z]-\d\d", cause.ends)
+        and (page := page_of(cause.ends)).fault == cause.name
+    ):
         assert form(outcome.message) == form(page.line)
-    assert outcome.acknowledged >= (2 if cause.ends == GOES_ON else 0 if cause.at_arming or cause.in_hold else 1)
+    assert outcome.acknowledged >= (
+        2 if cause.ends == GOES_ON else 0 if cause.at_arming or cause.in_hold else 1
+    )
     if cause.ends != GOES_ON and not cause.at_arming:
         assert outcome.stop.torque_ms <= cause.within_ms
 
@@ -48,7 +55,13 @@ def test_a_mistake_in_the_program_itself_takes_the_torque_away_too(tmp_path: Pat
 
 def test_the_causes_are_many_and_of_every_kind() -> None:
     assert len(CAUSES) >= 30
-    assert {cause.family for cause in CAUSES.values()} == {"sensor", "drive", "bus", "computer", "operator"}
+    assert {cause.family for cause in CAUSES.values()} == {
+        "sensor",
+        "drive",
+        "bus",
+        "computer",
+        "operator",
+    }
 
 
 def _faults() -> str:
@@ -63,7 +76,9 @@ def test_every_ending_of_the_process_has_its_test_and_is_in_the_documents() -> N
 
 def test_the_table_in_the_documents_is_that_of_the_causes_in_code() -> None:
     told = re.findall(r"^\| (\S.*?) \| (.*?) \| (.*?) \|", _faults(), re.MULTILINE)[1:]
-    assert [(name, what, ends) for name, what, ends in told] == [(cause.name, cause.what, cause.ends) for cause in CAUSES.values()]
+    assert [(name, what, ends) for name, what, ends in told] == [
+        (cause.name, cause.what, cause.ends) for cause in CAUSES.values()
+    ]
 
 
 def test_the_table_in_the_documents_has_the_kept_times_over_the_wire() -> None:
@@ -85,7 +100,10 @@ def test_times_over_the_wire_are_those_of_simulated_time() -> None:
     compared = 0
     for name, states in kept.items():
         if name in simulated and states["idle"]["times_ms"]:
-            assert compare(name, statistics.median(states["idle"]["times_ms"]), simulated[name]) is None, name
+            assert (
+                compare(name, statistics.median(states["idle"]["times_ms"]), simulated[name])
+                is None
+            ), name
             compared += 1
     assert compared >= 40
 
@@ -110,5 +128,7 @@ def test_the_table_in_the_documents_shows_no_motor_that_went_on() -> None:
     lines = [line for line in _faults().splitlines() if line.startswith("| ")][1:]
     for line in lines:
         _, _, energised, frames, lost = line.strip("| ").split(" | ")[-5:]
-        assert energised == "never" or re.fullmatch(r"\d\d ms, until the drive's watchdog", energised)
+        assert energised == "never" or re.fullmatch(
+            r"\d\d ms, until the drive's watchdog", energised
+        )
         assert (frames, lost) == ("0", "0")

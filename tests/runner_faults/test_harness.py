@@ -1,4 +1,6 @@
-"""The harness sees what it is there to see: with the stop path broken, the runs that pass otherwise do not."""
+"""The harness sees what it is there to see: with the stop path broken, the runs that pass
+otherwise do not.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +22,9 @@ def outcome_of(name: str, folder: Path) -> Outcome:
     return caused(CAUSES[name], folder / "run")
 
 
-def test_a_stop_path_that_does_not_tell_the_drive_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_path_that_does_not_tell_the_drive_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(stopping, "disable_motor", lambda *_: None)
     assert not outcome_of("over-force", tmp_path).is_safe
 
@@ -38,7 +42,9 @@ def test_a_command_after_the_stop_is_seen(tmp_path: Path, monkeypatch: pytest.Mo
     assert not outcome.is_safe
 
 
-def test_a_motor_that_is_energised_again_after_the_run_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_motor_that_is_energised_again_after_the_run_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     switch_off = stopping.stop
 
     def and_on_again(bench: Bench):
@@ -52,12 +58,18 @@ def test_a_motor_that_is_energised_again_after_the_run_is_seen(tmp_path: Path, m
     assert not outcome.is_safe
 
 
-def test_a_stage_that_was_acknowledged_and_is_not_there_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(BreakableKeeper, "acknowledged", property(lambda self: self.keeper.acknowledged + 1))
+def test_a_stage_that_was_acknowledged_and_is_not_there_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        BreakableKeeper, "acknowledged", property(lambda self: self.keeper.acknowledged + 1)
+    )
     assert outcome_of("over-force", tmp_path).lost == 1
 
 
-def test_limits_that_are_not_looked_at_are_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_that_are_not_looked_at_are_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(LimitMonitor, "reports", lambda *_: None)
     assert outcome_of("over-force", tmp_path).ended != "L-01"
 
@@ -73,4 +85,7 @@ def test_a_watchdog_that_something_else_than_the_loop_feeds_is_seen(tmp_path: Pa
         cause.begin(rig)
 
     assert caused(cause, tmp_path / "starved").stop.torque_ms <= cause.within_ms
-    assert caused(replace(cause, begin=stand_but_feed), tmp_path / "fed").stop.torque_ms > cause.within_ms
+    assert (
+        caused(replace(cause, begin=stand_but_feed), tmp_path / "fed").stop.torque_ms
+        > cause.within_ms
+    )

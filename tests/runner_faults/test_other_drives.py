@@ -1,4 +1,6 @@
-"""The same stops with drives of other makes: what ends the run, and that the torque is gone then."""
+"""The same stops with drives of other makes: what ends the run, and that the torque is gone
+then.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +14,12 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
 from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.devices.cubemars.twin import FAULTS as CUBEMARS_FAULTS
-from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
+from rfca_rig.devices.cubemars.twin import (
+    CubemarsMitTwin,
+    CubemarsServoTwin,
+    MitTwinSettings,
+    ServoTwinSettings,
+)
 from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
 from rfca_rig.devices.moteus.twin import FAULTS as MOTEUS_FAULTS
 from rfca_rig.devices.moteus.twin import MoteusTwin, MoteusTwinSettings
@@ -27,12 +34,23 @@ from rfca_rig.protocol.plan import Hold
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.runner_faults.pendulum import Pendulum
-from tests.runner_faults.rig import CHEAP, PARKED_RAD, Agenda, Rack, box_settings, short_limits, short_plan
+from tests.runner_faults.rig import (
+    CHEAP,
+    PARKED_RAD,
+    Agenda,
+    Rack,
+    box_settings,
+    short_limits,
+    short_plan,
+)
 from tests.runner_faults.truth import Truth
 
 SERVO = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115}
 DRIVES: dict[str, tuple[Callable, Callable]] = {
-    "moteus": (lambda bus, clock: MoteusMotor(bus, clock, MoteusSettings()), lambda bus: MoteusTwin(bus, MoteusTwinSettings())),
+    "moteus": (
+        lambda bus, clock: MoteusMotor(bus, clock, MoteusSettings()),
+        lambda bus: MoteusTwin(bus, MoteusTwinSettings()),
+    ),
     "AK in MIT mode": (
         lambda bus, clock: CubemarsMitMotor(bus, clock, MitSettings(1, "AK80-9")),
         lambda bus: CubemarsMitTwin(bus, MitTwinSettings(watchdog_s=0.1)),
@@ -79,7 +97,11 @@ def driven(drive: str) -> Iterator[DrivenRig]:
     with can_wire() as (drivers_end, twins_end):
         motor_twin = twin(twins_end)
         clock.carry(agenda.process)
-        clock.carry(TwinWorld(truth, motor_twin, NetFtTwin(there, box_settings(CHEAP), np.random.default_rng(1))).process)
+        clock.carry(
+            TwinWorld(
+                truth, motor_twin, NetFtTwin(there, box_settings(CHEAP), np.random.default_rng(1))
+            ).process
+        )
         sensor = NetFtSensor(here, clock, NetFtSettings(rate_Hz=CHEAP.force_Hz, buffered=False))
         bench = Bench(driver(drivers_end, clock), sensor, Rack(truth), clock, is_real=False)
         yield DrivenRig(clock, agenda, truth, motor_twin, bench)
@@ -102,7 +124,9 @@ def begin(rig: DrivenRig, name: str) -> None:
 def test_a_cause_ends_the_run_and_the_torque_is_gone(drive: str, name: str) -> None:
     with driven(drive) as rig:
         whole = short_plan(short_limits(), CHEAP)
-        plan = replace(whole, stages=[stage for stage in whole.stages if not isinstance(stage, Hold)])
+        plan = replace(
+            whole, stages=[stage for stage in whole.stages if not isinstance(stage, Hold)]
+        )
         sink = InStroke(lambda start_s: rig.agenda.at(start_s + 0.15, lambda: begin(rig, name)))
         with pytest.raises(Tripped) as ended:
             run_plan(plan, rig.bench, sink, lambda _: None)

@@ -1,4 +1,6 @@
-"""What a drive says and what becomes of helper processes, over sockets and against the clock: the torque is off, for the right reason."""
+"""What a drive says and what becomes of helper processes, over sockets and against the clock:
+the torque is off, for the right reason.
+"""
 
 from collections.abc import Iterator
 
@@ -7,7 +9,13 @@ import pytest
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.devices.odrive.messages import OdriveCommand
 from tests.runner_faults.cause import GOES_ON
-from tests.runner_faults.over_the_wire import Wire, WireRun, run_with_fault, served_guarded_rig, served_rig
+from tests.runner_faults.over_the_wire import (
+    Wire,
+    WireRun,
+    run_with_fault,
+    served_guarded_rig,
+    served_rig,
+)
 from tests.twin_server.server import Server
 
 pytestmark = pytest.mark.realtime
@@ -43,7 +51,9 @@ def run_until_judged(wired: tuple[Server, RigFile], begin: object, in_hold: bool
     ],
     ids=["position", "speed", "torque"],
 )
-def test_numbers_that_cannot_be_take_the_torque_away(wired, command, place, signal, kind, in_hold) -> None:
+def test_numbers_that_cannot_be_take_the_torque_away(
+    wired, command, place, signal, kind, in_hold
+) -> None:
     fault = {"kind": kind, "can_id": int(command), "place": place}
     run = run_until_judged(wired, lambda wire: wire.proxy.damage(fault), in_hold)
     assert run.ended == "D-05", run.message
@@ -68,7 +78,9 @@ def test_angles_that_come_late_take_the_torque_away(wired, in_hold) -> None:
 
 @pytest.mark.parametrize("in_hold", [True, False], ids=["held", "moving"])
 @pytest.mark.parametrize("bit", [12, 13, 24])
-def test_an_error_that_a_drive_reports_without_stopping_takes_the_torque_away(wired, bit, in_hold) -> None:
+def test_an_error_that_a_drive_reports_without_stopping_takes_the_torque_away(
+    wired, bit, in_hold
+) -> None:
     """Within the period of the heartbeat, 0.1 s; a drive that is well stops by itself."""
     fault = {"kind": "error", "can_id": int(OdriveCommand.HEARTBEAT), "word": 1 << bit}
     run = run_until_judged(wired, lambda wire: wire.proxy.damage(fault), in_hold)
@@ -91,6 +103,9 @@ def test_a_guardian_that_is_killed_takes_the_torque_along(tmp_path, in_hold) -> 
     assert run.ended == "B-01", run.message
     assert "guardian ended by itself; the drive was disabled from here" in run.message
     assert run.torque_s < OFF_WITHIN_S
-    # No order to the drive waits for the acknowledgement of the one before: the first three follow each other as they are sent.
-    commands = [frame.t_s for frame in run.frames if frame.direction == "up" and frame.t_s > run.begun_s]
+    # No order to the drive waits for the acknowledgement of the one before: the first three follow
+    # each other as they are sent.
+    commands = [
+        frame.t_s for frame in run.frames if frame.direction == "up" and frame.t_s > run.begun_s
+    ]
     assert commands[2] - commands[0] < 0.03

@@ -1,4 +1,6 @@
-"""Whatever comes together, whenever: no run ends with motion, with a lost acknowledged stage, or with an error nobody can read."""
+"""Whatever comes together, whenever: no run ends with motion, with a lost acknowledged stage, or
+with an error nobody can read.
+"""
 
 import tempfile
 from dataclasses import dataclass
@@ -14,7 +16,9 @@ from tests.runner_faults.rig import CHEAP, faulty_rig
 
 RUN_S = 2.6  # of the plan's undisturbed run, from enabling to the end
 MEMORY = Path("/dev/shm")
-FAULTS = sorted(name for name, cause in CAUSES.items() if not cause.by_press and not cause.at_arming)
+FAULTS = sorted(
+    name for name, cause in CAUSES.items() if not cause.by_press and not cause.at_arming
+)
 PRESSES = sorted(name for name, cause in CAUSES.items() if cause.by_press)
 
 
@@ -31,12 +35,19 @@ def mishaps(names: list[str], most: int) -> st.SearchStrategy[list[Mishap]]:
     return st.lists(st.builds(Mishap, st.sampled_from(names), moment), max_size=most)
 
 
-COMBINATIONS = st.tuples(mishaps(FAULTS, 3), mishaps(PRESSES, 2)).map(lambda both: [*both[0], *both[1]])
+COMBINATIONS = st.tuples(mishaps(FAULTS, 3), mishaps(PRESSES, 2)).map(
+    lambda both: [*both[0], *both[1]]
+)
 
 
 def holds(together: list[Mishap]) -> None:
-    """The motor may outlive a run only by the drive's watchdog, and only where nobody could tell it."""
-    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder, faulty_rig(Path(folder) / "run", CHEAP) as rig:
+    """The motor may outlive a run only by the drive's watchdog, and only where nobody could tell
+    it.
+    """
+    with (
+        tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder,
+        faulty_rig(Path(folder) / "run", CHEAP) as rig,
+    ):
         for mishap in together:
             rig.agenda.at(mishap.at_s, lambda cause=CAUSES[mishap.name]: begin_now(rig, cause))
         outcome = run_to_its_end(rig, rig.recorder)

@@ -1,4 +1,6 @@
-"""Keys, signals and deaths of a run in a process of its own; `endings` is the table of what becomes of motor and recording."""
+"""Keys, signals and deaths of a run in a process of its own; `endings` is the table of what
+becomes of motor and recording.
+"""
 
 import fcntl
 import os
@@ -18,7 +20,14 @@ import can
 import pytest
 
 from rfca_rig.devices.odrive import codec as cansimple
-from rfca_rig.devices.odrive.messages import WATCHDOG_EXPIRED, AxisState, Heartbeat, OdriveCommand, OdriveFirmware, Torques
+from rfca_rig.devices.odrive.messages import (
+    WATCHDOG_EXPIRED,
+    AxisState,
+    Heartbeat,
+    OdriveCommand,
+    OdriveFirmware,
+    Torques,
+)
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording
@@ -47,7 +56,11 @@ class Running:
         return folder
 
     def acknowledged(self) -> int:
-        return len(list(self.folder.glob("stages/*.h5"))) if self.runs.is_dir() and any(self.runs.iterdir()) else 0
+        return (
+            len(list(self.folder.glob("stages/*.h5")))
+            if self.runs.is_dir() and any(self.runs.iterdir())
+            else 0
+        )
 
     def ended(self) -> int:
         return self.process.wait(PATIENCE_S)
@@ -79,15 +92,26 @@ def is_over(folder: Path) -> bool:
 
 @contextmanager
 def running(folder: Path, *before: str, words: Sequence[str] = WORDS) -> Iterator[Running]:
-    """A run on the twin in a session and on a terminal of its own, as soon as it has kept two strokes."""
+    """A run on the twin in a session and on a terminal of its own, as soon as it has kept two
+    strokes.
+    """
     here, there = pty.openpty()
     words = [*before, sys.executable, "-c", RUN, *words, "--runs", str(folder / "runs")]
     ends = {"stdin": there, "stdout": there, "stderr": there}
-    with subprocess.Popen(words, **ends, start_new_session=True, preexec_fn=_take_terminal, cwd=folder) as process:  # noqa: PLW1509
+    with subprocess.Popen(
+        words,
+        **ends,
+        start_new_session=True,
+        preexec_fn=_take_terminal,  # noqa: PLW1509
+        cwd=folder,
+    ) as process:
         os.close(there)
         run = Running(process, folder / "runs", here)
         try:
-            wait_for(lambda: run.acknowledged() >= 2 or process.poll() is not None, "no stroke was recorded")
+            wait_for(
+                lambda: run.acknowledged() >= 2 or process.poll() is not None,
+                "no stroke was recorded",
+            )
             assert process.poll() is None
             yield run
         finally:
@@ -160,7 +184,9 @@ def test_a_recorder_that_is_killed_ends_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_stage_is_announced_when_it_is_on_disk_and_a_recorder_that_hangs_is_reported(tmp_path: Path) -> None:
+def test_a_stage_is_announced_when_it_is_on_disk_and_a_recorder_that_hangs_is_reported(
+    tmp_path: Path,
+) -> None:
     """Then the power goes."""
     with running(tmp_path, words=WORDS[:-1]) as run:
         recorder = recorder_of(run.process.pid)
@@ -183,8 +209,14 @@ def read_until(terminal: int, words: bytes) -> bytes:
 
 
 def recorder_of(process_id: int) -> int:
-    children = Path(f"/proc/{process_id}/task/{process_id}/children").read_text(encoding="utf-8").split()
-    (recorder,) = [int(child) for child in children if "recorder_process" in Path(f"/proc/{child}/cmdline").read_text(encoding="utf-8")]
+    children = (
+        Path(f"/proc/{process_id}/task/{process_id}/children").read_text(encoding="utf-8").split()
+    )
+    (recorder,) = [
+        int(child)
+        for child in children
+        if "recorder_process" in Path(f"/proc/{child}/cmdline").read_text(encoding="utf-8")
+    ]
     return recorder
 
 
@@ -198,7 +230,9 @@ def test_a_run_that_is_killed_keeps_what_it_had(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_whose_process_stands_for_a_while_goes_on_where_time_is_simulated(tmp_path: Path) -> None:
+def test_a_run_whose_process_stands_for_a_while_goes_on_where_time_is_simulated(
+    tmp_path: Path,
+) -> None:
     with running(tmp_path) as run:
         run.process.send_signal(signal.SIGSTOP)
         time.sleep(0.3)
@@ -209,26 +243,41 @@ def test_a_run_whose_process_stands_for_a_while_goes_on_where_time_is_simulated(
         assert run.ended() == 130
 
 
-# -- in real time: what the drive does when its master is no more ---------------------------------------------------------------
+# -- in real time: what the drive does when its master is no more
+# ---------------------------------------------------------------
 
 
 @pytest.fixture
 def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     with serving() as server:
-        monkeypatch.setenv("CAN_CONFIG", f'{{"host": "{server.host}", "port": {server.ports["can_port"]}}}')
+        monkeypatch.setenv(
+            "CAN_CONFIG", f'{{"host": "{server.host}", "port": {server.ports["can_port"]}}}'
+        )
         yield server
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda number: number.name)
-def test_a_drive_whose_master_dies_or_stands_lets_go(served: Server, number: signal.Signals) -> None:
+def test_a_drive_whose_master_dies_or_stands_lets_go(
+    served: Server, number: signal.Signals
+) -> None:
     command = [sys.executable, "-m", "tests.runner_faults.turning"]
-    with can.Bus(**served.can) as observer, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+    with (
+        can.Bus(**served.can) as observer,
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as program,
+    ):
         try:
             assert program.stdout.readline() == "turning\n", program.stderr.read()
             program.send_signal(number)
-            heard(observer, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.CLOSED_LOOP)
-            beat = heard(observer, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.IDLE)
+            heard(
+                observer,
+                lambda said: isinstance(said, Heartbeat) and said.state == AxisState.CLOSED_LOOP,
+            )
+            beat = heard(
+                observer, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.IDLE
+            )
             assert beat.error & WATCHDOG_EXPIRED[OdriveFirmware.V0_6]
             assert heard(observer, lambda said: isinstance(said, Torques)).estimate_Nm == 0.0
         finally:
@@ -240,7 +289,11 @@ def heard(bus: can.BusABC, is_it: Callable[[object], bool]) -> object:
     until_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < until_s:
         message = bus.recv(timeout=1.0)
-        if message is not None and message.arbitration_id & 0x1F in {OdriveCommand.HEARTBEAT, OdriveCommand.TORQUES} and message.dlc == 8:
+        if (
+            message is not None
+            and message.arbitration_id & 0x1F in {OdriveCommand.HEARTBEAT, OdriveCommand.TORQUES}
+            and message.dlc == 8
+        ):
             said = cansimple.decode(message.arbitration_id, message.data)
             if is_it(said):
                 return said

@@ -1,4 +1,6 @@
-"""What the shaft really does, and what can be done to it: written down step by step, whatever the drive says."""
+"""What the shaft really does, and what can be done to it: written down step by step, whatever
+the drive says.
+"""
 
 from dataclasses import dataclass, field
 
@@ -25,8 +27,8 @@ class Moment:
 class Truth:
     """A `TwinPlant` around another.
 
-    `blocked_rad` holds the shaft fast there, `loose` lets no torque get to it, `pull` is added to the wrench that the sensor feels.
-    """
+    `blocked_rad` holds the shaft fast there, `loose` lets no torque get to it, `pull` is added to
+    the wrench that the sensor feels."""
 
     plant: TwinPlant
     blocked_rad: float | None = None
@@ -64,7 +66,8 @@ def _held_fast(drive: ShaftDrive, angle_rad: float) -> ShaftDrive:
     damping = drive.speed_gain_Nm_s_per_rad + BLOCK_Nm_s_per_rad
     return drive._replace(
         angle_gain_Nm_per_rad=gain,
-        angle_rad=(drive.angle_gain_Nm_per_rad * drive.angle_rad + BLOCK_Nm_per_rad * angle_rad) / gain,
+        angle_rad=(drive.angle_gain_Nm_per_rad * drive.angle_rad + BLOCK_Nm_per_rad * angle_rad)
+        / gain,
         speed_gain_Nm_s_per_rad=damping,
         speed_rad_s=drive.speed_gain_Nm_s_per_rad * drive.speed_rad_s / damping,
     )
@@ -72,7 +75,9 @@ def _held_fast(drive: ShaftDrive, angle_rad: float) -> ShaftDrive:
 
 @dataclass(frozen=True)
 class Stop:
-    """From a cause to the end of the torque, and to standstill; in ms and in degrees that the shaft went meanwhile. NaN: not seen."""
+    """From a cause to the end of the torque, and to standstill; in ms and in degrees that the
+    shaft went meanwhile. NaN: not seen.
+    """
 
     torque_ms: float
     torque_deg: float
@@ -81,7 +86,9 @@ class Stop:
 
 
 def stop_after(moments: list[Moment], cause_s: float) -> Stop:
-    """What the truth says of a stop; `moments` begin before the cause, and go on for a while after the run."""
+    """What the truth says of a stop; `moments` begin before the cause, and go on for a while
+    after the run.
+    """
     before = [moment for moment in moments if moment.at_s <= cause_s + 1e-9]
     after = moments[len(before) :]
     began = before[-1] if before else after[0]
@@ -91,7 +98,10 @@ def stop_after(moments: list[Moment], cause_s: float) -> Stop:
         return Stop(np.nan, np.nan, np.nan, np.nan)
     gone = after[off - 1] if off else began
     stands = _stands_from(after, off)
-    return Stop(*_way(began, gone, after[:off]), *((np.nan, np.nan) if stands is None else _way(began, after[stands], after[: stands + 1])))
+    return Stop(
+        *_way(began, gone, after[:off]),
+        *((np.nan, np.nan) if stands is None else _way(began, after[stands], after[: stands + 1])),
+    )
 
 
 def _stands_from(after: list[Moment], first: int) -> int | None:

@@ -1,4 +1,5 @@
-"""A program that turns the shaft for ever, for others to kill: python -m tests.runner_faults.turning
+"""A program that turns the shaft for ever, for others to kill: python -m
+tests.runner_faults.turning
 
 Where the bus is it takes from python-can's own environment. Says `turning` once the shaft turns.
 """
@@ -15,7 +16,11 @@ SPEED_RAD_S = 2.0
 def main() -> None:
     clock = WallClock()
     with can.Bus(interface="socketcand", channel="can0") as bus:
-        motor = OdriveMotor(bus, clock, OdriveSettings(0, gear_ratio=9.0, encoder_period_s=2e-3, enable_timeout_s=20.0))
+        motor = OdriveMotor(
+            bus,
+            clock,
+            OdriveSettings(0, gear_ratio=9.0, encoder_period_s=2e-3, enable_timeout_s=20.0),
+        )
         motor.enable()
         for tick in range(1_000_000):
             motor.command_speed(SPEED_RAD_S)

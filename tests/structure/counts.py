@@ -1,8 +1,8 @@
 """Counts what makes a tree hard to take over.
 
-`python -m tests.structure.counts` prints the table. `--shapes`, `--single-users`, `--past-participles` and `--comments` list what
-one row of it counts, with an optional prefix of module names.
-"""
+`python -m tests.structure.counts` prints the table. `--shapes`, `--single-users`,
+`--past-participles` and `--comments` list what one row of it counts, with an optional prefix of
+module names."""
 
 import argparse
 import ast
@@ -18,14 +18,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WORDS = ("believed", "foretold", "told", "said", "lets go", "held against", "anew", "mends")
-SHAPE = re.compile(r"\(\s*(?:[A-Za-z_0-9+\-* ]+\s*,\s*)+(?:[A-Za-z_0-9+\-* .]+)?\)|\bshapes? |\(m\)|\bscalar\b")
-SECTION = re.compile(r"^\s*(Parameters|Returns|Raises|References|Yields|Attributes|Notes)\n\s*-{3,}$", re.MULTILINE)
+SHAPE = re.compile(
+    r"\(\s*(?:[A-Za-z_0-9+\-* ]+\s*,\s*)+(?:[A-Za-z_0-9+\-* .]+)?\)|\bshapes? |\(m\)|\bscalar\b"
+)
+SECTION = re.compile(
+    r"^\s*(Parameters|Returns|Raises|References|Yields|Attributes|Notes)\n\s*-{3,}$", re.MULTILINE
+)
 ARRAY = re.compile(r"\b(NDArray|ndarray)\b")
 IRREGULAR = frozenset(
     re.findall(
         r"\w+",
-        """begun built chosen done drawn felt found foretold gone grown heard held kept known laid led left lit made meant met mixed
-        paid placed said seen sent shown stood taken thought thrown told turned understood weighed won written""",
+        """begun built chosen done drawn felt found foretold gone grown heard held kept known laid
+        led left lit made meant met mixed paid placed said seen sent shown stood taken thought
+        thrown told turned understood weighed won written""",
     )
 )
 
@@ -60,7 +65,9 @@ class Module:
         return {
             target.id
             for node in self.tree.body
-            if isinstance(node, ast.Assign) and ARRAY.search(ast.unparse(node.value)) and "[" in ast.unparse(node.value)
+            if isinstance(node, ast.Assign)
+            and ARRAY.search(ast.unparse(node.value))
+            and "[" in ast.unparse(node.value)
             for target in node.targets
             if isinstance(target, ast.Name)
         } | {
@@ -83,7 +90,9 @@ def read_modules(package: str = "rfca_rig") -> dict[str, Module]:
 
 
 def find_imports(modules: dict[str, Module]) -> dict[str, set[str]]:
-    """Modules that each module imports, also those that only a function or a type checker imports."""
+    """Modules that each module imports, also those that only a function or a type checker
+    imports.
+    """
     found: dict[str, set[str]] = {name: set() for name in modules}
     for name, module in modules.items():
         for node in module.nodes:
@@ -100,12 +109,15 @@ def find_imports(modules: dict[str, Module]) -> dict[str, set[str]]:
 
 
 def find_parts(modules: dict[str, Module]) -> dict[str, set[str]]:
-    """Modules that the make of a device names as text, `f"{__name__}.driver:make_driver"`: it imports them when they are first used."""
+    """Modules that the make of a device names as text, `f"{__name__}.driver:make_driver"`: it
+    imports them when they are first used.
+    """
     return {
         name: {
             f"{name}{part}"
             for node in module.nodes
-            if isinstance(node, ast.JoinedStr) and ast.unparse(node).startswith(('f"{__name__}.', "f'{__name__}."))
+            if isinstance(node, ast.JoinedStr)
+            and ast.unparse(node).startswith(('f"{__name__}.', "f'{__name__}."))
             for part in [str(getattr(node.values[1], "value", "")).partition(":")[0]]
         }
         for name, module in modules.items()
@@ -113,7 +125,9 @@ def find_parts(modules: dict[str, Module]) -> dict[str, set[str]]:
 
 
 def find_circles(modules: dict[str, Module]) -> list[list[str]]:
-    """Groups of modules that import each other, Tarjan's strongly connected components of more than one."""
+    """Groups of modules that import each other, Tarjan's strongly connected components of more
+    than one.
+    """
     imports = find_imports(modules)
     index: dict[str, int] = {}
     low: dict[str, int] = {}
@@ -158,21 +172,34 @@ def find_single_users(modules: dict[str, Module]) -> list[tuple[str, str]]:
 
 
 def find_array_functions(modules: dict[str, Module]) -> Iterator[tuple[str, bool]]:
-    """Public functions that take or return an array, and whether their docstring, or their class's, states a shape."""
+    """Public functions that take or return an array, and whether their docstring, or their
+    class's, states a shape.
+    """
     for module in modules.values():
-        names = re.compile(rf"\b({'|'.join(['NDArray', 'ndarray', *sorted(module.array_names)])})\b")
+        names = re.compile(
+            rf"\b({'|'.join(['NDArray', 'ndarray', *sorted(module.array_names)])})\b"
+        )
         for owner, function in _public_functions(module.tree):
-            annotations = [one.annotation for one in (*function.args.args, *function.args.kwonlyargs) if one.annotation]
+            annotations = [
+                one.annotation
+                for one in (*function.args.args, *function.args.kwonlyargs)
+                if one.annotation
+            ]
             if function.returns is not None:
                 annotations.append(function.returns)
             if any(names.search(ast.unparse(one)) for one in annotations):
                 documents = [ast.get_docstring(function) or ""]
                 if owner is not None:
                     documents.append(ast.get_docstring(owner) or "")
-                yield f"{module.name}:{function.lineno} {function.name}", any(SHAPE.search(one) for one in documents)
+                yield (
+                    f"{module.name}:{function.lineno} {function.name}",
+                    any(SHAPE.search(one) for one in documents),
+                )
 
 
-def _public_functions(tree: ast.AST, owner: ast.ClassDef | None = None) -> Iterator[tuple[ast.ClassDef | None, Function]]:
+def _public_functions(
+    tree: ast.AST, owner: ast.ClassDef | None = None
+) -> Iterator[tuple[ast.ClassDef | None, Function]]:
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, Function) and not node.name.startswith("_"):
             yield owner, node
@@ -181,7 +208,9 @@ def _public_functions(tree: ast.AST, owner: ast.ClassDef | None = None) -> Itera
 
 
 def find_past_participles(modules: dict[str, Module]) -> list[str]:
-    """Functions and methods whose name begins with a past participle, without properties: those are nouns."""
+    """Functions and methods whose name begins with a past participle, without properties: those
+    are nouns.
+    """
     return [
         f"{module.name}:{function.lineno} {function.name}"
         for module in modules.values()
@@ -193,17 +222,30 @@ def find_past_participles(modules: dict[str, Module]) -> list[str]:
 
 def _is_participle(word: str) -> bool:
     return word in IRREGULAR or (
-        len(word) > 4 and word.endswith("ed") and word not in ("embed", "exceed", "feed", "need", "proceed", "seed", "speed", "succeed")
+        len(word) > 4
+        and word.endswith("ed")
+        and word not in ("embed", "exceed", "feed", "need", "proceed", "seed", "speed", "succeed")
     )
 
 
 def count_comments(module: Module) -> int:
     """Full-line comments."""
-    beginning = [number for number, line in enumerate(module.text.splitlines(), 1) if line.lstrip().startswith("#")]
-    texts = [(node.lineno, node.end_lineno or 0) for node in module.nodes if isinstance(node, ast.Constant | ast.JoinedStr)]
-    if not any(first < number <= last for number in beginning for first, last in texts if first < last):
+    beginning = [
+        number
+        for number, line in enumerate(module.text.splitlines(), 1)
+        if line.lstrip().startswith("#")
+    ]
+    texts = [
+        (node.lineno, node.end_lineno or 0)
+        for node in module.nodes
+        if isinstance(node, ast.Constant | ast.JoinedStr)
+    ]
+    if not any(
+        first < number <= last for number in beginning for first, last in texts if first < last
+    ):
         return len(beginning)
-    # One of these lines may be a part of a text; the tokenizer tells, and takes a hundred times as long.
+    # One of these lines may be a part of a text; the tokenizer tells, and takes a hundred times as
+    # long.
     return sum(
         1
         for token in tokenize.generate_tokens(io.StringIO(module.text).readline)
@@ -215,7 +257,10 @@ def count_code_lines(module: Module) -> int:
     """Lines that are neither empty, nor a comment, nor a docstring."""
     documents: set[int] = set()
     for node in module.nodes:
-        if isinstance(node, ast.Module | ast.ClassDef | Function) and ast.get_docstring(node) is not None:
+        if (
+            isinstance(node, ast.Module | ast.ClassDef | Function)
+            and ast.get_docstring(node) is not None
+        ):
             first = node.body[0]
             documents.update(range(first.lineno, (first.end_lineno or first.lineno) + 1))
     return sum(
@@ -234,7 +279,8 @@ def count_words() -> dict[str, int]:
 
 def count_all() -> dict[str, int | float]:
     """The whole table, by its rows."""
-    # All trees are kept until the end. Python would look for garbage among them again and again, half of the time.
+    # All trees are kept until the end. Python would look for garbage among them again and again,
+    # half of the time.
     gc.disable()
     try:
         return _count_all()
@@ -251,7 +297,9 @@ def _count_all() -> dict[str, int | float]:
         for node in module.nodes
         if isinstance(node, ast.Name | ast.Attribute)
     )
-    private = [one.name for one in functions if one.name.startswith("_") and not one.name.startswith("__")]
+    private = [
+        one.name for one in functions if one.name.startswith("_") and not one.name.startswith("__")
+    ]
     classes = Counter(
         node.name
         for module in modules.values()
@@ -260,7 +308,9 @@ def _count_all() -> dict[str, int | float]:
     )
     stated = [states for _, states in find_array_functions(modules)]
     documents = [text for function in functions if (text := ast.get_docstring(function))]
-    folders = Counter(str(module.path.parent) for module in modules.values() if module.path.name != "__init__.py")
+    folders = Counter(
+        str(module.path.parent) for module in modules.values() if module.path.name != "__init__.py"
+    )
     return {
         "modules": len(modules),
         "lines": sum(module.text.count("\n") for module in modules.values()),
@@ -271,8 +321,12 @@ def _count_all() -> dict[str, int | float]:
         "public class names defined more than once": sum(count > 1 for count in classes.values()),
         "functions named by a past participle": len(find_past_participles(modules)),
         "full-line comments": sum(map(count_comments, modules.values())),
-        "array functions whose docstring states shapes, %": round(100.0 * sum(stated) / len(stated), 1),
-        "docstrings with structured sections": sum(bool(SECTION.search(text)) for text in documents),
+        "array functions whose docstring states shapes, %": round(
+            100.0 * sum(stated) / len(stated), 1
+        ),
+        "docstrings with structured sections": sum(
+            bool(SECTION.search(text)) for text in documents
+        ),
         "import circles": len(find_circles(modules)),
         "modules of the largest folder": max(folders.values()),
         "words of our own dialect": sum(count_words().values()),
@@ -292,7 +346,11 @@ def main() -> None:
     if asked.shapes:
         lines = [where for where, states in find_array_functions(modules) if not states]
     elif asked.single_users:
-        lines = [f"{name} is used by {user} alone" for name, user in find_single_users(modules) if name.startswith(asked.single_users)]
+        lines = [
+            f"{name} is used by {user} alone"
+            for name, user in find_single_users(modules)
+            if name.startswith(asked.single_users)
+        ]
     elif asked.past_participles:
         lines = find_past_participles(modules)
     elif asked.comments:

@@ -35,9 +35,16 @@ def test_every_python_that_is_allowed_is_classified_and_tested():
 def test_the_workflow_pins_its_actions_and_names_paths_that_exist():
     workflow = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
     used = re.findall(r"uses: (.*)", workflow)
-    assert used and all(re.fullmatch(r"actions/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", one) for one in used)
+    assert used and all(
+        re.fullmatch(r"actions/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", one) for one in used
+    )
     commands = re.findall(r"run: (.*)", workflow)
-    named = [word for command in commands for word in command.split() if word.startswith((".ci/", "tests/", "constraints"))]
+    named = [
+        word
+        for command in commands
+        for word in command.split()
+        if word.startswith((".ci/", "tests/", "constraints"))
+    ]
     assert len(named) >= 8
     assert [name for name in named if not (ROOT / name).exists()] == []
     # What a release is checked with by hand is what the workflow runs.
@@ -49,7 +56,11 @@ def test_the_workflow_pins_its_actions_and_names_paths_that_exist():
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_of_the_pages_lead_somewhere(page):
-    links = [link for link in LINK.findall(page.read_text(encoding="utf-8")) if not link.startswith("https://")]
+    links = [
+        link
+        for link in LINK.findall(page.read_text(encoding="utf-8"))
+        if not link.startswith("https://")
+    ]
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
@@ -60,7 +71,11 @@ def test_every_decision_is_in_the_list_and_has_its_three_parts():
     assert listed == [record.name for record in records]
     for record in records:
         text = record.read_text(encoding="utf-8")
-        assert re.findall(r"^\*\*(\w+)\.\*\*", text, re.MULTILINE) == ["Context", "Decision", "Consequences"]
+        assert re.findall(r"^\*\*(\w+)\.\*\*", text, re.MULTILINE) == [
+            "Context",
+            "Decision",
+            "Consequences",
+        ]
 
 
 def test_the_change_log_names_commands_that_exist():

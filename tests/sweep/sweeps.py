@@ -1,4 +1,6 @@
-"""A small sweep, a clock that makes shards of it, and a process that is stopped in the midst of it."""
+"""A small sweep, a clock that makes shards of it, and a process that is stopped in the midst of
+it.
+"""
 
 import sys
 import time
@@ -29,7 +31,9 @@ class Slow(WallClock):
 def small_plan() -> SweepPlan:
     """12 cases, one of which has no valley, and two that cannot be computed at all."""
     vary = ["height_mm=215,235,400", "strip.thickness_mm=0.02,0.8", "speed_rad_s=2,3"]
-    return plan_from_options(PAPER, vary, ["turn_deg=190"], "valley_fz_N,energy_J", None, "sobol", 0)
+    return plan_from_options(
+        PAPER, vary, ["turn_deg=190"], "valley_fz_N,energy_J", None, "sobol", 0
+    )
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -34,7 +34,9 @@ def test_ishigami(method):
 
 
 def test_few_points_are_not_flattered_and_the_error_is_honest():
-    """With 64 random points: no influence is 0 on average, and errors of the index are as large as their standard error says."""
+    """With 64 random points: no influence is 0 on average, and errors of the index are as large
+    as their standard error says.
+    """
     found = {place: [] for place in range(3)}
     for seed in range(24):
         rng = np.random.default_rng(seed)

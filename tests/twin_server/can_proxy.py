@@ -1,8 +1,9 @@
-"""A proxy between a program and a socketcand server that damages frames and remembers all of them: python -m tests.twin_server.can_proxy.
+"""A proxy between a program and a socketcand server that damages frames and remembers all of them:
+python -m tests.twin_server.can_proxy.
 
-A process of its own, so that it takes no time from the control loop that is measured. Its standard input takes one fault per line as JSON,
-`{"kind": "nan", "can_id": 9, "frames": 3}`; when it is closed, the log goes to the standard output.
-"""
+A process of its own, so that it takes no time from the control loop that is measured. Its standard
+input takes one fault per line as JSON, `{"kind": "nan", "can_id": 9, "frames": 3}`; when it is
+closed, the log goes to the standard output."""
 
 import json
 import select
@@ -27,9 +28,9 @@ VALUES = {"nan": nan, "inf": inf, "minus-inf": -inf, "absurd": 1e30}
 class FrameFault:
     """What happens to the frames of one id from now on.
 
-    "drop" takes them away, "delay" holds them back for `late_s`, "error" puts `word` into their first four bytes; a name of VALUES replaces
-    their floats. "send" sends a frame with `data` to the drive, as another master would. "unplug" cuts the program off.
-    """
+    "drop" takes them away, "delay" holds them back for `late_s`, "error" puts `word` into their
+    first four bytes; a name of VALUES replaces their floats. "send" sends a frame with `data` to
+    the drive, as another master would. "unplug" cuts the program off."""
 
     kind: str
     can_id: int
@@ -44,10 +45,11 @@ class FrameFault:
 
 @dataclass
 class Proxy:
-    """The first client, and its connection to the server, which is listened to even after the client is gone.
+    """The first client, and its connection to the server, which is listened to even after the
+    client is gone.
 
-    Later clients, as a program that takes over from its guardian, are passed on to the server. `log` has time, direction, id and data in
-    hexadecimal of each frame, and whether it was damaged.
+    Later clients, as a program that takes over from its guardian, are passed on to the server.
+    `log` has time, direction, id and data in hexadecimal of each frame, and whether it was damaged.
     """
 
     client: socket.socket
@@ -62,7 +64,13 @@ class Proxy:
     def run(self) -> None:
         orders = sys.stdin.buffer
         while True:
-            ends = [self.server, self.listening, orders, *self.later, *([] if self.is_unplugged else [self.client])]
+            ends = [
+                self.server,
+                self.listening,
+                orders,
+                *self.later,
+                *([] if self.is_unplugged else [self.client]),
+            ]
             ready, _, _ = select.select(ends, [], [], 1e-3)
             if orders in ready:
                 line = orders.readline()
@@ -96,7 +104,9 @@ class Proxy:
         self.fault = fault
         if fault.kind == "send":
             words = " ".join(f"{byte:02X}" for byte in bytes.fromhex(fault.data))
-            self.server.sendall(f"< send {fault.can_id:X} {len(fault.data) // 2} {words} >".encode())
+            self.server.sendall(
+                f"< send {fault.can_id:X} {len(fault.data) // 2} {words} >".encode()
+            )
             self.fault = None
         if fault.kind == "unplug":
             self.is_unplugged = True
@@ -114,7 +124,15 @@ class Proxy:
         for text in received.split(b">"):
             words = text.split()
             if words[:2] == [b"<", b"send"]:
-                self.log.append((now_s, "up", int(words[2], 16), b"".join(word.rjust(2, b"0") for word in words[4:]).decode(), False))
+                self.log.append(
+                    (
+                        now_s,
+                        "up",
+                        int(words[2], 16),
+                        b"".join(word.rjust(2, b"0") for word in words[4:]).decode(),
+                        False,
+                    )
+                )
 
     def _pass_down(self, received: bytes) -> None:
         *whole, self.rest = (self.rest + received).split(b">")
@@ -140,7 +158,12 @@ class Proxy:
         if fault.kind == "drop":
             return b""
         if fault.kind == "error":
-            words[4] = (struct.pack("<I", fault.word) + bytes.fromhex(words[4].decode())[4:]).hex().upper().encode()
+            words[4] = (
+                (struct.pack("<I", fault.word) + bytes.fromhex(words[4].decode())[4:])
+                .hex()
+                .upper()
+                .encode()
+            )
             return b" ".join(words)
         numbers = list(struct.unpack("<ff", bytes.fromhex(words[4].decode())))
         for place in (0, 1) if fault.place is None else (fault.place,):
@@ -149,7 +172,11 @@ class Proxy:
         return b" ".join(words)
 
     def _let_go_held(self) -> None:
-        while self.fault is not None and self.fault.held and time.monotonic() - self.fault.held[0][0] >= self.fault.late_s:
+        while (
+            self.fault is not None
+            and self.fault.held
+            and time.monotonic() - self.fault.held[0][0] >= self.fault.late_s
+        ):
             self.client.sendall(self.fault.held.popleft()[1])
 
 
@@ -206,14 +233,17 @@ class RunningProxy:
         """Ends the proxy; every frame that passed."""
         out, _ = self.process.communicate(timeout=30.0)
         return [
-            LoggedFrame(t_s, direction, can_id, bytes.fromhex(data), damaged) for t_s, direction, can_id, data, damaged in json.loads(out)
+            LoggedFrame(t_s, direction, can_id, bytes.fromhex(data), damaged)
+            for t_s, direction, can_id, data, damaged in json.loads(out)
         ]
 
 
 @contextmanager
 def can_proxy(host: str, port: int) -> Iterator[RunningProxy]:
     command = [sys.executable, "-m", "tests.twin_server.can_proxy", host, str(port)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
         try:
             yield RunningProxy(process, int(process.stdout.readline()))
         finally:
@@ -225,9 +255,14 @@ def shows_odrive_torque(frame: LoggedFrame) -> bool:
     return frame.can_id == OdriveCommand.TORQUES and frame.data[4:] != bytes(4)
 
 
-def last_torque_s(frames: list[LoggedFrame], shows_torque: Callable[[LoggedFrame], bool] = shows_odrive_torque) -> float:
+def last_torque_s(
+    frames: list[LoggedFrame], shows_torque: Callable[[LoggedFrame], bool] = shows_odrive_torque
+) -> float:
     """When the drive last reported a torque."""
-    return max((frame.t_s for frame in frames if frame.direction == "down" and shows_torque(frame)), default=nan)
+    return max(
+        (frame.t_s for frame in frames if frame.direction == "down" and shows_torque(frame)),
+        default=nan,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Each named fault, and what the drivers make of it: python -m tests.twin_server.fault_table prints the table.
+"""Each named fault, and what the drivers make of it: python -m tests.twin_server.fault_table prints
+the table.
 
 One second of a turning shaft, then the fault for a second, in simulated time.
 """
@@ -17,7 +18,13 @@ from rfca_rig.devices.netft.ports import BOX_FAULTS, FORCE_FAULTS, HttpPort, Tam
 from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
-from rfca_rig.devices.odrive.twin import FAULTS, OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
+from rfca_rig.devices.odrive.twin import (
+    FAULTS,
+    OdriveDialect,
+    OdriveTwin,
+    OdriveTwinSettings,
+    odrive_events,
+)
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link

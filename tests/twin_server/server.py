@@ -12,7 +12,11 @@ from dataclasses import dataclass
 
 COMMAND = (sys.executable, "-c", "from rfca_rig.cli.main import run; run()")
 SERVE = ("twin", "serve", "--json")
-ANY_FREE = tuple(word for name in ("rdt", "http", "command", "can", "control") for word in (f"--{name}-port", "0"))
+ANY_FREE = tuple(
+    word
+    for name in ("rdt", "http", "command", "can", "control")
+    for word in (f"--{name}-port", "0")
+)
 READY_S = 300.0  # a first compilation on a machine that is busy with something else
 
 
@@ -32,11 +36,18 @@ class Server:
     @property
     def can(self) -> dict[str, object]:
         """For can.Bus."""
-        return {"interface": "socketcand", "channel": "can0", "host": self.host, "port": int(self.ports["can_port"])}
+        return {
+            "interface": "socketcand",
+            "channel": "can0",
+            "host": self.host,
+            "port": int(self.ports["can_port"]),
+        }
 
     def told(self, line: str) -> str:
         """The whole answer to one line on the control port."""
-        with socket.create_connection(("127.0.0.1", int(self.ports["control_port"])), timeout=60.0) as connection:
+        with socket.create_connection(
+            ("127.0.0.1", int(self.ports["control_port"])), timeout=60.0
+        ) as connection:
             connection.sendall(f"{line}\n".encode())
             answer = ""
             while not answer.endswith("ok\n") and not answer.startswith("error"):
@@ -56,7 +67,9 @@ class Server:
 def serving(*options: str, command: Sequence[str] = COMMAND) -> Iterator[Server]:
     """`command` is a program that takes the words of `rfca-rig`."""
     words = [*command, *SERVE, *ANY_FREE, *options]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         try:
             assert select.select([process.stdout], [], [], READY_S)[0], "the server did not come up"
             line = process.stdout.readline()

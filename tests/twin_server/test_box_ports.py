@@ -1,4 +1,6 @@
-"""The Net F/T box's web page and command interface, driven over real sockets by our own drivers and by hand."""
+"""The Net F/T box's web page and command interface, driven over real sockets by our own drivers
+and by hand.
+"""
 
 import socket
 from contextlib import closing

@@ -8,7 +8,13 @@ import pytest
 from rfca_rig.contracts.motor_rig import motor_rig
 from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
 from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
-from rfca_rig.devices.cubemars.twin import FAULTS, CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
+from rfca_rig.devices.cubemars.twin import (
+    FAULTS,
+    CubemarsMitTwin,
+    CubemarsServoTwin,
+    MitTwinSettings,
+    ServoTwinSettings,
+)
 from rfca_rig.errors import DeviceError
 from rfca_rig.twin_server.faults import CAN_FAULTS, DriveDialect, FaultPanel, TamperedBus
 
@@ -28,7 +34,8 @@ SAID = {
     "bus-off": r"^no (reply|status)",
     "can-short": r"^raises: .* 7 bytes|^replies lost their bytes for temperature and error",
     "own-frame-echo": r"^nothing$",
-    "can-twice": r"^nothing$|^the speed that the drive reports is 2 times that of its angle",  # in MIT mode each belongs to a question
+    # in MIT mode each belongs to a question
+    "can-twice": r"^nothing$|^the speed that the drive reports is 2 times that of its angle",
     "encoder-jump": r"^position leapt by .* its encoder slipped",
     "over-temperature": r"^error 1 \(motor too hot",
     "encoder-lost": r"^error 5 \(encoder fault",
@@ -58,7 +65,9 @@ def noticed(mode: str, name: str) -> str:
         except DeviceError as error:
             return f"raises: {error}"
         jump_rad = float(np.abs(np.diff(angle_rad)).max(initial=0.0))
-        return rig.motor.status().fault or (f"angle jumps by {jump_rad:.2f} rad" if jump_rad > 0.1 else "nothing")
+        return rig.motor.status().fault or (
+            f"angle jumps by {jump_rad:.2f} rad" if jump_rad > 0.1 else "nothing"
+        )
 
 
 @pytest.mark.parametrize("mode", MODES)

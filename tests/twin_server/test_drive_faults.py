@@ -11,12 +11,22 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
 from rfca_rig.devices.moteus.twin import FAULTS as MOTEUS_FAULTS
-from rfca_rig.devices.moteus.twin import MoteusDialect, MoteusTwin, MoteusTwinSettings, moteus_events
+from rfca_rig.devices.moteus.twin import (
+    MoteusDialect,
+    MoteusTwin,
+    MoteusTwinSettings,
+    moteus_events,
+)
 from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 from rfca_rig.devices.odrive.messages import OdriveFirmware
 from rfca_rig.devices.odrive.twin import FAULTS as ODRIVE_FAULTS
-from rfca_rig.devices.odrive.twin import OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
+from rfca_rig.devices.odrive.twin import (
+    OdriveDialect,
+    OdriveTwin,
+    OdriveTwinSettings,
+    odrive_events,
+)
 from rfca_rig.errors import DeviceError
 from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twins.wires import can_wire, datagram_link
@@ -53,14 +63,31 @@ OLDER_ODRIVE = {
 def noticed(name: str, older_odrive: bool = False) -> str:
     """What the driver says after half a second of the fault, on a shaft that turns."""
     with ExitStack() as stack:
-        clock, panel = TwinClock(), FaultPanel((*CAN_FAULTS, *(ODRIVE_FAULTS if older_odrive else MOTEUS_FAULTS).faults))
+        clock, panel = (
+            TwinClock(),
+            FaultPanel((*CAN_FAULTS, *(ODRIVE_FAULTS if older_odrive else MOTEUS_FAULTS).faults)),
+        )
         here, there = stack.enter_context(can_wire())
         bus = TamperedBus(there, panel, OdriveDialect() if older_odrive else MoteusDialect())
         stack.callback(bus.shutdown)
-        drive: Any = OdriveTwin(bus, OdriveTwinSettings(**OLDER)) if older_odrive else MoteusTwin(bus, MoteusTwinSettings())
+        drive: Any = (
+            OdriveTwin(bus, OdriveTwinSettings(**OLDER))
+            if older_odrive
+            else MoteusTwin(bus, MoteusTwinSettings())
+        )
         events = odrive_events(drive) if older_odrive else moteus_events(drive)
-        clock.carry(TwinWorld(Rotor(), drive, NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))).process)
-        motor: Any = OdriveMotor(here, clock, OdriveSettings(0, **OLDER)) if older_odrive else MoteusMotor(here, clock, MoteusSettings())
+        clock.carry(
+            TwinWorld(
+                Rotor(),
+                drive,
+                NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1)),
+            ).process
+        )
+        motor: Any = (
+            OdriveMotor(here, clock, OdriveSettings(0, **OLDER))
+            if older_odrive
+            else MoteusMotor(here, clock, MoteusSettings())
+        )
         motor.enable()
         before_rad = _turned(motor, clock)
         panel.switch_on(name)
@@ -71,7 +98,9 @@ def noticed(name: str, older_odrive: bool = False) -> str:
             jump_rad = float(np.abs(np.diff([*before_rad, *_turned(motor, clock)])).max())
         except DeviceError as error:
             return f"raises: {error}"
-        return motor.status().fault or (f"angle jumps by {jump_rad:.2f} rad" if jump_rad > 0.1 else "nothing")
+        return motor.status().fault or (
+            f"angle jumps by {jump_rad:.2f} rad" if jump_rad > 0.1 else "nothing"
+        )
 
 
 def _turned(motor: Any, clock: TwinClock) -> list[float]:
@@ -95,4 +124,6 @@ def test_the_list_of_a_moteus_is_whole() -> None:
 
 @pytest.mark.parametrize("name", OLDER_ODRIVE)
 def test_a_fault_of_an_older_odrive_is_noticed_as_what_it_is(name: str) -> None:
-    assert re.search(OLDER_ODRIVE[name], noticed(name, older_odrive=True)), noticed(name, older_odrive=True)
+    assert re.search(OLDER_ODRIVE[name], noticed(name, older_odrive=True)), noticed(
+        name, older_odrive=True
+    )

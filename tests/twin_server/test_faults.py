@@ -1,4 +1,6 @@
-"""Every fault that can be switched is noticed as what it is, or known to leave no trace on the wire."""
+"""Every fault that can be switched is noticed as what it is, or known to leave no trace on the
+wire.
+"""
 
 import re
 
@@ -60,7 +62,11 @@ def test_the_table_names_every_fault(monkeypatch):
 
 def test_orders_for_faults_are_read_and_carried_out_in_time():
     orders = parse_fault_events(["force-lost@2-4", "can-silent@3"])
-    assert orders == (FaultEvent(2.0, "force-lost", True), FaultEvent(3.0, "can-silent", True), FaultEvent(4.0, "force-lost", False))
+    assert orders == (
+        FaultEvent(2.0, "force-lost", True),
+        FaultEvent(3.0, "can-silent", True),
+        FaultEvent(4.0, "force-lost", False),
+    )
     panel = FaultPanel(CATALOGUE)
     agenda = FaultSchedule(orders, panel)
     assert agenda.pass_to(1.9) == []
@@ -71,7 +77,17 @@ def test_orders_for_faults_are_read_and_carried_out_in_time():
 
 
 @pytest.mark.parametrize(
-    "order", ["force-lost", "force-lost@", "@2", "force-lost@x", "force-lost@4-2", "force-lost@nan", "force-lost@-1", ""]
+    "order",
+    [
+        "force-lost",
+        "force-lost@",
+        "@2",
+        "force-lost@x",
+        "force-lost@4-2",
+        "force-lost@nan",
+        "force-lost@-1",
+        "",
+    ],
 )
 def test_an_order_that_cannot_be_read_is_refused(order):
     with pytest.raises(BadInput, match="NAME@SECONDS"):

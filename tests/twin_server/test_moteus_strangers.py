@@ -1,4 +1,6 @@
-"""The maker's own Python package on the twin server, over the serial line on which a moteus speaks as a fdcanusb does."""
+"""The maker's own Python package on the twin server, over the serial line on which a moteus
+speaks as a fdcanusb does.
+"""
 
 import asyncio
 import math
@@ -42,8 +44,15 @@ def test_a_frame_goes_onto_the_bus_and_the_answer_comes_back(port) -> None:
     opened, bus, line = port
     assert answers(opened, line, b"can send 8001 1100505050505050 BF\n") == ["OK"]
     message = bus.recv(timeout=0)
-    assert (message.arbitration_id, message.is_extended_id, message.is_fd, message.bitrate_switch) == (0x8001, True, True, True)
-    bus.send(can.Message(arbitration_id=0x100, data=b"\x21\x00\x0a", is_fd=True, is_extended_id=False))
+    assert (
+        message.arbitration_id,
+        message.is_extended_id,
+        message.is_fd,
+        message.bitrate_switch,
+    ) == (0x8001, True, True, True)
+    bus.send(
+        can.Message(arbitration_id=0x100, data=b"\x21\x00\x0a", is_fd=True, is_extended_id=False)
+    )
     assert sorted(answers(opened, line, b"can on\n", 2)) == ["OK", "rcv 0100 21000A e b F"]
 
 
@@ -65,7 +74,9 @@ def test_classic_frames_are_not_told(port) -> None:
 
 
 def talk(rig_file: Path, conversation: Callable[[Any, Any], Awaitable[None]]) -> None:
-    moteus = pytest.importorskip("moteus", reason="moteus is not installed; it comes with the extra 'strangers'")
+    moteus = pytest.importorskip(
+        "moteus", reason="moteus is not installed; it comes with the extra 'strangers'"
+    )
 
     async def over(path: str) -> None:
         device = moteus.FdcanusbDevice(path)
@@ -87,7 +98,9 @@ def test_its_controller_turns_the_served_leg(tmp_path: Path) -> None:
         await controller.set_stop()
         begun = (await controller.query()).values[moteus.Register.POSITION]
         for _ in range(100):
-            state = await controller.set_position(position=math.nan, velocity=-0.2, watchdog_timeout=1.0, query=True)
+            state = await controller.set_position(
+                position=math.nan, velocity=-0.2, watchdog_timeout=1.0, query=True
+            )
             await asyncio.sleep(0.005)
         assert state.values[moteus.Register.MODE] == moteus.Mode.POSITION
         assert state.values[moteus.Register.POSITION] < begun - 0.05

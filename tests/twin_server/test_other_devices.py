@@ -1,4 +1,6 @@
-"""A served rig with other devices: an F/T controller on a pseudo terminal, a CubeMars drive on socketcand, read by our own drivers."""
+"""A served rig with other devices: an F/T controller on a pseudo terminal, a CubeMars drive on
+socketcand, read by our own drivers.
+"""
 
 import json
 
@@ -10,8 +12,14 @@ from rfca_rig.description.rig_file import read_rig
 from tests.engine.rigs import ROOT
 from tests.twin_server.server import serving
 
-MOTOR = '[motor]\ndevice = "cubemars-mit"\ndrive_id = 1\nmodel = "AK80-9"\ndirection = 1\nzero_rad = 0.0\n'
-SENSOR = '[force_sensor]\ndevice = "ati-serial"\ncounts_per_N = 20.0\ncounts_per_Nm = 333.33\nrate_Hz = 80.0\n'
+MOTOR = (
+    '[motor]\ndevice = "cubemars-mit"\ndrive_id = 1\nmodel = "AK80-9"\ndirection = '
+    "1\nzero_rad = 0.0\n"
+)
+SENSOR = (
+    '[force_sensor]\ndevice = "ati-serial"\ncounts_per_N = 20.0\ncounts_per_Nm = '
+    "333.33\nrate_Hz = 80.0\n"
+)
 TICK_S = 2e-3
 SPEED_RAD_S = 0.5
 
@@ -30,7 +38,9 @@ def test_both_are_read_over_their_wires(tmp_path, monkeypatch):
     with serving("--rig", str(served_file)) as server:
         line = str(server.ports["serial"])
         assert "rdt_port" not in server.ports
-        monkeypatch.setenv("CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]}))
+        monkeypatch.setenv(
+            "CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]})
+        )
         text = rig_text().partition("[twin]")[0].replace('kind = "twin"', 'kind = "real"')
         text = text.replace("[motor]\n", '[motor]\ninterface = "socketcand"\n').replace(
             "[force_sensor]\n", f'[force_sensor]\nport = "{line}"\n'
@@ -52,7 +62,8 @@ def test_both_are_read_over_their_wires(tmp_path, monkeypatch):
             took_s = bench.clock.now_s() - began_s
             bench.motor.disable()
             bench.sensor.stop()
-    # it takes a moment to come up to speed; a machine that is busy makes the ticks longer and the twin slow
+    # it takes a moment to come up to speed; a machine that is busy makes the ticks longer and the
+    # twin slow
     assert 0.15 < angles[-1] - angles[0] < SPEED_RAD_S * took_s + 0.05
     assert len(counts) > 30
     assert np.abs(counts).max() < 2**15

@@ -1,4 +1,6 @@
-"""The server's openings, driven over real sockets and pseudo terminals by python-can and by hand."""
+"""The server's openings, driven over real sockets and pseudo terminals by python-can and by
+hand.
+"""
 
 import socket
 from contextlib import closing, suppress
@@ -15,7 +17,13 @@ from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettin
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twin_server.faults import CAN_FAULTS, ControlPort, FaultPanel
-from rfca_rig.twin_server.tcp import IDLE_S, MAX_CLIENTS, MAX_QUEUED_BYTES, is_loopback, listening_tcp
+from rfca_rig.twin_server.tcp import (
+    IDLE_S,
+    MAX_CLIENTS,
+    MAX_QUEUED_BYTES,
+    is_loopback,
+    listening_tcp,
+)
 from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock
 from tests.waiting import PATIENCE_S
@@ -68,7 +76,9 @@ def test_a_frame_is_stamped_with_the_time_since_the_epoch(wire, server):
     wire_end = wire.join()
     while (heard := bus.recv(0.1)) is None:
         wire_end.send(FRAME)
-    assert 1000.0 < heard.timestamp < 1000.0 + 3600.0  # the loop that polls has a clock of its own, from 0
+    assert (
+        1000.0 < heard.timestamp < 1000.0 + 3600.0
+    )  # the loop that polls has a clock of its own, from 0
     bus.shutdown()
 
 
@@ -126,7 +136,11 @@ def test_a_serial_adapter_carries_frames_of_every_kind(wire):
         bus = can.Bus(interface="slcan", channel=port.path, bitrate=1_000_000, sleep_after_open=0.0)
         twin = wire.join()
         remote = can.Message(arbitration_id=0x20, is_remote_frame=True, is_extended_id=False, dlc=8)
-        for message in (FRAME, remote, can.Message(arbitration_id=0x1ABCDEF0, data=b"", is_extended_id=True)):
+        for message in (
+            FRAME,
+            remote,
+            can.Message(arbitration_id=0x1ABCDEF0, data=b"", is_extended_id=True),
+        ):
             bus.send(message)
             heard = None
             for _ in range(6000):
@@ -187,7 +201,9 @@ def answered(port: ControlPort, line: str) -> str:
     with closing(socket.create_connection((HOST, port.port), PATIENCE_S)) as talk:
         talk.sendall(f"{line}\n".encode())
         answer = ""
-        while not answer.endswith("ok\n") and not (answer.startswith("error") and answer.endswith("\n")):
+        while not answer.endswith("ok\n") and not (
+            answer.startswith("error") and answer.endswith("\n")
+        ):
             answer += talk.recv(4096).decode()
     return answer
 
@@ -220,7 +236,12 @@ def test_a_height_that_the_simulation_refuses_is_an_answer_and_no_end():
 
 @pytest.mark.parametrize(
     ("line", "error"),
-    [("on flood", "no fault is called 'flood'"), ("dance", "cannot read 'dance'"), ("height nan", "height nan"), ("on", "cannot read")],
+    [
+        ("on flood", "no fault is called 'flood'"),
+        ("dance", "cannot read 'dance'"),
+        ("height nan", "height nan"),
+        ("on", "cannot read"),
+    ],
 )
 def test_a_line_that_cannot_be_obeyed_is_answered_with_the_reason(control, line, error):
     assert answered(control[0], line).startswith(f"error {error}")
@@ -231,7 +252,10 @@ def test_an_address_that_is_no_address_is_refused():
     for wrong in ("localhost", "1.2.3", "::1"):
         with pytest.raises(BadInput):
             is_loopback(wrong)
-    with closing(listening_tcp(HOST, 0)) as taken, pytest.raises(BadInput, match=r"cannot listen on 127\.0\.0\.1 port"):
+    with (
+        closing(listening_tcp(HOST, 0)) as taken,
+        pytest.raises(BadInput, match=r"cannot listen on 127\.0\.0\.1 port"),
+    ):
         listening_tcp(HOST, taken.getsockname()[1])
 
 
@@ -295,7 +319,9 @@ def test_a_page_in_a_browser_commands_nothing(wire):
 def test_a_port_serves_so_many_clients_and_no_more(wire):
     port = SocketcandPort(wire, HOST, 0, 0.0)
     with polled(port):
-        clients = [socket.create_connection((HOST, port.port), PATIENCE_S) for _ in range(MAX_CLIENTS)]
+        clients = [
+            socket.create_connection((HOST, port.port), PATIENCE_S) for _ in range(MAX_CLIENTS)
+        ]
         assert all(one.recv(20) == b"< hi >" for one in clients)
         with closing(socket.create_connection((HOST, port.port), PATIENCE_S)) as beyond:
             assert beyond.recv(20) == b""

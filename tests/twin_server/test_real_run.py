@@ -1,4 +1,6 @@
-"""A run as on the real rig, wall clock and all, where the far ends of the wires are the twin server."""
+"""A run as on the real rig, wall clock and all, where the far ends of the wires are the twin
+server.
+"""
 
 import builtins
 import json
@@ -26,7 +28,8 @@ def real_rig(folder, served: Server) -> RigFile:
     text = text.replace('kind = "twin"', 'kind = "real"')
     text = re.sub(r"\[motor\]\n", '[motor]\ninterface = "socketcand"\nchannel = "can0"\n', text)
     where = (
-        f'[force_sensor]\nhost = "{served.host}"\nport = {served.rdt[1]}\nconfiguration = "http"\nhttp_port = {served.ports["http_port"]}\n'
+        f'[force_sensor]\nhost = "{served.host}"\nport = {served.rdt[1]}\nconfiguration = '
+        f'"http"\nhttp_port = {served.ports["http_port"]}\n'
     )
     text = re.sub(r"\[force_sensor\]\n", where, text)
     file = folder / "real.toml"
@@ -36,9 +39,13 @@ def real_rig(folder, served: Server) -> RigFile:
 
 @pytest.fixture
 def served(monkeypatch):
-    """The server; python-can finds it by its own environment, and the hand on the lead screws is the control port."""
+    """The server; python-can finds it by its own environment, and the hand on the lead screws is
+    the control port.
+    """
     with serving() as server:
-        monkeypatch.setenv("CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]}))
+        monkeypatch.setenv(
+            "CAN_CONFIG", json.dumps({"host": server.host, "port": server.ports["can_port"]})
+        )
 
         def hand(prompt: str) -> str:
             height_mm = re.search(r"^REAL motor off. Set the rack to ([\d.]+) mm", prompt)[1]
@@ -73,7 +80,9 @@ def run_once(rig: RigFile) -> tuple[Stroke, StreamHealth]:
 
 @pytest.mark.realtime
 def test_one_stroke_is_run_over_the_sockets_as_in_simulated_time(served, tmp_path):
-    """A busy machine may be late, or leave drive or sensor without a word for too long: the trip is right, and tried again."""
+    """A busy machine may be late, or leave drive or sensor without a word for too long: the trip
+    is right, and tried again.
+    """
     rig = real_rig(tmp_path, served)
     for attempt in range(5):
         try:
@@ -92,5 +101,7 @@ def test_one_stroke_is_run_over_the_sockets_as_in_simulated_time(served, tmp_pat
     assert np.ptp(shaft.columns["shaft_angle_rad"].values) == pytest.approx(
         np.ptp(expected["shaft"].columns["shaft_angle_rad"].values), abs=0.1
     )
-    valley, wanted = (streams["force"].columns["fz_N"].values.min() for streams in (stroke.streams, expected))
+    valley, wanted = (
+        streams["force"].columns["fz_N"].values.min() for streams in (stroke.streams, expected)
+    )
     assert valley == pytest.approx(wanted, rel=0.15)

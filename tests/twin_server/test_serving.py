@@ -51,7 +51,11 @@ class Drivers:
 def drivers(served):
     clock, bus = WallClock(), can.Bus(**served.can)
     datagrams = AcquiredDatagrams(record_source(served.host, served.rdt[1]), clock)
-    motor = OdriveMotor(bus, clock, OdriveSettings(node_id=0, gear_ratio=9.0, encoder_period_s=2e-3, heartbeat_timeout_s=1.0))
+    motor = OdriveMotor(
+        bus,
+        clock,
+        OdriveSettings(node_id=0, gear_ratio=9.0, encoder_period_s=2e-3, heartbeat_timeout_s=1.0),
+    )
     yield Drivers(clock, motor, NetFtSensor(datagrams, clock, NetFtSettings()))
     datagrams.close()
     bus.shutdown()
@@ -67,7 +71,8 @@ def test_our_own_drivers_turn_the_shaft_and_read_the_sensor_over_the_sockets(dri
         fault = drivers.motor.status().fault
         drivers.motor.disable()
         drivers.sensor.stop()
-        # A loaded machine that stops this process for longer than the watchdog's time is worth another try.
+        # A loaded machine that stops this process for longer than the watchdog's time is worth
+        # another try.
         if fault is None:
             break
     assert fault is None
@@ -78,9 +83,20 @@ def test_our_own_drivers_turn_the_shaft_and_read_the_sensor_over_the_sockets(dri
 
 
 @pytest.mark.realtime
-def test_a_fault_switched_from_another_terminal_reaches_the_drivers(served, drivers, monkeypatch, capsys):
+def test_a_fault_switched_from_another_terminal_reaches_the_drivers(
+    served, drivers, monkeypatch, capsys
+):
     drivers.motor.enable()
-    said = typed(monkeypatch, capsys, "twin", "tell", "on", "over-temperature", "--control-port", served.ports["control_port"])
+    said = typed(
+        monkeypatch,
+        capsys,
+        "twin",
+        "tell",
+        "on",
+        "over-temperature",
+        "--control-port",
+        served.ports["control_port"],
+    )
     assert (said.exit_code, said.err) == (0, "")
     drivers.run(0.5, 0.0)
     assert "MOTOR_OVER_TEMP" in str(drivers.motor.status().fault)
@@ -88,7 +104,9 @@ def test_a_fault_switched_from_another_terminal_reaches_the_drivers(served, driv
 
 def test_faults_are_switched_and_listed_from_another_terminal(served, monkeypatch, capsys):
     port = served.ports["control_port"]
-    said = typed(monkeypatch, capsys, "twin", "tell", "on", "over-temperature", "--control-port", port)
+    said = typed(
+        monkeypatch, capsys, "twin", "tell", "on", "over-temperature", "--control-port", port
+    )
     assert (said.exit_code, said.err) == (0, "")
     listed = typed(monkeypatch, capsys, "twin", "tell", "faults", "--control-port", port)
     assert "over-temperature   once" in listed.out
@@ -100,14 +118,20 @@ def test_faults_are_switched_and_listed_from_another_terminal(served, monkeypatc
 def test_a_server_that_is_not_there_is_said_so(monkeypatch, capsys):
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
-        said = typed(monkeypatch, capsys, "twin", "tell", "status", "--control-port", unused.getsockname()[1])
+        said = typed(
+            monkeypatch, capsys, "twin", "tell", "status", "--control-port", unused.getsockname()[1]
+        )
     assert said.exit_code == 1
     assert "is rfca-rig twin serve running" in said.err
 
 
 def test_the_serial_adapter_is_there_too(served):
     bus = can.Bus(interface="slcan", channel=str(served.ports["slcan"]), sleep_after_open=0.0)
-    ids = {message.arbitration_id for message in (bus.recv(0.5) for _ in range(600)) if message is not None}
+    ids = {
+        message.arbitration_id
+        for message in (bus.recv(0.5) for _ in range(600))
+        if message is not None
+    }
     bus.shutdown()
     assert {0x01, 0x09, 0x1C} <= ids
 
@@ -134,7 +158,9 @@ def test_a_server_that_is_told_to_terminate_does():
 
 
 def test_it_ends_by_itself_and_says_where_it_was_reached(monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "twin", "serve", *ANY_FREE, "--seconds", 0.1, "--fault", "can-silent@0")
+    said = typed(
+        monkeypatch, capsys, "twin", "serve", *ANY_FREE, "--seconds", 0.1, "--fault", "can-silent@0"
+    )
     assert said.exit_code == 0
     assert "SIM Net F/T RDT on UDP 127.0.0.1:" in said.err
     assert "SIM fault can-silent on" in said.err
@@ -143,7 +169,9 @@ def test_it_ends_by_itself_and_says_where_it_was_reached(monkeypatch, capsys):
 
 
 def test_opening_it_to_the_network_is_warned_of(monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "twin", "serve", "--listen", "0.0.0.0", *ANY_FREE, "--seconds", 0.01)
+    said = typed(
+        monkeypatch, capsys, "twin", "serve", "--listen", "0.0.0.0", *ANY_FREE, "--seconds", 0.01
+    )
     assert said.exit_code == 0
     assert "WARNING open to the network" in said.err
     assert "control lines on TCP 127.0.0.1:" in said.err
@@ -166,7 +194,9 @@ def test_what_cannot_be_served_is_refused_with_exit_code_2(monkeypatch, capsys, 
 
 
 def test_a_port_that_is_taken_is_refused(monkeypatch, capsys, served):
-    told = typed(monkeypatch, capsys, "twin", "serve", *ANY_FREE, "--rdt-port", served.ports["rdt_port"])
+    told = typed(
+        monkeypatch, capsys, "twin", "serve", *ANY_FREE, "--rdt-port", served.ports["rdt_port"]
+    )
     assert told.exit_code == 2
     assert "another server may be running" in told.err
 

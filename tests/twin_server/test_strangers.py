@@ -1,4 +1,6 @@
-"""Clients that other people wrote, unmodified, on the twin server. They come with the extra `strangers`."""
+"""Clients that other people wrote, unmodified, on the twin server. They come with the extra
+`strangers`.
+"""
 
 import asyncio
 import fcntl
@@ -21,12 +23,16 @@ from tests.twin_server.server import serving
 
 PATIENCE_S = 10.0
 ENOUGH_BYTES = 60_000  # of a log: some hundred frames, whatever is still held back
-NETFT_HOST = "127.0.0.77"  # its port is fixed, so the address is the test's own; every 127.x.y.z is this machine on Linux
+# its port is fixed, so the address is the test's own; every 127.x.y.z is this machine on Linux
+NETFT_HOST = "127.0.0.77"
 DBC = "import odrive_can.utils as u; print(u.get_dbc_path())"
 
 
 def needs(package: str) -> pytest.MarkDecorator:
-    return pytest.mark.skipif(find_spec(package) is None, reason=f"{package} is not installed; it comes with the extra 'strangers'")
+    return pytest.mark.skipif(
+        find_spec(package) is None,
+        reason=f"{package} is not installed; it comes with the extra 'strangers'",
+    )
 
 
 def until(true, patience_s: float = PATIENCE_S) -> None:
@@ -37,7 +43,10 @@ def until(true, patience_s: float = PATIENCE_S) -> None:
 
 
 @needs("NetFT")
-@pytest.mark.skipif(sys.platform != "linux", reason="this client has its port fixed, which takes a loopback address of the test's own")
+@pytest.mark.skipif(
+    sys.platform != "linux",
+    reason="this client has its port fixed, which takes a loopback address of the test's own",
+)
 def test_netft_streams_tares_and_stops():
     from NetFT import Sensor
 
@@ -58,13 +67,19 @@ def test_netft_streams_tares_and_stops():
 
 @pytest.fixture
 def netft_client():
-    pytest.importorskip("pynetft", reason="pynetft is not installed; it comes with the extra 'strangers'")
+    pytest.importorskip(
+        "pynetft", reason="pynetft is not installed; it comes with the extra 'strangers'"
+    )
     import pynetft
 
     def connected(server):
         """It reads the scale off the box's page first."""
         host, port = server.rdt
-        return pynetft.Client(pynetft.Config(sensor_host=host, rdt_port=port, http_port=int(server.ports["http_port"])))
+        return pynetft.Client(
+            pynetft.Config(
+                sensor_host=host, rdt_port=port, http_port=int(server.ports["http_port"])
+            )
+        )
 
     return connected
 
@@ -79,12 +94,22 @@ def test_pynetft_streams_at_7000_records_a_second_and_biases(netft_client):
         time.sleep(1.5)
         rate_Hz = (client.health().received_count - before) / (twins_s(server) - began_s)
         client.bias()
-        until(lambda: client.latest_sample() is not None and max(abs(v) for v in client.latest_sample().force) < 5.0)
+        until(
+            lambda: (
+                client.latest_sample() is not None
+                and max(abs(v) for v in client.latest_sample().force) < 5.0
+            )
+        )
         health = client.health()
         client.stop()
     assert health.sensor_configuration.calibration.counts_per_force_unit == 1e6
     assert rate_Hz == pytest.approx(7000.0, rel=0.05)
-    assert (health.lost_count, health.malformed_count, health.out_of_order_count, health.duplicate_count) == (0, 0, 0, 0)
+    assert (
+        health.lost_count,
+        health.malformed_count,
+        health.out_of_order_count,
+        health.duplicate_count,
+    ) == (0, 0, 0, 0)
     assert health.device_error_count == 0
 
 
@@ -156,7 +181,10 @@ def test_odrive_can_turns_the_motor(served):
 
 
 @needs("odrive_can")
-@pytest.mark.parametrize(("fault", "said"), [("heartbeat-silent", "HeartbeatError"), ("over-temperature", "MOTOR_OVER_TEMP")])
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [("heartbeat-silent", "HeartbeatError"), ("over-temperature", "MOTOR_OVER_TEMP")],
+)
 def test_odrive_can_notices_a_drive_in_trouble(served, fault, said):
     from odrive_can import ODriveCAN
 
@@ -183,7 +211,9 @@ def test_odrive_can_notices_a_drive_in_trouble(served, fault, said):
 def test_can_logger_of_python_can_writes_what_is_on_the_bus(served, tmp_path):
     log = tmp_path / "bus.asc"
     words = [sys.executable, "-m", "can.logger", "-i", "socketcand", "-c", "can0", "-f", str(log)]
-    with subprocess.Popen(words, env=can_config(served), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as logger:
+    with subprocess.Popen(
+        words, env=can_config(served), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as logger:
         until(lambda: log.exists() and log.stat().st_size > ENOUGH_BYTES, 30.0)
         logger.send_signal(2)
         logger.wait(15.0)
@@ -194,16 +224,26 @@ def test_can_logger_of_python_can_writes_what_is_on_the_bus(served, tmp_path):
 
 @needs("odrive_can")
 def test_cantools_monitor_decodes_the_frames_with_the_vendor_s_own_database(served):
-    """What it drew on its terminal is searched for the names of the drive's messages and signals."""
-    dbc = subprocess.run([sys.executable, "-c", DBC], capture_output=True, text=True, check=True).stdout.strip()
+    """What it drew on its terminal is searched for the names of the drive's messages and
+    signals.
+    """
+    dbc = subprocess.run(
+        [sys.executable, "-c", DBC], capture_output=True, text=True, check=True
+    ).stdout.strip()
     words = [sys.executable, "-m", "cantools", "monitor", "-i", "socketcand", "-c", "can0", dbc]
     names = ("Heartbeat", "Axis_State: IDLE", "Get_Encoder_Estimates", "Pos_Estimate")
-    drawn = on_a_terminal(words, can_config(served) | {"TERM": "xterm"}, 30.0, [name.encode() for name in names])
+    drawn = on_a_terminal(
+        words, can_config(served) | {"TERM": "xterm"}, 30.0, [name.encode() for name in names]
+    )
     assert all(name in drawn for name in names)
 
 
-def on_a_terminal(words: list[str], environment: dict[str, str], seconds: float, awaited: list[bytes]) -> str:
-    """Runs a program that draws until all that is awaited was drawn, so long at most, and returns it; it is asked to quit with q."""
+def on_a_terminal(
+    words: list[str], environment: dict[str, str], seconds: float, awaited: list[bytes]
+) -> str:
+    """Runs a program that draws until all that is awaited was drawn, so long at most, and
+    returns it; it is asked to quit with q.
+    """
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 60, 160, 0, 0))
     drawn, deadline_s = b"", time.monotonic() + seconds
@@ -223,7 +263,9 @@ def on_a_terminal(words: list[str], environment: dict[str, str], seconds: float,
 
 def can_config(served) -> dict[str, str]:
     """The environment in which python-can's own programs find the server."""
-    return os.environ | {"CAN_CONFIG": json.dumps({"host": served.host, "port": int(served.ports["can_port"])})}
+    return os.environ | {
+        "CAN_CONFIG": json.dumps({"host": served.host, "port": int(served.ports["can_port"])})
+    }
 
 
 def test_the_extra_names_every_stranger():

@@ -6,7 +6,15 @@ from contextlib import contextmanager
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, expect, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    ConsoleMessage,
+    Error,
+    Page,
+    Request,
+    expect,
+    sync_playwright,
+)
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = [
@@ -18,7 +26,9 @@ OPTIONS = [
     "--no-first-run",
 ]
 LOOPBACK = ("127.0.0.1", "localhost")
-PATIENCE_MS = 30_000.0  # a machine that is busy with something else is slow, which is no fault of the page
+PATIENCE_MS = (
+    30_000.0  # a machine that is busy with something else is slow, which is no fault of the page
+)
 
 
 @contextmanager
@@ -30,13 +40,18 @@ def browser() -> Iterator[Browser]:
         try:
             started = playwright.chromium.launch(executable_path=installed, args=OPTIONS)
         except Error as error:
-            pytest.skip(f"no browser: install chromium, or type playwright install chromium ({error.message.splitlines()[0]})")
+            pytest.skip(
+                "no browser: install chromium, or type playwright install chromium "
+                f"({error.message.splitlines()[0]})"
+            )
         yield started
         started.close()
 
 
 class WatchedPage:
-    """`complaints` are errors and warnings of its console, exceptions, and requests that leave this machine."""
+    """`complaints` are errors and warnings of its console, exceptions, and requests that leave
+    this machine.
+    """
 
     def __init__(self, page: Page) -> None:
         self.page = page
@@ -46,7 +61,9 @@ class WatchedPage:
         page.on("request", self._request)
 
     def _console(self, message: ConsoleMessage) -> None:
-        if message.type in ("error", "warning") and "willReadFrequently" not in message.text:  # the test reads pixels, the page does not
+        if (
+            message.type in ("error", "warning") and "willReadFrequently" not in message.text
+        ):  # the test reads pixels, the page does not
             self.complaints.append(f"{message.type}: {message.text}")
 
     def _request(self, request: Request) -> None:

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
 @pytest.fixture(scope="module")
 def one_page() -> "Iterator[Shown]":
     """One browser, one page, one server for all tests of a module."""
-    pytest.importorskip("playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"')
+    pytest.importorskip(
+        "playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"'
+    )
     from tests.view.shown import one_page_shown
 
     with one_page_shown() as shown:
@@ -21,7 +23,9 @@ def one_page() -> "Iterator[Shown]":
 
 @pytest.fixture
 def show(one_page: "Shown") -> "Iterator[Callable[..., Shown]]":
-    """Brings the page to a hello and a state; nothing it does may be complained of, unless the test takes the complaint away."""
+    """Brings the page to a hello and a state; nothing it does may be complained of, unless the
+    test takes the complaint away.
+    """
     one_page.watched.complaints.clear()
     yield one_page.brought
     assert one_page.watched.complaints == []

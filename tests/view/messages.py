@@ -25,7 +25,11 @@ STAGES = [
         for stage in (
             {"label": "shaft to 14.1 deg", "kind": "move", "duration_s": 2.3},
             {"label": "come to rest", "kind": "rest", "duration_s": 10.0},
-            {"label": f"flap 215 mm, 2.433 rad/s, repeat {repeat}", "kind": "flap", "duration_s": 1.86},
+            {
+                "label": f"flap 215 mm, 2.433 rad/s, repeat {repeat}",
+                "kind": "flap",
+                "duration_s": 1.86,
+            },
         )
     ],
 ]
@@ -81,7 +85,12 @@ def state(now_s: float = 0.0, **changed: Any) -> dict[str, Any]:
         "done": 0.21,
         "eta_s": 134.0,
         "limits": {
-            limit["name"]: {"value": share * limit["limit"], "share": share, "peak_share": min(1.4 * share, 1.0), "limit": limit["limit"]}
+            limit["name"]: {
+                "value": share * limit["limit"],
+                "share": share,
+                "peak_share": min(1.4 * share, 1.0),
+                "limit": limit["limit"],
+            }
             for limit, share in shares
         },
         "health": HEALTH,
@@ -92,20 +101,39 @@ def state(now_s: float = 0.0, **changed: Any) -> dict[str, Any]:
     }
 
 
-def trace(from_s: float, dt_s: float, reset: bool = False, **values: list[float | None] | list[tuple[float, float]]) -> dict[str, Any]:
-    """Of the named channels; a value is [low, high] or one number for both, None for no record. Other channels have none."""
+def trace(
+    from_s: float,
+    dt_s: float,
+    reset: bool = False,
+    **values: list[float | None] | list[tuple[float, float]],
+) -> dict[str, Any]:
+    """Of the named channels; a value is [low, high] or one number for both, None for no record.
+    Other channels have none.
+    """
     count = max(len(some) for some in values.values())
-    pairs = {name: [v if isinstance(v, tuple) else (v, v) for v in values.get(name, [None] * count)] for name in NAMES}
+    pairs = {
+        name: [v if isinstance(v, tuple) else (v, v) for v in values.get(name, [None] * count)]
+        for name in NAMES
+    }
     low = {name: [pair[0] for pair in some] for name, some in pairs.items()}
     high = {name: [pair[1] for pair in some] for name, some in pairs.items()}
-    return {"kind": "trace", "dt_s": dt_s, "from_s": from_s, "low": low, "high": high, **({"reset": True} if reset else {})}
+    return {
+        "kind": "trace",
+        "dt_s": dt_s,
+        "from_s": from_s,
+        "low": low,
+        "high": high,
+        **({"reset": True} if reset else {}),
+    }
 
 
 def bent_leg(shaft_rad: float, curl_deg: float) -> list[list[float]]:
     """Points of a leg whose hinges all bend alike."""
     points, angle = [[0.0, 0.0]], shaft_rad
     for length in LENGTHS_M:
-        points.append([points[-1][0] + length * math.cos(angle), points[-1][1] + length * math.sin(angle)])
+        points.append(
+            [points[-1][0] + length * math.cos(angle), points[-1][1] + length * math.sin(angle)]
+        )
         angle += math.radians(curl_deg)
     return points
 

@@ -18,7 +18,13 @@ def stream_of(url: str, **more: object) -> ClientConnection:
     """The stream of a page at that address; the token goes where a browser puts it."""
     place, _, token = url.partition("/#token=")
     protocols = [Subprotocol(PROTOCOL), Subprotocol(token)]
-    return connect(f"ws{place.removeprefix('http')}/stream", subprotocols=protocols, max_size=None, compression=None, **more)
+    return connect(
+        f"ws{place.removeprefix('http')}/stream",
+        subprotocols=protocols,
+        max_size=None,
+        compression=None,
+        **more,
+    )
 
 
 def asked_to_stop(url: str, body: bytes, **headers: str) -> int:
@@ -62,7 +68,10 @@ class Page:
         """Waits for the state that says how the run ended, or for the end of the view."""
         waited = threading.Event()
         for _ in range(int(within_s / 0.02)):
-            if any(message["kind"] == "state" and message["ended"] for message in self.messages) or not self._thread.is_alive():
+            if (
+                any(message["kind"] == "state" and message["ended"] for message in self.messages)
+                or not self._thread.is_alive()
+            ):
                 return list(self.messages)
             waited.wait(0.02)
         raise AssertionError("no word of the run's end")

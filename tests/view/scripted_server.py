@@ -1,4 +1,6 @@
-"""The view's server with nothing behind it: says to the page, message by message, what a test tells it to, and notes what it is sent."""
+"""The view's server with nothing behind it: says to the page, message by message, what a test
+tells it to, and notes what it is sent.
+"""
 
 import asyncio
 import json
@@ -26,7 +28,9 @@ STATE_EVERY_S = 0.2
 
 
 class ScriptedServer:
-    """`hello` and `state` are what a page gets when it comes, `state` every 0.2 s too while not `is_silent`."""
+    """`hello` and `state` are what a page gets when it comes, `state` every 0.2 s too while not
+    `is_silent`.
+    """
 
     def __init__(self) -> None:
         self.begin({}, {})
@@ -76,7 +80,9 @@ class ScriptedServer:
         return FileResponse(STATIC / "index.html")
 
     async def _admitted(self, request: Request) -> Response:
-        return Response(status_code=204 if request.headers.get("authorization") == f"Bearer {TOKEN}" else 403)
+        return Response(
+            status_code=204 if request.headers.get("authorization") == f"Bearer {TOKEN}" else 403
+        )
 
     async def _stop(self, request: Request) -> Response:
         if request.headers.get("authorization") != f"Bearer {TOKEN}":
@@ -90,7 +96,9 @@ class ScriptedServer:
             return
         await socket.accept(PROTOCOL)
         self.loop = asyncio.get_running_loop()
-        self._sockets.append(socket)  # before the page hears anything: whoever sees the state on it may hang up at once
+        self._sockets.append(
+            socket
+        )  # before the page hears anything: whoever sees the state on it may hang up at once
         beat = asyncio.ensure_future(self._beat(socket))
         try:
             with suppress(WebSocketDisconnect):
@@ -118,7 +126,14 @@ class ScriptedServer:
 def serving(scripted: ScriptedServer) -> Iterator[None]:
     """Serves on loopback from a thread, at `scripted.port`."""
     server = uvicorn.Server(
-        uvicorn.Config(scripted.app, host="127.0.0.1", port=0, log_level="error", ws="websockets-sansio", lifespan="off")
+        uvicorn.Config(
+            scripted.app,
+            host="127.0.0.1",
+            port=0,
+            log_level="error",
+            ws="websockets-sansio",
+            lifespan="off",
+        )
     )
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()

@@ -34,11 +34,20 @@ class Shown:
     def told(self) -> "Shown":
         """The page as it is, told the hello and the state by the server, which is much quicker."""
         self.server.say(self.server.hello, {**self.server.state, "serial": time.monotonic()})
-        self.page.wait_for_function("serial => rfcaView.shown.state.serial === serial", arg=self.server.state["serial"])
+        self.page.wait_for_function(
+            "serial => rfcaView.shown.state.serial === serial", arg=self.server.state["serial"]
+        )
         return self
 
-    def brought(self, hello: dict[str, Any] | None = None, state: dict[str, Any] | None = None, anew: bool = False) -> "Shown":
-        """The page at that hello and state; `anew` opens it again, for tests of what a page remembers."""
+    def brought(
+        self,
+        hello: dict[str, Any] | None = None,
+        state: dict[str, Any] | None = None,
+        anew: bool = False,
+    ) -> "Shown":
+        """The page at that hello and state; `anew` opens it again, for tests of what a page
+        remembers.
+        """
         self.server.begin(hello or messages.hello(), state or messages.state())
         return self.opened() if anew or not self.server.has_pages else self.told()
 
@@ -53,10 +62,17 @@ def one_page_shown() -> Iterator[Shown]:
 
 
 def painted(shown: Shown) -> None:
-    """Returns when what was sent is drawn: messages come in order, so the page has them all once it has the last one."""
+    """Returns when what was sent is drawn: messages come in order, so the page has them all once
+    it has the last one.
+    """
     shown.server.say({**shown.server.state, "serial": time.monotonic()})
-    shown.page.wait_for_function("serial => rfcaView.shown.state.serial === serial", arg=shown.server.state["serial"])
-    frames = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))"
+    shown.page.wait_for_function(
+        "serial => rfcaView.shown.state.serial === serial", arg=shown.server.state["serial"]
+    )
+    frames = (
+        "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => "
+        "requestAnimationFrame(done))))"
+    )
     shown.page.evaluate(frames)
 
 

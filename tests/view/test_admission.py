@@ -42,12 +42,23 @@ def test_every_response_has_the_headers_of_the_policy():
     sent = []
 
     async def application(scope, receive, send):
-        await send({"type": "http.response.start", "status": 200, "headers": [(b"cache-control", b"max-age=99")]})
+        await send(
+            {
+                "type": "http.response.start",
+                "status": 200,
+                "headers": [(b"cache-control", b"max-age=99")],
+            }
+        )
 
     async def send(message):
         sent.append(message)
 
-    scope = {"type": "http", "path": "/static/view.js", "query_string": b"", "headers": [(b"host", b"127.0.0.1:8650")]}
+    scope = {
+        "type": "http",
+        "path": "/static/view.js",
+        "query_string": b"",
+        "headers": [(b"host", b"127.0.0.1:8650")],
+    }
     asyncio.run(Admission(application, TOKEN)(scope, None, send))
     headers = dict(sent[0]["headers"])
     assert headers[b"x-content-type-options"] == b"nosniff"
@@ -67,7 +78,9 @@ def test_the_token_from_this_machine_opens(kind, host):
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize("token", [None, "", TOKEN[:-1], f"{TOKEN}x", f"{TOKEN} {TOKEN}", "\xff\xfe"])
+@pytest.mark.parametrize(
+    "token", [None, "", TOKEN[:-1], f"{TOKEN}x", f"{TOKEN} {TOKEN}", "\xff\xfe"]
+)
 def test_without_the_token_in_its_header_nothing_opens(kind, token):
     assert is_refused(asked(kind, token=token))
 
@@ -76,13 +89,24 @@ def test_a_token_that_is_offered_otherwise_opens_nothing():
     for authorization in (TOKEN, f"Basic {TOKEN}", f"rfca-view {TOKEN}"):
         assert is_refused(asked(token=None, headers={**HERE, "authorization": authorization}))
     assert is_refused(asked(token=None, headers={**HERE, "cookie": f"token={TOKEN}"}))
-    assert is_refused(asked("websocket", token=None, headers={**HERE, "authorization": f"Bearer {TOKEN}"}))
+    assert is_refused(
+        asked("websocket", token=None, headers={**HERE, "authorization": f"Bearer {TOKEN}"})
+    )
     assert is_refused(asked(headers=[*HERE.items(), ("authorization", f"Bearer {TOKEN}")]))
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 @pytest.mark.parametrize(
-    "host", ["rig.example.com", "127.0.0.1.example.com", "127.0.0.1@example.com", "0.0.0.0:8650", "192.168.1.5:8650", "", "[::1"]
+    "host",
+    [
+        "rig.example.com",
+        "127.0.0.1.example.com",
+        "127.0.0.1@example.com",
+        "0.0.0.0:8650",
+        "192.168.1.5:8650",
+        "",
+        "[::1",
+    ],
 )
 def test_another_name_for_this_machine_is_refused_though_the_token_is_right(kind, host):
     assert is_refused(asked(kind, headers={"host": host}))
@@ -90,7 +114,15 @@ def test_another_name_for_this_machine_is_refused_though_the_token_is_right(kind
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 @pytest.mark.parametrize(
-    "origin", ["http://example.com", "null", "https://127.0.0.1:8650", "http://127.0.0.1:80", "http://localhost:8650", ""]
+    "origin",
+    [
+        "http://example.com",
+        "null",
+        "https://127.0.0.1:8650",
+        "http://127.0.0.1:80",
+        "http://localhost:8650",
+        "",
+    ],
 )
 def test_a_page_from_elsewhere_is_refused_though_the_token_is_right(kind, origin):
     assert is_refused(asked(kind, headers={**HERE, "origin": origin}))
@@ -106,7 +138,9 @@ def test_the_page_s_own_files_need_no_token_but_do_need_this_machine():
         assert asked(path=path, token=None) == "in"
         assert is_refused(asked(path=path, token=None, headers={"host": "example.com"}))
         assert is_refused(asked("websocket", path, token=None))
-    assert is_refused(asked(path="/statics", token=None)) and is_refused(asked(path="/admitted", token=None))
+    assert is_refused(asked(path="/statics", token=None)) and is_refused(
+        asked(path="/admitted", token=None)
+    )
     assert is_refused(asked("websocket", "/static/../stream", token=None))
 
 

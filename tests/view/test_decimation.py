@@ -1,11 +1,22 @@
-"""What is drawn against what numpy says of the same samples: every least and greatest, in whatever pieces they came."""
+"""What is drawn against what numpy says of the same samples: every least and greatest, in
+whatever pieces they came.
+"""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.view.pyramid import AHEAD, BASE_S, CAPACITY, Pyramid, decimate, extrema_by_bucket, level_for, width_s
+from rfca_rig.view.pyramid import (
+    AHEAD,
+    BASE_S,
+    CAPACITY,
+    Pyramid,
+    decimate,
+    extrema_by_bucket,
+    level_for,
+    width_s,
+)
 
 BOTH = slice(0, 2)
 
@@ -44,13 +55,17 @@ def streams(draw, longest_gap_s):
     steps = random.exponential(1.0 / 5000.0, draw(st.integers(2, 1500)))
     gaps = random.integers(0, len(steps), draw(st.integers(0, 3)))
     steps[gaps] += random.uniform(0.0, longest_gap_s, len(gaps))
-    t_s = np.abs(np.cumsum(steps) + random.normal(0.0, draw(st.sampled_from([0.0, 1e-4])), len(steps)))
+    t_s = np.abs(
+        np.cumsum(steps) + random.normal(0.0, draw(st.sampled_from([0.0, 1e-4])), len(steps))
+    )
     cuts = np.unique(random.integers(1, len(t_s), draw(st.integers(1, 30))))
     return t_s, random.normal(size=(len(t_s), 2)), np.split(np.arange(len(t_s)), cuts), random
 
 
 REMEMBERED = st.one_of(
-    st.tuples(streams(0.2), st.just(0)), st.tuples(streams(0.9), st.integers(1, 5)), st.tuples(streams(30.0), st.integers(6, 12))
+    st.tuples(streams(0.2), st.just(0)),
+    st.tuples(streams(0.9), st.integers(1, 5)),
+    st.tuples(streams(30.0), st.integers(6, 12)),
 )
 """Streams with a level that remembers all of them: the finest a second, the next four."""
 
@@ -58,18 +73,27 @@ REMEMBERED = st.one_of(
 @settings(max_examples=40)
 @given(REMEMBERED)
 def test_no_peak_is_lost_at_any_level_however_the_samples_come(what):
-    """Each bucket is asked for as soon as it is closed, as a page does; what was late counts where it came."""
+    """Each bucket is asked for as soon as it is closed, as a page does; what was late counts
+    where it came.
+    """
     stream, level = what
     t_s, values, pieces, random = stream
     pyramid, sent, got = Pyramid(2), 0, []
     for piece in pieces:
         pyramid.take(t_s[piece], values[piece], BOTH)
         pyramid.close_before(t_s[piece].max() - random.uniform(0.0, 0.01))
-        got.append(pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.count_closed(level)))
+        got.append(
+            pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.count_closed(level))
+        )
         sent = pyramid.count_closed(level)
     pyramid.close_before(t_s.max() + 2 * width_s(level))
-    got.append(pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.count_closed(level)))
-    low, high = np.concatenate([part.low for part in got]), np.concatenate([part.high for part in got])
+    got.append(
+        pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.count_closed(level))
+    )
+    low, high = (
+        np.concatenate([part.low for part in got]),
+        np.concatenate([part.high for part in got]),
+    )
     np.testing.assert_array_equal(np.nanmin(low, axis=0), values.min(axis=0))
     np.testing.assert_array_equal(np.nanmax(high, axis=0), values.max(axis=0))
 
@@ -128,7 +152,9 @@ def test_what_nobody_remembers_is_a_gap():
     assert len(pyramid.between(0, 0, pyramid.count_closed(0)).low) == pyramid.count_closed(0)
 
 
-@pytest.mark.parametrize(("span_s", "dt_s"), [(0.1, 5e-4), (0.5, 5e-4), (0.6, 1e-3), (8.0, 8e-3), (3600.0, 4.096)])
+@pytest.mark.parametrize(
+    ("span_s", "dt_s"), [(0.1, 5e-4), (0.5, 5e-4), (0.6, 1e-3), (8.0, 8e-3), (3600.0, 4.096)]
+)
 def test_a_window_has_about_a_thousand_buckets(span_s, dt_s):
     assert width_s(level_for(span_s)) == pytest.approx(dt_s)
 
@@ -153,6 +179,9 @@ def test_a_leap_over_a_long_time_leaves_the_same_as_every_step_of_it(seed):
     for level in range(12):
         assert leaping.count_closed(level) == stepping.count_closed(level)
         begin = max(leaping.oldest(level), stepping.oldest(level))
-        found, expected = (pyramid.between(level, begin, pyramid.count_closed(level)) for pyramid in (leaping, stepping))
+        found, expected = (
+            pyramid.between(level, begin, pyramid.count_closed(level))
+            for pyramid in (leaping, stepping)
+        )
         np.testing.assert_array_equal(found.low, expected.low)
         np.testing.assert_array_equal(found.high, expected.high)

@@ -45,7 +45,9 @@ def test_all_peaks_of_a_run_are_in_what_a_page_was_sent(seed):
         feed, got, forces = both.run.feed(), [], []
         for number in range(1, 250):
             force_N = random.normal(0.0, 50.0) + 300.0 * (random.uniform() < 0.02)
-            counts = np.concatenate([counts_of(0.0, rows=int(random.integers(0, 30))), counts_of(force_N)])
+            counts = np.concatenate(
+                [counts_of(0.0, rows=int(random.integers(0, 30))), counts_of(force_N)]
+            )
             forces.append(force_N)
             both.run_queue.tick(tick(0.002 * number, counts))
             if random.uniform() < 0.1:
@@ -75,7 +77,14 @@ def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own(
 
 
 @pytest.mark.parametrize(
-    "nonsense", [{}, {"kind": "span"}, {"kind": "span", "span_s": "8"}, {"kind": "span", "span_s": float("nan")}, {"kind": 3}]
+    "nonsense",
+    [
+        {},
+        {"kind": "span"},
+        {"kind": "span", "span_s": "8"},
+        {"kind": "span", "span_s": float("nan")},
+        {"kind": 3},
+    ],
 )
 def test_nonsense_from_a_page_changes_nothing(nonsense):
     with watched() as both:
@@ -97,7 +106,16 @@ def test_what_a_loop_saw_last_is_drawn_though_no_tick_follows():
         assert drawn(feed.new_messages())[1] == 1.0
         both.clock.wait_until(0.3)
         both.run.beat()
-        assert drawn([{**message, "reset": True} for message in feed.new_messages() if message["kind"] == "trace"])[1] == 100.0
+        assert (
+            drawn(
+                [
+                    {**message, "reset": True}
+                    for message in feed.new_messages()
+                    if message["kind"] == "trace"
+                ]
+            )[1]
+            == 100.0
+        )
 
 
 def test_everything_that_is_sent_is_plain_json():
@@ -121,7 +139,10 @@ def test_a_trip_is_told_with_its_code():
     with watched() as both:
         both.run_queue.end("TRIP L-01: force 310.0 N, limit 300 N", "L-01")
         both.run.on_run_exit()
-        assert both.run.state["trip"] == {"code": "L-01", "text": "TRIP L-01: force 310.0 N, limit 300 N"}
+        assert both.run.state["trip"] == {
+            "code": "L-01",
+            "text": "TRIP L-01: force 310.0 N, limit 300 N",
+        }
 
 
 def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():
@@ -131,11 +152,18 @@ def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():
         both.run_queue.tick(tick(0.002, counts_of(-5.0), angle_rad=1.2, target_rad=1.25))
         both.run.beat()
         straight = both.run.leg
-        assert straight["source"] == "shaft only" and straight["ghost"] is None and straight["height_m"] == 0.215
+        assert (
+            straight["source"] == "shaft only"
+            and straight["ghost"] is None
+            and straight["height_m"] == 0.215
+        )
         both.run.source._legs.prepare(both.run.source._facts.scenes)
         both.run.beat()
         bent = both.run.leg
-        assert bent["source"] == "model at measured shaft angle" and len(bent["leg"]) == len(bent["ghost"]) == 8
+        assert (
+            bent["source"] == "model at measured shaft angle"
+            and len(bent["leg"]) == len(bent["ghost"]) == 8
+        )
         assert max(z for _, z in bent["leg"]) < 0.222 < max(z for _, z in straight["leg"])
         assert bent["force"] == [0.0, -5.0]
 
@@ -159,7 +187,9 @@ def test_a_share_passes_one_exactly_where_the_run_trips(pieces, expected_N):
     for number, force_N in enumerate(forces, start=1):
         one = tick(0.01 * number, counts_of(force_N, rows=3))
         gauges.take(ticks_of([tick_block(one, Stamp(0.0, 0))]))
-        share = max(gauges.read_values()[name]["peak_share"] for name in ("force", "force above expected"))
+        share = max(
+            gauges.read_values()[name]["peak_share"] for name in ("force", "force above expected")
+        )
         try:
             watch.check(one.force)
             assert share < 1.001
@@ -172,15 +202,29 @@ def test_a_peak_between_two_tellings_is_told_and_the_peak_of_a_stage_stays_until
     gauges = Gauges(LIMITS, SensorScale(1e6, 1e6, 7000.0))
     for now_s, force_N in ((0.002, 10.0), (0.004, 150.0), (0.006, 10.0)):
         gauges.take(seen(now_s, force_N))
-    assert gauges.read_values()["force"] == {"value": 150.0, "share": 0.5, "peak_share": 0.5, "limit": 300.0}
+    assert gauges.read_values()["force"] == {
+        "value": 150.0,
+        "share": 0.5,
+        "peak_share": 0.5,
+        "limit": 300.0,
+    }
     gauges.take(seen(0.008, 30.0))
-    assert gauges.read_values()["force"] == {"value": 30.0, "share": 0.1, "peak_share": 0.5, "limit": 300.0}
+    assert gauges.read_values()["force"] == {
+        "value": 30.0,
+        "share": 0.1,
+        "peak_share": 0.5,
+        "limit": 300.0,
+    }
     gauges.stage(None)
     gauges.take(seen(0.010, 30.0))
     assert gauges.read_values()["force"]["peak_share"] == 0.1
 
 
-STAGES = [ListedStage("move", "move", 2.0), ListedStage("rest", "rest", 10.0), ListedStage("flap", "flap", 4.0)] * 2
+STAGES = [
+    ListedStage("move", "move", 2.0),
+    ListedStage("rest", "rest", 10.0),
+    ListedStage("flap", "flap", 4.0),
+] * 2
 
 
 def test_progress_learns_how_much_of_the_planned_time_a_stage_needs():

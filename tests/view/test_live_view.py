@@ -1,4 +1,6 @@
-"""The view in its own process beside runs on the twin: what it is told, what it may ask for, and what its death costs."""
+"""The view in its own process beside runs on the twin: what it is told, what it may ask for, and
+what its death costs.
+"""
 
 import os
 import signal
@@ -27,7 +29,9 @@ def viewed(bench, plan, port=0):
     """A view, which is gone afterwards however long it would have stayed."""
     stop_request, told = StopRequest(), []
     facts = run_facts(plan, "SIM", bench.sensor.scale(), RIG.nominal())
-    view = LiveView(facts, plan, stop_request, lambda: (bench.sensor.health(), 0), told.append, port)
+    view = LiveView(
+        facts, plan, stop_request, lambda: (bench.sensor.health(), 0), told.append, port
+    )
     try:
         yield view, Supervision(stop_request=stop_request, observer=view.run_queue), told
     finally:
@@ -47,7 +51,9 @@ def unwatched(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte(tmp_path, unwatched):
+def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte(
+    tmp_path, unwatched
+):
     plan = one_condition(RIG)
     with (
         recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
@@ -67,7 +73,10 @@ def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte
     assert state["said"] == [stage.label for stage in plan.stages][-12:]
     assert view.run_queue.lost == 0
     low, high = drawn(got)
-    assert low <= stroke.channel("fz_N")[1].min() + 1e-4 and high >= stroke.channel("fz_N")[1].max() - 1e-4
+    assert (
+        low <= stroke.channel("fz_N")[1].min() + 1e-4
+        and high >= stroke.channel("fz_N")[1].max() - 1e-4
+    )
 
 
 @pytest.mark.slow
@@ -76,9 +85,14 @@ def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte
     [("safe point", Rest, MoveShaft), ("now", Rest, Rest)],
 )
 def test_a_stop_from_the_page_ends_the_run_as_the_key_does(tmp_path, how, after, last):
-    """Asked for while the leg rests before the first of three strokes: a safe point is reached before it."""
+    """Asked for while the leg rests before the first of three strokes: a safe point is reached
+    before it.
+    """
     plan, done = one_condition(RIG, 3), []
-    with recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept), viewed(bench, plan) as (view, supervision, told):
+    with (
+        recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
+        viewed(bench, plan) as (view, supervision, told),
+    ):
 
         def progress(stage):
             done.append(stage)
@@ -96,7 +110,10 @@ def test_a_stop_from_the_page_ends_the_run_as_the_key_does(tmp_path, how, after,
 @pytest.mark.slow
 def test_a_view_that_is_killed_costs_the_run_nothing(tmp_path, unwatched):
     plan = one_condition(RIG)
-    with recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept), viewed(bench, plan) as (view, supervision, _):
+    with (
+        recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
+        viewed(bench, plan) as (view, supervision, _),
+    ):
 
         def progress(stage):
             if isinstance(stage, MoveShaft):
@@ -117,10 +134,17 @@ def test_a_page_opened_late_sees_how_the_run_ended_and_only_with_the_token(tmp_p
         with opened(view.url) as page:
             state = [message for message in page.all_after_end() if message["kind"] == "state"][-1]
             assert state["trip"]["code"] == "L-01"
-            assert got(view.url, "/trips/L-01")[1].startswith("# L-01") and got(view.url, "/trips/L-99")[0] == 404
+            assert (
+                got(view.url, "/trips/L-01")[1].startswith("# L-01")
+                and got(view.url, "/trips/L-99")[0] == 404
+            )
             assert got(view.url, "/static/view.js")[2] == "text/javascript; charset=utf-8"
         guessed = view.url[:-1] + ("a" if view.url[-1] != "a" else "b")
-        for wrong, more in ((guessed, {}), (view.url, {"origin": "http://example.com"}), (view.url, {"additional_headers": {"Host": "x"}})):
+        for wrong, more in (
+            (guessed, {}),
+            (view.url, {"origin": "http://example.com"}),
+            (view.url, {"additional_headers": {"Host": "x"}}),
+        ):
             with pytest.raises(InvalidStatus), stream_of(wrong, **more):
                 pass
         assert asked_to_stop(guessed, b'{"how": "now"}') == 403
@@ -138,7 +162,9 @@ def test_nobody_who_reads_what_a_run_says_waits_for_its_view(tmp_path):
         own = view.process_id
         children = Path(f"/proc/{own}/task/{own}/children").read_text().split()
         for process in (own, *children):
-            assert {str(Path(f"/proc/{process}/fd/{number}").readlink()) for number in (1, 2)} == {"/dev/null"}
+            assert {str(Path(f"/proc/{process}/fd/{number}").readlink()) for number in (1, 2)} == {
+                "/dev/null"
+            }
 
 
 def test_a_port_that_is_taken_is_one_clear_line(tmp_path):

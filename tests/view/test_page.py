@@ -5,7 +5,9 @@ from itertools import pairwise
 
 import pytest
 
-pytest.importorskip("playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"')
+pytest.importorskip(
+    "playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"'
+)
 
 from playwright.sync_api import Page, expect
 
@@ -20,7 +22,9 @@ def flat(value: float, count: int = 1000) -> list[float | None]:
 
 
 def inked_rows(page: Page, plot: str, t_s: float, colour: tuple[int, int, int]) -> list[float]:
-    """The values, on the panel's scale, of all pixels of about that colour in the column of the canvas at `t_s`."""
+    """The values, on the panel's scale, of all pixels of about that colour in the column of the
+    canvas at `t_s`.
+    """
     return page.evaluate(  # type: ignore[no-any-return]
         """([name, t, colour]) => {
           const plot = rfcaView.traces.panels.find(panel => panel.kind.plot === name).plot;
@@ -56,16 +60,24 @@ class TestTraces:
         shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=[(-60.0, -20.0)] * 1000))
         painted(shown)
         pale = tuple(round(255 + (part - 255) * 0x59 / 255) for part in BLUE)
-        inside = [row for row in inked_rows(shown.page, "force", 4.004, pale) if -58.0 < row < -22.0]
+        inside = [
+            row for row in inked_rows(shown.page, "force", 4.004, pale) if -58.0 < row < -22.0
+        ]
         assert len(inside) > 40  # pixels; a fill to zero would reach above as well
-        assert not [row for row in inked_rows(shown.page, "force", 4.004, pale) if -16.0 < row < -4.0]
+        assert not [
+            row for row in inked_rows(shown.page, "force", 4.004, pale) if -16.0 < row < -4.0
+        ]
 
     def test_frames_follow_on_one_another_and_the_window_moves_on(self, show):
         shown = show()
         for frame in range(30):
-            shown.server.say(messages.trace(frame * 0.4, DT_S, reset=not frame, fz_N=flat(float(frame), 50)))
+            shown.server.say(
+                messages.trace(frame * 0.4, DT_S, reset=not frame, fz_N=flat(float(frame), 50))
+            )
         painted(shown)
-        from_s, to_s, kept = shown.page.evaluate("[rfcaView.traces.fromS, rfcaView.traces.toS, rfcaView.shown.buckets.t]")
+        from_s, to_s, kept = shown.page.evaluate(
+            "[rfcaView.traces.fromS, rfcaView.traces.toS, rfcaView.shown.buckets.t]"
+        )
         assert (from_s, to_s) == pytest.approx((4.0, 12.0))
         assert max(b - a for a, b in pairwise(kept)) == pytest.approx(DT_S)
         assert kept[0] < 4.0 and len(kept) < 1400
@@ -73,13 +85,18 @@ class TestTraces:
 
     def test_what_is_sent_again_after_a_seek_takes_the_place_of_what_was_there(self, show):
         shown = show()
-        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=flat(5.0)), messages.trace(40.0, DT_S, reset=True, fz_N=flat(-30.0)))
+        shown.server.say(
+            messages.trace(0.0, DT_S, reset=True, fz_N=flat(5.0)),
+            messages.trace(40.0, DT_S, reset=True, fz_N=flat(-30.0)),
+        )
         painted(shown)
         assert shown.page.evaluate("rfcaView.shown.buckets.t.length") == 1000
         assert shown.page.evaluate("rfcaView.traces.toS") == pytest.approx(48.0)
 
     @pytest.mark.parametrize(("buckets_without", "is_a_gap"), [(6, False), (30, True)])
-    def test_a_slow_device_is_one_line_a_silent_one_has_a_gap(self, show, buckets_without, is_a_gap):
+    def test_a_slow_device_is_one_line_a_silent_one_has_a_gap(
+        self, show, buckets_without, is_a_gap
+    ):
         shown = show()
         values = flat(10.0)
         values[500 : 500 + buckets_without] = [None] * buckets_without
@@ -90,7 +107,9 @@ class TestTraces:
 
     def test_the_legend_says_value_unit_and_extremes_and_hides_a_channel(self, show):
         shown = show()
-        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=[(-54.97, -54.0), *flat(3.11, 999)]))
+        shown.server.say(
+            messages.trace(0.0, DT_S, reset=True, fz_N=[(-54.97, -54.0), *flat(3.11, 999)])
+        )
         painted(shown)
         panel = shown.page.locator(".panel[data-plot=force]")
         expect(panel.locator("h2")).to_have_text("Force (N)")
@@ -121,14 +140,18 @@ class TestLeg:
         ]
         assert shown.page.locator("#leg-picture .ghost").get_attribute("points") != ""
         assert " 215H" in shown.page.locator("#leg-picture .floor").get_attribute("d")
-        expect(shown.page.locator("#leg-key")).to_contain_text("the model at the measured shaft angle, not seen")
+        expect(shown.page.locator("#leg-key")).to_contain_text(
+            "the model at the measured shaft angle, not seen"
+        )
 
     def test_the_ground_pushes_the_leg_up_and_against_the_sensors_y(self, show):
         shown = show()
         touching = messages.leg(leg=[[0.0, 0.0], [0.0, 0.215]] * 4, force=[-30.0, -40.0])
         shown.server.say(touching)
         painted(shown)
-        start, tip = re.match(r"M(\S+ \S+)L(\S+ \S+)M", shown.page.locator("#leg-picture .force").get_attribute("d")).groups()
+        start, tip = re.match(
+            r"M(\S+ \S+)L(\S+ \S+)M", shown.page.locator("#leg-picture .force").get_attribute("d")
+        ).groups()
         (y0, z0), (y1, z1) = (tuple(map(float, text.split())) for text in (start, tip))
         assert (y0, z0) == (0.0, 215.0)
         assert (y1 - y0) / (z1 - z0) == pytest.approx(30.0 / -40.0)
@@ -144,13 +167,19 @@ class TestLeg:
         expect(shown.page.locator("#leg-picture .force")).to_have_attribute("d", "")
 
     def test_without_a_believed_leg_none_is_drawn(self, show):
-        expect(show(messages.hello(leg=None)).page.locator("#leg-key")).to_have_text("No leg is described, so none is drawn.")
+        expect(show(messages.hello(leg=None)).page.locator("#leg-key")).to_have_text(
+            "No leg is described, so none is drawn."
+        )
 
 
 class TestState:
     def test_the_current_stage_is_marked_and_in_sight(self, show):
         shown = show()
-        shown.server.say(messages.state(stage=30, stage_done=0.25, stage_label="flap 215 mm, 2.433 rad/s, repeat 10"))
+        shown.server.say(
+            messages.state(
+                stage=30, stage_done=0.25, stage_label="flap 215 mm, 2.433 rad/s, repeat 10"
+            )
+        )
         now = shown.page.locator("#stage-list [aria-current=step]")
         expect(now).to_contain_text("repeat 10")
         expect(now).to_be_in_viewport()
@@ -161,7 +190,10 @@ class TestState:
     def test_after_a_stop_what_was_left_out_is_not_ticked_off(self, show):
         shown = show()
         shown.server.say(messages.state(stage=6), messages.state(stage=6, stop_asked="safe point"))
-        shown.server.say(messages.state(stage=36, stop_asked="safe point"), messages.state(stage=-1, ended="stopped by the operator"))
+        shown.server.say(
+            messages.state(stage=36, stop_asked="safe point"),
+            messages.state(stage=-1, ended="stopped by the operator"),
+        )
         expect(shown.page.locator("#stage-list .left")).to_have_count(29)
         expect(shown.page.locator("#stage-list .past")).to_have_count(8)
 
@@ -176,10 +208,15 @@ class TestState:
         expect(shown.page.locator("#stage-list .left")).to_have_count(0)
 
     def test_a_plan_of_ten_thousand_stages_shows_those_around_now(self, show):
-        stages = [{"label": f"cycles {number}", "kind": "cycles", "duration_s": 60.0} for number in range(10_000)]
+        stages = [
+            {"label": f"cycles {number}", "kind": "cycles", "duration_s": 60.0}
+            for number in range(10_000)
+        ]
         shown = show(messages.hello(stages=stages))
         shown.server.say(messages.state(stage=7000))
-        expect(shown.page.locator("#stage-list [aria-current=step]")).to_have_text(re.compile("cycles 7000"))
+        expect(shown.page.locator("#stage-list [aria-current=step]")).to_have_text(
+            re.compile("cycles 7000")
+        )
         assert shown.page.locator("#stage-list li").count() < 300
 
     def test_a_limit_tells_how_far_it_is_and_how_near_it_came(self, show):
@@ -192,16 +229,25 @@ class TestState:
         assert force.locator(".fill").evaluate("fill => fill.style.width") == "80%"
         assert force.locator(".peak").evaluate("peak => peak.style.left") == "93%"
         expect(page.locator("#limit-list li.close")).to_have_count(1)
-        expect(page.get_by_role("meter", name=re.compile("following"))).to_have_attribute("aria-valuetext", "6.00 of 30.0 deg, 80 % left")
+        expect(page.get_by_role("meter", name=re.compile("following"))).to_have_attribute(
+            "aria-valuetext", "6.00 of 30.0 deg, 80 % left"
+        )
 
     def test_what_is_bad_stands_out_in_words_too(self, show):
-        health = [{"name": "lost", "value": "212", "is_good": False}, {"name": "drive temperature", "value": "41 degC", "is_good": True}]
+        health = [
+            {"name": "lost", "value": "212", "is_good": False},
+            {"name": "drive temperature", "value": "41 degC", "is_good": True},
+        ]
         page = show(state=messages.state(health=health)).page
         expect(page.locator("#health-list .bad")).to_have_text("lost212 \N{EN DASH} bad")
         expect(page.locator("#health-head")).to_have_text("Health: 1 bad")
 
     def test_a_trip_is_large_with_code_and_paragraph(self, show):
-        tripped = messages.state(ended="TRIP L-01", eta_s=None, trip={"code": "L-01", "text": "TRIP L-01: force 312 N, limit 300 N"})
+        tripped = messages.state(
+            ended="TRIP L-01",
+            eta_s=None,
+            trip={"code": "L-01", "text": "TRIP L-01: force 312 N, limit 300 N"},
+        )
         page = show(state=tripped).page
         expect(page.locator("#trip-code")).to_have_text("TRIP L-01")
         expect(page.locator("#trip-text")).to_have_text("force 312 N, limit 300 N")
@@ -214,20 +260,30 @@ class TestState:
     def test_sim_and_real_differ_without_colour(self, show):
         look = """mark => { const style = getComputedStyle(mark);
           return [style.backgroundColor, style.borderTopStyle, mark.querySelector('b').textContent]; }"""
-        sim, real = (show(messages.hello(mark=mark)).page.locator("#mark").evaluate(look) for mark in ("SIM", "REAL"))
+        sim, real = (
+            show(messages.hello(mark=mark)).page.locator("#mark").evaluate(look)
+            for mark in ("SIM", "REAL")
+        )
         assert sim == ["rgba(0, 0, 0, 0)", "dashed", "SIM"]
         assert real == ["rgb(27, 27, 27)", "solid", "REAL"]
 
 
 def test_the_player_of_a_recording_fits_a_phone(show):
-    page = show(messages.hello(mode="replay", can_stop=False, duration_s=6000.0), messages.state(5999.5, speed=1.0), anew=True).page
+    page = show(
+        messages.hello(mode="replay", can_stop=False, duration_s=6000.0),
+        messages.state(5999.5, speed=1.0),
+        anew=True,
+    ).page
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     for part in ("#play", "#speed", "#slider", "#clock"):
         box = page.locator(part).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= 390, part
     # Every value stands beside the name of its panel.
-    assert page.evaluate("[...document.querySelectorAll('.panel .head')].every(each => each.scrollWidth <= each.clientWidth)")
+    assert page.evaluate(
+        "[...document.querySelectorAll('.panel .head')].every(each => each.scrollWidth "
+        "<= each.clientWidth)"
+    )
     page.set_viewport_size(DESKTOP)
 
 
@@ -239,7 +295,16 @@ def test_nothing_runs_out_of_the_page_at_any_size(show, width, height):
     page.set_viewport_size({"width": width, "height": height})
     painted(shown)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    for part in ("#mark", "#stop-safe", "#stop-now", "#traces", "#leg", "#limits", "#stages", "#health"):
+    for part in (
+        "#mark",
+        "#stop-safe",
+        "#stop-now",
+        "#traces",
+        "#leg",
+        "#limits",
+        "#stages",
+        "#health",
+    ):
         box = page.locator(part).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= width and box["height"] > 20, part
     assert page.locator("#stop-now").bounding_box()["y"] < 200

@@ -1,10 +1,14 @@
-"""The page in a real browser, against a server that says what the test wants: what a person does with it, and what befalls it."""
+"""The page in a real browser, against a server that says what the test wants: what a person does
+with it, and what befalls it.
+"""
 
 from collections.abc import Callable
 
 import pytest
 
-pytest.importorskip("playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"')
+pytest.importorskip(
+    "playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"'
+)
 
 from playwright.sync_api import expect
 
@@ -15,7 +19,10 @@ from tests.view.shown import Shown, heard
 class TestStopping:
     @pytest.mark.parametrize(
         ("button", "how", "said"),
-        [("Stop at the next safe point", "safe point", "stops at the next safe point"), ("Torque off now", "now", "torque off now")],
+        [
+            ("Stop at the next safe point", "safe point", "stops at the next safe point"),
+            ("Torque off now", "now", "torque off now"),
+        ],
     )
     def test_a_stop_is_sent_once_and_shown(self, show, button, how, said):
         shown = show(anew=True)
@@ -27,7 +34,9 @@ class TestStopping:
     def test_torque_off_stays_possible_after_a_safe_stop_was_asked_for_elsewhere(self, show):
         shown = show(anew=True)
         shown.server.say(messages.state(stop_asked="safe point"))
-        expect(shown.page.get_by_role("button", name="Stop at the next safe point")).to_be_disabled()
+        expect(
+            shown.page.get_by_role("button", name="Stop at the next safe point")
+        ).to_be_disabled()
         shown.page.get_by_role("button", name="Torque off now").click()
         expect(shown.page.locator("#stop-answer")).to_have_text("Asked: torque off now.")
         assert shown.server.stops == [{"how": "now"}]
@@ -36,7 +45,9 @@ class TestStopping:
         shown = show(anew=True)
         shown.server.stop_status = 500
         shown.page.get_by_role("button", name="Torque off now").click()
-        expect(shown.page.locator("#stop-answer")).to_have_text("Refused (500). NOT SENT. Use the emergency stop.")
+        expect(shown.page.locator("#stop-answer")).to_have_text(
+            "Refused (500). NOT SENT. Use the emergency stop."
+        )
         expect(shown.page.get_by_role("button", name="Torque off now")).to_be_enabled()
         shown.watched.complaints.clear()  # the browser notes the 500 in its console
 
@@ -57,7 +68,10 @@ class TestConnection:
         expect(lost).to_be_visible()
         expect(lost).to_contain_text("Connection lost")
         expect(lost).to_contain_text("s old")
-        assert float(shown.page.locator("main").evaluate("main => getComputedStyle(main).opacity")) < 0.5
+        assert (
+            float(shown.page.locator("main").evaluate("main => getComputedStyle(main).opacity"))
+            < 0.5
+        )
         assert shown.page.title() == "CONNECTION LOST"
         expect(shown.page.locator("#stop-now")).to_be_enabled()
         shown.server.is_silent = False
@@ -78,7 +92,9 @@ class TestConnection:
         shown.server.hang_up()
         shown.page.wait_for_function("() => document.title.startsWith('ended')")
         assert not shown.page.get_by_role("alertdialog").is_visible()
-        expect(shown.page.locator("#ended")).to_have_text("The run has ended: done. This picture does not change any more.")
+        expect(shown.page.locator("#ended")).to_have_text(
+            "The run has ended: done. This picture does not change any more."
+        )
 
     def test_a_run_that_tells_nothing_new_is_said_to(self, show):
         expect(show(anew=True).page.locator("#stale")).to_be_visible()
@@ -92,7 +108,11 @@ class TestConnection:
 
 
 def replayed(show: Callable[..., Shown], anew: bool = True) -> Shown:
-    return show(messages.hello(mode="replay", can_stop=False, duration_s=60.0), messages.state(12.0, speed=1.0), anew=anew)
+    return show(
+        messages.hello(mode="replay", can_stop=False, duration_s=60.0),
+        messages.state(12.0, speed=1.0),
+        anew=anew,
+    )
 
 
 class TestReplay:
@@ -100,7 +120,9 @@ class TestReplay:
         shown = replayed(show)
         assert heard(shown, "play") == [{"kind": "play", "speed": 1}]
         expect(shown.page.locator("#stop-now")).to_be_disabled()
-        expect(shown.page.locator("#stop-answer")).to_have_text("A recording: there is nothing to stop.")
+        expect(shown.page.locator("#stop-answer")).to_have_text(
+            "A recording: there is nothing to stop."
+        )
         shown.server.heard.clear()
         shown.page.keyboard.press("Space")
         assert heard(shown, "play") == [{"kind": "play", "speed": 0}]
@@ -114,7 +136,8 @@ class TestReplay:
         shown = replayed(show)
         slider = shown.page.get_by_label("Time in the recording")
         expect(slider).to_have_js_property("value", "12")
-        shown.server.is_silent = True  # a page that is slow to tell its value would show the next state, in which the time is 12 s
+        # a page that is slow to tell its value would show the next state, in which the time is 12 s
+        shown.server.is_silent = True
         box = slider.bounding_box()
         shown.page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"])
         assert heard(shown, "seek")[-1]["at_s"] == pytest.approx(45.0, abs=1.0)
@@ -139,7 +162,14 @@ class TestReplay:
         assert times_s == [45.0, 45.0, 12.0]
 
     @pytest.mark.parametrize(
-        ("key", "at_s"), [("ArrowRight", 13.0), ("ArrowLeft", 11.0), ("Shift+ArrowLeft", 11.9), ("Home", 0.0), ("End", 60.0)]
+        ("key", "at_s"),
+        [
+            ("ArrowRight", 13.0),
+            ("ArrowLeft", 11.0),
+            ("Shift+ArrowLeft", 11.9),
+            ("Home", 0.0),
+            ("End", 60.0),
+        ],
     )
     def test_keys(self, show, key, at_s):
         shown = replayed(show, anew=False)

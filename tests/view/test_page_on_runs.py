@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"')
+pytest.importorskip(
+    "playwright", reason='the page is tested in a browser: pip install "rfca-rig[dev]"'
+)
 
 from playwright.sync_api import ViewportSize, expect
 
@@ -85,7 +87,11 @@ def test_a_run_is_seen_with_the_peaks_of_its_recording_and_its_end(tmp_path, wat
         view.run_queue.end("done", "")
         expect(watched.page.locator("#ended")).to_contain_text("The run has ended: done")
         stroke = kept.finish().strokes[0]
-        for channel in ("fy_N", "fz_N", "tx_Nm"):  # the run was longer than the stroke, so there may be more
+        for channel in (
+            "fy_N",
+            "fz_N",
+            "tx_Nm",
+        ):  # the run was longer than the stroke, so there may be more
             wait_for_extremes(watched, channel, *extremes(stroke, channel))
         assert lowest_drawn(watched, "fz_N") == pytest.approx(extremes(stroke, "fz_N")[0], abs=1e-3)
         expect(watched.page.locator("#stage-list .past")).to_have_count(len(plan.stages))
@@ -103,7 +109,9 @@ def test_the_button_stops_the_run(tmp_path, watched):
         watched.page.get_by_role("button", name="Torque off now").click()
         expect(watched.page.locator("#stop-answer")).to_have_text("Asked: torque off now.")
         with pytest.raises(Stopped, match="in the view"):
-            run_plan(plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision)
+            run_plan(
+                plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision
+            )
         assert len(told) == 1
         kept.finish()
 
@@ -118,7 +126,13 @@ def replayed(path: Path) -> Iterator[str]:
     async def served() -> None:
         over.append((asyncio.get_running_loop(), asyncio.Event()))
         begun.set()
-        await serve(Replay(stored, Legs(stored.nominal), WallClock()), "t" * 32, listening, over[0][1], lambda _pages: True)
+        await serve(
+            Replay(stored, Legs(stored.nominal), WallClock()),
+            "t" * 32,
+            listening,
+            over[0][1],
+            lambda _pages: True,
+        )
 
     thread = threading.Thread(target=asyncio.run, args=(served(),), daemon=True)
     thread.start()
@@ -139,9 +153,13 @@ def test_a_recording_is_played_and_sought_with_the_peaks_that_it_has(watched):
         watched.page.keyboard.press("Space")
         watched.page.wait_for_function("() => rfcaView.shown.state.speed === 0")
         watched.page.keyboard.press("End")
-        watched.page.wait_for_function("() => Math.abs(rfcaView.shown.state.now_s - rfcaView.replay.durationS) < 0.01")
+        watched.page.wait_for_function(
+            "() => Math.abs(rfcaView.shown.state.now_s - rfcaView.replay.durationS) < 0.01"
+        )
         watched.page.get_by_role("button", name="30 s", exact=True).click()
-        watched.page.wait_for_function("() => rfcaView.shown.buckets.endS - rfcaView.shown.buckets.t[0] > 10")
+        watched.page.wait_for_function(
+            "() => rfcaView.shown.buckets.endS - rfcaView.shown.buckets.t[0] > 10"
+        )
         values = stroke.columns["fz_N"].values
         wait_for_extremes(watched, "fz_N", float(np.min(values)), float(np.max(values)))
         expect(watched.page.locator("#clock")).to_contain_text("of")

@@ -29,7 +29,9 @@ class Shown:
         legs = Legs(stored.nominal)
         self.replay = Replay(stored, legs, self.clock)
         if has_shapes:
-            legs.prepare([clip.scene for clip in self.replay.player.clips if clip.kind == "hold"][:1])
+            legs.prepare(
+                [clip.scene for clip in self.replay.player.clips if clip.kind == "hold"][:1]
+            )
         self.feed = self.replay.feed()
 
     def after(self, seconds, beats=1):
@@ -57,11 +59,19 @@ def last(messages, kind):
 def test_played_from_the_beginning_every_peak_is_drawn(small):
     shown = Shown(small)
     got = shown.feed.new_messages() + shown.after(shown.replay.player.duration_s, beats=300)
-    values = np.concatenate([stroke.samples.whole()["table"].columns["fz_N"].values for stroke in small.strokes])
+    values = np.concatenate(
+        [stroke.samples.whole()["table"].columns["fz_N"].values for stroke in small.strokes]
+    )
     static = [stage.fz_N for stage in small.static]
-    assert drawn(got) == pytest.approx((min(values.min(), *static), max(values.max(), *static)), abs=1e-4)
+    assert drawn(got) == pytest.approx(
+        (min(values.min(), *static), max(values.max(), *static)), abs=1e-4
+    )
     end = last(got, "state")
-    assert end["done"] == 1.0 and end["ended"] and end["stage"] == len(shown.replay.hello()["stages"]) - 1
+    assert (
+        end["done"] == 1.0
+        and end["ended"]
+        and end["stage"] == len(shown.replay.hello()["stages"]) - 1
+    )
 
 
 def test_after_a_seek_the_whole_window_comes_anew_as_numpy_finds_it(small):
@@ -109,7 +119,9 @@ def test_a_seek_beyond_either_end_stops_there(small, at_s):
 
 def test_static_stages_are_drawn_from_their_photos_beside_the_model(small):
     shown = Shown(small, has_shapes=True)
-    place = next(place for place, clip in enumerate(shown.replay.player.clips) if clip.hinge_deg is not None)
+    place = next(
+        place for place, clip in enumerate(shown.replay.player.clips) if clip.hinge_deg is not None
+    )
     clip = shown.replay.player.clips[place]
     shown.seek(clip.begin_s + 0.5 * clip.duration_s)
     leg = last(shown.after(0.04), "leg")
@@ -125,7 +137,9 @@ def test_nothing_recorded_can_be_stopped(small):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run of one stroke on the twin: its folder while nothing is put together yet, its recording, and its file."""
+    """A run of one stroke on the twin: its folder while nothing is put together yet, its
+    recording, and its file.
+    """
     folder = tmp_path_factory.mktemp("replay") / "run"
     rig = twin_rig()
     from rfca_rig.engine.run import run_plan
@@ -140,7 +154,12 @@ def run(tmp_path_factory):
 def test_a_run_is_the_same_from_its_stages_from_its_file_and_from_memory(run):
     unfinished, recording, folder = run
     pictures = []
-    for stored in (unfinished, store_in_memory(SMALL, recording), open_stored(folder), open_stored(folder / "run.h5")):
+    for stored in (
+        unfinished,
+        store_in_memory(SMALL, recording),
+        open_stored(folder),
+        open_stored(folder / "run.h5"),
+    ):
         shown = Shown(stored)
         shown.seek(1.0)
         got = shown.after(0.04)

@@ -1,4 +1,6 @@
-"""The run's end of the view: whole ticks or none, words before the ticks after them, stop_request that only grow."""
+"""The run's end of the view: whole ticks or none, words before the ticks after them,
+stop_request that only grow.
+"""
 
 from dataclasses import replace
 
@@ -25,7 +27,13 @@ def test_a_tick_comes_out_as_it_went_in():
     block = tick_block(given, Stamp(12.5, 3))
     assert block_size(block) == len(frame_block(block))
     seen = ticks_of([block, block])
-    assert (seen.lost, seen.wall_s[1], seen.now_s[1], seen.target_rad[1], seen.temperature_C[1]) == (3, 12.5, 0.002, 1.0, 30.0)
+    assert (
+        seen.lost,
+        seen.wall_s[1],
+        seen.now_s[1],
+        seen.target_rad[1],
+        seen.temperature_C[1],
+    ) == (3, 12.5, 0.002, 1.0, 30.0)
     assert (seen.shaft_samples[1], seen.force_records[1]) == (1, 30)
     np.testing.assert_array_equal(seen.counts, np.tile(given.force.counts, (2, 1)))
     np.testing.assert_array_equal(seen.force_device_s, np.tile(given.force.device_s, 2))
@@ -67,7 +75,9 @@ def test_words_that_had_no_room_come_later_and_in_their_order():
         assert both.run.source.state()["said"] == [f"line {number}" for number in range(5)]
 
 
-@pytest.mark.parametrize(("how", "level"), [("safe point", StopLevel.SAFE_POINT), ("now", StopLevel.TORQUE_OFF)])
+@pytest.mark.parametrize(
+    ("how", "level"), [("safe point", StopLevel.SAFE_POINT), ("now", StopLevel.TORQUE_OFF)]
+)
 def test_a_stop_that_the_page_asks_for_is_a_wish_at_the_next_tick(how, level):
     with watched() as both:
         assert both.run.stop(how)

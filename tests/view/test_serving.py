@@ -1,4 +1,6 @@
-"""The view's server against clients that send too much, too little, too slowly or nonsense: one refusal each, and the page goes on."""
+"""The view's server against clients that send too much, too little, too slowly or nonsense: one
+refusal each, and the page goes on.
+"""
 
 import asyncio
 import json
@@ -111,7 +113,9 @@ def answered(url: str, *pieces: bytes) -> bytes:
         b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",
     ],
 )
-def test_a_request_that_is_none_is_refused_without_a_word_on_the_terminal(view, monkeypatch, request_bytes):
+def test_a_request_that_is_none_is_refused_without_a_word_on_the_terminal(
+    view, monkeypatch, request_bytes
+):
     monkeypatch.setattr(server, "LONGEST_REQUEST_S", 1.0)
     found = answered(view[0], request_bytes)
     assert found == b"" or found.split(b" ")[1] in (b"400", b"403", b"405", b"431")
@@ -119,13 +123,37 @@ def test_a_request_that_is_none_is_refused_without_a_word_on_the_terminal(view, 
 
 
 def test_paths_out_of_the_folder_and_odd_methods_are_refused(view):
-    for target in ("/static/../server.py", "/static/%2e%2e/server.py", "/static//etc/passwd", "/static/%00", "/trips/../x", "/trips/%00"):
-        assert answered(view[0], f"GET {target} HTTP/1.1\r\n{HEAD}\r\n".encode()).split(b" ")[1] == b"404"
+    for target in (
+        "/static/../server.py",
+        "/static/%2e%2e/server.py",
+        "/static//etc/passwd",
+        "/static/%00",
+        "/trips/../x",
+        "/trips/%00",
+    ):
+        assert (
+            answered(view[0], f"GET {target} HTTP/1.1\r\n{HEAD}\r\n".encode()).split(b" ")[1]
+            == b"404"
+        )
     for method in ("PUT", "DELETE", "TRACE", "OPTIONS", "GET"):
-        assert answered(view[0], f"{method} /stop HTTP/1.1\r\n{HEAD}\r\n".encode()).split(b" ")[1] == b"405"
+        assert (
+            answered(view[0], f"{method} /stop HTTP/1.1\r\n{HEAD}\r\n".encode()).split(b" ")[1]
+            == b"405"
+        )
 
 
-@pytest.mark.parametrize("body", [b"[" * 900, b'{"how": ' * 100, b"\xff\xfe", b'{"how": 1e999}', b"null", b'{"how": {}}', b"a" * 5000])
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"[" * 900,
+        b'{"how": ' * 100,
+        b"\xff\xfe",
+        b'{"how": 1e999}',
+        b"null",
+        b'{"how": {}}',
+        b"a" * 5000,
+    ],
+)
 def test_a_stop_that_makes_no_sense_is_refused(view, body):
     assert asked_to_stop(view[0], body) == 400
 
@@ -136,7 +164,12 @@ def test_an_endless_body_is_cut_off(view):
 
 
 @pytest.mark.parametrize(
-    "begin", [b"", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n", f"POST /stop HTTP/1.1\r\n{HEAD}Content-Length: 20\r\n\r\n{{".encode()]
+    "begin",
+    [
+        b"",
+        b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n",
+        f"POST /stop HTTP/1.1\r\n{HEAD}Content-Length: 20\r\n\r\n{{".encode(),
+    ],
 )
 def test_who_does_not_finish_a_request_is_hung_up_on(view, monkeypatch, begin):
     monkeypatch.setattr(server, "LONGEST_REQUEST_S", 0.3)
@@ -144,7 +177,10 @@ def test_who_does_not_finish_a_request_is_hung_up_on(view, monkeypatch, begin):
 
 
 def test_a_response_ends_its_connection_and_a_stream_outlasts_a_request(view, monkeypatch):
-    assert b"connection: close" in answered(view[0], b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n").lower()
+    assert (
+        b"connection: close"
+        in answered(view[0], b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n").lower()
+    )
     # A busy machine may take more than a second to open a stream.
     monkeypatch.setattr(server, "LONGEST_REQUEST_S", 3.0)
     with stream_of(view[0]) as page:
@@ -181,7 +217,10 @@ def test_a_page_too_many_is_told_why(view):
             pages.enter_context(stream_of(view[0])).recv()
         with stream_of(view[0]) as one_more, pytest.raises(ConnectionClosed) as closed:
             one_more.recv()
-    assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1013, f"{MOST_PAGES} pages are open already")
+    assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (
+        1013,
+        f"{MOST_PAGES} pages are open already",
+    )
 
 
 @pytest.mark.parametrize(
@@ -249,5 +288,10 @@ def test_without_a_file_left_there_is_one_line_and_the_page_goes_on(capfd, monke
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     lines = capfd.readouterr().err.splitlines()
-    assert lines == ["the view takes no more connections until others are closed: Too many open files (ulimit -n)"]
+    assert lines == [
+        (
+            "the view takes no more connections until others are closed: Too many open files "
+            "(ulimit -n)"
+        )
+    ]
     assert {"kind": "still here"} in source.heard

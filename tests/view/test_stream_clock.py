@@ -17,7 +17,9 @@ def worst_s(began_s, seconds, drift=0.0):
     """How far a time is from the true one, once the clock has settled."""
     clock, errors = StreamClock(), []
     for host_s, device_s in blocks(began_s, seconds, drift):
-        errors.append(np.abs(clock.run_s(host_s, device_s) - began_s - device_s * (1.0 + drift)).max())
+        errors.append(
+            np.abs(clock.run_s(host_s, device_s) - began_s - device_s * (1.0 + drift)).max()
+        )
     return max(errors[100:])
 
 

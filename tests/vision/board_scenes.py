@@ -1,4 +1,6 @@
-"""Photos of a board through a known camera, by rays from every pixel: nothing of the calibration is used."""
+"""Photos of a board through a known camera, by rays from every pixel: nothing of the calibration
+is used.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -26,9 +28,12 @@ class TrueCamera:
 
 @cache
 def rays(camera: TrueCamera) -> tuple[Floats, Floats]:
-    """Undistorted (x, y) at depth 1 of FINER x FINER points in each pixel, by iteration from the distorted ones."""
+    """Undistorted (x, y) at depth 1 of FINER x FINER points in each pixel, by iteration from the
+    distorted ones.
+    """
     across, down = (
-        ((np.arange(FINER * n) + 0.5) / FINER - 0.5 - c) / f for n, c, f in zip(camera.size, camera.centre, camera.focal, strict=True)
+        ((np.arange(FINER * n) + 0.5) / FINER - 0.5 - c) / f
+        for n, c, f in zip(camera.size, camera.centre, camera.focal, strict=True)
     )
     xd, yd = np.meshgrid(across, down)
     x, y = xd.copy(), yd.copy()
@@ -49,7 +54,11 @@ def sheet_of(board: Board) -> NDArray[np.float32]:
 
 
 def turn(about_right_deg: float, about_down_deg: float, about_view_deg: float) -> Floats:
-    vector = [np.radians([about_right_deg, 0, 0]), np.radians([0, about_down_deg, 0]), np.radians([0, 0, about_view_deg])]
+    vector = [
+        np.radians([about_right_deg, 0, 0]),
+        np.radians([0, about_down_deg, 0]),
+        np.radians([0, 0, about_view_deg]),
+    ]
     right, down, view = (cv2.Rodrigues(each)[0] for each in vector)
     return down @ right @ view
 
@@ -63,16 +72,25 @@ def board_photo(
     blur_px: float = 0.6,
     noise: float = 2.0,
 ) -> NDArray[np.uint8]:
-    """The board's upper left corner at `translation_m` from the camera, its axes the columns of `rotation`."""
+    """The board's upper left corner at `translation_m` from the camera, its axes the columns of
+    `rotation`.
+    """
     sheet = sheet_of(board)
     x, y = rays(camera)
     normal = rotation[:, 2]
     depth = (normal @ translation_m) / (normal[0] * x + normal[1] * y + normal[2])
     offsets = [x * depth - translation_m[0], y * depth - translation_m[1], depth - translation_m[2]]
-    on_sheet = [(sum(rotation[axis, way] * offsets[axis] for axis in range(3)) + MARGIN_M) * PX_PER_M - 0.5 for way in (0, 1)]
-    seen = cv2.remap(sheet, *(each.astype(np.float32) for each in on_sheet), cv2.INTER_LINEAR, borderValue=90.0)
+    on_sheet = [
+        (sum(rotation[axis, way] * offsets[axis] for axis in range(3)) + MARGIN_M) * PX_PER_M - 0.5
+        for way in (0, 1)
+    ]
+    seen = cv2.remap(
+        sheet, *(each.astype(np.float32) for each in on_sheet), cv2.INTER_LINEAR, borderValue=90.0
+    )
     photo = cv2.resize(seen, camera.size, interpolation=cv2.INTER_AREA)
-    photo = 25 + 0.75 * cv2.GaussianBlur(photo, (0, 0), blur_px) + random.normal(0, noise, photo.shape)
+    photo = (
+        25 + 0.75 * cv2.GaussianBlur(photo, (0, 0), blur_px) + random.normal(0, noise, photo.shape)
+    )
     return cv2.cvtColor(np.clip(np.round(photo), 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
 
 
@@ -95,9 +113,27 @@ def tilted_all_ways(board: Board) -> list[tuple[Floats, Floats]]:
         (-22, -28, -90),
         (10, 10, 180),
     ]
-    middles = [(0, 0), (-60, 40), (60, -40), (-80, -50), (80, 50), (-70, 0), (70, 10), (0, -60), (0, 60), (-40, -30)]
+    middles = [
+        (0, 0),
+        (-60, 40),
+        (60, -40),
+        (-80, -50),
+        (80, 50),
+        (-70, 0),
+        (70, 10),
+        (0, -60),
+        (0, 60),
+        (-40, -30),
+    ]
     poses = []
     for at, (tilt, middle) in enumerate(zip(tilts, middles, strict=True)):
         rotation = turn(*tilt)
-        poses.append((rotation, centred(board, rotation, np.array([middle[0] / 1e3, middle[1] / 1e3, 0.40 + 0.012 * at]))))
+        poses.append(
+            (
+                rotation,
+                centred(
+                    board, rotation, np.array([middle[0] / 1e3, middle[1] / 1e3, 0.40 + 0.012 * at])
+                ),
+            )
+        )
     return poses

@@ -1,7 +1,8 @@
-"""A third way to make a photo of the leg: MuJoCo's own renderer, OpenGL with several samples a pixel; no lens distortion.
+"""A third way to make a photo of the leg: MuJoCo's own renderer, OpenGL with several samples a
+pixel; no lens distortion.
 
-In a process of its own, python -m tests.vision.mujoco_photo FOLDER SEED..., since OpenGL without a screen may end the process.
-"""
+In a process of its own, python -m tests.vision.mujoco_photo FOLDER SEED..., since OpenGL without a
+screen may end the process."""
 
 import os
 import sys
@@ -24,18 +25,30 @@ IMPOSTOR_M = np.array([0.02, -0.19])
 def scene(seed: int) -> tuple[CameraModel, Floats]:
     """Camera and absolute link angles of a numbered photo."""
     random = np.random.default_rng(seed)
-    camera = undistorted(distorted_camera(1200, (float(random.uniform(-8, 8)), float(random.uniform(-8, 8)), 1.0)))
+    camera = undistorted(
+        distorted_camera(1200, (float(random.uniform(-8, 8)), float(random.uniform(-8, 8)), 1.0))
+    )
     return camera, pose(random)
 
 
 def undistorted(camera: CameraModel) -> CameraModel:
     """The same camera with the lens and the middle of the picture that MuJoCo has."""
     width, height = camera.image_size_px
-    matrix = np.array([[camera.matrix[0, 0], 0, (width - 1) / 2], [0, camera.matrix[0, 0], (height - 1) / 2], [0, 0, 1.0]])
-    return CameraModel(matrix, np.zeros(5), camera.image_size_px, camera.rotation, camera.translation_m)
+    matrix = np.array(
+        [
+            [camera.matrix[0, 0], 0, (width - 1) / 2],
+            [0, camera.matrix[0, 0], (height - 1) / 2],
+            [0, 0, 1.0],
+        ]
+    )
+    return CameraModel(
+        matrix, np.zeros(5), camera.image_size_px, camera.rotation, camera.translation_m
+    )
 
 
-def photo(angles_rad: Floats, lengths_m: Floats, plan: MarkPlan, camera: CameraModel, impostor_m: Floats) -> NDArray[np.uint8]:
+def photo(
+    angles_rad: Floats, lengths_m: Floats, plan: MarkPlan, camera: CameraModel, impostor_m: Floats
+) -> NDArray[np.uint8]:
     """Photo (height, width, 3) BGR of the leg under two lamps, with a red ball behind it."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     import mujoco
@@ -49,7 +62,9 @@ def photo(angles_rad: Floats, lengths_m: Floats, plan: MarkPlan, camera: CameraM
         return np.ascontiguousarray(renderer.render()[..., ::-1])
 
 
-def _scene(angles_rad: Floats, lengths_m: Floats, plan: MarkPlan, camera: CameraModel, impostor_m: Floats) -> str:
+def _scene(
+    angles_rad: Floats, lengths_m: Floats, plan: MarkPlan, camera: CameraModel, impostor_m: Floats
+) -> str:
     width, height = camera.image_size_px
     side = float(np.sign(-(camera.rotation.T @ camera.translation_m)[0]))
     place = _numbers(-camera.rotation.T @ camera.translation_m)
@@ -95,4 +110,7 @@ def _shells(angles_rad: Floats, lengths_m: Floats, side: float) -> list[str]:
 if __name__ == "__main__":
     for number in sys.argv[2:]:
         seen_by, standing = scene(int(number))
-        cv2.imwrite(str(Path(sys.argv[1]) / f"{number}.png"), photo(standing, LENGTHS_M, PLAN, seen_by, IMPOSTOR_M))
+        cv2.imwrite(
+            str(Path(sys.argv[1]) / f"{number}.png"),
+            photo(standing, LENGTHS_M, PLAN, seen_by, IMPOSTOR_M),
+        )

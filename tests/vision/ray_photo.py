@@ -1,9 +1,10 @@
-"""A ray tracer for photos of the leg: thin lens, two coloured lights, gloss, red clutter, Bayer mosaic, JPEG.
+"""A ray tracer for photos of the leg: thin lens, two coloured lights, gloss, red clutter, Bayer
+mosaic, JPEG.
 
-It shares no projection, drawing or edge code with the reader of photos. A ray goes from every part of a pixel, through the lens
-distortion (inverted by iteration) and a point of the aperture, to the first surface. Directions: x towards the camera, y along the
-ground, z up, origin at the shaft axis, in metres. The sensor samples one colour per pixel, behind a Bayer mosaic.
-"""
+It shares no projection, drawing or edge code with the reader of photos. A ray goes from every part
+of a pixel, through the lens distortion (inverted by iteration) and a point of the aperture, to the
+first surface. Directions: x towards the camera, y along the ground, z up, origin at the shaft axis,
+in metres. The sensor samples one colour per pixel, behind a Bayer mosaic."""
 
 from dataclasses import dataclass
 
@@ -23,10 +24,11 @@ NO_MARK, BACKGROUND_TEXTURE = -1, 40.0
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface: `kind`, ends a and b (3,) m, radius_m, normal (3,), curvature of the normal towards the edge, and its material.
+    """One surface: `kind`, ends a and b (3,) m, radius_m, normal (3,), curvature of the normal
+    towards the edge, and its material.
 
-    Colours are red, green, blue reflectances. `gloss` is the specular share, `sharpness` the exponent of the highlight.
-    """
+    Colours are red, green, blue reflectances. `gloss` is the specular share, `sharpness` the
+    exponent of the highlight."""
 
     kind: int
     a_m: Floats
@@ -42,12 +44,24 @@ class Surface:
     def row(self) -> Floats:
         """The surface as numbers (18,) for the compiled tracer."""
         ends = [self.kind, *self.a_m, *self.b_m, self.radius_m]
-        return np.array([*ends, *self.normal, self.curvature, *self.colour, self.gloss, self.sharpness, self.mark], np.float64)
+        return np.array(
+            [
+                *ends,
+                *self.normal,
+                self.curvature,
+                *self.colour,
+                self.gloss,
+                self.sharpness,
+                self.mark,
+            ],
+            np.float64,
+        )
 
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera: position (3,) m; axes (3, 3), rows right, down, forward; focal length px, centre px, distortion k1 k2 p1 p2 k3.
+    """A camera: position (3,) m; axes (3, 3), rows right, down, forward; focal length px, centre
+    px, distortion k1 k2 p1 p2 k3.
 
     `aperture_m` is the radius of the lens opening, `focus_m` the distance that is in focus.
     """
@@ -64,7 +78,8 @@ class Lens:
 
 @dataclass(frozen=True)
 class Lighting:
-    """Lights: positions (n, 3) m, colours (n, 3) as red, green, blue, radii (n,) m, and the ambient colour (3,).
+    """Lights: positions (n, 3) m, colours (n, 3) as red, green, blue, radii (n,) m, and the ambient
+    colour (3,).
 
     Only the surfaces of `blockers` cast shadows on the leg.
     """
@@ -78,7 +93,9 @@ class Lighting:
 
 @dataclass(frozen=True)
 class Sensor:
-    """What happens to the light: exposure, shot noise by the electrons at white, read noise, demosaicing, sharpening, JPEG quality."""
+    """What happens to the light: exposure, shot noise by the electrons at white, read noise,
+    demosaicing, sharpening, JPEG quality.
+    """
 
     exposure: float
     full_well: float = 9000.0
@@ -128,13 +145,16 @@ def take_photo(
 
 
 def _patterns() -> tuple[Floats, Floats, Floats]:
-    """Places of the samples in the pixel, and on the discs of the aperture and the lamps, (SAMPLES, 2) each.
+    """Places of the samples in the pixel, and on the discs of the aperture and the lamps, (SAMPLES,
+    2) each.
 
-    Every sample has an opposite one, in the pixel and in the aperture: a lopsided blur would move the edges.
-    """
+    Every sample has an opposite one, in the pixel and in the aperture: a lopsided blur would move
+    the edges."""
     half = SAMPLES // 2
     # The R2 sequence: even coverage of a square, with any number of samples.
-    square = (0.5 + np.arange(3 * half)[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
+    square = (
+        0.5 + np.arange(3 * half)[:, None] * np.array([0.7548776662466927, 0.5698402909980532])
+    ) % 1.0
     pixel = square[:half] - 0.5
     discs = []
     for part in (square[half : 2 * half], square[2 * half :]):
@@ -167,7 +187,9 @@ def _hit(rows, at, origin, way, normal):
         return _hit_capsule(rows, at, origin, way, normal)
     across = way[0] * rows[at, 8] + way[1] * rows[at, 9] + way[2] * rows[at, 10]
     distance = (
-        (rows[at, 1] - origin[0]) * rows[at, 8] + (rows[at, 2] - origin[1]) * rows[at, 9] + (rows[at, 3] - origin[2]) * rows[at, 10]
+        (rows[at, 1] - origin[0]) * rows[at, 8]
+        + (rows[at, 2] - origin[1]) * rows[at, 9]
+        + (rows[at, 3] - origin[2]) * rows[at, 10]
     ) / across
     if not distance > 1e-6:
         return np.inf
@@ -231,7 +253,11 @@ def _gap(rows, at, origin, way):
     ax, ay, az = rows[at, 4] - rows[at, 1], rows[at, 5] - rows[at, 2], rows[at, 6] - rows[at, 3]
     rx, ry, rz = rows[at, 1] - origin[0], rows[at, 2] - origin[1], rows[at, 3] - origin[2]
     a, e = max(1e-18, ax * ax + ay * ay + az * az), way[0] ** 2 + way[1] ** 2 + way[2] ** 2
-    b, c, f = ax * way[0] + ay * way[1] + az * way[2], ax * rx + ay * ry + az * rz, way[0] * rx + way[1] * ry + way[2] * rz
+    b, c, f = (
+        ax * way[0] + ay * way[1] + az * way[2],
+        ax * rx + ay * ry + az * rz,
+        way[0] * rx + way[1] * ry + way[2] * rz,
+    )
     steep = a * e - b * b
     s = min(1.0, max(0.0, (b * f - c * e) / steep)) if steep > 1e-18 else 0.0
     t = min(1.0, max(0.0, (b * s + f) / e))
@@ -242,13 +268,28 @@ def _gap(rows, at, origin, way):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
 def _shade(  # noqa: PLR0912 - one kernel, compiled once
-    rows, at, place, normal, way, lights, colours, radii, ambient, blockers, spots, sample, unused, towards, to_spot, colour
+    rows,
+    at,
+    place,
+    normal,
+    way,
+    lights,
+    colours,
+    radii,
+    ambient,
+    blockers,
+    spots,
+    sample,
+    unused,
+    towards,
+    to_spot,
+    colour,
 ):
     """Write the light (3,) that a surface sends back along a ray.
 
-    The share of a lamp that is seen from there is taken over all its spots. One spot per ray would pair each spot with a point of the
-    aperture: in a penumbra only a lopsided part of the aperture would see light, and blur would shift the edges.
-    """
+    The share of a lamp that is seen from there is taken over all its spots. One spot per ray would
+    pair each spot with a point of the aperture: in a penumbra only a lopsided part of the aperture
+    would see light, and blur would shift the edges."""
     for channel in range(3):
         colour[channel] = rows[at, 12 + channel] * ambient[channel]
     length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
@@ -288,16 +329,39 @@ def _shade(  # noqa: PLR0912 - one kernel, compiled once
         half = np.sqrt(hx * hx + hy * hy + hz * hz)
         shine = 0.0
         if rows[at, 15] > 0.0:
-            shine = rows[at, 15] * max(0.0, (normal[0] * hx + normal[1] * hy + normal[2] * hz) / half) ** rows[at, 16]
+            shine = (
+                rows[at, 15]
+                * max(0.0, (normal[0] * hx + normal[1] * hy + normal[2] * hz) / half)
+                ** rows[at, 16]
+            )
         for channel in range(3):
-            colour[channel] += seen * colours[number, channel] / square * (rows[at, 12 + channel] * facing + shine)
+            colour[channel] += (
+                seen * colours[number, channel] / square * (rows[at, 12 + channel] * facing + shine)
+            )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
 def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
-    rows, blockers, position, axes, camera, size, aperture, lights, colours, radii, ambient, background, offsets, discs, lamp, marks
+    rows,
+    blockers,
+    position,
+    axes,
+    camera,
+    size,
+    aperture,
+    lights,
+    colours,
+    radii,
+    ambient,
+    background,
+    offsets,
+    discs,
+    lamp,
+    marks,
 ):
-    """Linear light (height, width, 3), and hits (marks, 2): rays that meet a mark first, and all that meet it."""
+    """Linear light (height, width, 3), and hits (marks, 2): rays that meet a mark first, and all
+    that meet it.
+    """
     width, height = size[0], size[1]
     picture = np.zeros((height, width, 3), np.float32)
     hits = np.zeros((marks, 2))
@@ -310,7 +374,10 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
             y = (axes[1, 0] * p[0] + axes[1, 1] * p[1] + axes[1, 2] * p[2]) / depth
             square = x * x + y * y
             radial = 1.0 + square * (camera[3] + square * camera[4])
-            ends[number, 2 * end], ends[number, 2 * end + 1] = camera[0] * x * radial + camera[1], camera[0] * y * radial + camera[2]
+            ends[number, 2 * end], ends[number, 2 * end + 1] = (
+                camera[0] * x * radial + camera[1],
+                camera[0] * y * radial + camera[2],
+            )
             blur = aperture[0] * abs(depth / aperture[1] - 1.0)
             ends[number, 4] = camera[0] * (rows[number, 7] + blur) / depth + 4.0
     near = np.empty(len(rows), np.int64)
@@ -325,7 +392,9 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
             mu, mv = left + 0.5 * TILE_PX, top + 0.5 * TILE_PX
             for number in range(len(rows)):
                 eu, ev = ends[number, 2] - ends[number, 0], ends[number, 3] - ends[number, 1]
-                share = ((mu - ends[number, 0]) * eu + (mv - ends[number, 1]) * ev) / max(1e-9, eu * eu + ev * ev)
+                share = ((mu - ends[number, 0]) * eu + (mv - ends[number, 1]) * ev) / max(
+                    1e-9, eu * eu + ev * ev
+                )
                 share = min(1.0, max(0.0, share))
                 off = np.hypot(mu - ends[number, 0] - share * eu, mv - ends[number, 1] - share * ev)
                 if off < ends[number, 4] + 0.75 * TILE_PX:
@@ -340,12 +409,17 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
                     middle_x, middle_y = _ideal(u, v, camera)
                     for sample in range(len(offsets)):
                         # Within a pixel the lens is linear.
-                        x, y = middle_x + offsets[sample, 0] / camera[0], middle_y + offsets[sample, 1] / camera[0]
+                        x, y = (
+                            middle_x + offsets[sample, 0] / camera[0],
+                            middle_y + offsets[sample, 1] / camera[0],
+                        )
                         right, down = aperture[0] * discs[sample, 0], aperture[0] * discs[sample, 1]
                         for i in range(3):
                             shift = right * axes[0, i] + down * axes[1, i]
                             origin[i] = position[i] + shift
-                            way[i] = x * axes[0, i] + y * axes[1, i] + axes[2, i] - shift / aperture[1]
+                            way[i] = (
+                                x * axes[0, i] + y * axes[1, i] + axes[2, i] - shift / aperture[1]
+                            )
                         best, first = np.inf, -1
                         for k in range(count):
                             there = _hit(rows, near[k], origin, way, normal)
@@ -384,7 +458,9 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
                                 colour,
                             )
                         else:
-                            folds = np.sin(BACKGROUND_TEXTURE * place[1] + 3.0 * np.sin(17.0 * place[2])) + np.sin(61.0 * place[2])
+                            folds = np.sin(
+                                BACKGROUND_TEXTURE * place[1] + 3.0 * np.sin(17.0 * place[2])
+                            ) + np.sin(61.0 * place[2])
                             for i in range(3):
                                 wall[0, 12 + i] = background[1] * (1.0 + 0.2 * folds)
                                 kept[i] = wall[0, 8 + i]
@@ -411,28 +487,45 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
                     for channel in range(3):
                         for down_px in range(min(step, height - v)):
                             for right_px in range(min(step, width - u)):
-                                picture[v + down_px, u + right_px, channel] = total[channel] / len(offsets)
+                                picture[v + down_px, u + right_px, channel] = total[channel] / len(
+                                    offsets
+                                )
     return picture, hits
 
 
-def _expose(light: NDArray[np.float32], sensor: Sensor, random: np.random.Generator) -> NDArray[np.uint8]:
-    """Photo (height, width, 3) BGR from linear light: blur of the lens, mosaic, noise, demosaicing, colours, sRGB, sharpening, JPEG."""
+def _expose(
+    light: NDArray[np.float32], sensor: Sensor, random: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Photo (height, width, 3) BGR from linear light: blur of the lens, mosaic, noise,
+    demosaicing, colours, sRGB, sharpening, JPEG.
+    """
     seen = cv2.GaussianBlur(light, (0, 0), sensor.blur_px) * sensor.exposure
     # OpenCV's BayerBG has red at even rows and columns, and blue at odd ones.
     raw = seen[..., 1].copy()
     raw[0::2, 0::2], raw[1::2, 1::2] = seen[0::2, 0::2, 0], seen[1::2, 1::2, 2]
     # Shot noise of many electrons is normal; its variance is their number.
     spread = np.sqrt(np.clip(raw, 0.0, 1.2) * sensor.full_well + sensor.read_electrons**2)
-    electrons = np.minimum(raw, 1.2) * sensor.full_well + spread * random.standard_normal(raw.shape, np.float32)
+    electrons = np.minimum(raw, 1.2) * sensor.full_well + spread * random.standard_normal(
+        raw.shape, np.float32
+    )
     # A pedestal of 256 keeps the noise of black pixels; 12 bits, stored in 16.
     counts = np.clip(np.rint(electrons / sensor.full_well * 3800.0), -256.0, 3839.0) + 256.0
-    colours = cv2.cvtColor((counts * 16.0).astype(np.uint16), sensor.demosaicing).astype(np.float32) / 16.0 - 256.0
+    colours = (
+        cv2.cvtColor((counts * 16.0).astype(np.uint16), sensor.demosaicing).astype(np.float32)
+        / 16.0
+        - 256.0
+    )
     linear = colours / 3800.0
     grey = linear.mean(axis=2, keepdims=True)
     linear = np.clip(grey + sensor.saturation * (linear - grey), 0.0, 1.0)
     # The sRGB curve as a table of 4096 steps, finer than any count of the photo.
     steps = np.arange(4096) / 4095.0
-    table = np.where(steps < 0.0031308, 12.92 * steps, 1.055 * steps ** (1 / 2.4) - 0.055).astype(np.float32) * 255.0
+    table = (
+        np.where(steps < 0.0031308, 12.92 * steps, 1.055 * steps ** (1 / 2.4) - 0.055).astype(
+            np.float32
+        )
+        * 255.0
+    )
     coded = table[np.rint(linear * 4095.0).astype(np.int32)]
     if sensor.sharpening:
         coded = coded + sensor.sharpening * (coded - cv2.GaussianBlur(coded, (0, 0), 1.2))

@@ -10,15 +10,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board import MARGIN_M, Board, BoardPhoto, board_pdf, board_picture, board_png, find_board, parse_board
+from rfca_rig.vision.board import (
+    MARGIN_M,
+    Board,
+    BoardPhoto,
+    board_pdf,
+    board_picture,
+    board_png,
+    find_board,
+    parse_board,
+)
 
 
-@given(st.integers(4, 40), st.integers(4, 40), st.integers(5, 60), st.integers(40, 80), st.sampled_from(["4x4", "5x5", "6x6"]))
+@given(
+    st.integers(4, 40),
+    st.integers(4, 40),
+    st.integers(5, 60),
+    st.integers(40, 80),
+    st.sampled_from(["4x4", "5x5", "6x6"]),
+)
 def test_what_is_written_is_read_back(columns, rows, square_mm, share_pct, bits):
     board = Board(columns, rows, square_mm / 1e3, square_mm * share_pct / 1e5, bits)
     again = parse_board(board.to_text())
     assert (again.columns, again.rows, again.bits) == (columns, rows, bits)
-    assert (again.square_m, again.marker_m) == pytest.approx((board.square_m, board.marker_m), rel=1e-5)
+    assert (again.square_m, again.marker_m) == pytest.approx(
+        (board.square_m, board.marker_m), rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -46,7 +63,9 @@ def test_corners_are_numbered_and_placed_as_opencv_finds_them(text):
     assert len(found.px) == (board.columns - 1) * (board.rows - 1)
     expected = (found.on_board_m + MARGIN_M) * px_per_m - 0.5
     assert np.abs(found.px - expected).max() < 0.15
-    assert np.allclose(board.corners_m(), np.asarray(board.opencv().getChessboardCorners())[:, :2], atol=1e-6)
+    assert np.allclose(
+        board.corners_m(), np.asarray(board.opencv().getChessboardCorners())[:, :2], atol=1e-6
+    )
 
 
 def test_the_pdf_is_in_true_scale_and_says_the_same_as_the_picture():
@@ -54,8 +73,16 @@ def test_the_pdf_is_in_true_scale_and_says_the_same_as_the_picture():
     board = parse_board("10x7,25,18")
     document = board_pdf(board)
     box = [float(word) for word in re.search(rb"/MediaBox \[([^]]*)\]", document)[1].split()]
-    assert box == pytest.approx([0, 0, (0.25 + 2 * MARGIN_M) / 0.0254 * 72, (0.175 + 2 * MARGIN_M) / 0.0254 * 72], abs=1e-3)
-    rectangles = np.array([[float(word) for word in line.split()[:4]] for line in document.split(b"\n") if line.endswith(b" re f")])
+    assert box == pytest.approx(
+        [0, 0, (0.25 + 2 * MARGIN_M) / 0.0254 * 72, (0.175 + 2 * MARGIN_M) / 0.0254 * 72], abs=1e-3
+    )
+    rectangles = np.array(
+        [
+            [float(word) for word in line.split()[:4]]
+            for line in document.split(b"\n")
+            if line.endswith(b" re f")
+        ]
+    )
     widest_mm = rectangles[:, 2].max() * 25.4 / 72
     assert widest_mm == pytest.approx(100.0, abs=1e-3)  # the line to be measured
     px_per_m = 4000.0
@@ -87,4 +114,7 @@ def test_the_png_says_its_resolution():
     across, down, unit = struct.unpack(">IIB", content[at + 4 : at + 13])
     assert (across, down, unit) == (23622, 23622, 1)
     picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert picture.shape == (round((0.175 + 2 * MARGIN_M) * 600 / 0.0254), round((0.25 + 2 * MARGIN_M) * 600 / 0.0254))
+    assert picture.shape == (
+        round((0.175 + 2 * MARGIN_M) * 600 / 0.0254),
+        round((0.25 + 2 * MARGIN_M) * 600 / 0.0254),
+    )

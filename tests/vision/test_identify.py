@@ -1,4 +1,6 @@
-"""Which mark is which, on made-up marks: what is missing, beyond the leg or uncertain is said, and nothing wrong is told."""
+"""Which mark is which, on made-up marks: what is missing, beyond the leg or uncertain is said,
+and nothing wrong is told.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +22,11 @@ CAMERA = camera()
 
 def mark_at(place_m: Floats, diameter_px: float | None = None) -> Mark:
     px = CAMERA.project(place_m) + CAMERA.circle_shift_px(place_m, PLAN.diameter_m)
-    size = float(CAMERA.disc_diameter_px(place_m, PLAN.diameter_m)) if diameter_px is None else diameter_px
+    size = (
+        float(CAMERA.disc_diameter_px(place_m, PLAN.diameter_m))
+        if diameter_px is None
+        else diameter_px
+    )
     return Mark(px, np.full(2, 0.03), size, 1.0, 100.0)
 
 
@@ -31,7 +37,11 @@ def read(places_m: Sequence[Floats], plan: MarkPlan = PLAN) -> IdentifiedMarks:
 def wrong(result: IdentifiedMarks, places_m: Floats) -> list[int]:
     """Planned marks that were told to be something else than they are."""
     px = CAMERA.project(places_m)
-    return [i for i, mark in enumerate(result.marks) if mark is not None and np.linalg.norm(mark.px - px[i]) > 2.0]
+    return [
+        i
+        for i, mark in enumerate(result.marks)
+        if mark is not None and np.linalg.norm(mark.px - px[i]) > 2.0
+    ]
 
 
 def kinds(result: IdentifiedMarks) -> list[str]:
@@ -52,7 +62,9 @@ def test_whole_legs_are_read_in_any_order_of_marks(seed: int) -> None:
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3), st.integers(0, 4))
 @settings(max_examples=80, deadline=None)
-def test_with_marks_gone_and_red_things_about_nothing_wrong_is_told(seed: int, gone: int, more: int) -> None:
+def test_with_marks_gone_and_red_things_about_nothing_wrong_is_told(
+    seed: int, gone: int, more: int
+) -> None:
     random = np.random.default_rng(seed)
     places = mark_positions(pose(random), LENGTHS_M, PLAN)
     left = np.delete(places, random.choice(8, gone, replace=False), axis=0)
@@ -64,9 +76,15 @@ def test_with_marks_gone_and_red_things_about_nothing_wrong_is_told(seed: int, g
 
 
 def _off_the_leg(place: Floats, left: Floats) -> bool:
-    """Not where, by chance, a mark of the leg could be: no judge of geometry alone could tell it from one."""
+    """Not where, by chance, a mark of the leg could be: no judge of geometry alone could tell it
+    from one.
+    """
     apart = np.linalg.norm(np.vstack([left, np.zeros(2)]) - place, axis=1)
-    return bool((np.abs(apart - LENGTHS_M[1]) > 0.002).all() and (np.abs(apart - LENGTHS_M[0]) > 0.007).all() and apart.min() > 0.005)
+    return bool(
+        (np.abs(apart - LENGTHS_M[1]) > 0.002).all()
+        and (np.abs(apart - LENGTHS_M[0]) > 0.007).all()
+        and apart.min() > 0.005
+    )
 
 
 @pytest.mark.parametrize("gone", [0, 1, 2, 3, 4, 5, 7])
@@ -147,7 +165,9 @@ def test_too_little_of_the_leg_is_refused() -> None:
 
 
 def test_two_marks_on_every_link_are_read_as_well() -> None:
-    plan = MarkPlan(tuple(PlannedMark(link, along, 0.004) for link in range(1, 8) for along in (0.008, 0.030)))
+    plan = MarkPlan(
+        tuple(PlannedMark(link, along, 0.004) for link in range(1, 8) for along in (0.008, 0.030))
+    )
     places = mark_positions(pose(np.random.default_rng(8)), LENGTHS_M, plan)
     result = identify([mark_at(place) for place in places[::-1]], CAMERA, plan, LENGTHS_M.tolist())
     assert result.is_complete

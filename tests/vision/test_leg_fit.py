@@ -1,4 +1,6 @@
-"""Several photos of one leg fitted together: marks out of the plane are found and corrected, hidden ones replaced, misfits refused."""
+"""Several photos of one leg fitted together: marks out of the plane are found and corrected,
+hidden ones replaced, misfits refused.
+"""
 
 from collections.abc import Sequence
 
@@ -24,16 +26,25 @@ def poses(count: int, bend_deg: float = -18.0) -> Floats:
     """Absolute link angles (count, 7) of a leg that is bent more and more while its shaft turns."""
     random = np.random.default_rng(5)
     first = np.radians(np.linspace(20.0, 75.0, count))
-    hinges = np.radians(np.linspace(-3.0, bend_deg, count))[:, None] * np.linspace(1.2, 0.6, 6) + np.radians(
-        random.normal(0, 0.5, (count, 6))
-    )
+    hinges = np.radians(np.linspace(-3.0, bend_deg, count))[:, None] * np.linspace(
+        1.2, 0.6, 6
+    ) + np.radians(random.normal(0, 0.5, (count, 6)))
     return np.column_stack([first, first[:, None] + np.cumsum(hinges, axis=1)])
 
 
-def photograph(angles: Floats, offsets_m: Floats, random: np.random.Generator, hidden: Sequence[int] = ()) -> IdentifiedMarks:
+def photograph(
+    angles: Floats, offsets_m: Floats, random: np.random.Generator, hidden: Sequence[int] = ()
+) -> IdentifiedMarks:
     places = np.column_stack([offsets_m, mark_positions(angles, LENGTHS_M, PLAN)])
-    px = CAMERA.project(places) + CAMERA.circle_shift_px(places[:, 1:], PLAN.diameter_m) + random.normal(0.0, STD_PX, (8, 2))
-    marks = [None if i in hidden else Mark(here, np.full(2, STD_PX), 25.0, 1.0, 100.0) for i, here in enumerate(px)]
+    px = (
+        CAMERA.project(places)
+        + CAMERA.circle_shift_px(places[:, 1:], PLAN.diameter_m)
+        + random.normal(0.0, STD_PX, (8, 2))
+    )
+    marks = [
+        None if i in hidden else Mark(here, np.full(2, STD_PX), 25.0, 1.0, 100.0)
+        for i, here in enumerate(px)
+    ]
     return IdentifiedMarks(tuple(marks), (), ())
 
 
@@ -42,9 +53,21 @@ def fit(photos: Sequence[IdentifiedMarks]) -> LegFit:
 
 
 def errors_deg(result: LegFit, angles: Floats) -> tuple[Floats, Floats]:
-    """Errors (photos, 6) in degrees of hinges 2 to 7, and their standard deviations; NaN for those that are not stated."""
-    hinges = np.array([[np.nan if value is None else value for value in one.hinge_rad[1:]] for one in result.angles])
-    std = np.array([[np.nan if value is None else value for value in one.hinge_std_rad[1:]] for one in result.angles])
+    """Errors (photos, 6) in degrees of hinges 2 to 7, and their standard deviations; NaN for
+    those that are not stated.
+    """
+    hinges = np.array(
+        [
+            [np.nan if value is None else value for value in one.hinge_rad[1:]]
+            for one in result.angles
+        ]
+    )
+    std = np.array(
+        [
+            [np.nan if value is None else value for value in one.hinge_std_rad[1:]]
+            for one in result.angles
+        ]
+    )
     return np.degrees(hinges - np.diff(angles, axis=1)), np.degrees(std)
 
 
@@ -97,7 +120,10 @@ def test_a_mark_far_out_of_the_plane_is_refused() -> None:
 def test_marks_of_another_leg_are_refused() -> None:
     random, angles = np.random.default_rng(3), poses(6)
     photos = [photograph(one, np.zeros(8), random) for one in angles]
-    assert "no angles taken" in fit_leg(photos, CAMERA, PLAN, (1.06 * LENGTHS_M[::-1]).tolist()).refused
+    assert (
+        "no angles taken"
+        in fit_leg(photos, CAMERA, PLAN, (1.06 * LENGTHS_M[::-1]).tolist()).refused
+    )
 
 
 def test_marks_that_move_between_photos_are_refused() -> None:
@@ -109,9 +135,14 @@ def test_marks_that_move_between_photos_are_refused() -> None:
 
 
 @pytest.mark.parametrize("hidden", [2, 4, 5])
-def test_a_hidden_mark_is_replaced_by_lengths_where_other_photos_exclude_the_reflection(hidden: int) -> None:
+def test_a_hidden_mark_is_replaced_by_lengths_where_other_photos_exclude_the_reflection(
+    hidden: int,
+) -> None:
     random, angles = np.random.default_rng(4), poses(8)
-    photos = [photograph(one, np.zeros(8), random, (hidden,) if number == 7 else ()) for number, one in enumerate(angles)]
+    photos = [
+        photograph(one, np.zeros(8), random, (hidden,) if number == 7 else ())
+        for number, one in enumerate(angles)
+    ]
     result = fit(photos)
     miss, std = errors_deg(result, angles)
     around = miss[7, hidden - 2 : hidden + 1]
@@ -123,14 +154,21 @@ def test_a_hidden_mark_is_replaced_by_lengths_where_other_photos_exclude_the_ref
 
 def test_a_hidden_mark_of_a_leg_that_bends_both_ways_is_not_guessed() -> None:
     random, angles = np.random.default_rng(4), np.vstack([poses(4, 18.0), poses(4)])
-    photos = [photograph(one, np.zeros(8), random, (4,) if number == 7 else ()) for number, one in enumerate(angles)]
+    photos = [
+        photograph(one, np.zeros(8), random, (4,) if number == 7 else ())
+        for number, one in enumerate(angles)
+    ]
     miss, _ = errors_deg(fit(photos), angles)
     assert np.isnan(miss[7, 2:5]).all()
 
 
 @pytest.mark.parametrize("hidden", [(2,), (3,), (2, 3)])
-def test_a_mark_that_no_photo_shows_costs_its_hinges_and_nothing_else(hidden: Sequence[int]) -> None:
-    """Two solutions for each photo: full steps jump between them, and what the fit then takes for offsets is none."""
+def test_a_mark_that_no_photo_shows_costs_its_hinges_and_nothing_else(
+    hidden: Sequence[int],
+) -> None:
+    """Two solutions for each photo: full steps jump between them, and what the fit then takes
+    for offsets is none.
+    """
     for seed in range(2):
         random, angles = np.random.default_rng(seed), poses(4, bend_deg=-4.0)
         offsets_m = random.uniform(0.0, 3e-3, 8)
@@ -144,11 +182,19 @@ def test_a_mark_that_no_photo_shows_costs_its_hinges_and_nothing_else(hidden: Se
 
 @pytest.mark.parametrize("seed", [0, 5, 6])
 def test_offsets_that_the_marks_do_not_exclude_stay_in_the_deviation(seed: int) -> None:
-    """A leg glued to 1 mm: marks in one plane explain its photos nearly as well, and by evidence alone errors have up to 3.9 deviations."""
+    """A leg glued to 1 mm: marks in one plane explain its photos nearly as well, and by evidence
+    alone errors have up to 3.9 deviations.
+    """
     leg, random, photos = draw_leg(59_045, 1632, 6), np.random.default_rng(seed), []
     for stage in range(6):
-        px = project(leg.lens, np.column_stack([leg.offsets_m, mark_places(leg, stage)])) + random.normal(0.0, 0.05, (8, 2))
-        photos.append(IdentifiedMarks(tuple(Mark(here, np.full(2, 0.12), 28.0, 1.0, 100.0) for here in px), (), ()))
+        px = project(
+            leg.lens, np.column_stack([leg.offsets_m, mark_places(leg, stage)])
+        ) + random.normal(0.0, 0.05, (8, 2))
+        photos.append(
+            IdentifiedMarks(
+                tuple(Mark(here, np.full(2, 0.12), 28.0, 1.0, 100.0) for here in px), (), ()
+            )
+        )
     result = fit_leg(photos, camera_model(leg.lens), PLAN, LENGTHS)
     true = np.array([true_hinges_rad(leg, stage) for stage in range(6)])
     sigmas = [

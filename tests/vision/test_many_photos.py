@@ -1,4 +1,6 @@
-"""The exam of photos: 500 drawn ones under all disturbances at once, each by chance; errors by percentiles, and nothing wrong told."""
+"""The exam of photos: 500 drawn ones under all disturbances at once, each by chance; errors by
+percentiles, and nothing wrong told.
+"""
 
 import numpy as np
 import pytest
@@ -25,24 +27,43 @@ def disturbed(random: np.random.Generator) -> Look:
         exposure=float(random.uniform(0.5, 2.0)),
         glints=int(random.integers(20)),
         covers=tuple(
-            (int(i), float(random.uniform(0, 6.3)), float(random.uniform(0.1, 1.0))) for i in random.choice(8, random.integers(3), False)
+            (int(i), float(random.uniform(0, 6.3)), float(random.uniform(0.1, 1.0)))
+            for i in random.choice(8, random.integers(3), False)
         ),
         left_out=(int(random.integers(8)),) if random.random() < 0.2 else (),
         red_discs_m=tuple(
-            (float(random.uniform(-0.05, 0.25)), float(random.uniform(-0.24, 0.03)), 0.0085) for _ in range(random.integers(3))
+            (float(random.uniform(-0.05, 0.25)), float(random.uniform(-0.24, 0.03)), 0.0085)
+            for _ in range(random.integers(3))
         ),
         red_bars=int(random.integers(2)),
         jpeg_quality=int(random.integers(85, 98)) if random.random() < 0.5 else None,
     )
 
 
-def read(random: np.random.Generator) -> tuple[CameraModel, Floats, Look, IdentifiedMarks, HingeAngles]:
-    model = camera(WIDTH_PX, (float(random.uniform(-10, 10)), float(random.uniform(-10, 10)), float(random.uniform(-2, 2))))
+def read(
+    random: np.random.Generator,
+) -> tuple[CameraModel, Floats, Look, IdentifiedMarks, HingeAngles]:
+    model = camera(
+        WIDTH_PX,
+        (
+            float(random.uniform(-10, 10)),
+            float(random.uniform(-10, 10)),
+            float(random.uniform(-2, 2)),
+        ),
+    )
     angles, look = pose(random), disturbed(random)
     photo = draw(angles, LENGTHS_M, PLAN, model, look, random)
-    expected = float(np.mean(model.disc_diameter_px(mark_positions(angles, LENGTHS_M, PLAN), PLAN.diameter_m)))
+    expected = float(
+        np.mean(model.disc_diameter_px(mark_positions(angles, LENGTHS_M, PLAN), PLAN.diameter_m))
+    )
     identified = identify(find_marks(photo, expected), model, PLAN, LENGTHS_M.tolist())
-    return model, angles, look, identified, hinge_angles(identified, model, PLAN, LENGTHS_M.tolist())
+    return (
+        model,
+        angles,
+        look,
+        identified,
+        hinge_angles(identified, model, PLAN, LENGTHS_M.tolist()),
+    )
 
 
 @pytest.mark.long
@@ -54,8 +75,12 @@ def test_five_hundred_photos(capsys: pytest.CaptureFixture[str]) -> None:
         model, angles, look, identified, result = read(random)
         true_px = model.project(mark_positions(angles, LENGTHS_M, PLAN))
         for i, mark in enumerate(identified.marks):
-            wrong += mark is not None and (i in look.left_out or float(np.linalg.norm(mark.px - true_px[i])) > WRONG_PX)
-        for true, told, std in zip(np.diff(angles, prepend=0.0), result.hinge_rad, result.hinge_std_rad, strict=True):
+            wrong += mark is not None and (
+                i in look.left_out or float(np.linalg.norm(mark.px - true_px[i])) > WRONG_PX
+            )
+        for true, told, std in zip(
+            np.diff(angles, prepend=0.0), result.hinge_rad, result.hinge_std_rad, strict=True
+        ):
             asked += 1
             if told is not None and std is not None:
                 misses.append(abs(np.degrees(told - true)))
@@ -63,8 +88,11 @@ def test_five_hundred_photos(capsys: pytest.CaptureFixture[str]) -> None:
     median, most = np.percentile(misses, [50, 99])
     covered = np.mean(np.array(sigmas) < 1.96)
     with capsys.disabled():
-        print(f"\ntold {len(misses)} of {asked}; median {median:.4f}, 99 % {most:.3f}, largest {max(misses):.3f} degrees; "
-              f"{covered:.1%} inside of 95 %; wrong marks {wrong}")  # fmt: skip
+        print(
+            f"\ntold {len(misses)} of {asked}; median {median:.4f}, 99 % {most:.3f}, "
+            f"largest {max(misses):.3f} degrees; "
+            f"{covered:.1%} inside of 95 %; wrong marks {wrong}"
+        )
     assert wrong == 0
     assert median <= 0.05
     assert most <= 0.2

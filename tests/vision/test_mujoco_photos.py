@@ -1,4 +1,6 @@
-"""Photos by MuJoCo's renderer: the same errors as on photos by outlines, from a program that knows nothing of marks."""
+"""Photos by MuJoCo's renderer: the same errors as on photos by outlines, from a program that
+knows nothing of marks.
+"""
 
 import importlib.util
 import os
@@ -28,7 +30,15 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("photos")
     command = [sys.executable, "-m", "tests.vision.mujoco_photo", str(folder), *map(str, SEEDS)]
     environment = os.environ | {"MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")}
-    done = subprocess.run(command, env=environment, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(
+        command,
+        env=environment,
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
     if done.returncode:
         pytest.skip(f"MuJoCo cannot render here: {done.stderr.strip().splitlines()[-1:]}")
     return folder
@@ -39,12 +49,18 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_hinge_angles_from_mujocos_photos(photos: Path, seed: int) -> None:
     model, angles = scene(seed)
     picture = cv2.imread(str(photos / f"{seed}.png"))
-    noisy = np.clip(picture + np.random.default_rng(seed).normal(0, 2.5, picture.shape), 0, 255).astype(np.uint8)
+    noisy = np.clip(
+        picture + np.random.default_rng(seed).normal(0, 2.5, picture.shape), 0, 255
+    ).astype(np.uint8)
     places = mark_positions(angles, LENGTHS_M, PLAN)
     expected = float(np.mean(model.disc_diameter_px(places, PLAN.diameter_m)))
     identified = identify(find_marks(noisy, expected), model, PLAN, LENGTHS_M.tolist())
     result = hinge_angles(identified, model, PLAN, LENGTHS_M.tolist())
-    outside = [i for i, px in enumerate(model.project(places)) if not (12 < px[0] < 1188 and 12 < px[1] < 888)]
+    outside = [
+        i
+        for i, px in enumerate(model.project(places))
+        if not (12 < px[0] < 1188 and 12 < px[1] < 888)
+    ]
     assert [i for i, mark in enumerate(identified.marks) if mark is None] == outside
     assert not [doubt for doubt in identified.doubts if doubt.kind not in {"extra", "missing"}]
     told = np.array([value is not None for value in result.hinge_rad])

@@ -1,14 +1,16 @@
-"""Most probable parameter values, given recordings and prior: multiple starts, scatter between strokes, standard errors.
+"""Most probable parameter values, given recordings and prior: multiple starts, scatter between
+strokes, standard errors.
 
-One descent is bounded least squares of whitened residuals and the prior's, with a Jacobian by central differences in one batch.
+One descent is bounded least squares of whitened residuals and the prior's, with a Jacobian by
+central differences in one batch.
 
 Standard errors of a fit whose residuals are correlated within a stroke.
 
-Quantities that differ from stroke to stroke (friction, height, how the leg swings at the start) move all residuals of a stroke together.
-The textbook covariance counts every value as independent and is then several times too small. With enough strokes, their own scatter gives
-the errors (White, Econometrica 48 (1980) 817, summed over clusters as Liang and Zeger, Biometrika 73 (1986) 13). With few strokes, the
-textbook covariance is widened by one factor.
-"""
+Quantities that differ from stroke to stroke (friction, height, how the leg swings at the start)
+move all residuals of a stroke together. The textbook covariance counts every value as independent
+and is then several times too small. With enough strokes, their own scatter gives the errors (White,
+Econometrica 48 (1980) 817, summed over clusters as Liang and Zeger, Biometrika 73 (1986) 13). With
+few strokes, the textbook covariance is widened by one factor."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,12 +35,13 @@ Floats = NDArray[np.float64]
 ENOUGH_STROKES = 10
 Progress = Callable[[int, float], None]
 
-# Step of the differences in standard deviations, 1e-3 to 3e-3 of a value. At a hundredth of it, the steps of the integrator make up a sixth
-# of the derivative by mass.
+# Step of the differences in standard deviations, 1e-3 to 3e-3 of a value. At a hundredth of it, the
+# steps of the integrator make up a sixth of the derivative by mass.
 DIFFERENCE_STEP = 0.1
 # Residual of every row where the model cannot be computed.
 FAILED_RESIDUAL = 1e4
-# In standard deviations, and relative for chi2. Below it, the integrator's own error would be fitted.
+# In standard deviations, and relative for chi2. Below it, the integrator's own error would be
+# fitted.
 TOLERANCE = 1e-5
 
 # Starts agree if they end this close, in prior standard deviations, or within a standard error.
@@ -48,7 +51,10 @@ SCREENED_PER_START = 16
 
 
 def estimate_covariance(
-    residuals: Floats, jacobian: Floats, has_prior: NDArray[np.bool_], stroke_of_row: NDArray[np.intp]
+    residuals: Floats,
+    jacobian: Floats,
+    has_prior: NDArray[np.bool_],
+    stroke_of_row: NDArray[np.intp],
 ) -> tuple[Floats, str]:
     """Covariance of the fitted coordinates, and a description of its source.
 
@@ -66,8 +72,8 @@ def estimate_covariance(
 
     Notes
     -----
-    A coordinate without a prior is taken to lie within its bounds. Otherwise a coordinate that nothing determines would have an infinite
-    error.
+    A coordinate without a prior is taken to lie within its bounds. Otherwise a coordinate that
+    nothing determines would have an infinite error.
 
     References
     ----------
@@ -78,18 +84,34 @@ def estimate_covariance(
     inverse = np.linalg.inv(information + prior)
     scatter, strokes = _scatter(residuals, jacobian, stroke_of_row)
     if strokes >= max(ENOUGH_STROKES, 2 * jacobian.shape[1]):
-        # Sandwich estimator: the information is replaced by the observed scatter of the strokes' gradients.
-        return inverse @ (scatter + prior) @ inverse, f"errors from the scatter between {strokes} strokes"
+        # Sandwich estimator: the information is replaced by the observed scatter of the strokes'
+        # gradients.
+        return inverse @ (
+            scatter + prior
+        ) @ inverse, f"errors from the scatter between {strokes} strokes"
     free = max(len(residuals) - jacobian.shape[1], 1)
-    # The larger of the reduced chi2 and the mean ratio of observed to assumed scatter; errors are never made smaller.
-    factor = max(1.0, float(residuals @ residuals) / free, float(np.trace(inverse @ scatter) / np.trace(inverse @ information)))
-    return inverse @ (factor * information + prior) @ inverse, f"errors from the noise, widened {np.sqrt(factor):.1f} times"
+    # The larger of the reduced chi2 and the mean ratio of observed to assumed scatter; errors are
+    # never made smaller.
+    factor = max(
+        1.0,
+        float(residuals @ residuals) / free,
+        float(np.trace(inverse @ scatter) / np.trace(inverse @ information)),
+    )
+    return inverse @ (
+        factor * information + prior
+    ) @ inverse, f"errors from the noise, widened {np.sqrt(factor):.1f} times"
 
 
-def _scatter(residuals: Floats, jacobian: Floats, stroke_of_row: NDArray[np.intp]) -> tuple[Floats, int]:
-    """Sum over strokes of the outer product of each stroke's gradient with respect to the parameters."""
+def _scatter(
+    residuals: Floats, jacobian: Floats, stroke_of_row: NDArray[np.intp]
+) -> tuple[Floats, int]:
+    """Sum over strokes of the outer product of each stroke's gradient with respect to the
+    parameters.
+    """
     strokes = int(stroke_of_row.max()) + 1
-    pulls = np.array([jacobian[stroke_of_row == s].T @ residuals[stroke_of_row == s] for s in range(strokes)])
+    pulls = np.array(
+        [jacobian[stroke_of_row == s].T @ residuals[stroke_of_row == s] for s in range(strokes)]
+    )
     # The factor corrects for few clusters.
     return pulls.T @ pulls * strokes / max(strokes - 1, 1), strokes
 
@@ -99,7 +121,9 @@ class Problem(Protocol):
 
     @property
     def stroke_of_row(self) -> NDArray[np.intp]:
-        """Index of the stroke of each residual, (m,): scatter from stroke to stroke moves the residuals of one stroke together."""
+        """Index of the stroke of each residual, (m,): scatter from stroke to stroke moves the
+        residuals of one stroke together.
+        """
         ...
 
     def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
@@ -109,7 +133,9 @@ class Problem(Protocol):
 
 @dataclass
 class Residuals:
-    """Whitened residuals (m,) of the problem, followed by the prior's rows (q,); counts the points that it computed. Points are (p,)."""
+    """Whitened residuals (m,) of the problem, followed by the prior's rows (q,); counts the
+    points that it computed. Points are (p,).
+    """
 
     problem: Problem
     space: Prior[ModelPoint]
@@ -118,11 +144,16 @@ class Residuals:
     computed: int = 0
 
     def at(self, points: list[Floats]) -> list[Floats | None]:
-        """Rows (m + q,) of problem and prior for each x (p,); None where the model cannot be computed."""
+        """Rows (m + q,) of problem and prior for each x (p,); None where the model cannot be
+        computed.
+        """
         found = self.problem.residuals([self.space.at(x) for x in points])
         self.computed += len(points)
         has_prior = self.space.has_prior
-        return [None if r is None else np.concatenate([self.whitening(r), x[has_prior]]) for r, x in zip(found, points, strict=True)]
+        return [
+            None if r is None else np.concatenate([self.whitening(r), x[has_prior]])
+            for r, x in zip(found, points, strict=True)
+        ]
 
     def __call__(self, x: Floats) -> Floats:
         residuals = self.at([x])[0]
@@ -135,22 +166,29 @@ class Residuals:
     def jacobian(self, x: Floats) -> Floats:
         """Jacobian (m + q, p) by central differences of order 2, computed in one batch at x (p,).
 
-        Differences are one-sided, of order 1, where the model cannot be computed on one side. Raises SimulationFailed where it fails on
-        both.
-        """
+        Differences are one-sided, of order 1, where the model cannot be computed on one side.
+        Raises SimulationFailed where it fails on both."""
         steps = DIFFERENCE_STEP * np.eye(len(x))
-        # The two sides of each difference are neighbours, which move side by side with the same steps.
+        # The two sides of each difference are neighbours, which move side by side with the same
+        # steps.
         *around, here = self.at([*(x + sign * step for step in steps for sign in (1.0, -1.0)), x])
-        return np.column_stack([self._slope(i, here, around[2 * i], around[2 * i + 1]) for i in range(len(x))])
+        return np.column_stack(
+            [self._slope(i, here, around[2 * i], around[2 * i + 1]) for i in range(len(x))]
+        )
 
-    def _slope(self, i: int, here: Floats | None, ahead: Floats | None, behind: Floats | None) -> Floats:
+    def _slope(
+        self, i: int, here: Floats | None, ahead: Floats | None, behind: Floats | None
+    ) -> Floats:
         if ahead is not None and behind is not None:
             return (ahead - behind) / (2.0 * DIFFERENCE_STEP)
         if here is not None and ahead is not None:
             return (ahead - here) / DIFFERENCE_STEP
         if here is not None and behind is not None:
             return (here - behind) / DIFFERENCE_STEP
-        raise SimulationFailed(f"the model cannot be computed around {self.space.names[i]}; are the nominal values right?")
+        raise SimulationFailed(
+            f"the model cannot be computed around {self.space.names[i]}; are the nominal "
+            "values right?"
+        )
 
     @property
     def data_rows(self) -> int:
@@ -182,10 +220,10 @@ def _silent(simulated: int, chi2: float) -> None:
 class Search:
     """How to search for the most probable point.
 
-    `start` gives values to begin from, by parameter name; others begin at their nominal value. With `starts` above 1, further starts are
-    the best of a Sobol sample of the prior, shifted by `rng`. `progress` receives the number of points computed so far and the chi2 of the
-    last one. An `executor` runs several descents at once, with bitwise the same result.
-    """
+    `start` gives values to begin from, by parameter name; others begin at their nominal value. With
+    `starts` above 1, further starts are the best of a Sobol sample of the prior, shifted by `rng`.
+    `progress` receives the number of points computed so far and the chi2 of the last one. An
+    `executor` runs several descents at once, with bitwise the same result."""
 
     starts: int = 1
     start: Mapping[str, float] = field(default_factory=dict)
@@ -195,8 +233,14 @@ class Search:
     executor: TaskExecutor | None = None
 
 
-def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
-    """The most probable point of `space`: least squares of the problem's residuals and of the prior's.
+def fit(
+    problem: Problem,
+    space: Prior[ModelPoint],
+    search: Search | None = None,
+    scatter: Mapping[str, float] | None = None,
+) -> FitResult:
+    """The most probable point of `space`: least squares of the problem's residuals and of the
+    prior's.
 
     Parameters
     ----------
@@ -207,7 +251,8 @@ def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None
     search
         Starts, limits and progress.
     scatter
-        Parameters that differ from stroke to stroke, with the usual standard deviation in their units; empty for none.
+        Parameters that differ from stroke to stroke, with the usual standard deviation in their
+        units; empty for none.
 
     Raises
     ------
@@ -217,8 +262,12 @@ def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None
     search, scatter = search or Search(), dict(scatter or {})
     residuals = Residuals(problem, space, search.progress)
     if residuals.at([np.zeros(len(space.std))])[0] is None:
-        raise SimulationFailed("the model cannot be computed with its nominal values; is a decimal point of leg or ground misplaced?")
-    # Whitening needs a point to linearise at. All starts share it, so that their costs can be compared.
+        raise SimulationFailed(
+            "the model cannot be computed with its nominal values; is a decimal point of "
+            "leg or ground misplaced?"
+        )
+    # Whitening needs a point to linearise at. All starts share it, so that their costs can be
+    # compared.
     first = np.zeros(len(space.std))
     for name, value in search.start.items():
         first[space.names.index(name)] = space.point(name, value)
@@ -236,16 +285,27 @@ def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None
     return replace(_result(residuals, best), starts=Starts(len(runs), agreeing), scatter=scatter)
 
 
-def _descend_all(residuals: Residuals, starts: list[Floats], search: Search) -> list[OptimizeResult]:
+def _descend_all(
+    residuals: Residuals, starts: list[Floats], search: Search
+) -> list[OptimizeResult]:
     """The descents in the order of their starts. Raises SimulationFailed where one was lost."""
     if search.executor is None:
         return [descend(residuals, start, search.most_evaluations) for start in starts]
     found: dict[int, OptimizeResult] = {}
-    descent = partial(_descent, _PicklableSpace.of(residuals.space), residuals.problem, residuals.whitening, search.most_evaluations)
-    # Results arrive in any order; they are put back into that of the starts, so that the choice of the best is reproducible.
+    descent = partial(
+        _descent,
+        _PicklableSpace.of(residuals.space),
+        residuals.problem,
+        residuals.whitening,
+        search.most_evaluations,
+    )
+    # Results arrive in any order; they are put back into that of the starts, so that the choice of
+    # the best is reproducible.
     for (number, _), back in map_unordered(search.executor, descent, list(enumerate(starts))):
         if isinstance(back, TaskFailure):
-            raise SimulationFailed(f"the fit from start {number + 1} of {len(starts)} failed: {back.reason}")
+            raise SimulationFailed(
+                f"the fit from start {number + 1} of {len(starts)} failed: {back.reason}"
+            )
         found[number], computed = back
         residuals.computed += computed
         residuals.progress(residuals.computed, 2.0 * float(found[number].cost))
@@ -254,7 +314,9 @@ def _descend_all(residuals: Residuals, starts: list[Floats], search: Search) -> 
 
 @dataclass(frozen=True)
 class _PicklableSpace:
-    """A space that can be sent to another process: its parameters are given by name, because their functions cannot be pickled."""
+    """A space that can be sent to another process: its parameters are given by name, because
+    their functions cannot be pickled.
+    """
 
     names: tuple[str, ...]
     centre: ModelPoint
@@ -266,11 +328,17 @@ class _PicklableSpace:
         return cls(tuple(space.names), space.centre, space.std, space.has_prior)
 
     def space(self) -> Prior[ModelPoint]:
-        return Prior(tuple(PARAMETERS[name] for name in self.names), self.centre, self.std, self.has_prior)
+        return Prior(
+            tuple(PARAMETERS[name] for name in self.names), self.centre, self.std, self.has_prior
+        )
 
 
 def _descent(
-    space: _PicklableSpace, problem: Problem, whitening: StrokeWhitening, most_evaluations: int, start: tuple[int, Floats]
+    space: _PicklableSpace,
+    problem: Problem,
+    whitening: StrokeWhitening,
+    most_evaluations: int,
+    start: tuple[int, Floats],
 ) -> tuple[OptimizeResult, int]:
     """One descent, in whichever process, and the number of points that it computed."""
     residuals = Residuals(problem, space.space(), _silent, whitening)
@@ -285,7 +353,8 @@ def _screen_prior(residuals: Residuals, search: Search) -> list[Floats]:
     # Sobol sequences are balanced only for powers of 2.
     exponent = int(np.ceil(np.log2(SCREENED_PER_START * search.starts)))
     shift = (search.rng or np.random.default_rng(0)).random(dimensions)
-    # A random shift modulo 1 (Cranley and Patterson) makes the sample random and keeps its even cover.
+    # A random shift modulo 1 (Cranley and Patterson) makes the sample random and keeps its even
+    # cover.
     shares = (qmc.Sobol(dimensions, scramble=False).random_base2(exponent) + shift) % 1.0
     lower, upper = residuals.space.bounds()
     # The tails beyond 0.1 % are cut off: the normal quantile of 0 or 1 is infinite.
@@ -294,8 +363,12 @@ def _screen_prior(residuals: Residuals, search: Search) -> list[Floats]:
     return [points[i] for i in np.argsort(costs, kind="stable")[: search.starts - 1]]
 
 
-def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn: bool = False) -> dict[str, float]:
-    """Whitens the residuals with the scatter's effect at x; returns its deviations. With `learn` these are estimated from the strokes."""
+def _whiten(
+    residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn: bool = False
+) -> dict[str, float]:
+    """Whitens the residuals with the scatter's effect at x; returns its deviations. With `learn`
+    these are estimated from the strokes.
+    """
     if not scatter:
         return {}
     stroke_of_row = residuals.problem.stroke_of_row
@@ -304,7 +377,8 @@ def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn
     around = Prior(parameters, residuals.space.at(x), spread, np.zeros(len(spread), dtype=bool))
     deviations = Residuals(residuals.problem, around, residuals.progress)
     std = np.array(list(scatter.values()))
-    # The Jacobian counts steps of `spread`; dividing by it gives the effect per unit of each parameter.
+    # The Jacobian counts steps of `spread`; dividing by it gives the effect per unit of each
+    # parameter.
     effect = deviations.jacobian(np.zeros(len(std))) / spread
     if learn:
         std = estimate_scatter_std(std, effect * std, deviations(np.zeros(len(std))), stroke_of_row)
@@ -315,7 +389,9 @@ def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn
 
 def _covariance(residuals: Residuals, best: OptimizeResult) -> tuple[Floats, str]:
     rows = residuals.data_rows
-    return estimate_covariance(best.fun[:rows], best.jac[:rows], residuals.space.has_prior, residuals.problem.stroke_of_row)
+    return estimate_covariance(
+        best.fun[:rows], best.jac[:rows], residuals.space.has_prior, residuals.problem.stroke_of_row
+    )
 
 
 def _result(residuals: Residuals, best: OptimizeResult) -> FitResult:

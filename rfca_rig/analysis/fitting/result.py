@@ -27,20 +27,31 @@ def correlation_of(covariance: Floats) -> Floats:
 
 
 def list_correlated_pairs(names: Sequence[str], covariance: Floats) -> list[tuple[str, str, float]]:
-    """Pairs of parameters that the recordings hardly distinguish: |correlation| above HIGH_CORRELATION in a covariance (p, p)."""
+    """Pairs of parameters that the recordings hardly distinguish: |correlation| above
+    HIGH_CORRELATION in a covariance (p, p).
+    """
     correlation = correlation_of(covariance)
-    pairs = [(i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > HIGH_CORRELATION]
+    pairs = [
+        (i, j)
+        for i in range(len(names))
+        for j in range(i)
+        if abs(correlation[i, j]) > HIGH_CORRELATION
+    ]
     return [(names[j], names[i], float(correlation[i, j])) for i, j in pairs]
 
 
 def describe_pair(pair: tuple[str, str, float]) -> str:
     """One such pair in words."""
-    return f"{pair[0]} and {pair[1]} are correlated to {pair[2]:+.2f}: the recordings hardly tell them apart"
+    return (
+        f"{pair[0]} and {pair[1]} are correlated to {pair[2]:+.2f}: the recordings hardly "
+        "tell them apart"
+    )
 
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """One parameter in `unit`. `prior_std` is None where no prior was stated; then `shift_in_std` counts its own `std` instead.
+    """One parameter in `unit`. `prior_std` is None where no prior was stated; then `shift_in_std`
+    counts its own `std` instead.
 
     `at_bound`: the fit stopped at five standard deviations of the prior, or at a physical limit.
     """
@@ -57,7 +68,9 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Starts:
-    """How many starts there were, and how many ended at the best point, which indicates a unique answer."""
+    """How many starts there were, and how many ended at the best point, which indicates a unique
+    answer.
+    """
 
     count: int
     agreeing: int
@@ -67,10 +80,10 @@ class Starts:
 class FitResult:
     """The best point of a fit.
 
-    `x` (p,) are the coordinates of `space`, and `covariance` (p, p) is theirs. `chi2_before` and `chi2` are sums of the `residuals`
-    whitened squares, without the prior's share. `rms_before`, `rms` and `noise` are by channel. `scatter` is one standard deviation of what
-    differs from stroke to stroke, by parameter. `errors_from` describes the source of the standard errors.
-    """
+    `x` (p,) are the coordinates of `space`, and `covariance` (p, p) is theirs. `chi2_before` and
+    `chi2` are sums of the `residuals` whitened squares, without the prior's share. `rms_before`,
+    `rms` and `noise` are by channel. `scatter` is one standard deviation of what differs from
+    stroke to stroke, by parameter. `errors_from` describes the source of the standard errors."""
 
     space: Prior[ModelPoint]
     x: Floats
@@ -98,10 +111,14 @@ class FitResult:
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
         """The fitted values, in the order of the space."""
-        # Errors are first computed in the coordinates of the space, where the fit is nearly linear, and then converted.
+        # Errors are first computed in the coordinates of the space, where the fit is nearly linear,
+        # and then converted.
         std_x = np.sqrt(np.diag(self.covariance))
         stds, values = self.space.std_in_units(self.x, std_x), self.space.values(self.x)
-        return tuple(self._parameter(i, float(values[i]), float(stds[i]), float(std_x[i])) for i in range(len(self.x)))
+        return tuple(
+            self._parameter(i, float(values[i]), float(stds[i]), float(std_x[i]))
+            for i in range(len(self.x))
+        )
 
     def _parameter(self, i: int, value: float, std: float, std_x: float) -> FittedParameter:
         parameter, has_prior = self.space.parameters[i], bool(self.space.has_prior[i])
@@ -131,7 +148,10 @@ class FitResult:
         return {
             "format": "rfca-fit/1",
             # The key keeps its older name, because it is part of the file format.
-            "parameters": [{"believed" if name == "nominal" else name: of for name, of in vars(p).items()} for p in self.parameters],
+            "parameters": [
+                {"believed" if name == "nominal" else name: of for name, of in vars(p).items()}
+                for p in self.parameters
+            ],
             "correlation": [[round(float(c), 4) for c in row] for row in self.correlation],
             "chi2_before": self.chi2_before,
             "chi2": self.chi2,
@@ -139,7 +159,10 @@ class FitResult:
             "strokes": self.strokes,
             "errors_from": self.errors_from,
             "scatter": dict(self.scatter),
-            "rms": {c: {"before": self.rms_before[c], "after": self.rms[c], "noise": self.noise[c]} for c in self.rms},
+            "rms": {
+                c: {"before": self.rms_before[c], "after": self.rms[c], "noise": self.noise[c]}
+                for c in self.rms
+            },
             "starts": vars(self.starts),
             "evaluations": self.evaluations,
             "converged": self.converged,
@@ -149,14 +172,31 @@ class FitResult:
     def lines(self) -> list[str]:
         """The result as lines for a terminal."""
         return [
-            f"{'parameter':<19}{'nominal':>11}{'prior std':>10}{'fitted':>11}{'std':>9}{'shift':>8}  unit",
+            (
+                f"{'parameter':<19}{'nominal':>11}{'prior std':>10}{'fitted':>11}"
+                f"{'std':>9}{'shift':>8}  unit"
+            ),
             *(_line(parameter) for parameter in self.parameters),
-            f"chi2 {self.chi2_before:.0f} -> {self.chi2:.0f} for {self.residuals} values of {self.strokes} strokes; {self.errors_from}",
+            (
+                f"chi2 {self.chi2_before:.0f} -> {self.chi2:.0f} for {self.residuals} values "
+                f"of {self.strokes} strokes; {self.errors_from}"
+            ),
             *([f"from stroke to stroke: {_deviations(self.scatter)}"] if self.scatter else []),
-            *(f"{c}: rms {self.rms_before[c]:.3g} -> {self.rms[c]:.3g}, noise {self.noise[c]:.3g}" for c in self.rms),
+            *(
+                f"{c}: rms {self.rms_before[c]:.3g} -> {self.rms[c]:.3g}, noise {self.noise[c]:.3g}"
+                for c in self.rms
+            ),
             *map(describe_pair, self.high_correlations()),
-            *(f"{p.name} is at its bound: look for something that the model lacks" for p in self.parameters if p.at_bound),
-            *([f"{self.starts.agreeing} of {self.starts.count} starts agree"] if self.starts.count > 1 else []),
+            *(
+                f"{p.name} is at its bound: look for something that the model lacks"
+                for p in self.parameters
+                if p.at_bound
+            ),
+            *(
+                [f"{self.starts.agreeing} of {self.starts.count} starts agree"]
+                if self.starts.count > 1
+                else []
+            ),
             *([] if self.converged else ["the solver had not converged when it stopped"]),
             *self.notes,
         ]
@@ -164,18 +204,28 @@ class FitResult:
 
 def _line(p: FittedParameter) -> str:
     prior = "none" if p.prior_std is None else f"{p.prior_std:.3g}"
-    return f"{p.name:<19}{p.nominal:>11.5g}{prior:>10}{p.value:>11.5g}{p.std:>9.2g}{p.shift_in_std:>+8.2f}  {p.unit}".rstrip()
+    return (
+        f"{p.name:<19}{p.nominal:>11.5g}{prior:>10}{p.value:>11.5g}"
+        f"{p.std:>9.2g}{p.shift_in_std:>+8.2f} "
+        f" {p.unit}"
+    ).rstrip()
 
 
 def _deviations(scatter: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {std:.2g} {PARAMETERS[name].unit}".rstrip() for name, std in scatter.items())
+    return ", ".join(
+        f"{name} {std:.2g} {PARAMETERS[name].unit}".rstrip() for name, std in scatter.items()
+    )
 
 
 HEIGHT_OFFSET = "height_offset"
 
 
 def write_model_file(
-    path: Path, result: FitResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Iterable[str]
+    path: Path,
+    result: FitResult,
+    nominal: Mapping[str, Any],
+    known_to: Mapping[str, Any],
+    sources: Iterable[str],
 ) -> None:
     """Write the fitted model, all or nothing.
 
@@ -201,8 +251,11 @@ def write_model_file(
     write_model(path, sections, make_fitted_known_to(known_to, result), comments)
 
 
-def make_fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0) -> dict[str, Any]:
-    """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; values outside the model are kept from `nominal`.
+def make_fitted_sections(
+    nominal: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0
+) -> dict[str, Any]:
+    """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; values outside
+    the model are kept from `nominal`.
 
     A rack that stands higher than stated is written as an effect.
     """
@@ -216,13 +269,21 @@ def make_fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offse
             "link_radius_mm": 1e3 * leg.link_radius_m,
             # k0 and k2, or the curve multiplied by the fitted factor.
             **(
-                {"torque_rotation": scale_keys(nominal["leg"]["torque_rotation"], leg.k0_Nm_per_rad)}
+                {
+                    "torque_rotation": scale_keys(
+                        nominal["leg"]["torque_rotation"], leg.k0_Nm_per_rad
+                    )
+                }
                 if leg.torque_splines
                 else {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
             ),
             "hinge_damping_Nm_s_per_rad": leg.hinge_damping_Nm_s_per_rad,
             "start_angle_rad": leg.start_angle_rad,
-            **({"rest_angles_deg": [math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad]} if leg.rest_angles_rad else {}),
+            **(
+                {"rest_angles_deg": [math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad]}
+                if leg.rest_angles_rad
+                else {}
+            ),
         },
         "ground": {
             **nominal["ground"],
@@ -231,7 +292,11 @@ def make_fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offse
             "friction_coefficient": ground.friction_coefficient,
             "presliding_mm": 1e3 * ground.presliding_m,
             "tangential_damping_N_s_per_m": ground.drag_N_s_per_m,
-            **({} if ground.friction_lever_m is None else {"friction_lever_mm": 1e3 * ground.friction_lever_m}),
+            **(
+                {}
+                if ground.friction_lever_m is None
+                else {"friction_lever_mm": 1e3 * ground.friction_lever_m}
+            ),
             "friction_rise_share": ground.friction_rise_share,
             "leaving_damping_share": ground.leaving_damping_share,
         },
@@ -242,36 +307,58 @@ def make_fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offse
 
 
 def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
-    """The effects of the rig; a height offset is added to one that the nominal model already has."""
+    """The effects of the rig; a height offset is added to one that the nominal model already
+    has.
+    """
     effects = [
-        {"id": present.id, "parameters": dict(present.values), **({} if present.table is None else asdict(present.table))}
+        {
+            "id": present.id,
+            "parameters": dict(present.values),
+            **({} if present.table is None else asdict(present.table)),
+        }
         for present in rig.effects
     ]
     if not offset_mm:
         return effects
     # The nominal model already contains this offset, so the fitted one is added to it.
-    nominal_mm = sum(dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET)
+    nominal_mm = sum(
+        dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET
+    )
     others = [effect for effect in effects if effect["id"] != HEIGHT_OFFSET]
     return [*others, {"id": HEIGHT_OFFSET, "parameters": {"offset_mm": nominal_mm + offset_mm}}]
 
 
 def make_fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str, float]:
-    """[known_to] with the standard errors of the fit in place of the values stated before; others stay as stated."""
+    """[known_to] with the standard errors of the fit in place of the values stated before;
+    others stay as stated.
+    """
     found = {key: float(value) for key, value in known_to.items() if value is not None}
     for fitted, parameter in zip(result.parameters, result.space.parameters, strict=True):
         if parameter.known_to is not None:
             # Keys of relative parameters are shares of the value.
-            found[parameter.known_to] = fitted.std / abs(fitted.value) if parameter.relative else fitted.std
+            found[parameter.known_to] = (
+                fitted.std / abs(fitted.value) if parameter.relative else fitted.std
+            )
     return found
 
 
 def _remarks(result: FitResult) -> list[str]:
     """Comments on fitted parameters that have no key in the sections."""
     fitted = zip(result.parameters, result.space.parameters, strict=True)
-    return [_remark(found) for found, parameter in fitted if found.name == "height" or parameter.known_to is None]
+    return [
+        _remark(found)
+        for found, parameter in fitted
+        if found.name == "height" or parameter.known_to is None
+    ]
 
 
 def _remark(fitted: FittedParameter) -> str:
     if fitted.name == "height":
-        return f"The rack stood {fitted.value:+.3f} mm, known to {fitted.std:.3f} mm, from the heights stated: effect {HEIGHT_OFFSET}."
-    return f"{fitted.name} is known to {fitted.std:.3g} {fitted.unit} now; [known_to] has no key for it."
+        return (
+            f"The rack stood {fitted.value:+.3f} mm, known to {fitted.std:.3f} mm, from the "
+            f"heights stated: effect {HEIGHT_OFFSET}."
+        )
+    return (
+        f"{fitted.name} is known to {fitted.std:.3g} {fitted.unit} now; [known_to] has no key "
+        "for it."
+    )

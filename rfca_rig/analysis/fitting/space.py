@@ -21,9 +21,9 @@ S = TypeVar("S")
 class FitParameter(Generic[S]):
     """One number that a fit may change, in `unit`, the unit of the files.
 
-    `known_to` is its key in the section of that name. `relative` parameters are scaled, all others shifted. `spread` is how far it may
-    plausibly be off where no prior is stated, as a share of the value or in `unit`. It sets steps and bounds but is no prior.
-    """
+    `known_to` is its key in the section of that name. `relative` parameters are scaled, all others
+    shifted. `spread` is how far it may plausibly be off where no prior is stated, as a share of the
+    value or in `unit`. It sets steps and bounds but is no prior."""
 
     name: str
     unit: str
@@ -39,9 +39,9 @@ class FitParameter(Generic[S]):
 class Prior(Generic[S]):
     """The parameters of one fit around a first point.
 
-    A point x (p,) counts prior standard deviations, so that one step length suits all. The value is centre + std x, or centre exp(std x)
-    for relative parameters, which keeps them positive. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
-    """
+    A point x (p,) counts prior standard deviations, so that one step length suits all. The value is
+    centre + std x, or centre exp(std x) for relative parameters, which keeps them positive. `std`
+    (p,) falls back to `spread` where `has_prior` (p,) is False."""
 
     parameters: tuple[FitParameter[S], ...]
     centre: S
@@ -60,15 +60,20 @@ class Prior(Generic[S]):
 
     def values(self, x: Floats) -> Floats:
         """The values at x, (p,), in the parameters' units."""
-        # np.where evaluates both branches: without the inner one, exp could overflow for parameters that are not relative.
+        # np.where evaluates both branches: without the inner one, exp could overflow for parameters
+        # that are not relative.
         relative = self._is_relative
-        return np.where(relative, self.centres * np.exp(np.where(relative, self.std * x, 0.0)), self.centres + self.std * x)
+        return np.where(
+            relative,
+            self.centres * np.exp(np.where(relative, self.std * x, 0.0)),
+            self.centres + self.std * x,
+        )
 
     def clip(self, x: Floats) -> Floats:
         """The point x (p,) with every value raised to its lowest possible one.
 
-        A search without bounds may pass them: beyond, slopes stay those of the values inside, where clipped values would have none.
-        """
+        A search without bounds may pass them: beyond, slopes stay those of the values inside, where
+        clipped values would have none."""
         return np.maximum(x, (self._lowest - self.centres) / self.std)
 
     def point(self, name: str, value: float) -> float:
@@ -76,7 +81,9 @@ class Prior(Generic[S]):
         i = self.names.index(name)
         centre, std = self.centres[i], self.std[i]
         # Inverse of `values`.
-        return float(np.log(value / centre) / std if self.parameters[i].relative else (value - centre) / std)
+        return float(
+            np.log(value / centre) / std if self.parameters[i].relative else (value - centre) / std
+        )
 
     def std_in_units(self, x: Floats, std_x: Floats) -> Floats:
         """Standard deviations of x (p,), converted to the parameters' units at x, (p,)."""
@@ -91,7 +98,9 @@ class Prior(Generic[S]):
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper x, each (p,)."""
-        return np.maximum(-MAX_SHIFT_STD, (self._lowest - self.centres) / self.std), np.full(len(self.std), MAX_SHIFT_STD)
+        return np.maximum(-MAX_SHIFT_STD, (self._lowest - self.centres) / self.std), np.full(
+            len(self.std), MAX_SHIFT_STD
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -104,7 +113,9 @@ class Prior(Generic[S]):
     @property
     def _lowest(self) -> Floats:
         # Relative parameters are positive anyway; a limit applies to shifted ones alone.
-        return np.array([-np.inf if parameter.relative else parameter.lowest for parameter in self.parameters])
+        return np.array(
+            [-np.inf if parameter.relative else parameter.lowest for parameter in self.parameters]
+        )
 
     def _per_x(self, values: Floats) -> Floats:
         return np.where(self._is_relative, np.abs(values), 1.0)
@@ -113,7 +124,9 @@ class Prior(Generic[S]):
 def never_below(nominal: float, std: float) -> Callable[[float], float]:
     """Maps a requested shift of `nominal` to a smooth one that never takes the value below zero.
 
-    Well above zero both shifts are nearly equal. The value is the positive root v of v (v - u) = w^2, for the requested value u and w =
-    ZERO_ROUNDING std / 2. It is smooth, so that it has a Jacobian.
-    """
-    return lambda by: 0.5 * (nominal + by + float(np.hypot(nominal + by, ZERO_ROUNDING * std))) - nominal
+    Well above zero both shifts are nearly equal. The value is the positive root v of v (v - u) =
+    w^2, for the requested value u and w = ZERO_ROUNDING std / 2. It is smooth, so that it has a
+    Jacobian."""
+    return lambda by: (
+        0.5 * (nominal + by + float(np.hypot(nominal + by, ZERO_ROUNDING * std))) - nominal
+    )

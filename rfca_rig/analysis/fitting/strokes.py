@@ -1,7 +1,7 @@
 """Fits a rig's model to strokes: to all that a recording holds of them, or to their valleys alone.
 
-Fits the model to valleys alone: rows of time and force, as in Table II of the paper, without any recording.
-"""
+Fits the model to valleys alone: rows of time and force, as in Table II of the paper, without any
+recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.fit import Search, fit
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
-from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, make_stroke_problem, mean_start_rad, simulate_points
+from rfca_rig.analysis.fitting.residuals import (
+    StrokeProblem,
+    StrokeWindow,
+    make_stroke_problem,
+    mean_start_rad,
+    simulate_points,
+)
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
 from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S, Shaft
@@ -40,7 +46,10 @@ class StrokeComparison:
 
 
 def fit_recordings(
-    recordings: Sequence[Recording], names: Sequence[str] = (), comparison: StrokeComparison | None = None, search: Search | None = None
+    recordings: Sequence[Recording],
+    names: Sequence[str] = (),
+    comparison: StrokeComparison | None = None,
+    search: Search | None = None,
 ) -> FitResult:
     """Fit the named parameters, or all of [known_to], to all strokes of the recordings.
 
@@ -64,17 +73,24 @@ def fit_recordings(
 
     Notes
     -----
-    Where the shaft follows its recording, `start_angle` is the correct reading of the encoder. Its prior is centred on the mean recorded
-    start.
-    """
+    Where the shaft follows its recording, `start_angle` is the correct reading of the encoder. Its
+    prior is centred on the mean recorded start."""
     comparison = comparison or StrokeComparison()
     nominal, known_to = _common(recordings)
     rig = nominal_model(nominal)
     strokes = [stroke for recording in recordings for stroke in recording.strokes]
     noise_std = nominal["sensor"].get("noise_std") or {}
-    problem = make_stroke_problem(group_by_condition(strokes), rig.drive.ramp_s, noise_std, comparison.shaft, comparison.window)
+    problem = make_stroke_problem(
+        group_by_condition(strokes),
+        rig.drive.ramp_s,
+        noise_std,
+        comparison.shaft,
+        comparison.window,
+    )
     # The encoder's own reading is the best guess of the start; the fit then corrects its zero.
-    centre = ModelPoint(_starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig)
+    centre = ModelPoint(
+        _starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig
+    )
     result = fit(problem, make_prior(names, centre, known_to), search, USUAL_SCATTER)
     return _with_rms(result, problem, comparison.window)
 
@@ -84,13 +100,18 @@ def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping
     for other in recordings[1:]:
         # One fit has one prior, so all recordings must state the same.
         if other.nominal != first.nominal or other.known_to != first.known_to:
-            raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; fit them one by one")
+            raise BadInput(
+                f"{other.title!r} believes other values of the rig than {first.title!r}; "
+                "fit them one by one"
+            )
     return first.nominal, first.known_to
 
 
 def _starting_as_recorded(rig: RigModel, strokes: Sequence[Stroke]) -> RigModel:
     start_rad = mean_start_rad(strokes)
-    return rig if start_rad is None else replace(rig, leg=replace(rig.leg, start_angle_rad=start_rad))
+    return (
+        rig if start_rad is None else replace(rig, leg=replace(rig.leg, start_angle_rad=start_rad))
+    )
 
 
 def _with_rms(result: FitResult, problem: StrokeProblem, window: StrokeWindow) -> FitResult:
@@ -105,7 +126,9 @@ def _with_rms(result: FitResult, problem: StrokeProblem, window: StrokeWindow) -
 
 @dataclass(frozen=True)
 class ValleyRow:
-    """The measured valley of one condition, and one standard deviation of its time and its force."""
+    """The measured valley of one condition, and one standard deviation of its time and its
+    force.
+    """
 
     height_m: float
     speed_rad_s: float
@@ -115,16 +138,36 @@ class ValleyRow:
     fz_std_N: float
 
     def job(self, supposed: ModelPoint) -> Job:
-        """The stroke at this condition, whose valley is found by the same estimator as that of a recorded one."""
-        t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(DURATION_FACTOR * self.time_s / GRID_S) + 1, dtype=np.float64)
-        motion = ramp_to_speed(supposed.rig.leg.start_angle_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(t_s[-1]))
+        """The stroke at this condition, whose valley is found by the same estimator as that of a
+        recorded one.
+        """
+        t_s = GRID_S * np.arange(
+            -round(BEFORE_S / GRID_S),
+            int(DURATION_FACTOR * self.time_s / GRID_S) + 1,
+            dtype=np.float64,
+        )
+        motion = ramp_to_speed(
+            supposed.rig.leg.start_angle_rad,
+            self.speed_rad_s,
+            supposed.rig.drive.ramp_s,
+            float(t_s[-1]),
+        )
         return Job(supposed.rig, self.height_m + supposed.height_offset_m, motion, t_s)
 
     def residual(self, stroke: SimulatedStroke | SimulationFailed) -> Floats | None:
-        """Time and force of its valley less the measured ones, in standard deviations, (2,); None where it has no valley."""
-        if isinstance(stroke, SimulationFailed) or isinstance(valley := find_valley(stroke.t_s, stroke.fz_N), Undetermined):
+        """Time and force of its valley less the measured ones, in standard deviations, (2,);
+        None where it has no valley.
+        """
+        if isinstance(stroke, SimulationFailed) or isinstance(
+            valley := find_valley(stroke.t_s, stroke.fz_N), Undetermined
+        ):
             return None
-        return np.array([(valley.time_s - self.time_s) / self.time_std_s, (valley.fz_N - self.fz_N) / self.fz_std_N])
+        return np.array(
+            [
+                (valley.time_s - self.time_s) / self.time_std_s,
+                (valley.fz_N - self.fz_N) / self.fz_std_N,
+            ]
+        )
 
 
 @dataclass(frozen=True)
@@ -139,28 +182,54 @@ class ValleyProblem:
         return np.repeat(np.arange(len(self.rows)), 2)
 
     def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
-        """Residuals (m,) at each point, in standard deviations; None where the model has no valley at one of the rows."""
+        """Residuals (m,) at each point, in standard deviations; None where the model has no
+        valley at one of the rows.
+        """
         by_point = simulate_points([row.job for row in self.rows], supposed)
-        return [_concatenate_if_complete([row.residual(one) for row, one in zip(self.rows, own, strict=True)]) for own in by_point]
+        return [
+            _concatenate_if_complete(
+                [row.residual(one) for row, one in zip(self.rows, own, strict=True)]
+            )
+            for own in by_point
+        ]
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
-        """Root mean square of simulated minus measured, by quantity; NaN where the model has no valley."""
+        """Root mean square of simulated minus measured, by quantity; NaN where the model has no
+        valley.
+        """
         residuals = self.residuals([supposed])[0]
         if residuals is None:
             return dict.fromkeys(self.noise(), float("nan"))
         misses = residuals.reshape(-1, 2) * [[row.time_std_s, row.fz_std_N] for row in self.rows]
-        return dict(zip(self.noise(), (float(miss) for miss in np.sqrt(np.mean(misses**2, axis=0))), strict=True))
+        return dict(
+            zip(
+                self.noise(),
+                (float(miss) for miss in np.sqrt(np.mean(misses**2, axis=0))),
+                strict=True,
+            )
+        )
 
     def noise(self) -> dict[str, float]:
         """Root mean square of the rows' standard deviations, by quantity."""
         squares = np.mean([[row.time_std_s**2, row.fz_std_N**2] for row in self.rows], axis=0)
-        return dict(zip(("valley_time_s", "valley_fz_N"), (float(square) for square in np.sqrt(squares)), strict=True))
+        return dict(
+            zip(
+                ("valley_time_s", "valley_fz_N"),
+                (float(square) for square in np.sqrt(squares)),
+                strict=True,
+            )
+        )
 
 
 def fit_valleys(
-    rig: RigModel, rows: Sequence[ValleyRow], names: Sequence[str], known_to: Mapping[str, float], search: Search | None = None
+    rig: RigModel,
+    rows: Sequence[ValleyRow],
+    names: Sequence[str],
+    known_to: Mapping[str, float],
+    search: Search | None = None,
 ) -> FitResult:
-    """Fit the named parameters of `rig` to the rows, with the shaft at constant speed as in the paper.
+    """Fit the named parameters of `rig` to the rows, with the shaft at constant speed as in the
+    paper.
 
     Parameters
     ----------
@@ -189,7 +258,12 @@ def fit_valleys(
     problem = ValleyProblem(tuple(rows))
     centre = ModelPoint(rig)
     result = fit(problem, make_prior(names, centre, known_to), search)
-    return replace(result, rms_before=problem.rms(centre), rms=problem.rms(result.supposed), noise=problem.noise())
+    return replace(
+        result,
+        rms_before=problem.rms(centre),
+        rms=problem.rms(result.supposed),
+        noise=problem.noise(),
+    )
 
 
 def _concatenate_if_complete(found: Sequence[Floats | None]) -> Floats | None:

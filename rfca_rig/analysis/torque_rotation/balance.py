@@ -1,15 +1,17 @@
-"""Equilibrium conditions between the true angles and forces of a settled stage: moments at the shaft and at every hinge, forces, and the
-positions of the link ends on the floor.
+"""Equilibrium conditions between the true angles and forces of a settled stage: moments at the
+shaft and at every hinge, forces, and the positions of the link ends on the floor.
 
-Absolute angles q_i = shaft + hinges up to i, positive downwards. N_k and F_k are the floor's forces on end k: up, and along +y. They act at
-the lowest point of its circle, a lever l away from the end, or higher by a share `rise` of its depth d_k. P_i and Q_i are their sums over
-ends i and beyond, and w_i is the first moment of weight that link i carries. Joint j then bears
+Absolute angles q_i = shaft + hinges up to i, positive downwards. N_k and F_k are the floor's forces
+on end k: up, and along +y. They act at the lowest point of its circle, a lever l away from the end,
+or higher by a share `rise` of its depth d_k. P_i and Q_i are their sums over ends i and beyond, and
+w_i is the first moment of weight that link i carries. Joint j then bears
 
-    load_j = sum over i >= j of [(w_i - P_i L_i) cos q_i - Q_i L_i sin q_i] - sum over k >= j of (l - rise d_k) F_k
+    load_j = sum over i >= j of [(w_i - P_i L_i) cos q_i - Q_i L_i sin q_i] - sum over k >= j of (l
+    - rise d_k) F_k
 
-A hinge bears it with its torque, the drive with minus the shaft's. An end in the floor presses by Hertz. Its friction is free in sign and
-size: with one end it is what the sensor reads, and with several each has about its share.
-"""
+A hinge bears it with its torque, the drive with minus the shaft's. An end in the floor presses by
+Hertz. Its friction is free in sign and size: with one end it is what the sensor reads, and with
+several each has about its share."""
 
 from dataclasses import dataclass
 
@@ -34,8 +36,8 @@ NEGLIGIBLE_N = 0.1
 
 @dataclass(frozen=True)
 class Group:
-    """Stages with the same ends on the floor: their `rows` (S_g,) among all, `ends` touching (from 0), height, and indices of height and
-    recording.
+    """Stages with the same ends on the floor: their `rows` (S_g,) among all, `ends` touching (from
+    0), height, and indices of height and recording.
     """
 
     rows: NDArray[np.intp]
@@ -49,9 +51,9 @@ class Group:
 class LinearConditions:
     """The conditions g (S, R) at some point, with their derivatives.
 
-    `by_z` (S, R, m) is by the measured values, `by_c` (S, R, 2 T) by depths and friction of the T ends, `by_p` (S, R, P) by curve and
-    systematic errors. `slack` (S, R) is the variance with which a condition holds. `normal_N` is (S, T).
-    """
+    `by_z` (S, R, m) is by the measured values, `by_c` (S, R, 2 T) by depths and friction of the T
+    ends, `by_p` (S, R, P) by curve and systematic errors. `slack` (S, R) is the variance with which
+    a condition holds. `normal_N` is (S, T)."""
 
     g: Floats
     by_z: Floats
@@ -65,9 +67,8 @@ class LinearConditions:
 class Balance:
     """The conditions for a rig, a form of the curve and systematic errors.
 
-    `extra` (S, h, e) are further columns of hinge torque, for all stages. Unknowns p (P,) are the coefficients of the form, those of the
-    further columns, and the systematic errors.
-    """
+    `extra` (S, h, e) are further columns of hinge torque, for all stages. Unknowns p (P,) are the
+    coefficients of the form, those of the further columns, and the systematic errors."""
 
     rig: RigModel
     basis: Basis
@@ -99,17 +100,24 @@ class Balance:
         return 0.0 if place is None else float(p[self.curve_size + place])
 
     def rest_rad(self, p: Floats) -> Floats:
-        """Angles (h,) at which the hinges bear nothing: the nominal ones plus their errors in p (P,)."""
+        """Angles (h,) at which the hinges bear nothing: the nominal ones plus their errors in p
+        (P,).
+        """
         nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * (self.L.size - 1))
-        return nominal + [self.systematic_error(p, rest_name(hinge)) for hinge in range(nominal.size)]
+        return nominal + [
+            self.systematic_error(p, rest_name(hinge)) for hinge in range(nominal.size)
+        ]
 
     def correct_readings(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
-        """Measured values z (S, m) corrected for zeros, tares and the sensor's gain, as given by p (P,); `recording` is (S,)."""
+        """Measured values z (S, m) corrected for zeros, tares and the sensor's gain, as given by
+        p (P,); `recording` is (S,).
+        """
         mended = z.copy()
         for place, systematic_error in enumerate(self.systematic_errors.each):
             if systematic_error.column is not None:
                 mended[:, systematic_error.column] -= np.where(
-                    (systematic_error.recording == ALL_RECORDINGS) | (recording == systematic_error.recording),
+                    (systematic_error.recording == ALL_RECORDINGS)
+                    | (recording == systematic_error.recording),
                     p[self.curve_size + place],
                     0.0,
                 )
@@ -118,10 +126,15 @@ class Balance:
         return mended
 
     def depth_m(self, z: Floats, p: Floats, group: Group) -> Floats:
-        """Depth (S, n) of every link end in the floor, for corrected angles z (S, m) and unknowns p (P,)."""
+        """Depth (S, n) of every link end in the floor, for corrected angles z (S, m) and
+        unknowns p (P,).
+        """
         offset_m = np.array([self.systematic_error(p, f"height_{i}") for i in group.height])
         q = link_angles(z, self.L.size)
-        down_m, along_m = np.cumsum(self.L * np.sin(q), axis=1), np.cumsum(self.L * np.cos(q), axis=1)
+        down_m, along_m = (
+            np.cumsum(self.L * np.sin(q), axis=1),
+            np.cumsum(self.L * np.cos(q), axis=1),
+        )
         floor_m = (group.height_m + offset_m)[:, None] - self.systematic_error(p, "slope") * along_m
         return np.asarray(down_m + self.rig.leg.link_radius_m - floor_m)
 
@@ -140,7 +153,9 @@ class Balance:
 
 def link_angles(z: Floats, links: int) -> Floats:
     """Angles of the links (S, n) from hinge angles and shaft angle in z (S, m)."""
-    return np.asarray(np.cumsum(np.concatenate([z[:, links - 1 : links], z[:, : links - 1]], axis=1), axis=1))
+    return np.asarray(
+        np.cumsum(np.concatenate([z[:, links - 1 : links], z[:, : links - 1]], axis=1), axis=1)
+    )
 
 
 def sum_to_tip(per_link: Floats) -> Floats:
@@ -149,7 +164,9 @@ def sum_to_tip(per_link: Floats) -> Floats:
 
 
 class _Conditions:
-    """One evaluation. Rows: hinges, torque of the shaft, fz, fy, positions of the ends, their shares of friction."""
+    """One evaluation. Rows: hinges, torque of the shaft, fz, fy, positions of the ends, their
+    shares of friction.
+    """
 
     def __init__(self, balance: Balance, group: Group, z: Floats, c: Floats, p: Floats) -> None:
         self.of, self.group, self.z, self.p = balance, group, z, p
@@ -157,19 +174,28 @@ class _Conditions:
         self.h = self.n - 1
         R = self.h + 3 + self.T + max(self.T - 1, 0)
         self.g, self.slack = np.zeros((len(z), R)), np.zeros((len(z), R))
-        self.by_z, self.by_c, self.by_p = (np.zeros((len(z), R, columns)) for columns in (self.h + 4, 2 * self.T, p.size))
+        self.by_z, self.by_c, self.by_p = (
+            np.zeros((len(z), R, columns)) for columns in (self.h + 4, 2 * self.T, p.size)
+        )
         self.deep_m, self.F = c[:, : self.T], c[:, self.T :]
         nominal = balance.rig.ground.stiffness_N_per_m1p5
         stiffness = nominal * np.exp(balance.systematic_error(p, "contact"))
-        # Gauss-Newton needs a smooth force. Depth is replaced by a hyperbola that is smooth where the end leaves the floor.
-        round_m = 0.5 * (NEGLIGIBLE_N / nominal) ** (2.0 / 3.0)  # rounds the corner where an end begins to press
+        # Gauss-Newton needs a smooth force. Depth is replaced by a hyperbola that is smooth where
+        # the end leaves the floor.
+        round_m = 0.5 * (NEGLIGIBLE_N / nominal) ** (
+            2.0 / 3.0
+        )  # rounds the corner where an end begins to press
         far_m = np.hypot(self.deep_m, round_m)
         root = np.sqrt(0.5 * (self.deep_m + far_m))
         # Hertz, N = k d^1.5, and its derivative by depth.
-        self.N, self.N_deep = stiffness * root**3, 0.75 * stiffness * root * (1.0 + self.deep_m / far_m)
+        self.N, self.N_deep = (
+            stiffness * root**3,
+            0.75 * stiffness * root * (1.0 + self.deep_m / far_m),
+        )
         q = link_angles(z, self.n)
         self.across, self.down = balance.L * np.cos(q), balance.L * np.sin(q)
-        # (n, T): whether joint i comes before end k, since a force on an end loads only the joints before it.
+        # (n, T): whether joint i comes before end k, since a force on an end loads only the joints
+        # before it.
         self.reach = (np.arange(self.n)[:, None] <= np.array(group.ends, dtype=int)).astype(float)
 
     def linear(self) -> LinearConditions:
@@ -182,23 +208,40 @@ class _Conditions:
         return LinearConditions(self.g, self.by_z, self.by_c, self.by_p, self.slack, self.N)
 
     def _loads(self) -> None:
-        """load_j (S, n) with its derivatives by joint angles (S, n, n), by depths and friction (S, n, 2 T), and by systematic errors."""
+        """load_j (S, n) with its derivatives by joint angles (S, n, n), by depths and friction
+        (S, n, 2 T), and by systematic errors.
+        """
         w = self.of.weight_moment / self.of.L
         mass, lever = (
             1.0 + self.of.systematic_error(self.p, "mass"),
             self.of.rig.friction_lever_m + self.of.systematic_error(self.p, "friction_lever"),
         )
         rise = self.of.rig.ground.friction_rise_share
-        up, along, arm_m = mass * w - self.N @ self.reach.T, self.F @ self.reach.T, lever - rise * self.deep_m
-        self.load = sum_to_tip(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
-        # Turning joint i or j moves the same links where both come before them, hence the maximum of both indices.
+        up, along, arm_m = (
+            mass * w - self.N @ self.reach.T,
+            self.F @ self.reach.T,
+            lever - rise * self.deep_m,
+        )
+        self.load = (
+            sum_to_tip(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
+        )
+        # Turning joint i or j moves the same links where both come before them, hence the maximum
+        # of both indices.
         turn, joints = sum_to_tip(-up * self.down - along * self.across), np.arange(self.n)
         self.load_q = turn[:, np.maximum(joints[:, None], joints)]
-        self.arms = np.stack([sum_to_tip(self.across * reach) for reach in self.reach.T], axis=2) if self.T else np.zeros((*turn.shape, 0))
+        self.arms = (
+            np.stack([sum_to_tip(self.across * reach) for reach in self.reach.T], axis=2)
+            if self.T
+            else np.zeros((*turn.shape, 0))
+        )
         self.load_N = -self.arms
         if self.T:
-            # Friction acts below the end by the lever, so its arm is the height of the end plus that lever.
-            levers = [sum_to_tip(self.down * reach) + np.outer(arm, reach) for arm, reach in zip(arm_m.T, self.reach.T, strict=True)]
+            # Friction acts below the end by the lever, so its arm is the height of the end plus
+            # that lever.
+            levers = [
+                sum_to_tip(self.down * reach) + np.outer(arm, reach)
+                for arm, reach in zip(arm_m.T, self.reach.T, strict=True)
+            ]
             by_depth = self.load_N * self.N_deep[:, None] + rise * self.F[:, None] * self.reach
             self.load_c = np.concatenate([by_depth, -np.stack(levers, axis=2)], axis=2)
         else:
@@ -218,10 +261,16 @@ class _Conditions:
         self.by_z[:, :h, h] = -self.load_q[:, 1:, 0]
         self.by_c[:, :h] = -self.load_c[:, 1:]
         self.by_p[:, :h, :size], self.by_p[:, :h, size:whole] = columns, extra
-        for name, slope in (("mass", self.load_mass), ("friction_lever", self.load_lever), ("contact", self.load_contact)):
+        for name, slope in (
+            ("mass", self.load_mass),
+            ("friction_lever", self.load_lever),
+            ("contact", self.load_contact),
+        ):
             self._add_by_error(slice(0, h), name, -slope[:, 1:])
         for hinge in range(h):
-            self._add_by_error(slice(hinge, hinge + 1), rest_name(hinge), -stiffness[:, hinge : hinge + 1])
+            self._add_by_error(
+                slice(hinge, hinge + 1), rest_name(hinge), -stiffness[:, hinge : hinge + 1]
+            )
 
     def _sensor(self) -> None:
         """Readings of torque, fz and fy minus the forces of leg and floor."""
@@ -237,26 +286,51 @@ class _Conditions:
         self.by_c[:, h, T:] += below_m
         self.by_c[:, h + 1, :T], self.by_c[:, h + 2, T:] = self.N_deep, 1.0
         weight = np.full(len(self.z), -self.of.weight_N)
-        self._add_by_error(slice(h, h + 2), "mass", np.stack([self.load_mass[:, 0], weight], axis=1))
+        self._add_by_error(
+            slice(h, h + 2), "mass", np.stack([self.load_mass[:, 0], weight], axis=1)
+        )
         self._add_by_error(slice(h, h + 1), "friction_lever", self.load_lever[:, :1])
-        self._add_by_error(slice(h, h + 2), "contact", np.stack([self.load_contact[:, 0], self.N.sum(1)], axis=1))
+        self._add_by_error(
+            slice(h, h + 2), "contact", np.stack([self.load_contact[:, 0], self.N.sum(1)], axis=1)
+        )
 
     def _positions(self) -> None:
         """Every end is as deep as the angles state."""
         rows, ends = slice(self.h + 3, self.h + 3 + self.T), np.arange(self.T)
-        self.g[:, rows] = self.of.depth_m(self.z, self.p, self.group)[:, list(self.group.ends)] - self.deep_m
-        slope, along_m = self.of.systematic_error(self.p, "slope"), np.cumsum(self.across, axis=1)[:, list(self.group.ends)]
-        sinks = self.arms - slope * np.stack([sum_to_tip(self.down * reach) for reach in self.reach.T], axis=2) if self.T else self.arms
+        self.g[:, rows] = (
+            self.of.depth_m(self.z, self.p, self.group)[:, list(self.group.ends)] - self.deep_m
+        )
+        slope, along_m = (
+            self.of.systematic_error(self.p, "slope"),
+            np.cumsum(self.across, axis=1)[:, list(self.group.ends)],
+        )
+        sinks = (
+            self.arms
+            - slope * np.stack([sum_to_tip(self.down * reach) for reach in self.reach.T], axis=2)
+            if self.T
+            else self.arms
+        )
         by_joint = np.swapaxes(sinks, 1, 2)  # (S, T, n)
-        self.by_z[:, rows, : self.h], self.by_z[:, rows, self.h] = by_joint[:, :, 1:], by_joint[:, :, 0]
+        self.by_z[:, rows, : self.h], self.by_z[:, rows, self.h] = (
+            by_joint[:, :, 1:],
+            by_joint[:, :, 0],
+        )
         self.by_c[:, self.h + 3 + ends, ends] = -1.0
         self._add_by_error(rows, "slope", along_m)
         for i in np.unique(self.group.height):
-            self._add_by_error(rows, f"height_{i}", -np.repeat((self.group.height == i)[:, None], self.T, axis=1).astype(float))
-        self.slack[:, rows] = FLOOR_FLAT_M**2 + (HERTZ_MISFIT_SHARE * np.maximum(self.deep_m, 0.0)) ** 2
+            self._add_by_error(
+                rows,
+                f"height_{i}",
+                -np.repeat((self.group.height == i)[:, None], self.T, axis=1).astype(float),
+            )
+        self.slack[:, rows] = (
+            FLOOR_FLAT_M**2 + (HERTZ_MISFIT_SHARE * np.maximum(self.deep_m, 0.0)) ** 2
+        )
 
     def _shares(self) -> None:
-        """Each of several ends has about its share of the friction, within the limit of friction, and none where it does not press."""
+        """Each of several ends has about its share of the friction, within the limit of
+        friction, and none where it does not press.
+        """
         whole, F = np.maximum(self.N.sum(1), NEGLIGIBLE_N), self.F.sum(1)
         mu = self.of.rig.ground.friction_coefficient
         # The last end needs no row: the sum of all is already fixed by fy.
@@ -275,13 +349,21 @@ class _Conditions:
             self.by_p[:, rows, self.of.curve_size + place] += slope
 
     def _shifts(self) -> None:
-        """Zeros, tares and gain act through the measured values. The chain rule converts derivatives by corrected readings into those by
-        raw ones.
+        """Zeros, tares and gain act through the measured values. The chain rule converts
+        derivatives by corrected readings into those by raw ones.
         """
         gain = 1.0 + self.of.systematic_error(self.p, "gain")
-        self._add_by_error(slice(None), "gain", -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain)
+        self._add_by_error(
+            slice(None),
+            "gain",
+            -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain,
+        )
         self.by_z[:, :, self.n :] /= gain
         for place, systematic_error in enumerate(self.of.systematic_errors.each):
             if systematic_error.column is not None:
-                here = (systematic_error.recording == ALL_RECORDINGS) | (self.group.recording == systematic_error.recording)
-                self.by_p[here, :, self.of.curve_size + place] -= self.by_z[here, :, systematic_error.column]
+                here = (systematic_error.recording == ALL_RECORDINGS) | (
+                    self.group.recording == systematic_error.recording
+                )
+                self.by_p[here, :, self.of.curve_size + place] -= self.by_z[
+                    here, :, systematic_error.column
+                ]

@@ -1,4 +1,6 @@
-"""Forms of the torque of a hinge over its angle, linear in their coefficients, and a fitted curve with its uncertainty."""
+"""Forms of the torque of a hinge over its angle, linear in their coefficients, and a fitted
+curve with its uncertainty.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +23,9 @@ CONFIDENCE = 0.95
 
 
 class Basis(Protocol):
-    """torque(phi) = sum of coefficients times columns. Columns are (m, size) for angles (m,) in rad, and alike for more axes."""
+    """torque(phi) = sum of coefficients times columns. Columns are (m, size) for angles (m,) in
+    rad, and alike for more axes.
+    """
 
     @property
     def size(self) -> int:
@@ -52,10 +56,11 @@ class Hardening:
 
 @dataclass(frozen=True)
 class Spline:
-    """Cubic B-splines over `knots_rad` (k,), ascending with the ends fourfold; columns (..., k - 4). The end pieces extend beyond the ends.
+    """Cubic B-splines over `knots_rad` (k,), ascending with the ends fourfold; columns (..., k -
+    4). The end pieces extend beyond the ends.
 
-    Every cubic is among them. The law is therefore a special case, and the gain of the splines over it tests the law.
-    """
+    Every cubic is among them. The law is therefore a special case, and the gain of the splines over
+    it tests the law."""
 
     knots_rad: Floats
 
@@ -72,12 +77,11 @@ class Spline:
 
 @dataclass(frozen=True)
 class SplineThroughRest:
-    """The model's own spline: its coefficients are its torques at `knots_rad` (ascending, above 0). It is odd, and straight beyond the last
-    knot.
+    """The model's own spline: its coefficients are its torques at `knots_rad` (ascending, above 0).
+    It is odd, and straight beyond the last knot.
 
-    Columns are (..., size). Unlike `Spline` it bears no torque at rest. Rest angles are therefore no part of it, and its coefficients go
-    into a model as they are.
-    """
+    Columns are (..., size). Unlike `Spline` it bears no torque at rest. Rest angles are therefore
+    no part of it, and its coefficients go into a model as they are."""
 
     knots_rad: tuple[float, ...]
 
@@ -92,29 +96,36 @@ class SplineThroughRest:
         return np.asarray(self._cardinal()(phi_rad, 1))
 
     def _cardinal(self) -> PPoly:
-        # Cardinal splines: each is 1 at its own knot and 0 at all others. The one at rest is dropped.
+        # Cardinal splines: each is 1 at its own knot and 0 at all others. The one at rest is
+        # dropped.
         return polynomial((0.0, *self.knots_rad), np.eye(self.size + 1)[:, 1:])
 
 
 def make_spline_through_rest(phi_rad: Floats, shares: Sequence[float]) -> SplineThroughRest:
-    """The model's spline over the range of angles (m,) from rest, with knots at these quantiles of their magnitudes."""
+    """The model's spline over the range of angles (m,) from rest, with knots at these quantiles
+    of their magnitudes.
+    """
     knots = np.quantile(np.abs(phi_rad), shares)
-    # Knots near rest are dropped: no photo determines a torque there, and the curve is zero at rest anyway.
+    # Knots near rest are dropped: no photo determines a torque there, and the curve is zero at rest
+    # anyway.
     return SplineThroughRest(tuple(knots[knots > LEAST_KNOT_RAD].tolist()))
 
 
 def make_spline(phi_rad: Floats, pieces: int) -> Spline:
     """Splines over the range of angles (m,), with about equally many angles in each piece."""
     borders = np.quantile(phi_rad, np.linspace(0.0, 1.0, pieces + 1))
-    return Spline(np.concatenate([np.full(CUBIC, borders[0]), borders, np.full(CUBIC, borders[-1])]))
+    return Spline(
+        np.concatenate([np.full(CUBIC, borders[0]), borders, np.full(CUBIC, borders[-1])])
+    )
 
 
 @dataclass(frozen=True)
 class TorqueCurve:
-    """Torque of a hinge over its angle: coefficients (size,) of a basis with covariance (size, size), valid over `range_rad`.
+    """Torque of a hinge over its angle: coefficients (size,) of a basis with covariance (size,
+    size), valid over `range_rad`.
 
-    `freedom` is the number of degrees of freedom. `bends` is the sign of most angles; multiplied by it, the curve has bending positive.
-    """
+    `freedom` is the number of degrees of freedom. `bends` is the sign of most angles; multiplied by
+    it, the curve has bending positive."""
 
     basis: Basis
     coefficients: Floats
@@ -133,7 +144,9 @@ class TorqueCurve:
         return self._of(self.basis.columns(phi_rad))
 
     def stiffness_Nm_per_rad(self, phi_rad: Floats) -> tuple[Floats, Floats]:
-        """Equivalent stiffness (m,), the derivative of the torque, and its standard deviation (m,), at angles (m,)."""
+        """Equivalent stiffness (m,), the derivative of the torque, and its standard deviation
+        (m,), at angles (m,).
+        """
         return self._of(self.basis.slopes(phi_rad))
 
     def grid_rad(self, count: int = 101) -> Floats:
@@ -148,8 +161,8 @@ class TorqueCurve:
 
 @dataclass(frozen=True)
 class LawValues:
-    """k0 and k2 of the law k0 (phi + k2 phi^3), one standard deviation each, their correlation, and the half width of 95 % in
-    deviations.
+    """k0 and k2 of the law k0 (phi + k2 phi^3), one standard deviation each, their correlation, and
+    the half width of 95 % in deviations.
     """
 
     k0_Nm_per_rad: float
@@ -162,7 +175,10 @@ class LawValues:
     @property
     def known_to(self) -> dict[str, float]:
         """As keys of the section [known_to]."""
-        return {"k0_relative": self.k0_std / self.k0_Nm_per_rad, "k2_relative": self.k2_std / abs(self.k2_per_rad2)}
+        return {
+            "k0_relative": self.k0_std / self.k0_Nm_per_rad,
+            "k2_relative": self.k2_std / abs(self.k2_per_rad2),
+        }
 
 
 def law_values(curve: TorqueCurve) -> LawValues:
@@ -172,4 +188,11 @@ def law_values(curve: TorqueCurve) -> LawValues:
     jacobian = np.array([[1.0, 0.0], [-b / a**2, 1.0 / a]])
     covariance = jacobian @ curve.covariance @ jacobian.T
     k0_std, k2_std = np.sqrt(np.diag(covariance))
-    return LawValues(float(a), float(k0_std), float(b / a), float(k2_std), float(covariance[0, 1] / (k0_std * k2_std)), curve.reach)
+    return LawValues(
+        float(a),
+        float(k0_std),
+        float(b / a),
+        float(k2_std),
+        float(covariance[0, 1] / (k0_std * k2_std)),
+        curve.reach,
+    )

@@ -1,4 +1,6 @@
-"""Writes the fitted hinges as model files for --model: one with k0 and k2, one with the measured curve."""
+"""Writes the fitted hinges as model files for --model: one with k0 and k2, one with the measured
+curve.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +13,13 @@ from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
 from rfca_rig.analysis.torque_rotation.checks import FormCheck, RestAngles
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult, remarks
-from rfca_rig.description.model_file import nominal_model, relative_std, replace_by_curve, replace_by_law, write_model
+from rfca_rig.description.model_file import (
+    nominal_model,
+    relative_std,
+    replace_by_curve,
+    replace_by_law,
+    write_model,
+)
 from rfca_rig.description.sections import MIN_K2_PER_RAD2, TorqueRotationSection
 from rfca_rig.model.parameters import RigModel
 
@@ -30,18 +38,24 @@ def can_curve_be_written(result: StaticResult) -> bool:
 
 
 def write_calibration(
-    path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]
+    path: Path,
+    result: StaticResult,
+    nominal: Mapping[str, Any],
+    known_to: Mapping[str, Any],
+    sources: Sequence[str],
 ) -> None:
-    """Write the nominal model with the fitted k0, k2 and rest angles, and their new uncertainties; all or nothing.
+    """Write the nominal model with the fitted k0, k2 and rest angles, and their new uncertainties;
+    all or nothing.
 
-    Where the law does not hold, the uncertainties are no smaller than its distance from the measured curve. Raises RigError where the disk
-    refuses.
-    """
+    Where the law does not hold, the uncertainties are no smaller than its distance from the
+    measured curve. Raises RigError where the disk refuses."""
     values, rests = result.values, result.rests[0]
     leg = replace_by_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
     sections = _sections({**nominal, "leg": leg}, result.rig, rests)
     apart = 0.0 if result.form.holds else abs(result.form.apart_relative)
-    measured_to = {name: float(np.hypot(std, apart)) for name, std in result.values.known_to.items()}
+    measured_to = {
+        name: float(np.hypot(std, apart)) for name, std in result.values.known_to.items()
+    }
     fitted = result.values
     low, high = (abs(np.degrees(angle)) for angle in sorted(result.curve.range_rad, key=abs))
     write_model(
@@ -50,7 +64,8 @@ def write_calibration(
         _keep_stated(known_to) | measured_to | _rest_known_to(rests),
         [
             *_from(sources),
-            f"k0 {fitted.k0_Nm_per_rad:.4f} +- {fitted.reach * fitted.k0_std:.4f} N m/rad, k2 {fitted.k2_per_rad2:.4f} +- "
+            f"k0 {fitted.k0_Nm_per_rad:.4f} +- {fitted.reach * fitted.k0_std:.4f} N "
+            f"m/rad, k2 {fitted.k2_per_rad2:.4f} +- "
             f"{fitted.reach * fitted.k2_std:.4f} 1/rad2 (95 %), "
             f"errors correlated by {fitted.correlation:+.2f}; from {low:.1f} to {high:.1f} degrees",
             *_of_rests(result.rests[0]),
@@ -59,19 +74,31 @@ def write_calibration(
     )
 
 
-def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]) -> None:
-    """Write the nominal model with the measured curve and its covariance in place of k0 and k2; all or nothing.
+def write_curve(
+    path: Path,
+    result: StaticResult,
+    nominal: Mapping[str, Any],
+    known_to: Mapping[str, Any],
+    sources: Sequence[str],
+) -> None:
+    """Write the nominal model with the measured curve and its covariance in place of k0 and k2; all
+    or nothing.
 
-    `k0_relative` is the root mean square of the curve's band over that of its torques: how far a fit may scale the curve. Where splines
-    with a torque at rest fit better than chance allows, it is no smaller than their distance from the curve. Raises RigError where the disk
-    refuses.
-    """
+    `k0_relative` is the root mean square of the curve's band over that of its torques: how far a
+    fit may scale the curve. Where splines with a torque at rest fit better than chance allows, it
+    is no smaller than their distance from the curve. Raises RigError where the disk refuses."""
     keys, rests = curve_keys(result), result.rests[1]
     band = relative_std(TorqueRotationSection.model_validate(keys))
-    sections = _sections({**nominal, "leg": replace_by_curve(nominal["leg"], keys)}, result.rig, rests)
+    sections = _sections(
+        {**nominal, "leg": replace_by_curve(nominal["leg"], keys)}, result.rig, rests
+    )
     apart = 0.0 if result.model_form.holds else abs(result.model_form.apart_relative)
     # The curve has no k2; its scale takes the key k0_relative.
-    known = {key: value for key, value in _keep_stated(known_to).items() if key not in ("k0_relative", "k2_relative")}
+    known = {
+        key: value
+        for key, value in _keep_stated(known_to).items()
+        if key not in ("k0_relative", "k2_relative")
+    }
     known["k0_relative"] = float(np.hypot(band or 0.0, apart))
     low, high = (abs(np.degrees(angle)) for angle in sorted(result.model.range_rad, key=abs))
     write_model(
@@ -80,7 +107,10 @@ def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], kn
         known | _rest_known_to(rests),
         [
             *_from(sources),
-            f"A cubic spline through rest, measured from {low:.1f} to {high:.1f} degrees; straight beyond the last angle",
+            (
+                f"A cubic spline through rest, measured from {low:.1f} to {high:.1f} degrees; "
+                "straight beyond the last angle"
+            ),
             *_of_rests(result.rests[1]),
             *_of_form(result.model_form),
             *remarks(result),
@@ -96,12 +126,18 @@ def curve_keys(result: StaticResult) -> dict[str, Any]:
     return {
         "angles_deg": np.degrees(basis.knots_rad).tolist(),
         "torques_Nm": result.model.coefficients.tolist(),
-        # Rounding and least squares leave tiny asymmetries, which the section would refuse; the mean with the transpose removes them.
-        "covariance_Nm2": [[float(f"{each:.{COVARIANCE_DIGITS}g}") for each in row] for row in 0.5 * (covariance + covariance.T)],
+        # Rounding and least squares leave tiny asymmetries, which the section would refuse; the
+        # mean with the transpose removes them.
+        "covariance_Nm2": [
+            [float(f"{each:.{COVARIANCE_DIGITS}g}") for each in row]
+            for row in 0.5 * (covariance + covariance.T)
+        ],
     }
 
 
-def _sections(nominal: Mapping[str, Any], rig: RigModel, rests: RestAngles | None) -> dict[str, Any]:
+def _sections(
+    nominal: Mapping[str, Any], rig: RigModel, rests: RestAngles | None
+) -> dict[str, Any]:
     leg = nominal_model(nominal).leg
     if rests is not None:
         leg = replace(leg, rest_angles_rad=tuple(rests.rest_rad.tolist()))
@@ -118,14 +154,18 @@ def _rest_known_to(rests: RestAngles | None) -> dict[str, float]:
 
 
 def _from(sources: Sequence[str]) -> list[str]:
-    return [f"Torque over rotation of the hinges, from the static stages of {source}" for source in sources]
+    return [
+        f"Torque over rotation of the hinges, from the static stages of {source}"
+        for source in sources
+    ]
 
 
 def _of_form(form: FormCheck) -> list[str]:
     if form.holds:
         return []
     return [
-        f"splines that need not pass through rest part from it by {abs(form.apart_Nm):.2f} N m, {abs(100 * form.apart_relative):.1f} % of "
+        "splines that need not pass through rest part from it by "
+        f"{abs(form.apart_Nm):.2f} N m, {abs(100 * form.apart_relative):.1f} % of "
         f"the largest torque, at {abs(np.degrees(form.at_rad)):.0f} degrees"
     ]
 
@@ -135,6 +175,7 @@ def _of_rests(rests: RestAngles | None) -> list[str]:
         return []
     each = ", ".join(f"{np.degrees(std):.3f}" for std in rests.std_rad)
     return [
-        f"rest angles known to {each} degrees, their mean to {np.degrees(rests.common_std_rad):.3f}, "
+        f"rest angles known to {each} degrees, their mean to "
+        f"{np.degrees(rests.common_std_rad):.3f}, "
         f"correlated by {rests.with_stiffness:+.2f} with the stiffness at rest"
     ]

@@ -1,4 +1,6 @@
-"""Tests of the curve's assumptions: the form of the law, equal hinges, no hysteresis, values as in the nominal model."""
+"""Tests of the curve's assumptions: the form of the law, equal hinges, no hysteresis, values as
+in the nominal model.
+"""
 
 from dataclasses import dataclass
 
@@ -25,7 +27,8 @@ SIGNIFICANT_STD = 4.0
 
 @dataclass(frozen=True)
 class FormCheck:
-    """Gain of splines over the law with the same errors: `gain` in chi2 for `more` coefficients, `chance` of it where the law holds.
+    """Gain of splines over the law with the same errors: `gain` in chi2 for `more` coefficients,
+    `chance` of it where the law holds.
 
     The curves differ most at `at_rad`, by `apart_Nm`, or `apart_relative` of the largest torque.
     """
@@ -39,13 +42,16 @@ class FormCheck:
 
     @property
     def holds(self) -> bool:
-        # With many stages even a tiny departure is significant; it matters only above NEGLIGIBLE_SHARE.
+        # With many stages even a tiny departure is significant; it matters only above
+        # NEGLIGIBLE_SHARE.
         return self.chance >= MIN_CHANCE or abs(self.apart_relative) < NEGLIGIBLE_SHARE
 
 
 @dataclass(frozen=True)
 class HingeCheck:
-    """Relative stiffness of one hinge above the common curve, with one standard deviation; hinges count from 2."""
+    """Relative stiffness of one hinge above the common curve, with one standard deviation;
+    hinges count from 2.
+    """
 
     hinge: int
     stiffer: float
@@ -60,8 +66,8 @@ class HingeCheck:
 class RestAngles:
     """Rest angles (h,) [rad] fitted beside a curve, with their covariance (h, h).
 
-    `with_stiffness` is the correlation of their mean with the curve's stiffness at rest: near +-1 the data do not separate the two.
-    """
+    `with_stiffness` is the correlation of their mean with the curve's stiffness at rest: near +-1
+    the data do not separate the two."""
 
     rest_rad: Floats
     covariance: Floats
@@ -80,7 +86,9 @@ class RestAngles:
 
 @dataclass(frozen=True)
 class RestCheck:
-    """Rest angle of one hinge, or of all where `hinge` is None, from the nominal one, with one standard deviation [rad]."""
+    """Rest angle of one hinge, or of all where `hinge` is None, from the nominal one, with one
+    standard deviation [rad].
+    """
 
     hinge: int | None
     rest_rad: float
@@ -93,7 +101,9 @@ class RestCheck:
 
 @dataclass(frozen=True)
 class BendingLoop:
-    """Half the height of the hysteresis loop, one standard deviation, and the number of angles reached by bending and by unbending."""
+    """Half the height of the hysteresis loop, one standard deviation, and the number of angles
+    reached by bending and by unbending.
+    """
 
     half_Nm: float
     std_Nm: float
@@ -107,7 +117,9 @@ class BendingLoop:
 
 @dataclass(frozen=True)
 class EstimatedSystematicError:
-    """Estimate of a systematic error, in its unit for a reader; `pull` is the estimate in prior standard deviations."""
+    """Estimate of a systematic error, in its unit for a reader; `pull` is the estimate in prior
+    standard deviations.
+    """
 
     says: str
     unit: str
@@ -124,7 +136,9 @@ class EstimatedSystematicError:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A reading that is `pull` standard deviations from the value that the balance asks for: by `off`, in `unit`."""
+    """A reading that is `pull` standard deviations from the value that the balance asks for: by
+    `off`, in `unit`.
+    """
 
     label: str
     says: str
@@ -139,34 +153,60 @@ def find_outliers(found: CurveFit, data: StageData) -> tuple[Outlier, ...]:
     off = data.measured - found.adjusted.point.z
     pulls = off / np.sqrt(np.diagonal(C, axis1=1, axis2=2))
     names = [(f"hinge {i + 2}", "degrees", np.degrees(1.0)) for i in range(data.hinges)]
-    names += [("the shaft's angle", "degrees", np.degrees(1.0)), ("fy", "N", 1.0), ("fz", "N", 1.0), ("tx", "N m", 1.0)]
-    far = sorted(np.argwhere(np.abs(pulls) > OUTLIER_STD).tolist(), key=lambda place: -abs(pulls[*place]))
+    names += [
+        ("the shaft's angle", "degrees", np.degrees(1.0)),
+        ("fy", "N", 1.0),
+        ("fz", "N", 1.0),
+        ("tx", "N m", 1.0),
+    ]
+    far = sorted(
+        np.argwhere(np.abs(pulls) > OUTLIER_STD).tolist(), key=lambda place: -abs(pulls[*place])
+    )
     return tuple(
-        Outlier(data.label(row), names[column][0], float(names[column][2] * off[row, column]), names[column][1], float(pulls[row, column]))
+        Outlier(
+            data.label(row),
+            names[column][0],
+            float(names[column][2] * off[row, column]),
+            names[column][1],
+            float(pulls[row, column]),
+        )
         for row, column in far
     )
 
 
-def compare_forms(law: CurveFit, free: CurveFit, law_curve: TorqueCurve, free_curve: TorqueCurve) -> FormCheck:
-    """Compare two solutions with the same errors, at the same angles of the hinges, whatever their rest angles."""
+def compare_forms(
+    law: CurveFit, free: CurveFit, law_curve: TorqueCurve, free_curve: TorqueCurve
+) -> FormCheck:
+    """Compare two solutions with the same errors, at the same angles of the hinges, whatever
+    their rest angles.
+    """
     gain = max(law.adjusted.chi2 - free.adjusted.chi2, 0.0)
     more = free.adjusted.balance.basis.size - law.adjusted.balance.basis.size
     grid = free_curve.grid_rad()
     # Each curve counts angles from its own rest, so the grid is shifted by the difference.
     rests = [one.adjusted.balance.rest_rad(one.adjusted.point.p).mean() for one in (law, free)]
-    by_law, by_free = law_curve.torque_Nm(grid + rests[1] - rests[0])[0], free_curve.torque_Nm(grid)[0]
+    by_law, by_free = (
+        law_curve.torque_Nm(grid + rests[1] - rests[0])[0],
+        free_curve.torque_Nm(grid)[0],
+    )
     worst = int(np.argmax(np.abs(by_law - by_free)))
     apart = float(by_law[worst] - by_free[worst]) * law_curve.bends
     scale = float(np.abs(by_free).max()) or 1.0
-    return FormCheck(gain, more, float(chi2.sf(gain, max(more, 1))), float(grid[worst]), apart, apart / scale)
+    return FormCheck(
+        gain, more, float(chi2.sf(gain, max(more, 1))), float(grid[worst]), apart, apart / scale
+    )
 
 
 def check_hinges(found: CurveFit, data: StageData, curve: TorqueCurve) -> tuple[HingeCheck, ...]:
     """Test for each hinge whether it is stiffer than the curve that the others share."""
     torque = curve.torque_Nm(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
-    # The curve's own torque at one hinge alone is the column for a relative change of its stiffness.
+    # The curve's own torque at one hinge alone is the column for a relative change of its
+    # stiffness.
     columns = torque[:, :, None] * np.eye(data.hinges)
-    return tuple(HingeCheck(j + 2, value, std) for j, (value, std) in enumerate(_score_columns(found, data, columns)))
+    return tuple(
+        HingeCheck(j + 2, value, std)
+        for j, (value, std) in enumerate(_score_columns(found, data, columns))
+    )
 
 
 def from_rest_rad(found: CurveFit, data: StageData) -> Floats:
@@ -175,38 +215,66 @@ def from_rest_rad(found: CurveFit, data: StageData) -> Floats:
     return np.asarray(point.z[:, : data.hinges] - balance.rest_rad(point.p))
 
 
-def check_rest_angles(found: CurveFit, data: StageData, curve: TorqueCurve) -> tuple[RestCheck, ...]:
-    """Test for each hinge, and for all together, whether it rests elsewhere; no tests where rest angles are unknowns already."""
+def check_rest_angles(
+    found: CurveFit, data: StageData, curve: TorqueCurve
+) -> tuple[RestCheck, ...]:
+    """Test for each hinge, and for all together, whether it rests elsewhere; no tests where rest
+    angles are unknowns already.
+    """
     if found.adjusted.balance.systematic_errors.place(rest_name(0)) is not None:
         return ()
-    stiffness = curve.stiffness_Nm_per_rad(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
+    stiffness = curve.stiffness_Nm_per_rad(from_rest_rad(found, data).ravel())[0].reshape(
+        -1, data.hinges
+    )
     # A shift of the rest angle changes the torque by minus the stiffness, to first order.
     single = -stiffness[:, :, None] * np.eye(data.hinges)
-    estimates = _score_columns(found, data, np.concatenate([single, -stiffness[:, :, None]], axis=2))
-    return tuple(RestCheck(j + 2 if j < data.hinges else None, value, std) for j, (value, std) in enumerate(estimates))
+    estimates = _score_columns(
+        found, data, np.concatenate([single, -stiffness[:, :, None]], axis=2)
+    )
+    return tuple(
+        RestCheck(j + 2 if j < data.hinges else None, value, std)
+        for j, (value, std) in enumerate(estimates)
+    )
 
 
 def estimate_rest_angles(found: CurveFit, widened: float) -> RestAngles | None:
-    """The rest angles with their covariance, errors multiplied by `widened`; None where they count as exact."""
+    """The rest angles with their covariance, errors multiplied by `widened`; None where they
+    count as exact.
+    """
     adjusted = found.adjusted
-    first, hinges = adjusted.balance.systematic_errors.place(rest_name(0)), adjusted.balance.L.size - 1
+    first, hinges = (
+        adjusted.balance.systematic_errors.place(rest_name(0)),
+        adjusted.balance.L.size - 1,
+    )
     if first is None:
         return None
     curve, covariance = adjusted.balance.basis, adjusted.covariance
-    places = slice(adjusted.balance.curve_size + first, adjusted.balance.curve_size + first + hinges)
+    places = slice(
+        adjusted.balance.curve_size + first, adjusted.balance.curve_size + first + hinges
+    )
     slope = curve.slopes(np.zeros(1))[0]
     with_slope = float(slope @ covariance[: curve.size, places].mean(axis=1))
-    variances = float(slope @ covariance[: curve.size, : curve.size] @ slope) * float(covariance[places, places].mean())
+    variances = float(slope @ covariance[: curve.size, : curve.size] @ slope) * float(
+        covariance[places, places].mean()
+    )
     rest_rad = adjusted.balance.rest_rad(adjusted.point.p)
-    return RestAngles(rest_rad, widened**2 * covariance[places, places], with_slope / float(np.sqrt(variances)))
+    return RestAngles(
+        rest_rad, widened**2 * covariance[places, places], with_slope / float(np.sqrt(variances))
+    )
 
 
 def _score_columns(found: CurveFit, data: StageData, columns: Floats) -> list[tuple[float, float]]:
-    """Value and standard deviation of each further column of hinge torque (S, h, e), tested one at a time beside all other unknowns."""
+    """Value and standard deviation of each further column of hinge torque (S, h, e), tested one
+    at a time beside all other unknowns.
+    """
     adjusted = found.adjusted
     C = found.errors.covariance(data, adjusted.balance.rig.leg.link_lengths_m)
     rows = stack_rows(
-        adjusted.balance, linearise_groups(adjusted.balance, adjusted.groups, data.measured, C, adjusted.point, columns), adjusted.point.p
+        adjusted.balance,
+        linearise_groups(
+            adjusted.balance, adjusted.groups, data.measured, C, adjusted.point, columns
+        ),
+        adjusted.point.p,
     )
     # Columns of equal size keep the least squares well conditioned.
     scale = np.linalg.norm(rows.matrix, axis=0)
@@ -216,12 +284,18 @@ def _score_columns(found: CurveFit, data: StageData, columns: Floats) -> list[tu
         # Only the part that the other unknowns cannot explain carries information (Frisch-Waugh).
         own = one - known @ np.linalg.lstsq(known, one, rcond=None)[0]
         information = float(own @ own)
-        results.append((-float(own @ rows.right) / information, information**-0.5) if information > 0.0 else (0.0, np.inf))
+        results.append(
+            (-float(own @ rows.right) / information, information**-0.5)
+            if information > 0.0
+            else (0.0, np.inf)
+        )
     return results
 
 
 def estimate_loop(found: CurveFit, data: StageData) -> BendingLoop | None:
-    """The hysteresis loop from the first further column, where `found` has `data.turned` for one; None where no hinge turned back."""
+    """The hysteresis loop from the first further column, where `found` has `data.turned` for
+    one; None where no hinge turned back.
+    """
     bending = data.turned * np.sign(data.measured[:, : data.hinges])
     back = int((bending < 0).sum())
     if not back or not found.adjusted.balance.extra.shape[2]:
@@ -236,6 +310,8 @@ def list_estimated_errors(adjusted: Adjustment) -> tuple[EstimatedSystematicErro
     first, systematic_errors = adjusted.balance.curve_size, adjusted.balance.systematic_errors.each
     values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
-        EstimatedSystematicError(d.says, d.unit, *d.convert(float(v), float(s)), d.scale * d.std, float(v) / d.std)
+        EstimatedSystematicError(
+            d.says, d.unit, *d.convert(float(v), float(s)), d.scale * d.std, float(v) / d.std
+        )
         for d, v, s in zip(systematic_errors, values, std, strict=True)
     )

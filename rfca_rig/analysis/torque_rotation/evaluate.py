@@ -28,7 +28,13 @@ from rfca_rig.analysis.torque_rotation.checks import (
     list_estimated_errors,
 )
 from rfca_rig.analysis.torque_rotation.recovery import CurveFit, Errors, fit_curve
-from rfca_rig.analysis.torque_rotation.stages import Instruments, StageData, SystematicErrors, list_systematic_errors, make_stage_data
+from rfca_rig.analysis.torque_rotation.stages import (
+    Instruments,
+    StageData,
+    SystematicErrors,
+    list_systematic_errors,
+    make_stage_data,
+)
 from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult, points_of
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
@@ -41,8 +47,9 @@ Floats = NDArray[np.float64]
 
 # Angles for each piece of a spline, and the largest number of pieces and knots.
 ANGLES_PER_PIECE, MOST_PIECES, MOST_KNOTS = 20, 3, 5
-# Shares of the angles below the knots of the finer form, which follows a spring that engages late: a play of 1.2 degrees is met to 0.1 % of
-# the largest torque from 7 degrees on, and to 4 % by four knots at even shares.
+# Shares of the angles below the knots of the finer form, which follows a spring that engages late:
+# a play of 1.2 degrees is met to 0.1 % of the largest torque from 7 degrees on, and to 4 % by four
+# knots at even shares.
 NEAR_REST = (0.0, 0.12, 0.25, 0.5, 0.75, 1.0)
 ANGLES_NEAR_REST = 60
 # Less data does not determine a curve and is refused.
@@ -57,9 +64,9 @@ SOLVE_COUNT = 6
 class StageAssumptions:
     """Model and uncertainties that the stages are evaluated with, all in the files' units.
 
-    `nominal` has the sections of a model, `known_to` the uncertainties of its values, `instruments` those of sensor and marks.
-    `hinge_std_deg` is one standard deviation of a hinge angle where a stage does not state it; None to estimate it from the stages.
-    """
+    `nominal` has the sections of a model, `known_to` the uncertainties of its values, `instruments`
+    those of sensor and marks. `hinge_std_deg` is one standard deviation of a hinge angle where a
+    stage does not state it; None to estimate it from the stages."""
 
     nominal: Mapping[str, Any]
     known_to: Mapping[str, float | None] = field(default_factory=dict)
@@ -75,7 +82,9 @@ class _Case:
     rig: RigModel
     systematic_errors: SystematicErrors
 
-    def solve(self, basis: Basis, errors: Errors, loop: bool = False, learn: bool = True) -> CurveFit:
+    def solve(
+        self, basis: Basis, errors: Errors, loop: bool = False, learn: bool = True
+    ) -> CurveFit:
         turned = self.data.turned[:, :, None] if loop else None
         return fit_curve(self.data, self.rig, basis, self.systematic_errors, errors, turned, learn)
 
@@ -86,7 +95,9 @@ class _Case:
         return make_spline(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
 
     def through_rest(self, law: CurveFit) -> list[SplineThroughRest]:
-        """Forms that a model can take, the simplest first; angles count from the rest angles of `law`."""
+        """Forms that a model can take, the simplest first; angles count from the rest angles of
+        `law`.
+        """
         angles = from_rest_rad(law, self.data)[self.data.seen]
         knots = int(np.clip(len(angles) // ANGLES_PER_PIECE, FEWEST_KNOTS, MOST_KNOTS))
         shares: list[Sequence[float]] = [tuple(np.arange(1, knots + 1) / knots)]
@@ -95,7 +106,11 @@ class _Case:
         return [make_spline_through_rest(angles, each) for each in shares]
 
 
-def evaluate(recordings: Sequence[Recording], supposed: StageAssumptions, watcher: ProgressCount = ignore_progress) -> StaticResult:
+def evaluate(
+    recordings: Sequence[Recording],
+    supposed: StageAssumptions,
+    watcher: ProgressCount = ignore_progress,
+) -> StaticResult:
     """Determine the curve that all stages of the recordings share.
 
     Parameters
@@ -116,8 +131,8 @@ def evaluate(recordings: Sequence[Recording], supposed: StageAssumptions, watche
 
     Notes
     -----
-    The form is decided with the errors found with splines: a law that does not hold would attribute its misfit to the instruments.
-    """
+    The form is decided with the errors found with splines: a law that does not hold would attribute
+    its misfit to the instruments."""
     case = _case(recordings, supposed)
     watcher(0, SOLVE_COUNT)
     free = _freest(case)
@@ -137,7 +152,9 @@ def evaluate(recordings: Sequence[Recording], supposed: StageAssumptions, watche
     model = _model(case, free, law, closed is not None)
     watcher(5, SOLVE_COUNT)
     widened = _repeats(recordings, supposed, law)
-    law_curve, free_curve, model_curve = (_curve(found, case.data, widened.widened) for found in (law, free, model))
+    law_curve, free_curve, model_curve = (
+        _curve(found, case.data, widened.widened) for found in (law, free, model)
+    )
     form = compare_forms(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
     found = law if form.holds else free
     return StaticResult(
@@ -168,13 +185,16 @@ def _case(recordings: Sequence[Recording], supposed: StageAssumptions) -> _Case:
     data = make_stage_data(recordings, noise_std, supposed.hinge_std_deg)
     if len(data.stages) < FEWEST_STAGES or int(data.seen.sum()) < FEWEST_ANGLES:
         raise BadInput(
-            f"{len(data.stages)} settled stages with {int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a curve needs "
+            f"{len(data.stages)} settled stages with "
+            f"{int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a "
+            "curve needs "
             f"at least {FEWEST_STAGES} stages and {FEWEST_ANGLES} angles; take more stages"
         )
     angles_deg = np.degrees(data.measured[:, : data.hinges][data.seen])
     if np.ptp(angles_deg) < LEAST_RANGE_DEG:
         raise BadInput(
-            f"all hinge angles lie within {np.ptp(angles_deg):.2f} degrees: a curve needs at least {LEAST_RANGE_DEG:g}; turn the shaft "
+            f"all hinge angles lie within {np.ptp(angles_deg):.2f} degrees: a curve needs "
+            f"at least {LEAST_RANGE_DEG:g}; turn the shaft "
             "farther, and look whether the angles are in degrees"
         )
     return _Case(data, rig, list_systematic_errors(data, supposed.known_to, supposed.instruments))
@@ -184,31 +204,43 @@ def _check(recordings: Sequence[Recording], rig: RigModel) -> None:
     hinges = len(rig.leg.link_lengths_m) - 1
     for recording in recordings:
         if not recording.static:
-            raise BadInput(f"{recording.title!r} holds no static stages; record some with: rfca-rig static run")
+            raise BadInput(
+                f"{recording.title!r} holds no static stages; record some with: rfca-rig static run"
+            )
         if not any(np.isfinite(stage.hinge_deg).any() for stage in recording.static):
             raise BadInput(
-                f"{recording.title!r}: none of its {len(recording.static)} static stages has a hinge angle; record the stages with a "
-                "camera in the rig file, or give the static CSV the columns hinge2_deg .. hinge7_deg"
+                f"{recording.title!r}: none of its {len(recording.static)} static stages "
+                "has a hinge angle; record the stages with a "
+                "camera in the rig file, or give the static CSV the columns hinge2_deg "
+                ".. hinge7_deg"
             )
         for stage in recording.static:
             if len(stage.hinge_deg) != hinges:
                 raise BadInput(
-                    f"{recording.title!r}: stage {stage.stage} at {1e3 * stage.height_m:g} mm has {len(stage.hinge_deg)} hinges and the "
+                    f"{recording.title!r}: stage {stage.stage} at "
+                    f"{1e3 * stage.height_m:g} mm has {len(stage.hinge_deg)} hinges and "
+                    "the "
                     f"model's leg has {hinges}; give the model of this leg with --model"
                 )
 
 
 def _model(case: _Case, free: CurveFit, law: CurveFit, has_loop: bool) -> CurveFit:
-    """The simplest form that a model can take and that is not rejected against the free splines, else the finest."""
+    """The simplest form that a model can take and that is not rejected against the free splines,
+    else the finest.
+    """
     for basis in case.through_rest(law):
         found = case.solve(basis, free.errors, loop=has_loop, learn=False)
-        if compare_forms(found, free, _curve(found, case.data, 1.0), _curve(free, case.data, 1.0)).holds:
+        if compare_forms(
+            found, free, _curve(found, case.data, 1.0), _curve(free, case.data, 1.0)
+        ).holds:
             break
     return found
 
 
 def _freest(case: _Case) -> CurveFit:
-    """Solution with splines and the likelier noise model, of independent hinges or of shared marks; noise without a balance is left out."""
+    """Solution with splines and the likelier noise model, of independent hinges or of shared
+    marks; noise without a balance is left out.
+    """
     solutions, last_error = [], None
     for chained in (False, True):
         try:
@@ -249,9 +281,13 @@ def _repeats(recordings: Sequence[Recording], supposed: StageAssumptions, law: C
             continue
         alone = case.solve(Hardening(), law.errors, learn=False)
         curve = _curve(alone, case.data, 1.0)
-        # Mahalanobis distance of each recording from the common curve: its mean should be 1 per coefficient.
+        # Mahalanobis distance of each recording from the common curve: its mean should be 1 per
+        # coefficient.
         apart = curve.coefficients - middle
-        pulls, freedom = pulls + float(apart @ np.linalg.solve(curve.covariance, apart)), freedom + size
+        pulls, freedom = (
+            pulls + float(apart @ np.linalg.solve(curve.covariance, apart)),
+            freedom + size,
+        )
         each.append(law_values(curve))
     # The common curve was fitted to the same recordings.
     freedom -= size

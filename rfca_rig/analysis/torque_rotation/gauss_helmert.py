@@ -1,9 +1,10 @@
-"""Gauss-Helmert adjustment: least squares where all measured values have errors, with conditions and unknowns.
+"""Gauss-Helmert adjustment: least squares where all measured values have errors, with conditions
+and unknowns.
 
-The measured values z with covariance C are moved as little as possible, in units of their errors, until the conditions g(z, c, p) = 0 hold.
-This applies to angles and forces alike; no axis is taken to be exact. c are unknowns of one stage, p those of all. Gauss-Newton, linearised
-again at the moved z in each step (Deming 1943; Britt and Luecke, Technometrics 15 (1973) 233).
-"""
+The measured values z with covariance C are moved as little as possible, in units of their errors,
+until the conditions g(z, c, p) = 0 hold. This applies to angles and forces alike; no axis is taken
+to be exact. c are unknowns of one stage, p those of all. Gauss-Newton, linearised again at the
+moved z in each step (Deming 1943; Britt and Luecke, Technometrics 15 (1973) 233)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +16,8 @@ from rfca_rig.analysis.torque_rotation.balance import Balance, Group, LinearCond
 
 Floats = NDArray[np.float64]
 
-# Limits of Gauss-Newton: steps, and turn of an angle in one step, beyond which the conditions are not nearly linear.
+# Limits of Gauss-Newton: steps, and turn of an angle in one step, beyond which the conditions are
+# not nearly linear.
 MAX_STEPS = 100
 LONGEST_STEP_RAD = 0.1
 # Factor of a damped step's length from step to step, and its lower limit.
@@ -53,9 +55,9 @@ class Point:
 class WhitenedConditions:
     """The whitened conditions of one group, split by the stages' own unknowns c.
 
-    `factor` (S, R, R) whitens. `beside` (S, R, 1 + P + e) holds the whitened conditions, their derivatives by p, and further columns. `q`,
-    `r` are the QR decomposition of the derivatives by c. The last R - 2 T directions of q do not depend on c.
-    """
+    `factor` (S, R, R) whitens. `beside` (S, R, 1 + P + e) holds the whitened conditions, their
+    derivatives by p, and further columns. `q`, `r` are the QR decomposition of the derivatives by
+    c. The last R - 2 T directions of q do not depend on c."""
 
     line: LinearConditions
     C: Floats
@@ -71,7 +73,8 @@ class WhitenedConditions:
     @property
     def rows(self) -> Floats:
         """Rows (m, 1 + P + e) with c eliminated, of variance 1."""
-        # Projection on the directions that c cannot change eliminates c exactly, without solving for it.
+        # Projection on the directions that c cannot change eliminates c exactly, without solving
+        # for it.
         free = np.swapaxes(self.q, 1, 2)[:, self.unknowns :] @ self.beside
         return np.asarray(free.reshape(-1, free.shape[2]))
 
@@ -83,13 +86,17 @@ class WhitenedConditions:
         return 2.0 * float(np.log(np.abs(whole)).sum() + np.log(np.abs(own)).sum())
 
     def moves(self, dp: Floats) -> tuple[Floats, Floats]:
-        """Distance of z from the measured values, (S, m), and the change of c (S, 2 T), for a change of p (P,)."""
+        """Distance of z from the measured values, (S, m), and the change of c (S, 2 T), for a
+        change of p (P,).
+        """
         v = self.beside[:, :, 0] + self.beside[:, :, 1 : 1 + dp.size] @ dp
         turned = np.einsum("srk,sr->sk", self.q, v)
         dc = -np.linalg.solve(self.r[:, : self.unknowns], turned[:, : self.unknowns, None])[:, :, 0]
         # These directions are met by c alone and leave nothing for z to correct.
         turned[:, : self.unknowns] = 0.0
-        pull = np.linalg.solve(np.swapaxes(self.factor, 1, 2), np.einsum("srk,sk->sr", self.q, turned)[:, :, None])
+        pull = np.linalg.solve(
+            np.swapaxes(self.factor, 1, 2), np.einsum("srk,sk->sr", self.q, turned)[:, :, None]
+        )
         return -(self.C @ np.swapaxes(self.line.by_z, 1, 2) @ pull)[:, :, 0], dc
 
 
@@ -97,9 +104,8 @@ class WhitenedConditions:
 class Adjustment:
     """The solution; `covariance` (P, P) is that of p.
 
-    `chi2` is that of data and systematic errors together, `freedom` its degrees of freedom. `log_likelihood` is that of the noise, with
-    curve and unknowns integrated out (REML).
-    """
+    `chi2` is that of data and systematic errors together, `freedom` its degrees of freedom.
+    `log_likelihood` is that of the noise, with curve and unknowns integrated out (REML)."""
 
     balance: Balance
     groups: tuple[Group, ...]
@@ -122,7 +128,9 @@ class Adjustment:
 
 @dataclass(frozen=True)
 class NormalRows:
-    """Rows of all groups and of the systematic errors: `matrix` (m, P), `right` (m,), further columns `extra` (m, e)."""
+    """Rows of all groups and of the systematic errors: `matrix` (m, P), `right` (m,), further
+    columns `extra` (m, e).
+    """
 
     matrix: Floats
     right: Floats
@@ -138,9 +146,12 @@ class NormalRows:
         return np.asarray(np.linalg.lstsq(self.matrix, -self.right, rcond=None)[0])
 
     def log_likelihood(self) -> float:
-        # Restricted likelihood (REML): the determinant of the information integrates the unknowns out.
+        # Restricted likelihood (REML): the determinant of the information integrates the unknowns
+        # out.
         left = self.right + self.matrix @ self.step()
-        return -0.5 * (float(left @ left) + self.log_det + float(np.linalg.slogdet(self.information)[1]))
+        return -0.5 * (
+            float(left @ left) + self.log_det + float(np.linalg.slogdet(self.information)[1])
+        )
 
 
 def linearise_groups(
@@ -169,38 +180,64 @@ def linearise_groups(
     slack
         Of each group (S_g, R), in place of the conditions' own.
     """
-    lines = [balance.linear(group, point.z[group.rows], c, point.p) for group, c in zip(groups, point.c, strict=True)]
-    lines = [replace(line, slack=own) for line, own in zip(lines, slack, strict=True)] if slack else lines
-    return tuple(_whiten(line, measured[g.rows] - point.z[g.rows], C[g.rows], _of(extra, g)) for line, g in zip(lines, groups, strict=True))
+    lines = [
+        balance.linear(group, point.z[group.rows], c, point.p)
+        for group, c in zip(groups, point.c, strict=True)
+    ]
+    lines = (
+        [replace(line, slack=own) for line, own in zip(lines, slack, strict=True)]
+        if slack
+        else lines
+    )
+    return tuple(
+        _whiten(line, measured[g.rows] - point.z[g.rows], C[g.rows], _of(extra, g))
+        for line, g in zip(lines, groups, strict=True)
+    )
 
 
 def rewhiten_groups(
     parts: Sequence[WhitenedConditions], groups: Sequence[Group], moved: Floats, C: Floats
 ) -> tuple[WhitenedConditions, ...]:
-    """The same conditions for another covariance C (S, m, m); `moved` (S, m) is measured values minus the point of linearisation."""
-    return tuple(_whiten(part.line, moved[g.rows], C[g.rows], None) for part, g in zip(parts, groups, strict=True))
+    """The same conditions for another covariance C (S, m, m); `moved` (S, m) is measured values
+    minus the point of linearisation.
+    """
+    return tuple(
+        _whiten(part.line, moved[g.rows], C[g.rows], None)
+        for part, g in zip(parts, groups, strict=True)
+    )
 
 
 def _of(extra: Floats | None, group: Group) -> Floats | None:
     return None if extra is None else extra[group.rows]
 
 
-def _whiten(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None) -> WhitenedConditions:
+def _whiten(
+    line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None
+) -> WhitenedConditions:
     V = line.by_z @ C @ np.swapaxes(line.by_z, 1, 2)
     every = np.arange(V.shape[1])
     V[:, every, every] += line.slack
-    # Covariance of the conditions: that of the measured values, carried over to first order, plus each condition's own slack.
+    # Covariance of the conditions: that of the measured values, carried over to first order, plus
+    # each condition's own slack.
     factor = np.asarray(np.linalg.cholesky(V), np.float64)
     w = line.g + np.einsum("srm,sm->sr", line.by_z, moved)
     parts = [w[:, :, None], line.by_p]
     if extra is not None:
-        parts.append(np.concatenate([extra, np.zeros((len(w), V.shape[1] - extra.shape[1], extra.shape[2]))], axis=1))
+        parts.append(
+            np.concatenate(
+                [extra, np.zeros((len(w), V.shape[1] - extra.shape[1], extra.shape[2]))], axis=1
+            )
+        )
     q, r = np.linalg.qr(np.linalg.solve(factor, line.by_c), mode="complete")
-    return WhitenedConditions(line, C, factor, np.linalg.solve(factor, np.concatenate(parts, axis=2)), q, r)
+    return WhitenedConditions(
+        line, C, factor, np.linalg.solve(factor, np.concatenate(parts, axis=2)), q, r
+    )
 
 
 def stack_rows(balance: Balance, parts: Sequence[WhitenedConditions], p: Floats) -> NormalRows:
-    """Stack the rows of all groups, with those of the systematic errors' priors below, at unknowns p (P,)."""
+    """Stack the rows of all groups, with those of the systematic errors' priors below, at
+    unknowns p (P,).
+    """
     rows = np.concatenate([part.rows for part in parts])
     std = np.concatenate([np.full(balance.curve_size, FREE_STD), balance.systematic_errors.std])
     matrix = np.concatenate([rows[:, 1 : 1 + p.size], np.diag(1.0 / std)])
@@ -208,10 +245,14 @@ def stack_rows(balance: Balance, parts: Sequence[WhitenedConditions], p: Floats)
     prior = np.where(std < FREE_STD, p / std, 0.0)
     right = np.concatenate([rows[:, 0], prior])
     extra = np.concatenate([rows[:, 1 + p.size :], np.zeros((p.size, rows.shape[1] - 1 - p.size))])
-    return NormalRows(matrix, right, extra, sum(part.log_det for part in parts), len(rows) - balance.curve_size)
+    return NormalRows(
+        matrix, right, extra, sum(part.log_det for part in parts), len(rows) - balance.curve_size
+    )
 
 
-def adjust(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjustment:
+def adjust(
+    balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point
+) -> Adjustment:
     """Adjust the measured values and unknowns from `start` until the conditions hold.
 
     Parameters
@@ -240,7 +281,9 @@ def adjust(balance: Balance, groups: Sequence[Group], measured: Floats, C: Float
         raise NotConverged(0) from None
 
 
-def _iterate(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjustment:
+def _iterate(
+    balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point
+) -> Adjustment:
     point, slack = start, list[Floats]()
     for count in range(MAX_STEPS):
         # Damping sets in late, so that ordinary cases keep the fast convergence of whole steps.
@@ -256,14 +299,37 @@ def _iterate(balance: Balance, groups: Sequence[Group], measured: Floats, C: Flo
         in_std = np.abs(dp) / np.sqrt(np.abs(np.diag(covariance)))
         z_in_std = np.abs(point.z - before.z) / most / np.sqrt(np.diagonal(C, axis1=1, axis2=2))
         close = 1.0 if most == 1.0 else DAMPED_TOLERANCE_FACTOR
-        if whole and in_std.max() < close * CONVERGED_STD and z_in_std.max() < close * CONVERGED_Z_STD:
+        if (
+            whole
+            and in_std.max() < close * CONVERGED_STD
+            and z_in_std.max() < close * CONVERGED_Z_STD
+        ):
             left = rows.right + rows.matrix @ dp
-            return Adjustment(balance, tuple(groups), point, covariance, float(left @ left), rows.freedom, rows.log_likelihood())
-    raise NotConverged(int(np.abs((point.z - measured) / np.sqrt(np.diagonal(C, axis1=1, axis2=2))).max(axis=1).argmax()))
+            return Adjustment(
+                balance,
+                tuple(groups),
+                point,
+                covariance,
+                float(left @ left),
+                rows.freedom,
+                rows.log_likelihood(),
+            )
+    raise NotConverged(
+        int(
+            np.abs((point.z - measured) / np.sqrt(np.diagonal(C, axis1=1, axis2=2)))
+            .max(axis=1)
+            .argmax()
+        )
+    )
 
 
 def _step_from(
-    point: Point, groups: Sequence[Group], parts: Sequence[WhitenedConditions], measured: Floats, dp: Floats, most: float
+    point: Point,
+    groups: Sequence[Group],
+    parts: Sequence[WhitenedConditions],
+    measured: Floats,
+    dp: Floats,
+    most: float,
 ) -> tuple[Point, bool]:
     """The next point, at the share `most` of the step, and whether the step was not cut.
 

@@ -1,7 +1,8 @@
-"""Fits the curve of one form to the stages: touching ends, errors and coefficients are found together.
+"""Fits the curve of one form to the stages: touching ends, errors and coefficients are found
+together.
 
-Which link ends touch is found by active sets: assume, solve, check. Noise is estimated from the stages themselves.
-"""
+Which link ends touch is found by active sets: assume, solve, check. Noise is estimated from the
+stages themselves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +22,12 @@ from rfca_rig.analysis.torque_rotation.gauss_helmert import (
     rewhiten_groups,
     stack_rows,
 )
-from rfca_rig.analysis.torque_rotation.stages import MISSING_STD_RAD, SHAFT_STD_RAD, StageData, SystematicErrors
+from rfca_rig.analysis.torque_rotation.stages import (
+    MISSING_STD_RAD,
+    SHAFT_STD_RAD,
+    StageData,
+    SystematicErrors,
+)
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.parameters import RigModel
@@ -33,7 +39,8 @@ Ends = tuple[int, ...]
 HEIGHT_MARGIN_STD = 3.0
 # Standard deviations of fz and of its tare from which on a load is certain.
 LOADED_STD = 4.0
-# Above the floor: an end that may touch, as far as a photo shows. Including an end in the air does no harm.
+# Above the floor: an end that may touch, as far as a photo shows. Including an end in the air does
+# no harm.
 NEAR_M = 6e-3
 MIN_DEPTH_M = 1e-4
 MAX_CONTACT_ROUNDS = 6
@@ -52,7 +59,9 @@ MAX_ROUNDS = 4
 LOG_TOLERANCE = 0.02
 
 
-def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, ends: Sequence[Ends]) -> tuple[Adjustment, tuple[Ends, ...]]:
+def solve_contacts(
+    balance: Balance, data: StageData, C: Floats, start: Point, ends: Sequence[Ends]
+) -> tuple[Adjustment, tuple[Ends, ...]]:
     """Adjust the stages and find the ends that may touch, beginning with `ends` (S,).
 
     Parameters
@@ -77,8 +86,10 @@ def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, e
             adjusted = adjust(balance, group_by_contacts(data, ends), data.measured, C, point)
         except NotConverged as error:
             raise SimulationFailed(
-                f"no balance of moments is found for these {len(data.stages)} stages; {data.label(error.row)} is farthest from one: look "
-                "for a wrong sign, unit or height there or in all stages, or for a slipped decimal point in the leg"
+                f"no balance of moments is found for these {len(data.stages)} stages; "
+                f"{data.label(error.row)} is farthest from one: look "
+                "for a wrong sign, unit or height there or in all stages, or for a "
+                "slipped decimal point in the leg"
             ) from None
         # A set that was tried before would repeat itself for ever.
         tried.add(tuple(ends))
@@ -92,15 +103,21 @@ def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, e
 
 
 def guess_contacts(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:
-    """Ends (S,) that the photo shows in or near the floor; always the lowest one where the sensor measures a load.
+    """Ends (S,) that the photo shows in or near the floor; always the lowest one where the sensor
+    measures a load.
 
     `p` (P,) are the unknowns at the start.
     """
     depth = _depths(balance, data, data.measured, p)
     load_N = balance.weight_N - data.measured[:, data.hinges + 2]
     pressed = load_N > LOADED_STD * np.hypot(data.force_std[:, 1], data.sample_noise[1])
-    heights = [systematic_error.std for systematic_error in balance.systematic_errors.each if systematic_error.name.startswith("height_")]
-    # An end that is included but does not press costs nothing; one that is missed would falsify the balance.
+    heights = [
+        systematic_error.std
+        for systematic_error in balance.systematic_errors.each
+        if systematic_error.name.startswith("height_")
+    ]
+    # An end that is included but does not press costs nothing; one that is missed would falsify the
+    # balance.
     near_m = NEAR_M + HEIGHT_MARGIN_STD * max(heights, default=0.0)
     low = (depth > -near_m) | (pressed[:, None] & (depth == depth.max(axis=1, keepdims=True)))
     return tuple(tuple(np.flatnonzero(row).tolist()) for row in low)
@@ -111,12 +128,18 @@ def find_pressing_ends(adjusted: Adjustment, stages: int) -> tuple[Ends, ...]:
     found: list[Ends] = [()] * stages
     for group, c in zip(adjusted.groups, adjusted.point.c, strict=True):
         for row, own in zip(group.rows, c, strict=True):
-            found[row] = tuple(end for end, deep_m in zip(group.ends, own, strict=False) if deep_m > 0.0)
+            found[row] = tuple(
+                end for end, deep_m in zip(group.ends, own, strict=False) if deep_m > 0.0
+            )
     return tuple(found)
 
 
-def make_start_point(balance: Balance, data: StageData, point: Point, ends: Sequence[Ends]) -> Point:
-    """The same angles and curve; the ends share the sensor's load in proportion to their depth^1.5, as Hertz does."""
+def make_start_point(
+    balance: Balance, data: StageData, point: Point, ends: Sequence[Ends]
+) -> Point:
+    """The same angles and curve; the ends share the sensor's load in proportion to their
+    depth^1.5, as Hertz does.
+    """
     depth = _depths(balance, data, point.z, point.p)
     h, stiffness = data.hinges, balance.rig.ground.stiffness_N_per_m1p5
     c = []
@@ -125,7 +148,15 @@ def make_start_point(balance: Balance, data: StageData, point: Point, ends: Sequ
         share = pressed / pressed.sum(axis=1, keepdims=True)
         N = share * np.maximum(balance.weight_N - data.measured[group.rows, h + 2], 1e-2)[:, None]
         # Depth from Hertz, d = (N / k)^(2/3), and friction that balances fy.
-        c.append(np.concatenate([(N / stiffness) ** (2.0 / 3.0), -share * data.measured[group.rows, h + 1][:, None]], axis=1))
+        c.append(
+            np.concatenate(
+                [
+                    (N / stiffness) ** (2.0 / 3.0),
+                    -share * data.measured[group.rows, h + 1][:, None],
+                ],
+                axis=1,
+            )
+        )
     return replace(point, c=tuple(c))
 
 
@@ -148,9 +179,9 @@ def _depths(balance: Balance, data: StageData, z: Floats, p: Floats) -> Floats:
 class Errors:
     """Noise model of a stage, m = h + 4 measured values.
 
-    `hinge_std_rad` applies where no error of an angle was stated. The factors multiply stated errors, and the expected error of a mean
-    force. With `chained`, neighbouring angles are correlated through the marks that they share; else each is independent.
-    """
+    `hinge_std_rad` applies where no error of an angle was stated. The factors multiply stated
+    errors, and the expected error of a mean force. With `chained`, neighbouring angles are
+    correlated through the marks that they share; else each is independent."""
 
     hinge_std_rad: float = float(np.radians(USUAL_HINGE_DEG))
     stated_factor: float = 1.0
@@ -165,13 +196,17 @@ class Errors:
         correlation = mark_correlation(link_lengths_m) if self.chained else np.eye(h)
         C = np.zeros((len(std), h + 4, h + 4))
         C[:, :h, :h] = std[:, :, None] * correlation * std[:, None, :]
-        others = np.concatenate([np.full((len(std), 1), SHAFT_STD_RAD), self.force_factor * data.force_std], axis=1)
+        others = np.concatenate(
+            [np.full((len(std), 1), SHAFT_STD_RAD), self.force_factor * data.force_std], axis=1
+        )
         places = np.arange(h, h + 4)
         C[:, places, places] = others**2
         return C
 
     def scale_by_logs(self, steps: dict[str, float]) -> "Errors":
-        """The same with these logarithms added. Limits from below, because computed tables have no noise and the adjustment needs some."""
+        """The same with these logarithms added. Limits from below, because computed tables have
+        no noise and the adjustment needs some.
+        """
         return Errors(
             max(self.hinge_std_rad * float(np.exp(steps.get("hinge", 0.0))), LEAST_HINGE_RAD),
             max(self.stated_factor * float(np.exp(steps.get("stated", 0.0))), LEAST_FACTOR),
@@ -182,16 +217,23 @@ class Errors:
     def misfit(self) -> float:
         """Minus the log prior of these errors, up to a constant."""
         usual = float(np.radians(USUAL_HINGE_DEG))
-        logs = {"hinge": self.hinge_std_rad / usual, "stated": self.stated_factor, "force": self.force_factor}
-        return sum(0.5 * (float(np.log(value)) / LOG_PRIOR_STD[name]) ** 2 for name, value in logs.items())
+        logs = {
+            "hinge": self.hinge_std_rad / usual,
+            "stated": self.stated_factor,
+            "force": self.force_factor,
+        }
+        return sum(
+            0.5 * (float(np.log(value)) / LOG_PRIOR_STD[name]) ** 2 for name, value in logs.items()
+        )
 
 
 def mark_correlation(link_lengths_m: Sequence[float]) -> Floats:
-    """Correlation (h, h) of hinge angles from marks at every hinge and at the tip with equal errors: neighbouring angles share two
-    marks.
+    """Correlation (h, h) of hinge angles from marks at every hinge and at the tip with equal
+    errors: neighbouring angles share two marks.
     """
     n = len(link_lengths_m)
-    # A link's angle is the difference of its two marks over its length; a hinge angle is the difference of two links.
+    # A link's angle is the difference of its two marks over its length; a hinge angle is the
+    # difference of two links.
     links = (np.eye(n, n + 1, k=1) - np.eye(n, n + 1)) / np.array(link_lengths_m)[:, None]
     hinges = np.diff(links, axis=0)
     covariance = hinges @ hinges.T
@@ -200,13 +242,15 @@ def mark_correlation(link_lengths_m: Sequence[float]) -> Floats:
 
 
 def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tuple[Errors, float]:
-    """Most probable errors given the stages, with curve and unknowns integrated out (REML), and their log-likelihood including the
-    prior.
+    """Most probable errors given the stages, with curve and unknowns integrated out (REML), and
+    their log-likelihood including the prior.
     """
     lengths, measured = adjusted.balance.rig.leg.link_lengths_m, data.measured
     groups = adjusted.groups
     # The conditions stay linearised at the solution, so that each trial costs only linear algebra.
-    parts = linearise_groups(adjusted.balance, groups, measured, errors.covariance(data, lengths), adjusted.point)
+    parts = linearise_groups(
+        adjusted.balance, groups, measured, errors.covariance(data, lengths), adjusted.point
+    )
     moved = measured - adjusted.point.z
     unstated = data.unstated & data.seen
     learnable = {"hinge": unstated.any(), "stated": (data.seen & ~unstated).any(), "force": True}
@@ -214,20 +258,31 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
 
     def cost(logs: Floats) -> float:
         trial = errors.scale_by_logs(dict(zip(names, logs, strict=True)))
-        rows = stack_rows(adjusted.balance, rewhiten_groups(parts, groups, moved, trial.covariance(data, lengths)), adjusted.point.p)
+        rows = stack_rows(
+            adjusted.balance,
+            rewhiten_groups(parts, groups, moved, trial.covariance(data, lengths)),
+            adjusted.point.p,
+        )
         return trial.misfit() - rows.log_likelihood()
 
-    first = np.concatenate([np.zeros((1, len(names))), np.diag([FIRST_LOG_STEP[name] for name in names])])
+    first = np.concatenate(
+        [np.zeros((1, len(names))), np.diag([FIRST_LOG_STEP[name] for name in names])]
+    )
     # At most three unknowns: a simplex search needs no derivatives.
     found = minimize(
-        cost, first[0], method="Nelder-Mead", options={"xatol": SEARCH_TOLERANCE, "fatol": SEARCH_TOLERANCE, "initial_simplex": first}
+        cost,
+        first[0],
+        method="Nelder-Mead",
+        options={"xatol": SEARCH_TOLERANCE, "fatol": SEARCH_TOLERANCE, "initial_simplex": first},
     )
     return errors.scale_by_logs(dict(zip(names, found.x, strict=True))), -float(found.fun)
 
 
 @dataclass(frozen=True)
 class CurveFit:
-    """A curve with the errors it was found with; `log_likelihood` is that of the errors, `ends` (S,) are those that touch."""
+    """A curve with the errors it was found with; `log_likelihood` is that of the errors, `ends`
+    (S,) are those that touch.
+    """
 
     adjusted: Adjustment
     errors: Errors
@@ -269,23 +324,30 @@ def fit_curve(
     nothing = np.zeros((len(data.measured), data.hinges, 0))
     balance = Balance(rig, basis, systematic_errors, nothing if extra is None else extra)
     p = np.zeros(balance.curve_size + len(systematic_errors.each))
-    # Gauss-Newton begins at the nominal curve, with all systematic errors at 0: the coefficients nearest to the nominal law over the
-    # angles of the stages.
+    # Gauss-Newton begins at the nominal curve, with all systematic errors at 0: the coefficients
+    # nearest to the nominal law over the angles of the stages.
     phi = np.linspace(*_range(data), 100)
     torque = bending_torque_Nm(rig.leg, phi)
     p[: basis.size] = np.asarray(np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0])
     ends = guess_contacts(balance, data, p)
     point = make_start_point(balance, data, Point(data.measured.copy(), (), p), ends)
     for _ in range(MAX_ROUNDS):
-        adjusted, ends = solve_contacts(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
+        adjusted, ends = solve_contacts(
+            balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends
+        )
         if not learn:
-            return CurveFit(adjusted, errors, adjusted.log_likelihood, find_pressing_ends(adjusted, len(ends)))
-        # Noise and curve depend on each other, so both are estimated in turn until the noise no longer changes.
+            return CurveFit(
+                adjusted, errors, adjusted.log_likelihood, find_pressing_ends(adjusted, len(ends))
+            )
+        # Noise and curve depend on each other, so both are estimated in turn until the noise no
+        # longer changes.
         before, (errors, likelihood) = errors, estimate_noise(data, adjusted, errors)
         point = adjusted.point
         if _is_same(before, errors):
             break
-    adjusted, ends = solve_contacts(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
+    adjusted, ends = solve_contacts(
+        balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends
+    )
     return CurveFit(adjusted, errors, likelihood, find_pressing_ends(adjusted, len(ends)))
 
 
@@ -295,5 +357,9 @@ def _range(data: StageData) -> tuple[float, float]:
 
 
 def _is_same(a: Errors, b: Errors) -> bool:
-    pairs = ((a.hinge_std_rad, b.hinge_std_rad), (a.stated_factor, b.stated_factor), (a.force_factor, b.force_factor))
+    pairs = (
+        (a.hinge_std_rad, b.hinge_std_rad),
+        (a.stated_factor, b.stated_factor),
+        (a.force_factor, b.force_factor),
+    )
     return max(abs(float(np.log(x / y))) for x, y in pairs) < LOG_TOLERANCE

@@ -1,4 +1,6 @@
-"""Static stages as arrays: measured values of each stage, their errors, and systematic errors common to many stages."""
+"""Static stages as arrays: measured values of each stage, their errors, and systematic errors
+common to many stages.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,10 +36,11 @@ class OmittedStage:
 class StageData:
     """The stages that count, in their order.
 
-    `measured` (S, h + 4) holds h hinge angles and the shaft's [rad], fy, fz [N], tx [N m]. `hinge_std_rad` (S, h) is NaN where no error was
-    stated, and infinite where the angle is missing (its value is then a guess to begin from). `force_std` (S, 3) is the expected error of a
-    mean. `turned` (S, h) is the direction, +1 or -1, in which the hinge reached its angle; 0 where the change is within the errors.
-    """
+    `measured` (S, h + 4) holds h hinge angles and the shaft's [rad], fy, fz [N], tx [N m].
+    `hinge_std_rad` (S, h) is NaN where no error was stated, and infinite where the angle is missing
+    (its value is then a guess to begin from). `force_std` (S, 3) is the expected error of a mean.
+    `turned` (S, h) is the direction, +1 or -1, in which the hinge reached its angle; 0 where the
+    change is within the errors."""
 
     stages: tuple[StaticStage, ...]
     recording: NDArray[np.intp]
@@ -74,7 +77,9 @@ class StageData:
 
 
 def make_stage_data(
-    recordings: Sequence[Recording], noise_std: Mapping[str, float | None], hinge_std_deg: float | None = None
+    recordings: Sequence[Recording],
+    noise_std: Mapping[str, float | None],
+    hinge_std_deg: float | None = None,
 ) -> StageData:
     """All stages of the recordings that settled and have at least one hinge angle.
 
@@ -113,13 +118,21 @@ def _arrays(
     std_deg = np.array([stage.hinge_std_deg for stage in stages])
     if hinge_std_deg is not None:
         std_deg = np.where(np.isnan(std_deg), hinge_std_deg, std_deg)
-    # NaN means that the error was not stated, infinity that the angle is missing; both cases are distinguished later.
+    # NaN means that the error was not stated, infinity that the angle is missing; both cases are
+    # distinguished later.
     std_deg = np.where(np.isnan(hinge_deg), np.inf, std_deg)
-    others = np.array([(stage.shaft_angle_rad, stage.fy_N, stage.fz_N, stage.tx_Nm) for stage in stages])
+    others = np.array(
+        [(stage.shaft_angle_rad, stage.fy_N, stage.fz_N, stage.tx_Nm) for stage in stages]
+    )
     # Heights within 0.01 mm are one height, with one common error.
     height_m = np.array([round(stage.height_m, 5) for stage in stages])
     sample = np.array([noise_std.get(name) or USUAL_NOISE[name] for name in FORCES])
-    stated = np.array([[stage.std.get(name) or usual for name, usual in zip(FORCES, sample, strict=True)] for stage in stages])
+    stated = np.array(
+        [
+            [stage.std.get(name) or usual for name, usual in zip(FORCES, sample, strict=True)]
+            for stage in stages
+        ]
+    )
     # Initial guess for missing angles: interpolated from the hinges that were seen.
     places, complete = np.arange(hinge_deg.shape[1]), hinge_deg.copy()
     for row in complete:
@@ -143,13 +156,19 @@ def _arrays(
 CLEAR_DEG = 0.5
 
 
-def _turn_directions(hinge_deg: Floats, stages: Sequence[StaticStage], number: NDArray[np.intp]) -> Floats:
-    """Direction of the change since the stage before; the first stage of a series came from the straight leg."""
+def _turn_directions(
+    hinge_deg: Floats, stages: Sequence[StaticStage], number: NDArray[np.intp]
+) -> Floats:
+    """Direction of the change since the stage before; the first stage of a series came from the
+    straight leg.
+    """
     before = np.zeros_like(hinge_deg)
     for i in range(1, len(stages)):
         earlier, stage = stages[i - 1], stages[i]
         # A new series begins at another height, or with loading after unloading.
-        begins = earlier.height_m != stage.height_m or (earlier.direction == "unloading" and stage.direction == "loading")
+        begins = earlier.height_m != stage.height_m or (
+            earlier.direction == "unloading" and stage.direction == "loading"
+        )
         if not begins and number[i] == number[i - 1]:
             before[i] = hinge_deg[i - 1]
     change = np.nan_to_num(hinge_deg - before)
@@ -174,9 +193,9 @@ MARKS_DEG = 0.1
 class SystematicError:
     """One quantity with nominal value 0 and a prior standard deviation.
 
-    `says`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm of a factor. With a `column` it shifts
-    that column of the measured values, of one recording or of all.
-    """
+    `says`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm
+    of a factor. With a `column` it shifts that column of the measured values, of one recording or
+    of all."""
 
     name: str
     std: float
@@ -206,42 +225,70 @@ class SystematicErrors:
 
     def place(self, name: str) -> int | None:
         """Its index, None where it is not an unknown."""
-        return next((i for i, systematic_error in enumerate(self.each) if systematic_error.name == name), None)
+        return next(
+            (i for i, systematic_error in enumerate(self.each) if systematic_error.name == name),
+            None,
+        )
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """Standard errors of sensor and marks where no recording states them. A gain counts as exact unless stated."""
+    """Standard errors of sensor and marks where no recording states them. A gain counts as exact
+    unless stated.
+    """
 
     gain_relative: float = 0.0
     marks_deg: float = MARKS_DEG
 
 
-def list_systematic_errors(data: StageData, known_to: Mapping[str, float | None], instruments: Instruments) -> SystematicErrors:
-    """The systematic errors that `known_to` states, and those that every rig has although they are not stated."""
+def list_systematic_errors(
+    data: StageData, known_to: Mapping[str, float | None], instruments: Instruments
+) -> SystematicErrors:
+    """The systematic errors that `known_to` states, and those that every rig has although they
+    are not stated.
+    """
     # Each height of the rack is set separately, so each has an error of its own.
     std_m = 1e-3 * (known_to.get("height_mm") or HEIGHT_MM)
     each = [
         *_common(data.hinges, known_to, instruments.gain_relative),
-        *(SystematicError(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3) for i, height in enumerate(data.heights_m)),
+        *(
+            SystematicError(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3)
+            for i, height in enumerate(data.heights_m)
+        ),
         *_tares(data),
         *(_mark(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
         *(_rest(hinge, known_to.get("rest_angle_deg") or 0.0) for hinge in range(data.hinges)),
     ]
     # An error with deviation 0 counts as exact and needs no unknown.
-    return SystematicErrors(tuple(systematic_error for systematic_error in each if systematic_error.std > 0.0))
+    return SystematicErrors(
+        tuple(systematic_error for systematic_error in each if systematic_error.std > 0.0)
+    )
 
 
-def _common(hinges: int, known_to: Mapping[str, float | None], gain_relative: float) -> list[SystematicError]:
+def _common(
+    hinges: int, known_to: Mapping[str, float | None], gain_relative: float
+) -> list[SystematicError]:
     return [
         SystematicError(
-            "shaft_zero", np.radians(known_to.get("start_angle_deg") or 0.0), "zero of the shaft's angle", "°", np.degrees(1.0), hinges
+            "shaft_zero",
+            np.radians(known_to.get("start_angle_deg") or 0.0),
+            "zero of the shaft's angle",
+            "°",
+            np.degrees(1.0),
+            hinges,
         ),
-        SystematicError("mass", known_to.get("mass_relative") or 0.0, "mass of the leg", "%", 100.0),
+        SystematicError(
+            "mass", known_to.get("mass_relative") or 0.0, "mass of the leg", "%", 100.0
+        ),
         SystematicError("gain", gain_relative, "gain of the force sensor", "%", 100.0),
         SystematicError("friction_lever", LEVER_M, "lever of the floor's friction", "mm", 1e3),
         SystematicError(
-            "contact", known_to.get("contact_stiffness_relative") or CONTACT_RELATIVE, "stiffness of the floor", "%", 100.0, is_log=True
+            "contact",
+            known_to.get("contact_stiffness_relative") or CONTACT_RELATIVE,
+            "stiffness of the floor",
+            "%",
+            100.0,
+            is_log=True,
         ),
         SystematicError("slope", SLOPE, "slope of the floor", "mm/m", 1e3),
     ]
@@ -250,20 +297,42 @@ def _common(hinges: int, known_to: Mapping[str, float | None], gain_relative: fl
 def _tares(data: StageData) -> list[SystematicError]:
     """A tare is known no better than one sample of the sensor. Each recording has its own."""
     return [
-        SystematicError(f"tare_{name}_{i}", std, f"tare of {name.split('_')[0]}" + (f", recording {i + 1}" if several else ""), unit, 1.0,
-              data.hinges + 1 + k, i)
+        SystematicError(
+            f"tare_{name}_{i}",
+            std,
+            f"tare of {name.split('_')[0]}" + (f", recording {i + 1}" if several else ""),
+            unit,
+            1.0,
+            data.hinges + 1 + k,
+            i,
+        )
         for several in (data.recording.max() > 0,)
         for i in np.unique(data.recording)
-        for k, (name, std, unit) in enumerate(zip(FORCES, data.sample_noise, ("N", "N", "N m"), strict=True))
-    ]  # fmt: skip
+        for k, (name, std, unit) in enumerate(
+            zip(FORCES, data.sample_noise, ("N", "N", "N m"), strict=True)
+        )
+    ]
 
 
 def _mark(hinge: int, marks_deg: float) -> SystematicError:
-    return SystematicError(f"hinge_zero_{hinge + 2}", np.radians(marks_deg), f"zero of hinge {hinge + 2}", "°", np.degrees(1.0), hinge)
+    return SystematicError(
+        f"hinge_zero_{hinge + 2}",
+        np.radians(marks_deg),
+        f"zero of hinge {hinge + 2}",
+        "°",
+        np.degrees(1.0),
+        hinge,
+    )
 
 
 def _rest(hinge: int, std_deg: float) -> SystematicError:
-    return SystematicError(rest_name(hinge), np.radians(std_deg), f"rest angle of hinge {hinge + 2}", "°", np.degrees(1.0))
+    return SystematicError(
+        rest_name(hinge),
+        np.radians(std_deg),
+        f"rest angle of hinge {hinge + 2}",
+        "°",
+        np.degrees(1.0),
+    )
 
 
 def rest_name(hinge: int) -> str:

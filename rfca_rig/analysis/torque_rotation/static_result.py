@@ -1,9 +1,12 @@
-"""Result of the evaluation of static stages, with the warnings that a reader needs before using the curve.
+"""Result of the evaluation of static stages, with the warnings that a reader needs before using the
+curve.
 
-A measured point of the curve is, at every stage and hinge, its angle and the torque that static balance requires there.
+A measured point of the curve is, at every stage and hinge, its angle and the torque that static
+balance requires there.
 
-The elastica of the paper's strip predicts a hinge's torque, to compare with the measured curve. The paper does not state how the shells
-hold the strip, nor the length over which it bends. Three assumptions are computed:
+The elastica of the paper's strip predicts a hinge's torque, to compare with the measured curve. The
+paper does not state how the shells hold the strip, nor the length over which it bends. Three
+assumptions are computed:
 
 - held by direction in the middle of each link, (3) to (8), which has no hardening;
 - clamped at both sides of the pin where it slides in its grooves, free over a link's pitch;
@@ -45,9 +48,8 @@ MATERIAL = "CFSP"
 class Points:
     """All arrays (S, h), NaN where no angle was measured. Angles count from rest.
 
-    The torques follow from the measured angles, before any curve is assumed. `turned` is +1 where a hinge reached its angle by bending, -1
-    where it came back, 0 where that is not clear.
-    """
+    The torques follow from the measured angles, before any curve is assumed. `turned` is +1 where a
+    hinge reached its angle by bending, -1 where it came back, 0 where that is not clear."""
 
     phi_rad: Floats
     phi_std_rad: Floats
@@ -57,30 +59,43 @@ class Points:
 
 
 def points_of(found: CurveFit, data: StageData) -> Points:
-    """Compute the points; zeros, tares, shares of several touching ends, and missing angles are taken from the solution."""
+    """Compute the points; zeros, tares, shares of several touching ends, and missing angles are
+    taken from the solution.
+    """
     balance, h = found.adjusted.balance, data.hinges
     p, curve = found.adjusted.point.p, slice(0, found.adjusted.balance.curve_size)
     # Missing readings are taken from the solution, without error.
     known = np.concatenate([data.seen, np.ones((len(data.seen), 4), dtype=bool)], axis=1)
     whole = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
-    z, C = np.where(known, data.measured, found.adjusted.point.z), whole * known[:, :, None] * known[:, None, :]
+    z, C = (
+        np.where(known, data.measured, found.adjusted.point.z),
+        whole * known[:, :, None] * known[:, None, :],
+    )
     angle = balance.correct_readings(z, p, data.recording)[:, :h] - balance.rest_rad(p)
     torque, std = np.empty(data.seen.shape), np.empty(data.seen.shape)
     for group, c in zip(found.adjusted.groups, found.adjusted.point.c, strict=True):
         line = balance.linear(group, z[group.rows], c, p)
-        # Condition = curve torque - load. Subtracting it from the curve's torque leaves the load alone.
+        # Condition = curve torque - load. Subtracting it from the curve's torque leaves the load
+        # alone.
         torque[group.rows] = line.by_p[:, :h, curve] @ p[curve] - line.g[:, :h]
-        # The error of a torque comes from angles and forces directly, and through the floor's forces.
+        # The error of a torque comes from angles and forces directly, and through the floor's
+        # forces.
         by_z = -line.by_z[:, :h] + _through_floor(line, h)
-        by_z[:, np.arange(h), np.arange(h)] += balance.basis.slopes(angle[group.rows]) @ p[: balance.basis.size]
+        by_z[:, np.arange(h), np.arange(h)] += (
+            balance.basis.slopes(angle[group.rows]) @ p[: balance.basis.size]
+        )
         std[group.rows] = np.sqrt(np.einsum("sji,sik,sjk->sj", by_z, C[group.rows], by_z))
     angle_std = np.sqrt(np.diagonal(C, axis1=1, axis2=2))[:, :h]
-    angle, angle_std, torque, std = (np.where(data.seen, each, np.nan) for each in (angle, angle_std, torque, std))
+    angle, angle_std, torque, std = (
+        np.where(data.seen, each, np.nan) for each in (angle, angle_std, torque, std)
+    )
     return Points(angle, angle_std, torque, std, data.turned * np.sign(data.measured[:, :h]))
 
 
 def _through_floor(line: LinearConditions, hinges: int) -> Floats:
-    """Derivatives (S, h, m) of the torques by the readings of fy and fz through the floor's forces, with shares kept."""
+    """Derivatives (S, h, m) of the torques by the readings of fy and fz through the floor's
+    forces, with shares kept.
+    """
     by_z = np.zeros((len(line.g), hinges, hinges + 4))
     ends = line.normal_N.shape[1]
     if not ends:
@@ -97,7 +112,9 @@ def _through_floor(line: LinearConditions, hinges: int) -> Floats:
 
 @dataclass(frozen=True)
 class Repeats:
-    """The law's values of each recording by itself, and the factor on the errors that their scatter requires: 1 where it is as expected."""
+    """The law's values of each recording by itself, and the factor on the errors that their
+    scatter requires: 1 where it is as expected.
+    """
 
     each: tuple[LawValues, ...] = ()
     widened: float = 1.0
@@ -105,11 +122,12 @@ class Repeats:
 
 @dataclass(frozen=True)
 class StaticResult:
-    """`law` is the curve k0 (phi + k2 phi^3) with its `values`, `free` the curve of splines; `found` is the solution behind `curve`.
+    """`law` is the curve k0 (phi + k2 phi^3) with its `values`, `free` the curve of splines;
+    `found` is the solution behind `curve`.
 
-    `model` is the curve in the form for a model file, which bears nothing at rest, and `model_form` its test. `rests` are the rest angles
-    found with the law and with `model`, None where they count as exact.
-    """
+    `model` is the curve in the form for a model file, which bears nothing at rest, and `model_form`
+    its test. `rests` are the rest angles found with the law and with `model`, None where they count
+    as exact."""
 
     rig: RigModel
     data: StageData
@@ -134,16 +152,23 @@ class StaticResult:
         """Why a model cannot take the measured curve, in one line; empty where it can."""
         basis = self.model.basis
         assert isinstance(basis, SplineThroughRest)
-        # The reader of model files decides, so that a curve is offered exactly when its file could be read.
+        # The reader of model files decides, so that a curve is offered exactly when its file could
+        # be read.
         try:
-            knots_from(np.degrees(basis.knots_rad).tolist(), self.model.coefficients.tolist(), "the measured curve")
+            knots_from(
+                np.degrees(basis.knots_rad).tolist(),
+                self.model.coefficients.tolist(),
+                "the measured curve",
+            )
         except BadInput as error:
             return str(error)
         return ""
 
     @property
     def most_bent(self) -> StaticStage | None:
-        """The stage with the largest angle between first and last link, the measure of the paper's bending test; None if not known."""
+        """The stage with the largest angle between first and last link, the measure of the
+        paper's bending test; None if not known.
+        """
         known = [stage for stage in self.data.stages if np.isfinite(stage.bend_deg)]
         return max(known, key=lambda stage: stage.bend_deg, default=None)
 
@@ -155,7 +180,9 @@ class StaticResult:
 
 @dataclass(frozen=True)
 class PredictedHingeCurve:
-    """One assumption in words, its free length, k0 and hardening of its law, and the curve over `phi_rad` (m,), bending positive."""
+    """One assumption in words, its free length, k0 and hardening of its law, and the curve over
+    `phi_rad` (m,), bending positive.
+    """
 
     says: str
     free_m: float
@@ -166,14 +193,23 @@ class PredictedHingeCurve:
     stiffness_Nm_per_rad: Floats
 
 
-def predict_hinge_curves(leg: Leg, k0_Nm_per_rad: float, most_rad: float) -> tuple[PredictedHingeCurve, ...]:
+def predict_hinge_curves(
+    leg: Leg, k0_Nm_per_rad: float, most_rad: float
+) -> tuple[PredictedHingeCurve, ...]:
     """Curves of the paper's two strips in this leg, up to an angle above 0 and below 90 degrees."""
     strip = paper_strips({material.name: material for material in table_1_materials()}[MATERIAL])
     pitch_m, EI = float(np.mean(leg.link_lengths_m[1:-1])), strip.bending_stiffness_Nm2
     phi = np.linspace(0.0, most_rad, 61)
-    # A strip that may only bend between link centres, with a given end direction, has constant curvature: EI / pitch.
+    # A strip that may only bend between link centres, with a given end direction, has constant
+    # curvature: EI / pitch.
     held = PredictedHingeCurve(
-        "held by direction in the middle of each link", pitch_m, EI / pitch_m, 0.0, phi, EI / pitch_m * phi, 0.0 * phi + EI / pitch_m
+        "held by direction in the middle of each link",
+        pitch_m,
+        EI / pitch_m,
+        0.0,
+        phi,
+        EI / pitch_m * phi,
+        0.0 * phi + EI / pitch_m,
     )
     return (
         held,
@@ -186,7 +222,13 @@ def _sliding(EI_Nm2: float, free_m: float, phi_rad: Floats, says: str) -> Predic
     torque = compute_sliding_curve(HeldHinge(EI_Nm2, free_m), phi_rad).torque_Nm
     law = fit_hardening(phi_rad, torque)
     return PredictedHingeCurve(
-        says, free_m, law.k0_Nm_per_rad, law.k2_per_rad2, phi_rad, torque, np.gradient(torque, phi_rad, edge_order=2)
+        says,
+        free_m,
+        law.k0_Nm_per_rad,
+        law.k2_per_rad2,
+        phi_rad,
+        torque,
+        np.gradient(torque, phi_rad, edge_order=2),
     )
 
 
@@ -199,7 +241,9 @@ MOST_STRAYS = 3
 
 
 def remarks(result: StaticResult) -> list[str]:
-    """Warnings on the form, then on the instruments, then on single hinges and values; empty where there are none."""
+    """Warnings on the form, then on the instruments, then on single hinges and values; empty
+    where there are none.
+    """
     return [
         *_form(result),
         *_loop(result),
@@ -216,9 +260,11 @@ def _form(result: StaticResult) -> list[str]:
     form, sentences = result.form, []
     if not form.holds:
         sentences.append(
-            f"The law k0 (phi + k2 phi^3) does not hold: splines fit better than chance allows (chi2 lower by {form.gain:.0f} for "
+            "The law k0 (phi + k2 phi^3) does not hold: splines fit better than chance "
+            f"allows (chi2 lower by {form.gain:.0f} for "
             f"{form.more} more numbers), and part from it by {abs(form.apart_Nm):.2f} N m, "
-            f"{abs(100 * form.apart_relative):.1f} % of the largest torque, at {abs(np.degrees(form.at_rad)):.0f} degrees. "
+            f"{abs(100 * form.apart_relative):.1f} % of the largest torque, at "
+            f"{abs(np.degrees(form.at_rad)):.0f} degrees. "
             "The curve shown is that of the splines; k0 and k2 are only the nearest."
         )
     if result.values.k2_per_rad2 < 0.0:
@@ -233,7 +279,8 @@ def _softens(result: StaticResult) -> str:
     if k2 >= MIN_K2_PER_RAD2:
         return f"The hinges soften: k2 is {k2:.3f} 1/rad2, below zero."
     return (
-        f"The hinges soften: k2 is {k2:.3f} 1/rad2, and a law below {MIN_K2_PER_RAD2:.3f} falls before 90 degrees; take the measured curve."
+        f"The hinges soften: k2 is {k2:.3f} 1/rad2, and a law below {MIN_K2_PER_RAD2:.3f} "
+        "falls before 90 degrees; take the measured curve."
     )
 
 
@@ -243,10 +290,14 @@ def _loop(result: StaticResult) -> list[str]:
         return []
     if loop.half_Nm < 0.0:
         return [
-            f"Hinges that turned back bear {-2 * loop.half_Nm:.3f} N m more than before: no friction does that; had the stages settled?"
+            (
+                f"Hinges that turned back bear {-2 * loop.half_Nm:.3f} N m more than before: "
+                "no friction does that; had the stages settled?"
+            )
         ]
     return [
-        f"The hinges have a loop: unbending they bear {2 * loop.half_Nm:.3f} N m less than bending. The curve runs through its middle; "
+        f"The hinges have a loop: unbending they bear {2 * loop.half_Nm:.3f} N m less "
+        "than bending. The curve runs through its middle; "
         "turning back only a little, a hinge shows part of its loop."
     ]
 
@@ -255,27 +306,35 @@ def _noise(result: StaticResult) -> list[str]:
     errors, data, sentences = result.found.errors, result.data, []
     if (data.unstated & data.seen).any() and np.degrees(errors.hinge_std_rad) > MUCH_HINGE_DEG:
         sentences.append(
-            f"Hinge angles scatter by {np.degrees(errors.hinge_std_rad):.2f} degrees about any one curve, more than photos should."
+            f"Hinge angles scatter by {np.degrees(errors.hinge_std_rad):.2f} degrees "
+            "about any one curve, more than photos should."
         )
     if errors.stated_factor > MUCH_STATED:
-        sentences.append(f"Hinge angles scatter {errors.stated_factor:.1f} times as much as was stated of them.")
+        sentences.append(
+            f"Hinge angles scatter {errors.stated_factor:.1f} times as much as was stated of them."
+        )
     # The median stage stands for all: a single one with a large stated error does not count.
     over = errors.force_factor * float(np.median(data.force_std[:, 1] / data.sample_noise[1]))
     if over > MUCH_FORCE:
         sentences.append(
-            f"Forces and angles do not go together: the mean forces would have to err by {over:.1f} times the noise of one sample. "
+            "Forces and angles do not go together: the mean forces would have to err by "
+            f"{over:.1f} times the noise of one sample. "
             "Something beyond one curve for all hinges is at work; the interval does not cover it."
         )
     if result.repeats.widened > MUCH_WIDENED:
         sentences.append(
-            f"The recordings differ more than their errors allow; the interval is {result.repeats.widened:.1f} times wider for that."
+            "The recordings differ more than their errors allow; the interval is "
+            f"{result.repeats.widened:.1f} times wider for that."
         )
     return sentences
 
 
 def _strays(result: StaticResult) -> list[str]:
     sentences = [
-        f"In {stray.label} {stray.says} reads {stray.off:+.2g} {stray.unit} from what balance asks for: look at it again, or leave it out."
+        (
+            f"In {stray.label} {stray.says} reads {stray.off:+.2g} {stray.unit} from what "
+            "balance asks for: look at it again, or leave it out."
+        )
         for stray in result.strays[:MOST_STRAYS]
     ]
     more = len(result.strays) - len(sentences)
@@ -284,7 +343,8 @@ def _strays(result: StaticResult) -> list[str]:
 
 def _hinges(result: StaticResult) -> list[str]:
     return [
-        f"Hinge {check.hinge} is {abs(100 * check.stiffer):.1f} +- {100 * check.std:.1f} % {'stiffer' if check.stiffer > 0 else 'softer'} "
+        f"Hinge {check.hinge} is {abs(100 * check.stiffer):.1f} +- {100 * check.std:.1f} "
+        f"% {'stiffer' if check.stiffer > 0 else 'softer'} "
         "than the curve of all, which it bends towards itself."
         for check in result.hinges
         if check.is_significant
@@ -292,21 +352,29 @@ def _hinges(result: StaticResult) -> list[str]:
 
 
 def _rests(result: StaticResult) -> list[str]:
-    """The most significant departure alone: one hinge that rests elsewhere also shifts the mean of all, and the other way round."""
+    """The most significant departure alone: one hinge that rests elsewhere also shifts the mean
+    of all, and the other way round.
+    """
     checks = [check for check in result.rest_checks if check.is_significant]
     if not checks:
         return []
     clearest = max(checks, key=lambda check: abs(check.rest_rad) / check.std_rad)
-    which = "All hinges look as if they rest" if clearest.hinge is None else f"Hinge {clearest.hinge} looks as if it rests"
+    which = (
+        "All hinges look as if they rest"
+        if clearest.hinge is None
+        else f"Hinge {clearest.hinge} looks as if it rests"
+    )
     return [
-        f"{which} at {np.degrees(clearest.rest_rad):+.2f} +- {np.degrees(clearest.std_rad):.2f} degrees from the nominal value; with "
+        f"{which} at {np.degrees(clearest.rest_rad):+.2f} +- "
+        f"{np.degrees(clearest.std_rad):.2f} degrees from the nominal value; with "
         "rest_angle_deg in [known_to] the rest angles are found together with the curve."
     ]
 
 
 def _implausible_values(result: StaticResult) -> list[str]:
     return [
-        f"The {found.says} would be {found.value:+.3g} {found.unit} from the nominal value, whose standard uncertainty is "
+        f"The {found.says} would be {found.value:+.3g} {found.unit} from the nominal "
+        "value, whose standard uncertainty is "
         f"{found.prior_std:.2g} {found.unit}. Measure it again."
         for found in result.systematic_errors
         if found.is_implausible
@@ -315,7 +383,10 @@ def _implausible_values(result: StaticResult) -> list[str]:
 
 def _stages(result: StaticResult) -> list[str]:
     left = result.data.left_out
-    sentences = [f"Stage {one.stage.stage} at {1e3 * one.stage.height_m:g} mm is left out: {one.why}." for one in left]
+    sentences = [
+        f"Stage {one.stage.stage} at {1e3 * one.stage.height_m:g} mm is left out: {one.why}."
+        for one in left
+    ]
     if result.rig.effects:
         names = ", ".join(effect.id for effect in result.rig.effects)
         sentences.append(f"The nominal effects ({names}) are not taken out of angles and forces.")

@@ -39,38 +39,84 @@ def _group() -> None:
 @app.command(cls=Command)
 def camera(
     photos: Annotated[
-        list[Path] | None, typer.Argument(metavar="PHOTOS", help="Photos of the board, or folders of them: 15, tilted all ways.")
+        list[Path] | None,
+        typer.Argument(
+            metavar="PHOTOS", help="Photos of the board, or folders of them: 15, tilted all ways."
+        ),
     ] = None,
     board: Annotated[
-        str, typer.Option("--board", metavar="CxR,MM,MM", help="Columns x rows of squares, width of a square, width of a marker.")
+        str,
+        typer.Option(
+            "--board",
+            metavar="CxR,MM,MM",
+            help="Columns x rows of squares, width of a square, width of a marker.",
+        ),
     ] = BOARD,
     make_board: Annotated[
-        Path | None, typer.Option("--make-board", metavar="FILE", help="Write the board to be printed, .pdf or .png, and leave.")
+        Path | None,
+        typer.Option(
+            "--make-board",
+            metavar="FILE",
+            help="Write the board to be printed, .pdf or .png, and leave.",
+        ),
     ] = None,
     plane: Annotated[
-        Path | None, typer.Option("--plane", metavar="PHOTO", help="A photo of the board held in the plane of the marks.")
+        Path | None,
+        typer.Option(
+            "--plane", metavar="PHOTO", help="A photo of the board held in the plane of the marks."
+        ),
     ] = None,
     board_at: Annotated[
         str | None,
-        typer.Option("--board-at", metavar="MM,MM", help="There: its upper left corner from the shaft axis, to the right and up."),
+        typer.Option(
+            "--board-at",
+            metavar="MM,MM",
+            help="There: its upper left corner from the shaft axis, to the right and up.",
+        ),
     ] = None,
     shaft_px: Annotated[
         str | None,
-        typer.Option("--shaft-px", metavar="PX,PX", help="Instead: where the shaft axis is in that photo, to the right and down."),
+        typer.Option(
+            "--shaft-px",
+            metavar="PX,PX",
+            help="Instead: where the shaft axis is in that photo, to the right and down.",
+        ),
     ] = None,
     turned: Annotated[
-        float, typer.Option("--turned", metavar="DEG", min=-180, max=180, help="There: its upper edge from the horizontal, clockwise.")
+        float,
+        typer.Option(
+            "--turned",
+            metavar="DEG",
+            min=-180,
+            max=180,
+            help="There: its upper edge from the horizontal, clockwise.",
+        ),
     ] = 0.0,
     nearer: Annotated[
-        float, typer.Option("--nearer", metavar="MM", min=-500, max=500, help="There: how much nearer to the camera than the marks.")
+        float,
+        typer.Option(
+            "--nearer",
+            metavar="MM",
+            min=-500,
+            max=500,
+            help="There: how much nearer to the camera than the marks.",
+        ),
     ] = 0.0,
     reach: Annotated[
-        Reach, typer.Option("--reach", metavar="SIDE", help="The side of the picture to which the leg reaches out: right, left.")
+        Reach,
+        typer.Option(
+            "--reach",
+            metavar="SIDE",
+            help="The side of the picture to which the leg reaches out: right, left.",
+        ),
     ] = Reach.RIGHT,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The camera file to write.")] = Path("calibration/camera.toml"),
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="The camera file to write.")
+    ] = Path("calibration/camera.toml"),
     as_json: Json = False,
 ) -> None:
-    """Camera matrix, lens distortion and the place of the plane of motion, from photos of a ChArUco board.
+    """Camera matrix, lens distortion and the place of the plane of motion, from photos of a ChArUco
+    board.
 
     Example: rfca-rig calibrate camera board/ --plane plane.jpg --board-at 20,15
     """
@@ -86,7 +132,10 @@ def camera(
         _make_board(described, make_board)
         return
     if not photos:
-        raise BadInput(f"no photos named; print the board first: rfca-rig calibrate camera --board {board} --make-board board.pdf")
+        raise BadInput(
+            "no photos named; print the board first: rfca-rig calibrate camera --board "
+            f"{board} --make-board board.pdf"
+        )
     # Before the work, not after it.
     out_file(out)
     place = _place(plane, board_at, shaft_px, turned, nearer, reach)
@@ -94,7 +143,11 @@ def camera(
     calibration = calibrate([_find_board_in(file, described, say) for file in _files(photos)])
     section = None if plane is None else _plane(plane, calibration, described, place, shaft_px)
     file = camera_file(calibration, described.to_text(), section)
-    write_camera_file(out, file, [f"A camera, calibrated with {len(calibration.photos)} photos of a ChArUco board."])
+    write_camera_file(
+        out,
+        file,
+        [f"A camera, calibrated with {len(calibration.photos)} photos of a ChArUco board."],
+    )
     if as_json:
         echo(file.model_dump_json(indent=1))
         return
@@ -113,7 +166,13 @@ def _make_board(board: "Board", path: Path) -> None:
         raise BadInput(f"{path}: a board is written as .pdf or .png; name such a file")
     out_file(path)
     write_atomically(path, makers[path.suffix.lower()](board))
-    echo(f"board {board.to_text()} in {path}; print it at 100 %, check its line with a ruler, glue it flat", err=True)
+    echo(
+        (
+            f"board {board.to_text()} in {path}; print it at 100 %, check its line with a "
+            "ruler, glue it flat"
+        ),
+        err=True,
+    )
 
 
 def _files(photos: list[Path]) -> list[Path]:
@@ -136,12 +195,21 @@ def _find_board_in(file: Path, board: "Board", say: "Say") -> "BoardPhoto | Refu
         result = find_board(read_picture(file), board, file.name)
     except BadInput as error:
         result = RefusedPhoto(file.name, str(error).removeprefix(f"{file}: "))
-    say(f"{file.name}: {len(result.px)} corners" if isinstance(result, BoardPhoto) else f"{file.name}: REFUSED, {result.why}")
+    say(
+        f"{file.name}: {len(result.px)} corners"
+        if isinstance(result, BoardPhoto)
+        else f"{file.name}: REFUSED, {result.why}"
+    )
     return result
 
 
 def _place(
-    plane: Path | None, board_at: str | None, shaft_px: str | None, turned_deg: float, nearer_mm: float, reach: Reach
+    plane: Path | None,
+    board_at: str | None,
+    shaft_px: str | None,
+    turned_deg: float,
+    nearer_mm: float,
+    reach: Reach,
 ) -> "BoardPlacement":
     from math import radians
 
@@ -149,14 +217,21 @@ def _place(
     from rfca_rig.vision.camera_calibration import BoardPlacement
 
     if plane is None and (board_at or shaft_px):
-        raise BadInput("--board-at and --shaft-px speak of the photo with the board in the plane; name it with --plane")
+        raise BadInput(
+            "--board-at and --shaft-px speak of the photo with the board in the plane; "
+            "name it with --plane"
+        )
     # Exactly one of the two: each places the origin, and both together could contradict each other.
     if plane is not None and (board_at is None) == (shaft_px is None):
-        raise BadInput("--plane needs to know where the shaft axis is: either --board-at Y,Z or --shaft-px U,V")
+        raise BadInput(
+            "--plane needs to know where the shaft axis is: either --board-at Y,Z or --shaft-px U,V"
+        )
     corner_mm = (0.0, 0.0) if board_at is None else _pair(board_at, "--board-at")
     if shaft_px is not None:
         _pair(shaft_px, "--shaft-px")
-    return BoardPlacement((corner_mm[0] / 1e3, corner_mm[1] / 1e3), reach.value, radians(turned_deg), nearer_mm / 1e3)
+    return BoardPlacement(
+        (corner_mm[0] / 1e3, corner_mm[1] / 1e3), reach.value, radians(turned_deg), nearer_mm / 1e3
+    )
 
 
 def _pair(text: str, option: str) -> tuple[float, float]:
@@ -167,13 +242,21 @@ def _pair(text: str, option: str) -> tuple[float, float]:
     try:
         first, second = (float(part) for part in text.split(","))
     except ValueError:
-        raise BadInput(f"{option} {text}: should be two numbers with a comma between them, such as 20,-15") from None
+        raise BadInput(
+            f"{option} {text}: should be two numbers with a comma between them, such as 20,-15"
+        ) from None
     if not (isfinite(first) and isfinite(second)):
         raise BadInput(f"{option} {text}: should be two finite numbers, such as 20,-15")
     return first, second
 
 
-def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place: "BoardPlacement", shaft_px: str | None) -> "PlaneSection":
+def _plane(
+    photo: Path,
+    calibration: "CameraCalibration",
+    board: "Board",
+    place: "BoardPlacement",
+    shaft_px: str | None,
+) -> "PlaneSection":
     from dataclasses import replace
 
     from rfca_rig.description.camera_file import plane_section
@@ -186,29 +269,56 @@ def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place:
     if isinstance(found, RefusedPhoto):
         raise BadInput(f"{photo}: {found.why}")
     if found.size_px != calibration.size_px:
-        raise BadInput(f"{photo}: is {found.size_px[0]} x {found.size_px[1]} pixels, the photos of the board {calibration.size_px}")
+        raise BadInput(
+            f"{photo}: is {found.size_px[0]} x {found.size_px[1]} pixels, the photos of "
+            f"the board {calibration.size_px}"
+        )
     pose = find_plane(found, calibration.matrix, calibration.distortion, place)
     if shaft_px is None:
-        return plane_section(pose, photo.name, f"board at {1e3 * place.corner_m[0]:g}, {1e3 * place.corner_m[1]:g} mm")
+        return plane_section(
+            pose,
+            photo.name,
+            f"board at {1e3 * place.corner_m[0]:g}, {1e3 * place.corner_m[1]:g} mm",
+        )
     # Orientation from the board, origin from the pixel of the shaft axis.
-    moved = with_origin_at(calibration.camera(pose.rotation, pose.translation_m), _pair(shaft_px, "--shaft-px"))
-    return plane_section(replace(pose, translation_m=moved.translation_m), photo.name, f"shaft axis at pixel {shaft_px}")
+    moved = with_origin_at(
+        calibration.camera(pose.rotation, pose.translation_m), _pair(shaft_px, "--shaft-px")
+    )
+    return plane_section(
+        replace(pose, translation_m=moved.translation_m),
+        photo.name,
+        f"shaft axis at pixel {shaft_px}",
+    )
 
 
 def _lines(file: "CameraFile", out: Path) -> list[str]:
     lens = file.camera
     lines = [
-        f"{len(file.photos)} photos used, {len(file.refused)} refused, reprojection error {lens.reprojection_error_px:.3f} px",
-        f"focal length {lens.focal_px[0]:.1f} +- {lens.focal_std_px[0]:.1f} px, {lens.focal_px[1]:.1f} +- {lens.focal_std_px[1]:.1f} px",
+        (
+            f"{len(file.photos)} photos used, {len(file.refused)} refused, reprojection error "
+            f"{lens.reprojection_error_px:.3f} px"
+        ),
+        (
+            f"focal length {lens.focal_px[0]:.1f} +- {lens.focal_std_px[0]:.1f} px, "
+            f"{lens.focal_px[1]:.1f} +- {lens.focal_std_px[1]:.1f} px"
+        ),
     ]
     left, top, right, bottom = lens.covered_px
     across, down = (right - left) / lens.image_size_px[0], (bottom - top) / lens.image_size_px[1]
     if min(across, down) < WELL_COVERED:
         lines.append(
-            f"the board was seen in {100 * across:.0f} % of the picture's width and {100 * down:.0f} % of its height: beyond that the "
+            f"the board was seen in {100 * across:.0f} % of the picture's width and "
+            f"{100 * down:.0f} % of its height: beyond that the "
             "lens is only supposed; add photos with the board in the corners"
         )
     if plane := file.plane:
         tilt_deg = max(plane.tilt_std_deg)
-        lines.append(f"plane from {plane.photo}: {plane.reprojection_error_px:.3f} px off, tilt known to {tilt_deg:.3f} degrees")
-    return [*lines, f"camera file {out}" + ("" if file.plane else "; where it stands is unknown yet: --plane PHOTO adds it")]
+        lines.append(
+            f"plane from {plane.photo}: {plane.reprojection_error_px:.3f} px off, tilt "
+            f"known to {tilt_deg:.3f} degrees"
+        )
+    return [
+        *lines,
+        f"camera file {out}"
+        + ("" if file.plane else "; where it stands is unknown yet: --plane PHOTO adds it"),
+    ]

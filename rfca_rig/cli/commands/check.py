@@ -1,4 +1,6 @@
-"""rfca-rig check, recover and schema: recordings on disk, and the form of files that people write."""
+"""rfca-rig check, recover and schema: recordings on disk, and the form of files that people
+write.
+"""
 
 import json
 from pathlib import Path
@@ -18,17 +20,25 @@ if TYPE_CHECKING:
 def check(
     path: Annotated[
         Path,
-        typer.Argument(metavar="PATH", help="The folder of a run, one with experiment.toml or campaign.toml; a rig file or a protocol."),
+        typer.Argument(
+            metavar="PATH",
+            help=(
+                "The folder of a run, one with experiment.toml or campaign.toml; a rig file "
+                "or a protocol."
+            ),
+        ),
     ],
     allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
-    """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit code 2 where one is damaged.
+    """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit
+    code 2 where one is damaged.
 
-    Of a campaign from elsewhere (campaign.toml): values that are probably in another unit or of the other sign.
+    Of a campaign from elsewhere (campaign.toml): values that are probably in another unit or of the
+    other sign.
 
-    Of recordings of a mechanism (experiment.toml): what can be used, how well the nominal model predicts, signs and units that are
-    probably wrong. Exit code 2 where something cannot be used.
+    Of recordings of a mechanism (experiment.toml): what can be used, how well the nominal model
+    predicts, signs and units that are probably wrong. Exit code 2 where something cannot be used.
 
     Of a rig file or a protocol: whether it can be read, and which command checks it further.
 
@@ -38,7 +48,9 @@ def check(
     from rfca_rig.recording.layout import EXPERIMENT, PENDULUM
 
     # A folder is described by the file in it; either names the recordings.
-    folder = path.parent if path.name in (CAMPAIGN, EXPERIMENT, PENDULUM) and path.is_file() else path
+    folder = (
+        path.parent if path.name in (CAMPAIGN, EXPERIMENT, PENDULUM) and path.is_file() else path
+    )
     if folder.is_file():
         _check_file(folder, as_json)
     elif (folder / CAMPAIGN).is_file():
@@ -46,33 +58,59 @@ def check(
     elif (folder / EXPERIMENT).is_file():
         _check_experiment(folder, allow_outside, as_json)
     elif (folder / PENDULUM).is_file():
-        raise BadInput(f"{folder}: holds recordings of a pendulum; rfca-rig report {folder} checks and shows them")
+        raise BadInput(
+            f"{folder}: holds recordings of a pendulum; rfca-rig report {folder} checks "
+            "and shows them"
+        )
     else:
         _check_run(folder, as_json)
 
 
 def _check_file(path: Path, as_json: bool) -> None:
-    """Checks a rig file or a protocol, and names the command that goes further. Raises BadInput for any other file, with what reads it."""
+    """Checks a rig file or a protocol, and names the command that goes further. Raises BadInput
+    for any other file, with what reads it.
+    """
     from rfca_rig.description.protocol_file import PROTOCOLS
     from rfca_rig.toml import read_data
 
     if path.suffix == ".h5":
-        raise BadInput(f"{path}: is one file of a run; rfca-rig check {path.parent} checks all of them")
+        raise BadInput(
+            f"{path}: is one file of a run; rfca-rig check {path.parent} checks all of them"
+        )
     if path.suffix != ".toml":
-        raise BadInput(f"{path}: is a file, and no .toml; give the folder of a run, a rig file or a protocol")
+        raise BadInput(
+            f"{path}: is a file, and no .toml; give the folder of a run, a rig file or a protocol"
+        )
     data = read_data(path)
     if isinstance(data.get("rig"), dict):
         kind, found, usual, further = "rig", *_check_rig(path), f"doctor --rig {path}"
     elif isinstance(experiment := data.get("experiment"), str) and experiment in PROTOCOLS:
         file = PROTOCOLS[experiment](path)
-        kind, found, usual, further = "protocol", f"{experiment} protocol, {file.title}", 0, f"plan {path}"
+        kind, found, usual, further = (
+            "protocol",
+            f"{experiment} protocol, {file.title}",
+            0,
+            f"plan {path}",
+        )
     else:
-        readers = {"vary": f"sweep {path}", "samples": f"sweep {path}", "leg": f"predict --model {path}"}
+        readers = {
+            "vary": f"sweep {path}",
+            "samples": f"sweep {path}",
+            "leg": f"predict --model {path}",
+        }
         reader = next((command for key, command in readers.items() if key in data), None)
-        hint = f"rfca-rig {reader} reads it" if reader else "a rig file has [rig], a protocol has experiment"
+        hint = (
+            f"rfca-rig {reader} reads it"
+            if reader
+            else "a rig file has [rig], a protocol has experiment"
+        )
         raise BadInput(f"{path}: is neither a rig file nor a protocol; {hint}")
     if as_json:
-        echo(json.dumps({"file": str(path), "kind": kind, "found": found, "usual_values": usual}, indent=1))
+        echo(
+            json.dumps(
+                {"file": str(path), "kind": kind, "found": found, "usual_values": usual}, indent=1
+            )
+        )
         return
     echo(f"ok      {path}: {found}")
     if usual:
@@ -91,7 +129,10 @@ def _check_rig(path: Path) -> tuple[str, int]:
     check_trusted(path, f"rfca-rig doctor --rig {path}")
     rig = read_rig(path)
     usual = sum(line.rstrip().endswith(USUAL) for line in read_text(path).splitlines())
-    devices = f"drive {rig.motor.device}, force sensor {rig.force_sensor.device}, {'no camera' if rig.camera is None else 'a camera'}"
+    devices = (
+        f"drive {rig.motor.device}, force sensor {rig.force_sensor.device}, "
+        f"{'no camera' if rig.camera is None else 'a camera'}"
+    )
     return f"{'REAL' if rig.is_real else 'SIM'} rig file, {rig.rig.title}; {devices}", usual
 
 
@@ -107,18 +148,27 @@ def _check_run(run: Path, as_json: bool) -> None:
             done_MB += _size_MB(run / finding.file)
             bars.report("checking, MB", round(done_MB), max(1, round(total_MB)))
             findings.append(finding)
-            # Printed as it is found: a long run takes minutes, and the first damage should show at once.
+            # Printed as it is found: a long run takes minutes, and the first damage should show at
+            # once.
             if not as_json:
-                echo(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {finding.words}")
+                echo(
+                    f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: "
+                    f"{finding.words}"
+                )
     if as_json:
-        rows = [{"file": finding.file, "sound": finding.is_sound, "found": finding.words} for finding in findings]
+        rows = [
+            {"file": finding.file, "sound": finding.is_sound, "found": finding.words}
+            for finding in findings
+        ]
         echo(json.dumps({"run": str(run), "files": rows}, indent=1))
     if not all(finding.is_sound for finding in findings):
         raise BadInput(describe_damage(run, findings))
 
 
 def _check_campaign(folder: Path, allow_outside: bool, as_json: bool) -> None:
-    """A campaign from elsewhere: whether it can be read, and whether its values are plausible beside each other."""
+    """A campaign from elsewhere: whether it can be read, and whether its values are plausible
+    beside each other.
+    """
     from rfca_rig.campaign.plausibility import find_slips
     from rfca_rig.campaign.reading import read_campaign
 
@@ -131,9 +181,18 @@ def _check_campaign(folder: Path, allow_outside: bool, as_json: bool) -> None:
         for slip in slips:
             echo(f"WARNING {slip.where}: {slip.words}")
     if slips:
-        raise BadInput(f"{folder}: {len(slips)} value{'s' * (len(slips) > 1)} probably in another unit; rfca-rig import --as-is takes them")
+        raise BadInput(
+            f"{folder}: {len(slips)} value{'s' * (len(slips) > 1)} probably in another "
+            "unit; rfca-rig import --as-is takes them"
+        )
     if not as_json:
-        echo(f"{folder}: {len(recording.strokes)} strokes and {len(recording.static)} static stages, values plausible", err=True)
+        echo(
+            (
+                f"{folder}: {len(recording.strokes)} strokes and {len(recording.static)} "
+                "static stages, values plausible"
+            ),
+            err=True,
+        )
 
 
 def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
@@ -146,10 +205,24 @@ def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
     try:
         for line in check_experiment(folder, allow_outside):
             rows.append(
-                {"about": line.about, "name": line.name, "warning": line.is_warning, "found": line.words, "values": dict(line.values)}
+                {
+                    "about": line.about,
+                    "name": line.name,
+                    "warning": line.is_warning,
+                    "found": line.words,
+                    "values": dict(line.values),
+                }
             )
             if not as_json:
-                print_lines([f"{'WARNING' if line.is_warning else 'ok     '} {line.about} {line.name}: {line.words}"], indent=" " * 8)
+                print_lines(
+                    [
+                        (
+                            f"{'WARNING' if line.is_warning else 'ok     '} {line.about} "
+                            f"{line.name}: {line.words}"
+                        )
+                    ],
+                    indent=" " * 8,
+                )
     except BadInput as error:
         refused = error
     if as_json:
@@ -171,8 +244,13 @@ def _size_MB(path: Path) -> float:
 FileKind = Literal["rig", "protocol", "experiment", "campaign", "sweep"]
 
 
-def schema(kind: Annotated[FileKind, typer.Argument(metavar="KIND", help=f"The file: {', '.join(get_args(FileKind))}.")]) -> None:
-    """Print the JSON schema of a file that you write, with which an editor completes and checks its keys.
+def schema(
+    kind: Annotated[
+        FileKind, typer.Argument(metavar="KIND", help=f"The file: {', '.join(get_args(FileKind))}.")
+    ],
+) -> None:
+    """Print the JSON schema of a file that you write, with which an editor completes and checks its
+    keys.
 
     Editors with Taplo read it after a first line #:schema rig.json in the TOML file.
 
@@ -200,10 +278,16 @@ def schema(kind: Annotated[FileKind, typer.Argument(metavar="KIND", help=f"The f
 
 
 def recover(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of the run, or the run.h5 that it should have become.")],
+    run: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN", help="The folder of the run, or the run.h5 that it should have become."
+        ),
+    ],
     as_json: Json = False,
 ) -> None:
-    """Make a whole recording of a run that a crash or a power cut ended, the stage in progress included. Not while it still goes on.
+    """Make a whole recording of a run that a crash or a power cut ended, the stage in progress
+    included. Not while it still goes on.
 
     Also makes run.h5 again from the files of the stages, where it is missing or damaged.
 
@@ -218,22 +302,42 @@ def recover(
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
     with progress(as_json) as bars:
-        recording = _recover_run(path.parent, bars.counting("stages")) if is_run_folder(path.parent) else _older(path)
+        recording = (
+            _recover_run(path.parent, bars.counting("stages"))
+            if is_run_folder(path.parent)
+            else _older(path)
+        )
     found = summarize(path, thorough=False)
     if as_json:
         counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
-        echo(json.dumps({"source": recording.source, "run": str(path), "title": recording.title, **counted}, indent=1))
+        echo(
+            json.dumps(
+                {"source": recording.source, "run": str(path), "title": recording.title, **counted},
+                indent=1,
+            )
+        )
         return
     cut_short = "".join(f", {label} until it was cut short" for label in found.cut_short)
     counted_text = f"{found.strokes} strokes and {found.static} static stages{cut_short}"
-    echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
+    echo(
+        (
+            f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report "
+            f"{path} --out report"
+        ),
+        err=True,
+    )
 
 
 def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
     """Recovers the run; returns it without its samples."""
     from rfca_rig.bench.stage_photos import read_missing_photos
     from rfca_rig.recording import run_folder
-    from rfca_rig.recording.checking import can_recover, check_run, describe_damage, needs_no_recovery
+    from rfca_rig.recording.checking import (
+        can_recover,
+        check_run,
+        describe_damage,
+        needs_no_recovery,
+    )
     from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
 
     # Once: it reads every file of the run.
@@ -249,7 +353,11 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
         found = run_folder.read_without_samples(folder)
         with_photos = read_missing_photos(found, folder)
         # Only the texts that reading the photos added; the end file repeats nothing of the header.
-        added = {name: text for name, text in with_photos.provenance.items() if name != "events" and found.provenance.get(name) != text}
+        added = {
+            name: text
+            for name, text in with_photos.provenance.items()
+            if name != "events" and found.provenance.get(name) != text
+        }
         interrupted = {INTERRUPTED: found.provenance[INTERRUPTED]}
         write_ending(folder, Ending({**interrupted, **added}, with_photos.static))
     run_folder.build_recording(folder, watcher)
@@ -257,7 +365,9 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
 
 
 def _older(path: Path) -> "Recording":
-    """Recovers a run of an older version, which left a folder beside the file that it should have become."""
+    """Recovers a run of an older version, which left a folder beside the file that it should
+    have become.
+    """
     from rfca_rig.bench.stage_photos import read_missing_photos
     from rfca_rig.recording.run_folder import partial_of, recover_partial
     from rfca_rig.recording.store import read_recording, write_recording
@@ -272,7 +382,9 @@ def _older(path: Path) -> "Recording":
 
 
 def _nothing_to_recover(path: Path) -> str:
-    """The reason, for a file or the folder that it should be in, without a run's files beside it."""
+    """The reason, for a file or the folder that it should be in, without a run's files beside
+    it.
+    """
     from rfca_rig.recording.store import summarize
     from rfca_rig.suggestions import not_there
 

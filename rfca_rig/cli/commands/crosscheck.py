@@ -17,18 +17,27 @@ def crosscheck(
     protocol: Annotated[
         str,
         typer.Option(
-            "--protocol", metavar="NAME|FILE", help="A dynamic protocol, for its heights and speeds: a name (plan --list) or a .toml file."
+            "--protocol",
+            metavar="NAME|FILE",
+            help=(
+                "A dynamic protocol, for its heights and speeds: a name (plan --list) or a "
+                ".toml file."
+            ),
         ),
     ] = "table2",
     picture: Annotated[
         Path | None,
         typer.Option(
-            "--picture", metavar="FILE", callback=out_file, help="Draw both force curves and their difference: .svg, .png or .pdf."
+            "--picture",
+            metavar="FILE",
+            callback=out_file,
+            help="Draw both force curves and their difference: .svg, .png or .pdf.",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Compare the model with MuJoCo, another group's multibody code, as the paper compares its model with RecurDyn.
+    """Compare the model with MuJoCo, another group's multibody code, as the paper compares its
+    model with RecurDyn.
 
     Example: rfca-rig crosscheck --picture crosscheck.svg
     """
@@ -48,22 +57,37 @@ def crosscheck(
     if picture is not None:
         check_picture_path(picture)
     model = read_rig(find_rig(rig)).model()
-    # MuJoCo would simulate another leg, and the difference would be taken for an error of the model.
+    # MuJoCo would simulate another leg, and the difference would be taken for an error of the
+    # model.
     if model.effects:
-        raise BadInput(f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground only, take the [[effects]] out")
+        raise BadInput(
+            f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground "
+            "only, take the [[effects]] out"
+        )
     plan = read_dynamic(find_file("protocols", protocol))
     conditions = plan.flapping().conditions
     with progress(as_json) as bars:
         announce_first_compile(bars, as_json)
-        alike, own = bars.counting("the same contact in both"), bars.counting("MuJoCo's own contact")
-        same_ground = [check_condition(model, one, plan.sweep_deg) for one in iterate_with_progress(conditions, alike)]
-        own_contact = [check_own_contact(model, one, plan.sweep_deg) for one in iterate_with_progress(conditions, own)]
+        alike, own = (
+            bars.counting("the same contact in both"),
+            bars.counting("MuJoCo's own contact"),
+        )
+        same_ground = [
+            check_condition(model, one, plan.sweep_deg)
+            for one in iterate_with_progress(conditions, alike)
+        ]
+        own_contact = [
+            check_own_contact(model, one, plan.sweep_deg)
+            for one in iterate_with_progress(conditions, own)
+        ]
     if picture is not None:
         write_crosscheck_picture(same_ground, picture)
     _say(same_ground, own_contact, as_json)
 
 
-def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondition]", as_json: bool) -> None:
+def _say(
+    same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondition]", as_json: bool
+) -> None:
     import json
 
     from rfca_rig.analysis.crosscheck import PAPER_PCT, STIFFENING_FACTOR, average_pct
@@ -78,9 +102,16 @@ def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondit
         echo(json.dumps(answer, indent=1))
         return
     echo(f"contact force, difference from MuJoCo\n{_table(same_ground)}", nl=False)
-    echo(f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %")
+    echo(
+        f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %"
+    )
     print_lines(
-        [f"with MuJoCo's own contact, ground {STIFFENING_FACTOR:g} times as stiff (touchdown and release depend on the law of contact):"]
+        [
+            (
+                f"with MuJoCo's own contact, ground {STIFFENING_FACTOR:g} times as stiff "
+                "(touchdown and release depend on the law of contact):"
+            )
+        ]
     )
     echo(_table(own_contact), nl=False)
 
@@ -89,6 +120,13 @@ def _table(checked: "list[CheckedCondition]") -> str:
     """A line for each condition; of one that never reaches a valley the loading is not known."""
     from rfca_rig.reports.table import Table, TableColumn, TableRow, as_text
 
-    columns = (TableColumn("condition"), TableColumn("whole_stroke_pct", digits=3), TableColumn("loading_pct", digits=3))
-    rows = ({"condition": one.label, "whole_stroke_pct": one.stroke_pct, "loading_pct": one.loading_pct} for one in checked)
+    columns = (
+        TableColumn("condition"),
+        TableColumn("whole_stroke_pct", digits=3),
+        TableColumn("loading_pct", digits=3),
+    )
+    rows = (
+        {"condition": one.label, "whole_stroke_pct": one.stroke_pct, "loading_pct": one.loading_pct}
+        for one in checked
+    )
     return as_text(Table("crosscheck", "", columns, tuple(TableRow(row) for row in rows)))

@@ -11,7 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import AllowOutside, AsIs, Cluster, Json, Pdf, Rig, Runs, Seed, Workers, open_executor, out_folder
+from rfca_rig.cli.options import (
+    AllowOutside,
+    AsIs,
+    Cluster,
+    Json,
+    Pdf,
+    Rig,
+    Runs,
+    Seed,
+    Workers,
+    open_executor,
+    out_folder,
+)
 from rfca_rig.cli.terminal import echo
 from rfca_rig.escaping import json_text
 from rfca_rig.progress import ProgressReport
@@ -31,11 +43,19 @@ ANSWER = "diagnosis.json"
 Job = Callable[[tuple[Path, Path]], str | None]
 
 
-def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | None, cluster: str | None, as_json: bool) -> None:
-    """A folder for each path under `out`; an existing one stays. Raises RigError where some could not be diagnosed.
+def diagnose_each(
+    paths: Sequence[Path],
+    out: Path,
+    job: Job,
+    workers: int | None,
+    cluster: str | None,
+    as_json: bool,
+) -> None:
+    """A folder for each path under `out`; an existing one stays. Raises RigError where some could
+    not be diagnosed.
 
-    `job` makes one diagnosis of (recordings, folder), and returns the reason where the recordings cannot be used.
-    """
+    `job` makes one diagnosis of (recordings, folder), and returns the reason where the recordings
+    cannot be used."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
     from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers
@@ -44,13 +64,20 @@ def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | Non
     out.mkdir(parents=True, exist_ok=True)
     remove_leftovers(out)
     try:
-        with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.report, out) as executor:
+        with (
+            progress(quiet=as_json) as bars,
+            open_executor(workers, cluster, bars.report, out) as executor,
+        ):
             failed = _diagnose_all(folders, job, executor, bars.report)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     # Workers on other computers wrote the answers; this computer may not see the new folders yet.
     refresh_nfs_cache(out)
-    answers = {name: json.loads((out / name / ANSWER).read_text(encoding="utf-8")) for name in folders if name not in failed}
+    answers = {
+        name: json.loads((out / name / ANSWER).read_text(encoding="utf-8"))
+        for name in folders
+        if name not in failed
+    }
     if as_json:
         echo(json.dumps(answers, indent=1))
     else:
@@ -69,13 +96,19 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
     for path in paths:
         name = path.resolve().parent.name if path.is_file() else path.resolve().name
         if name in folders:
-            raise BadInput(f"{path}: {folders[name][0]} is called {name} too, and --each gives a folder to each name; rename one of them")
+            raise BadInput(
+                f"{path}: {folders[name][0]} is called {name} too, and --each gives a "
+                "folder to each name; rename one of them"
+            )
         folders[name] = (path.resolve(), out.resolve() / name)
     return folders
 
 
 def _diagnose_all(
-    folders: dict[str, tuple[Path, Path]], job: Job, executor: "TaskExecutor", report_progress: ProgressReport
+    folders: dict[str, tuple[Path, Path]],
+    job: Job,
+    executor: "TaskExecutor",
+    report_progress: ProgressReport,
 ) -> dict[str, str]:
     """Diagnoses what is missing; returns the reason, by name, for each that failed."""
     from rfca_rig.executors.mapping import TaskFailure, map_unordered
@@ -84,7 +117,9 @@ def _diagnose_all(
     before = len(folders) - len(to_do)
     failed: dict[str, str] = {}
     report_progress("diagnoses", before, len(folders))
-    for number, ((_, into), result) in enumerate(map_unordered(executor, job, to_do), start=before + 1):
+    for number, ((_, into), result) in enumerate(
+        map_unordered(executor, job, to_do), start=before + 1
+    ):
         why = result.reason if isinstance(result, TaskFailure) else result
         if why is not None:
             failed[into.name] = why
@@ -93,20 +128,27 @@ def _diagnose_all(
 
 
 def _in_words(answer: dict[str, Any]) -> str:
-    named = [f"{effect['id']} ({100.0 * effect['probability']:.1f} %)" for effect in answer["effects"]]
+    named = [
+        f"{effect['id']} ({100.0 * effect['probability']:.1f} %)" for effect in answer["effects"]
+    ]
     # Files of rfca-diagnosis/1 have no grades.
     return ", ".join([answer.get("grade", answer["verdict"]), *named])
 
 
 def _list_effects(wanted: bool) -> None:
-    """The catalogue of the leg and of pendulums with what each is; names alone of mechanisms, whose effects depend on the model."""
+    """The catalogue of the leg and of pendulums with what each is; names alone of mechanisms,
+    whose effects depend on the model.
+    """
     if not wanted:
         return
     from rfca_rig.cli.names import MECHANISM_EFFECTS
     from rfca_rig.cli.terminal import print_lines
     from rfca_rig.model.catalogue import catalogue
 
-    print_lines((f"{name:<30}{effect.left_out}" for name, effect in sorted(catalogue().items())), indent=" " * 30)
+    print_lines(
+        (f"{name:<30}{effect.left_out}" for name, effect in sorted(catalogue().items())),
+        indent=" " * 30,
+    )
     print_lines([f"of a mechanism: {', '.join(MECHANISM_EFFECTS)}"])
     raise typer.Exit
 
@@ -114,39 +156,75 @@ def _list_effects(wanted: bool) -> None:
 def diagnose(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+        typer.Argument(
+            metavar="PATH",
+            help=(
+                "Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."
+            ),
+        ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            "--out", metavar="DIR", callback=out_folder, help="Folder for diagnosis.html, .json, model.toml, next-experiment.toml."
+            "--out",
+            metavar="DIR",
+            callback=out_folder,
+            help="Folder for diagnosis.html, .json, model.toml, next-experiment.toml.",
         ),
     ] = Path("diagnosis"),
     close_the_loop: Annotated[
-        bool, typer.Option("--close-the-loop", help="Run the proposed experiment on --rig and diagnose again, until nothing is open.")
+        bool,
+        typer.Option(
+            "--close-the-loop",
+            help="Run the proposed experiment on --rig and diagnose again, until nothing is open.",
+        ),
     ] = False,
     each: Annotated[
-        bool, typer.Option("--each", help="A diagnosis of each PATH by itself, in a folder of its name; those that are there stay.")
+        bool,
+        typer.Option(
+            "--each",
+            help=(
+                "A diagnosis of each PATH by itself, in a folder of its name; those that are "
+                "there stay."
+            ),
+        ),
     ] = False,
     without: Annotated[
-        list[str] | None, typer.Option("--without", metavar="EFFECT", help="An effect (--list) that you know is none; may be given again.")
+        list[str] | None,
+        typer.Option(
+            "--without",
+            metavar="EFFECT",
+            help="An effect (--list) that you know is none; may be given again.",
+        ),
     ] = None,
     lists: Annotated[  # noqa: ARG001
-        bool, typer.Option("--list", callback=_list_effects, is_eager=True, help="Print all effects that are looked for, and leave.")
+        bool,
+        typer.Option(
+            "--list",
+            callback=_list_effects,
+            is_eager=True,
+            help="Print all effects that are looked for, and leave.",
+        ),
     ] = False,
     law: Annotated[
         str,
         typer.Option(
             "--law",
             metavar="PLACE",
-            help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, fz_N, tx_Nm; joints, joint1, joint2 of a "
+            help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, "
+            "fz_N, tx_Nm; joints, joint1, joint2 of a "
             "pendulum; of a mechanism a JOINT, JOINT.speed or JOINT.position.",
         ),
     ] = "",
     workers: Workers = None,
     cluster: Cluster = None,
     rig: Rig = "twin",
-    rounds: Annotated[int, typer.Option("--rounds", metavar="N", min=1, help="How many experiments --close-the-loop may run.")] = 3,
+    rounds: Annotated[
+        int,
+        typer.Option(
+            "--rounds", metavar="N", min=1, help="How many experiments --close-the-loop may run."
+        ),
+    ] = 3,
     runs: Runs = Path("runs"),
     seed: Seed = None,
     as_is: AsIs = False,
@@ -171,24 +249,53 @@ def diagnose(
     known = [word for effect in without or () for word in ("--without", effect)]
     at = [*(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
     command = command_line("diagnose", *paths, *known, *at)
-    asked = DiagnoseOptions(paths, out, as_json, command, tuple(without or ()), law_at=law, as_is=as_is, allow_outside=allow_outside)
+    asked = DiagnoseOptions(
+        paths,
+        out,
+        as_json,
+        command,
+        tuple(without or ()),
+        law_at=law,
+        as_is=as_is,
+        allow_outside=allow_outside,
+    )
     printing = Printing(pdf)
     if each and pdf:
-        raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
+        raise BadInput(
+            "--pdf prints one diagnosis; with --each, print the pages that matter by themselves"
+        )
     if law and (each or close_the_loop):
-        raise BadInput("--law measures the law of one diagnosis; leave out --each and --close-the-loop")
+        raise BadInput(
+            "--law measures the law of one diagnosis; leave out --each and --close-the-loop"
+        )
     if each and not close_the_loop:
-        diagnose_each(paths, out, partial(diagnose_quietly, asked.without, as_is, allow_outside), workers, cluster, as_json)
+        diagnose_each(
+            paths,
+            out,
+            partial(diagnose_quietly, asked.without, as_is, allow_outside),
+            workers,
+            cluster,
+            as_json,
+        )
         return
     if each or workers or cluster:
-        raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
+        raise BadInput(
+            "--workers and --cluster share out what --each makes many of; one diagnosis, "
+            "or --close-the-loop, stays here"
+        )
     if mechanism is not None:
         if close_the_loop:
-            raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a mechanism and record the proposed motion")
+            raise BadInput(
+                "--close-the-loop runs experiments on a leg's rig; leave it out for a "
+                "mechanism and record the proposed motion"
+            )
         diagnosis = _mechanism(asked)
     elif pendulum_among(paths) is not None:
         if close_the_loop:
-            raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a pendulum and do the proposed run by hand")
+            raise BadInput(
+                "--close-the-loop runs experiments on a leg's rig; leave it out for a "
+                "pendulum and do the proposed run by hand"
+            )
         diagnosis = _pendulum(asked)
     elif not close_the_loop:
         diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is, allow_outside), asked)
@@ -197,14 +304,24 @@ def diagnose(
         from rfca_rig.cli.paths import find_rig
 
         # The command is stored with the result, without options at their defaults.
-        options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed, "--as-is": as_is}
+        options = {
+            "--rig": rig if rig != "twin" else None,
+            "--rounds": rounds if rounds != 3 else None,
+            "--seed": seed,
+            "--as-is": as_is,
+        }
         command = command_line("diagnose", *paths, *known, "--close-the-loop", options=options)
-        diagnosis = _in_rounds(ClosedLoop(find_rig(rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
+        diagnosis = _in_rounds(
+            ClosedLoop(find_rig(rig), rounds, runs, out, seed, as_json),
+            replace(asked, command=command),
+        )
     _say(diagnosis, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
 
 
-def diagnose_quietly(without: tuple[str, ...], as_is: bool, allow_outside: bool, job: tuple[Path, Path]) -> str | None:
+def diagnose_quietly(
+    without: tuple[str, ...], as_is: bool, allow_outside: bool, job: tuple[Path, Path]
+) -> str | None:
     """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.errors import RigError
     from rfca_rig.recording.atomic import atomic_directory
@@ -212,8 +329,14 @@ def diagnose_quietly(without: tuple[str, ...], as_is: bool, allow_outside: bool,
     recordings, folder = job
     try:
         # All or nothing: a folder that exists counts as done when the command is typed again.
-        with atomic_directory(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            diagnose([recordings], into, without=list(without), as_is=as_is, allow_outside=allow_outside)
+        with (
+            atomic_directory(folder) as into,
+            redirect_stdout(StringIO()),
+            redirect_stderr(StringIO()),
+        ):
+            diagnose(
+                [recordings], into, without=list(without), as_is=as_is, allow_outside=allow_outside
+            )
     except RigError as error:
         return str(error)
     return None
@@ -232,13 +355,24 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
     # The command for the proposed experiment, where the rig can do it.
     proposal = diagnosis.next_experiment
-    if proposal is not None and proposal["protocol"] is not None and proposal["kind"] in ("dynamic", "static"):
-        echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)
+    if (
+        proposal is not None
+        and proposal["protocol"] is not None
+        and proposal["kind"] in ("dynamic", "static")
+    ):
+        echo(
+            (
+                f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on "
+                "the rig of these recordings"
+            ),
+            err=True,
+        )
 
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
-    """Paths of the recordings, folder of the result, the command as typed, effects that are excluded, and the place of a measured law.
+    """Paths of the recordings, folder of the result, the command as typed, effects that are
+    excluded, and the place of a measured law.
 
     `limits` are those of the rig on which further experiments may run.
     """
@@ -262,18 +396,29 @@ def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
 
     recordings = open_with_nominal_model(asked.paths, asked.as_is, asked.allow_outside)
     within = replace(asked, limits=read_rig(loop.rig_path).facts().limits)
-    return close_the_loop(loop, recordings, _diagnose_leg(recordings, within), lambda all_of_them: _diagnose_leg(all_of_them, within))
+    return close_the_loop(
+        loop,
+        recordings,
+        _diagnose_leg(recordings, within),
+        lambda all_of_them: _diagnose_leg(all_of_them, within),
+    )
 
 
 def _pendulum(asked: DiagnoseOptions) -> "Diagnosis":
-    """Diagnosis of a driven pendulum without ground; a leg's model file cannot describe it, so none is written."""
+    """Diagnosis of a driven pendulum without ground; a leg's model file cannot describe it, so
+    none is written.
+    """
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 
     campaign = read_pendulum_campaign(asked.paths[0], asked.allow_outside)
     with progress(asked.quiet) as bars:
-        return _write_imported(diagnose_pendulum(campaign, bars.share, asked.without, asked.law_at), campaign.about, asked)
+        return _write_imported(
+            diagnose_pendulum(campaign, bars.share, asked.without, asked.law_at),
+            campaign.about,
+            asked,
+        )
 
 
 def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
@@ -289,10 +434,13 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
         found = diagnose_mechanism(experiment, bars.share, asked.without, asked.law_at, asked.as_is)
     diagnosis = _write_imported(found.diagnosis, experiment.about, asked)
     _write_plant(found.plant, asked.out, "model.xml", "laws.py", found.stated)
-    measured = [asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")]
+    measured = [
+        asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")
+    ]
     if found.law is None:
         for path in measured:
-            # Of an earlier diagnosis in the same folder, which would look like a result of this one.
+            # Of an earlier diagnosis in the same folder, which would look like a result of this
+            # one.
             path.unlink(missing_ok=True)
     else:
         law = found.law.stated.law
@@ -308,21 +456,34 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     commands.unlink(missing_ok=True)  # of an earlier diagnosis
     if found.excitation is not None:
         write_excitation(commands, found.plant.mechanism, found.excitation)
-        echo(f"{commands}: the proposed motion of the joints, and the commands that it takes", err=True)
+        echo(
+            f"{commands}: the proposed motion of the joints, and the commands that it takes",
+            err=True,
+        )
     return diagnosis
 
 
-def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, stated: Sequence[str]) -> None:
+def _write_plant(
+    plant: "Plant", out: Path, model_name: str, laws_name: str, stated: Sequence[str]
+) -> None:
     """Writes the model file, and Python functions for what MJCF cannot express."""
     from rfca_rig.mechanism.laws_file import write_laws
     from rfca_rig.mechanism.model_files import write_amended_model
 
     beyond = write_amended_model(plant, out / model_name)
     if write_laws(plant, beyond, out / laws_name, stated, model_name):
-        echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
+        echo(
+            (
+                f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; "
+                f"{out / laws_name} does, for your own loop"
+            ),
+            err=True,
+        )
 
 
-def _write_imported(diagnosis: "Diagnosis", about: "AboutSection", asked: DiagnoseOptions) -> "Diagnosis":
+def _write_imported(
+    diagnosis: "Diagnosis", about: "AboutSection", asked: DiagnoseOptions
+) -> "Diagnosis":
     """Writes the files of a diagnosis of tables from elsewhere."""
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.layout import identity_of_tables
@@ -333,7 +494,9 @@ def _write_imported(diagnosis: "Diagnosis", about: "AboutSection", asked: Diagno
     # The identity ties the result to these files, wherever they lie.
     recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
     diagnosis = replace(diagnosis, recordings=(recorded,))
-    write_diagnosis(diagnosis, asked.out, origin_of_import(asked.command, folder, diagnosis.title, about))
+    write_diagnosis(
+        diagnosis, asked.out, origin_of_import(asked.command, folder, diagnosis.title, about)
+    )
     return diagnosis
 
 
@@ -342,7 +505,11 @@ def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> 
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.experiment_design.leg_experiment import write_next_protocol
-    from rfca_rig.reports.diagnosis.files import write_diagnosis, write_fitted_model, write_measured_model
+    from rfca_rig.reports.diagnosis.files import (
+        write_diagnosis,
+        write_fitted_model,
+        write_measured_model,
+    )
     from rfca_rig.reports.provenance import origin_of
 
     with progress(asked.quiet) as bars:

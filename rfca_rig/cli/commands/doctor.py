@@ -1,4 +1,6 @@
-"""rfca-rig doctor and contract: checks of the computer and the devices, and conformance tests of own drivers."""
+"""rfca-rig doctor and contract: checks of the computer and the devices, and conformance tests of
+own drivers.
+"""
 
 import json
 from collections.abc import Iterator
@@ -25,14 +27,17 @@ COMMAND_INDENT = " " * 4
 HELP_RIG = "The rig to check: a name in calibration/ (plan --list), or a .toml file; else a scan."
 HELP_RUNS = "Folder of the runs, whose disk is measured: space and speed."
 RigToCheck = Annotated[str | None, typer.Option("--rig", metavar="NAME|FILE", help=HELP_RIG)]
-RunsToCheck = Annotated[Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help=HELP_RUNS)]
+RunsToCheck = Annotated[
+    Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help=HELP_RUNS)
+]
 
 
 def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Json = False) -> None:
-    """Check what a rig file names, or without one find what there is: buses, drives, sensors, this computer.
+    """Check what a rig file names, or without one find what there is: buses, drives, sensors, this
+    computer.
 
-    Nothing is sent that could turn the shaft; not to be used while a run is going on, for it takes over the sensor's stream.
-    Exit code 1 where something is red.
+    Nothing is sent that could turn the shaft; not to be used while a run is going on, for it takes
+    over the sensor's stream. Exit code 1 where something is red.
 
     Example: rfca-rig doctor --rig my-rig.toml
     """
@@ -49,7 +54,16 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     findings = list(checks) if as_json else list(_print_each(_title(described), checks))
     counts = {colour.value: sum(one.colour is colour for one in findings) for colour in Colour}
     if as_json:
-        echo(json.dumps({"title": _title(described), "findings": [asdict(one) for one in findings], **counts}, indent=2))
+        echo(
+            json.dumps(
+                {
+                    "title": _title(described),
+                    "findings": [asdict(one) for one in findings],
+                    **counts,
+                },
+                indent=2,
+            )
+        )
     else:
         echo(", ".join(f"{count} {colour}" for colour, count in counts.items()))
     if counts[Colour.RED]:
@@ -76,7 +90,9 @@ def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
 def _colour_word(finding: "Finding") -> str:
     """The word of its colour, padded; in that colour only on a terminal, which typer detects."""
     word = finding.colour.value
-    return (typer.style(word, fg=word) if takes_colours() else word) + " " * (COLOUR_WIDTH - len(word))
+    return (typer.style(word, fg=word) if takes_colours() else word) + " " * (
+        COLOUR_WIDTH - len(word)
+    )
 
 
 def _lines(finding: "Finding") -> Iterator[str]:
@@ -85,19 +101,31 @@ def _lines(finding: "Finding") -> Iterator[str]:
     yield f"{finding.subject:<{SUBJECT_WIDTH}}{first}"
     yield from (INDENT + line for line in rest)
     if finding.fix:
-        yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
+        yield from (
+            INDENT + line
+            for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False)
+        )
     for command in finding.commands:
         # For copying: a long command continues on the next line with the shell's backslash.
-        pieces = wrap(command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False)
+        pieces = wrap(
+            command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False
+        )
         yield from [COMMAND_INDENT + line for line in " \\\n".join(pieces).splitlines()]
 
 
 def contract(
-    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig file with a motor or a force sensor of your own.")],
+    rig: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", help="A rig file with a motor or a force sensor of your own."
+        ),
+    ],
 ) -> None:
-    """Try your own driver on its twin with everything that every driver must do: energise without a jerk, obey, report, name each fault.
+    """Try your own driver on its twin with everything that every driver must do: energise without a
+    jerk, obey, report, name each fault.
 
-    Nothing real is touched. Exit code 1 where something is not as it must be; the names of the tests say what.
+    Nothing real is touched. Exit code 1 where something is not as it must be; the names of the
+    tests say what.
 
     Example: rfca-rig contract our-rig.toml
     """

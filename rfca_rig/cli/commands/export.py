@@ -8,8 +8,13 @@ import typer
 from rfca_rig.cli.options import AllowOutside, Command, Json
 from rfca_rig.cli.terminal import echo
 
-app = typer.Typer(help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.", no_args_is_help=True)
-Recorded = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")]
+app = typer.Typer(
+    help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.",
+    no_args_is_help=True,
+)
+Recorded = Annotated[
+    Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")
+]
 
 
 @app.command("mcap", cls=Command)
@@ -20,7 +25,8 @@ def export_mcap(
 ) -> None:
     """Write a recording as MCAP: samples, stages, events and photos by the host's clock.
 
-    Foxglove, Lichtblick and PlotJuggler open it without plugins; see docs/live-view.md. Needs pip install "rfca-rig[mcap]".
+    Foxglove, Lichtblick and PlotJuggler open it without plugins; see docs/live-view.md. Needs pip
+    install "rfca-rig[mcap]".
 
     Example: rfca-rig export mcap runs/SIM-table-ii-001 --out table-ii.mcap
     """
@@ -30,7 +36,10 @@ def export_mcap(
     from rfca_rig.errors import BadInput
 
     # Asked separately: finding google.protobuf raises where there is no package google.
-    if any(find_spec(name) is None for name in ("mcap", "google")) or find_spec("google.protobuf") is None:
+    if (
+        any(find_spec(name) is None for name in ("mcap", "google"))
+        or find_spec("google.protobuf") is None
+    ):
         raise BadInput('MCAP is an extra that is not installed; type pip install "rfca-rig[mcap]"')
     from rfca_rig.cli.progress import progress
     from rfca_rig.export.mcap_file import export_mcap as export
@@ -38,13 +47,23 @@ def export_mcap(
     with progress(as_json) as bars:
         exported = export(run, out, bars.counting("stages"))
     if as_json:
-        counts = {"messages": exported.messages, "pictures": exported.pictures, "missing": list(exported.missing)}
+        counts = {
+            "messages": exported.messages,
+            "pictures": exported.pictures,
+            "missing": list(exported.missing),
+        }
         echo(json.dumps({"out": str(out), **counts}, indent=1))
         return
     # A lost photo must not prevent the export of everything else.
     for name in exported.missing:
         echo(f"{run / name}: is not there or is no picture, so it is left out", err=True)
-    echo(f"{exported.messages} messages, {exported.pictures} of them pictures, in {out}; open it in Foxglove or PlotJuggler", err=True)
+    echo(
+        (
+            f"{exported.messages} messages, {exported.pictures} of them pictures, in {out}; "
+            "open it in Foxglove or PlotJuggler"
+        ),
+        err=True,
+    )
 
 
 @app.command("csv", cls=Command)
@@ -65,9 +84,16 @@ def export_csv(
     with progress(as_json) as bars:
         exported = export(run, out, bars.counting("stages"))
     if as_json:
-        echo(json.dumps({"out": str(out), "files": exported.files, "records": exported.records}, indent=1))
+        echo(
+            json.dumps(
+                {"out": str(out), "files": exported.files, "records": exported.records}, indent=1
+            )
+        )
         return
-    echo(f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them", err=True)
+    echo(
+        f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them",
+        err=True,
+    )
 
 
 @app.command("mjcf", cls=Command)
@@ -77,7 +103,8 @@ def export_mjcf(
     allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
-    """Write a leg and its strokes as an experiment on a mechanism: MJCF for MuJoCo, experiment.toml, and a CSV file per stroke.
+    """Write a leg and its strokes as an experiment on a mechanism: MJCF for MuJoCo,
+    experiment.toml, and a CSV file per stroke.
 
     check, fit, report and diagnose take the folder; see docs/mechanisms.md.
 
@@ -89,7 +116,16 @@ def export_mjcf(
 
     exported = export_leg(run, out, allow_outside)
     if as_json:
-        echo(json.dumps({"out": str(out), "recordings": exported.recordings, "left_out": list(exported.left_out)}, indent=1))
+        echo(
+            json.dumps(
+                {
+                    "out": str(out),
+                    "recordings": exported.recordings,
+                    "left_out": list(exported.left_out),
+                },
+                indent=1,
+            )
+        )
         return
     for words in exported.left_out:
         echo(f"left out: {words}", err=True)
@@ -97,43 +133,86 @@ def export_mjcf(
 
 
 def import_folder(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder with campaign.toml, or pendulum.toml, and its CSV files.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FOLDER",
+            help="A folder with campaign.toml, or pendulum.toml, and its CSV files.",
+        ),
+    ],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording; runs/IMPORT-NAME if not given.")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            help="New folder for the recording; runs/IMPORT-NAME if not given.",
+        ),
     ] = None,
-    as_is: Annotated[bool, typer.Option("--as-is", help="Import values that are probably in another unit, too.")] = False,
+    as_is: Annotated[
+        bool, typer.Option("--as-is", help="Import values that are probably in another unit, too.")
+    ] = False,
     allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
-    """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and diagnosis work on.
+    """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and
+    diagnosis work on.
 
-    Recordings of a pendulum (format rfca-pendulum/1) are checked and copied as they stand. A folder with experiment.toml needs no import.
+    Recordings of a pendulum (format rfca-pendulum/1) are checked and copied as they stand. A folder
+    with experiment.toml needs no import.
 
     Example: rfca-rig import my-campaign
     """
     import json
 
-    from rfca_rig.campaign.opening import experiment_among, import_campaign, import_pendulum, pendulum_among
+    from rfca_rig.campaign.opening import (
+        experiment_among,
+        import_campaign,
+        import_pendulum,
+        pendulum_among,
+    )
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.store import read_recording
 
     if experiment_among([folder]) is not None:
-        raise BadInput(f"{folder}: holds experiment.toml, which every command reads as it stands; go on with rfca-rig check {folder}")
+        raise BadInput(
+            f"{folder}: holds experiment.toml, which every command reads as it stands; go "
+            f"on with rfca-rig check {folder}"
+        )
     target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
     if pendulum_among([folder]) is not None:
         pendulum = import_pendulum(folder, target, allow_outside)
         if as_json:
             counts = {"links": len(pendulum.pendulum.links), "pendulum_runs": len(pendulum.runs)}
-            echo(json.dumps({"source": "IMPORT", "run": str(target), "title": pendulum.title, **counts}, indent=1))
+            echo(
+                json.dumps(
+                    {"source": "IMPORT", "run": str(target), "title": pendulum.title, **counts},
+                    indent=1,
+                )
+            )
             return
-        echo(f"IMPORT {len(pendulum.runs)} runs of a pendulum in {target}; next: rfca-rig diagnose {target}", err=True)
+        echo(
+            (
+                f"IMPORT {len(pendulum.runs)} runs of a pendulum in {target}; next: rfca-rig "
+                f"diagnose {target}"
+            ),
+            err=True,
+        )
         return
     with progress(as_json) as bars:
-        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes"), as_is, allow_outside))
+        recording = read_recording(
+            import_campaign(folder, target, bars.counting("reading strokes"), as_is, allow_outside)
+        )
     if as_json:
         counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static)}
-        echo(json.dumps({"source": "IMPORT", "run": str(target), "title": recording.title, **counted}, indent=1))
+        echo(
+            json.dumps(
+                {"source": "IMPORT", "run": str(target), "title": recording.title, **counted},
+                indent=1,
+            )
+        )
         return
     counted_text = f"{len(recording.strokes)} strokes and {len(recording.static)} static stages"
-    echo(f"IMPORT {counted_text} in {target}; next: rfca-rig report {target} --out report", err=True)
+    echo(
+        f"IMPORT {counted_text} in {target}; next: rfca-rig report {target} --out report", err=True
+    )

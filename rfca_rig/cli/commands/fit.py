@@ -17,44 +17,88 @@ if TYPE_CHECKING:
     from rfca_rig.diagnosis.window_fit import WindowFit
 
 
-HELP_PARAMETERS = f"""What to fit, out of {", ".join(FIT_PARAMETERS)}; of a pendulum or a mechanism names of its own. All that the section
-known_to lists if not given."""
-HELP_EFFECTS = "Effects to put into the model of a mechanism, as joint_friction; diagnose --list prints all."
-HELP_SHAFT = "Motion of the shaft to simulate with: recorded, average (the mean measured speed), commanded."
+HELP_PARAMETERS = (
+    f"What to fit, out of {', '.join(FIT_PARAMETERS)}; of a pendulum or a mechanism names of its "
+    "own. All that the section known_to lists if not given."
+)
+HELP_EFFECTS = (
+    "Effects to put into the model of a mechanism, as joint_friction; diagnose --list prints all."
+)
+HELP_SHAFT = (
+    "Motion of the shaft to simulate with: recorded, average (the mean measured speed), commanded."
+)
 
 
 def fit(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+        typer.Argument(
+            metavar="PATH",
+            help=(
+                "Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."
+            ),
+        ),
     ],
-    parameters: Annotated[str, typer.Option("--parameters", metavar="NAME,...", help=HELP_PARAMETERS)] = "",
+    parameters: Annotated[
+        str, typer.Option("--parameters", metavar="NAME,...", help=HELP_PARAMETERS)
+    ] = "",
     effects: Annotated[str, typer.Option("--effects", metavar="NAME,...", help=HELP_EFFECTS)] = "",
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", callback=out_file, help="Write the fitted model: .toml; of a mechanism MJCF, .xml."),
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            callback=out_file,
+            help="Write the fitted model: .toml; of a mechanism MJCF, .xml.",
+        ),
     ] = None,
-    shaft: Annotated[ShaftOption, typer.Option("--shaft", metavar="HOW", help=HELP_SHAFT)] = ShaftOption.recorded,
+    shaft: Annotated[
+        ShaftOption, typer.Option("--shaft", metavar="HOW", help=HELP_SHAFT)
+    ] = ShaftOption.recorded,
     phases: Annotated[
-        str, typer.Option("--phases", metavar="NAME,...", help="Phases to fit: free, touchdown, loading, release, rebound.")
+        str,
+        typer.Option(
+            "--phases",
+            metavar="NAME,...",
+            help="Phases to fit: free, touchdown, loading, release, rebound.",
+        ),
     ] = "loading",
     after_touchdown: Annotated[
-        float, typer.Option("--after-touchdown", metavar="MS", min=0, max=5000, help="How much of the first contact to leave out.")
+        float,
+        typer.Option(
+            "--after-touchdown",
+            metavar="MS",
+            min=0,
+            max=5000,
+            help="How much of the first contact to leave out.",
+        ),
     ] = 200.0,
     starts: Annotated[
-        int, typer.Option("--starts", metavar="N", min=1, max=64, help="Begin from this many places, and tell how many agree.")
+        int,
+        typer.Option(
+            "--starts",
+            metavar="N",
+            min=1,
+            max=64,
+            help="Begin from this many places, and tell how many agree.",
+        ),
     ] = 1,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of the places to begin from.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", min=0, help="Seed of the places to begin from.")
+    ] = 0,
     cluster: Cluster = None,
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
     as_json: Json = False,
 ) -> None:
-    """Fit values of the nominal model to recordings: values, standard errors, and values that the recordings cannot distinguish.
+    """Fit values of the nominal model to recordings: values, standard errors, and values that the
+    recordings cannot distinguish.
 
-    By default from 200 ms after touchdown to the valley, where the model meets a leg that lacks nothing to the noise.
+    By default from 200 ms after touchdown to the valley, where the model meets a leg that lacks
+    nothing to the noise.
 
-    Of a pendulum or a mechanism: the values that known_to lists, with errors on held-out conditions.
+    Of a pendulum or a mechanism: the values that known_to lists, with errors on held-out
+    conditions.
 
     Example: rfca-rig fit runs/SIM-table-ii-001 --parameters k0,friction
     """
@@ -71,34 +115,61 @@ def fit(
 
     pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
     if effects and mechanism is None:
-        raise BadInput("--effects: is an option for recordings of a mechanism (experiment.toml); leave it out here")
+        raise BadInput(
+            "--effects: is an option for recordings of a mechanism (experiment.toml); "
+            "leave it out here"
+        )
     if pendulum is not None or mechanism is not None:
         # An option counts as given where it differs from its default.
-        asked = {"--shaft": shaft != ShaftOption.recorded, "--phases": phases != "loading", "--after-touchdown": after_touchdown != 200.0}
+        asked = {
+            "--shaft": shaft != ShaftOption.recorded,
+            "--phases": phases != "loading",
+            "--after-touchdown": after_touchdown != 200.0,
+        }
         refuse_leg_options({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
     if pendulum is not None:
         _fit_pendulum(pendulum, _names(parameters), out, allow_outside, as_json)
         return
     if mechanism is not None:
-        _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_is, allow_outside, as_json)
+        _fit_mechanism(
+            mechanism, _names(parameters), _names(effects), out, as_is, allow_outside, as_json
+        )
         return
-    comparison = StrokeComparison(shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown))
+    comparison = StrokeComparison(
+        shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown)
+    )
     # Only for its check: a misspelt parameter must be refused before the recordings are read.
     select_parameters(_names(parameters))
     recordings = open_with_nominal_model(paths, as_is, allow_outside)
     counter = _Counter()
-    # Without a cluster there is no executor: threads of this process share out one descent better than processes share several.
-    with progress(quiet=as_json) as bars, open_executor(None, cluster, bars.report) if cluster is not None else nullcontext() as executor:
+    # Without a cluster there is no executor: threads of this process share out one descent better
+    # than processes share several.
+    with (
+        progress(quiet=as_json) as bars,
+        open_executor(None, cluster, bars.report)
+        if cluster is not None
+        else nullcontext() as executor,
+    ):
         bars.show_unbounded("fitting", counter.text)
-        search = Search(starts=starts, rng=np.random.default_rng(seed), progress=counter.count, executor=executor)
+        search = Search(
+            starts=starts,
+            rng=np.random.default_rng(seed),
+            progress=counter.count,
+            executor=executor,
+        )
         result = fit_recordings(recordings, _names(parameters), comparison, search)
     if out is not None:
-        sources = [f"{path} ({recording.source}): {recording.title}" for path, recording in zip(paths, recordings, strict=True)]
+        sources = [
+            f"{path} ({recording.source}): {recording.title}"
+            for path, recording in zip(paths, recordings, strict=True)
+        ]
         write_model_file(out, result, recordings[0].nominal, recordings[0].known_to, sources)
     _print(result, out, as_json)
 
 
-def _fit_pendulum(folder: Path, names: list[str], out: Path | None, allow_outside: bool, as_json: bool) -> None:
+def _fit_pendulum(
+    folder: Path, names: list[str], out: Path | None, allow_outside: bool, as_json: bool
+) -> None:
     """The same for a pendulum's recordings."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign, write_pendulum_model
     from rfca_rig.cli.progress import progress
@@ -114,7 +185,13 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, allow_outsid
 
 
 def _fit_mechanism(
-    folder: Path, names: list[str], effects: list[str], out: Path | None, as_is: bool, allow_outside: bool, as_json: bool
+    folder: Path,
+    names: list[str],
+    effects: list[str],
+    out: Path | None,
+    as_is: bool,
+    allow_outside: bool,
+    as_json: bool,
 ) -> None:
     """The same for recordings of a mechanism, with the named effects."""
     from rfca_rig.campaign.experiment import read_experiment
@@ -126,21 +203,27 @@ def _fit_mechanism(
     if out is not None and out.suffix != ".xml":
         raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")
     with progress(quiet=as_json) as bars:
-        found = fit_mechanism(read_experiment(folder, allow_outside), bars.share, names, effects, as_is)
+        found = fit_mechanism(
+            read_experiment(folder, allow_outside), bars.share, names, effects, as_is
+        )
     beyond = () if out is None else write_amended_model(found.plant, out)
     if beyond:
         echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
     _print_windows(found.fit, MECHANISM_FIT, folder, out, as_json)
 
 
-def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool) -> None:
+def _print_windows(
+    found: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool
+) -> None:
     """Prints a fit to windows of recordings."""
     if as_json:
         echo(json.dumps(found.plain(file_format), indent=1))
         return
     print_lines(found.lines())
     if out is not None:
-        echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
+        echo(
+            f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True
+        )
 
 
 def _names(text: str) -> list[str]:

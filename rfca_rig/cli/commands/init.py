@@ -23,23 +23,42 @@ if TYPE_CHECKING:
 
 CAMERA_FILE = "twin-camera.toml"
 QUESTIONS = 10
-# Height over leg length of a stroke that presses the twin's leg well, and its speed: the first row of Table II.
+# Height over leg length of a stroke that presses the twin's leg well, and its speed: the first row
+# of Table II.
 FIRST_HEIGHT_SHARE, FIRST_SPEED_RAD_S = 215.0 / 290.0, 2.433
 
-RigFileToWrite = Annotated[Path | None, typer.Option("--rig", metavar="FILE", help="The rig file to write.")]
-TakeAll = Annotated[bool, typer.Option("--yes", help="Of a rig file: ask nothing, take every suggested answer.")]
-Model = Annotated[Path | None, typer.Option("--mjcf", "--urdf", metavar="FILE", help="The mechanism's model, MJCF or URDF.")]
-Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help="A folder with its recordings: CSV, HDF5, MCAP or ROS 2 bags.")]
+RigFileToWrite = Annotated[
+    Path | None, typer.Option("--rig", metavar="FILE", help="The rig file to write.")
+]
+TakeAll = Annotated[
+    bool, typer.Option("--yes", help="Of a rig file: ask nothing, take every suggested answer.")
+]
+Model = Annotated[
+    Path | None,
+    typer.Option("--mjcf", "--urdf", metavar="FILE", help="The mechanism's model, MJCF or URDF."),
+]
+Data = Annotated[
+    Path | None,
+    typer.Option(
+        "--data", metavar="DIR", help="A folder with its recordings: CSV, HDF5, MCAP or ROS 2 bags."
+    ),
+]
 
 
 def init(
-    rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, data: Data = None, allow_outside: AllowOutside = False
+    rig: RigFileToWrite = None,
+    yes: TakeAll = False,
+    mjcf: Model = None,
+    data: Data = None,
+    allow_outside: AllowOutside = False,
 ) -> None:
-    """Write a rig file after ten questions, or a draft of experiment.toml for recordings of any mechanism.
+    """Write a rig file after ten questions, or a draft of experiment.toml for recordings of any
+    mechanism.
 
-    Enter takes the suggested answer. Devices that are found on this computer are suggested; nothing that could move is touched.
-    From a pipe or a file: one answer per line, an empty line takes the suggested one.
-    For a mechanism give its model and its recordings: --mjcf arm.xml --data recordings.
+    Enter takes the suggested answer. Devices that are found on this computer are suggested; nothing
+    that could move is touched. From a pipe or a file: one answer per line, an empty line takes the
+    suggested one. For a mechanism give its model and its recordings: --mjcf arm.xml --data
+    recordings.
 
     Example: rfca-rig init --rig our-rig.toml
     """
@@ -54,7 +73,10 @@ def init(
         echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
         echo(f"then: rfca-rig check {data}", err=True)
     else:
-        raise BadInput("init: give --rig FILE for a rig file, or --mjcf FILE and --data DIR for recordings of a mechanism")
+        raise BadInput(
+            "init: give --rig FILE for a rig file, or --mjcf FILE and --data DIR for "
+            "recordings of a mechanism"
+        )
 
 
 def _write_rig_file(path: Path, takes_all: bool) -> None:
@@ -66,7 +88,9 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
     if not path.parent.is_dir():
-        raise BadInput(f"{path}: there is no folder {path.parent}; make it, or name a file in another folder")
+        raise BadInput(
+            f"{path}: there is no folder {path.parent}; make it, or name a file in another folder"
+        )
     # The copy that came with the package, whatever a folder calibration/ here holds.
     shipped = next(folder for folder in folders_of("calibration")[1:] if folder.is_dir())
     usual = read_data(shipped / "twin.toml")
@@ -81,12 +105,19 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
     height_mm = round(FIRST_HEIGHT_SHARE * sum(answers.link_lengths_mm))
     marked = sum(line.rstrip().endswith(USUAL) for line in text.splitlines())
     echo(f"{path}: a twin of your rig; {marked} lines hold a usual value, to check against yours")
-    echo(f"then: rfca-rig dynamic run --rig {path} --height {height_mm} --speed {FIRST_SPEED_RAD_S} --repeats 1", err=True)
+    echo(
+        (
+            f"then: rfca-rig dynamic run --rig {path} --height {height_mm} --speed "
+            f"{FIRST_SPEED_RAD_S} --repeats 1"
+        ),
+        err=True,
+    )
 
 
 @dataclass(frozen=True)
 class _Found:
-    """Devices of this computer: buses as (interface, channel), serial ports, files beside the rig file, and sensors that answered.
+    """Devices of this computer: buses as (interface, channel), serial ports, files beside the rig
+    file, and sensors that answered.
 
     By kind of force sensor: the makes that may be asked for, files, and what answered.
     """
@@ -105,7 +136,14 @@ class _Found:
     def describe(self) -> str:
         """All of it in one line."""
         files = [name for names in self.files.values() for name in names]
-        return ", ".join((*(" ".join(bus) for bus in self.buses), *self.ports, *files, *(one.name for one in self.sensors.values())))
+        return ", ".join(
+            (
+                *(" ".join(bus) for bus in self.buses),
+                *self.ports,
+                *files,
+                *(one.name for one in self.sensors.values()),
+            )
+        )
 
 
 def _find_devices(folder: Path) -> _Found:
@@ -126,7 +164,9 @@ def _find_devices(folder: Path) -> _Found:
     for kind, make in makes.items():
         key, _, usual = make.address
         is_file = key in load_object(make.section).file_keys
-        files[kind] = sorted(file.name for file in folder.glob(f"*{Path(usual).suffix}")) if is_file else []
+        files[kind] = (
+            sorted(file.name for file in folder.glob(f"*{Path(usual).suffix}")) if is_file else []
+        )
     return _Found(buses, ports, makes, files, sensors)
 
 
@@ -137,7 +177,10 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
 
     found = _find_devices(folder)
     makes = found.makes
-    echo(f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}", err=True)
+    echo(
+        f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}",
+        err=True,
+    )
     asked = iter(range(1, QUESTIONS + 1))
     # Python has no standard input where the shell closed it (<&-).
     has_terminal = sys.stdin is not None and sys.stdin.isatty()
@@ -147,51 +190,91 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
         if takes_all:
             return read(suggestion)
         if has_terminal:
-            return typer.prompt(f"{number}/{QUESTIONS} {question}", default=suggestion, value_proc=read)
+            return typer.prompt(
+                f"{number}/{QUESTIONS} {question}", default=suggestion, value_proc=read
+            )
         return _read_line(number, question, suggestion, read)
 
     leg = usual["leg"]
-    lengths_mm = ask("lengths of the links from the shaft outwards, mm", _join(leg["link_lengths_mm"]), _read_numbers())
+    lengths_mm = ask(
+        "lengths of the links from the shaft outwards, mm",
+        _join(leg["link_lengths_mm"]),
+        _read_numbers(),
+    )
     # Links of the same profile weigh in proportion to their length.
     g_per_mm = sum(leg["link_masses_g"]) / sum(leg["link_lengths_mm"])
-    masses_g = ask("their masses, g", _join(round(g_per_mm * length, 3) for length in lengths_mm), _read_numbers(len(lengths_mm)))
-    below_mm = ask(
-        "from the shaft's axis down to the sensor's origin, mm", f"{usual['sensor']['below_shaft_mm']:g}", _read_number(is_positive=False)
+    masses_g = ask(
+        "their masses, g",
+        _join(round(g_per_mm * length, 3) for length in lengths_mm),
+        _read_numbers(len(lengths_mm)),
     )
-    force_N = ask("largest force that leg and sensor bear, N", f"{usual['limits']['force_N']:g}", _read_number())
-    torque_Nm = ask("largest moment on the sensor, N m", f"{usual['limits']['torque_Nm']:g}", _read_number())
+    below_mm = ask(
+        "from the shaft's axis down to the sensor's origin, mm",
+        f"{usual['sensor']['below_shaft_mm']:g}",
+        _read_number(is_positive=False),
+    )
+    force_N = ask(
+        "largest force that leg and sensor bear, N",
+        f"{usual['limits']['force_N']:g}",
+        _read_number(),
+    )
+    torque_Nm = ask(
+        "largest moment on the sensor, N m", f"{usual['limits']['torque_Nm']:g}", _read_number()
+    )
     others = "other makes: docs/add-a-motor.md"
     drives = [kind for kind in list_motors() if kind != OWN]
-    drive = ask(f"drive: {', '.join(drives)} ({others})", usual["motor"]["device"], _read_word(drives))
+    drive = ask(
+        f"drive: {', '.join(drives)} ({others})", usual["motor"]["device"], _read_word(drives)
+    )
     buses = [" ".join(bus) for bus in found.buses] or ["socketcan can0"]
     interface, channel = ask("its bus: interface and channel of python-can", buses[0], _read_bus)
     number = ask("its number on that bus", str(find_motor(drive).number[1]), _read_count)
-    # A sensor that answered is certain; a calibration file beside the rig file speaks for its sensor.
+    # A sensor that answered is certain; a calibration file beside the rig file speaks for its
+    # sensor.
     probable = [*found.sensors, *(kind for kind, names in found.files.items() if names), *makes][0]
     sensor = ask(f"force sensor: {', '.join(makes)}", probable, _read_word([*makes]))
     key, question, usual_address = makes[sensor].address
     address = ask(question, [*found.list_addresses(sensor, key), usual_address][0], str.strip)
     counts = found.sensors[sensor].counts if sensor in found.sensors else None
     return RigAnswers(
-        lengths_mm, masses_g, below_mm, force_N, torque_Nm, drive, interface, channel, number, sensor, address, counts
-    )  # fmt: skip
+        lengths_mm,
+        masses_g,
+        below_mm,
+        force_N,
+        torque_Nm,
+        drive,
+        interface,
+        channel,
+        number,
+        sensor,
+        address,
+        counts,
+    )
 
 
 def _read_line(number: int, question: str, suggestion: str, read: Callable[[str], Any]) -> Any:
-    """The answer in the next line of a pipe or file. Raises BadInput where there is none or it cannot be: it cannot be asked for again."""
+    """The answer in the next line of a pipe or file. Raises BadInput where there is none or it
+    cannot be: it cannot be asked for again.
+    """
     try:
         line = "" if sys.stdin is None else sys.stdin.readline()
     except UnicodeDecodeError:
-        raise BadInput(f"init: line {number} of the answers is not UTF-8 text; save them as UTF-8") from None
+        raise BadInput(
+            f"init: line {number} of the answers is not UTF-8 text; save them as UTF-8"
+        ) from None
     if not line:
         raise BadInput(
-            f"init: standard input holds {number - 1} of {QUESTIONS} answers; none for question {number}, {question}; give one answer per "
-            "line (an empty line takes the suggestion), answer on a terminal, or take all suggestions by --yes"
+            f"init: standard input holds {number - 1} of {QUESTIONS} answers; none for "
+            f"question {number}, {question}; give one answer per "
+            "line (an empty line takes the suggestion), answer on a terminal, or take "
+            "all suggestions by --yes"
         )
     try:
         return read(line.strip() or suggestion)
     except typer.BadParameter as error:
-        raise BadInput(f"init: answer {number} of {QUESTIONS}, {question}: {line.strip()!r}; {error.message}") from None
+        raise BadInput(
+            f"init: answer {number} of {QUESTIONS}, {question}: {line.strip()!r}; {error.message}"
+        ) from None
 
 
 def _join(values: Any) -> str:
@@ -206,16 +289,24 @@ def _read_number(is_positive: bool = True) -> Callable[[str], float]:
     return read
 
 
-def _read_numbers(count: int | None = None, is_positive: bool = True) -> Callable[[str], tuple[float, ...]]:
+def _read_numbers(
+    count: int | None = None, is_positive: bool = True
+) -> Callable[[str], tuple[float, ...]]:
     def read(text: str) -> tuple[float, ...]:
         try:
             values = tuple(float(word) for word in re.split(r"[\s,;]+", text.strip()))
         except ValueError:
-            raise typer.BadParameter("give numbers, separated by blanks, with a point for decimals") from None
+            raise typer.BadParameter(
+                "give numbers, separated by blanks, with a point for decimals"
+            ) from None
         if not all(0.0 < value < 1e6 if is_positive else abs(value) < 1e6 for value in values):
-            raise typer.BadParameter(f"give numbers {'above 0 and ' if is_positive else ''}below 1e6")
+            raise typer.BadParameter(
+                f"give numbers {'above 0 and ' if is_positive else ''}below 1e6"
+            )
         if count is not None and len(values) != count:
-            raise typer.BadParameter(f"give {count} {'number' if count == 1 else 'numbers'}, not {len(values)}")
+            raise typer.BadParameter(
+                f"give {count} {'number' if count == 1 else 'numbers'}, not {len(values)}"
+            )
         return values
 
     return read

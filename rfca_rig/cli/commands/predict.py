@@ -10,13 +10,30 @@ from rfca_rig.cli.terminal import echo, print_lines
 
 
 def predict(
-    height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground.")],
-    speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft.")],
+    height: Annotated[
+        float,
+        typer.Option(
+            "--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground."
+        ),
+    ],
+    speed: Annotated[
+        float,
+        typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft."),
+    ],
     rig: Rig = "twin",
     model: Model = None,
-    sweep: Annotated[float, typer.Option("--sweep", metavar="DEG", min=1, max=330, help="How far the shaft turns.")] = 200.0,
+    sweep: Annotated[
+        float,
+        typer.Option("--sweep", metavar="DEG", min=1, max=330, help="How far the shaft turns."),
+    ] = 200.0,
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", callback=out_file, help="Write the stroke, sample by sample, to this CSV file.")
+        Path | None,
+        typer.Option(
+            "--csv",
+            metavar="FILE",
+            callback=out_file,
+            help="Write the stroke, sample by sample, to this CSV file.",
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -45,12 +62,21 @@ def predict(
 
 
 def strip(
-    height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground.")] = 215.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft.")] = 2.433,
+    height: Annotated[
+        float,
+        typer.Option(
+            "--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground."
+        ),
+    ] = 215.0,
+    speed: Annotated[
+        float,
+        typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft."),
+    ] = 2.433,
     rig: Rig = "twin",
     as_json: Json = False,
 ) -> None:
-    """Spring pieces of other materials and thicknesses: stiffness per hinge, valley of a stroke, strength used.
+    """Spring pieces of other materials and thicknesses: stiffness per hinge, valley of a stroke,
+    strength used.
 
     Example: rfca-rig strip --height 235 --speed 3.276
     """

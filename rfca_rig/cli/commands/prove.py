@@ -18,27 +18,64 @@ if TYPE_CHECKING:
 
 
 def prove(
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A new folder, or that of an exam that was stopped.")],
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="The same seed, the same cases.")] = 1,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="DIR", help="A new folder, or that of an exam that was stopped."
+        ),
+    ],
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", min=0, help="The same seed, the same cases.")
+    ] = 1,
     cases: Annotated[
-        int | None, typer.Option("--cases", metavar="N", min=1, max=1_000_000, help="How many; the usual number of each kind if not given.")
+        int | None,
+        typer.Option(
+            "--cases",
+            metavar="N",
+            min=1,
+            max=1_000_000,
+            help="How many; the usual number of each kind if not given.",
+        ),
     ] = None,
-    kind: Annotated[str | None, typer.Option("--kind", metavar="KIND", help=f"Cases of one kind only: {'; '.join(CASE_KINDS)}.")] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            "--kind", metavar="KIND", help=f"Cases of one kind only: {'; '.join(CASE_KINDS)}."
+        ),
+    ] = None,
     workers: Workers = None,
     cluster: Cluster = None,
     follows: Annotated[
-        bool, typer.Option("--follow-up", help="Then do what is proposed in the open cases, and beside it experiments drawn at random.")
+        bool,
+        typer.Option(
+            "--follow-up",
+            help=(
+                "Then do what is proposed in the open cases, and beside it experiments drawn "
+                "at random."
+            ),
+        ),
     ] = False,
     takes_out: Annotated[
-        bool, typer.Option("--take-out-each", help="Then diagnose each effect that shows once more without it in the catalogue.")
+        bool,
+        typer.Option(
+            "--take-out-each",
+            help="Then diagnose each effect that shows once more without it in the catalogue.",
+        ),
     ] = False,
     so_far: Annotated[
-        bool, typer.Option("--so-far", help="Mark what is diagnosed already, and do nothing more; the other truths stay sealed.")
+        bool,
+        typer.Option(
+            "--so-far",
+            help=(
+                "Mark what is diagnosed already, and do nothing more; the other truths stay sealed."
+            ),
+        ),
     ] = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Blind benchmark of the diagnosis: campaigns of another simulator, with hidden ground truth until all are diagnosed, then scores.
+    """Blind benchmark of the diagnosis: campaigns of another simulator, with hidden ground truth
+    until all are diagnosed, then scores.
 
     A stopped exam goes on where it stood when the same command is typed again.
 
@@ -52,7 +89,10 @@ def prove(
     printing = Printing(pdf)
     if so_far:
         if follows or takes_out:
-            raise BadInput("--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far")
+            raise BadInput(
+                "--so-far only marks; leave out --follow-up and --take-out-each, or "
+                "leave out --so-far"
+            )
     else:
         _work(out, seed, _numbers(cases, kind), workers, cluster, follows, takes_out, as_json)
     result = score_exam_so_far(out) if so_far else score_exam(out)
@@ -62,7 +102,14 @@ def prove(
 
 
 def _work(
-    out: Path, seed: int, numbers: dict[str, int], workers: Workers, cluster: Cluster, follows: bool, takes_out: bool, quiet: bool
+    out: Path,
+    seed: int,
+    numbers: dict[str, int],
+    workers: Workers,
+    cluster: Cluster,
+    follows: bool,
+    takes_out: bool,
+    quiet: bool,
 ) -> None:
     """Runs all cases; then, if asked, follow-ups of open ones, and the ablation of each effect."""
     from rfca_rig.cli.progress import progress
@@ -72,7 +119,10 @@ def _work(
     from rfca_rig.exam.follow_up import follow_up, run_ablation
 
     try:
-        with progress(quiet=quiet) as bars, open_executor(workers, cluster, bars.report, out) as executor:
+        with (
+            progress(quiet=quiet) as bars,
+            open_executor(workers, cluster, bars.report, out) as executor,
+        ):
             examine(out, seed, numbers, diagnose_as_typed, executor, WallClock, bars.report)
             if follows:
                 follow_up(out, diagnose_as_typed, executor, bars.report)
@@ -90,7 +140,11 @@ def _tell(result: "ExamResult", out: Path, as_json: bool) -> None:
         echo(json_text((out / "exam.json").read_text(encoding="utf-8")), nl=False)
         return
     print_lines(
-        [*format_scores(result.marks), *(way.words for way in result.ways), *([result.taken_out.words] if result.taken_out else [])]
+        [
+            *format_scores(result.marks),
+            *(way.words for way in result.ways),
+            *([result.taken_out.words] if result.taken_out else []),
+        ]
     )
     echo(f"{out / 'exam.html'}: the whole result", err=True)
 

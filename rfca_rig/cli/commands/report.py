@@ -30,17 +30,31 @@ class ShaftOption(StrEnum):
 def report(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+        typer.Argument(
+            metavar="PATH",
+            help=(
+                "Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."
+            ),
+        ),
     ],
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for report.html, run.html, their tables.")
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            callback=out_folder,
+            help="Folder for report.html, run.html, their tables.",
+        ),
     ] = Path("report"),
     shaft: Annotated[
         ShaftOption,
         typer.Option(
             "--shaft",
             metavar="HOW",
-            help="Motion of the shaft to simulate with: average (the mean measured speed, as in the paper), commanded, recorded.",
+            help=(
+                "Motion of the shaft to simulate with: average (the mean measured speed, as "
+                "in the paper), commanded, recorded."
+            ),
         ),
     ] = ShaftOption.average,
     model: Model = None,
@@ -49,9 +63,11 @@ def report(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Compare recordings with the model: Table II and overlays of measured and simulated force; and how each run went, in run.html.
+    """Compare recordings with the model: Table II and overlays of measured and simulated force; and
+    how each run went, in run.html.
 
-    Of a pendulum or a mechanism: the signals of each recording, with nominal, fitted and held-out errors.
+    Of a pendulum or a mechanism: the signals of each recording, with nominal, fitted and held-out
+    errors.
 
     Works offline, changes no recording.
 
@@ -61,7 +77,17 @@ def report(
 
     pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
     if pendulum is None and mechanism is None:
-        write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf, as_is=as_is, allow_outside=allow_outside)
+        write(
+            paths,
+            out,
+            shaft.value,
+            as_json,
+            quiet=as_json,
+            model=model,
+            pdf=pdf,
+            as_is=as_is,
+            allow_outside=allow_outside,
+        )
         return
     # An option without effect must be refused: its user would believe it was applied.
     refuse_leg_options({"--shaft": shaft != ShaftOption.average, "--as-is": as_is})
@@ -80,7 +106,9 @@ def refuse_leg_options(given: Mapping[str, bool]) -> None:
             raise BadInput(f"{option}: is an option for recordings of a leg; leave it out here")
 
 
-def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool) -> None:
+def _write_pendulum(
+    folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool
+) -> None:
     """The same for a pendulum's recordings."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
     from rfca_rig.cli.options import Printing
@@ -94,11 +122,15 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
         campaign = with_model_file(campaign, model)
     with progress(as_json) as bars:
         fit = fit_pendulum(campaign, bars.share).fit
-    page = _write_motions(pendulum_report(campaign, model.name if model else None), fit, folder, out, as_json, model)
+    page = _write_motions(
+        pendulum_report(campaign, model.name if model else None), fit, folder, out, as_json, model
+    )
     printing.print([page], as_json)
 
 
-def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool) -> None:
+def _write_mechanism(
+    folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool
+) -> None:
     """The same for recordings of a mechanism."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.options import Printing
@@ -112,11 +144,20 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
         experiment = replace(experiment, model=model)
     with progress(as_json) as bars:
         comparison = compare_mechanism(experiment, bars.share)
-    page = _write_motions(mechanism_report(experiment, comparison), comparison.fit, folder, out, as_json, model)
+    page = _write_motions(
+        mechanism_report(experiment, comparison), comparison.fit, folder, out, as_json, model
+    )
     printing.print([page], as_json)
 
 
-def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out: Path, as_json: bool, model: Path | None) -> Path:
+def _write_motions(
+    report: "MotionsReport",
+    fit: "WindowFit",
+    folder: Path,
+    out: Path,
+    as_json: bool,
+    model: Path | None,
+) -> Path:
     """Writes the page of recordings in windows; returns its path."""
     from rfca_rig.reports.provenance import command_line, origin_of_import
     from rfca_rig.reports.strokes.motions import PAGE, write_motions
@@ -176,12 +217,28 @@ def write(
     # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)
     given = GivenModel(model.name, read_model_file(model).model()) if model else None
-    # Without a model file all recordings must have the same nominal model, which `open_with_nominal_model` checks.
-    recordings = open_recordings(paths, as_is, allow_outside) if given else open_with_nominal_model(paths, as_is, allow_outside)
-    options: dict[str, object] = {"--shaft": shaft if shaft != "average" else None, "--model": model, "--as-is": as_is}
+    # Without a model file all recordings must have the same nominal model, which
+    # `open_with_nominal_model` checks.
+    recordings = (
+        open_recordings(paths, as_is, allow_outside)
+        if given
+        else open_with_nominal_model(paths, as_is, allow_outside)
+    )
+    options: dict[str, object] = {
+        "--shaft": shaft if shaft != "average" else None,
+        "--model": model,
+        "--as-is": as_is,
+    }
     command = command_line("report", *paths, options=options)
     with progress(quiet) as bars:
-        written = write_report(recordings, out, shaft, given, origin_of(command, paths, recordings), bars.counting("conditions"))
+        written = write_report(
+            recordings,
+            out,
+            shaft,
+            given,
+            origin_of(command, paths, recordings),
+            bars.counting("conditions"),
+        )
     if as_json:
         echo(json_text((out / "table2.json").read_text(encoding="utf-8")), nl=False)
     if not quiet:
@@ -197,7 +254,8 @@ def _say(table: "Table2", out: Path, runs: int) -> None:
             averages = "no condition with a measured and a simulated valley"
         else:
             averages = (
-                f"{len(table.rows)} conditions, average error of the valley {table.average_time_error_pct:.1f} % in time, "
+                f"{len(table.rows)} conditions, average error of the valley "
+                f"{table.average_time_error_pct:.1f} % in time, "
                 f"{table.average_force_error_pct:.1f} % in force"
             )
         echo(f"{out / 'report.html'}: {averages}", err=True)

@@ -1,4 +1,6 @@
-"""rfca-rig runs, view and trip: what was recorded, a recording in the browser, and what stopped a run."""
+"""rfca-rig runs, view and trip: what was recorded, a recording in the browser, and what stopped
+a run.
+"""
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,7 +37,10 @@ Ended = Annotated[
     typer.Option(
         "--ended",
         metavar="HOW",
-        help="done, stopped, tripped, worn-out, failed, interrupted, unfinished, damaged; or the code of a trip (rfca-rig trip).",
+        help=(
+            "done, stopped, tripped, worn-out, failed, interrupted, unfinished, damaged; or "
+            "the code of a trip (rfca-rig trip)."
+        ),
     ),
 ]
 Verdict = Annotated[
@@ -43,7 +48,8 @@ Verdict = Annotated[
     typer.Option(
         "--verdict",
         metavar="WHAT",
-        help="Of its diagnosis: named, mostly, family, unexplained, nothing-missing, not-enough-data, none; or an effect "
+        help="Of its diagnosis: named, mostly, family, unexplained, nothing-missing, "
+        "not-enough-data, none; or an effect "
         "(diagnose --list).",
     ),
 ]
@@ -96,9 +102,15 @@ def _describe(entry: Entry) -> str:
         (entry.swings, "pendulum run"),
         (entry.motions, "recording"),
     )
-    what = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts if count] or ["nothing whole"]
+    what = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts if count] or [
+        "nothing whole"
+    ]
     people = [text for text in (entry.sample and f"sample {entry.sample}", entry.operator) if text]
-    return "; ".join(text for text in (", ".join(what), _conditions(entry.conditions), *_motions(entry), *people) if text)
+    return "; ".join(
+        text
+        for text in (", ".join(what), _conditions(entry.conditions), *_motions(entry), *people)
+        if text
+    )
 
 
 def _motions(entry: Entry) -> Iterator[str]:
@@ -109,12 +121,18 @@ def _motions(entry: Entry) -> Iterator[str]:
         yield "cannot be read, see rfca-rig check"
     if entry.named_conditions:
         few = len(entry.named_conditions) <= MOST_VALUES
-        yield f"conditions: {', '.join(entry.named_conditions)}" if few else f"{len(entry.named_conditions)} conditions"
+        yield (
+            f"conditions: {', '.join(entry.named_conditions)}"
+            if few
+            else f"{len(entry.named_conditions)} conditions"
+        )
 
 
 def _conditions(conditions: Sequence[LoggedCondition]) -> str:
     heights = _values((one.height_mm for one in conditions), "mm")
-    speeds = _values((one.speed_rad_s for one in conditions if one.speed_rad_s is not None), "rad/s")
+    speeds = _values(
+        (one.speed_rad_s for one in conditions if one.speed_rad_s is not None), "rad/s"
+    )
     return "; ".join(filter(None, (heights, speeds)))
 
 
@@ -123,7 +141,11 @@ def _values(values: Iterable[float], unit: str) -> str:
     found = sorted(set(values))
     if not found:
         return ""
-    text = f"{found[0]:g} to {found[-1]:g}" if len(found) > MOST_VALUES else ", ".join(f"{value:g}" for value in found)
+    text = (
+        f"{found[0]:g} to {found[-1]:g}"
+        if len(found) > MOST_VALUES
+        else ", ".join(f"{value:g}" for value in found)
+    )
     return f"{text} {unit}"
 
 
@@ -135,31 +157,83 @@ def _why(entry: Entry) -> str:
 def _verdict(entry: Entry) -> str:
     if entry.verdict is None:
         return ""
-    sure = "" if entry.verdict.probability is None else f" ({100.0 * entry.verdict.probability:.1f} %)"
+    sure = (
+        "" if entry.verdict.probability is None else f" ({100.0 * entry.verdict.probability:.1f} %)"
+    )
     named = f": {', '.join(entry.verdict.effects)}{sure}" if entry.verdict.effects else ""
     return f"diagnosis: {entry.verdict.words}{named}; {entry.verdict.file}"
 
 
 def runs(
-    words: Annotated[list[str] | None, typer.Argument(metavar="WORD", help="Words of the title, or of the folder's name.")] = None,
-    folder: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The folder that runs and experiments lie below.")] = Path("runs"),
-    height: Annotated[str, typer.Option("--height", metavar="MM", help="Recorded at that height: 215, 210..220, ..220, 230..")] = "",
-    speed: Annotated[str, typer.Option("--speed", metavar="RAD/S", help="Recorded at that speed: 2.4 is what rounds to it; 2.4..2.5")] = "",
-    since: Annotated[str, typer.Option("--since", metavar="DATE", help="Begun then or later: 2026-11-01, or 2026-11-01T14:30")] = "",
-    until: Annotated[str, typer.Option("--until", metavar="DATE", help="Begun then or earlier; a day is meant as a whole.")] = "",
-    kind: Annotated[str, typer.Option("--kind", metavar="KIND", help="dynamic, static, fatigue, or imported.")] = "",
-    source: Annotated[str, typer.Option("--source", metavar="SOURCE", help="SIM, REAL, or IMPORT.")] = "",
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="WORD", help="Words of the title, or of the folder's name."),
+    ] = None,
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--runs", metavar="DIR", help="The folder that runs and experiments lie below."
+        ),
+    ] = Path("runs"),
+    height: Annotated[
+        str,
+        typer.Option(
+            "--height", metavar="MM", help="Recorded at that height: 215, 210..220, ..220, 230.."
+        ),
+    ] = "",
+    speed: Annotated[
+        str,
+        typer.Option(
+            "--speed",
+            metavar="RAD/S",
+            help="Recorded at that speed: 2.4 is what rounds to it; 2.4..2.5",
+        ),
+    ] = "",
+    since: Annotated[
+        str,
+        typer.Option(
+            "--since", metavar="DATE", help="Begun then or later: 2026-11-01, or 2026-11-01T14:30"
+        ),
+    ] = "",
+    until: Annotated[
+        str,
+        typer.Option(
+            "--until", metavar="DATE", help="Begun then or earlier; a day is meant as a whole."
+        ),
+    ] = "",
+    kind: Annotated[
+        str, typer.Option("--kind", metavar="KIND", help="dynamic, static, fatigue, or imported.")
+    ] = "",
+    source: Annotated[
+        str, typer.Option("--source", metavar="SOURCE", help="SIM, REAL, or IMPORT.")
+    ] = "",
     ended: Ended = "",
     verdict: Verdict = "",
-    sample: Annotated[str, typer.Option("--sample", metavar="NAME", help="Part of the specimen's name.")] = "",
-    operator: Annotated[str, typer.Option("--operator", metavar="NAME", help="Part of the operator's name.")] = "",
+    sample: Annotated[
+        str, typer.Option("--sample", metavar="NAME", help="Part of the specimen's name.")
+    ] = "",
+    operator: Annotated[
+        str, typer.Option("--operator", metavar="NAME", help="Part of the operator's name.")
+    ] = "",
     last: Annotated[
-        int | None, typer.Option("--last", metavar="N", min=0, help=f"So many of the newest; {SHOWN} in a table if not given, 0 for all.")
+        int | None,
+        typer.Option(
+            "--last",
+            metavar="N",
+            min=0,
+            help=f"So many of the newest; {SHOWN} in a table if not given, 0 for all.",
+        ),
     ] = None,
-    paths: Annotated[bool, typer.Option("--paths", help="Print only the paths, one a line, as other commands take them.")] = False,
+    paths: Annotated[
+        bool,
+        typer.Option(
+            "--paths", help="Print only the paths, one a line, as other commands take them."
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """What has been recorded, newest first: every run below a folder, how it ended, and the verdict of its diagnosis.
+    """What has been recorded, newest first: every run below a folder, how it ended, and the verdict
+    of its diagnosis.
 
     Folders with experiment.toml or pendulum.toml are among them.
 
@@ -231,7 +305,10 @@ def _printable(line: str) -> str:
 
 
 def _as_data(folder: Path, entries: "Sequence[Entry]") -> dict[str, Any]:
-    rows = [{"run": str(folder / entry.folder), "began": _moment(entry.began_s), **entry.plain()} for entry in entries]
+    rows = [
+        {"run": str(folder / entry.folder), "began": _moment(entry.began_s), **entry.plain()}
+        for entry in entries
+    ]
     return {"format": "rfca-runs/1", "runs": rows}
 
 
@@ -243,7 +320,10 @@ def _moment(began_s: float) -> str:
 
 def _count_line(folder: Path, shown: int, fitting: int, known: int) -> str:
     if not known:
-        return f"no runs below {folder} yet; the first: rfca-rig dynamic run --height 215 --speed 2.433"
+        return (
+            f"no runs below {folder} yet; the first: rfca-rig dynamic run --height 215 "
+            "--speed 2.433"
+        )
     if not fitting:
         return f"none of the {known} runs below {folder} is like that; ask for less"
     more = f"; --last 0 shows all {fitting}" if shown < fitting else ""
@@ -251,8 +331,15 @@ def _count_line(folder: Path, shown: int, fitting: int, known: int) -> str:
 
 
 def view(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")],
-    port: Annotated[int, typer.Option("--port", metavar="PORT", min=0, max=65535, help="The port; any free one if not given.")] = 0,
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")
+    ],
+    port: Annotated[
+        int,
+        typer.Option(
+            "--port", metavar="PORT", min=0, max=65535, help="The port; any free one if not given."
+        ),
+    ] = 0,
 ) -> None:
     """Play a recording in the browser, on the page on which --view shows a run; ^C ends it.
 
@@ -270,8 +357,13 @@ def view(
         replay(run, port, lambda url: echo(f"open {url} (^C here ends it)", err=True))
 
 
-def trip(code: Annotated[str, typer.Argument(metavar="CODE", help="Such as F-02; without it, all codes are listed.")] = "") -> None:
-    """Say what a code that stopped a run means: likely causes, how to tell them apart, what to change and what not, how to go on.
+def trip(
+    code: Annotated[
+        str, typer.Argument(metavar="CODE", help="Such as F-02; without it, all codes are listed.")
+    ] = "",
+) -> None:
+    """Say what a code that stopped a run means: likely causes, how to tell them apart, what to
+    change and what not, how to go on.
 
     Example: rfca-rig trip F-02
     """
@@ -287,17 +379,26 @@ def trip(code: Annotated[str, typer.Argument(metavar="CODE", help="Such as F-02;
 
 
 def _lines(page: str) -> list[str]:
-    """The page as a terminal shows it: paragraphs and items within 80 columns, without marks and links."""
+    """The page as a terminal shows it: paragraphs and items within 80 columns, without marks and
+    links.
+    """
     from textwrap import wrap
 
     # Blocks begin at an empty line, a numbered item or a heading; each is wrapped on its own.
-    blocks = re.split(r"\n(?=\n|\d\. |# )", re.sub(r" \[All trips\]\(.*?\)|```(text)?\n|\*\*", "", page))
+    blocks = re.split(
+        r"\n(?=\n|\d\. |# )", re.sub(r" \[All trips\]\(.*?\)|```(text)?\n|\*\*", "", page)
+    )
     plain = (re.sub(r"\[(.*?)\]\(.*?\)", r"\1", block).replace("`", "") for block in blocks)
     return [
         line
         for block in plain
         for line in ([] if block.strip() and not block.startswith("\n") else [""])
-        + wrap(" ".join(block.split()), WIDTH, subsequent_indent="   " if block[:1].isdigit() else "", break_on_hyphens=False)
+        + wrap(
+            " ".join(block.split()),
+            WIDTH,
+            subsequent_indent="   " if block[:1].isdigit() else "",
+            break_on_hyphens=False,
+        )
     ]
 
 
@@ -314,4 +415,7 @@ def _page(code: str) -> str:
         page: Path = folder / "trips" / f"{code}.md"
         if page.is_file():
             return page.read_text(encoding="utf-8")
-    raise BadInput(f"docs/trips/{code}.md did not come with this installation; it is in the package's repository")
+    raise BadInput(
+        f"docs/trips/{code}.md did not come with this installation; it is in the "
+        "package's repository"
+    )

@@ -17,31 +17,80 @@ if TYPE_CHECKING:
     from rfca_rig.sweep.result import SweepResult
 
 
-HELP_VARY = "A grid, NAME=FROM:TO:STEPS[:log] or NAME=A,B,C; with --samples a range, NAME=FROM:TO[:log]. May be given several times."
+HELP_VARY = (
+    "A grid, NAME=FROM:TO:STEPS[:log] or NAME=A,B,C; with --samples a range, "
+    "NAME=FROM:TO[:log]. May be given several times."
+)
 
 
 def sweep(
-    file: Annotated[str | None, typer.Argument(metavar="SWEEP", help="A sweep: a name in sweeps/ (--list), or a .toml file.")] = None,
-    vary: Annotated[list[str] | None, typer.Option("--vary", metavar="NAME=...", help=HELP_VARY)] = None,
-    fixed: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for all cases. May be given several times.")
+    file: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="SWEEP", help="A sweep: a name in sweeps/ (--list), or a .toml file."
+        ),
     ] = None,
-    outputs: Annotated[str, typer.Option("--outputs", metavar="NAME,...", help="What to put out; --list prints all there are.")] = "",
-    samples: Annotated[int | None, typer.Option("--samples", metavar="N", min=2, help="So many points spread over the ranges.")] = None,
-    method: Annotated[str, typer.Option("--method", metavar="KIND", help="How they are spread: sobol or latin.")] = "sobol",
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="The same seed, the same points.")] = 0,
+    vary: Annotated[
+        list[str] | None, typer.Option("--vary", metavar="NAME=...", help=HELP_VARY)
+    ] = None,
+    fixed: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="A value for all cases. May be given several times."
+        ),
+    ] = None,
+    outputs: Annotated[
+        str,
+        typer.Option(
+            "--outputs", metavar="NAME,...", help="What to put out; --list prints all there are."
+        ),
+    ] = "",
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            "--samples", metavar="N", min=2, help="So many points spread over the ranges."
+        ),
+    ] = None,
+    method: Annotated[
+        str, typer.Option("--method", metavar="KIND", help="How they are spread: sobol or latin.")
+    ] = "sobol",
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", min=0, help="The same seed, the same points.")
+    ] = 0,
     rig: Annotated[
-        str | None, typer.Option("--rig", metavar="NAME|FILE", help="The rig: a name in calibration/ (plan --list), or a .toml file.")
+        str | None,
+        typer.Option(
+            "--rig",
+            metavar="NAME|FILE",
+            help="The rig: a name in calibration/ (plan --list), or a .toml file.",
+        ),
     ] = None,
     model: Model = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="A new folder, or that of a sweep that was stopped.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="A new folder, or that of a sweep that was stopped."
+        ),
+    ] = None,
     workers: Workers = None,
     cluster: Cluster = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="How many cases, how long, how many bytes; computes a few only.")] = False,
-    lists: Annotated[bool, typer.Option("--list", help="Print the sweeps in sweeps/, what can be varied and what can be put out.")] = False,
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run", help="How many cases, how long, how many bytes; computes a few only."
+        ),
+    ] = False,
+    lists: Annotated[
+        bool,
+        typer.Option(
+            "--list",
+            help="Print the sweeps in sweeps/, what can be varied and what can be put out.",
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Design questions: any parameters of the model over grids or samples, any outputs, to CSV, HDF5 and a page of figures.
+    """Design questions: any parameters of the model over grids or samples, any outputs, to CSV,
+    HDF5 and a page of figures.
 
     A stopped sweep goes on where it stood when the same command is typed again.
 
@@ -53,7 +102,9 @@ def sweep(
     if lists:
         _print_lists()
         return
-    plan, command = _plan_and_command(file, vary or [], fixed or [], outputs, samples, method, seed, rig, model)
+    plan, command = _plan_and_command(
+        file, vary or [], fixed or [], outputs, samples, method, seed, rig, model
+    )
     if dry_run:
         _print_estimate(plan, workers, as_json)
         return
@@ -84,7 +135,10 @@ def _plan_and_command(
     if file is not None:
         # Two sources of one setting would leave open which one holds.
         if vary or fixed or outputs or samples or rig or model:
-            raise BadInput(f"{file} says what is varied; leave --vary, --set, --outputs, --samples, --rig and --model out, or edit a copy")
+            raise BadInput(
+                f"{file} says what is varied; leave --vary, --set, --outputs, --samples, "
+                "--rig and --model out, or edit a copy"
+            )
         return _of_file(file)
     plan = plan_from_options(_model(rig, model), vary, fixed, outputs, samples, method, seed)
     words: list[str | Path] = ["sweep"]
@@ -105,8 +159,13 @@ def _of_file(name: str) -> "tuple[SweepPlan, list[str | Path]]":
 
     path = find_file("sweeps", name)
     content = read_sweep(path)
-    # Paths in a sweep file are relative to the file; plain names are looked up as on the command line.
-    rig = content.rig if content.rig is None or not _is_path(content.rig) else str(path.parent / content.rig)
+    # Paths in a sweep file are relative to the file; plain names are looked up as on the command
+    # line.
+    rig = (
+        content.rig
+        if content.rig is None or not _is_path(content.rig)
+        else str(path.parent / content.rig)
+    )
     model = None if content.model is None else path.parent / content.model
     return make_plan(content, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
 
@@ -127,7 +186,12 @@ def _model(rig: str | None, model: Path | None) -> "RigModel":
 
 
 def _run_sweep(
-    plan: "SweepPlan", folder: Path, workers: int | None, cluster: str | None, quiet: bool, clocks: "Callable[[], Clock]"
+    plan: "SweepPlan",
+    folder: Path,
+    workers: int | None,
+    cluster: str | None,
+    quiet: bool,
+    clocks: "Callable[[], Clock]",
 ) -> "SweepResult":
     from rfca_rig.cli.options import open_executor
     from rfca_rig.cli.progress import progress
@@ -165,12 +229,29 @@ def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> No
     # Cases are independent, so the time is divided by the number of processes.
     seconds = plan.count * pace.seconds_per_case / processes
     if as_json:
-        estimate = {"cases": plan.count, "seconds_per_case": pace.seconds_per_case, "workers": processes, "seconds": seconds}
-        echo(json.dumps({**estimate, "bytes": estimate_bytes(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
+        estimate = {
+            "cases": plan.count,
+            "seconds_per_case": pace.seconds_per_case,
+            "workers": processes,
+            "seconds": seconds,
+        }
+        echo(
+            json.dumps(
+                {
+                    **estimate,
+                    "bytes": estimate_bytes(plan),
+                    "cases_per_shard": pace.cases_per_shard,
+                },
+                indent=1,
+            )
+        )
         return
     echo(f"{plan.title}: {plan.count} cases of {', '.join(plan.varied)}")
     size = f"{1e-6 * estimate_bytes(plan):.1f} MB"
-    echo(f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on {processes} cores; {size}")
+    echo(
+        f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on "
+        f"{processes} cores; {size}"
+    )
 
 
 def _duration(seconds: float) -> str:
@@ -190,4 +271,7 @@ def _print_lists() -> None:
         echo(f"  {each.name}: {each.words}{'; ' if each.choices else ''}{', '.join(each.choices)}")
     echo("what can be put out:")
     for output in OUTPUTS.values():
-        echo(f"  {output.name}{f'{ANGLE_SEPARATOR}ANGLE' if output.at else ''}: {output.words} = {output.equation} [{output.source}]")
+        echo(
+            f"  {output.name}{f'{ANGLE_SEPARATOR}ANGLE' if output.at else ''}: "
+            f"{output.words} = {output.equation} [{output.source}]"
+        )

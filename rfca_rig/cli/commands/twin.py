@@ -14,45 +14,114 @@ RDT_PORT, COMMAND_PORT, HTTP_PORT = 49152, 49151, 8080
 CAN_PORT, CONTROL_PORT = 29536, 49160
 ANSWER_WITHIN_S = 5.0
 
-app = typer.Typer(name="twin", help="The twin rig as a server in real time, for clients of the same wires.", no_args_is_help=True)
+app = typer.Typer(
+    name="twin",
+    help="The twin rig as a server in real time, for clients of the same wires.",
+    no_args_is_help=True,
+)
 
 
 @app.command("serve", cls=Command)
 def serve(
     rig: Rig = "twin",
     seed: Seed = None,
-    listen: Annotated[str, typer.Option("--listen", metavar="ADDRESS", help="Address to listen on; this machine only if not given.")] = (
-        "127.0.0.1"
-    ),
+    listen: Annotated[
+        str,
+        typer.Option(
+            "--listen",
+            metavar="ADDRESS",
+            help="Address to listen on; this machine only if not given.",
+        ),
+    ] = ("127.0.0.1"),
     rdt_port: Annotated[
-        int, typer.Option("--rdt-port", metavar="PORT", min=0, max=65535, help="UDP port of the force sensor; 0 is any.")
+        int,
+        typer.Option(
+            "--rdt-port",
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="UDP port of the force sensor; 0 is any.",
+        ),
     ] = RDT_PORT,
     http_port: Annotated[
-        int, typer.Option("--http-port", metavar="PORT", min=0, max=65535, help="TCP port of the sensor's web page; 0 is any.")
+        int,
+        typer.Option(
+            "--http-port",
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="TCP port of the sensor's web page; 0 is any.",
+        ),
     ] = HTTP_PORT,
     command_port: Annotated[
-        int, typer.Option("--command-port", metavar="PORT", min=0, max=65535, help="TCP port of its commands; 0 is any.")
+        int,
+        typer.Option(
+            "--command-port",
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="TCP port of its commands; 0 is any.",
+        ),
     ] = COMMAND_PORT,
     can_port: Annotated[
-        int, typer.Option("--can-port", metavar="PORT", min=0, max=65535, help="TCP port of CAN as socketcand; 0 is any.")
+        int,
+        typer.Option(
+            "--can-port",
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="TCP port of CAN as socketcand; 0 is any.",
+        ),
     ] = CAN_PORT,
     control_port: Annotated[
-        int, typer.Option("--control-port", metavar="PORT", min=0, max=65535, help="TCP port of the control lines; 0 is any.")
+        int,
+        typer.Option(
+            "--control-port",
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="TCP port of the control lines; 0 is any.",
+        ),
     ] = CONTROL_PORT,
-    slcan: Annotated[bool, typer.Option("--slcan", help="Also offer CAN as a serial adapter on a pseudo terminal.")] = False,
+    slcan: Annotated[
+        bool,
+        typer.Option("--slcan", help="Also offer CAN as a serial adapter on a pseudo terminal."),
+    ] = False,
     height: Annotated[
-        float, typer.Option("--height", metavar="MM", min=1.0, max=999.0, help="Height of the shaft above the ground.")
+        float,
+        typer.Option(
+            "--height",
+            metavar="MM",
+            min=1.0,
+            max=999.0,
+            help="Height of the shaft above the ground.",
+        ),
     ] = 250.0,
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", metavar="NAME@SECONDS", help="Switch a fault (--list) on then, or NAME@FROM-TO; may be repeated."),
+        typer.Option(
+            "--fault",
+            metavar="NAME@SECONDS",
+            help="Switch a fault (--list) on then, or NAME@FROM-TO; may be repeated.",
+        ),
     ] = None,
-    seconds: Annotated[float, typer.Option("--seconds", metavar="S", min=0.0, help="End after that long; 0 goes on until ^C.")] = 0.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON with the ports on standard output.")] = False,
-    lists: Annotated[bool, typer.Option("--list", help="Print the faults that the devices of --rig can have.")] = False,
+    seconds: Annotated[
+        float,
+        typer.Option(
+            "--seconds", metavar="S", min=0.0, help="End after that long; 0 goes on until ^C."
+        ),
+    ] = 0.0,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print one line of JSON with the ports on standard output."),
+    ] = False,
+    lists: Annotated[
+        bool, typer.Option("--list", help="Print the faults that the devices of --rig can have.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
 ) -> None:
-    """Let third-party clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults can be switched meanwhile.
+    """Let third-party clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults
+    can be switched meanwhile.
 
     ^C ends it.
 
@@ -73,22 +142,34 @@ def serve(
     orders = parse_fault_events(fault or [])
     described = read_rig(find_rig(rig))
     if lists:
-        print_lines((f"{one.name:<22}{one.meaning}" for one in faults_of_served_rig(described)), indent=" " * 22)
+        print_lines(
+            (f"{one.name:<22}{one.meaning}" for one in faults_of_served_rig(described)),
+            indent=" " * 22,
+        )
         return
     # There is no password, so opening the server to the network needs a warning.
     if not is_loopback(listen):
-        say(f"WARNING open to the network: anybody who reaches {listen} can command this twin and read it; there is no password")
+        say(
+            f"WARNING open to the network: anybody who reaches {listen} can command this "
+            "twin and read it; there is no password"
+        )
     if not is_warm():
         say(COMPILE_NOTICE)
     twin_seed = seed if seed is not None else described.twin.seed if described.twin else 0
-    openings = Openings(listen, rdt_port, http_port, command_port, can_port, control_port, slcan, 1e-3 * height)
+    openings = Openings(
+        listen, rdt_port, http_port, command_port, can_port, control_port, slcan, 1e-3 * height
+    )
     with open_served(described, twin_seed, openings, WallClock()) as served:
         try:
             for address in served.reached.addresses:
                 say(address)
             if as_json:
                 echo(json.dumps(served.reached.names))
-            served.serve(orders, seconds or float("inf"), lambda config: say(f"fault {config.name} {'on' if config.on else 'off'}"))
+            served.serve(
+                orders,
+                seconds or float("inf"),
+                lambda config: say(f"fault {config.name} {'on' if config.on else 'off'}"),
+            )
         except KeyboardInterrupt:
             raise Stopped(f"stopped by the operator; {served.status()}") from None
         say(served.status())
@@ -96,9 +177,17 @@ def serve(
 
 @app.command("tell", cls=Command)
 def tell(
-    words: Annotated[list[str], typer.Argument(metavar="WORD", help="on NAME, off NAME, off all, faults, status, or height MM.")],
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="WORD", help="on NAME, off NAME, off all, faults, status, or height MM."
+        ),
+    ],
     control_port: Annotated[
-        int, typer.Option("--control-port", metavar="PORT", min=1, max=65535, help="Where the server listens.")
+        int,
+        typer.Option(
+            "--control-port", metavar="PORT", min=1, max=65535, help="Where the server listens."
+        ),
     ] = CONTROL_PORT,
 ) -> None:
     """Switch faults of a running server, or ask how it is.
@@ -122,8 +211,13 @@ def _send_command(line: str, port: int) -> list[str]:
             while not answer.endswith("ok\n") and "error " not in answer:
                 received = connection.recv(1 << 16)
                 if not received:
-                    raise DeviceError(f"the server on port {port} hung up; is it rfca-rig twin serve?")
+                    raise DeviceError(
+                        f"the server on port {port} hung up; is it rfca-rig twin serve?"
+                    )
                 answer += received.decode("ascii", "replace")
     except OSError as error:
-        raise DeviceError(f"no answer on port {port}: {error}; is rfca-rig twin serve running, with that --control-port?") from error
+        raise DeviceError(
+            f"no answer on port {port}: {error}; is rfca-rig twin serve running, with "
+            "that --control-port?"
+        ) from error
     return answer.splitlines()

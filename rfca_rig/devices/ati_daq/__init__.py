@@ -10,7 +10,11 @@ DEVICE = SensorMake(
     # The card is read by calls: its twin is what the driver reads.
     wire=None,
     check=f"{__name__}.checks:check_sensor",
-    address=("calibration_file", "its calibration file, .cal, in the folder of the rig file", "transducer.cal"),
+    address=(
+        "calibration_file",
+        "its calibration file, .cal, in the folder of the rig file",
+        "transducer.cal",
+    ),
     usual={"rate_Hz": 15000.0},
     example={"calibration_file": "made-up-gamma.cal", "rate_Hz": 15000.0},
 )

@@ -1,8 +1,9 @@
-"""The calibration file (.cal, XML) of an ATI DAQ F/T transducer: six gage voltages to a wrench; pure.
+"""The calibration file (.cal, XML) of an ATI DAQ F/T transducer: six gage voltages to a wrench;
+pure.
 
-Sources for elements and attributes: the comment at the head of every such file, and ATI's DAQ F/T C library, which also gives the formula
-of the temperature compensation. `UserAxis` is the matrix for user software, `Axis` a scaled one for ATI's software.
-"""
+Sources for elements and attributes: the comment at the head of every such file, and ATI's DAQ F/T C
+library, which also gives the formula of the temperature compensation. `UserAxis` is the matrix for
+user software, `Axis` a scaled one for ATI's software."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -26,15 +27,17 @@ MAX_CONDITION = 1e7
 class TemperatureCompensation:
     """Temperature compensation of the gage voltages, by `bias_slopes` (6,) and `gain_slopes` (6,).
 
-    compensated = (volts + bias_slope * warmth) / (1 - gain_slope * warmth), with warmth = thermistor - reference, all in volts.
-    """
+    compensated = (volts + bias_slope * warmth) / (1 - gain_slope * warmth), with warmth =
+    thermistor - reference, all in volts."""
 
     bias_slopes: Floats
     gain_slopes: Floats
     reference_V: float
 
     def compensate(self, volts: Floats, thermistor_V: Floats) -> Floats:
-        """Voltages (m, 6) at the reference temperature, from `volts` (m, 6) and `thermistor_V` (m,)."""
+        """Voltages (m, 6) at the reference temperature, from `volts` (m, 6) and `thermistor_V`
+        (m,).
+        """
         warmth = (thermistor_V - self.reference_V)[:, None]
         corrected: Floats = (volts + self.bias_slopes * warmth) / (1.0 - self.gain_slopes * warmth)
         return corrected
@@ -65,7 +68,9 @@ class TransducerCalibration:
 
     @property
     def channels(self) -> int:
-        """Number of voltages in a sample: the gages, and the thermistor where the file compensates by it."""
+        """Number of voltages in a sample: the gages, and the thermistor where the file
+        compensates by it.
+        """
         return GAGES + (self.temperature is not None)
 
     def wrench(self, volts: Floats, unloaded_V: Floats) -> Floats:
@@ -73,8 +78,13 @@ class TransducerCalibration:
 
         `unloaded_V` (channels,) are the voltages without load.
         """
-        # Both are compensated before the difference: the thermistor may have changed since the unloaded reading.
-        loaded = volts - unloaded_V if self.temperature is None else self._at_reference(volts) - self._at_reference(unloaded_V[None, :])
+        # Both are compensated before the difference: the thermistor may have changed since the
+        # unloaded reading.
+        loaded = (
+            volts - unloaded_V
+            if self.temperature is None
+            else self._at_reference(volts) - self._at_reference(unloaded_V[None, :])
+        )
         forces: Floats = loaded @ self.matrix.T
         return forces
 
@@ -83,13 +93,17 @@ class TransducerCalibration:
         return self.temperature.compensate(volts[:, :GAGES], volts[:, GAGES])
 
     def volts(self, wrench: Floats, unloaded_V: Floats) -> Floats:
-        """Gage voltages (m, 6) of a `wrench` (m, 6), its inverse at the reference temperature; `unloaded_V` is (channels,)."""
+        """Gage voltages (m, 6) of a `wrench` (m, 6), its inverse at the reference temperature;
+        `unloaded_V` is (channels,).
+        """
         gages: Floats = np.linalg.solve(self.matrix, wrench.T).T + unloaded_V[:GAGES]
         return gages
 
 
 def parse_calibration(content: bytes, where: str) -> TransducerCalibration:
-    """Parse a .cal file. Raises BadInput, as one line that begins with `where`, for content that is incomplete or ambiguous."""
+    """Parse a .cal file. Raises BadInput, as one line that begins with `where`, for content that
+    is incomplete or ambiguous.
+    """
     try:
         return _sensor(_root(content))
     except MalformedFrame as error:
@@ -103,9 +117,13 @@ def _root(content: bytes) -> Xml.Element:
     try:
         root = Xml.fromstring(content)
     except (Xml.ParseError, ValueError, LookupError) as error:
-        raise MalformedFrame(f"not XML: {error}; take ATI's calibration file as it is on their disk") from None
+        raise MalformedFrame(
+            f"not XML: {error}; take ATI's calibration file as it is on their disk"
+        ) from None
     if root.tag != "FTSensor":
-        raise MalformedFrame(f"begins with <{root.tag[:40]}>, a calibration file of a DAQ F/T begins with <FTSensor>")
+        raise MalformedFrame(
+            f"begins with <{root.tag[:40]}>, a calibration file of a DAQ F/T begins with <FTSensor>"
+        )
     return root
 
 
@@ -115,15 +133,27 @@ def _sensor(root: Xml.Element) -> TransducerCalibration:
         raise MalformedFrame(f"NumGages is {gages!r}, only transducers of {GAGES} gages are known")
     calibrations = root.findall("Calibration")
     if len(calibrations) != 1:
-        raise MalformedFrame(f"holds {len(calibrations)} <Calibration> elements, expected one; keep the one of the range in use")
+        raise MalformedFrame(
+            f"holds {len(calibrations)} <Calibration> elements, expected one; keep the "
+            "one of the range in use"
+        )
     element = calibrations[0]
-    to_si = np.repeat([newtons_per(_text(element, "ForceUnits")), newton_metres_per(_text(element, "TorqueUnits"))], 3)
+    to_si = np.repeat(
+        [
+            newtons_per(_text(element, "ForceUnits")),
+            newton_metres_per(_text(element, "TorqueUnits")),
+        ],
+        3,
+    )
     rows, limits = _axes(element)
     span_V = _positive(element, "OutputRange")
     matrix = rows * to_si[:, None]
     # Written with `not`, so that a condition number of NaN is refused too.
     if not np.linalg.cond(matrix) < MAX_CONDITION:
-        raise MalformedFrame("its matrix cannot be inverted, so no six gages of a transducer gave it; was a row copied?")
+        raise MalformedFrame(
+            "its matrix cannot be inverted, so no six gages of a transducer gave it; was "
+            "a row copied?"
+        )
     return TransducerCalibration(
         serial_number=_text(root, "Serial"),
         body_style=root.get("BodyStyle", ""),
@@ -133,28 +163,39 @@ def _sensor(root: Xml.Element) -> TransducerCalibration:
         torque_unit=_text(element, "TorqueUnits"),
         matrix=matrix,
         limits=limits * to_si,
-        rails_V=(-0.5 * span_V, 0.5 * span_V) if _truth(element, "OutputBipolar") else (0.0, span_V),
+        rails_V=(-0.5 * span_V, 0.5 * span_V)
+        if _truth(element, "OutputBipolar")
+        else (0.0, span_V),
         compensated_in_hardware=_truth(element, "HWTempComp", "False"),
         temperature=_temperature(element),
     )
 
 
 def _axes(element: Xml.Element) -> tuple[Floats, Floats]:
-    """The rows of the matrix (6, 6) and the rated loads (6,), in the order of AXES and the file's units."""
+    """The rows of the matrix (6, 6) and the rated loads (6,), in the order of AXES and the
+    file's units.
+    """
     found = element.findall("UserAxis")
     if not found and element.find("Axis") is not None:
-        raise MalformedFrame("has no <UserAxis> elements, only ATI's internal <Axis> matrix; ask ATI for a file of version 1.1")
+        raise MalformedFrame(
+            "has no <UserAxis> elements, only ATI's internal <Axis> matrix; ask ATI for "
+            "a file of version 1.1"
+        )
     by_name = {axis.get("Name", ""): axis for axis in found}
     if sorted(by_name) != sorted(AXES) or len(found) != len(AXES):
         named = ", ".join(axis.get("Name", "?")[:20] for axis in found) or "none"
-        raise MalformedFrame(f"names the axes {named} in <UserAxis>, expected each of {', '.join(AXES)} once")
+        raise MalformedFrame(
+            f"names the axes {named} in <UserAxis>, expected each of {', '.join(AXES)} once"
+        )
     rows = np.array([_numbers(by_name[name], "values", GAGES) for name in AXES])
     limits = np.array([_positive(by_name[name], "max") for name in AXES])
     return rows, limits
 
 
 def _temperature(element: Xml.Element) -> TemperatureCompensation | None:
-    """The temperature compensation. None where the file has none of its three elements; where it has some, it must have all."""
+    """The temperature compensation. None where the file has none of its three elements; where it
+    has some, it must have all.
+    """
     parts = {name: element.find(name) for name in ("BiasSlope", "GainSlope", "Thermistor")}
     bias, gain, thermistor = parts.values()
     if bias is None and gain is None and thermistor is None:
@@ -193,15 +234,22 @@ def _numbers(element: Xml.Element, name: str, count: int) -> list[float]:
     try:
         values = [float(word) for word in words]
     except ValueError:
-        raise MalformedFrame(f"{name} of <{element.tag}> holds {' '.join(words)[:60]!r}, expected numbers") from None
+        raise MalformedFrame(
+            f"{name} of <{element.tag}> holds {' '.join(words)[:60]!r}, expected numbers"
+        ) from None
     if len(values) != count or not all(map(isfinite, values)):
-        raise MalformedFrame(f"{name} of <{element.tag}> holds {' '.join(words)[:60]!r}, expected {count} finite numbers")
+        raise MalformedFrame(
+            f"{name} of <{element.tag}> holds {' '.join(words)[:60]!r}, expected {count} "
+            "finite numbers"
+        )
     return values
 
 
 @dataclass(frozen=True, eq=False)
 class GageBlock:
-    """Consecutive samples: the number of the first since the start, from 0, and `volts` (m, channels)."""
+    """Consecutive samples: the number of the first since the start, from 0, and `volts` (m,
+    channels).
+    """
 
     first: int
     volts: NDArray[np.float64]

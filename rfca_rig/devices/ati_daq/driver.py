@@ -1,4 +1,6 @@
-"""Driver for an ATI DAQ F/T: gage voltages from a sampling card, forces by the transducer's calibration."""
+"""Driver for an ATI DAQ F/T: gage voltages from a sampling card, forces by the transducer's
+calibration.
+"""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -17,12 +19,14 @@ from rfca_rig.errors import BadInput, DeviceError
 
 Floats = NDArray[np.float64]
 
-# Per N and N m: a thousandth of the resolution of a 16 bit card, so the voltages can be recovered from the counts.
+# Per N and N m: a thousandth of the resolution of a 16 bit card, so the voltages can be recovered
+# from the counts.
 COUNTS_PER_UNIT = 1e6
 MAX_COUNT = 2**31 - 1
 # Cards measure up to 10 V; the sum over all channels of a sample is checked.
 VOLTAGE = Signal("voltage", "V", -1e3, 1e3)
-# The card's clock cannot give every rate exactly; a difference of 1 % from the settings is accepted.
+# The card's clock cannot give every rate exactly; a difference of 1 % from the settings is
+# accepted.
 RATE_TOLERANCE = 1e-2
 # Share of the span that counts as the rail: one code of a 16 bit converter at each end.
 RAIL_SLACK = 2.0**-15
@@ -35,7 +39,9 @@ STORE_S = 2.0
 
 
 class GageVoltages(Protocol):
-    """Source of gage voltages, on the card's own clock: six differential inputs, and a seventh for a thermistor if calibrated."""
+    """Source of gage voltages, on the card's own clock: six differential inputs, and a seventh
+    for a thermistor if calibrated.
+    """
 
     def start(self) -> float:
         """Restarts sampling; returns the true sample rate of the card's clock in Hz.
@@ -45,7 +51,9 @@ class GageVoltages(Protocol):
         ...
 
     def read(self) -> list[GageBlock]:
-        """Blocks of voltages (m, channels) since the last call; never waits. Raises DeviceError if the card stopped."""
+        """Blocks of voltages (m, channels) since the last call; never waits. Raises DeviceError
+        if the card stopped.
+        """
         ...
 
     def stop(self) -> None:
@@ -57,7 +65,8 @@ class GageVoltages(Protocol):
 
 @dataclass(frozen=True)
 class DaqFtSettings:
-    """Sample rate, and the voltages of the unloaded transducer, with the thermistor's last if there is one.
+    """Sample rate, and the voltages of the unloaded transducer, with the thermistor's last if there
+    is one.
 
     Raises BadInput for a rate that is not above 0.
     """
@@ -71,15 +80,23 @@ class DaqFtSettings:
 
 
 class DaqFtSensor:
-    """A `ForceSensor` over gage voltages. Time is the card's sample counter; samples are read in blocks.
+    """A `ForceSensor` over gage voltages. Time is the card's sample counter; samples are read in
+    blocks.
 
     Raises BadInput if the settings do not match the calibration.
     """
 
-    def __init__(self, gages: GageVoltages, clock: Clock, calibration: TransducerCalibration, settings: DaqFtSettings) -> None:
+    def __init__(
+        self,
+        gages: GageVoltages,
+        clock: Clock,
+        calibration: TransducerCalibration,
+        settings: DaqFtSettings,
+    ) -> None:
         if len(settings.unloaded_V) != calibration.channels:
             raise BadInput(
-                f"force sensor: unloaded_V holds {len(settings.unloaded_V)} voltages, the calibration needs {calibration.channels}"
+                f"force sensor: unloaded_V holds {len(settings.unloaded_V)} voltages, the "
+                f"calibration needs {calibration.channels}"
             )
         self._gages = gages
         self._clock = clock
@@ -98,14 +115,17 @@ class DaqFtSensor:
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
-        """Starts the card. Raises DeviceError if its clock gives another rate, which would stretch the time base."""
+        """Starts the card. Raises DeviceError if its clock gives another rate, which would
+        stretch the time base.
+        """
         self._gages.stop()
         self._reset()
         self._rate_Hz = self._gages.start()
         if abs(self._rate_Hz / self._settings.rate_Hz - 1.0) > RATE_TOLERANCE:
             self._gages.stop()
             raise DeviceError(
-                f"force sensor: rate_Hz is {self._settings.rate_Hz:g}, the card's clock gives {self._rate_Hz:.6g}; set that one"
+                f"force sensor: rate_Hz is {self._settings.rate_Hz:g}, the card's clock "
+                f"gives {self._rate_Hz:.6g}; set that one"
             )
         self._running = True
 
@@ -114,7 +134,8 @@ class DaqFtSensor:
         self._gages.stop()
 
     def bias(self) -> None:
-        """Takes the mean voltages of the next 0.2 s as those without load; call it with the sensor unloaded.
+        """Takes the mean voltages of the next 0.2 s as those without load; call it with the sensor
+        unloaded.
 
         Raises DeviceError if none arrive. Restarts a running stream.
         """
@@ -125,7 +146,10 @@ class DaqFtSensor:
         while sum(len(block.volts) for block in blocks) < BIAS_S * self._rate_Hz:
             if self._clock.now_s() > deadline_s:
                 self.stop()
-                raise DeviceError(f"the card gave too few samples for a bias within {BIAS_TIMEOUT_S:g} s; check its sample clock")
+                raise DeviceError(
+                    f"the card gave too few samples for a bias within {BIAS_TIMEOUT_S:g} "
+                    "s; check its sample clock"
+                )
             self._clock.wait_until(self._clock.now_s() + 0.1 * BIAS_S)
             blocks += self._valid_blocks(self._gages.read())
         mean: Floats = np.concatenate([block.volts for block in blocks]).mean(axis=0)
@@ -135,7 +159,9 @@ class DaqFtSensor:
             self.start()
 
     def read(self) -> ForceSamples:
-        """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if the card stopped."""
+        """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if the
+        card stopped.
+        """
         self._read_s = self._clock.now_s()
         if not self._running:
             return self._samples(np.empty((0, self._calibration.channels)), np.empty(0, np.int64))
@@ -143,17 +169,24 @@ class DaqFtSensor:
         if not blocks:
             return self._samples(np.empty((0, self._calibration.channels)), np.empty(0, np.int64))
         # Record numbers start at 1, sample counters of the card at 0.
-        counters = [np.arange(block.first + 1, block.first + 1 + len(block.volts)) for block in blocks]
-        picked, numbers = self._sequence.take((np.concatenate(counters) & 0xFFFFFFFF).astype(np.uint32))
+        counters = [
+            np.arange(block.first + 1, block.first + 1 + len(block.volts)) for block in blocks
+        ]
+        picked, numbers = self._sequence.take(
+            (np.concatenate(counters) & 0xFFFFFFFF).astype(np.uint32)
+        )
         return self._samples(np.concatenate([block.volts for block in blocks])[picked], numbers)
 
     def _valid_blocks(self, blocks: list[GageBlock]) -> list[GageBlock]:
-        """Blocks (m, channels) that have every channel, others count as malformed; of those, the samples with finite voltages.
+        """Blocks (m, channels) that have every channel, others count as malformed; of those, the
+        samples with finite voltages.
 
         Raises BadReading at the third sample in a row that has one that is not finite.
         """
         channels = self._calibration.channels
-        whole = [block for block in blocks if block.volts.ndim == 2 and block.volts.shape[1] == channels]
+        whole = [
+            block for block in blocks if block.volts.ndim == 2 and block.volts.shape[1] == channels
+        ]
         self._malformed += len(blocks) - len(whole)
         return [valid for block in whole for valid in self._finite_parts(block) if len(valid.volts)]
 
@@ -188,7 +221,9 @@ class DaqFtSensor:
             sequence=numbers,
             status=status,
             # A force that is no number counts as the largest, which trips.
-            counts=np.clip(np.nan_to_num(counts, nan=MAX_COUNT), -MAX_COUNT, MAX_COUNT).astype(np.int32),
+            counts=np.clip(np.nan_to_num(counts, nan=MAX_COUNT), -MAX_COUNT, MAX_COUNT).astype(
+                np.int32
+            ),
         )
 
     def silent_s(self) -> float:
@@ -206,24 +241,41 @@ class DaqFtSensor:
     def _notes(self) -> list[str]:
         notes = []
         if self._running and self.silent_s() > 0.1:
-            notes.append(f"no sample for {self.silent_s():.2f} s: check the card and its sample clock")
+            notes.append(
+                f"no sample for {self.silent_s():.2f} s: check the card and its sample clock"
+            )
         if self._frozen.frozen:
-            notes.append(f"all gage voltages stood still over {self._frozen.frozen} samples: is the transducer connected?")
+            notes.append(
+                f"all gage voltages stood still over {self._frozen.frozen} samples: is "
+                "the transducer connected?"
+            )
         if self._status.saturated:
-            notes.append(f"a gage voltage at the rail in {self._status.saturated} samples: overload, or a broken wire")
+            notes.append(
+                f"a gage voltage at the rail in {self._status.saturated} samples: "
+                "overload, or a broken wire"
+            )
         if self._sequence.lost:
             notes.append("the card's store ran over: this computer was too busy to empty it")
         if self._malformed:
-            notes.append(f"{self._malformed} blocks thrown away: not {self._calibration.channels} voltages a sample")
+            notes.append(
+                f"{self._malformed} blocks thrown away: not {self._calibration.channels} "
+                "voltages a sample"
+            )
         if self._check.bad:
-            notes.append(f"samples with impossible voltages were refused: {describe_bad(self._check.bad)}")
+            notes.append(
+                f"samples with impossible voltages were refused: {describe_bad(self._check.bad)}"
+            )
         return notes
 
     def identity(self) -> dict[str, str]:
-        """For the recording. Matrix and unloaded voltages are included, so the voltages can be recovered from a recording."""
+        """For the recording. Matrix and unloaded voltages are included, so the voltages can be
+        recovered from a recording.
+        """
         calibration = self._calibration
         return {
-            "make": f"ATI DAQ F/T {calibration.body_style} {calibration.part_number}".replace("  ", " "),
+            "make": f"ATI DAQ F/T {calibration.body_style} {calibration.part_number}".replace(
+                "  ", " "
+            ),
             "serial_number": calibration.serial_number,
             "calibration_date": calibration.date,
             "matrix_SI_per_V": repr(calibration.matrix.tolist()),
@@ -236,7 +288,8 @@ class DaqFtSensor:
 
 
 class NidaqmxGages:
-    """`GageVoltages` with a continuous, hardware-timed task over differential inputs, gages first, thermistor last.
+    """`GageVoltages` with a continuous, hardware-timed task over differential inputs, gages first,
+    thermistor last.
 
     Raises BadInput if `nidaqmx` is not installed.
     """
@@ -251,7 +304,9 @@ class NidaqmxGages:
         self._taken = 0
 
     def start(self) -> float:
-        """Starts the task; returns the true sample rate in Hz. Raises DeviceError if card, channels or driver are missing."""
+        """Starts the task; returns the true sample rate in Hz. Raises DeviceError if card,
+        channels or driver are missing.
+        """
         self.stop()
         ni = self._ni
         try:
@@ -269,14 +324,20 @@ class NidaqmxGages:
             )
             task.start()
             self._taken = 0
-            # The card rounds the requested rate to what its clock can divide, so the true one is read back.
+            # The card rounds the requested rate to what its clock can divide, so the true one is
+            # read back.
             return float(task.timing.samp_clk_rate)
         except ni.errors.Error as error:
             self.stop()
-            raise DeviceError(f"card {self._channels} does not start: {_one_line(error)}; check [force_sensor] channels") from error
+            raise DeviceError(
+                f"card {self._channels} does not start: {_one_line(error)}; check "
+                "[force_sensor] channels"
+            ) from error
 
     def read(self) -> list[GageBlock]:
-        """Blocks of voltages (m, channels) since the last call. Raises DeviceError if the card stopped, as on a buffer overflow."""
+        """Blocks of voltages (m, channels) since the last call. Raises DeviceError if the card
+        stopped, as on a buffer overflow.
+        """
         if self._task is None:
             return []
         try:
@@ -284,9 +345,13 @@ class NidaqmxGages:
             if not waiting:
                 return []
             columns = np.empty((self._task.number_of_channels, waiting))
-            self._ni.stream_readers.AnalogMultiChannelReader(self._task.in_stream).read_many_sample(columns, waiting, timeout=0.0)
+            self._ni.stream_readers.AnalogMultiChannelReader(self._task.in_stream).read_many_sample(
+                columns, waiting, timeout=0.0
+            )
         except self._ni.errors.Error as error:
-            raise DeviceError(f"card {self._channels} stopped sampling: {_one_line(error)}") from error
+            raise DeviceError(
+                f"card {self._channels} stopped sampling: {_one_line(error)}"
+            ) from error
         block = GageBlock(self._taken, columns.T)
         self._taken += len(block.volts)
         return [block]
@@ -299,7 +364,10 @@ class NidaqmxGages:
     close = stop
 
     def identity(self) -> dict[str, str]:
-        return {"card": f"NI, {self._channels}", "card_range_V": f"{self._rails_V[0]:g} to {self._rails_V[1]:g}"}
+        return {
+            "card": f"NI, {self._channels}",
+            "card_range_V": f"{self._rails_V[0]:g} to {self._rails_V[1]:g}",
+        }
 
 
 def _nidaqmx() -> Any:
@@ -310,7 +378,10 @@ def _nidaqmx() -> Any:
         import nidaqmx.errors  # noqa: PLC0415
         import nidaqmx.stream_readers  # noqa: PLC0415
     except ImportError:
-        raise BadInput('the device ati-daq needs NI\'s package: pip install "rfca-rig[daq]", and the NI-DAQmx driver from ni.com') from None
+        raise BadInput(
+            'the device ati-daq needs NI\'s package: pip install "rfca-rig[daq]", and '
+            "the NI-DAQmx driver from ni.com"
+        ) from None
     return nidaqmx
 
 
@@ -319,7 +390,9 @@ def _one_line(error: Exception) -> str:
 
 
 def open_card(keys: AtiDaqSection, clock: Clock) -> NidaqmxGages:  # noqa: ARG001 (the card has its own clock)
-    """The card that [force_sensor] names. Raises BadInput without NI's package, and for an unusable calibration file."""
+    """The card that [force_sensor] names. Raises BadInput without NI's package, and for an
+    unusable calibration file.
+    """
     return NidaqmxGages(keys.channels, keys.rate_Hz, keys.calibration().rails_V)
 
 

@@ -17,7 +17,8 @@ CODES = 1 << 16
 
 @dataclass(frozen=True)
 class DaqFtTwinSettings:
-    """Sample rate and buffer of the card, unloaded voltages, and noise standard deviation per axis in N and N m.
+    """Sample rate and buffer of the card, unloaded voltages, and noise standard deviation per axis
+    in N and N m.
 
     If the buffer is not read within `store_s`, it overflows and the oldest samples are lost.
     """
@@ -44,14 +45,24 @@ class _Store:
 
 
 class DaqFtTwin:
-    """Implements `GageVoltages`, so a driver reads from it directly. A world advances it in steps: `due`, then `take_wrench`."""
+    """Implements `GageVoltages`, so a driver reads from it directly. A world advances it in
+    steps: `due`, then `take_wrench`.
+    """
 
-    def __init__(self, calibration: TransducerCalibration, settings: DaqFtTwinSettings, random: np.random.Generator) -> None:
+    def __init__(
+        self,
+        calibration: TransducerCalibration,
+        settings: DaqFtTwinSettings,
+        random: np.random.Generator,
+    ) -> None:
         self._calibration = calibration
         self._settings = settings
         self._random = random
         self._ticks = SampleGrid(1.0 / settings.sampling_Hz)
-        self._unloaded_V, self._noise_std = np.array(settings.unloaded_V), np.array(settings.noise_std)
+        self._unloaded_V, self._noise_std = (
+            np.array(settings.unloaded_V),
+            np.array(settings.noise_std),
+        )
         self._running = False
         self._taken = 0
         self._store = _Store()
@@ -79,7 +90,9 @@ class DaqFtTwin:
         """Does nothing: a card reacts to calls at once."""
 
     def due(self, to_s: float) -> Floats:
-        """Sample times (m,) in s in the step that ends at `to_s`; none while the card is stopped."""
+        """Sample times (m,) in s in the step that ends at `to_s`; none while the card is
+        stopped.
+        """
         times_s = self._ticks.until(to_s)
         return times_s if self._running else times_s[:0]
 
@@ -92,11 +105,16 @@ class DaqFtTwin:
         if (temperature := self._calibration.temperature) is not None:
             # The thermistor shows the reference temperature, at which no compensation is needed.
             volts = np.column_stack([volts, np.full(len(volts), temperature.reference_V)])
-        self._store.add(GageBlock(self._taken, volts), round(self._settings.store_s * self._settings.sampling_Hz))
+        self._store.add(
+            GageBlock(self._taken, volts),
+            round(self._settings.store_s * self._settings.sampling_Hz),
+        )
         self._taken += len(wrench)
 
     def _digitise(self, volts: Floats) -> Floats:
-        """Quantises voltages (m, 6) to a 16 bit converter between the rails; beyond them it gives its first or last code."""
+        """Quantises voltages (m, 6) to a 16 bit converter between the rails; beyond them it
+        gives its first or last code.
+        """
         lowest_V, highest_V = self._calibration.rails_V
         step_V = (highest_V - lowest_V) / CODES
         codes = np.clip(np.rint((volts - lowest_V) / step_V), 0, CODES - 1)
@@ -104,6 +122,12 @@ class DaqFtTwin:
         return coded
 
 
-def make_twin(_wire: None, keys: AtiDaqSection, noise_std: tuple[float, ...], random: np.random.Generator) -> DaqFtTwin:
-    """The twin of the card that [force_sensor] names. Raises BadInput for a calibration file that cannot be used."""
-    return DaqFtTwin(keys.calibration(), DaqFtTwinSettings(keys.rate_Hz, keys.unloaded_V, noise_std), random)
+def make_twin(
+    _wire: None, keys: AtiDaqSection, noise_std: tuple[float, ...], random: np.random.Generator
+) -> DaqFtTwin:
+    """The twin of the card that [force_sensor] names. Raises BadInput for a calibration file
+    that cannot be used.
+    """
+    return DaqFtTwin(
+        keys.calibration(), DaqFtTwinSettings(keys.rate_Hz, keys.unloaded_V, noise_std), random
+    )

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 from rfca_rig.clock import Clock
 from rfca_rig.devices.ati_serial.driver import AtiSerialSensor
 from rfca_rig.devices.ati_serial.section import AtiSerialSection
-from rfca_rig.devices.checks import Colour, Finding, green, judge_serial_port, look_at_serial_port, red, yellow
+from rfca_rig.devices.checks import (
+    Colour,
+    Finding,
+    green,
+    judge_serial_port,
+    look_at_serial_port,
+    red,
+    yellow,
+)
 from rfca_rig.errors import DeviceError
 
 ANSWER, RATE, HEALTH = "sensor", "sensor's rate", "sensor's records"
@@ -19,7 +27,9 @@ STREAM_S = 1.0
 
 @dataclass(frozen=True)
 class ControllerSeen:
-    """Observed short stream. `error` is why it failed, None if it did not; `notes` are the driver's remarks on the records."""
+    """Observed short stream. `error` is why it failed, None if it did not; `notes` are the
+    driver's remarks on the records.
+    """
 
     path: str
     error: str | None = None
@@ -31,23 +41,52 @@ class ControllerSeen:
 
 def judge_controller(seen: ControllerSeen, rate_Hz: float) -> list[Finding]:
     if seen.error is not None:
-        return [red(ANSWER, seen.error, "check the controller's power, the cable (a null modem?), and bits_per_s under [force_sensor]")]
+        return [
+            red(
+                ANSWER,
+                seen.error,
+                (
+                    "check the controller's power, the cable (a null modem?), and bits_per_s "
+                    "under [force_sensor]"
+                ),
+            )
+        ]
     if not seen.received:
         fix = "check record and bits_per_s under [force_sensor]"
-        return [red(ANSWER, f"F/T controller on {seen.path} answers, but no record came in {seen.seconds:.1f} s", fix)]
-    return [green(ANSWER, f"F/T controller on {seen.path} answers"), _rate(seen.rate_Hz, rate_Hz), _health(seen)]
+        return [
+            red(
+                ANSWER,
+                (
+                    f"F/T controller on {seen.path} answers, but no record came in "
+                    f"{seen.seconds:.1f} s"
+                ),
+                fix,
+            )
+        ]
+    return [
+        green(ANSWER, f"F/T controller on {seen.path} answers"),
+        _rate(seen.rate_Hz, rate_Hz),
+        _health(seen),
+    ]
 
 
 def _rate(rate_Hz: float, wanted_Hz: float) -> Finding:
     if abs(rate_Hz / wanted_Hz - 1.0) > TOLERANCE:
-        fix = f"put rate_Hz = {rate_Hz:.3g} under [force_sensor], or change the controller's averaging (SA) and sampling (SF)"
+        fix = (
+            f"put rate_Hz = {rate_Hz:.3g} under [force_sensor], or change the controller's "
+            "averaging (SA) and sampling (SF)"
+        )
         return red(RATE, f"{rate_Hz:.1f} records/s, the rig file says {wanted_Hz:g}", fix)
     return green(RATE, f"{rate_Hz:.1f} records/s")
 
 
 def _health(seen: ControllerSeen) -> Finding:
     if seen.notes:
-        return yellow(HEALTH, "; ".join(seen.notes), "take every load off the sensor, check the transducer's cable, then look again")
+        return yellow(
+            HEALTH,
+            "; ".join(seen.notes),
+            "take every load off the sensor, check the transducer's cable, then look again",
+        )
     return green(HEALTH, f"{seen.received} in {seen.seconds:.1f} s, all whole")
 
 
@@ -65,7 +104,9 @@ def look_at_controller(keys: AtiSerialSection, clock: Clock) -> ControllerSeen:
 
 
 def _stream(path: str, sensor: AtiSerialSensor, clock: Clock) -> ControllerSeen:
-    """Streams and measures the rate from the first record on; the driver's own rate check needs longer."""
+    """Streams and measures the rate from the first record on; the driver's own rate check needs
+    longer.
+    """
     sensor.start()
     first_s = last_s = None
     records = 0

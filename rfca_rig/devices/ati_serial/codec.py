@@ -1,8 +1,10 @@
 """ATI F/T Controller (CTL, CON) on RS-232: commands, and records in ASCII and binary; pure.
 
-Commands end in a carriage return, are echoed, and are answered by a prompt. Commands: the controller's command list (ATI manual
-9620-05-CTL). ASCII record: error flag and six counts, 45 characters with CR LF. Binary record: one byte of error flag and six 16 bit
-counts, high byte first. With `CD E` a checksum follows. The documents do not define it; here it is the sum of the record's bytes modulo
+Commands end in a carriage return, are echoed, and are answered by a prompt. Commands: the
+controller's command list (ATI manual 9620-05-CTL). ASCII record: error flag and six counts, 45
+characters with CR LF. Binary record: one byte of error flag and six 16 bit counts, high byte first.
+With `CD E` a checksum follows. The documents do not define it; here it is the sum of the record's
+bytes modulo
 256. If a controller computes it differently, every record is refused, and the driver reports it.
 """
 
@@ -43,7 +45,11 @@ class RecordForm(Enum):
     @property
     def record_bytes(self) -> int:
         """Length of one record on the wire."""
-        sizes = {RecordForm.ASCII: ASCII_BYTES, RecordForm.BINARY: _BINARY.size, RecordForm.BINARY_CHECKSUM: _BINARY.size + 1}
+        sizes = {
+            RecordForm.ASCII: ASCII_BYTES,
+            RecordForm.BINARY: _BINARY.size,
+            RecordForm.BINARY_CHECKSUM: _BINARY.size + 1,
+        }
         return sizes[self]
 
 
@@ -73,14 +79,18 @@ SETUP = {
 
 @dataclass(frozen=True, slots=True)
 class AtiRecord:
-    """One record. `error` is 0 while the values are good; saturation or a disconnected transducer set it. Counts: fx fy fz tx ty tz."""
+    """One record. `error` is 0 while the values are good; saturation or a disconnected
+    transducer set it. Counts: fx fy fz tx ty tz.
+    """
 
     error: int
     counts: Counts
 
 
 def encode_command(command: bytes) -> bytes:
-    """A command with its line end. Raises NotEncodable for a command that holds a carriage return or line feed."""
+    """A command with its line end. Raises NotEncodable for a command that holds a carriage
+    return or line feed.
+    """
     # A line end inside would make the controller see two commands.
     if b"\r" in command or b"\n" in command:
         raise NotEncodable(f"command {command!r} holds a line end of its own")
@@ -88,13 +98,17 @@ def encode_command(command: bytes) -> bytes:
 
 
 def encode_record(record: AtiRecord, form: RecordForm) -> bytes:
-    """One record as the controller sends it. Raises NotEncodable for a count that 16 bits do not hold."""
+    """One record as the controller sends it. Raises NotEncodable for a count that 16 bits do not
+    hold.
+    """
     try:
         packed = _BINARY.pack(record.error, *record.counts)
     except struct.error as error:
         raise NotEncodable(f"record {record} does not fit: {error}") from error
     if form is RecordForm.ASCII:
-        return b"%d" % record.error + b"".join(b",%6d" % count for count in record.counts) + LINE_END
+        return (
+            b"%d" % record.error + b"".join(b",%6d" % count for count in record.counts) + LINE_END
+        )
     return packed + (checksum(packed) if form is RecordForm.BINARY_CHECKSUM else b"")
 
 
@@ -110,16 +124,22 @@ def _decode_ascii(line: bytes) -> AtiRecord:
     counts = [int(word) for word in found[2].split(b",")[1:]]
     if not all(-MAX_COUNT - 1 <= count <= MAX_COUNT for count in counts):
         raise MalformedFrame(f"line {line[:60]!r} holds a count beyond 16 bits")
-    return AtiRecord(int(found[1]), (counts[0], counts[1], counts[2], counts[3], counts[4], counts[5]))
+    return AtiRecord(
+        int(found[1]), (counts[0], counts[1], counts[2], counts[3], counts[4], counts[5])
+    )
 
 
 def _decode_binary(data: bytes, form: RecordForm) -> AtiRecord:
     if len(data) != form.record_bytes:
         raise MalformedFrame(f"binary record of {len(data)} bytes, expected {form.record_bytes}")
     if form is RecordForm.BINARY_CHECKSUM and checksum(data[:-1]) != data[-1:]:
-        raise MalformedFrame(f"checksum of a binary record is 0x{data[-1]:02x}, its bytes add up to 0x{checksum(data[:-1])[0]:02x}")
+        raise MalformedFrame(
+            f"checksum of a binary record is 0x{data[-1]:02x}, its bytes add up to "
+            f"0x{checksum(data[:-1])[0]:02x}"
+        )
     error, fx, fy, fz, tx, ty, tz = _BINARY.unpack(data[: _BINARY.size])
-    # The flag is the only redundancy of a record without checksum: another value means that bytes are out of step.
+    # The flag is the only redundancy of a record without checksum: another value means that bytes
+    # are out of step.
     if error > 1:
         raise MalformedFrame(f"binary record begins with error flag 0x{error:02x}, expected 0 or 1")
     return AtiRecord(error, (fx, fy, fz, tx, ty, tz))
@@ -145,7 +165,9 @@ class RecordDecoder(Protocol):
     last_malformed: str
 
     def feed(self, data: bytes) -> list[FoundRecord]:
-        """The records that `data` completes. Never raises: invalid data are counted in `malformed` and skipped."""
+        """The records that `data` completes. Never raises: invalid data are counted in
+        `malformed` and skipped.
+        """
         ...
 
 
@@ -155,11 +177,11 @@ def record_stream(form: RecordForm) -> RecordDecoder:
 
 
 class AsciiStream:
-    """Decoder of ASCII lines. Fields have a fixed width, so a line of another length than its neighbours lost or gained a character.
+    """Decoder of ASCII lines. Fields have a fixed width, so a line of another length than its
+    neighbours lost or gained a character.
 
-    The width is learned: two consecutive lines of the same new length are accepted. Text before the first record (echo, prompt) is
-    ignored.
-    """
+    The width is learned: two consecutive lines of the same new length are accepted. Text before the
+    first record (echo, prompt) is ignored."""
 
     def __init__(self) -> None:
         self.malformed = 0
@@ -193,8 +215,8 @@ class AsciiStream:
     def _refuse(self, line: bytes, error: MalformedFrame) -> None:
         """Count a malformed line and its characters.
 
-        The characters give the number of lost records: a line that lost its end contains the next one, one that gained an end became two.
-        """
+        The characters give the number of lost records: a line that lost its end contains the next
+        one, one that gained an end became two."""
         # Before the first record there is no width, and nothing was lost.
         if self._width > 0:
             self.malformed += 1
@@ -205,9 +227,9 @@ class AsciiStream:
 class BinaryStream:
     """Decoder of binary records, which have a fixed length and no start mark.
 
-    While records are valid, each begins where the one before ended. After an invalid one, an alignment is searched at which several
-    consecutive records are valid. Without checksum there may be many; the one with the smallest changes of values is taken.
-    """
+    While records are valid, each begins where the one before ended. After an invalid one, an
+    alignment is searched at which several consecutive records are valid. Without checksum there may
+    be many; the one with the smallest changes of values is taken."""
 
     def __init__(self, form: RecordForm) -> None:
         self.malformed = 0
@@ -248,13 +270,21 @@ class BinaryStream:
             return None
 
     def _follows(self, record: AtiRecord) -> bool:
-        if self._last is None or self._form is RecordForm.BINARY_CHECKSUM or _jump(self._last, record) <= LARGEST_JUMP:
+        if (
+            self._last is None
+            or self._form is RecordForm.BINARY_CHECKSUM
+            or _jump(self._last, record) <= LARGEST_JUMP
+        ):
             return True
-        self._reason = f"values jump by {_jump(self._last, record)} counts from one record to the next"
+        self._reason = (
+            f"values jump by {_jump(self._last, record)} counts from one record to the next"
+        )
         return False
 
     def _find_step(self) -> bool:
-        """Skip to the best alignment; False where more bytes are needed to compare all alignments."""
+        """Skip to the best alignment; False where more bytes are needed to compare all
+        alignments.
+        """
         while len(self._held) >= (ALIGNED_RUN + 2) * self._size:
             at = self._best_alignment()
             self._skip(at or self._size)
@@ -264,9 +294,15 @@ class BinaryStream:
         return False
 
     def _best_alignment(self) -> int | None:
-        """The best alignment within the length of two records, so that one damaged record does not hide the true one behind it."""
+        """The best alignment within the length of two records, so that one damaged record does
+        not hide the true one behind it.
+        """
         steps = [n * self._size for n in range(ALIGNED_RUN)]
-        fits = [at for at in range(1, 2 * self._size + 1) if all(self._record_at(at + step) is not None for step in steps)]
+        fits = [
+            at
+            for at in range(1, 2 * self._size + 1)
+            if all(self._record_at(at + step) is not None for step in steps)
+        ]
         if not fits:
             return None
         best = min(fits, key=self._roughness)
@@ -274,7 +310,11 @@ class BinaryStream:
         return min(at for at in fits if (at - best) % self._size == 0)
 
     def _roughness(self, at: int) -> int:
-        records = [record for n in range(ALIGNED_RUN) if (record := self._record_at(at + n * self._size)) is not None]
+        records = [
+            record
+            for n in range(ALIGNED_RUN)
+            if (record := self._record_at(at + n * self._size)) is not None
+        ]
         return sum(_jump(before, after) for before, after in itertools.pairwise(records))
 
     def _skip(self, count: int) -> None:
@@ -282,7 +322,9 @@ class BinaryStream:
         self._skipped += count
 
     def _accept(self, record: AtiRecord) -> FoundRecord:
-        """Remove a record from the buffer; skipped bytes count as the records that they would fill, but not before the first record."""
+        """Remove a record from the buffer; skipped bytes count as the records that they would
+        fill, but not before the first record.
+        """
         missed = round(self._skipped / self._size) if self._last is not None else 0
         self._skipped = 0
         self._last = record
@@ -295,6 +337,8 @@ def _jump(before: AtiRecord, after: AtiRecord) -> int:
 
 
 def without_echo(data: bytes, echo: bytes) -> bytes | None:
-    """The data after the echoed command and its line end; None while these have not arrived completely."""
+    """The data after the echoed command and its line end; None while these have not arrived
+    completely.
+    """
     at = data.find(echo + LINE_END)
     return None if at < 0 else data[at + len(echo) + len(LINE_END) :]

@@ -4,7 +4,15 @@ import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.force_sensors import SATURATED
-from rfca_rig.devices.ati_serial.codec import PROMPT, SETUP, AtiCommand, FoundRecord, encode_command, record_stream, without_echo
+from rfca_rig.devices.ati_serial.codec import (
+    PROMPT,
+    SETUP,
+    AtiCommand,
+    FoundRecord,
+    encode_command,
+    record_stream,
+    without_echo,
+)
 from rfca_rig.devices.ati_serial.section import AtiSerialSection
 from rfca_rig.drivers.device_time import FrameCount
 from rfca_rig.drivers.ports import SerialPort
@@ -23,11 +31,12 @@ LONGEST_ECHO = 64
 
 
 class AtiSerialSensor:
-    """A `ForceSensor` over a serial port. Sends a bias only in `bias`: taring belongs to the experiment.
+    """A `ForceSensor` over a serial port. Sends a bias only in `bias`: taring belongs to the
+    experiment.
 
-    Records carry no number. A loss shows as bytes that are not records, and as records that lag behind the host clock; both advance
-    the sample counter. Records cannot be duplicated or reordered on a serial line.
-    """
+    Records carry no number. A loss shows as bytes that are not records, and as records that lag
+    behind the host clock; both advance the sample counter. Records cannot be duplicated or
+    reordered on a serial line."""
 
     def __init__(self, port: SerialPort, clock: Clock, keys: AtiSerialSection) -> None:
         self._port = port
@@ -48,7 +57,9 @@ class AtiSerialSensor:
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
-        """Sets up the controller and starts its stream. Raises DeviceError, with the command, if it does not answer."""
+        """Sets up the controller and starts its stream. Raises DeviceError, with the command, if
+        it does not answer.
+        """
         # A bare carriage return first: it ends a stream that an earlier program left running.
         for command in (AtiCommand.NOTHING, *SETUP[self._keys.form]):
             self._ask(command)
@@ -57,7 +68,9 @@ class AtiSerialSensor:
         self._running = True
 
     def _ask(self, command: AtiCommand) -> None:
-        """Sends a command and waits for the prompt after its echo. Remains of an earlier stream may precede it."""
+        """Sends a command and waits for the prompt after its echo. Remains of an earlier stream
+        may precede it.
+        """
         self._send(command)
         answer, deadline_s = b"", self._clock.now_s() + ANSWER_S
         while PROMPT not in (answer.partition(command)[2] if command else answer):
@@ -67,7 +80,8 @@ class AtiSerialSensor:
                 raise DeviceError(
                     f"F/T controller on {self._keys.port} gives no prompt {request} "
                     f"within {ANSWER_S:g} s, {reply}; "
-                    f"check its power, the cable, and that it is set to {self._keys.bits_per_s} bit/s"
+                    "check its power, the cable, and that it is set to "
+                    f"{self._keys.bits_per_s} bit/s"
                 )
             self._clock.wait_until(self._clock.now_s() + POLL_S)
             answer += self._receive()
@@ -78,7 +92,9 @@ class AtiSerialSensor:
         self._send(AtiCommand.NOTHING)
 
     def bias(self) -> None:
-        """Makes the controller take its present load as zero, and restarts a running stream; call it with the sensor unloaded."""
+        """Makes the controller take its present load as zero, and restarts a running stream;
+        call it with the sensor unloaded.
+        """
         was_running, self._running = self._running, False
         for command in (AtiCommand.NOTHING, AtiCommand.BIAS):
             self._ask(command)
@@ -89,17 +105,23 @@ class AtiSerialSensor:
         try:
             self._port.write(encode_command(command))
         except OSError as error:
-            raise DeviceError(f"nothing to be sent on {self._keys.port}: {error}; check the cable") from error
+            raise DeviceError(
+                f"nothing to be sent on {self._keys.port}: {error}; check the cable"
+            ) from error
 
     def _receive(self) -> bytes:
         try:
             waiting = self._port.in_waiting
             return self._port.read(waiting) if waiting else b""
         except OSError as error:
-            raise DeviceError(f"nothing to be received on {self._keys.port}: {error}; check the cable") from error
+            raise DeviceError(
+                f"nothing to be received on {self._keys.port}: {error}; check the cable"
+            ) from error
 
     def read(self) -> ForceSamples:
-        """Records (m, 6) since the last call. Raises DeviceError if their rate differs from the settings."""
+        """Records (m, 6) since the last call. Raises DeviceError if their rate differs from the
+        settings.
+        """
         self._read_s = self._clock.now_s()
         data = self._without_head(self._receive())
         found = self._stream.feed(data) if self._running else []
@@ -121,8 +143,11 @@ class AtiSerialSensor:
         places = np.cumsum([one.missed + 1 for one in found], dtype=np.int64) - 1
         stamps_s = self._count.stamp(int(places[-1]) + 1 if len(found) else 0, self._read_s)[places]
         counts = np.array([one.record.counts for one in found], np.int32).reshape(-1, 6)
-        # The controller has one error flag for saturation and a disconnected transducer; it is reported as saturation.
-        status = np.where([one.record.error for one in found], np.uint32(SATURATED), np.uint32(0)).astype(np.uint32)
+        # The controller has one error flag for saturation and a disconnected transducer; it is
+        # reported as saturation.
+        status = np.where(
+            [one.record.error for one in found], np.uint32(SATURATED), np.uint32(0)
+        ).astype(np.uint32)
         if found:
             self._inspect(counts, status, int(places[-1]) + 1)
         # The record number follows from the device time, so that losses leave gaps in it.
@@ -138,18 +163,24 @@ class AtiSerialSensor:
         self._garbled += sent - len(counts)
 
     def _check_rate(self, sent: int) -> None:
-        """Checks the rate once, over the first second: a wrong one would stretch the time base of the whole recording."""
+        """Checks the rate once, over the first second: a wrong one would stretch the time base
+        of the whole recording.
+        """
         if self._first_s is None:
             # The first batch may have accumulated before the first read, so it is not counted.
             self._first_s, self._first_batch = self._read_s, sent
         elif not self._rate_checked and self._read_s - self._first_s >= RATE_CHECK_S:
             self._rate_checked = True
-            rate_Hz = (self._received + self._garbled + sent - self._first_batch) / (self._read_s - self._first_s)
+            rate_Hz = (self._received + self._garbled + sent - self._first_batch) / (
+                self._read_s - self._first_s
+            )
             slack_Hz = RATE_TOLERANCE * self._keys.rate_Hz + 1.0 / RATE_CHECK_S
             if abs(rate_Hz - self._keys.rate_Hz) > slack_Hz:
                 raise DeviceError(
-                    f"force sensor sends {rate_Hz:.1f} records/s, the settings say {self._keys.rate_Hz:g}; "
-                    "put that into rate_Hz, or change the controller's averaging (SA) and sampling (SF)"
+                    f"force sensor sends {rate_Hz:.1f} records/s, the settings say "
+                    f"{self._keys.rate_Hz:g}; "
+                    "put that into rate_Hz, or change the controller's averaging (SA) "
+                    "and sampling (SF)"
                 )
 
     def silent_s(self) -> float:
@@ -179,11 +210,20 @@ class AtiSerialSensor:
                 why = "bytes come, but none are records; try another form, and without checksum"
             notes.append(f"no record for {self.silent_s():.2f} s: {why}")
         if self._frozen.frozen:
-            notes.append(f"all six values stood still over {self._frozen.frozen} records: is the transducer connected?")
+            notes.append(
+                f"all six values stood still over {self._frozen.frozen} records: is the "
+                "transducer connected?"
+            )
         if self._status.faulty:
-            notes.append(f"error flag in {self._status.faulty} records: saturated, or the transducer is not connected")
+            notes.append(
+                f"error flag in {self._status.faulty} records: saturated, or the "
+                "transducer is not connected"
+            )
         if self._stream.malformed:
-            notes.append(f"{self._stream.malformed} pieces of the stream were no records, the last one: {self._stream.last_malformed}")
+            notes.append(
+                f"{self._stream.malformed} pieces of the stream were no records, the last "
+                f"one: {self._stream.last_malformed}"
+            )
         return notes
 
     def identity(self) -> dict[str, str]:

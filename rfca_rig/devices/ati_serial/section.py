@@ -10,19 +10,23 @@ from rfca_rig.toml import Positive
 
 
 class AtiSerialSection(SerialSensorKeys):
-    """An ATI F/T Controller (CTL, CON) on a serial port. The counts per unit are in its calibration certificate.
+    """An ATI F/T Controller (CTL, CON) on a serial port. The counts per unit are in its calibration
+    certificate.
 
-    `rate_Hz` is the rate at which the controller sends. It follows from its averaging and the serial line. A run measures it and is refused
-    if it differs.
-    """
+    `rate_Hz` is the rate at which the controller sends. It follows from its averaging and the
+    serial line. A run measures it and is refused if it differs."""
 
     device: Literal["ati-serial"]
     counts_per_N: Positive = Field(description="in the calibration certificate")
     counts_per_Nm: Positive = Field(description="in the calibration certificate")
     rate_Hz: Positive = Field(description="rate at which the controller sends; a run measures it")
     port: str = Field(default="/dev/ttyUSB0", description="serial port")
-    bits_per_s: Annotated[int, Field(gt=0)] = Field(default=38_400, description="of the serial line")
-    record: Literal["ascii", "binary", "binary-checksum"] = Field(default="ascii", description="form of a record")
+    bits_per_s: Annotated[int, Field(gt=0)] = Field(
+        default=38_400, description="of the serial line"
+    )
+    record: Literal["ascii", "binary", "binary-checksum"] = Field(
+        default="ascii", description="form of a record"
+    )
 
     @model_validator(mode="after")
     def _line_carries_it(self) -> "AtiSerialSection":
@@ -30,7 +34,8 @@ class AtiSerialSection(SerialSensorKeys):
         most_Hz = self.bits_per_s / (10.0 * self.form.record_bytes)
         if self.rate_Hz > most_Hz * (1.0 + 1e-9):
             raise ValueError(
-                f"force sensor: rate_Hz is {self.rate_Hz:g}, at {self.bits_per_s} bit/s the line carries {most_Hz:.1f} records/s "
+                f"force sensor: rate_Hz is {self.rate_Hz:g}, at {self.bits_per_s} bit/s "
+                f"the line carries {most_Hz:.1f} records/s "
                 f"in the form {self.form.value!r}; lower rate_Hz or take the form 'binary-checksum'"
             )
         return self

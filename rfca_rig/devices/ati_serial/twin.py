@@ -6,7 +6,16 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.devices.ati_serial.codec import END, LINE_END, MAX_COUNT, PROMPT, AtiCommand, AtiRecord, RecordForm, encode_record
+from rfca_rig.devices.ati_serial.codec import (
+    END,
+    LINE_END,
+    MAX_COUNT,
+    PROMPT,
+    AtiCommand,
+    AtiRecord,
+    RecordForm,
+    encode_record,
+)
 from rfca_rig.devices.ati_serial.section import AtiSerialSection
 from rfca_rig.twin_server.open_ports import SensorWire
 from rfca_rig.twins.wires import SampleGrid, SerialLine
@@ -22,11 +31,11 @@ WIRE = SensorWire("F/T controller")
 
 @dataclass(frozen=True)
 class AtiSerialTwinSettings:
-    """Settings of the controller, and noise standard deviation and range of the transducer per axis, in N and N m.
+    """Settings of the controller, and noise standard deviation and range of the transducer per
+    axis, in N and N m.
 
-    The default scale is that of a Gamma SI-65-5. A record is sent at every n-th sample, with the smallest n that the line can carry
-    at `bits_per_s`.
-    """
+    The default scale is that of a Gamma SI-65-5. A record is sent at every n-th sample, with the
+    smallest n that the line can carry at `bits_per_s`."""
 
     counts_per_N: float = 20.0
     counts_per_Nm: float = 1000.0 / 3.0
@@ -37,12 +46,15 @@ class AtiSerialTwinSettings:
 
 
 class AtiSerialTwin:
-    """Echoes commands, executes them and prompts; streams after `QS` until the next carriage return. Uses ASCII after power-up.
+    """Echoes commands, executes them and prompts; streams after `QS` until the next carriage
+    return. Uses ASCII after power-up.
 
-    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`.
-    """
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved,
+    `take_wrench`."""
 
-    def __init__(self, line: SerialLine, settings: AtiSerialTwinSettings, random: np.random.Generator) -> None:
+    def __init__(
+        self, line: SerialLine, settings: AtiSerialTwinSettings, random: np.random.Generator
+    ) -> None:
         self._line = line
         self._settings = settings
         self._random = random
@@ -52,7 +64,10 @@ class AtiSerialTwin:
         self._streaming = self._one_wanted = self._bias_wanted = False
         self._biases: list[Floats] = []
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
-        self._noise_std, self._full_scale = np.array(settings.noise_std), np.array(settings.full_scale)
+        self._noise_std, self._full_scale = (
+            np.array(settings.noise_std),
+            np.array(settings.full_scale),
+        )
 
     @property
     def form(self) -> RecordForm:
@@ -72,7 +87,9 @@ class AtiSerialTwin:
         return max(1, ceil(self._settings.sampling_Hz * bits / self._settings.bits_per_s - 1e-9))
 
     def take_requests(self) -> None:
-        """Executes received commands. A line that is not a command is answered by the prompt alone."""
+        """Executes received commands. A line that is not a command is answered by the prompt
+        alone.
+        """
         for number in self._line.read():
             self._hear(bytes([number]))
 
@@ -106,7 +123,9 @@ class AtiSerialTwin:
             self._biases = []
 
     def due(self, to_s: float) -> Floats:
-        """Sample times (m,) in s in the step that ends at `to_s`; none while no record was requested."""
+        """Sample times (m,) in s in the step that ends at `to_s`; none while no record was
+        requested.
+        """
         first = self._ticks.taken + 1
         times_s = self._ticks.until(to_s)
         if self._one_wanted or self._bias_wanted:
@@ -116,7 +135,9 @@ class AtiSerialTwin:
         return times_s[(-first) % every :: every] if self._streaming else times_s[:0]
 
     def take_wrench(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a record for each."""
+        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a
+        record for each.
+        """
         if not len(wrench):
             return
         if self._bias_wanted:
@@ -136,13 +157,26 @@ class AtiSerialTwin:
         # The range applies to the load itself; the bias is subtracted afterwards.
         saturated = (clipped != noisy).any(axis=1)
         bias = self._biases[-1] if self._biases else np.zeros(6)
-        counts = np.clip(np.rint((clipped - bias) * self._counts_per_unit), -MAX_COUNT, MAX_COUNT).astype(int)
-        for error, (fx, fy, fz, tx, ty, tz) in zip(saturated.tolist(), counts.tolist(), strict=True):
-            self._line.write(encode_record(AtiRecord(int(error), (fx, fy, fz, tx, ty, tz)), self.form))
+        counts = np.clip(
+            np.rint((clipped - bias) * self._counts_per_unit), -MAX_COUNT, MAX_COUNT
+        ).astype(int)
+        for error, (fx, fy, fz, tx, ty, tz) in zip(
+            saturated.tolist(), counts.tolist(), strict=True
+        ):
+            self._line.write(
+                encode_record(AtiRecord(int(error), (fx, fy, fz, tx, ty, tz)), self.form)
+            )
 
 
-def make_twin(line: SerialLine, keys: AtiSerialSection, noise_std: tuple[float, ...], random: np.random.Generator) -> AtiSerialTwin:
-    """The twin of the controller that [force_sensor] names, with a transducer whose full scale is the largest count of 16 bits."""
+def make_twin(
+    line: SerialLine,
+    keys: AtiSerialSection,
+    noise_std: tuple[float, ...],
+    random: np.random.Generator,
+) -> AtiSerialTwin:
+    """The twin of the controller that [force_sensor] names, with a transducer whose full scale
+    is the largest count of 16 bits.
+    """
     settings = keys.to_dataclass(
         AtiSerialTwinSettings,
         sampling_Hz=keys.rate_Hz,

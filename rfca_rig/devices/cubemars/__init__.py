@@ -1,4 +1,6 @@
-"""CubeMars / T-Motor AK drives on CAN, in MIT and in servo mode. They have no watchdog, so a guardian takes the torque away."""
+"""CubeMars / T-Motor AK drives on CAN, in MIT and in servo mode. They have no watchdog, so a
+guardian takes the torque away.
+"""
 
 from rfca_rig.devices import MotorMake
 

@@ -1,4 +1,6 @@
-"""Twins of CubeMars / T-Motor AK drives in MIT and in servo mode, on the CAN bus, and the faults that can be injected into them."""
+"""Twins of CubeMars / T-Motor AK drives in MIT and in servo mode, on the CAN bus, and the faults
+that can be injected into them.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -45,11 +47,11 @@ MAX_COUNT = 32_000
 class MitTwinSettings:
     """Configuration of the drive, and variant of its firmware.
 
-    With `watchdog_s` None the drive keeps its last command for ever. Otherwise the command is zeroed after that silence and the drive
-    stays in MIT mode, as in Ben Katz's firmware (25 ms). `reply_id` None replies under the drive's own id. `wraps`: the position
-    field wraps at its ends, else it stops there. `tells_errors`: replies carry temperature and error. `entering_error` is the error
-    that every attempt to enter MIT mode ends in; 0 for a healthy drive.
-    """
+    With `watchdog_s` None the drive keeps its last command for ever. Otherwise the command is
+    zeroed after that silence and the drive stays in MIT mode, as in Ben Katz's firmware (25 ms).
+    `reply_id` None replies under the drive's own id. `wraps`: the position field wraps at its ends,
+    else it stops there. `tells_errors`: replies carry temperature and error. `entering_error` is
+    the error that every attempt to enter MIT mode ends in; 0 for a healthy drive."""
 
     drive_id: int = 1
     model: str = "AK80-9"
@@ -67,8 +69,8 @@ class MitTwinSettings:
 class CubemarsMitTwin(DriveTwin):
     """A `MotorTwin` that answers each frame with the state of the shaft at that time.
 
-    The drive keeps its last command across EXIT and ENTER; a driver that relies on the contrary causes a jerk.
-    """
+    The drive keeps its last command across EXIT and ENTER; a driver that relies on the contrary
+    causes a jerk."""
 
     tells_temperature = True
 
@@ -89,10 +91,17 @@ class CubemarsMitTwin(DriveTwin):
         self.warmth = MotorThermalModel(settings.warming)
 
     def take_frames(self, now_s: float) -> None:
-        """Executes received frames; invalid ones are ignored. Commands feed the watchdog, special frames do not."""
+        """Executes received frames; invalid ones are ignored. Commands feed the watchdog,
+        special frames do not.
+        """
         while (message := self._bus.recv(timeout=0)) is not None:
             mine = message.arbitration_id == self._settings.drive_id and not message.is_extended_id
-            if mine and not message.is_error_frame and not message.is_remote_frame and now_s >= self._mute_until_s:
+            if (
+                mine
+                and not message.is_error_frame
+                and not message.is_remote_frame
+                and now_s >= self._mute_until_s
+            ):
                 self._take(message.data, now_s)
         limit_s = self._settings.watchdog_s
         # Only the command is zeroed; the drive stays in MIT mode.
@@ -133,10 +142,16 @@ class CubemarsMitTwin(DriveTwin):
         self._settings = replace(self._settings, entering_error=error)
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
-        """Sends the pending answers; returns the torque law until the next step, limited at the present state."""
+        """Sends the pending answers; returns the torque law until the next step, limited at the
+        present state.
+        """
         if self._restarts:
-            self._restarts, reported_rad = False, self._settings.direction * shaft.angle_rad + self._zero_rad
-            # A single-turn encoder knows its position within a rotor turn only: whole turns are lost.
+            self._restarts, reported_rad = (
+                False,
+                self._settings.direction * shaft.angle_rad + self._zero_rad,
+            )
+            # A single-turn encoder knows its position within a rotor turn only: whole turns are
+            # lost.
             self._zero_rad += remainder(reported_rad, ROTOR_TURN_RAD) - reported_rad
         for _ in range(self._unanswered):
             self._reply(shaft)
@@ -146,7 +161,10 @@ class CubemarsMitTwin(DriveTwin):
         if not self._entered:
             return ShaftDrive()
         free = self._law()
-        torque_Nm, limit_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)), self._limit_Nm
+        torque_Nm, limit_Nm = (
+            abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)),
+            self._limit_Nm,
+        )
         # Beyond the limit the whole law is scaled down for one step, as in `SpeedLoop`.
         return free if torque_Nm <= limit_Nm else free.scale(limit_Nm / torque_Nm)
 
@@ -165,22 +183,39 @@ class CubemarsMitTwin(DriveTwin):
         given_Nm = self._settings.torque_limit_Nm
         return self._ranges.torque_Nm if given_Nm is None else min(given_Nm, self._ranges.torque_Nm)
 
-    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
-        """Advances the motor temperature. Nothing else becomes due, as the drive replies only when asked."""
+    def advance(
+        self,
+        elapsed_s: float,
+        now_s: float,  # noqa: ARG002
+        before: ShaftState,  # noqa: ARG002
+        after: ShaftState,
+        law: ShaftDrive,  # noqa: ARG002
+    ) -> None:
+        """Advances the motor temperature. Nothing else becomes due, as the drive replies only
+        when asked.
+        """
         self.warmth.advance(elapsed_s, after.torque_Nm)
 
     def _reply(self, shaft: ShaftState) -> None:
         settings, has_errors = self._settings, self._settings.tells_errors
-        angle_rad, speed_rad_s = self.encoder.report(settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s)
+        angle_rad, speed_rad_s = self.encoder.report(
+            settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s
+        )
         code = mit.position_code(self._ranges, angle_rad)
         reply = MitReply(
             drive_id=settings.drive_id,
             # Firmware differs here: the position code wraps, or is limited to its range.
-            position_code=code % POSITION_CODES if settings.wraps else min(max(code, 0), POSITION_CODES - 1),
+            position_code=code % POSITION_CODES
+            if settings.wraps
+            else min(max(code, 0), POSITION_CODES - 1),
             position_rad=0.0,
             speed_rad_s=settings.direction * speed_rad_s,
             torque_Nm=settings.direction * shaft.torque_Nm,
-            temperature_degC=min(round(self.warmth.reported_degC), 255 - self._ranges.temperature_offset_degC) if has_errors else None,
+            temperature_degC=min(
+                round(self.warmth.reported_degC), 255 - self._ranges.temperature_offset_degC
+            )
+            if has_errors
+            else None,
             error=self._error if has_errors else None,
         )
         identifier = settings.drive_id if settings.reply_id is None else settings.reply_id
@@ -190,7 +225,9 @@ class CubemarsMitTwin(DriveTwin):
     def stale_set_point(self) -> Sequence[can.Message]:
         """A position at a high speed, with torque."""
         data = mit.encode_command(self._ranges, MitCommand(-9.0, 20.0, 100.0, 5.0, 15.0))
-        return (can.Message(arbitration_id=self._settings.drive_id, data=data, is_extended_id=False),)
+        return (
+            can.Message(arbitration_id=self._settings.drive_id, data=data, is_extended_id=False),
+        )
 
     def fail(self) -> str:
         self.set_error(TOO_HOT)
@@ -205,10 +242,10 @@ class CubemarsMitTwin(DriveTwin):
 class ServoTwinSettings:
     """Configuration of the drive, and variant of its firmware.
 
-    With `watchdog_s` None the drive keeps its last command for ever, otherwise it is disabled after that silence. `wraps`: the
-    position of the status frame wraps at 16 bits, else it stops at +-3200 degrees. `ordered_error` is the error that every motion
-    command ends in; 0 for a healthy drive.
-    """
+    With `watchdog_s` None the drive keeps its last command for ever, otherwise it is disabled after
+    that silence. `wraps`: the position of the status frame wraps at 16 bits, else it stops at
+    +-3200 degrees. `ordered_error` is the error that every motion command ends in; 0 for a healthy
+    drive."""
 
     drive_id: int = 1
     gear_ratio: float = 9.0
@@ -227,12 +264,13 @@ class ServoTwinSettings:
 class CubemarsServoTwin(DriveTwin):
     """A `MotorTwin` that sends its status cyclically.
 
-    Commands take effect at once and stay in force. A position is absolute, however many turns the shaft has made before.
-    """
+    Commands take effect at once and stay in force. A position is absolute, however many turns the
+    shaft has made before."""
 
     tells_temperature = True
-    # One count of position is 1.7 mrad, with an angle gain of 160 N m/rad. The loop has no speed of a target: 2 rad/s over a gain of 20/s.
-    # The status shows nine turns; beyond them the driver refuses to enable it.
+    # One count of position is 1.7 mrad, with an angle gain of 160 N m/rad. The loop has no speed of
+    # a target: 2 rad/s over a gain of 20/s. The status shows nine turns; beyond them the driver
+    # refuses to enable it.
     tolerances: ClassVar = {
         "ANGLE_TOLERANCE_RAD": 4e-3,
         "ENABLING_TORQUE_Nm": 0.4,
@@ -262,7 +300,10 @@ class CubemarsServoTwin(DriveTwin):
     def take_frames(self, now_s: float) -> None:
         """Executes received frames; invalid ones are ignored."""
         while (message := self._bus.recv(timeout=0)) is not None:
-            mine = message.is_extended_id and servo.drive_of(message.arbitration_id) == self._settings.drive_id
+            mine = (
+                message.is_extended_id
+                and servo.drive_of(message.arbitration_id) == self._settings.drive_id
+            )
             if mine and not message.is_error_frame and not message.is_remote_frame:
                 self._fed_s = now_s
                 self._take(message)
@@ -299,7 +340,13 @@ class CubemarsServoTwin(DriveTwin):
         if current_A == 0.0:
             self._error = 0
 
-    def _turn(self, mode: int, angle_rad: float = 0.0, speed_rad_s: float = 0.0, goal_rad: float | None = None) -> None:
+    def _turn(
+        self,
+        mode: int,
+        angle_rad: float = 0.0,
+        speed_rad_s: float = 0.0,
+        goal_rad: float | None = None,
+    ) -> None:
         if self._settings.ordered_error:
             self._error = self._settings.ordered_error
         if self._error:
@@ -312,7 +359,9 @@ class CubemarsServoTwin(DriveTwin):
         self._looping = True
 
     def set_error(self, error: int) -> None:
-        """Puts the drive into an error: it is disabled, and ignores motion commands until a zero current clears it."""
+        """Puts the drive into an error: it is disabled, and ignores motion commands until a zero
+        current clears it.
+        """
         self._push(0.0)
         self._error = error
 
@@ -332,33 +381,53 @@ class CubemarsServoTwin(DriveTwin):
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """Torque law on the shaft until the next step."""
         if self._restarts:
-            self._restarts, reported_deg = False, self._zero_deg + self._settings.direction * degrees(shaft.angle_rad)
-            # A single-turn encoder knows its position within a rotor turn only: whole turns are lost.
-            self._zero_deg += remainder(reported_deg, 360.0 / self._settings.gear_ratio) - reported_deg
+            self._restarts, reported_deg = (
+                False,
+                self._zero_deg + self._settings.direction * degrees(shaft.angle_rad),
+            )
+            # A single-turn encoder knows its position within a rotor turn only: whole turns are
+            # lost.
+            self._zero_deg += (
+                remainder(reported_deg, 360.0 / self._settings.gear_ratio) - reported_deg
+            )
         if self._origin_wanted:
-            self._origin_wanted, self._zero_deg = False, -self._settings.direction * degrees(shaft.angle_rad)
+            self._origin_wanted, self._zero_deg = (
+                False,
+                -self._settings.direction * degrees(shaft.angle_rad),
+            )
         if self._goal_rad is not None and self._starts_pacing:
             # The moving set-point starts where the shaft is, not at an old set-point.
             self._wanted.angle_rad = shaft.angle_rad
         self._starts_pacing = False
         return self._loop.law(self._wanted, shaft)
 
-    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
+    def advance(
+        self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive
+    ) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports
+        that became due in it.
+        """
         self._loop.advance(self._wanted, elapsed_s, before, after)
         self.warmth.advance(elapsed_s, after.torque_Nm)
         if self._goal_rad is not None:
-            way_rad, most_rad = self._goal_rad - self._wanted.angle_rad, self._pace_rad_s * elapsed_s
+            way_rad, most_rad = (
+                self._goal_rad - self._wanted.angle_rad,
+                self._pace_rad_s * elapsed_s,
+            )
             self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)
         due_s = self._status_ticks.until(now_s).tolist()
         for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
-        reported_deg, speed_rad_s = self.encoder.report(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
+        reported_deg, speed_rad_s = self.encoder.report(
+            self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s
+        )
         count = floor(reported_deg / servo.STATUS_DEG)
         clipped = min(max(count, -MAX_COUNT), MAX_COUNT)
-        wrapped = (count + servo.STATUS_COUNTS // 2) % servo.STATUS_COUNTS - servo.STATUS_COUNTS // 2
+        wrapped = (
+            count + servo.STATUS_COUNTS // 2
+        ) % servo.STATUS_COUNTS - servo.STATUS_COUNTS // 2
         status = Status(
             position_count=wrapped if self._settings.wraps else clipped,
             speed_erpm=speed_rad_s * self._erpm_s_per_rad,
@@ -374,11 +443,21 @@ class CubemarsServoTwin(DriveTwin):
 
     @property
     def _erpm_s_per_rad(self) -> float:
-        return self._settings.direction * self._settings.gear_ratio * self._settings.pole_pairs * 60.0 / tau
+        return (
+            self._settings.direction
+            * self._settings.gear_ratio
+            * self._settings.pole_pairs
+            * 60.0
+            / tau
+        )
 
     @property
     def _torque_per_A(self) -> float:
-        return self._settings.direction * self._settings.gear_ratio * self._settings.torque_constant_Nm_per_A
+        return (
+            self._settings.direction
+            * self._settings.gear_ratio
+            * self._settings.torque_constant_Nm_per_A
+        )
 
     def stale_set_point(self) -> Sequence[can.Message]:
         """None stays: the driver takes the torque away before it enables the drive."""
@@ -407,7 +486,11 @@ def cubemars_events(motor: CubemarsMitTwin | CubemarsServoTwin) -> Mapping[str, 
 
 FAULTS = DriveFaults(
     (
-        Fault("encoder-jump", "the encoder slips: the drive's position reads a quarter of a turn more from now on", once=True),
+        Fault(
+            "encoder-jump",
+            "the encoder slips: the drive's position reads a quarter of a turn more from now on",
+            once=True,
+        ),
         Fault("over-temperature", "the drive stops with error 1, motor too hot", once=True),
         Fault("encoder-lost", "the drive stops with error 5, encoder fault", once=True),
         Fault("stalled", "the drive stops with error 7, motor stalled", once=True),
@@ -418,13 +501,26 @@ FAULTS = DriveFaults(
 )
 
 
-def make_mit_twin(bus: can.BusABC, keys: CubemarsMitSection, gains: LoopGains, watchdog_s: float | None) -> CubemarsMitTwin:
-    """The twin of a drive in MIT mode that [motor] names. Its gains come over the wire; of `gains` it only uses the torque limit."""
-    settings = keys.to_dataclass(MitTwinSettings, torque_limit_Nm=gains.torque_limit_Nm, watchdog_s=watchdog_s)
+def make_mit_twin(
+    bus: can.BusABC, keys: CubemarsMitSection, gains: LoopGains, watchdog_s: float | None
+) -> CubemarsMitTwin:
+    """The twin of a drive in MIT mode that [motor] names. Its gains come over the wire; of
+    `gains` it only uses the torque limit.
+    """
+    settings = keys.to_dataclass(
+        MitTwinSettings, torque_limit_Nm=gains.torque_limit_Nm, watchdog_s=watchdog_s
+    )
     return CubemarsMitTwin(bus, settings)
 
 
-def make_servo_twin(bus: can.BusABC, keys: CubemarsServoSection, gains: LoopGains, watchdog_s: float | None) -> CubemarsServoTwin:
+def make_servo_twin(
+    bus: can.BusABC, keys: CubemarsServoSection, gains: LoopGains, watchdog_s: float | None
+) -> CubemarsServoTwin:
     """The twin of a drive in servo mode that [motor] names."""
-    settings = keys.to_dataclass(ServoTwinSettings, gains=gains, status_period_s=keys.status_period_ms / 1e3, watchdog_s=watchdog_s)
+    settings = keys.to_dataclass(
+        ServoTwinSettings,
+        gains=gains,
+        status_period_s=keys.status_period_ms / 1e3,
+        watchdog_s=watchdog_s,
+    )
     return CubemarsServoTwin(bus, settings)

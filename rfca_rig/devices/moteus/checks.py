@@ -1,4 +1,6 @@
-"""A moteus. It replies only when asked, and reading its registers changes nothing; if it is silent, every other id is asked."""
+"""A moteus. It replies only when asked, and reading its registers changes nothing; if it is
+silent, every other id is asked.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +10,16 @@ import can
 
 from rfca_rig.devices.checks import Finding, Listener, ReceivedFrame, green, join_ids, red, yellow
 from rfca_rig.devices.moteus import codec
-from rfca_rig.devices.moteus.codec import Mode, Read, Register, Reply, Route, Width, fault_text, mode_text
+from rfca_rig.devices.moteus.codec import (
+    Mode,
+    Read,
+    Register,
+    Reply,
+    Route,
+    Width,
+    fault_text,
+    mode_text,
+)
 from rfca_rig.devices.moteus.driver import OWN_ID
 from rfca_rig.devices.moteus.section import MoteusSection
 from rfca_rig.errors import MalformedFrame
@@ -39,7 +50,9 @@ class MoteusAnswer:
 
 @dataclass(frozen=True)
 class MoteusSeen:
-    """Observed answers. `others` are ids that answered when all were asked, which is done only if the drive is silent."""
+    """Observed answers. `others` are ids that answered when all were asked, which is done only
+    if the drive is silent.
+    """
 
     answer: MoteusAnswer | None = None
     others: tuple[int, ...] = ()
@@ -49,10 +62,19 @@ class MoteusSeen:
 
 def judge_moteus(seen: MoteusSeen, drive_id: int) -> list[Finding]:
     if seen.unreadable is not None:
-        return [red(DRIVE, f"drive {drive_id} cannot be understood: {seen.unreadable}", "update its firmware:", _tool(drive_id, "--info"))]
+        return [
+            red(
+                DRIVE,
+                f"drive {drive_id} cannot be understood: {seen.unreadable}",
+                "update its firmware:",
+                _tool(drive_id, "--info"),
+            )
+        ]
     if seen.answer is None:
         return [_silent(seen, drive_id)]
-    drive = f"moteus {drive_id}, {seen.answer.voltage_V:.1f} V, {seen.answer.temperature_degC:.0f} degC"
+    drive = (
+        f"moteus {drive_id}, {seen.answer.voltage_V:.1f} V, {seen.answer.temperature_degC:.0f} degC"
+    )
     return [green(DRIVE, drive), _error(seen.answer, drive_id)]
 
 
@@ -60,11 +82,22 @@ def _silent(seen: MoteusSeen, drive_id: int) -> Finding:
     if seen.others:
         fix = f"put drive_id = {seen.others[0]} under [motor], or give the drive its id, in tview:"
         return red(
-            DRIVE, f"heard drive {join_ids(seen.others)}, the rig file says {drive_id}", fix, f"conf set id.id {drive_id}", "conf write"
+            DRIVE,
+            f"heard drive {join_ids(seen.others)}, the rig file says {drive_id}",
+            fix,
+            f"conf set id.id {drive_id}",
+            "conf write",
         )
     if seen.strangers:
-        return red(DRIVE, f"heard {seen.strangers} frames, none of a moteus", "check device and can_prefix under [motor]")
-    fix = "check its power, the wiring, can_prefix under [motor], and that the interface does CAN-FD at 1 and 5 Mbit/s"
+        return red(
+            DRIVE,
+            f"heard {seen.strangers} frames, none of a moteus",
+            "check device and can_prefix under [motor]",
+        )
+    fix = (
+        "check its power, the wiring, can_prefix under [motor], and that the interface does "
+        "CAN-FD at 1 and 5 Mbit/s"
+    )
     return red(DRIVE, "no id from 1 to 126 answers", fix)
 
 
@@ -77,7 +110,12 @@ def _error(answer: MoteusAnswer, drive_id: int) -> Finding:
         return yellow(ERROR, "its watchdog expired, it brakes", fix, _tool(drive_id, "--stop"))
     if answer.mode != Mode.STOPPED:
         fix = "end the program that runs it, or by hand:"
-        return yellow(ERROR, f"no fault, but the drive is not stopped: {mode_text(answer.mode)}", fix, _tool(drive_id, "--stop"))
+        return yellow(
+            ERROR,
+            f"no fault, but the drive is not stopped: {mode_text(answer.mode)}",
+            fix,
+            _tool(drive_id, "--stop"),
+        )
     return green(ERROR, f"none, {mode_text(answer.mode)}")
 
 
@@ -85,7 +123,9 @@ def _tool(drive_id: int, order: str) -> str:
     return f"python -m moteus.moteus_tool --target {drive_id} {order}"
 
 
-def look_for_moteus(listener: Listener, drive_id: int, prefix: int, bitrate_switch: bool) -> MoteusSeen:
+def look_for_moteus(
+    listener: Listener, drive_id: int, prefix: int, bitrate_switch: bool
+) -> MoteusSeen:
     listener.ask(_question(drive_id, prefix, bitrate_switch))
     listener.listen(ANSWER_S)
     if observe_moteus(listener.frames, drive_id, prefix).answer is None:
@@ -124,20 +164,31 @@ def observe_moteus(frames: Sequence[ReceivedFrame], drive_id: int, prefix: int) 
         else:
             answer, unreadable = _read(message.data, answer)
     # A good answer outweighs an unreadable frame before it.
-    return MoteusSeen(answer, tuple(sorted(others)), strangers, unreadable if answer is None else None)
+    return MoteusSeen(
+        answer, tuple(sorted(others)), strangers, unreadable if answer is None else None
+    )
 
 
-def _read(data: bytes | bytearray, before: MoteusAnswer | None) -> tuple[MoteusAnswer | None, str | None]:
+def _read(
+    data: bytes | bytearray, before: MoteusAnswer | None
+) -> tuple[MoteusAnswer | None, str | None]:
     try:
-        values = {item.register: item.value for item in codec.decode(data) if isinstance(item, Reply)}
+        values = {
+            item.register: item.value for item in codec.decode(data) if isinstance(item, Reply)
+        }
     except MalformedFrame as error:
         return before, str(error)
     if Register.MODE not in values:
         return before, "its answer lacks the mode"
     volts, degrees = values.get(Register.VOLTAGE, nan), values.get(Register.TEMPERATURE, nan)
-    return MoteusAnswer(int(values[Register.MODE]), int(values.get(Register.FAULT, 0)), volts, degrees), None
+    return MoteusAnswer(
+        int(values[Register.MODE]), int(values.get(Register.FAULT, 0)), volts, degrees
+    ), None
 
 
 def check_drive(keys: MoteusSection, listener: Listener) -> list[Finding]:
     """The findings on the drive that [motor] names."""
-    return judge_moteus(look_for_moteus(listener, keys.drive_id, keys.can_prefix, keys.bitrate_switch), keys.drive_id)
+    return judge_moteus(
+        look_for_moteus(listener, keys.drive_id, keys.can_prefix, keys.bitrate_switch),
+        keys.drive_id,
+    )

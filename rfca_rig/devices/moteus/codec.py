@@ -1,10 +1,11 @@
-"""moteus multiplex frames on CAN-FD, both directions, and the registers that are used here, with the scales of their values; pure.
+"""moteus multiplex frames on CAN-FD, both directions, and the registers that are used here, with
+the scales of their values; pure.
 
-Sources: moteus reference, "CAN Protocol" and "Register Usage". Little-endian throughout. A frame is a sequence of subframes. Each has a
-type byte, a count (in the type's two low bits, or a varuint where these are zero), the first register, and for writes and replies the
-values. The frame is padded with NOP to the next length that CAN-FD has. Values are in the register's physical unit, see
-`units_per_count`: revolutions of the output, N m, A, V, degrees Celsius, seconds.
-"""
+Sources: moteus reference, "CAN Protocol" and "Register Usage". Little-endian throughout. A frame is
+a sequence of subframes. Each has a type byte, a count (in the type's two low bits, or a varuint
+where these are zero), the first register, and for writes and replies the values. The frame is
+padded with NOP to the next length that CAN-FD has. Values are in the register's physical unit, see
+`units_per_count`: revolutions of the output, N m, A, V, degrees Celsius, seconds."""
 
 import struct
 from collections.abc import Sequence
@@ -37,8 +38,14 @@ MODES = {
 
 FAULTS = {
     32: ("calibration fault", "the encoder sensed no magnet during calibration"),
-    33: ("motor driver fault", "mostly the supply sagged under the current drawn; see the drv8323 diagnostics"),
-    34: ("over voltage", "supply above servo.max_voltage; check its setting, and where braking power goes"),
+    33: (
+        "motor driver fault",
+        "mostly the supply sagged under the current drawn; see the drv8323 diagnostics",
+    ),
+    34: (
+        "over voltage",
+        "supply above servo.max_voltage; check its setting, and where braking power goes",
+    ),
     35: ("encoder fault", "the encoder's readings do not fit a magnet in place"),
     36: ("motor not configured", "run moteus_tool --calibrate on this motor"),
     37: ("pwm cycle overrun", "an internal error of the firmware"),
@@ -49,13 +56,20 @@ FAULTS = {
     42: ("theta invalid", "no valid encoder for commutation"),
     43: ("position invalid", "no valid encoder of the output"),
     44: ("driver enable fault", "the gate driver could not be switched on"),
-    45: ("stop position deprecated", "a stop position was given together with velocity or acceleration limits"),
+    45: (
+        "stop position deprecated",
+        "a stop position was given together with velocity or acceleration limits",
+    ),
     46: ("timing violation", "the firmware broke a time limit of its own"),
-    47: ("bemf feedforward no accel", "servo.bemf_feedforward is set without an acceleration limit"),
+    47: (
+        "bemf feedforward no accel",
+        "servo.bemf_feedforward is set without an acceleration limit",
+    ),
     48: ("invalid limits", "servopos.position_min or position_max lie outside the range available"),
 }
 
-# Codes in the fault register that are no faults: a function that limits the output while the drive runs.
+# Codes in the fault register that are no faults: a function that limits the output while the drive
+# runs.
 LIMITS = {
     96: "servo.max_velocity",
     97: "servo.max_power_W",
@@ -115,7 +129,9 @@ class Register(IntEnum):
 
 
 class Mode(IntEnum):
-    """Values of the register MODE; 2..4 are transitions to a mode in which the motor is controlled."""
+    """Values of the register MODE; 2..4 are transitions to a mode in which the motor is
+    controlled.
+    """
 
     STOPPED = 0
     FAULT = 1
@@ -170,7 +186,9 @@ _SCALED: dict[int, Counts] = {
 
 
 def units_per_count(register: int, width: Width) -> float | None:
-    """Size of one count where the register holds a physical quantity; None for a plain whole number, and for a float."""
+    """Size of one count where the register holds a physical quantity; None for a plain whole
+    number, and for a float.
+    """
     scale = _SCALED.get(register)
     return None if scale is None or width == Width.FLOAT else scale[width]
 
@@ -185,7 +203,9 @@ def mode_text(mode: int) -> str:
 
 
 def fault_text(code: int) -> str:
-    """The code of register 0x00f with its name and meaning; codes of limiting functions are described as limits."""
+    """The code of register 0x00f with its name and meaning; codes of limiting functions are
+    described as limits.
+    """
     if code in LIMITS:
         return f"limit {code} (output limited by {LIMITS[code]})"
     name, meaning = FAULTS.get(code, ("not documented", "see the firmware's release notes"))
@@ -203,7 +223,9 @@ LARGEST_PREFIX = 0x1FFF
 # Subframe types; the width is in bits 2 and 3 of the first three, the count in bits 0 and 1.
 _WRITE, _READ, _REPLY = 0x00, 0x10, 0x20
 _WRITE_ERROR, _READ_ERROR, _NOP = 0x30, 0x31, 0x50
-_FORMS = {width: struct.Struct(form) for width, form in zip(Width, ("<b", "<h", "<i", "<f"), strict=True)}
+_FORMS = {
+    width: struct.Struct(form) for width, form in zip(Width, ("<b", "<h", "<i", "<f"), strict=True)
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,7 +268,9 @@ Subframe = Write | Read | Reply | Refusal
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Sender and receiver of a frame. `wants_reply` is set in requests; a drive answers from its own id to the sender's."""
+    """Sender and receiver of a frame. `wants_reply` is set in requests; a drive answers from its
+    own id to the sender's.
+    """
 
     source: int
     destination: int
@@ -255,26 +279,51 @@ class Route:
 
 
 def arbitration_id(route: Route) -> int:
-    """The arbitration id of a route, an extended one above 0x7ff. Raises NotEncodable for ids that do not exist."""
-    for what, value, limit in (("source", route.source, LARGEST_ID), ("destination", route.destination, LARGEST_ID)):
+    """The arbitration id of a route, an extended one above 0x7ff. Raises NotEncodable for ids
+    that do not exist.
+    """
+    for what, value, limit in (
+        ("source", route.source, LARGEST_ID),
+        ("destination", route.destination, LARGEST_ID),
+    ):
         if not 0 <= value <= limit:
             raise NotEncodable(f"moteus {what} id {value} does not exist; ids go from 0 to {limit}")
     if not 0 <= route.prefix <= LARGEST_PREFIX:
-        raise NotEncodable(f"moteus CAN prefix {route.prefix} does not exist; prefixes go from 0 to {LARGEST_PREFIX}")
+        raise NotEncodable(
+            f"moteus CAN prefix {route.prefix} does not exist; prefixes go from 0 to "
+            f"{LARGEST_PREFIX}"
+        )
     return route.prefix << 16 | route.wants_reply << 15 | route.source << 8 | route.destination
 
 
 def route_of(identifier: int) -> Route:
-    """The route in an arbitration id of up to 29 bits. The destination has eight bits here, though ids have seven."""
-    return Route(identifier >> 8 & 0x7F, identifier & 0xFF, bool(identifier & 0x8000), identifier >> 16)
+    """The route in an arbitration id of up to 29 bits. The destination has eight bits here,
+    though ids have seven.
+    """
+    return Route(
+        identifier >> 8 & 0x7F, identifier & 0xFF, bool(identifier & 0x8000), identifier >> 16
+    )
 
 
 def encode(subframes: Sequence[Subframe]) -> bytes:
-    """The data of a frame. Consecutive registers of one kind and width share a header. Raises NotEncodable where they do not fit."""
-    cuts = [0, *(at for at, (one, next_one) in enumerate(pairwise(subframes), 1) if not _can_join(one, next_one)), len(subframes)]
+    """The data of a frame. Consecutive registers of one kind and width share a header. Raises
+    NotEncodable where they do not fit.
+    """
+    cuts = [
+        0,
+        *(
+            at
+            for at, (one, next_one) in enumerate(pairwise(subframes), 1)
+            if not _can_join(one, next_one)
+        ),
+        len(subframes),
+    ]
     data = b"".join(_run(subframes[first:last]) for first, last in pairwise(cuts) if last > first)
     if len(data) > MAX_FRAME_BYTES:
-        raise NotEncodable(f"moteus frame of {len(data)} bytes; CAN-FD carries {MAX_FRAME_BYTES}, ask for fewer registers at once")
+        raise NotEncodable(
+            f"moteus frame of {len(data)} bytes; CAN-FD carries {MAX_FRAME_BYTES}, ask "
+            "for fewer registers at once"
+        )
     length = next(length for length in FD_LENGTHS if length >= len(data))
     return data.ljust(length, bytes([_NOP]))
 
@@ -282,17 +331,29 @@ def encode(subframes: Sequence[Subframe]) -> bytes:
 def _can_join(one: Subframe, next_one: Subframe) -> bool:
     if isinstance(one, Refusal) or isinstance(next_one, Refusal):
         return False
-    return type(one) is type(next_one) and one.width == next_one.width and next_one.register == one.register + 1
+    return (
+        type(one) is type(next_one)
+        and one.width == next_one.width
+        and next_one.register == one.register + 1
+    )
 
 
 def _run(run: Sequence[Subframe]) -> bytes:
     first = run[0]
     if isinstance(first, Refusal):
-        return bytes([_WRITE_ERROR if first.of_write else _READ_ERROR]) + _varuint(first.register) + _varuint(first.code)
+        return (
+            bytes([_WRITE_ERROR if first.of_write else _READ_ERROR])
+            + _varuint(first.register)
+            + _varuint(first.code)
+        )
     base = {Write: _WRITE, Read: _READ, Reply: _REPLY}[type(first)] | first.width << 2
     # Counts up to three fit into the type byte.
     head = bytes([base | len(run)]) if len(run) <= 3 else bytes([base]) + _varuint(len(run))
-    values = (_pack(item.register, item.width, item.value) for item in run if not isinstance(item, Read | Refusal))
+    values = (
+        _pack(item.register, item.width, item.value)
+        for item in run
+        if not isinstance(item, Read | Refusal)
+    )
     return head + _varuint(first.register) + b"".join(values)
 
 
@@ -300,11 +361,15 @@ def _pack(register: int, width: Width, value: float) -> bytes:
     try:
         return _FORMS[width].pack(value if width == Width.FLOAT else _count(register, width, value))
     except (struct.error, OverflowError) as error:
-        raise NotEncodable(f"moteus {name_of(register)} cannot carry {value:g} as {width.name}: {error}") from error
+        raise NotEncodable(
+            f"moteus {name_of(register)} cannot carry {value:g} as {width.name}: {error}"
+        ) from error
 
 
 def _count(register: int, width: Width, value: float) -> int:
-    """The count for a value. Raises NotEncodable where the register cannot carry it at this width."""
+    """The count for a value. Raises NotEncodable where the register cannot carry it at this
+    width.
+    """
     # The lowest count means NaN, so quantities have one negative count less.
     unit, lowest = units_per_count(register, width), -(1 << (8 << width) - 1)
     if unit is None:
@@ -316,12 +381,17 @@ def _count(register: int, width: Width, value: float) -> int:
     count = round(value / unit) if isfinite(value) else lowest
     if not -lowest > count > lowest:
         limit = -(lowest + 1) * unit
-        raise NotEncodable(f"moteus {name_of(register)} cannot carry {value:g} as {width.name}, limit {limit:g}; use a wider register")
+        raise NotEncodable(
+            f"moteus {name_of(register)} cannot carry {value:g} as {width.name}, limit "
+            f"{limit:g}; use a wider register"
+        )
     return count
 
 
 def clip_to_register(register: int, width: Width, value: float) -> float:
-    """The value that the register can carry, limited as in the firmware: NaN for values that are not finite, else clipped to the range."""
+    """The value that the register can carry, limited as in the firmware: NaN for values that are
+    not finite, else clipped to the range.
+    """
     unit = units_per_count(register, width)
     if width == Width.FLOAT or (unit is not None and not isfinite(value)):
         return value if width == Width.FLOAT else nan
@@ -340,7 +410,9 @@ def _varuint(value: int) -> bytes:
 
 
 def decode(data: bytes | bytearray) -> list[Subframe]:
-    """The subframes in one frame, without padding. Raises MalformedFrame for data that the reference does not describe."""
+    """The subframes in one frame, without padding. Raises MalformedFrame for data that the
+    reference does not describe.
+    """
     if len(data) not in FD_LENGTHS:
         raise MalformedFrame(f"moteus frame of {len(data)} bytes, which CAN-FD does not have")
     reader = _Reader(bytes(data))
@@ -358,7 +430,9 @@ def _subframes(reader: "_Reader") -> list[Subframe]:
         return [Refusal(reader.varuint(), reader.varuint(), kind == _WRITE_ERROR)]
     base, width = kind & 0xF0, Width(kind >> 2 & 3)
     if base not in {_WRITE, _READ, _REPLY}:
-        raise MalformedFrame(f"moteus subframe 0x{kind:02x} is neither write, read, reply, error nor NOP")
+        raise MalformedFrame(
+            f"moteus subframe 0x{kind:02x} is neither write, read, reply, error nor NOP"
+        )
     return _registers(reader, base, width, kind & 3 or reader.varuint())
 
 
@@ -366,11 +440,16 @@ def _registers(reader: "_Reader", base: int, width: Width, count: int) -> list[S
     first = reader.varuint() if count else 0
     # Before the loop: a damaged count could otherwise ask for billions of registers.
     if count > MAX_FRAME_BYTES:
-        raise MalformedFrame(f"moteus subframe speaks of {count} registers; no frame can carry them")
+        raise MalformedFrame(
+            f"moteus subframe speaks of {count} registers; no frame can carry them"
+        )
     if base == _READ:
         return [Read(register, width) for register in range(first, first + count)]
     kind = Write if base == _WRITE else Reply
-    return [kind(register, width, _value(register, width, reader.number(width))) for register in range(first, first + count)]
+    return [
+        kind(register, width, _value(register, width, reader.number(width)))
+        for register in range(first, first + count)
+    ]
 
 
 def _value(register: int, width: Width, number: float) -> float:
@@ -381,7 +460,9 @@ def _value(register: int, width: Width, number: float) -> float:
 
 
 class _Reader:
-    """Reads numbers from the front of a frame. Raises MalformedFrame where the frame is too short."""
+    """Reads numbers from the front of a frame. Raises MalformedFrame where the frame is too
+    short.
+    """
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -419,4 +500,6 @@ class _Reader:
 
     def _need(self, size: int) -> None:
         if self.left < size:
-            raise MalformedFrame(f"moteus frame ends {size - self.left} bytes too early: {self._data.hex(' ')}")
+            raise MalformedFrame(
+                f"moteus frame ends {size - self.left} bytes too early: {self._data.hex(' ')}"
+            )

@@ -32,8 +32,23 @@ from rfca_rig.devices.moteus.codec import (
 from rfca_rig.devices.moteus.section import MoteusSection
 from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send, send_stop
 from rfca_rig.drivers.device_time import CounterClock
-from rfca_rig.drivers.drive_report import EncoderJumpMonitor, ShaftGear, check_command, check_positive, refuse_late_answers
-from rfca_rig.drivers.reading_check import POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, Signal, describe_bad
+from rfca_rig.drivers.drive_report import (
+    EncoderJumpMonitor,
+    ShaftGear,
+    check_command,
+    check_positive,
+    refuse_late_answers,
+)
+from rfca_rig.drivers.reading_check import (
+    POSITION,
+    SPEED,
+    TEMPERATURE,
+    TORQUE,
+    OptionalReading,
+    ReadingCheck,
+    Signal,
+    describe_bad,
+)
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
 
@@ -42,7 +57,8 @@ POLL_S = 2e-3
 NO_LIMIT = -1.0
 # Modes that a drive passes through between the first command and position mode.
 STARTING = frozenset({Mode.STOPPED, Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATED})
-# Fault codes from 96 on (limits 96-103) name what limits the output of a running drive; they are no faults.
+# Fault codes from 96 on (limits 96-103) name what limits the output of a running drive; they are no
+# faults.
 MIN_LIMIT_CODE = 96
 # The vendor's tools use source id 0, and answers go to the id that asked.
 OWN_ID = 0x20
@@ -58,14 +74,16 @@ STATE_QUERY = (
     Read(Register.FAULT, Width.INT16),
     Read(Register.MILLISECOND_COUNTER, Width.INT32),
 )
-# A reply without these registers is no state. Voltage and temperatures are only shown, so they may be missing.
+# A reply without these registers is no state. Voltage and temperatures are only shown, so they may
+# be missing.
 _REQUIRED = frozenset(read.register for read in STATE_QUERY) - {
     Register.VOLTAGE,
     Register.TEMPERATURE,
     Register.MOTOR_TEMPERATURE,
 }
 
-# The drive's numbers, in the order of STATE_SIGNALS. An integer register that the drive cannot fill is NaN.
+# The drive's numbers, in the order of STATE_SIGNALS. An integer register that the drive cannot fill
+# is NaN.
 STATE_REGISTERS = (
     Register.POSITION,
     Register.VELOCITY,
@@ -100,11 +118,11 @@ IDENTITY_QUERY = tuple(
 class MoteusSettings(ShaftGear):
     """Settings of the drive.
 
-    `gear_ratio` is turns of the drive's output per shaft turn; it is 1 for a gear that motor_position.rotor_to_output_ratio already
-    includes. `direction` is +1 or -1, `zero_turns` the drive's position with the shaft horizontal. `watchdog_s` is sent with every
-    command: the drive stops the motor if no other follows within that time. `torque_limit_Nm` applies at the shaft; None keeps the
-    drive's own. Raises BadInput for invalid values.
-    """
+    `gear_ratio` is turns of the drive's output per shaft turn; it is 1 for a gear that
+    motor_position.rotor_to_output_ratio already includes. `direction` is +1 or -1, `zero_turns` the
+    drive's position with the shaft horizontal. `watchdog_s` is sent with every command: the drive
+    stops the motor if no other follows within that time. `torque_limit_Nm` applies at the shaft;
+    None keeps the drive's own. Raises BadInput for invalid values."""
 
     drive_id: int = 1
     own_id: int = OWN_ID
@@ -122,7 +140,9 @@ class MoteusSettings(ShaftGear):
         if not 1 <= self.drive_id <= LARGEST_ID:
             raise BadInput(f"drive: drive_id is {self.drive_id}, must be 1..{LARGEST_ID}")
         if not 0 <= self.own_id <= LARGEST_ID or self.own_id == self.drive_id:
-            raise BadInput(f"drive: own_id is {self.own_id}, must be 0..{LARGEST_ID} and not the drive's")
+            raise BadInput(
+                f"drive: own_id is {self.own_id}, must be 0..{LARGEST_ID} and not the drive's"
+            )
         if not 0 <= self.can_prefix <= LARGEST_PREFIX:
             raise BadInput(f"drive: can_prefix is {self.can_prefix}, must be 0..{LARGEST_PREFIX}")
         self.check_gear()
@@ -146,16 +166,20 @@ class MoteusState:
     @property
     def warmest_C(self) -> float | None:
         """Higher of board and motor temperature in degrees C; None if neither is reported."""
-        reported = [value for value in (self.temperature_degC, self.motor_temperature_degC) if isfinite(value)]
+        reported = [
+            value
+            for value in (self.temperature_degC, self.motor_temperature_degC)
+            if isfinite(value)
+        ]
         return max(reported, default=None)
 
 
 class MoteusReplies:
-    """Receives replies. `state` is the drive's last answer, `facts` holds its identity registers, read when it was enabled.
+    """Receives replies. `state` is the drive's last answer, `facts` holds its identity registers,
+    read when it was enabled.
 
-    A drive answers each query once. An answer therefore belongs to the query whose time fits its millisecond counter best; older
-    queries without an answer count as lost.
-    """
+    A drive answers each query once. An answer therefore belongs to the query whose time fits its
+    millisecond counter best; older queries without an answer count as lost."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
         self._bus = bus
@@ -167,8 +191,12 @@ class MoteusReplies:
         self._stamped_s = -1.0
         self._leap = EncoderJumpMonitor()
         self._check = ReadingCheck("the drive", *STATE_SIGNALS)
-        self._temperature = OptionalReading("the drive", replace(TEMPERATURE, name="board temperature"))
-        self._motor_temperature = OptionalReading("the drive", replace(TEMPERATURE, name="motor temperature"))
+        self._temperature = OptionalReading(
+            "the drive", replace(TEMPERATURE, name="board temperature")
+        )
+        self._motor_temperature = OptionalReading(
+            "the drive", replace(TEMPERATURE, name="motor temperature")
+        )
         self.health = BusHealth()
         self.state: MoteusState | None = None
         self.facts: dict[int, float] = {}
@@ -191,14 +219,16 @@ class MoteusReplies:
     def drain(self) -> None:
         """Receives everything the bus holds; never waits.
 
-        Raises DeviceError if the bus fails or a frame cannot be decoded, and BadReading for numbers that are impossible.
-        """
+        Raises DeviceError if the bus fails or a frame cannot be decoded, and BadReading for numbers
+        that are impossible."""
         self.drained_s = self._clock.now_s()
         for message in receive_frames(self._bus, self.health):
             self._take(message)
 
     def samples(self) -> ShaftSamples:
-        """Samples (m,) drained since the last call. `host_s` is the time of the query, within 1 ms of the time of the measurement."""
+        """Samples (m,) drained since the last call. `host_s` is the time of the query, within 1
+        ms of the time of the measurement.
+        """
         rows, self._rows = np.array(self._rows).reshape(-1, 5), []
         settings = self._settings
         return ShaftSamples(
@@ -211,13 +241,17 @@ class MoteusReplies:
 
     @property
     def silent_s(self) -> float:
-        """Age in s of the oldest open query, 0 if none is open. A drive that is not asked sends nothing."""
+        """Age in s of the oldest open query, 0 if none is open. A drive that is not asked sends
+        nothing.
+        """
         return self.drained_s - self._asked_s[0] if self._asked_s else 0.0
 
     @property
     def bad_reports(self) -> str:
         """How many answers were refused because of impossible numbers, by signal."""
-        return describe_bad(self._check.bad, self._temperature.check.bad, self._motor_temperature.check.bad)
+        return describe_bad(
+            self._check.bad, self._temperature.check.bad, self._motor_temperature.check.bad
+        )
 
     @property
     def restarts(self) -> int:
@@ -227,23 +261,39 @@ class MoteusReplies:
     def zero_lost(self) -> str | None:
         """Why the angle can no longer be trusted, or None. Never reset."""
         if self.restarts:
-            return "the drive restarted, its millisecond counter began again; turns that it had counted are lost: find its zero again"
+            return (
+                "the drive restarted, its millisecond counter began again; turns that it had "
+                "counted are lost: find its zero again"
+            )
         return self._leap.fault
 
     def missing(self) -> str | None:
-        """Why there is no usable answer since `reset_counters`, with the remedy; None if there is one."""
+        """Why there is no usable answer since `reset_counters`, with the remedy; None if there
+        is one.
+        """
         drive = self._settings.drive_id
         if self._refusals:
-            refused = ", ".join(f"{name_of(register)}: {register_error_text(code)}" for register, code in self._refusals.items())
-            return f"drive {drive} cannot tell {refused}; check that its firmware knows that register, and update it"
+            refused = ", ".join(
+                f"{name_of(register)}: {register_error_text(code)}"
+                for register, code in self._refusals.items()
+            )
+            return (
+                f"drive {drive} cannot tell {refused}; check that its firmware knows that "
+                "register, and update it"
+            )
         if self.answers > 0:
             return None
         if self._foreign_ids:
             others = ", ".join(map(str, sorted(self._foreign_ids)))
-            return f"CAN frames from id {others} but no answer from drive {drive}; check drive_id and can_prefix"
+            return (
+                f"CAN frames from id {others} but no answer from drive {drive}; check "
+                "drive_id and can_prefix"
+            )
         return (
-            f"no answer from drive {drive}, and no other frames on the CAN bus; check the drive's power, the wiring, the termination, "
-            "drive_id (a moteus speaks only when asked), and that the interface does CAN-FD at 1 and 5 Mbit/s"
+            f"no answer from drive {drive}, and no other frames on the CAN bus; check the "
+            "drive's power, the wiring, the termination, "
+            "drive_id (a moteus speaks only when asked), and that the interface does "
+            "CAN-FD at 1 and 5 Mbit/s"
         )
 
     def _take(self, message: can.Message) -> None:
@@ -258,7 +308,11 @@ class MoteusReplies:
 
     def _hear(self, subframes: list[Subframe]) -> None:
         values = {item.register: item.value for item in subframes if isinstance(item, Reply)}
-        self._refusals |= {item.register: item.code for item in subframes if isinstance(item, Refusal) and item.register in _REQUIRED}
+        self._refusals |= {
+            item.register: item.code
+            for item in subframes
+            if isinstance(item, Refusal) and item.register in _REQUIRED
+        }
         if values.keys() >= _REQUIRED:
             self._hear_state(values)
         else:
@@ -270,7 +324,11 @@ class MoteusReplies:
             # No query is open: the frame was duplicated on the way.
             return
         # A drive whose encoder failed may report NaN; its fault is the cause, and comes first.
-        if values[Register.MODE] == Mode.FAULT and self.state is not None and isfinite(values[Register.FAULT]):
+        if (
+            values[Register.MODE] == Mode.FAULT
+            and self.state is not None
+            and isfinite(values[Register.FAULT])
+        ):
             self.state = replace(self.state, mode=Mode.FAULT, fault=int(values[Register.FAULT]))
         if not self._check.accept(*(values[register] for register in STATE_REGISTERS)):
             # It answers the oldest query as far as one can tell: its counter may be what is wrong.
@@ -293,14 +351,32 @@ class MoteusReplies:
         # Two answers with the same time carry the same sample.
         if stamp_s > self._stamped_s:
             self._stamped_s = stamp_s
-            self._rows.append((asked_s, stamp_s, values[Register.POSITION], values[Register.VELOCITY], values[Register.TORQUE]))
+            self._rows.append(
+                (
+                    asked_s,
+                    stamp_s,
+                    values[Register.POSITION],
+                    values[Register.VELOCITY],
+                    values[Register.TORQUE],
+                )
+            )
             # A jump is the same in either direction of the shaft, so the sign is left out here.
             per_turn = abs(self._settings.shaft_rad_per_turn)
-            self._leap.follow(asked_s, stamp_s, per_turn * values[Register.POSITION], per_turn * values[Register.VELOCITY])
+            self._leap.follow(
+                asked_s,
+                stamp_s,
+                per_turn * values[Register.POSITION],
+                per_turn * values[Register.VELOCITY],
+            )
 
     def _match_query(self, counter: int) -> float:
-        """Time of the open query that the answer with this counter belongs to. Older ones are dropped."""
-        best = min(range(len(self._asked_s)), key=lambda index: self._time.distance_s(counter, self._asked_s[index]))
+        """Time of the open query that the answer with this counter belongs to. Older ones are
+        dropped.
+        """
+        best = min(
+            range(len(self._asked_s)),
+            key=lambda index: self._time.distance_s(counter, self._asked_s[index]),
+        )
         for _ in range(best):
             self._asked_s.popleft()
         self.lost += best
@@ -308,15 +384,17 @@ class MoteusReplies:
 
 
 class MoteusMotor:
-    """A `ShaftMotor` over any `can.BusABC` that carries CAN-FD. Waits only through the clock, and only in `enable` and `prove_watchdog`.
+    """A `ShaftMotor` over any `can.BusABC` that carries CAN-FD. Waits only through the clock, and
+    only in `enable` and `prove_watchdog`.
 
-    A moteus replies only when asked. Every command requests a reply, and a `read` without a command before it sends its own request,
-    so that a reply is there for the next `read`. Only commands feed the drive's watchdog, and they result directly from calls; a
-    caller that hangs therefore lets the drive stop the motor. Each command writes the mode first, which resets all other command
-    registers, so no old set-point can take effect. The drive's own trajectories (servo.default_velocity_limit, default_accel_limit)
-    are switched off in each command, as targets come every few milliseconds. Only `enable` starts the drive: once it has stopped for
-    any reason, further commands do not move it.
-    """
+    A moteus replies only when asked. Every command requests a reply, and a `read` without a command
+    before it sends its own request, so that a reply is there for the next `read`. Only commands
+    feed the drive's watchdog, and they result directly from calls; a caller that hangs therefore
+    lets the drive stop the motor. Each command writes the mode first, which resets all other
+    command registers, so no old set-point can take effect. The drive's own trajectories
+    (servo.default_velocity_limit, default_accel_limit) are switched off in each command, as targets
+    come every few milliseconds. Only `enable` starts the drive: once it has stopped for any reason,
+    further commands do not move it."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
         self._bus = bus
@@ -329,11 +407,11 @@ class MoteusMotor:
         self._exit_state: MoteusState | None = None
 
     def enable(self) -> None:
-        """Energises the motor and holds the shaft: the drive starts from the angle that it measures itself at that moment.
+        """Energises the motor and holds the shaft: the drive starts from the angle that it measures
+        itself at that moment.
 
-        Raises DeviceError, and leaves the motor off, if no answer of this drive arrives or it comes late, a register is missing, or the
-        drive refuses with a fault.
-        """
+        Raises DeviceError, and leaves the motor off, if no answer of this drive arrives or it comes
+        late, a register is missing, or the drive refuses with a fault."""
         self.disable()
         if self._replies.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
@@ -362,9 +440,17 @@ class MoteusMotor:
         """Waits for the stopped mode. Stopping clears old faults; a persistent one remains."""
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._replies.answers == 0 or self._state().mode != Mode.STOPPED:
-            if self._clock.now_s() > deadline_s and (missing := self._replies.missing()) is not None:
-                raise DeviceError(f"drive not enabled: within {self._settings.enable_timeout_s:g} s {missing}")
-            self._refuse_if(self._clock.now_s() > deadline_s, f"does not stop within {self._settings.enable_timeout_s:g} s:")
+            if (
+                self._clock.now_s() > deadline_s
+                and (missing := self._replies.missing()) is not None
+            ):
+                raise DeviceError(
+                    f"drive not enabled: within {self._settings.enable_timeout_s:g} s {missing}"
+                )
+            self._refuse_if(
+                self._clock.now_s() > deadline_s,
+                f"does not stop within {self._settings.enable_timeout_s:g} s:",
+            )
             self._ask()
             self._wait_and_drain()
 
@@ -372,7 +458,10 @@ class MoteusMotor:
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._state().mode != Mode.POSITION:
             self._refuse_if(self._state().mode not in STARTING, "refuses position mode with")
-            self._refuse_if(self._clock.now_s() > deadline_s, f"not in position mode after {self._settings.enable_timeout_s:g} s:")
+            self._refuse_if(
+                self._clock.now_s() > deadline_s,
+                f"not in position mode after {self._settings.enable_timeout_s:g} s:",
+            )
             self._command(nan, 0.0)
             self._wait_and_drain()
 
@@ -381,11 +470,16 @@ class MoteusMotor:
             state = self._state()
             self.disable()
             fault = f"{fault_text(state.fault)}, " if state.fault else ""
-            raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} {how} {fault}mode {mode_text(state.mode)}")
+            raise DeviceError(
+                f"drive not enabled: drive {self._settings.drive_id} {how} {fault}mode "
+                f"{mode_text(state.mode)}"
+            )
 
     def _state(self) -> MoteusState:
         if self._replies.state is None:
-            raise DeviceError(f"no answer from drive {self._settings.drive_id} yet; enable the drive first")
+            raise DeviceError(
+                f"no answer from drive {self._settings.drive_id} yet; enable the drive first"
+            )
         return self._replies.state
 
     def command_speed(self, speed_rad_s: float) -> None:
@@ -393,28 +487,40 @@ class MoteusMotor:
         self._move(nan, self._settings.turns_s(check_command(speed_rad_s, "speed")))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Commands a shaft angle that moves on at the given speed. Raises DeviceError if the frame cannot be sent."""
+        """Commands a shaft angle that moves on at the given speed. Raises DeviceError if the
+        frame cannot be sent.
+        """
         turns = self._settings.turns(check_command(angle_rad, "angle"))
         turns_s = self._settings.turns_s(check_command(speed_rad_s, "speed"))
         self._move(turns, turns_s)
 
     def _move(self, turns: float, turns_s: float) -> None:
-        """Sends a command. Any command would restart a stopped moteus, so one that left position mode is kept stopped and only queried.
+        """Sends a command. Any command would restart a stopped moteus, so one that left position
+        mode is kept stopped and only queried.
 
         A fault or timeout is latched until a stop, and a stop would erase it.
         """
         if self._armed and self._exit_state is None:
             self._command(turns, turns_s)
-        elif self._exit_state is not None and self._exit_state.mode not in {Mode.FAULT, Mode.TIMEOUT}:
+        elif self._exit_state is not None and self._exit_state.mode not in {
+            Mode.FAULT,
+            Mode.TIMEOUT,
+        }:
             self._ask((Write(Register.MODE, Width.INT8, Mode.STOPPED),))
         else:
             self._ask()
 
     def _command(self, turns: float, turns_s: float) -> None:
-        """Sends position mode with a state query. NaN for `turns` lets the drive continue from its own target."""
+        """Sends position mode with a state query. NaN for `turns` lets the drive continue from
+        its own target.
+        """
         settings = self._settings
         # The limit is set at the shaft; NaN leaves the drive's own limit in force.
-        limit_Nm = nan if settings.torque_limit_Nm is None else settings.torque_limit_Nm / settings.gear_ratio
+        limit_Nm = (
+            nan
+            if settings.torque_limit_Nm is None
+            else settings.torque_limit_Nm / settings.gear_ratio
+        )
         commands = (
             (Register.COMMAND_POSITION, turns),
             (Register.COMMAND_VELOCITY, turns_s),
@@ -425,7 +531,10 @@ class MoteusMotor:
         )
         writes = (Write(register, Width.FLOAT, value) for register, value in commands)
         # The mode comes first, as writing it resets the registers that follow.
-        self._send((Write(Register.MODE, Width.INT8, Mode.POSITION), *writes, *STATE_QUERY), wants_reply=True)
+        self._send(
+            (Write(Register.MODE, Width.INT8, Mode.POSITION), *writes, *STATE_QUERY),
+            wants_reply=True,
+        )
         self._note_request()
 
     def _ask(self, orders: tuple[Write, ...] = ()) -> None:
@@ -437,24 +546,32 @@ class MoteusMotor:
         self._asked = True
 
     def disable(self) -> None:
-        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its watchdog then stops the motor."""
+        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its
+        watchdog then stops the motor.
+        """
         self._armed, self._exit_state = False, None
-        send_stop(self._bus, self._clock, [self._message((Write(Register.MODE, Width.INT8, Mode.STOPPED),), wants_reply=False)])
+        send_stop(
+            self._bus,
+            self._clock,
+            [self._message((Write(Register.MODE, Width.INT8, Mode.STOPPED),), wants_reply=False)],
+        )
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Sends queries only until the drive reports a timeout; returns the time in s that this took.
+        """Sends queries only until the drive reports a timeout; returns the time in s that this
+        took.
 
-        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError if nothing happened within
-        `limit_s`.
-        """
+        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError
+        if nothing happened within `limit_s`."""
         started_s = self._clock.now_s()
         while self._state().mode != Mode.TIMEOUT:
             # A query does not feed the watchdog, so the mode can be polled while it runs out.
             if self._clock.now_s() - started_s > limit_s:
                 self.disable()
                 raise DeviceError(
-                    f"drive's watchdog let it run through {limit_s:g} s of silence, mode {mode_text(self._state().mode)}; "
-                    f"it was set to time out after {self._settings.watchdog_s:g} s (register 0x027), check its firmware"
+                    f"drive's watchdog let it run through {limit_s:g} s of silence, mode "
+                    f"{mode_text(self._state().mode)}; "
+                    f"it was set to time out after {self._settings.watchdog_s:g} s "
+                    "(register 0x027), check its firmware"
                 )
             self._ask()
             self._wait_and_drain()
@@ -462,10 +579,17 @@ class MoteusMotor:
         return self._clock.now_s() - started_s
 
     def read(self) -> ShaftSamples:
-        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
+        cannot be decoded.
+        """
         self._replies.drain()
         state = self._replies.state
-        if self._armed and self._exit_state is None and state is not None and state.mode != Mode.POSITION:
+        if (
+            self._armed
+            and self._exit_state is None
+            and state is not None
+            and state.mode != Mode.POSITION
+        ):
             self._exit_state = state
         # A command already requested a reply; only a read without one needs its own query.
         if not self._asked:
@@ -474,11 +598,18 @@ class MoteusMotor:
         return self._replies.samples()
 
     def status(self) -> MotorStatus:
-        """State of the drive. A motor that left position mode on its own is at fault until it is enabled again, or disabled."""
+        """State of the drive. A motor that left position mode on its own is at fault until it is
+        enabled again, or disabled.
+        """
         state = self._replies.state
         silent_s = self._replies.silent_s
         temperature_C = None if state is None else state.warmest_C
-        return MotorStatus("unknown" if state is None else _state_text(state), self._fault(silent_s), silent_s, temperature_C)
+        return MotorStatus(
+            "unknown" if state is None else _state_text(state),
+            self._fault(silent_s),
+            silent_s,
+            temperature_C,
+        )
 
     def _fault(self, silent_s: float) -> str | None:
         state, limit_s = self._exit_state or self._replies.state, self._settings.reply_timeout_s
@@ -488,13 +619,20 @@ class MoteusMotor:
         if self._replies.zero_lost is not None:
             return self._replies.zero_lost
         if self._exit_state is not None and self._exit_state.mode == Mode.TIMEOUT:
-            return f"mode 11 (timeout: no command reached the drive for {self._settings.watchdog_s:g} s)"
+            return (
+                "mode 11 (timeout: no command reached the drive for "
+                f"{self._settings.watchdog_s:g} s)"
+            )
         if self._exit_state is not None:
             return (
-                f"left position mode for {mode_text(self._exit_state.mode)} without a fault; was it stopped from elsewhere, or restarted?"
+                f"left position mode for {mode_text(self._exit_state.mode)} without a fault; "
+                "was it stopped from elsewhere, or restarted?"
             )
         if silent_s > limit_s:
-            return f"no answer for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
+            return (
+                f"no answer for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's "
+                "power and the CAN wiring"
+            )
         return self._replies.health.fault
 
     def identity(self) -> dict[str, str]:
@@ -506,7 +644,9 @@ class MoteusMotor:
             "drive_id": str(settings.drive_id),
             "model": _hexadecimal(facts.get(Register.MODEL_NUMBER), 1),
             "firmware": _version(facts.get(Register.FIRMWARE_VERSION)),
-            "serial_number": "".join(_hexadecimal(facts.get(Register.SERIAL_NUMBER_1 + at), 8) for at in (2, 1, 0)),
+            "serial_number": "".join(
+                _hexadecimal(facts.get(Register.SERIAL_NUMBER_1 + at), 8) for at in (2, 1, 0)
+            ),
             "gear_ratio": repr(settings.gear_ratio),
             "direction": str(settings.direction),
             "zero_turns": repr(settings.zero_turns),
@@ -522,7 +662,9 @@ class MoteusMotor:
 
     def _message(self, subframes: tuple[Subframe, ...], wants_reply: bool) -> can.Message:
         settings = self._settings
-        identifier = codec.arbitration_id(Route(settings.own_id, settings.drive_id, wants_reply, settings.can_prefix))
+        identifier = codec.arbitration_id(
+            Route(settings.own_id, settings.drive_id, wants_reply, settings.can_prefix)
+        )
         return can.Message(
             arbitration_id=identifier,
             is_extended_id=True,
@@ -539,7 +681,9 @@ class MoteusMotor:
 def _state_text(state: MoteusState) -> str:
     """Mode as text. Fault codes of a running drive name what limits its output at the moment."""
     limited = state.mode != Mode.FAULT and state.fault >= MIN_LIMIT_CODE
-    return f"{mode_text(state.mode)}, {fault_text(state.fault)}" if limited else mode_text(state.mode)
+    return (
+        f"{mode_text(state.mode)}, {fault_text(state.fault)}" if limited else mode_text(state.mode)
+    )
 
 
 def _hexadecimal(value: float | None, digits: int) -> str:
@@ -554,5 +698,7 @@ def _version(value: float | None) -> str:
 
 def make_driver(keys: MoteusSection, bus: can.BusABC, clock: Clock, silent_s: float) -> MoteusMotor:
     """The driver of the drive that [motor] names."""
-    settings = keys.to_dataclass(MoteusSettings, watchdog_s=keys.watchdog_ms / 1e3, reply_timeout_s=silent_s)
+    settings = keys.to_dataclass(
+        MoteusSettings, watchdog_s=keys.watchdog_ms / 1e3, reply_timeout_s=silent_s
+    )
     return MoteusMotor(bus, clock, settings)

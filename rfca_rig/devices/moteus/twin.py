@@ -7,11 +7,34 @@ from math import inf, isinf, isnan, nan, tau
 import can
 
 from rfca_rig.devices.moteus import codec
-from rfca_rig.devices.moteus.codec import Mode, Read, Refusal, Register, Reply, Route, Subframe, Width, Write
+from rfca_rig.devices.moteus.codec import (
+    Mode,
+    Read,
+    Refusal,
+    Register,
+    Reply,
+    Route,
+    Subframe,
+    Width,
+    Write,
+)
 from rfca_rig.devices.moteus.section import MoteusSection
 from rfca_rig.errors import MalformedFrame
-from rfca_rig.twin_server.faults import DRIVE_FAULTS, DriveDialect, DriveFaults, Fault, drive_events, replace_data
-from rfca_rig.twins.drive_parts import DriveTwin, Encoder, LoopGains, MotorThermalModel, ThermalParameters
+from rfca_rig.twin_server.faults import (
+    DRIVE_FAULTS,
+    DriveDialect,
+    DriveFaults,
+    Fault,
+    drive_events,
+    replace_data,
+)
+from rfca_rig.twins.drive_parts import (
+    DriveTwin,
+    Encoder,
+    LoopGains,
+    MotorThermalModel,
+    ThermalParameters,
+)
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 # Error codes of a refused register access.
@@ -31,12 +54,16 @@ OTHER_PROGRAM_ID = 5
 JUMP_TURNS = 1.0
 COMMANDABLE = frozenset({Mode.STOPPED, Mode.POSITION, Mode.ZERO_VELOCITY})
 # For all other command registers NaN means the default.
-NAN_NOT_ALLOWED = frozenset({Register.COMMAND_FEEDFORWARD_TORQUE, Register.COMMAND_KP_SCALE, Register.COMMAND_KD_SCALE})
+NAN_NOT_ALLOWED = frozenset(
+    {Register.COMMAND_FEEDFORWARD_TORQUE, Register.COMMAND_KP_SCALE, Register.COMMAND_KD_SCALE}
+)
 
 
 @dataclass(frozen=True)
 class MoteusGains:
-    """Gains of servo.pid_position, converted to the shaft, and the torque that servo.max_current_A allows."""
+    """Gains of servo.pid_position, converted to the shaft, and the torque that
+    servo.max_current_A allows.
+    """
 
     kp_Nm_per_rad: float = 160.0
     ki_Nm_per_rad_s: float = 0.0
@@ -46,7 +73,9 @@ class MoteusGains:
 
 @dataclass(frozen=True)
 class PositionCommand:
-    """Command registers after a frame that writes the mode, converted to the shaft. Fields not written have these defaults."""
+    """Command registers after a frame that writes the mode, converted to the shaft. Fields not
+    written have these defaults.
+    """
 
     angle_rad: float = 0.0
     speed_rad_s: float = 0.0
@@ -58,11 +87,12 @@ class PositionCommand:
 
 
 class MoteusLoop:
-    """Control loop with a moving target. `law` is the torque until the next step; `advance` advances the target.
+    """Control loop with a moving target. `law` is the torque until the next step; `advance`
+    advances the target.
 
-    A target at rest acts like a spring during the whole step; a moving one with its force at the beginning of the step. The target
-    does not wait for a blocked shaft (servo.max_position_slip is off, the factory setting).
-    """
+    A target at rest acts like a spring during the whole step; a moving one with its force at the
+    beginning of the step. The target does not wait for a blocked shaft (servo.max_position_slip is
+    off, the factory setting)."""
 
     def __init__(self, gains: MoteusGains) -> None:
         self._gains = gains
@@ -76,27 +106,40 @@ class MoteusLoop:
         self._limited = False
 
     def take(self, command: PositionCommand) -> None:
-        """Takes a command. A commanded angle becomes the target at once; without one the target continues from its present value."""
-        self._command = replace(command, speed_rad_s=0.0 if isnan(command.speed_rad_s) else command.speed_rad_s)
+        """Takes a command. A commanded angle becomes the target at once; without one the target
+        continues from its present value.
+        """
+        self._command = replace(
+            command, speed_rad_s=0.0 if isnan(command.speed_rad_s) else command.speed_rad_s
+        )
         if not isnan(command.angle_rad):
             self._target_rad = command.angle_rad
 
     def law(self, shaft: ShaftState) -> ShaftDrive:
-        """Torque law, limited at the beginning of the step. Beyond the limit the whole law is scaled down, as in `SpeedLoop`."""
+        """Torque law, limited at the beginning of the step. Beyond the limit the whole law is
+        scaled down, as in `SpeedLoop`.
+        """
         # Without a target, after a reset, the loop starts from the measured angle.
         if isnan(self._target_rad):
             self._target_rad = shaft.angle_rad
         free = self._law_without_limit(shaft)
-        torque_Nm, limit_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)), self._limit_Nm()
+        torque_Nm, limit_Nm = (
+            abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)),
+            self._limit_Nm(),
+        )
         self._limited = torque_Nm > limit_Nm
         return free.scale(limit_Nm / torque_Nm) if self._limited else free
 
     def _law_without_limit(self, shaft: ShaftState) -> ShaftDrive:
         command, gains = self._command, self._gains
-        kp, feed_Nm = gains.kp_Nm_per_rad * command.kp_scale, command.feed_forward_Nm + self._integral_Nm
+        kp, feed_Nm = (
+            gains.kp_Nm_per_rad * command.kp_scale,
+            command.feed_forward_Nm + self._integral_Nm,
+        )
         moving = command.speed_rad_s != 0.0
         return ShaftDrive(
-            # A spring to a fixed angle would lag behind a moving target, so its force is held for the step.
+            # A spring to a fixed angle would lag behind a moving target, so its force is held for
+            # the step.
             feed_Nm=feed_Nm + kp * (self._target_rad - shaft.angle_rad) if moving else feed_Nm,
             angle_gain_Nm_per_rad=0.0 if moving else kp,
             angle_rad=self._target_rad,
@@ -105,11 +148,15 @@ class MoteusLoop:
         )
 
     def _limit_Nm(self) -> float:
-        commanded_Nm = inf if isnan(self._command.torque_limit_Nm) else self._command.torque_limit_Nm
+        commanded_Nm = (
+            inf if isnan(self._command.torque_limit_Nm) else self._command.torque_limit_Nm
+        )
         return min(commanded_Nm, self._gains.torque_limit_Nm)
 
     def advance(self, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
-        """Advances the target, and the integrator by the mean error of the step; at the torque limit it is held (anti-windup)."""
+        """Advances the target, and the integrator by the mean error of the step; at the torque
+        limit it is held (anti-windup).
+        """
         moved_rad = self._command.speed_rad_s * elapsed_s
         # Mean error of the step: target and shaft at their middle (trapezoidal rule).
         error_rad = self._target_rad + 0.5 * moved_rad - 0.5 * (before.angle_rad + after.angle_rad)
@@ -127,11 +174,12 @@ def damping(gains: MoteusGains, shaft: ShaftState, limit_Nm: float) -> ShaftDriv
 
 @dataclass(frozen=True)
 class MoteusTwinSettings:
-    """Configuration of the drive. `default_timeout_s` (servo.default_timeout_s) applies if a command gives none.
+    """Configuration of the drive. `default_timeout_s` (servo.default_timeout_s) applies if a
+    command gives none.
 
-    With `keeps_timeouts` False the drive has no watchdog. `arming_fault` is the fault code that every attempt to start ends in; 0 for
-    a healthy drive. In a timeout the drive brakes with at most `timeout_torque_Nm` (servo.timeout_max_torque_Nm).
-    """
+    With `keeps_timeouts` False the drive has no watchdog. `arming_fault` is the fault code that
+    every attempt to start ends in; 0 for a healthy drive. In a timeout the drive brakes with at
+    most `timeout_torque_Nm` (servo.timeout_max_torque_Nm)."""
 
     drive_id: int = 1
     can_prefix: int = 0
@@ -152,10 +200,10 @@ class MoteusTwinSettings:
 class MoteusTwin(DriveTwin):
     """A `MotorTwin` that answers queries.
 
-    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`. Answers are sent in `drive`. They
-    show the shaft at that time, and the mode before the command in the same frame, as the firmware does. Trajectories under velocity
-    or acceleration limits are not planned: targets take effect at once. The diagnostic stream is not answered.
-    """
+    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved,
+    `advance`. Answers are sent in `drive`. They show the shaft at that time, and the mode before
+    the command in the same frame, as the firmware does. Trajectories under velocity or acceleration
+    limits are not planned: targets take effect at once. The diagnostic stream is not answered."""
 
     tells_temperature = True
 
@@ -173,18 +221,26 @@ class MoteusTwin(DriveTwin):
         self._answers: list[Callable[[ShaftState], None]] = []
 
     def take_frames(self, now_s: float) -> None:
-        """Executes received frames; invalid ones are ignored. Commands feed the watchdog, queries do not."""
+        """Executes received frames; invalid ones are ignored. Commands feed the watchdog,
+        queries do not.
+        """
         self._now_s = now_s
         while (message := self._bus.recv(timeout=0)) is not None:
             route = codec.route_of(message.arbitration_id)
             if not message.is_remote_frame and not message.is_error_frame and self._is_mine(route):
                 self._take(route, message.data)
-        if self._mode == Mode.CALIBRATING and self._now_s - self._started_s >= self._settings.starting_s:
+        if (
+            self._mode == Mode.CALIBRATING
+            and self._now_s - self._started_s >= self._settings.starting_s
+        ):
             self._mode = self._wanted
         self._check_watchdog()
 
     def _is_mine(self, route: Route) -> bool:
-        return route.destination == self._settings.drive_id and route.prefix == self._settings.can_prefix
+        return (
+            route.destination == self._settings.drive_id
+            and route.prefix == self._settings.can_prefix
+        )
 
     def _take(self, route: Route, data: bytes | bytearray) -> None:
         try:
@@ -197,10 +253,16 @@ class MoteusTwin(DriveTwin):
         mode, fault = self._mode, self._fault
         refusals = self._obey([item for item in subframes if isinstance(item, Write)])
         if route.wants_reply and (reads or refusals):
-            self._answers.append(lambda shaft: self._answer(route, [*refusals, *self._read_registers(reads, mode, fault, shaft)]))
+            self._answers.append(
+                lambda shaft: self._answer(
+                    route, [*refusals, *self._read_registers(reads, mode, fault, shaft)]
+                )
+            )
 
     def _obey(self, writes: list[Write]) -> list[Refusal]:
-        """Executes writes; returns the refused ones. Writing the mode resets all command registers; later writes set them again."""
+        """Executes writes; returns the refused ones. Writing the mode resets all command
+        registers; later writes set them again.
+        """
         refusals: list[Refusal] = []
         ordered: int | None = None
         for write in writes:
@@ -262,7 +324,12 @@ class MoteusTwin(DriveTwin):
         # A command without a timeout uses the default; NaN switches the timeout off.
         running = self._mode not in {Mode.STOPPED, Mode.FAULT, Mode.TIMEOUT}
         limit_s = self._in_force.timeout_s or self._settings.default_timeout_s
-        if running and self._settings.keeps_timeouts and not isnan(limit_s) and self._now_s - self._commanded_s > limit_s:
+        if (
+            running
+            and self._settings.keeps_timeouts
+            and not isnan(limit_s)
+            and self._now_s - self._commanded_s > limit_s
+        ):
             self.time_out()
 
     def time_out(self) -> None:
@@ -293,16 +360,29 @@ class MoteusTwin(DriveTwin):
             return damping(self._settings.gains, shaft, self._settings.timeout_torque_Nm)
         return ShaftDrive()
 
-    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
+    def advance(
+        self,
+        elapsed_s: float,
+        now_s: float,  # noqa: ARG002
+        before: ShaftState,
+        after: ShaftState,
+        law: ShaftDrive,  # noqa: ARG002
+    ) -> None:
         """Takes in a step of the plant. A moteus sends no reports unasked."""
         self.warmth.advance(elapsed_s, after.torque_Nm)
         if self._mode == Mode.POSITION:
             self._loop.advance(elapsed_s, before, after)
 
-    def _read_registers(self, reads: list[Read], mode: int, fault: int, shaft: ShaftState) -> list[Subframe]:
+    def _read_registers(
+        self, reads: list[Read], mode: int, fault: int, shaft: ShaftState
+    ) -> list[Subframe]:
         values = self._values(mode, fault, shaft)
         return [
-            Reply(read.register, read.width, codec.clip_to_register(read.register, read.width, values[read.register]))
+            Reply(
+                read.register,
+                read.width,
+                codec.clip_to_register(read.register, read.width, values[read.register]),
+            )
             if read.register in values
             else Refusal(read.register, UNKNOWN_REGISTER, of_write=False)
             for read in reads
@@ -330,7 +410,9 @@ class MoteusTwin(DriveTwin):
         }
 
     def _answer(self, route: Route, subframes: list[Subframe]) -> None:
-        identifier = codec.arbitration_id(Route(self._settings.drive_id, route.source, prefix=self._settings.can_prefix))
+        identifier = codec.arbitration_id(
+            Route(self._settings.drive_id, route.source, prefix=self._settings.can_prefix)
+        )
         self._bus.send(
             can.Message(
                 arbitration_id=identifier,
@@ -348,8 +430,14 @@ class MoteusTwin(DriveTwin):
             Write(Register.COMMAND_POSITION, Width.FLOAT, -3.0),
             Write(Register.COMMAND_VELOCITY, Width.FLOAT, 5.0),
         )
-        identifier = codec.arbitration_id(Route(OTHER_PROGRAM_ID, self._settings.drive_id, prefix=self._settings.can_prefix))
-        return (can.Message(arbitration_id=identifier, is_extended_id=True, is_fd=True, data=codec.encode(order)),)
+        identifier = codec.arbitration_id(
+            Route(OTHER_PROGRAM_ID, self._settings.drive_id, prefix=self._settings.can_prefix)
+        )
+        return (
+            can.Message(
+                arbitration_id=identifier, is_extended_id=True, is_fd=True, data=codec.encode(order)
+            ),
+        )
 
     def fail(self) -> str:
         self.set_error(OVER_TEMPERATURE)
@@ -357,7 +445,10 @@ class MoteusTwin(DriveTwin):
 
     def refuse(self) -> str:
         self._settings = replace(self._settings, arming_fault=NOT_CONFIGURED)
-        return r"refuses position mode with fault 36 \(motor not configured: run moteus_tool --calibrate.*\), mode fault"
+        return (
+            r"refuses position mode with fault 36 \(motor not configured: run moteus_tool "
+            r"--calibrate.*\), mode fault"
+        )
 
     @property
     def _rad_per_turn(self) -> float:
@@ -378,13 +469,17 @@ class MoteusDialect(DriveDialect):
 
     def shift_encoder(self, message: can.Message) -> can.Message:
         """The frame with the reported position shifted by one turn."""
-        return replace_data(message, codec.encode([_shift_position(item) for item in codec.decode(message.data)]))
+        return replace_data(
+            message, codec.encode([_shift_position(item) for item in codec.decode(message.data)])
+        )
 
 
 def _shift_position(item: Subframe) -> Subframe:
     if not isinstance(item, Reply) or item.register != Register.POSITION:
         return item
-    return replace(item, value=codec.clip_to_register(item.register, item.width, item.value + JUMP_TURNS))
+    return replace(
+        item, value=codec.clip_to_register(item.register, item.width, item.value + JUMP_TURNS)
+    )
 
 
 def moteus_events(motor: MoteusTwin) -> Mapping[str, Callable[[], None]]:
@@ -408,12 +503,18 @@ FAULTS = DriveFaults(
 )
 
 
-def make_twin(bus: can.BusABC, keys: MoteusSection, gains: LoopGains, watchdog_s: float | None) -> MoteusTwin:
-    """The twin of the drive that [motor] names. Its one PID loop acts on an angle as the cascade of `gains` does."""
-    # Cascade: torque = (kv + ki / s) (ka e - w) with kv the speed gain, ki its integral gain, ka the angle gain. For a target at rest, its
-    # terms in e, in the integral of e and in w are kp, ki and kd.
+def make_twin(
+    bus: can.BusABC, keys: MoteusSection, gains: LoopGains, watchdog_s: float | None
+) -> MoteusTwin:
+    """The twin of the drive that [motor] names. Its one PID loop acts on an angle as the cascade
+    of `gains` does.
+    """
+    # Cascade: torque = (kv + ki / s) (ka e - w) with kv the speed gain, ki its integral gain, ka
+    # the angle gain. For a target at rest, its terms in e, in the integral of e and in w are kp, ki
+    # and kd.
     own_gains = MoteusGains(
-        kp_Nm_per_rad=gains.speed_gain_Nm_s_per_rad * gains.angle_gain_per_s + gains.integral_gain_Nm_per_rad,
+        kp_Nm_per_rad=gains.speed_gain_Nm_s_per_rad * gains.angle_gain_per_s
+        + gains.integral_gain_Nm_per_rad,
         ki_Nm_per_rad_s=gains.integral_gain_Nm_per_rad * gains.angle_gain_per_s,
         kd_Nm_s_per_rad=gains.speed_gain_Nm_s_per_rad,
         torque_limit_Nm=gains.torque_limit_Nm,

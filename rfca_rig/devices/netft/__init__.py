@@ -1,4 +1,6 @@
-"""The ATI Net F/T, a box on the network. The shipped twin has one, with the usual values of its keys."""
+"""The ATI Net F/T, a box on the network. The shipped twin has one, with the usual values of its
+keys.
+"""
 
 from rfca_rig.devices import SensorMake
 

@@ -1,4 +1,6 @@
-"""An ATI Net F/T: its configuration, and half a second of its stream; never sends a bias. Also the search for one without a rig file."""
+"""An ATI Net F/T: its configuration, and half a second of its stream; never sends a bias. Also
+the search for one without a rig file.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,7 +9,15 @@ import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.force_sensors import ERROR, MONITOR_LATCHED, SATURATED, WARNINGS, status_text
-from rfca_rig.devices.checks import Finding, FoundSensor, green, judge_receive_buffer, probe_receive_buffer, red, yellow
+from rfca_rig.devices.checks import (
+    Finding,
+    FoundSensor,
+    green,
+    judge_receive_buffer,
+    probe_receive_buffer,
+    red,
+    yellow,
+)
 from rfca_rig.devices.netft.codec import (
     CalibrationInfo,
     NetFtConfiguration,
@@ -66,15 +76,32 @@ class StreamObservation:
 
 def judge_box(seen: BoxObservation, settings: NetFtSettings) -> Finding:
     if seen.says is None:
-        return red(BOX, seen.error, _reach(seen.host), f"ping -c 3 {seen.host}", "ip -brief address")
+        return red(
+            BOX, seen.error, _reach(seen.host), f"ping -c 3 {seen.host}", "ip -brief address"
+        )
     try:
         refuse_difference(seen.says, settings, f"the box at {seen.host}")
     except RigError as difference:
-        return red(BOX, str(difference), f"change [force_sensor] in the rig file, or the box at http://{seen.host}/ under Configurations")
-    return green(BOX, f"{_name(seen.says)}set as the rig file says ({settings.counts_per_N:g} counts/N, {settings.rate_Hz:g} records/s)")
+        return red(
+            BOX,
+            str(difference),
+            (
+                f"change [force_sensor] in the rig file, or the box at http://{seen.host}/ "
+                "under Configurations"
+            ),
+        )
+    return green(
+        BOX,
+        (
+            f"{_name(seen.says)}set as the rig file says ({settings.counts_per_N:g} counts/N, "
+            f"{settings.rate_Hz:g} records/s)"
+        ),
+    )
 
 
-def judge_stream(seen: StreamObservation, settings: NetFtSettings, box_answers: bool | None) -> list[Finding]:
+def judge_stream(
+    seen: StreamObservation, settings: NetFtSettings, box_answers: bool | None
+) -> list[Finding]:
     """Findings on the stream. `box_answers` is None if the box was not asked."""
     if not seen.received:
         return [_no_records(seen, box_answers)]
@@ -87,7 +114,8 @@ def _name(says: NetFtConfiguration | CalibrationInfo) -> str:
 
 def _reach(host: str) -> str:
     return (
-        f"check the sensor's power and cable, host and ports under [force_sensor], and that this computer has an address in the network "
+        "check the sensor's power and cable, host and ports under [force_sensor], and "
+        "that this computer has an address in the network "
         f"of {host}:"
     )
 
@@ -95,23 +123,40 @@ def _reach(host: str) -> str:
 def _no_records(seen: StreamObservation, box_answers: bool | None) -> Finding:
     host, _, port = seen.address.rpartition(":")
     if seen.malformed:
-        return red(STREAM, f"{seen.malformed} datagrams from {seen.address}, none with records", "check port under [force_sensor]")
-    observed = f"none from {seen.address} in {seen.seconds:.1f} s" + ("" if seen.error is None else f": {seen.error}")
+        return red(
+            STREAM,
+            f"{seen.malformed} datagrams from {seen.address}, none with records",
+            "check port under [force_sensor]",
+        )
+    observed = f"none from {seen.address} in {seen.seconds:.1f} s" + (
+        "" if seen.error is None else f": {seen.error}"
+    )
     # The box works, so the cause is the stream itself or the way of its datagrams.
     if box_answers and seen.error is None:
         fix = (
-            "the box answers, so check that RDT is enabled on its Communications page, that nobody else took the stream, and the firewall:"
+            "the box answers, so check that RDT is enabled on its Communications page, that "
+            "nobody else took the stream, and the firewall:"
         )
         return red(STREAM, observed, fix, f"sudo ufw allow proto udp from {host}")
     if box_answers:
-        return red(STREAM, observed, f"the box answers, but not on UDP port {port}: correct port under [force_sensor], it is mostly 49152")
+        return red(
+            STREAM,
+            observed,
+            (
+                f"the box answers, but not on UDP port {port}: correct port under "
+                "[force_sensor], it is mostly 49152"
+            ),
+        )
     return red(STREAM, observed, _reach(host), f"ping -c 3 {host}", "ip -brief address")
 
 
 def _records(seen: StreamObservation) -> Finding:
     observed = f"{seen.received} in {seen.seconds:.1f} s from {seen.address}"
     if seen.lost or seen.malformed:
-        fix = "see the receive buffer below; use a network port of its own for the sensor, without a switch that others load"
+        fix = (
+            "see the receive buffer below; use a network port of its own for the sensor, "
+            "without a switch that others load"
+        )
         return yellow(STREAM, f"{observed}, {seen.lost} lost, {seen.malformed} malformed", fix)
     return green(STREAM, f"{observed}, none lost")
 
@@ -120,24 +165,40 @@ def _rate(seen: StreamObservation, settings: NetFtSettings) -> Finding:
     # Records arrive, but the box does not measure anything new.
     if not seen.step or seen.step < 0:
         fix = "switch the box's power off and on; if it stays, see its status page"
-        return red(RATE, "the sensor's own sample counter stands still: the values are not new", fix)
+        return red(
+            RATE, "the sensor's own sample counter stands still: the values are not new", fix
+        )
     rate_Hz = settings.internal_rate_Hz / seen.step
     if seen.step == settings.decimation:
         return green(RATE, f"{rate_Hz:.6g} records/s")
-    fix = f"put rate_Hz = {rate_Hz:.6g} under [force_sensor], or set the RDT output rate on the box's Communications page"
+    fix = (
+        f"put rate_Hz = {rate_Hz:.6g} under [force_sensor], or set the RDT output rate on the "
+        "box's Communications page"
+    )
     return red(RATE, f"{rate_Hz:.6g} records/s, the rig file says {settings.rate_Hz:g}", fix)
 
 
 def _status(status_words: tuple[int, ...]) -> Finding:
     faulty = [word for word in status_words if word not in WARNINGS]
     if any(word & SATURATED_BIT for word in faulty):
-        fix = "take every load off the sensor; if it stays, check the transducer's cable, then a gage is broken: have it looked at by ATI"
+        fix = (
+            "take every load off the sensor; if it stays, check the transducer's cable, then "
+            "a gage is broken: have it looked at by ATI"
+        )
         return red(STATUS, status_text(faulty[0]), fix)
     if faulty:
-        return red(STATUS, status_text(faulty[0]), "switch the box's power off and on; if it stays, see its status page and the manual")
+        return red(
+            STATUS,
+            status_text(faulty[0]),
+            "switch the box's power off and on; if it stays, see its status page and the manual",
+        )
     # A latched monitor condition is a warning only; the values are valid.
     if any(word & MONITOR_LATCHED for word in status_words):
-        return yellow(STATUS, status_text(max(status_words)), "reset the latch on the box's Settings page; the values are good")
+        return yellow(
+            STATUS,
+            status_text(max(status_words)),
+            "reset the latch on the box's Settings page; the values are good",
+        )
     return green(STATUS, "healthy")
 
 
@@ -169,7 +230,9 @@ def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
     datagrams.send(encode_request(RdtCommand.STOP))
     clock.wait_until(clock.now_s() + QUIET_S)
     datagrams.receive_all()
-    datagrams.send(encode_request(RdtCommand.START_BUFFERED if buffered else RdtCommand.START_SINGLE))
+    datagrams.send(
+        encode_request(RdtCommand.START_BUFFERED if buffered else RdtCommand.START_SINGLE)
+    )
     arrived: list[bytes] = []
     until_s = clock.now_s() + STREAM_S
     # Also where reading fails: the box would stream to this address for ever.
@@ -217,17 +280,37 @@ def check_sensor(keys: NetFtSection, clock: Clock) -> Iterator[Finding]:
         seen = look_at_box(keys.host, box)
         answers = seen.says is not None
         yield judge_box(seen, settings)
-    yield from judge_stream(look_at_stream(keys.host, keys.port, keys.buffered, clock), settings, answers)
+    yield from judge_stream(
+        look_at_stream(keys.host, keys.port, keys.buffered, clock), settings, answers
+    )
     yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, keys.rate_Hz)
 
 
 def judge_found_sensor(seen: BoxObservation) -> Finding:
     if seen.says is None:
-        fix = "a sensor as delivered needs this computer in its network; with the right network port for eth0:"
-        return yellow(SENSOR, f"none at {seen.host}, where it is as delivered", fix, "sudo ip address add 192.168.1.100/24 dev eth0")
+        fix = (
+            "a sensor as delivered needs this computer in its network; with the right "
+            "network port for eth0:"
+        )
+        return yellow(
+            SENSOR,
+            f"none at {seen.host}, where it is as delivered",
+            fix,
+            "sudo ip address add 192.168.1.100/24 dev eth0",
+        )
     says = seen.says
-    name = f"{says.product} {says.serial_number}" if isinstance(says, NetFtConfiguration) else "a sensor"
-    return green(SENSOR, f"{name} at {seen.host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}")
+    name = (
+        f"{says.product} {says.serial_number}"
+        if isinstance(says, NetFtConfiguration)
+        else "a sensor"
+    )
+    return green(
+        SENSOR,
+        (
+            f"{name} at {seen.host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = "
+            f"{says.counts_per_Nm:.10g}"
+        ),
+    )
 
 
 def look_for_box() -> BoxObservation:
@@ -238,7 +321,15 @@ def look_for_box() -> BoxObservation:
 def find_sensor() -> FoundSensor:
     """Asks for a box at its default address."""
     seen = look_for_box()
-    findings = judge_found_sensor(seen), judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, USUAL_RATE_Hz)
+    findings = (
+        judge_found_sensor(seen),
+        judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, USUAL_RATE_Hz),
+    )
     if seen.says is None:
         return FoundSensor(findings)
-    return FoundSensor(findings, f"Net F/T at {seen.host}", seen.host, (seen.says.counts_per_N, seen.says.counts_per_Nm))
+    return FoundSensor(
+        findings,
+        f"Net F/T at {seen.host}",
+        seen.host,
+        (seen.says.counts_per_N, seen.says.counts_per_Nm),
+    )

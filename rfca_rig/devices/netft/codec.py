@@ -1,8 +1,9 @@
-"""ATI Net F/T: requests and records by UDP (RDT), its configuration page, and its command interface on TCP; pure.
+"""ATI Net F/T: requests and records by UDP (RDT), its configuration page, and its command interface
+on TCP; pure.
 
-RDT: ATI manual 9620-05-net ft, section 10. Big-endian, no padding. A record is 36 bytes; a datagram holds 1..40 of them.
-Names of the page's elements: the chapter on the CGI interface. Of about seventy these are the ones that are needed to interpret a stream.
-"""
+RDT: ATI manual 9620-05-net ft, section 10. Big-endian, no padding. A record is 36 bytes; a datagram
+holds 1..40 of them. Names of the page's elements: the chapter on the CGI interface. Of about
+seventy these are the ones that are needed to interpret a stream."""
 
 import struct
 from collections.abc import Callable, Mapping
@@ -14,7 +15,14 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.force_sensors import force_code, force_unit, newton_metres_per, newtons_per, torque_code, torque_unit
+from rfca_rig.codecs.force_sensors import (
+    force_code,
+    force_unit,
+    newton_metres_per,
+    newtons_per,
+    torque_code,
+    torque_unit,
+)
 from rfca_rig.errors import MalformedFrame, NotEncodable
 
 PORT = 49152
@@ -53,7 +61,9 @@ class RdtCommand(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A request of `sample_count` records; 0 is without end. `command` may be one that `RdtCommand` does not know."""
+    """A request of `sample_count` records; 0 is without end. `command` may be one that
+    `RdtCommand` does not know.
+    """
 
     command: int
     sample_count: int = 0
@@ -61,7 +71,9 @@ class Request:
 
 @dataclass(frozen=True)
 class Records:
-    """m records: both sequence counters and the status word (m,), and `counts` (m, 6) = fx fy fz tx ty tz."""
+    """m records: both sequence counters and the status word (m,), and `counts` (m, 6) = fx fy fz
+    tx ty tz.
+    """
 
     rdt_sequence: NDArray[np.uint32]
     ft_sequence: NDArray[np.uint32]
@@ -74,7 +86,9 @@ def encode_request(command: int, sample_count: int = 0) -> bytes:
     try:
         return _REQUEST.pack(HEADER, command, sample_count)
     except struct.error as error:
-        raise NotEncodable(f"RDT request cannot carry command {command:#x} with {sample_count} records: {error}") from error
+        raise NotEncodable(
+            f"RDT request cannot carry command {command:#x} with {sample_count} records: {error}"
+        ) from error
 
 
 def decode_request(datagram: bytes) -> Request:
@@ -91,7 +105,10 @@ def decode_records(datagram: bytes) -> Records:
     """All records of one datagram. Raises MalformedFrame unless it holds 1..40 whole ones."""
     count, rest = divmod(len(datagram), RECORD_BYTES)
     if rest or not 1 <= count <= MAX_RECORDS:
-        raise MalformedFrame(f"RDT datagram of {len(datagram)} bytes, expected 1..{MAX_RECORDS} records of {RECORD_BYTES} bytes")
+        raise MalformedFrame(
+            f"RDT datagram of {len(datagram)} bytes, expected 1..{MAX_RECORDS} records of "
+            f"{RECORD_BYTES} bytes"
+        )
     # Read as unsigned words; the last six are signed, and the view keeps their bits.
     words = np.frombuffer(datagram, ">u4").reshape(count, 9).astype(np.uint32)
     return Records(words[:, 0], words[:, 1], words[:, 2], words[:, 3:].view(np.int32))
@@ -112,10 +129,11 @@ def encode_records(records: Records) -> bytes:
 
 @dataclass(frozen=True)
 class NetFtConfiguration:
-    """Configuration of the box. None where an element is not on its page, as on other models and firmware.
+    """Configuration of the box. None where an element is not on its page, as on other models and
+    firmware.
 
-    `rdt_rate_Hz` is the requested rate; the actual one follows from `decimation`. `low_pass` is the code of its filter, "0" for none.
-    """
+    `rdt_rate_Hz` is the requested rate; the actual one follows from `decimation`. `low_pass` is the
+    code of its filter, "0" for none."""
 
     product: str
     serial_number: str
@@ -138,13 +156,21 @@ class NetFtConfiguration:
         return self.counts_per_torque / newton_metres_per(self.torque_unit)
 
     def decimation(self, internal_rate_Hz: float) -> int | None:
-        """Internal samples per record: the box rounds the rate up to the next possible one. None where the page states no rate."""
+        """Internal samples per record: the box rounds the rate up to the next possible one. None
+        where the page states no rate.
+        """
         # 1e-6 against rounding of an exact ratio, 1e9 against overflow of a tiny rate.
-        return None if self.rdt_rate_Hz is None else max(1, int(min(internal_rate_Hz / self.rdt_rate_Hz, 1e9) + 1e-6))
+        return (
+            None
+            if self.rdt_rate_Hz is None
+            else max(1, int(min(internal_rate_Hz / self.rdt_rate_Hz, 1e9) + 1e-6))
+        )
 
 
 def decode_configuration(page: bytes) -> NetFtConfiguration:
-    """Decode the configuration page. Raises MalformedFrame for a page that is not the box's XML, or lacks units or counts."""
+    """Decode the configuration page. Raises MalformedFrame for a page that is not the box's XML,
+    or lacks units or counts.
+    """
     values = _values(page)
     return NetFtConfiguration(
         product=_require(values, "prodname"),
@@ -156,7 +182,9 @@ def decode_configuration(page: bytes) -> NetFtConfiguration:
         rdt_enabled=_is_enabled(values, "comrdte"),
         rdt_rate_Hz=_positive(values, "comrdtrate") if "comrdtrate" in values else None,
         internal_rate_Hz=_positive(values, "runrate") if "runrate" in values else None,
-        records_per_datagram=int(_positive(values, "comrdtbsiz")) if "comrdtbsiz" in values else None,
+        records_per_datagram=int(_positive(values, "comrdtbsiz"))
+        if "comrdtbsiz" in values
+        else None,
         low_pass=values.get("setuserfilter"),
     )
 
@@ -177,10 +205,18 @@ def _elements(configuration: NetFtConfiguration) -> dict[str, str]:
         "scfgtu": configuration.torque_unit,
         "cfgcpf": f"{configuration.counts_per_force:.10g}",
         "cfgcpt": f"{configuration.counts_per_torque:.10g}",
-        "comrdte": None if configuration.rdt_enabled is None else ("Enabled" if configuration.rdt_enabled else "Disabled"),
-        "comrdtrate": None if configuration.rdt_rate_Hz is None else f"{configuration.rdt_rate_Hz:.10g}",
-        "runrate": None if configuration.internal_rate_Hz is None else f"{configuration.internal_rate_Hz:.10g}",
-        "comrdtbsiz": None if configuration.records_per_datagram is None else str(configuration.records_per_datagram),
+        "comrdte": None
+        if configuration.rdt_enabled is None
+        else ("Enabled" if configuration.rdt_enabled else "Disabled"),
+        "comrdtrate": None
+        if configuration.rdt_rate_Hz is None
+        else f"{configuration.rdt_rate_Hz:.10g}",
+        "runrate": None
+        if configuration.internal_rate_Hz is None
+        else f"{configuration.internal_rate_Hz:.10g}",
+        "comrdtbsiz": None
+        if configuration.records_per_datagram is None
+        else str(configuration.records_per_datagram),
         "setuserfilter": configuration.low_pass,
     }
     return {name: value for name, value in known.items() if value is not None}
@@ -219,14 +255,18 @@ def _positive(values: Mapping[str, str], name: str) -> float:
     except ValueError:
         value = float("nan")
     if not isfinite(value) or value <= 0.0:
-        raise MalformedFrame(f"configuration page: {name} is {text[:40]!r}, must be a number above 0")
+        raise MalformedFrame(
+            f"configuration page: {name} is {text[:40]!r}, must be a number above 0"
+        )
     return value
 
 
 def _is_enabled(values: Mapping[str, str], name: str) -> bool | None:
     text = values.get(name)
     if text is not None and text not in {"Enabled", "Disabled"}:
-        raise MalformedFrame(f"configuration page: {name} is {text[:40]!r}, expected Enabled or Disabled")
+        raise MalformedFrame(
+            f"configuration page: {name} is {text[:40]!r}, expected Enabled or Disabled"
+        )
     return None if text is None else text == "Enabled"
 
 
@@ -245,7 +285,9 @@ class ReadCalibrationInfo:
 
 @dataclass(frozen=True, slots=True)
 class NetFtReading:
-    """One reading. `status` is the upper half of the status word; a value is counts * scale factor / counts per unit."""
+    """One reading. `status` is the upper half of the status word; a value is counts * scale
+    factor / counts per unit.
+    """
 
     status: int
     counts: tuple[int, ...]
@@ -253,7 +295,9 @@ class NetFtReading:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationInfo:
-    """Units and scales. The six `scale_factors` reduce the counts of a `NetFtReading` to 16 bits; they do not act on RDT."""
+    """Units and scales. The six `scale_factors` reduce the counts of a `NetFtReading` to 16
+    bits; they do not act on RDT.
+    """
 
     force_unit: str
     torque_unit: str
@@ -279,7 +323,9 @@ def encode_command(command: ReadForce | ReadCalibrationInfo) -> bytes:
 
 
 def decode_command(data: bytes) -> ReadForce | ReadCalibrationInfo:
-    """Decode a command. Raises MalformedFrame for a wrong length, and for a command other than the two that read."""
+    """Decode a command. Raises MalformedFrame for a wrong length, and for a command other than
+    the two that read.
+    """
     if len(data) != COMMAND_BYTES:
         raise MalformedFrame(f"command of {len(data)} bytes, expected {COMMAND_BYTES}")
     if data[0] == _READ_CALIBRATION:
@@ -305,22 +351,35 @@ def decode_reading(data: bytes) -> NetFtReading:
 
 
 def encode_calibration(info: CalibrationInfo) -> bytes:
-    """Encode calibration info. Raises NotEncodable where a unit has no code or a number does not fit its field."""
+    """Encode calibration info. Raises NotEncodable where a unit has no code or a number does not
+    fit its field.
+    """
     try:
         codes = force_code(info.force_unit), torque_code(info.torque_unit)
-        return _CALIBRATION.pack(HEADER, *codes, info.counts_per_force, info.counts_per_torque, *info.scale_factors)
+        return _CALIBRATION.pack(
+            HEADER, *codes, info.counts_per_force, info.counts_per_torque, *info.scale_factors
+        )
     except (struct.error, ValueError) as error:
         raise NotEncodable(f"{info} does not fit: {error}") from error
 
 
 def decode_calibration(data: bytes) -> CalibrationInfo:
-    """Decode calibration info. Raises MalformedFrame for a wrong length or header, an unknown unit, or counts per unit of 0."""
-    header, force, torque, counts_per_force, counts_per_torque, *factors = _unpack(_CALIBRATION, data, "calibration info")
+    """Decode calibration info. Raises MalformedFrame for a wrong length or header, an unknown
+    unit, or counts per unit of 0.
+    """
+    header, force, torque, counts_per_force, counts_per_torque, *factors = _unpack(
+        _CALIBRATION, data, "calibration info"
+    )
     _check_header(header)
     # Every later conversion divides by these.
     if not counts_per_force or not counts_per_torque:
-        raise MalformedFrame(f"calibration info with {counts_per_force} counts per force, {counts_per_torque} per torque, must be above 0")
-    return CalibrationInfo(force_unit(force), torque_unit(torque), counts_per_force, counts_per_torque, tuple(factors))
+        raise MalformedFrame(
+            f"calibration info with {counts_per_force} counts per force, "
+            f"{counts_per_torque} per torque, must be above 0"
+        )
+    return CalibrationInfo(
+        force_unit(force), torque_unit(torque), counts_per_force, counts_per_torque, tuple(factors)
+    )
 
 
 def _unpack(layout: struct.Struct, data: bytes, what: str) -> tuple[int, ...]:

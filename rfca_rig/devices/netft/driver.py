@@ -51,7 +51,9 @@ QUIET_S = 0.02
 
 
 class HttpBox:
-    """The box's configuration page. Proxy settings of the environment are ignored: the box is on the laboratory's own network."""
+    """The box's configuration page. Proxy settings of the environment are ignored: the box is on
+    the laboratory's own network.
+    """
 
     def __init__(self, host: str, port: int = 80, timeout_s: float = TIMEOUT_S) -> None:
         self._url = f"http://{host}:{port}{PATH}"
@@ -60,12 +62,14 @@ class HttpBox:
     def says(self) -> NetFtConfiguration:
         try:
             with build_opener(ProxyHandler({})).open(self._url, timeout=self._timeout_s) as answer:
-                # One byte more than allowed is read, so that the decoder can refuse a page that is too long.
+                # One byte more than allowed is read, so that the decoder can refuse a page that is
+                # too long.
                 page = answer.read(MAX_PAGE_BYTES + 1)
             return decode_configuration(page)
         except (OSError, HTTPException) as error:
             raise DeviceError(
-                f"{self._url} gives no configuration: {error}; check the address, or set configuration = 'unchecked'"
+                f"{self._url} gives no configuration: {error}; check the address, or set "
+                "configuration = 'unchecked'"
             ) from error
         except MalformedFrame as error:
             raise DeviceError(f"{self._url}: {error}; is this a Net F/T?") from error
@@ -95,7 +99,9 @@ class CommandBox:
         try:
             yield
         except MalformedFrame as error:
-            raise DeviceError(f"command interface at {self._host}:{self._port}: {error}; is this a Net F/T?") from error
+            raise DeviceError(
+                f"command interface at {self._host}:{self._port}: {error}; is this a Net F/T?"
+            ) from error
 
     def _request(self, command: bytes, length: int) -> bytes:
         try:
@@ -104,7 +110,10 @@ class CommandBox:
                 connection.sendall(command)
                 return _receive(connection, length)
         except OSError as error:
-            raise DeviceError(f"command interface at {self._host}:{self._port} does not answer: {error}; check the address") from error
+            raise DeviceError(
+                f"command interface at {self._host}:{self._port} does not answer: "
+                f"{error}; check the address"
+            ) from error
 
 
 def _receive(connection: socket.socket, length: int) -> bytes:
@@ -115,13 +124,27 @@ def _receive(connection: socket.socket, length: int) -> bytes:
     return data
 
 
-def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings, where: str) -> None:
+def refuse_difference(
+    says: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings, where: str
+) -> None:
     """Compares the box's configuration with the settings.
 
-    Raises BadInput if counts or rate differ, DeviceError if the box will not stream. `where` names the box in the message.
-    """
-    _refuse_counts("counts_per_N", says.counts_per_N, expected.counts_per_N, f"{says.counts_per_force:g} per {says.force_unit}", where)
-    _refuse_counts("counts_per_Nm", says.counts_per_Nm, expected.counts_per_Nm, f"{says.counts_per_torque:g} per {says.torque_unit}", where)
+    Raises BadInput if counts or rate differ, DeviceError if the box will not stream. `where` names
+    the box in the message."""
+    _refuse_counts(
+        "counts_per_N",
+        says.counts_per_N,
+        expected.counts_per_N,
+        f"{says.counts_per_force:g} per {says.force_unit}",
+        where,
+    )
+    _refuse_counts(
+        "counts_per_Nm",
+        says.counts_per_Nm,
+        expected.counts_per_Nm,
+        f"{says.counts_per_torque:g} per {says.torque_unit}",
+        where,
+    )
     if isinstance(says, NetFtConfiguration):
         # The command interface reports no rate.
         _refuse_rate(says, expected, where)
@@ -130,33 +153,46 @@ def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: NetF
 def _refuse_counts(name: str, configured: float, expected: float, how: str, where: str) -> None:
     if abs(configured / expected - 1.0) > RELATIVE_TOLERANCE:
         raise BadInput(
-            f"force sensor: {name} is {expected:.10g}, {where} is set to {configured:.10g} ({how}); correct the one that is wrong"
+            f"force sensor: {name} is {expected:.10g}, {where} is set to "
+            f"{configured:.10g} ({how}); correct the one that is wrong"
         )
 
 
 def _refuse_rate(says: NetFtConfiguration, expected: NetFtSettings, where: str) -> None:
     if says.rdt_enabled is False:
-        raise DeviceError(f"RDT is disabled on {where}; enable it (comrdte) on its communications page")
+        raise DeviceError(
+            f"RDT is disabled on {where}; enable it (comrdte) on its communications page"
+        )
     internal_Hz = says.internal_rate_Hz or expected.internal_rate_Hz
-    # The box rounds comrdtrate to an integer fraction of its internal rate, so the effective rates are compared.
+    # The box rounds comrdtrate to an integer fraction of its internal rate, so the effective rates
+    # are compared.
     decimation = says.decimation(internal_Hz)
     box_Hz = None if decimation is None else internal_Hz / decimation
     expected_Hz = expected.internal_rate_Hz / expected.decimation
     if box_Hz is not None and abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
         raise BadInput(
-            f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} records/s (comrdtrate {says.rdt_rate_Hz:g}); "
+            f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} "
+            f"records/s (comrdtrate {says.rdt_rate_Hz:g}); "
             "correct the one that is wrong"
         )
 
 
 class NetFtSensor:
-    """A `ForceSensor` over datagrams, with an endless stream. Sends a bias only in `bias`: taring belongs to the experiment.
+    """A `ForceSensor` over datagrams, with an endless stream. Sends a bias only in `bias`: taring
+    belongs to the experiment.
 
-    The box does not answer requests, so a missing sensor shows only as silence, see `silent_s`. With `box` its configuration is
-    checked before each start. `advice` is a note on the connection for the health report, see `advise_receive_buffer`.
-    """
+    The box does not answer requests, so a missing sensor shows only as silence, see `silent_s`.
+    With `box` its configuration is checked before each start. `advice` is a note on the connection
+    for the health report, see `advise_receive_buffer`."""
 
-    def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings, box: NetFtBox | None = None, advice: str = "") -> None:
+    def __init__(
+        self,
+        datagrams: Datagrams,
+        clock: Clock,
+        settings: NetFtSettings,
+        box: NetFtBox | None = None,
+        advice: str = "",
+    ) -> None:
         self._datagrams = datagrams
         self._clock = clock
         self._settings = settings
@@ -177,18 +213,24 @@ class NetFtSensor:
     def start(self) -> None:
         """Starts the stream, after discarding for 20 ms what an earlier one still delivers.
 
-        Raises BadInput if the box is configured differently from the settings, DeviceError if it does not answer.
-        """
+        Raises BadInput if the box is configured differently from the settings, DeviceError if it
+        does not answer."""
         if self._box is not None:
             configuration = self._box.says()
-            refuse_difference(configuration, self._settings, f"the box at {self._settings.address or 'the other end'}")
+            refuse_difference(
+                configuration,
+                self._settings,
+                f"the box at {self._settings.address or 'the other end'}",
+            )
             if isinstance(configuration, NetFtConfiguration):
                 self._serial_number = configuration.serial_number or self._serial_number
         self._send(RdtCommand.STOP)
         self._clock.wait_until(self._clock.now_s() + QUIET_S)
         self._datagrams.receive_all()
         self._reset()
-        self._send(RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE)
+        self._send(
+            RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE
+        )
         self._running = True
 
     def stop(self) -> None:
@@ -199,8 +241,8 @@ class NetFtSensor:
     def bias(self) -> None:
         """Makes the box take its present load as zero; call it with the sensor unloaded.
 
-        Whether a bias ends a running stream differs between boxes, so a running stream is restarted.
-        """
+        Whether a bias ends a running stream differs between boxes, so a running stream is
+        restarted."""
         self._send(RdtCommand.SET_BIAS)
         if self._running:
             self.start()
@@ -209,9 +251,15 @@ class NetFtSensor:
         self._datagrams.send(encode_request(command))
 
     def read(self) -> ForceSamples:
-        """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if their rate differs from the settings."""
+        """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if their
+        rate differs from the settings.
+        """
         self._read_s = self._clock.now_s()
-        blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decode(datagram)) is not None]
+        blocks = [
+            block
+            for datagram in self._datagrams.receive_all()
+            if (block := self._decode(datagram)) is not None
+        ]
         if not blocks or not self._running:
             return NO_SAMPLES
         records = concatenate_blocks(blocks)
@@ -236,9 +284,14 @@ class NetFtSensor:
             return
         self._heard_s = self._read_s
         self._status.take(records.status)
-        # A signed 32 bit difference is right across the wrap of the counter, and negative after a restart of the box.
+        # A signed 32 bit difference is right across the wrap of the counter, and negative after a
+        # restart of the box.
         steps = (records.ft_sequence[1:] - records.ft_sequence[:-1]).view(np.int32)
-        since = 1 if self._last_ft is None else wrap_to_signed(int(records.ft_sequence[0]) - self._last_ft)
+        since = (
+            1
+            if self._last_ft is None
+            else wrap_to_signed(int(records.ft_sequence[0]) - self._last_ft)
+        )
         # Every step as set is the usual case, and a comparison is much cheaper than a median.
         if np.count_nonzero(steps != self._settings.decimation):
             # Only neighbouring records: a lost record would look like a larger step.
@@ -248,38 +301,59 @@ class NetFtSensor:
         self._last_ft = int(records.ft_sequence[-1])
 
     def _check_rate(self, steps: NDArray[np.int32]) -> None:
-        """Raises DeviceError for a wrong rate, which would stretch the time base of the whole recording."""
+        """Raises DeviceError for a wrong rate, which would stretch the time base of the whole
+        recording.
+        """
         if (steps == self._settings.decimation).all():
             return
         # The median is not affected by single stalled records.
         step = int(np.median(steps))
         if step > 0 and step != self._settings.decimation:
             raise DeviceError(
-                f"force sensor sends {self._settings.internal_rate_Hz / step:.0f} records/s, the settings say {self._settings.rate_Hz:g}; "
+                f"force sensor sends {self._settings.internal_rate_Hz / step:.0f} "
+                f"records/s, the settings say {self._settings.rate_Hz:g}; "
                 "set the box's RDT output rate (comrdtrate) or rate_Hz"
             )
 
     def silent_s(self) -> float:
-        """Time in s from the last `read` with a new record, or from the start, to the last `read`."""
+        """Time in s from the last `read` with a new record, or from the start, to the last
+        `read`.
+        """
         return self._read_s - self._heard_s
 
     def scale(self) -> SensorScale:
-        return SensorScale(self._settings.counts_per_N, self._settings.counts_per_Nm, 1.0 / self._settings.record_period_s)
+        return SensorScale(
+            self._settings.counts_per_N,
+            self._settings.counts_per_Nm,
+            1.0 / self._settings.record_period_s,
+        )
 
     def health(self) -> StreamHealth:
-        """Counters since `start`. `received` + `lost` is the number of records sent until the newest one."""
+        """Counters since `start`. `received` + `lost` is the number of records sent until the
+        newest one.
+        """
         return self._sequence.health(self._status, self._stalled, self._malformed, self._notes())
 
     def _notes(self) -> list[str]:
         notes = []
         if self._running and self.silent_s() > 0.1:
-            notes.append(f"no record for {self.silent_s():.2f} s: check power and cable, or who else started its stream")
+            notes.append(
+                f"no record for {self.silent_s():.2f} s: check power and cable, or who "
+                "else started its stream"
+            )
         if self._stalled:
-            notes.append(f"the sensor's own sample counter stood still or ran back in {self._stalled} records: these values are not new")
+            notes.append(
+                "the sensor's own sample counter stood still or ran back in "
+                f"{self._stalled} records: these values are not new"
+            )
         if self._status.faulty:
-            notes.append(f"faulty status in {self._status.faulty} records: {status_text(self._status.seen)}")
+            notes.append(
+                f"faulty status in {self._status.faulty} records: {status_text(self._status.seen)}"
+            )
         if self._malformed:
-            notes.append(f"{self._malformed} datagrams thrown away, the last one: {self._last_malformed}")
+            notes.append(
+                f"{self._malformed} datagrams thrown away, the last one: {self._last_malformed}"
+            )
         if self._advice and self._sequence.lost:
             notes.append(self._advice)
         return notes
@@ -295,18 +369,33 @@ class NetFtSensor:
         }
 
 
-NO_SAMPLES = ForceSamples(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.uint32), np.empty((0, 6), np.int32))
+NO_SAMPLES = ForceSamples(
+    np.empty(0),
+    np.empty(0),
+    np.empty(0, np.int64),
+    np.empty(0, np.uint32),
+    np.empty((0, 6), np.int32),
+)
 
 
 def _select(records: Records, rows: NDArray[np.int64]) -> Records:
-    return Records(records.rdt_sequence[rows], records.ft_sequence[rows], records.status[rows], records.counts[rows])
+    return Records(
+        records.rdt_sequence[rows],
+        records.ft_sequence[rows],
+        records.status[rows],
+        records.counts[rows],
+    )
 
 
-def _samples(records: Records, numbers: NDArray[np.int64], host_s: float, period_s: float) -> ForceSamples:
+def _samples(
+    records: Records, numbers: NDArray[np.int64], host_s: float, period_s: float
+) -> ForceSamples:
     device_s = numbers.astype(np.float64)
     device_s -= 1.0
     device_s *= period_s
-    return ForceSamples(np.full(len(numbers), host_s), device_s, numbers, records.status, records.counts)
+    return ForceSamples(
+        np.full(len(numbers), host_s), device_s, numbers, records.status, records.counts
+    )
 
 
 def record_source(host: str, port: int) -> RecordSource:
@@ -315,11 +404,17 @@ def record_source(host: str, port: int) -> RecordSource:
 
 
 def open_connection(keys: NetFtSection, clock: WallClock) -> NetFtConnection:
-    """The connection to the box that [force_sensor] names. Raises DeviceError if the host cannot be addressed."""
+    """The connection to the box that [force_sensor] names. Raises DeviceError if the host cannot
+    be addressed.
+    """
     # A process of its own empties the socket, so that a busy loop loses no records.
     source = record_source(keys.host, keys.port)
-    datagrams = AcquiredDatagrams(source, clock) if can_be_started() else UdpDatagrams(keys.host, keys.port)
-    return NetFtConnection(datagrams, make_box(keys), advise_receive_buffer(datagrams.receive_buffer_bytes))
+    datagrams = (
+        AcquiredDatagrams(source, clock) if can_be_started() else UdpDatagrams(keys.host, keys.port)
+    )
+    return NetFtConnection(
+        datagrams, make_box(keys), advise_receive_buffer(datagrams.receive_buffer_bytes)
+    )
 
 
 def make_box(keys: NetFtSection) -> NetFtBox | None:
@@ -331,4 +426,6 @@ def make_box(keys: NetFtSection) -> NetFtBox | None:
 
 def make_driver(keys: NetFtSection, connection: NetFtConnection, clock: Clock) -> NetFtSensor:
     """The driver of the box that [force_sensor] names."""
-    return NetFtSensor(connection.datagrams, clock, keys.settings(), connection.box, connection.advice)
+    return NetFtSensor(
+        connection.datagrams, clock, keys.settings(), connection.box, connection.advice
+    )

@@ -33,10 +33,17 @@ from rfca_rig.twins.world import SensorTwin
 LONGEST_REQUEST = 8192
 # Of one connection: a page takes milliseconds.
 LONGEST_S = 10.0
-REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed", 503: "Service Unavailable"}
+REASONS = {
+    200: "OK",
+    400: "Bad Request",
+    404: "Not Found",
+    405: "Method Not Allowed",
+    503: "Service Unavailable",
+}
 STARTS = frozenset({RdtCommand.START_SINGLE, RdtCommand.START_BUFFERED})
 LONGEST_DATAGRAM = 2048
-# Taken in one step of the server's millisecond; a client sends a handful. A sender that floods must not keep the loop here.
+# Taken in one step of the server's millisecond; a client sends a handful. A sender that floods must
+# not keep the loop here.
 MOST_REQUESTS = 100
 # After a delay the twin sends many datagrams at once.
 SEND_BUFFER_BYTES = 1 << 20
@@ -52,10 +59,25 @@ FORCE_FAULTS = (
     Fault("force-short", "every tenth datagram lacks its last 9 bytes"),
     Fault("force-long", "every tenth datagram has one byte too many"),
     Fault("force-silent", "no datagram leaves the box"),
-    Fault("force-stuck", "every record has the values of the first, though all counters run on, as with a transducer that was unplugged"),
-    Fault("force-frozen", "records keep coming, but the sensor's own sample counter and values stand still"),
+    Fault(
+        "force-stuck",
+        (
+            "every record has the values of the first, though all counters run on, as with a "
+            "transducer that was unplugged"
+        ),
+    ),
+    Fault(
+        "force-frozen",
+        "records keep coming, but the sensor's own sample counter and values stand still",
+    ),
     Fault("force-saturated", "every record carries status 0x80020000"),
-    Fault("force-scale", "twice the counts per newton and newton metre, as after a change on the box's web page, which says so"),
+    Fault(
+        "force-scale",
+        (
+            "twice the counts per newton and newton metre, as after a change on the box's "
+            "web page, which says so"
+        ),
+    ),
     Fault("bias-stops-stream", "a bias request ends the stream"),
     Fault("box-restart", "the stream ends and the sensor's sample counter begins at 0", once=True),
     Fault("stream-stolen", "another client took the stream, until it is started again", once=True),
@@ -82,7 +104,9 @@ class CommandPort:
         return f"Net F/T commands on TCP {self._host}:{self.port}"
 
     def poll(self, now_s: float) -> None:
-        self._connections += [_Connection(client) for client in accept_all(self._listening, len(self._connections))]
+        self._connections += [
+            _Connection(client) for client in accept_all(self._listening, len(self._connections))
+        ]
         for connection in self._connections:
             connection.rest += connection.client.receive()
             # TCP has no message borders: commands are cut from the byte stream by their length.
@@ -90,7 +114,9 @@ class CommandPort:
                 connection.client.send(self._box.answer(connection.rest[:COMMAND_BYTES]))
                 connection.rest = connection.rest[COMMAND_BYTES:]
             connection.client.flush(now_s)
-        for connection in [connection for connection in self._connections if connection.client.done]:
+        for connection in [
+            connection for connection in self._connections if connection.client.done
+        ]:
             self._connections.remove(connection)
             connection.client.close()
 
@@ -110,7 +136,9 @@ class _HttpConnection:
 
 
 class HttpPort:
-    """Serves GET only. The faults `http-busy` and `force-scale` act here; the latter also changes the configuration page."""
+    """Serves GET only. The faults `http-busy` and `force-scale` act here; the latter also
+    changes the configuration page.
+    """
 
     def __init__(self, box: NetFtBoxTwin, panel: FaultPanel, host: str, port: int) -> None:
         self._box = box
@@ -124,24 +152,39 @@ class HttpPort:
         return f"Net F/T pages on HTTP {self._host}:{self.port}"
 
     def poll(self, now_s: float) -> None:
-        self._connections += [_HttpConnection(client, since_s=now_s) for client in accept_all(self._listening, len(self._connections))]
+        self._connections += [
+            _HttpConnection(client, since_s=now_s)
+            for client in accept_all(self._listening, len(self._connections))
+        ]
         for connection in self._connections:
             self._listen(connection)
             connection.client.flush(now_s)
             if now_s - connection.since_s > LONGEST_S:
                 connection.client.open = False
-        for connection in [connection for connection in self._connections if connection.client.done]:
+        for connection in [
+            connection for connection in self._connections if connection.client.done
+        ]:
             self._connections.remove(connection)
             connection.client.close()
 
     def _listen(self, connection: _HttpConnection) -> None:
         connection.request += connection.client.receive()
-        # The request is complete at the empty line; one that is too long is answered as far as it came.
-        if connection.answered or (b"\r\n\r\n" not in connection.request and len(connection.request) <= LONGEST_REQUEST):
+        # The request is complete at the empty line; one that is too long is answered as far as it
+        # came.
+        if connection.answered or (
+            b"\r\n\r\n" not in connection.request and len(connection.request) <= LONGEST_REQUEST
+        ):
             return
         connection.answered = True
-        connection.client.send(_bytes(self._answer(connection.request.split(b"\r\n")[0].decode("ascii", "replace").split())))
-        # HTTP with "Connection: close": the client sees the end of the page by the end of the connection.
+        connection.client.send(
+            _bytes(
+                self._answer(
+                    connection.request.split(b"\r\n")[0].decode("ascii", "replace").split()
+                )
+            )
+        )
+        # HTTP with "Connection: close": the client sees the end of the page by the end of the
+        # connection.
         connection.client.finish()
 
     def _answer(self, words: list[str]) -> Page:
@@ -153,7 +196,9 @@ class HttpPort:
         doubled = 2.0 if self._panel.is_on("force-scale") else 1.0
         counts = self._as_set.counts_per_force * doubled, self._as_set.counts_per_torque * doubled
         # Set again for each request, as the fault may have been switched since the last one.
-        self._box.configuration = replace(self._as_set, counts_per_force=counts[0], counts_per_torque=counts[1])
+        self._box.configuration = replace(
+            self._as_set, counts_per_force=counts[0], counts_per_torque=counts[1]
+        )
         return self._box.page(words[1])
 
     def close(self) -> None:
@@ -174,7 +219,8 @@ def _bytes(page: Page) -> bytes:
 
 
 class UdpLink:
-    """Sends records to the source of the last start request: a second client takes the stream from the first, as on the box.
+    """Sends records to the source of the last start request: a second client takes the stream from
+    the first, as on the box.
 
     A datagram that the network refuses is lost, like one lost on the way.
     """
@@ -252,27 +298,44 @@ class TamperedLink:
 
     def send(self, datagram: bytes) -> None:
         self._sent += 1
-        # The internal sample counter is the second word of a record; the last record of the datagram counts.
+        # The internal sample counter is the second word of a record; the last record of the
+        # datagram counts.
         self._last_sample = int.from_bytes(datagram[-RECORD_BYTES:][4:8], "big")
         if self._stolen or self._panel.is_on("force-silent"):
             return
-        # An earlier fault may have an after-effect: a shifted sample counter, or a datagram that is held back.
-        if not self._panel.any_on() and self._samples_before_restart == 0 and self._overtaken is None:
+        # An earlier fault may have an after-effect: a shifted sample counter, or a datagram that is
+        # held back.
+        if (
+            not self._panel.any_on()
+            and self._samples_before_restart == 0
+            and self._overtaken is None
+        ):
             self._link.send(datagram)
             return
-        for altered in self._apply_network_faults(encode_records(self._apply_box_faults(decode_records(datagram)))):
+        for altered in self._apply_network_faults(
+            encode_records(self._apply_box_faults(decode_records(datagram)))
+        ):
             self._link.send(altered)
 
     def _apply_box_faults(self, records: Records) -> Records:
         """Applies the faults inside the box."""
-        records = replace(records, ft_sequence=records.ft_sequence - np.uint32(self._samples_before_restart))
+        records = replace(
+            records, ft_sequence=records.ft_sequence - np.uint32(self._samples_before_restart)
+        )
         if self._panel.is_on("force-scale"):
-            records = replace(records, counts=np.clip(2 * records.counts.astype(np.int64), -(2**31) + 1, 2**31 - 1).astype(np.int32))
+            records = replace(
+                records,
+                counts=np.clip(2 * records.counts.astype(np.int64), -(2**31) + 1, 2**31 - 1).astype(
+                    np.int32
+                ),
+            )
         if self._panel.is_on("force-saturated"):
             records = replace(records, status=np.full_like(records.status, SATURATED))
         self._stuck = (self._stuck or records) if self._panel.is_on("force-stuck") else None
         if self._stuck is not None:
-            records = replace(records, counts=np.broadcast_to(self._stuck.counts[0], records.counts.shape).copy())
+            records = replace(
+                records, counts=np.broadcast_to(self._stuck.counts[0], records.counts.shape).copy()
+            )
         self._frozen = (self._frozen or records) if self._panel.is_on("force-frozen") else None
         return records if self._frozen is None else _repeat_sample(records, self._frozen)
 
@@ -322,11 +385,15 @@ class NetFtWire(SensorWire):
     faults = FORCE_FAULTS
     port_faults = BOX_FAULTS
 
-    def connect(self, keys: NetFtSection, make_twin: TwinMaker, panel: FaultPanel | None) -> tuple[SensorTwin, NetFtConnection]:
+    def connect(
+        self, keys: NetFtSection, make_twin: TwinMaker, panel: FaultPanel | None
+    ) -> tuple[SensorTwin, NetFtConnection]:
         """The twin at one end of a link, and what the driver talks to at the other."""
         here, there = datagram_link()
         twin = make_twin(there if panel is None else TamperedLink(there, panel))
-        return twin, NetFtConnection(here, None if keys.configuration == "unchecked" else NetFtBoxTwin(twin))
+        return twin, NetFtConnection(
+            here, None if keys.configuration == "unchecked" else NetFtBoxTwin(twin)
+        )
 
     def open(
         self,

@@ -1,4 +1,6 @@
-"""Keys of [force_sensor] for an ATI Net F/T; the settings of its driver, and what driver or twin are connected to."""
+"""Keys of [force_sensor] for an ATI Net F/T; the settings of its driver, and what driver or twin
+are connected to.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal, Protocol
@@ -15,10 +17,14 @@ Port = Annotated[int, Field(gt=0, le=65535)]
 
 
 class NetFtBox(Protocol):
-    """Source of the box's configuration. It is read before a stream starts and may wait for the network."""
+    """Source of the box's configuration. It is read before a stream starts and may wait for the
+    network.
+    """
 
     def says(self) -> NetFtConfiguration | CalibrationInfo:
-        """Reads the configuration. Raises DeviceError if the box does not answer, or its answer cannot be decoded."""
+        """Reads the configuration. Raises DeviceError if the box does not answer, or its answer
+        cannot be decoded.
+        """
         ...
 
 
@@ -39,12 +45,12 @@ class NetFtConnection:
 
 @dataclass(frozen=True)
 class NetFtSettings:
-    """Scale and rate as configured in the box (cfgcpf, cfgcpt, comrdtrate); `address` and `serial_number` are for the recording.
+    """Scale and rate as configured in the box (cfgcpf, cfgcpt, comrdtrate); `address` and
+    `serial_number` are for the recording.
 
-    With `buffered` the box puts as many records into a datagram as its RDT buffer size says: fewer datagrams, each late by up to
-    one buffer.
-    Raises BadInput for a rate that is not `internal_rate_Hz` divided by an integer: the box rounds to such a rate.
-    """
+    With `buffered` the box puts as many records into a datagram as its RDT buffer size says: fewer
+    datagrams, each late by up to one buffer. Raises BadInput for a rate that is not
+    `internal_rate_Hz` divided by an integer: the box rounds to such a rate."""
 
     counts_per_N: float = 1e6
     counts_per_Nm: float = 1e6
@@ -61,7 +67,10 @@ class NetFtSettings:
         # The tolerance allows for a rate that is written with a few digits, such as 2333.3.
         if abs(self.rate_Hz * self.decimation / self.internal_rate_Hz - 1.0) > 1e-3:
             nearest_Hz = self.internal_rate_Hz / self.decimation
-            raise BadInput(f"force sensor: rate_Hz is {self.rate_Hz:g}, must be {self.internal_rate_Hz:g}/n; nearest {nearest_Hz:.2f}")
+            raise BadInput(
+                f"force sensor: rate_Hz is {self.rate_Hz:g}, must be "
+                f"{self.internal_rate_Hz:g}/n; nearest {nearest_Hz:.2f}"
+            )
 
     @property
     def decimation(self) -> int:
@@ -74,17 +83,20 @@ class NetFtSettings:
 
 
 class NetFtSection(ForceSensorSection):
-    """An ATI Net F/T. The counts per unit are on its configuration page and in its calibration certificate.
+    """An ATI Net F/T. The counts per unit are on its configuration page and in its calibration
+    certificate.
 
-    `configuration` states where the box's settings are checked before each stream: on its configuration page ("http": counts, units and
-    rate), at its command interface ("commands": counts and units), or not at all ("unchecked"). `buffered` takes many records per datagram,
-    as many as the box's RDT buffer size.
-    """
+    `configuration` states where the box's settings are checked before each stream: on its
+    configuration page ("http": counts, units and rate), at its command interface ("commands":
+    counts and units), or not at all ("unchecked"). `buffered` takes many records per datagram, as
+    many as the box's RDT buffer size."""
 
     device: Literal["ati-net-ft"]
     counts_per_N: Positive = Field(description="on the configuration page of the box")
     counts_per_Nm: Positive = Field(description="on the configuration page of the box")
-    rate_Hz: Annotated[float, Field(gt=0, le=7912)] = Field(description="RDT output rate of the box")
+    rate_Hz: Annotated[float, Field(gt=0, le=7912)] = Field(
+        description="RDT output rate of the box"
+    )
     host: str = Field(default="192.168.1.1", description="address of the box")
     port: Port = Field(default=49152, description="port of its RDT stream")
     configuration: Literal["http", "commands", "unchecked"] = Field(
@@ -92,7 +104,10 @@ class NetFtSection(ForceSensorSection):
     )
     http_port: Port = Field(default=80, description="port of its configuration page")
     command_port: Port = Field(default=49151, description="port of its command interface")
-    buffered: bool = Field(default=True, description="many records per datagram, as many as the RDT buffer size of the box")
+    buffered: bool = Field(
+        default=True,
+        description="many records per datagram, as many as the RDT buffer size of the box",
+    )
 
     def settings(self) -> NetFtSettings:
         """The settings for the driver. Raises BadInput for a rate that the box cannot have."""

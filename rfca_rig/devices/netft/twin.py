@@ -38,11 +38,12 @@ LARGEST_READING = 2**15 - 1
 
 @dataclass(frozen=True)
 class NetFtTwinSettings:
-    """Configuration of the box, and noise standard deviation and range of the transducer per axis, in N and N m.
+    """Configuration of the box, and noise standard deviation and range of the transducer per axis,
+    in N and N m.
 
-    It sends one record per `decimation` internal samples, and `buffer_records` of them per datagram in buffered mode. Public drivers
-    disagree on whether setting the bias ends a running stream; `bias_stops_stream` selects it.
-    """
+    It sends one record per `decimation` internal samples, and `buffer_records` of them per datagram
+    in buffered mode. Public drivers disagree on whether setting the bias ends a running stream;
+    `bias_stops_stream` selects it."""
 
     counts_per_N: float = 1e6
     counts_per_Nm: float = 1e6
@@ -66,11 +67,13 @@ class _Stream:
 class NetFtTwin:
     """Executes requests, samples on its own grid n / rate since power-up, and sends records.
 
-    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`. With `samples_without_stream` it
-    also samples once per step without a stream, so that `latest` is up to date.
-    """
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved,
+    `take_wrench`. With `samples_without_stream` it also samples once per step without a stream, so
+    that `latest` is up to date."""
 
-    def __init__(self, link: DatagramLink, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
+    def __init__(
+        self, link: DatagramLink, settings: NetFtTwinSettings, random: np.random.Generator
+    ) -> None:
         self._link = link
         self.settings = settings
         self._random = random
@@ -84,10 +87,15 @@ class NetFtTwin:
         self.samples_without_stream = False
         self._latest = np.zeros((1, 6))
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
-        self._noise_std, self._full_scale = np.array(settings.noise_std), np.array(settings.full_scale)
+        self._noise_std, self._full_scale = (
+            np.array(settings.noise_std),
+            np.array(settings.full_scale),
+        )
 
     def take_requests(self) -> None:
-        """Executes received requests; the last one takes precedence. Other datagrams are ignored, as the box does."""
+        """Executes received requests; the last one takes precedence. Other datagrams are
+        ignored, as the box does.
+        """
         for datagram in self._link.receive_all():
             try:
                 self._obey(decode_request(datagram))
@@ -120,7 +128,9 @@ class NetFtTwin:
             self._due, self._held = [], 0
 
     def due(self, to_s: float) -> Floats:
-        """Sample times (m,) in s in the step that ends at `to_s`; none without a stream and without a pending bias."""
+        """Sample times (m,) in s in the step that ends at `to_s`; none without a stream and
+        without a pending bias.
+        """
         times_s = self._ticks.until(to_s)
         if self._stream is not None or self._bias_wanted:
             return times_s
@@ -128,7 +138,9 @@ class NetFtTwin:
         return times_s[-1:] if self.samples_without_stream else times_s[:0]
 
     def take_wrench(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends the datagrams that are full."""
+        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends the
+        datagrams that are full.
+        """
         if self._bias_wanted and len(wrench):
             self._bias, self._bias_wanted = wrench[-1].copy(), False
         if len(wrench):
@@ -140,30 +152,43 @@ class NetFtTwin:
             self._first_held = self._ticks.taken - len(wrench) + 1
         self._due.append(wrench)
         self._held += len(wrench)
-        if self._held >= self._stream.records_per_datagram or (self._stream.left is not None and self._held >= self._stream.left):
+        if self._held >= self._stream.records_per_datagram or (
+            self._stream.left is not None and self._held >= self._stream.left
+        ):
             self._send_full(self._stream)
 
     def _send_full(self, stream: _Stream) -> None:
         wrench = self._due[0] if len(self._due) == 1 else np.concatenate(self._due)
         ready, size = self._count_ready(stream, len(wrench)), stream.records_per_datagram
-        # Records are encoded in blocks of whole datagrams, as numpy calls cost more than the records themselves.
+        # Records are encoded in blocks of whole datagrams, as numpy calls cost more than the
+        # records themselves.
         at_once = MAX_RECORDS // size * size
         for begin in range(0, ready, at_once):
-            block = self._encode(stream, wrench[begin : min(begin + at_once, ready)], self._first_held + begin)
+            block = self._encode(
+                stream, wrench[begin : min(begin + at_once, ready)], self._first_held + begin
+            )
             for at in range(0, len(block), size * RECORD_BYTES):
                 self._link.send(block[at : at + size * RECORD_BYTES])
-        self._due, self._held, self._first_held = [wrench[ready:]], len(wrench) - ready, self._first_held + ready
+        self._due, self._held, self._first_held = (
+            [wrench[ready:]],
+            len(wrench) - ready,
+            self._first_held + ready,
+        )
         if stream.left == 0:
             self._begin(None)
 
     def _count_ready(self, stream: _Stream, held: int) -> int:
-        """Number of held records to send now: whole datagrams, or all remaining ones at the end of a counted stream."""
+        """Number of held records to send now: whole datagrams, or all remaining ones at the end
+        of a counted stream.
+        """
         if stream.left is not None and held >= stream.left:
             return stream.left
         return held - held % stream.records_per_datagram
 
     def _encode(self, stream: _Stream, wrench: Floats, first: int) -> bytes:
-        """Encodes consecutive records (m, 6), as many as fit in a datagram: one call is cheaper than one per record."""
+        """Encodes consecutive records (m, 6), as many as fit in a datagram: one call is cheaper
+        than one per record.
+        """
         order = np.arange(len(wrench))
         counts, status = self._digitise(wrench)
         records = Records(
@@ -180,7 +205,9 @@ class NetFtTwin:
         return encode_records(records)
 
     def _digitise(self, wrench: Floats) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
-        """Counts (m, 6) and status (m,) of a wrench (m, 6). The converter saturates on the true load, independent of the bias."""
+        """Counts (m, 6) and status (m,) of a wrench (m, 6). The converter saturates on the true
+        load, independent of the bias.
+        """
         # In place where possible: for so few records new memory takes longer than the sums.
         noisy = self._random.standard_normal(wrench.shape)
         noisy *= self._noise_std
@@ -209,8 +236,8 @@ class Page:
 class NetFtBoxTwin:
     """Answers at once, from the settings and the latest measurement of the streaming twin.
 
-    With `busy` every page is refused with 503, as the box does when it is queried too often. `configuration` may be changed at run time.
-    """
+    With `busy` every page is refused with 503, as the box does when it is queried too often.
+    `configuration` may be changed at run time."""
 
     def __init__(self, streaming: NetFtTwin) -> None:
         settings = streaming.settings
@@ -236,12 +263,17 @@ class NetFtBoxTwin:
         return replace(self.configuration)
 
     def page(self, target: str) -> Page:
-        """Response to `GET target`. A query string is ignored, as there is only one configuration."""
+        """Response to `GET target`. A query string is ignored, as there is only one
+        configuration.
+        """
         if self.busy:
             return Page(UNAVAILABLE, "text/plain", b"busy")
         if target.partition("?")[0] != PATH:
             return Page(NOT_FOUND, "text/plain", b"no such page")
-        others = {"runstat": "0x00000000", "cfgmr": ";".join(f"{limit:g}" for limit in self._full_scale)}
+        others = {
+            "runstat": "0x00000000",
+            "cfgmr": ";".join(f"{limit:g}" for limit in self._full_scale),
+        }
         return Page(OK, "text/xml", encode_configuration(self.configuration, others))
 
     def answer(self, command: bytes) -> bytes:
@@ -253,7 +285,9 @@ class NetFtBoxTwin:
         if isinstance(order, ReadCalibrationInfo):
             says = self.configuration
             per_unit = round(says.counts_per_force), round(says.counts_per_torque)
-            return encode_calibration(CalibrationInfo(says.force_unit, says.torque_unit, *per_unit, self._scale_factors()))
+            return encode_calibration(
+                CalibrationInfo(says.force_unit, says.torque_unit, *per_unit, self._scale_factors())
+            )
         # From now on the twin samples without a stream too, so that later readings are current.
         self._streaming.samples_without_stream = True
         if order.bias:
@@ -266,11 +300,21 @@ class NetFtBoxTwin:
     def _scale_factors(self) -> tuple[int, ...]:
         """Smallest integer scale factors with which the full scale fits 16 bits."""
         per_unit = (self.configuration.counts_per_N,) * 3 + (self.configuration.counts_per_Nm,) * 3
-        largest = [limit * counts / LARGEST_READING for limit, counts in zip(self._full_scale, per_unit, strict=True)]
+        largest = [
+            limit * counts / LARGEST_READING
+            for limit, counts in zip(self._full_scale, per_unit, strict=True)
+        ]
         return tuple(max(1, int(np.ceil(factor))) for factor in largest)
 
 
-def make_twin(link: DatagramLink, keys: NetFtSection, noise_std: tuple[float, ...], random: np.random.Generator) -> NetFtTwin:
+def make_twin(
+    link: DatagramLink,
+    keys: NetFtSection,
+    noise_std: tuple[float, ...],
+    random: np.random.Generator,
+) -> NetFtTwin:
     """The twin of the box that [force_sensor] names, on its end of the link."""
-    settings = keys.to_dataclass(NetFtTwinSettings, decimation=keys.settings().decimation, noise_std=noise_std)
+    settings = keys.to_dataclass(
+        NetFtTwinSettings, decimation=keys.settings().decimation, noise_std=noise_std
+    )
     return NetFtTwin(link, settings, random)

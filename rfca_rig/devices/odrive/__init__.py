@@ -1,4 +1,6 @@
-"""ODrives with CANSimple, firmware 0.6 or 0.5. The shipped twin has one, with the usual values of its keys."""
+"""ODrives with CANSimple, firmware 0.6 or 0.5. The shipped twin has one, with the usual values
+of its keys.
+"""
 
 from rfca_rig.devices import MotorMake
 
@@ -9,5 +11,11 @@ DEVICE = MotorMake(
     faults=f"{__name__}.twin:FAULTS",
     check=f"{__name__}.checks:check_drive",
     number=("node_id", 0),
-    example={"node_id": 0, "gear_ratio": 9.0, "direction": -1, "zero_turns": 2.75, "encoder_period_ms": 1.0},
+    example={
+        "node_id": 0,
+        "gear_ratio": 9.0,
+        "direction": -1,
+        "zero_turns": 2.75,
+        "encoder_period_ms": 1.0,
+    },
 )

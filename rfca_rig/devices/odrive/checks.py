@@ -1,11 +1,23 @@
-"""ODrives: node id, errors, report rates. Sends only requests for the version, and for the errors of parts that report some."""
+"""ODrives: node id, errors, report rates. Sends only requests for the version, and for the
+errors of parts that report some.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import can
 
-from rfca_rig.devices.checks import LISTEN_S, Finding, Listener, ReceivedFrame, green, join_ids, mean_period_s, red, yellow
+from rfca_rig.devices.checks import (
+    LISTEN_S,
+    Finding,
+    Listener,
+    ReceivedFrame,
+    green,
+    join_ids,
+    mean_period_s,
+    red,
+    yellow,
+)
 from rfca_rig.devices.odrive import codec
 from rfca_rig.devices.odrive.messages import (
     BROADCAST_NODE,
@@ -28,7 +40,8 @@ from rfca_rig.devices.odrive.section import OdriveSection
 from rfca_rig.errors import MalformedFrame
 
 DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
-# Factors between measured and configured period: the driver refuses the first, the second gets a warning.
+# Factors between measured and configured period: the driver refuses the first, the second gets a
+# warning.
 REFUSED_PERIOD_RATIO, WARNING_PERIOD_RATIO = 2.0, 1.2
 SAVE = "odrv0.save_configuration()"
 
@@ -48,10 +61,11 @@ class OdriveWanted:
 
 @dataclass(frozen=True)
 class OdriveSeen:
-    """Observed frames of the expected node, and `others`: further nodes that behave as ODrives. `period_s` is that of the encoder.
+    """Observed frames of the expected node, and `others`: further nodes that behave as ODrives.
+    `period_s` is that of the encoder.
 
-    `strangers` counts frames of other protocols. `unreadable` is why a frame of the expected node could not be decoded.
-    """
+    `strangers` counts frames of other protocols. `unreadable` is why a frame of the expected node
+    could not be decoded."""
 
     others: tuple[int, ...] = ()
     strangers: int = 0
@@ -68,14 +82,29 @@ def judge_odrive(seen: OdriveSeen, wanted: OdriveWanted) -> list[Finding]:
     if seen.own_frames == 0:
         return [_not_heard(seen, wanted)]
     if seen.unreadable is not None:
-        return [red(DRIVE, f"node {wanted.node_id} cannot be understood: {seen.unreadable}", "check dialect under [motor]")]
+        return [
+            red(
+                DRIVE,
+                f"node {wanted.node_id} cannot be understood: {seen.unreadable}",
+                "check dialect under [motor]",
+            )
+        ]
     if seen.beat is None:
         return [
             red(
-                DRIVE, f"node {wanted.node_id} speaks, but has no heartbeat", "set it, in odrivetool:", _set("heartbeat", 100, wanted), SAVE
+                DRIVE,
+                f"node {wanted.node_id} speaks, but has no heartbeat",
+                "set it, in odrivetool:",
+                _set("heartbeat", 100, wanted),
+                SAVE,
             )
         ]
-    return [_identity(seen, wanted), _error(seen, seen.beat, wanted), _encoder(seen, wanted), _torque(seen, wanted)]
+    return [
+        _identity(seen, wanted),
+        _error(seen, seen.beat, wanted),
+        _encoder(seen, wanted),
+        _torque(seen, wanted),
+    ]
 
 
 def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
@@ -84,12 +113,26 @@ def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     tell = (f"odrv0.axis0.config.can.node_id = {wanted.node_id}", SAVE)
     if addressed:
         fix = f"put node_id = {addressed[0]} under [motor], or tell the drive, in odrivetool:"
-        return red(DRIVE, f"heard node {join_ids(addressed)}, the rig file says {wanted.node_id}", fix, *tell)
+        return red(
+            DRIVE,
+            f"heard node {join_ids(addressed)}, the rig file says {wanted.node_id}",
+            fix,
+            *tell,
+        )
     if seen.others:
-        return red(DRIVE, "heard a drive that has no address yet", "give it one, in odrivetool:", *tell)
+        return red(
+            DRIVE, "heard a drive that has no address yet", "give it one, in odrivetool:", *tell
+        )
     if seen.strangers:
-        return red(DRIVE, f"heard {seen.strangers} frames, none as an ODrive speaks", "check device and bitrate under [motor]")
-    fix = "check the drive's power, the CAN wiring, a 120 ohm resistor at both ends, and the drive's bit rate; in odrivetool:"
+        return red(
+            DRIVE,
+            f"heard {seen.strangers} frames, none as an ODrive speaks",
+            "check device and bitrate under [motor]",
+        )
+    fix = (
+        "check the drive's power, the CAN wiring, a 120 ohm resistor at both ends, and the "
+        "drive's bit rate; in odrivetool:"
+    )
     return red(DRIVE, "nothing at all heard on the bus", fix, "odrv0.can.config.baud_rate")
 
 
@@ -98,21 +141,42 @@ def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     others = f"; also heard node {join_ids(seen.others)}" if seen.others else ""
     drive = f"ODrive, node {wanted.node_id}{firmware}{others}"
     if wanted.dialect == OdriveFirmware.V0_5 and seen.firmware is not None:
-        return red(DRIVE, f"{drive}: only firmware 0.6 tells its version", 'put dialect = "0.6" under [motor]')
+        return red(
+            DRIVE,
+            f"{drive}: only firmware 0.6 tells its version",
+            'put dialect = "0.6" under [motor]',
+        )
     return green(DRIVE, drive)
 
 
 def _error(seen: OdriveSeen, beat: Heartbeat, wanted: OdriveWanted) -> Finding:
     parts = {error.part: part_error_text(error.part, error.word) for error in seen.part_errors}
-    errors = "; ".join([error_text(beat.error, wanted.dialect), *(parts.get(part, f"{part} error") for part in beat.failed)])
+    errors = "; ".join(
+        [
+            error_text(beat.error, wanted.dialect),
+            *(parts.get(part, f"{part} error") for part in beat.failed),
+        ]
+    )
     # An expired watchdog is the normal state after a program ended, so it is only a warning.
     if beat.error == WATCHDOG_EXPIRED[wanted.dialect] and not beat.failed:
-        return yellow(ERROR, errors, "nothing else is wrong: the next run clears it; by hand, in odrivetool:", "odrv0.clear_errors()")
+        return yellow(
+            ERROR,
+            errors,
+            "nothing else is wrong: the next run clears it; by hand, in odrivetool:",
+            "odrv0.clear_errors()",
+        )
     if beat.error or beat.failed:
-        return red(ERROR, errors, "remove the cause, then clear it, in odrivetool:", "odrv0.clear_errors()")
+        return red(
+            ERROR, errors, "remove the cause, then clear it, in odrivetool:", "odrv0.clear_errors()"
+        )
     if beat.state != AxisState.IDLE:
         state = f"no error, but the drive is not idle: {state_text(beat.state)}"
-        return yellow(ERROR, state, "end the program that runs it, or in odrivetool:", "odrv0.axis0.requested_state = AxisState.IDLE")
+        return yellow(
+            ERROR,
+            state,
+            "end the program that runs it, or in odrivetool:",
+            "odrv0.axis0.requested_state = AxisState.IDLE",
+        )
     return green(ERROR, f"none, {state_text(beat.state)}")
 
 
@@ -120,13 +184,18 @@ def _encoder(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     wanted_ms = 1e3 * wanted.encoder_period_s
     commands = (_set("encoder", wanted_ms, wanted), SAVE)
     if seen.period_s is None:
-        return red(ENCODER, "no steady encoder estimates", "set their period, in odrivetool:", *commands)
+        return red(
+            ENCODER, "no steady encoder estimates", "set their period, in odrivetool:", *commands
+        )
     factor = max(seen.period_s / wanted.encoder_period_s, wanted.encoder_period_s / seen.period_s)
     measured = f"every {1e3 * seen.period_s:.3g} ms"
     if factor < WARNING_PERIOD_RATIO:
         return green(ENCODER, measured)
     finding = red if factor >= REFUSED_PERIOD_RATIO else yellow
-    fix = f"put encoder_period_ms = {1e3 * seen.period_s:.3g} under [motor], or tell the drive, in odrivetool:"
+    fix = (
+        f"put encoder_period_ms = {1e3 * seen.period_s:.3g} under [motor], or tell the drive, "
+        "in odrivetool:"
+    )
     return finding(ENCODER, f"{measured}, the rig file says {wanted_ms:g} ms", fix, *commands)
 
 
@@ -139,7 +208,13 @@ def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
         if wanted.dialect == OdriveFirmware.V0_5
         else 'put dialect = "0.5" if its firmware is, else in odrivetool:'
     )
-    return red(TORQUE, f"no {message} messages", fix, _set(message, 1e3 * wanted.encoder_period_s, wanted), SAVE)
+    return red(
+        TORQUE,
+        f"no {message} messages",
+        fix,
+        _set(message, 1e3 * wanted.encoder_period_s, wanted),
+        SAVE,
+    )
 
 
 def _set(message: str, period_ms: float, wanted: OdriveWanted) -> str:
@@ -201,7 +276,11 @@ def _take(observed: _Observations, heard: ReceivedFrame, wanted: OdriveWanted) -
     message = heard.message
     identifier = message.arbitration_id
     # A frame of eight bytes with such a command, from another node: most likely another ODrive.
-    is_telling = not message.is_extended_id and identifier & 0x1F in IDENTIFYING_COMMANDS and message.dlc == 8
+    is_telling = (
+        not message.is_extended_id
+        and identifier & 0x1F in IDENTIFYING_COMMANDS
+        and message.dlc == 8
+    )
     if not message.is_extended_id and codec.node_of(identifier) == wanted.node_id and message.dlc:
         observed.own_frames += 1
         _hear(observed, heard, _decode(observed, message, wanted.dialect), wanted)
@@ -211,7 +290,9 @@ def _take(observed: _Observations, heard: ReceivedFrame, wanted: OdriveWanted) -
         observed.strangers += 1
 
 
-def _decode(observed: _Observations, message: can.Message, dialect: OdriveFirmware) -> Message | None:
+def _decode(
+    observed: _Observations, message: can.Message, dialect: OdriveFirmware
+) -> Message | None:
     try:
         return codec.decode(message.arbitration_id, message.data, dialect)
     except MalformedFrame as error:
@@ -219,7 +300,9 @@ def _decode(observed: _Observations, message: can.Message, dialect: OdriveFirmwa
         return None
 
 
-def _hear(observed: _Observations, heard: ReceivedFrame, message: Message | None, wanted: OdriveWanted) -> None:
+def _hear(
+    observed: _Observations, heard: ReceivedFrame, message: Message | None, wanted: OdriveWanted
+) -> None:
     match message:
         case EncoderEstimates():
             observed.encoder.append(heard)

@@ -1,10 +1,10 @@
 """ODrive's CANSimple frames, both directions and both dialects; pure.
 
-Layouts: ODrive CANSimple protocol (docs/can-protocol.rst and odrive-cansimple.dbc) of firmware 0.6. Little-endian throughout. The same
-documents of firmware 0.5.6 differ as follows:
+Layouts: ODrive CANSimple protocol (docs/can-protocol.rst and odrive-cansimple.dbc) of firmware 0.6.
+Little-endian throughout. The same documents of firmware 0.5.6 differ as follows:
 
-- Heartbeat bytes 5..7 are flag bits (40 motor, 48 encoder, 56 controller error, 63 trajectory done) instead of procedure result and
-  trajectory done.
+- Heartbeat bytes 5..7 are flag bits (40 motor, 48 encoder, 56 controller error, 63 trajectory done)
+  instead of procedure result and trajectory done.
 - 0x03, 0x04 and 0x1D are error words of the parts.
 - 0x1C is a voltage instead of torques, and 0x15 is not temperatures.
 - 0x00 is not answered.
@@ -66,16 +66,27 @@ PART_COMMANDS = {
 
 
 def _version(protocol: int, *rest: int) -> Version:
-    return Version(firmware=(rest[3], rest[4], rest[5]), hardware=(rest[0], rest[1], rest[2]), protocol=protocol, unreleased=rest[6])
+    return Version(
+        firmware=(rest[3], rest[4], rest[5]),
+        hardware=(rest[0], rest[1], rest[2]),
+        protocol=protocol,
+        unreleased=rest[6],
+    )
 
 
 def _heartbeat(error: int, state: int, result: int, flags: int) -> Heartbeat:
     return Heartbeat(error, state, result, bool(flags & 1))
 
 
-def _older_heartbeat(error: int, state: int, motor: int, encoder: int, controller: int) -> Heartbeat:
+def _older_heartbeat(
+    error: int, state: int, motor: int, encoder: int, controller: int
+) -> Heartbeat:
     # Bits 40, 48 and 56 of the frame are bit 0 of these bytes, bit 63 is bit 7 of the last.
-    failed = tuple(part for part, flags in zip(OdrivePart, (motor, encoder, controller), strict=True) if flags & 1)
+    failed = tuple(
+        part
+        for part, flags in zip(OdrivePart, (motor, encoder, controller), strict=True)
+        if flags & 1
+    )
     return Heartbeat(error, state, 0, bool(controller & 0x80), failed)
 
 
@@ -87,7 +98,8 @@ def _input_pos(position: float, speed: int, torque: int) -> SetInputPos:
     return SetInputPos(position, speed * FEED_FORWARD_STEP, torque * FEED_FORWARD_STEP)
 
 
-# Command -> its fields, the constructor of the message, and the accepted payload lengths (some senders pad to eight bytes).
+# Command -> its fields, the constructor of the message, and the accepted payload lengths (some
+# senders pad to eight bytes).
 _Layouts = dict[int, tuple[struct.Struct, Callable[..., Message], frozenset[int]]]
 _SHARED: _Layouts = {
     OdriveCommand.VERSION: (_VERSION, _version, frozenset({8})),
@@ -110,13 +122,20 @@ _NEWER: _Layouts = {
 }
 _OLDER: _Layouts = {
     OdriveCommand.HEARTBEAT: (_OLDER_HEARTBEAT, _older_heartbeat, frozenset({8})),
-    **{command: (_ONE_LONG_WORD, _part_error(part), frozenset({8})) for part, command in PART_COMMANDS.items()},
+    **{
+        command: (_ONE_LONG_WORD, _part_error(part), frozenset({8}))
+        for part, command in PART_COMMANDS.items()
+    },
 }
 _OF_V0_5, _OF_V0_6 = _SHARED | _OLDER, _SHARED | _NEWER
 
 
-def decode(arbitration_id: int, data: bytes | bytearray, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Message | None:
-    """The message in one data frame; None for a command that is not used here. Raises MalformedFrame for a wrong length."""
+def decode(
+    arbitration_id: int, data: bytes | bytearray, dialect: OdriveFirmware = OdriveFirmware.V0_6
+) -> Message | None:
+    """The message in one data frame; None for a command that is not used here. Raises
+    MalformedFrame for a wrong length.
+    """
     # The low five bits of the id are the command, the rest is the node.
     layout = (_OF_V0_6 if dialect is OdriveFirmware.V0_6 else _OF_V0_5).get(arbitration_id & 0x1F)
     if layout is None:
@@ -124,7 +143,8 @@ def decode(arbitration_id: int, data: bytes | bytearray, dialect: OdriveFirmware
     fields, message, lengths = layout
     if len(data) not in lengths:
         raise MalformedFrame(
-            f"CAN frame 0x{arbitration_id:03x} ({_name(arbitration_id & 0x1F, dialect)}) has {len(data)} bytes, expected {min(lengths)}; "
+            f"CAN frame 0x{arbitration_id:03x} ({_name(arbitration_id & 0x1F, dialect)}) "
+            f"has {len(data)} bytes, expected {min(lengths)}; "
             f"does the drive speak CANSimple {dialect}?"
         )
     return message(*fields.unpack_from(data))
@@ -140,38 +160,72 @@ def node_of(arbitration_id: int) -> int:
     return arbitration_id >> 5
 
 
-def _frame(node: int, command: OdriveCommand | OlderCommand, fields: struct.Struct = _EMPTY, *values: float) -> Frame:
+def _frame(
+    node: int, command: OdriveCommand | OlderCommand, fields: struct.Struct = _EMPTY, *values: float
+) -> Frame:
     if not 0 <= node <= BROADCAST_NODE:
-        raise NotEncodable(f"CAN node {node} does not exist; addresses go from 0 to {BROADCAST_NODE}")
+        raise NotEncodable(
+            f"CAN node {node} does not exist; addresses go from 0 to {BROADCAST_NODE}"
+        )
     try:
         return node << 5 | command, fields.pack(*values)
     except (struct.error, OverflowError) as error:
-        raise NotEncodable(f"CAN {command.name} to node {node} cannot carry {values}: {error}") from error
+        raise NotEncodable(
+            f"CAN {command.name} to node {node} cannot carry {values}: {error}"
+        ) from error
 
 
 def _steps(value: float, name: str) -> int:
     # Written with `not`, so that NaN is refused too.
     if not abs(value) <= 32.767:
-        raise NotEncodable(f"{name} {value:g} does not fit a CAN feed-forward, limit 32.767; lower the speed or the gear ratio")
+        raise NotEncodable(
+            f"{name} {value:g} does not fit a CAN feed-forward, limit 32.767; lower the "
+            "speed or the gear ratio"
+        )
     return round(value / FEED_FORWARD_STEP)
 
 
 def request(node: int, command: OdriveCommand | OlderCommand) -> Frame:
-    """Request of one message, to be sent as a remote frame (firmware 0.5.6 also accepts a data frame without bytes)."""
+    """Request of one message, to be sent as a remote frame (firmware 0.5.6 also accepts a data
+    frame without bytes).
+    """
     return _frame(node, command)
 
 
 def version(node: int, reply: Version) -> Frame:
-    return _frame(node, OdriveCommand.VERSION, _VERSION, reply.protocol, *reply.hardware, *reply.firmware, reply.unreleased)
+    return _frame(
+        node,
+        OdriveCommand.VERSION,
+        _VERSION,
+        reply.protocol,
+        *reply.hardware,
+        *reply.firmware,
+        reply.unreleased,
+    )
 
 
 def heartbeat(node: int, beat: Heartbeat, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Frame:
     if dialect == OdriveFirmware.V0_5:
         motor, encoder, controller = (part in beat.failed for part in OdrivePart)
         return _frame(
-            node, OdriveCommand.HEARTBEAT, _OLDER_HEARTBEAT, beat.error, beat.state, motor, encoder, controller | beat.trajectory_done << 7
+            node,
+            OdriveCommand.HEARTBEAT,
+            _OLDER_HEARTBEAT,
+            beat.error,
+            beat.state,
+            motor,
+            encoder,
+            controller | beat.trajectory_done << 7,
         )
-    return _frame(node, OdriveCommand.HEARTBEAT, _HEARTBEAT, beat.error, beat.state, beat.procedure_result, beat.trajectory_done)
+    return _frame(
+        node,
+        OdriveCommand.HEARTBEAT,
+        _HEARTBEAT,
+        beat.error,
+        beat.state,
+        beat.procedure_result,
+        beat.trajectory_done,
+    )
 
 
 def estop(node: int) -> Frame:
@@ -179,7 +233,9 @@ def estop(node: int) -> Frame:
 
 
 def errors(node: int, report: ErrorReport) -> Frame:
-    return _frame(node, OdriveCommand.ERRORS, _TWO_WORDS, report.active_errors, report.disarm_reason)
+    return _frame(
+        node, OdriveCommand.ERRORS, _TWO_WORDS, report.active_errors, report.disarm_reason
+    )
 
 
 def part_error(node: int, report: PartError) -> Frame:
@@ -199,8 +255,12 @@ def set_controller_mode(node: int, control_mode: int, input_mode: int = PASSTHRO
     return _frame(node, OdriveCommand.CONTROLLER_MODE, _TWO_WORDS, control_mode, input_mode)
 
 
-def set_input_pos(node: int, position_turns: float, speed_turns_s: float = 0.0, torque_Nm: float = 0.0) -> Frame:
-    """The feed-forwards are carried in steps of 0.001 (the drive's default scale); raises NotEncodable beyond 32.767."""
+def set_input_pos(
+    node: int, position_turns: float, speed_turns_s: float = 0.0, torque_Nm: float = 0.0
+) -> Frame:
+    """The feed-forwards are carried in steps of 0.001 (the drive's default scale); raises
+    NotEncodable beyond 32.767.
+    """
     steps = _steps(speed_turns_s, "speed in turns/s"), _steps(torque_Nm, "torque in N m")
     return _frame(node, OdriveCommand.INPUT_POS, _INPUT_POS, position_turns, *steps)
 
@@ -226,7 +286,9 @@ def bus_voltage_current(node: int, voltage_V: float, current_A: float) -> Frame:
 
 
 def clear_errors(node: int, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Frame:
-    """Clear all errors. Firmware 0.6 takes one byte, zero: the drive does not blink. Firmware 0.5 takes none."""
+    """Clear all errors. Firmware 0.6 takes one byte, zero: the drive does not blink. Firmware
+    0.5 takes none.
+    """
     return (
         _frame(node, OdriveCommand.CLEAR_ERRORS)
         if dialect == OdriveFirmware.V0_5

@@ -1,4 +1,5 @@
-"""Driver for an ODrive (CANSimple protocol) on a CAN bus: its settings, its messages and its commands.
+"""Driver for an ODrive (CANSimple protocol) on a CAN bus: its settings, its messages and its
+commands.
 
 Messages are time-stamped, and kept apart from those of other nodes.
 """
@@ -42,11 +43,21 @@ from rfca_rig.drivers.drive_report import (
     check_positive,
     refuse_late_answers,
 )
-from rfca_rig.drivers.reading_check import CURRENT, POSITION, SPEED, TEMPERATURE, TORQUE, OptionalReading, ReadingCheck, describe_bad
+from rfca_rig.drivers.reading_check import (
+    CURRENT,
+    POSITION,
+    SPEED,
+    TEMPERATURE,
+    TORQUE,
+    OptionalReading,
+    ReadingCheck,
+    describe_bad,
+)
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.errors import BadInput, DeviceError
 
-# Poll interval while waiting, and the time given to a drive to answer a request for part errors, in s.
+# Poll interval while waiting, and the time given to a drive to answer a request for part errors, in
+# s.
 POLL_S = 2e-3
 PART_ERROR_S = 0.05
 # Time given to a drive to answer a question.
@@ -59,11 +70,11 @@ MAX_SILENCE_S = 10.0
 class OdriveSettings(ShaftGear):
     """Settings of the drive.
 
-    `gear_ratio` is motor turns per shaft turn, `direction` +1 or -1, `zero_turns` the encoder reading in turns with the shaft
-    horizontal. With `torque_constant_Nm_per_A` None the torque comes from message 0x1C, else from the measured current 0x14.
-    `encoder_period_s` is the drive's cyclic period of message 0x09. `dialect` is that of its firmware; 0.5 reports no torque, so it
-    needs the torque constant. Raises BadInput for invalid values.
-    """
+    `gear_ratio` is motor turns per shaft turn, `direction` +1 or -1, `zero_turns` the encoder
+    reading in turns with the shaft horizontal. With `torque_constant_Nm_per_A` None the torque
+    comes from message 0x1C, else from the measured current 0x14. `encoder_period_s` is the drive's
+    cyclic period of message 0x09. `dialect` is that of its firmware; 0.5 reports no torque, so it
+    needs the torque constant. Raises BadInput for invalid values."""
 
     node_id: int
     gear_ratio: float = 1.0
@@ -77,7 +88,8 @@ class OdriveSettings(ShaftGear):
     dialect: OdriveFirmware = OdriveFirmware.V0_6
 
     def __post_init__(self) -> None:
-        # Six bits of the arbitration id hold the node; 63 is the broadcast address of drives without one.
+        # Six bits of the arbitration id hold the node; 63 is the broadcast address of drives
+        # without one.
         if not 0 <= self.node_id < 63:
             raise BadInput(f"drive: node_id is {self.node_id}, must be 0..62")
         self.check_gear()
@@ -85,20 +97,26 @@ class OdriveSettings(ShaftGear):
             check_positive(name, getattr(self, name))
         if self.torque_constant_Nm_per_A is not None:
             check_positive("torque_constant_Nm_per_A", self.torque_constant_Nm_per_A)
-        # Message 0x1C exists only in firmware 0.6; without it the torque has to come from the current.
+        # Message 0x1C exists only in firmware 0.6; without it the torque has to come from the
+        # current.
         elif self.dialect == OdriveFirmware.V0_5:
             raise BadInput(
-                "drive: torque_constant_Nm_per_A is missing; firmware 0.5 tells the motor's current, not its torque "
+                "drive: torque_constant_Nm_per_A is missing; firmware 0.5 tells the "
+                "motor's current, not its torque "
                 "(8.27 / the motor's KV in rpm/V, as in motor.config.torque_constant)"
             )
 
 
 class TemperatureTelemetry:
-    """`warmest_C` is the higher of the two temperatures; None before the first message, and without any thermistor."""
+    """`warmest_C` is the higher of the two temperatures; None before the first message, and
+    without any thermistor.
+    """
 
     def __init__(self) -> None:
         self.warmest_C: float | None = None
-        self.inverter = OptionalReading("the drive", replace(TEMPERATURE, name="inverter temperature"))
+        self.inverter = OptionalReading(
+            "the drive", replace(TEMPERATURE, name="inverter temperature")
+        )
         self.motor = OptionalReading("the drive", replace(TEMPERATURE, name="motor temperature"))
         self._reported_s = 0.0
 
@@ -107,20 +125,26 @@ class TemperatureTelemetry:
         self._reported_s = now_s
         self.inverter.take(inverter_C)
         self.motor.take(motor_C)
-        known_C = [value for value in (self.inverter.value, self.motor.value) if not np.isnan(value)]
+        known_C = [
+            value for value in (self.inverter.value, self.motor.value) if not np.isnan(value)
+        ]
         self.warmest_C = max(known_C, default=None)
 
     def fault(self, now_s: float) -> str | None:
-        """Set if temperatures that were reported have stopped: a limit on them would no longer protect the motor."""
+        """Set if temperatures that were reported have stopped: a limit on them would no longer
+        protect the motor.
+        """
         if self.warmest_C is None or now_s - self._reported_s <= MAX_SILENCE_S:
             return None
         return (
-            f"no temperature for {now_s - self._reported_s:.0f} s, though the drive reported it before; check its temperature_msg_rate_ms"
+            f"no temperature for {now_s - self._reported_s:.0f} s, though the drive reported "
+            "it before; check its temperature_msg_rate_ms"
         )
 
 
 class OdriveReports:
-    """Receives the messages of one node. `beat` is its last heartbeat, received at host time `beat_s`; `turns` its encoder position.
+    """Receives the messages of one node. `beat` is its last heartbeat, received at host time
+    `beat_s`; `turns` its encoder position.
 
     `part_errors` are the error words of its parts, as far as they were requested (firmware 0.5).
     """
@@ -129,12 +153,18 @@ class OdriveReports:
         self._bus = bus
         self._clock = clock
         self._settings = settings
-        self._rad_per_turn, self._torque_ratio = settings.shaft_rad_per_turn, settings.shaft_torque_per_drive_torque
+        self._rad_per_turn, self._torque_ratio = (
+            settings.shaft_rad_per_turn,
+            settings.shaft_torque_per_drive_torque,
+        )
         self._count = FrameCount(settings.encoder_period_s)
-        # Turns, turns/s and motor torque of frames that have no time stamp yet; None for one that was refused.
+        # Turns, turns/s and motor torque of frames that have no time stamp yet; None for one that
+        # was refused.
         self._rows: list[tuple[float, float, float] | None] = []
         self._encoder_check = ReadingCheck("the drive", POSITION, SPEED)
-        self._torque_check = ReadingCheck("the drive", TORQUE if settings.torque_constant_Nm_per_A is None else CURRENT)
+        self._torque_check = ReadingCheck(
+            "the drive", TORQUE if settings.torque_constant_Nm_per_A is None else CURRENT
+        )
         self._samples: list[ShaftSamples] = []
         self._torque_Nm = np.nan
         self._leap = EncoderJumpMonitor()
@@ -155,8 +185,11 @@ class OdriveReports:
         self.encoder_frames = self.heartbeats = 0
 
     def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
-        # The time is read before the first frame, so that no frame gets a time later than its arrival.
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
+        a frame cannot be decoded.
+        """
+        # The time is read before the first frame, so that no frame gets a time later than its
+        # arrival.
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         try:
             for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
@@ -182,7 +215,12 @@ class OdriveReports:
     @property
     def doubts(self) -> str | None:
         """An error of the reports themselves that the drive does not report, or None."""
-        return self.zero_lost or self._count.fault or self.temperature.fault(self.drained_s) or self.health.fault
+        return (
+            self.zero_lost
+            or self._count.fault
+            or self.temperature.fault(self.drained_s)
+            or self.health.fault
+        )
 
     @property
     def torque_age_s(self) -> float:
@@ -197,36 +235,60 @@ class OdriveReports:
 
     @property
     def torque_source(self) -> str:
-        return "torques (0x1C)" if self._settings.torque_constant_Nm_per_A is None else "motor currents (0x14)"
+        return (
+            "torques (0x1C)"
+            if self._settings.torque_constant_Nm_per_A is None
+            else "motor currents (0x14)"
+        )
 
     def missing(self) -> str | None:
-        """The first required message that has not arrived since `reset_counters`, with the remedy; None if all have."""
+        """The first required message that has not arrived since `reset_counters`, with the
+        remedy; None if all have.
+        """
         node = self._settings.node_id
         if self._own_frames == 0 and self._foreign_nodes:
             others = ", ".join(map(str, sorted(self._foreign_nodes)))
             return f"CAN frames from node {others} but none from node {node}; check node_id"
         # The order of the checks leads the user from the wiring to single messages.
         if self._own_frames == 0:
-            return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"
+            return (
+                "no frames at all on the CAN bus; check the drive's power, the wiring, the "
+                "termination and the bit rate"
+            )
         # A first heartbeat with an error may predate the clearing of the error.
         needed = 2 if self.beat is not None and self.beat.error else 1
         if self.heartbeats < needed:
-            return f"no heartbeat from node {node}; set the drive's {self._rate('heartbeat')} to 100"
+            return (
+                f"no heartbeat from node {node}; set the drive's {self._rate('heartbeat')} to 100"
+            )
         if self.encoder_frames == 0:
-            return f"no encoder estimates from node {node}; set its {self._rate('encoder')} to {1e3 * self._settings.encoder_period_s:g}"
+            return (
+                f"no encoder estimates from node {node}; set its {self._rate('encoder')} to "
+                f"{1e3 * self._settings.encoder_period_s:g}"
+            )
         if self._torque_frames == 0:
             older = self._settings.dialect == OdriveFirmware.V0_5
             or_dialect = " (iq_rate_ms)" if older else ', or dialect = "0.5" if its firmware is 0.5'
-            return f"no {self.torque_source} from node {node}; set the cyclic rate of that message in the drive{or_dialect}"
+            return (
+                f"no {self.torque_source} from node {node}; set the cyclic rate of that "
+                f"message in the drive{or_dialect}"
+            )
         return None
 
     def _rate(self, message: str) -> str:
-        """The drive's setting for the period of a cyclic message; its name changed with firmware 0.6."""
-        return f"{message}_rate_ms" if self._settings.dialect == OdriveFirmware.V0_5 else f"{message}_msg_rate_ms"
+        """The drive's setting for the period of a cyclic message; its name changed with firmware
+        0.6.
+        """
+        return (
+            f"{message}_rate_ms"
+            if self._settings.dialect == OdriveFirmware.V0_5
+            else f"{message}_msg_rate_ms"
+        )
 
     def _take(self, message: can.Message) -> None:
         if message.is_extended_id or message.dlc == 0:
-            # CANSimple uses standard frames only. An empty frame is a request or command by another master.
+            # CANSimple uses standard frames only. An empty frame is a request or command by another
+            # master.
             return
         if codec.node_of(message.arbitration_id) != self._settings.node_id:
             self._foreign_nodes.add(codec.node_of(message.arbitration_id))
@@ -242,11 +304,14 @@ class OdriveReports:
                 if self._encoder_check.accept(message.position_turns, message.speed_turns_s):
                     self.turns = message.position_turns
                     # Torque comes in its own message; each encoder row carries the latest torque.
-                    self._rows.append((message.position_turns, message.speed_turns_s, self._torque_Nm))
+                    self._rows.append(
+                        (message.position_turns, message.speed_turns_s, self._torque_Nm)
+                    )
                 else:
                     # It keeps its place, because the time of the others comes from counting.
                     self._rows.append(None)
-            # Firmware 0.6 reports torque. With a torque constant set, the measured q current is used instead.
+            # Firmware 0.6 reports torque. With a torque constant set, the measured q current is
+            # used instead.
             case Torques() if constant is None:
                 self._hear_torque(message.estimate_Nm, 1.0)
             case Iq() if constant is not None:
@@ -270,16 +335,20 @@ class OdriveReports:
             self._torque_Nm = torque_per_reported_Nm * reported
 
     def _stamp_rows(self, is_whole: bool) -> None:
-        """Time-stamps the new rows. After a long pause frames may be missing anywhere, so no jump is looked for."""
+        """Time-stamps the new rows. After a long pause frames may be missing anywhere, so no
+        jump is looked for.
+        """
         if not self._rows:
             return
         rows, self._rows = self._rows, []
         zero_turns, rad, ratio = self._settings.zero_turns, self._rad_per_turn, self._torque_ratio
         host_s, follow = self.drained_s, self._leap.follow
-        # Plain numbers, and one array for all columns: a tick brings two reports, for which numpy takes longer.
+        # Plain numbers, and one array for all columns: a tick brings two reports, for which numpy
+        # takes longer.
         table = []
         for device_s, row in zip(self._count.list_stamps(len(rows), host_s), rows, strict=True):
-            # Without a torque, which follows in its own message, a row of the first moments is no sample yet.
+            # Without a torque, which follows in its own message, a row of the first moments is no
+            # sample yet.
             if row is None or row[2] != row[2]:
                 continue
             turns, turns_s, torque_Nm = row
@@ -291,12 +360,13 @@ class OdriveReports:
 
 
 class OdriveMotor:
-    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and `prove_watchdog`.
+    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and
+    `prove_watchdog`.
 
-    Any frame to the drive feeds its watchdog, so this class sends nothing on its own. Outside those two methods every frame results
-    directly from a call; a caller that hangs therefore lets the drive stop the motor. Firmware 0.5 keeps separate errors for motor,
-    encoder and controller; `read` requests such an error once a heartbeat announces it (the motor is off then).
-    """
+    Any frame to the drive feeds its watchdog, so this class sends nothing on its own. Outside those
+    two methods every frame results directly from a call; a caller that hangs therefore lets the
+    drive stop the motor. Firmware 0.5 keeps separate errors for motor, encoder and controller;
+    `read` requests such an error once a heartbeat announces it (the motor is off then)."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
         self._bus = bus
@@ -309,11 +379,13 @@ class OdriveMotor:
         self._can_be_asked = True
 
     def enable(self) -> None:
-        """Energises the motor and holds the shaft: the set-point is the measured angle before the loop closes.
+        """Energises the motor and holds the shaft: the set-point is the measured angle before the
+        loop closes.
 
         Raises DeviceError, and leaves the motor idle, if
 
-        - no frame, no frame of this node, or none of its heartbeat, encoder or torque messages arrives;
+        - no frame, no frame of this node, or none of its heartbeat, encoder or torque messages
+          arrives;
         - the encoder messages come at another rate than configured;
         - it answers late, so that its readings are old from the start;
         - the drive refuses with an error.
@@ -327,13 +399,17 @@ class OdriveMotor:
         self._send(codec.clear_errors(self._settings.node_id, self._settings.dialect))
         asked_s = self._ask_version()
         self._await_reports()
-        # Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong dialect would be wrong.
+        # Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong
+        # dialect would be wrong.
         if self._settings.dialect == OdriveFirmware.V0_5 and self._reports.firmware != "unknown":
-            raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
+            raise DeviceError(
+                f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"'
+            )
         if self._settings.dialect == OdriveFirmware.V0_6 and self._can_be_asked:
             refuse_late_answers(asked_s, self._ask_version, self._await_version)
         self._refuse_if(_is_faulty(self._beat()), "still reports")
-        # Set-point first, then mode, then closed loop: an old set-point in the drive would make the shaft jump.
+        # Set-point first, then mode, then closed loop: an old set-point in the drive would make the
+        # shaft jump.
         hold = codec.set_input_pos(self._settings.node_id, self._reports.turns)
         self._send(hold)
         self._set_mode(ControlMode.POSITION)
@@ -347,7 +423,9 @@ class OdriveMotor:
         return self._clock.now_s()
 
     def _await_version(self, asked_s: float) -> float | None:
-        """When the answer came; None where it does not come in time, as not every adapter carries questions (remote frames)."""
+        """When the answer came; None where it does not come in time, as not every adapter
+        carries questions (remote frames).
+        """
         while self._reports.firmware_s <= asked_s:
             if self._clock.now_s() - asked_s > ANSWER_PATIENCE_S:
                 # Not waited for again at every later start.
@@ -367,18 +445,24 @@ class OdriveMotor:
         measured_s = find_wrong_period(self._measure_period_s, configured_s)
         if measured_s is not None:
             raise DeviceError(
-                f"drive not enabled: encoder estimates come every {1e3 * measured_s:.2g} ms, the settings say "
-                f"{1e3 * configured_s:g} ms; set the drive's encoder_msg_rate_ms or encoder_period_s"
+                f"drive not enabled: encoder estimates come every {1e3 * measured_s:.2g} "
+                "ms, the settings say "
+                f"{1e3 * configured_s:g} ms; set the drive's encoder_msg_rate_ms or "
+                "encoder_period_s"
             )
 
     def _measure_period_s(self) -> float:
-        """Measures the mean period of the encoder frames in s, and waits until all required messages have arrived."""
+        """Measures the mean period of the encoder frames in s, and waits until all required
+        messages have arrived.
+        """
         self._reports.reset_counters()
         started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
         look_s = PERIODS_PER_ATTEMPT * self._settings.encoder_period_s
         while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
             if self._clock.now_s() - started_s > max(timeout_s, look_s):
-                raise DeviceError(f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}")
+                raise DeviceError(
+                    f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}"
+                )
             self._wait_and_drain()
         return (self._clock.now_s() - started_s) / self._reports.encoder_frames
 
@@ -393,8 +477,14 @@ class OdriveMotor:
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         # A new heartbeat is required, as the last one was sent before the request.
         while self._reports.heartbeats == 0 or self._beat().state != AxisState.CLOSED_LOOP:
-            self._refuse_if(self._reports.heartbeats > 0 and _is_faulty(self._beat()), "refuses closed loop with")
-            self._refuse_if(self._clock.now_s() > deadline_s, f"not in closed loop after {self._settings.enable_timeout_s:g} s:")
+            self._refuse_if(
+                self._reports.heartbeats > 0 and _is_faulty(self._beat()),
+                "refuses closed loop with",
+            )
+            self._refuse_if(
+                self._clock.now_s() > deadline_s,
+                f"not in closed loop after {self._settings.enable_timeout_s:g} s:",
+            )
             self._wait_and_drain()
             # The watchdog may already run in closed loop, so the same set-point is repeated.
             self._send(hold)
@@ -407,91 +497,139 @@ class OdriveMotor:
             # Waits briefly for the drive to report the error of each part.
             self._ask_for_part_errors()
             deadline_s = self._clock.now_s() + PART_ERROR_S
-            while self._asked_parts - self._reports.part_errors.keys() and self._clock.now_s() < deadline_s:
+            while (
+                self._asked_parts - self._reports.part_errors.keys()
+                and self._clock.now_s() < deadline_s
+            ):
                 self._wait_and_drain()
-            result = f", procedure result {result_text(beat.procedure_result)}" if self._settings.dialect == OdriveFirmware.V0_6 else ""
+            result = (
+                f", procedure result {result_text(beat.procedure_result)}"
+                if self._settings.dialect == OdriveFirmware.V0_6
+                else ""
+            )
             raise DeviceError(
-                f"drive not enabled: node {self._settings.node_id} {how} {self._errors(beat)}, state {state_text(beat.state)}{result}"
+                f"drive not enabled: node {self._settings.node_id} {how} "
+                f"{self._errors(beat)}, state {state_text(beat.state)}{result}"
             )
 
     def _errors(self, beat: Heartbeat) -> str:
-        """Text of the drive's error word and of its parts' error words, as far as they are known."""
+        """Text of the drive's error word and of its parts' error words, as far as they are
+        known.
+        """
         errors = self._reports.part_errors
         parts = [
-            part_error_text(part, errors[part]) if part in errors else f"{part} error, which one is not reported" for part in beat.failed
+            part_error_text(part, errors[part])
+            if part in errors
+            else f"{part} error, which one is not reported"
+            for part in beat.failed
         ]
         return "; ".join([error_text(beat.error, self._settings.dialect), *parts])
 
     def _beat(self) -> Heartbeat:
         if self._reports.beat is None:
-            raise DeviceError(f"no heartbeat from node {self._settings.node_id} yet; enable the drive first")
+            raise DeviceError(
+                f"no heartbeat from node {self._settings.node_id} yet; enable the drive first"
+            )
         return self._reports.beat
 
     def command_speed(self, speed_rad_s: float) -> None:
         """Commands a shaft speed. Raises DeviceError if the frame cannot be sent."""
-        self._send(codec.set_input_vel(self._settings.node_id, self._settings.turns_s(check_command(speed_rad_s, "speed"))))
+        self._send(
+            codec.set_input_vel(
+                self._settings.node_id, self._settings.turns_s(check_command(speed_rad_s, "speed"))
+            )
+        )
         self._set_mode(ControlMode.VELOCITY)
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Commands a shaft angle. Raises DeviceError if the frame cannot be sent, or above 32.767 motor turns/s of feed-forward."""
+        """Commands a shaft angle. Raises DeviceError if the frame cannot be sent, or above
+        32.767 motor turns/s of feed-forward.
+        """
         turns = self._settings.turns(check_command(angle_rad, "angle"))
         turns_s = self._settings.turns_s(check_command(speed_rad_s, "speed"))
         self._send(codec.set_input_pos(self._settings.node_id, turns, turns_s))
         self._set_mode(ControlMode.POSITION)
 
     def _set_mode(self, mode: ControlMode) -> None:
-        """Switches the controller mode. Call it after the set-point is sent, so a new mode never acts on an old set-point."""
+        """Switches the controller mode. Call it after the set-point is sent, so a new mode never
+        acts on an old set-point.
+        """
         if mode != self._mode:
             self._send(codec.set_controller_mode(self._settings.node_id, mode))
             self._mode = mode
 
     def disable(self) -> None:
-        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its watchdog then stops the motor."""
+        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its
+        watchdog then stops the motor.
+        """
         self._armed = False
         self._mode = None
         idle = _message(codec.set_axis_state(self._settings.node_id, AxisState.IDLE))
         send_stop(self._bus, self._clock, [idle], WATCHDOG_REMEDY)
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Sends nothing until the heartbeat shows an expired watchdog and an idle motor; returns the time in s that this took.
+        """Sends nothing until the heartbeat shows an expired watchdog and an idle motor; returns
+        the time in s that this took.
 
-        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError if nothing happened within
-        `limit_s`. The heartbeat alone takes up to 0.1 s to show it.
-        """
+        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError
+        if nothing happened within `limit_s`. The heartbeat alone takes up to 0.1 s to show it."""
         started_s = self._clock.now_s()
-        while not (self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect] and self._beat().state == AxisState.IDLE):
+        while not (
+            self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect]
+            and self._beat().state == AxisState.IDLE
+        ):
             if self._clock.now_s() - started_s > limit_s:
                 self.disable()
-                raise DeviceError(f"drive's watchdog let it run through {limit_s:g} s of silence; set enable_watchdog and watchdog_timeout")
+                raise DeviceError(
+                    f"drive's watchdog let it run through {limit_s:g} s of silence; set "
+                    "enable_watchdog and watchdog_timeout"
+                )
             self._wait_and_drain()
         self.disable()
         return self._clock.now_s() - started_s
 
     def read(self) -> ShaftSamples:
-        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
+        cannot be decoded.
+        """
         self._reports.drain()
         self._ask_for_part_errors()
         return self._reports.samples()
 
     def status(self) -> MotorStatus:
-        """State of the drive. A motor that left closed loop on its own is at fault, even if the error word is zero."""
+        """State of the drive. A motor that left closed loop on its own is at fault, even if the
+        error word is zero.
+        """
         beat = self._reports.beat
         silent_s = self._reports.drained_s - self._reports.beat_s
-        state, temperature_C = "unknown" if beat is None else state_text(beat.state), self._reports.temperature.warmest_C
-        return MotorStatus(state, self._fault(silent_s), silent_s, temperature_C, self._reports.torque_age_s)
+        state, temperature_C = (
+            "unknown" if beat is None else state_text(beat.state),
+            self._reports.temperature.warmest_C,
+        )
+        return MotorStatus(
+            state, self._fault(silent_s), silent_s, temperature_C, self._reports.torque_age_s
+        )
 
     def _fault(self, silent_s: float) -> str | None:
         beat, limit_s = self._reports.beat, self._settings.heartbeat_timeout_s
         if beat is not None and _is_faulty(beat):
             return self._errors(beat)
-        # The firmware-reported error comes first, since it names the cause; doubts about the reports come second.
+        # The firmware-reported error comes first, since it names the cause; doubts about the
+        # reports come second.
         if self._reports.doubts is not None:
             return self._reports.doubts
-        # Firmware 0.5 can fall back to idle with an error word of zero, so the state is checked, not only the word.
+        # Firmware 0.5 can fall back to idle with an error word of zero, so the state is checked,
+        # not only the word.
         if beat is not None and self._armed and beat.state != AxisState.CLOSED_LOOP:
-            return f"left closed loop for {state_text(beat.state)} without an error; was it stopped from elsewhere, or restarted?"
+            return (
+                f"left closed loop for {state_text(beat.state)} without an error; was it "
+                "stopped from elsewhere, or restarted?"
+            )
         if silent_s > limit_s:
-            return f"no heartbeat for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
+            return (
+                f"no heartbeat for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's "
+                "power and the CAN wiring"
+            )
         return None
 
     def identity(self) -> dict[str, str]:
@@ -521,7 +659,9 @@ class OdriveMotor:
 
 
 def _message(frame: codec.Frame, remote: bool = False) -> can.Message:
-    return can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False, is_remote_frame=remote)
+    return can.Message(
+        arbitration_id=frame[0], data=frame[1], is_extended_id=False, is_remote_frame=remote
+    )
 
 
 def _is_faulty(beat: Heartbeat) -> bool:

@@ -1,10 +1,10 @@
-"""Commands and messages between an ODrive and its master, and the meanings of its states and error words, for both firmware dialects.
+"""Commands and messages between an ODrive and its master, and the meanings of its states and error
+words, for both firmware dialects.
 
 Units are the drive's: motor turns, N m, A.
 
-Sources: firmware 0.6, ODrive API reference, ODrive.Error and ProcedureResult; firmware 0.5, 0.5.6 API reference, Axis, Motor, Encoder and
-Controller errors.
-"""
+Sources: firmware 0.6, ODrive API reference, ODrive.Error and ProcedureResult; firmware 0.5, 0.5.6
+API reference, Axis, Motor, Encoder and Controller errors."""
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
@@ -74,7 +74,9 @@ PASSTHROUGH = 1
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """Firmware and hardware of the drive, as (major, minor, revision) and (major, minor, variant)."""
+    """Firmware and hardware of the drive, as (major, minor, revision) and (major, minor,
+    variant).
+    """
 
     firmware: tuple[int, int, int]
     hardware: tuple[int, int, int]
@@ -86,8 +88,8 @@ class Version:
 class Heartbeat:
     """Sent by the drive on its own. `state` is an `AxisState` or one of the calibration states.
 
-    `procedure_result` comes from firmware 0.6 only, `failed` (the parts that have an error of their own) from 0.5 only.
-    """
+    `procedure_result` comes from firmware 0.6 only, `failed` (the parts that have an error of their
+    own) from 0.5 only."""
 
     error: int
     state: int
@@ -221,7 +223,10 @@ ERROR_BITS = {
     17: ("REQUESTED_CURRENT_TOO_HIGH", "the configured current is more than the drive can give"),
     24: ("WATCHDOG_TIMER_EXPIRED", "no command reached the drive in time"),
     25: ("ESTOP_REQUESTED", "emergency stop pressed or sent"),
-    26: ("SPINOUT_DETECTED", "electrical and mechanical power disagree; encoder slipping or miscalibrated"),
+    26: (
+        "SPINOUT_DETECTED",
+        "electrical and mechanical power disagree; encoder slipping or miscalibrated",
+    ),
     27: ("BRAKE_RESISTOR_DISARMED", "the brake resistor is off"),
     28: ("THERMISTOR_DISCONNECTED", "a thermistor is not connected"),
     30: ("CALIBRATION_ERROR", "the calibration failed"),
@@ -256,7 +261,10 @@ _PART_BITS = {
         0: ("PHASE_RESISTANCE_OUT_OF_RANGE", "check the motor's wires"),
         1: ("PHASE_INDUCTANCE_OUT_OF_RANGE", "check the motor's wires"),
         3: ("DRV_FAULT", "the gate driver chip reports a fault"),
-        4: ("CONTROL_DEADLINE_MISSED", "the control loop missed its deadline; mostly follows another error"),
+        4: (
+            "CONTROL_DEADLINE_MISSED",
+            "the control loop missed its deadline; mostly follows another error",
+        ),
         7: ("MODULATION_MAGNITUDE", "supply voltage too low for this speed or current"),
         10: ("CURRENT_SENSE_SATURATION", "current beyond what can be measured"),
         12: ("CURRENT_LIMIT_VIOLATION", "motor current above its limit"),
@@ -301,7 +309,10 @@ _PART_BITS = {
         4: ("INVALID_LOAD_ENCODER", "set another load encoder"),
         5: ("INVALID_ESTIMATE", "no valid encoder position or speed"),
         6: ("INVALID_CIRCULAR_RANGE", "set another circular range"),
-        7: ("SPINOUT_DETECTED", "electrical and mechanical power disagree; encoder slipping or miscalibrated"),
+        7: (
+            "SPINOUT_DETECTED",
+            "electrical and mechanical power disagree; encoder slipping or miscalibrated",
+        ),
     },
 }
 
@@ -356,7 +367,9 @@ def part_error_text(part: OdrivePart, word: int) -> str:
 
 
 def _describe_bits(word: int, bits: dict[int, tuple[str, str]]) -> str:
-    known = (bits.get(bit, (f"bit {bit}", "not documented")) for bit in range(64) if word >> bit & 1)
+    known = (
+        bits.get(bit, (f"bit {bit}", "not documented")) for bit in range(64) if word >> bit & 1
+    )
     return "; ".join(f"{name}: {meaning}" for name, meaning in known) or "none"
 
 

@@ -1,4 +1,6 @@
-"""Twin of an ODrive with firmware 0.6 or 0.5, on the CAN bus, and the faults that can be injected into it."""
+"""Twin of an ODrive with firmware 0.6 or 0.5, on the CAN bus, and the faults that can be
+injected into it.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,8 +30,23 @@ from rfca_rig.devices.odrive.messages import (
 )
 from rfca_rig.devices.odrive.section import OdriveSection
 from rfca_rig.errors import MalformedFrame
-from rfca_rig.twin_server.faults import DRIVE_FAULTS, DriveDialect, DriveFaults, Fault, drive_events, replace_data
-from rfca_rig.twins.drive_parts import DriveTwin, Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
+from rfca_rig.twin_server.faults import (
+    DRIVE_FAULTS,
+    DriveDialect,
+    DriveFaults,
+    Fault,
+    drive_events,
+    replace_data,
+)
+from rfca_rig.twins.drive_parts import (
+    DriveTwin,
+    Encoder,
+    LoopGains,
+    MotorSetPoint,
+    MotorThermalModel,
+    SpeedLoop,
+    ThermalParameters,
+)
 from rfca_rig.twins.wires import SampleGrid
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
 
@@ -48,10 +65,9 @@ FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
 class OdriveTwinSettings:
     """Configuration of the drive. With `watchdog_s` None the watchdog is off, the factory setting.
 
-    `arming_error` is the error word that every attempt to close the loop ends in; 0 for a healthy drive. Firmware 0.5 reports the
-    motor's current, with `torque_constant_Nm_per_A`; 0.6 reports torque. Only 0.6 reports temperatures; `temperature_period_s` None
-    switches them off.
-    """
+    `arming_error` is the error word that every attempt to close the loop ends in; 0 for a healthy
+    drive. Firmware 0.5 reports the motor's current, with `torque_constant_Nm_per_A`; 0.6 reports
+    torque. Only 0.6 reports temperatures; `temperature_period_s` None switches them off."""
 
     node_id: int = 0
     gear_ratio: float = 1.0
@@ -71,11 +87,11 @@ class OdriveTwinSettings:
 class OdriveTwin(DriveTwin):
     """A `MotorTwin` that sends cyclic reports.
 
-    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`.
+    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved,
+    `advance`.
 
-    Set-points stay as last commanded when the loop closes. Some firmware sets them to the measured angle then; a driver that relies
-    on it causes a jerk with the others.
-    """
+    Set-points stay as last commanded when the loop closes. Some firmware sets them to the measured
+    angle then; a driver that relies on it causes a jerk with the others."""
 
     tells_temperature = True
     tolerances: ClassVar = {"ANGLE_TOLERANCE_RAD": 1e-3}
@@ -102,9 +118,15 @@ class OdriveTwin(DriveTwin):
         self._torque_ratio = settings.direction * settings.gear_ratio
 
     def take_frames(self, now_s: float) -> None:
-        """Executes received frames; invalid ones are ignored. Any frame for this node feeds the watchdog."""
+        """Executes received frames; invalid ones are ignored. Any frame for this node feeds the
+        watchdog.
+        """
         while (message := self._bus.recv(timeout=0)) is not None:
-            if not message.is_extended_id and not message.is_error_frame and self._is_mine(message.arbitration_id):
+            if (
+                not message.is_extended_id
+                and not message.is_error_frame
+                and self._is_mine(message.arbitration_id)
+            ):
                 self._fed_s = now_s
                 self._take(message)
         self._check_watchdog(now_s)
@@ -114,7 +136,9 @@ class OdriveTwin(DriveTwin):
 
     def _take(self, message: can.Message) -> None:
         # Firmware 0.5 also answers an empty data frame; adapters without remote frames need that.
-        if message.is_remote_frame or (message.dlc == 0 and self._settings.dialect == OdriveFirmware.V0_5):
+        if message.is_remote_frame or (
+            message.dlc == 0 and self._settings.dialect == OdriveFirmware.V0_5
+        ):
             self._answer(message.arbitration_id & 0x1F)
         if message.is_remote_frame:
             return
@@ -127,10 +151,15 @@ class OdriveTwin(DriveTwin):
     def _answer(self, command: int) -> None:
         node = self._settings.node_id
         if self._settings.dialect == OdriveFirmware.V0_5:
-            # Answers of firmware 0.5: part errors only, neither its version nor a heartbeat on request.
+            # Answers of firmware 0.5: part errors only, neither its version nor a heartbeat on
+            # request.
             for part, part_command in codec.PART_COMMANDS.items():
                 if command == part_command:
-                    self._send(codec.part_error(self._settings.node_id, PartError(part, self._part_errors.get(part, 0))))
+                    self._send(
+                        codec.part_error(
+                            self._settings.node_id, PartError(part, self._part_errors.get(part, 0))
+                        )
+                    )
         elif command == OdriveCommand.VERSION:
             self._send(codec.version(node, FIRMWARE))
         elif command == OdriveCommand.HEARTBEAT:
@@ -146,10 +175,18 @@ class OdriveTwin(DriveTwin):
             case messages.SetControllerMode():
                 wanted.mode = order.control_mode
             case messages.SetInputPos():
-                wanted.angle_rad = (order.position_turns - self._settings.zero_turns) * rad + self._counted_from_rad
-                wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
+                wanted.angle_rad = (
+                    order.position_turns - self._settings.zero_turns
+                ) * rad + self._counted_from_rad
+                wanted.speed_rad_s, wanted.torque_Nm = (
+                    order.speed_turns_s * rad,
+                    order.torque_Nm * self._torque_ratio,
+                )
             case messages.SetInputVel():
-                wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
+                wanted.speed_rad_s, wanted.torque_Nm = (
+                    order.speed_turns_s * rad,
+                    order.torque_Nm * self._torque_ratio,
+                )
             case messages.SetInputTorque():
                 wanted.torque_Nm = order.torque_Nm * self._torque_ratio
             case messages.ClearErrors():
@@ -157,8 +194,13 @@ class OdriveTwin(DriveTwin):
                 self._part_errors.clear()
             case messages.Estop():
                 self.set_error(ESTOP_REQUESTED[self._settings.dialect])
-        # A set-point that is not finite disarms the drive, with an error that depends on the firmware.
-        if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
+        # A set-point that is not finite disarms the drive, with an error that depends on the
+        # firmware.
+        if not (
+            isfinite(wanted.angle_rad)
+            and isfinite(wanted.speed_rad_s)
+            and isfinite(wanted.torque_Nm)
+        ):
             self._wanted = MotorSetPoint(wanted.mode)
             if self._settings.dialect == OdriveFirmware.V0_5:
                 self.fail_part(OdrivePart.MOTOR, MODULATION_IS_NAN)
@@ -170,7 +212,12 @@ class OdriveTwin(DriveTwin):
             self._state, self._result = AxisState.IDLE, 0
         elif state == AxisState.CLOSED_LOOP and self._settings.arming_error:
             self.set_error(self._settings.arming_error)
-        elif state == AxisState.CLOSED_LOOP and not self._error and not self._part_errors and self._state != AxisState.CLOSED_LOOP:
+        elif (
+            state == AxisState.CLOSED_LOOP
+            and not self._error
+            and not self._part_errors
+            and self._state != AxisState.CLOSED_LOOP
+        ):
             self._state, self._result = AxisState.CLOSED_LOOP, 0
             self._loop.reset()
 
@@ -180,29 +227,48 @@ class OdriveTwin(DriveTwin):
         self._state, self._result = AxisState.IDLE, DISARMED
 
     def restart(self) -> None:
-        """Power cycle: idle without an error; the incremental encoder counts from zero at its present position."""
+        """Power cycle: idle without an error; the incremental encoder counts from zero at its
+        present position.
+        """
         self._state, self._error, self._result = AxisState.IDLE, 0, 0
         self._part_errors.clear()
         self._wanted, self._restarts = MotorSetPoint(), True
 
     def fail_part(self, part: OdrivePart, error: int) -> None:
-        """Sets an error of one part, as in firmware 0.5: the error word of the axis may stay zero."""
+        """Sets an error of one part, as in firmware 0.5: the error word of the axis may stay
+        zero.
+        """
         self._part_errors[part] = self._part_errors.get(part, 0) | error
         self.set_error(0)
 
     def _check_watchdog(self, now_s: float) -> None:
         limit_s = self._settings.watchdog_s
-        if limit_s is not None and self._state == AxisState.CLOSED_LOOP and now_s - self._fed_s > limit_s:
+        if (
+            limit_s is not None
+            and self._state == AxisState.CLOSED_LOOP
+            and now_s - self._fed_s > limit_s
+        ):
             self.set_error(WATCHDOG_EXPIRED[self._settings.dialect])
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """Torque law on the shaft until the next step."""
         if self._restarts:
-            self._restarts, self._counted_from_rad = False, shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn
-        return self._loop.law(self._wanted, shaft) if self._state == AxisState.CLOSED_LOOP else ShaftDrive()
+            self._restarts, self._counted_from_rad = (
+                False,
+                shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn,
+            )
+        return (
+            self._loop.law(self._wanted, shaft)
+            if self._state == AxisState.CLOSED_LOOP
+            else ShaftDrive()
+        )
 
-    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
+    def advance(
+        self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive
+    ) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports
+        that became due in it.
+        """
         if self._state == AxisState.CLOSED_LOOP:
             self._loop.advance(self._wanted, elapsed_s, before, after)
         self.warmth.advance(elapsed_s, after.torque_Nm)
@@ -210,14 +276,20 @@ class OdriveTwin(DriveTwin):
         for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
         for _ in range(self._heartbeat_ticks.count_until(now_s)):
-            self._send(codec.heartbeat(self._settings.node_id, self._beat(), self._settings.dialect))
+            self._send(
+                codec.heartbeat(self._settings.node_id, self._beat(), self._settings.dialect)
+            )
         self._report_temperature(now_s)
 
     def _report_temperature(self, now_s: float) -> None:
         settings = self._settings
         if settings.temperature_period_s is not None and settings.dialect == OdriveFirmware.V0_6:
             for _ in range(self._temperature_ticks.count_until(now_s)):
-                self._send(codec.temperatures(settings.node_id, settings.warming.air_degC, self.warmth.reported_degC))
+                self._send(
+                    codec.temperatures(
+                        settings.node_id, settings.warming.air_degC, self.warmth.reported_degC
+                    )
+                )
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         node, rad = self._settings.node_id, self._rad_per_turn
@@ -228,11 +300,23 @@ class OdriveTwin(DriveTwin):
             self._send(codec.iq(node, current_A, current_A))
         else:
             self._send(codec.torques(node, torque_Nm, torque_Nm))
-        reported_rad, reported_rad_s = self.encoder.report(angle_rad - self._counted_from_rad, speed_rad_s)
-        self._send(codec.encoder_estimates(node, self._settings.zero_turns + reported_rad / rad, reported_rad_s / rad))
+        reported_rad, reported_rad_s = self.encoder.report(
+            angle_rad - self._counted_from_rad, speed_rad_s
+        )
+        self._send(
+            codec.encoder_estimates(
+                node, self._settings.zero_turns + reported_rad / rad, reported_rad_s / rad
+            )
+        )
 
     def _beat(self) -> Heartbeat:
-        return Heartbeat(self._error, self._state, self._result, self._wanted.mode != ControlMode.POSITION, tuple(self._part_errors))
+        return Heartbeat(
+            self._error,
+            self._state,
+            self._result,
+            self._wanted.mode != ControlMode.POSITION,
+            tuple(self._part_errors),
+        )
 
     def _send(self, frame: codec.Frame) -> None:
         self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
@@ -267,7 +351,9 @@ class OdriveDialect(DriveDialect):
         if not isinstance(estimates, EncoderEstimates):
             return message
         node = codec.node_of(message.arbitration_id)
-        _, data = codec.encoder_estimates(node, estimates.position_turns + JUMP_TURNS, estimates.speed_turns_s)
+        _, data = codec.encoder_estimates(
+            node, estimates.position_turns + JUMP_TURNS, estimates.speed_turns_s
+        )
         return replace_data(message, data)
 
 
@@ -295,7 +381,9 @@ FAULTS = DriveFaults(
 )
 
 
-def make_twin(bus: can.BusABC, keys: OdriveSection, gains: LoopGains, watchdog_s: float | None) -> OdriveTwin:
+def make_twin(
+    bus: can.BusABC, keys: OdriveSection, gains: LoopGains, watchdog_s: float | None
+) -> OdriveTwin:
     """The twin of the drive that [motor] names."""
     settings = keys.to_dataclass(
         OdriveTwinSettings,

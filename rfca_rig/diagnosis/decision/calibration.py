@@ -4,11 +4,11 @@ A statement ("the pins have dry friction", "the spring has memory") is true with
 
     P = 1 / (1 + exp(-(b + w . f)))
 
-f are the features of its `Support`, each limited to the range in which it is informative. The intercept b and the weights w come from
-benchmark cases with known truth. They are fitted by logistic regression with a ridge penalty, and the meaning of a feature fixes the sign
-of its weight. `calibration.json` beside this module holds them with the seeds that were used, and with the scores on cases that were not
-fitted. `python -m rfca_rig.exam.calibrate` writes it.
-"""
+f are the features of its `Support`, each limited to the range in which it is informative. The
+intercept b and the weights w come from benchmark cases with known truth. They are fitted by
+logistic regression with a ridge penalty, and the meaning of a feature fixes the sign of its weight.
+`calibration.json` beside this module holds them with the seeds that were used, and with the scores
+on cases that were not fitted. `python -m rfca_rig.exam.calibrate` writes it."""
 
 import json
 from collections.abc import Mapping
@@ -32,7 +32,9 @@ FILE = "calibration.json"
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature, limited to `low` .. `high`; `sign` is that of its weight, +1 where it supports a statement."""
+    """One feature, limited to `low` .. `high`; `sign` is that of its weight, +1 where it
+    supports a statement.
+    """
 
     name: str
     low: float
@@ -41,7 +43,13 @@ class Feature:
 
     def of(self, values: Mapping[str, float]) -> float:
         """The limited value."""
-        return float(np.clip(np.nan_to_num(values[self.name], nan=self.low, posinf=self.high, neginf=self.low), self.low, self.high))
+        return float(
+            np.clip(
+                np.nan_to_num(values[self.name], nan=self.low, posinf=self.high, neginf=self.low),
+                self.low,
+                self.high,
+            )
+        )
 
 
 # Limits and signs are those of the table "Support of a statement" in section 7 of docs/method.md.
@@ -94,8 +102,15 @@ def calibration_of(kind: Kind) -> Calibration:
         Where the file does not hold exactly the features of this version.
     """
     content = json.loads((files(__package__) / FILE).read_text(encoding="utf-8"))
-    # A file of another version may have other features; its weights would be applied to the wrong numbers.
+    # A file of another version may have other features; its weights would be applied to the wrong
+    # numbers.
     weights = content[kind]["weights"]
     if content["format"] != FORMAT or set(weights) != {feature.name for feature in FEATURES}:
-        raise ValueError(f"{FILE}: holds {', '.join(weights)}; regenerate it with python -m rfca_rig.exam.calibrate")
-    return Calibration(float(content[kind]["intercept"]), np.array([float(weights[feature.name]) for feature in FEATURES]))
+        raise ValueError(
+            f"{FILE}: holds {', '.join(weights)}; regenerate it with python -m "
+            "rfca_rig.exam.calibrate"
+        )
+    return Calibration(
+        float(content[kind]["intercept"]),
+        np.array([float(weights[feature.name]) for feature in FEATURES]),
+    )

@@ -1,23 +1,30 @@
 """From compared hypotheses to a graded answer.
 
-1. `compare` integrates the discrepancy scale out of every hypothesis; the best explanation is the most probable one whose effects all
-   improve held-out conditions.
-2. Each of its effects, with those that explain the data as well, and each of their families gets a calibrated probability.
-3. The grade follows from three numbers: these probabilities, the held-out misfit of the explanation in units of noise and usual model
-   error, and the distance of its nuisance parameters from their priors.
+1. `compare` integrates the discrepancy scale out of every hypothesis; the best explanation is the
+   most probable one whose effects all improve held-out conditions.
+2. Each of its effects, with those that explain the data as well, and each of their families gets a
+   calibrated probability.
+3. The grade follows from three numbers: these probabilities, the held-out misfit of the explanation
+   in units of noise and usual model error, and the distance of its nuisance parameters from their
+   priors.
 
-==================  ================================================================================================================
-`identified`        every effect has a probability of IDENTIFIED_PROBABILITY, the held-out misfit is as small as models usually leave, and
-                    no nuisance parameter is implausible
-`mostly`            every stated effect has a probability of STATED_PROBABILITY, and together they remove DOMINANT_SHARE of what can be
-                    removed of the held-out misfit, or a nuisance parameter is implausible without them; none of them only makes up for
-                    what an approximate law of the others leaves; no quantity is predicted worse
-`family`            one family has a probability of STATED_PROBABILITY, and the best explanation removes as much; nothing is predicted worse
-                    in sum
-`nothing missing`   nothing is stated, the model without effects predicts all held-out conditions as well as models usually do, and in
-                    the table of all sets nothing is more probable than everything else together
-`unexplained`       otherwise: something is missing, or there is a difference that is visible but within the usual model error
-==================  ================================================================================================================
+`identified`
+    every effect has a probability of IDENTIFIED_PROBABILITY, the held-out misfit is as small as
+    models usually leave, and no nuisance parameter is implausible
+`mostly`
+    every stated effect has a probability of STATED_PROBABILITY, and together they remove
+    DOMINANT_SHARE of what can be removed of the held-out misfit, or a nuisance parameter is
+    implausible without them; none merely compensates for the error of another law; nothing is
+    predicted worse, in sum or in a quantity
+`family`
+    one family has a probability of STATED_PROBABILITY, and the best explanation removes as much;
+    nothing is predicted worse in sum
+`nothing missing`
+    nothing is stated, the model without effects predicts all held-out conditions as well as models
+    usually do, and in the table of all sets nothing is more probable than everything else together
+`unexplained`
+    otherwise: something is missing, or there is a difference that is visible but within the usual
+    model error
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -45,11 +52,21 @@ from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis,
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes, widen
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior, laplace_posterior
-from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Value, Verdict
+from rfca_rig.diagnosis.result import (
+    Criterion,
+    Grade,
+    NamedEffect,
+    Rival,
+    StatedFamily,
+    Value,
+    Verdict,
+)
 from rfca_rig.model.catalogue import Family, families_of, list_related
 
 UNKNOWN = ("unknown",)
-MOST_ALTERNATIVES = 5  # sets that are named beside a difference that is visible within the usual model error
+MOST_ALTERNATIVES = (
+    5  # sets that are named beside a difference that is visible within the usual model error
+)
 HELD_OUT, PROBABLE = "held-out misfit", "probability"
 
 
@@ -68,9 +85,11 @@ class Supported:
     cannot_tell_from
         Effects that explain the data as well.
     is_variation
-        Whether another effect of the best explanation belongs to one of its families, so that it may only make up for that one's law.
+        Whether another effect of the best explanation belongs to one of its families, so that it
+        may only make up for that one's law.
     is_at_bound
-        Whether the fit has one of its sizes at the end of its plausible range. Another law looks so through this one.
+        Whether the fit has one of its sizes at the end of its plausible range. Another law looks so
+        through this one.
     """
 
     kind: Kind
@@ -83,12 +102,15 @@ class Supported:
 
     @property
     def is_needed(self) -> bool:
-        """Whether the laws of the other effects leave more than approximate laws usually do, or almost nothing remains with it.
+        """Whether the laws of the other effects leave more than approximate laws usually do, or
+        almost nothing remains with it.
 
-        A variation of another law always removes most of what that law leaves, so that only the first counts for it.
-        """
+        A variation of another law always removes most of what that law leaves, so that only the
+        first counts for it."""
         is_small = self.values["law_error_without"] <= LAW_ERROR
-        return not is_small or (self.values["removed_share"] > 1.0 - WORTH_ADDING and not self.is_variation)
+        return not is_small or (
+            self.values["removed_share"] > 1.0 - WORTH_ADDING and not self.is_variation
+        )
 
 
 @dataclass(frozen=True)
@@ -100,21 +122,24 @@ class Decision:
     grade
         What is stated.
     explanation
-        The hypothesis behind the statement, with the posterior at its own discrepancy scale. It is the one without effects where nothing is
-        stated.
+        The hypothesis behind the statement, with the posterior at its own discrepancy scale. It is
+        the one without effects where nothing is stated.
     closest
-        The best explanation where it is not stated as a whole; None where no hypothesis beats the one without effects.
+        The best explanation where it is not stated as a whole; None where no hypothesis beats the
+        one without effects.
     effects, family
         What is stated. A family is given beside effects, too.
     other_families
-        Families, as probable as an identified effect, of those effects of the best explanation that are neither stated nor in `family`.
+        Families, as probable as an identified effect, of those effects of the best explanation that
+        are neither stated nor in `family`.
     probability
-        Probability of the statement: the least of its effects, or that of the family. For other grades, that something is, or is not,
-        missing.
+        Probability of the statement: the least of its effects, or that of the family. For other
+        grades, that something is, or is not, missing.
     explained_share
         Share of the removable held-out misfit that the explanation removes.
     relieved
-        The implausible nuisance parameters whose place the explanation takes, in words; empty where its share supports it.
+        The implausible nuisance parameters whose place the explanation takes, in words; empty where
+        its share supports it.
     criteria
         What `identified` requires, with what was found.
     rivals
@@ -122,7 +147,8 @@ class Decision:
     supported
         The effects and families of the best explanation.
     alternatives
-        Where nothing is stated and something is missing or visible: the sets of effects that may be behind it.
+        Where nothing is stated and something is missing or visible: the sets of effects that may be
+        behind it.
     within_usual
         Whether the model without effects predicts as models usually do.
     """
@@ -153,18 +179,31 @@ class Decision:
     def suspects(self) -> frozenset[str]:
         """Effects that no detection limit may exclude.
 
-        These are the effects that are stated or closest, every one that is not surely absent or part of a set that is not, and all that the
-        data hardly distinguish from them: their families.
-        """
-        possible = {one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - IDENTIFIED_PROBABILITY}
-        in_table = {effect_id for rival in self.rivals if rival.probability > VISIBLE_PROBABILITY for effect_id in rival.ids}
-        stated = {*self.explanation.ids, *(other for effect in self.effects for other in effect.cannot_tell_from)}
+        These are the effects that are stated or closest, every one that is not surely absent or
+        part of a set that is not, and all that the data hardly distinguish from them: their
+        families."""
+        possible = {
+            one.id
+            for one in self.supported
+            if one.kind == "effect" and one.probability > 1.0 - IDENTIFIED_PROBABILITY
+        }
+        in_table = {
+            effect_id
+            for rival in self.rivals
+            if rival.probability > VISIBLE_PROBABILITY
+            for effect_id in rival.ids
+        }
+        stated = {
+            *self.explanation.ids,
+            *(other for effect in self.effects for other in effect.cannot_tell_from),
+        }
         closest = () if self.closest is None else self.closest.ids
         return list_related({*possible, *(in_table - set(UNKNOWN)), *stated, *closest})
 
     @property
     def predicts_as_usual(self) -> bool:
-        """Whether the explanation predicts held-out conditions as models usually do, with plausible values.
+        """Whether the explanation predicts held-out conditions as models usually do, with plausible
+        values.
 
         Otherwise what remains may hide an effect.
         """
@@ -173,9 +212,15 @@ class Decision:
         return all(criterion.passed for criterion in self.criteria if criterion.name != PROBABLE)
 
     def list_rivals(self, most: int) -> tuple[Rival, ...]:
-        """The first rows of the table of sets, with those of nothing and of the stated set wherever they stand."""
+        """The first rows of the table of sets, with those of nothing and of the stated set
+        wherever they stand.
+        """
         always = ((), tuple(sorted(effect.id for effect in self.effects)))
-        return tuple(rival for place, rival in enumerate(self.rivals) if place < most or tuple(sorted(rival.ids)) in always)
+        return tuple(
+            rival
+            for place, rival in enumerate(self.rivals)
+            if place < most or tuple(sorted(rival.ids)) in always
+        )
 
 
 def decide(found: ModelSelectionResult) -> Decision:
@@ -191,23 +236,34 @@ def decide(found: ModelSelectionResult) -> Decision:
 
 
 def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decision:
-    """The decision from the compared hypotheses and the support of the effects and families of the best explanation."""
+    """The decision from the compared hypotheses and the support of the effects and families of
+    the best explanation.
+    """
     found, rivals = comparison.result, rank_rivals(comparison)
     of_effects = {one.id: one for one in supported if one.kind == "effect"}
     is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
-    # Where the model without effects predicts as models usually do, its error may look like an effect.
+    # Where the model without effects predicts as models usually do, its error may look like an
+    # effect.
     needed = IDENTIFIED_PROBABILITY if is_usual else STATED_PROBABILITY
     unsure = comparison.find_unsure_laws()
     sure = {
         one.id
         for one in of_effects.values()
-        if one.probability >= needed and one.is_needed and not one.is_at_bound and one.id not in unsure
+        if one.probability >= needed
+        and one.is_needed
+        and not one.is_at_bound
+        and one.id not in unsure
     }
-    # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out misfit.
+    # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out
+    # misfit.
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported, comparison.best.ids)
-    is_family = family is not None and family.probability >= needed and _is_dominant(comparison, comparison.best)
+    is_family = (
+        family is not None
+        and family.probability >= needed
+        and _is_dominant(comparison, comparison.best)
+    )
     judged = explanation or comparison.best
     criteria = _criteria(judged, [of_effects[name] for name in judged.ids])
     is_exact = all(criterion.passed for criterion in criteria)
@@ -220,10 +276,18 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         supported=tuple(supported),
         within_usual=is_usual,
     )
-    # A set that leaves much misfit may still be the dominant omission: then it is stated as "mostly".
-    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not _is_worse(comparison, explanation):
+    # A set that leaves much misfit may still be the dominant omission: then it is stated as
+    # "mostly".
+    if (
+        explanation is not None
+        and (is_exact or _is_dominant(comparison, explanation))
+        and not _is_worse(comparison, explanation)
+    ):
         hypothesis = at_own_scale(explanation)
-        effects = tuple(_describe_effect(comparison, explanation, effect_id, of_effects[effect_id]) for effect_id in explanation.ids)
+        effects = tuple(
+            _describe_effect(comparison, explanation, effect_id, of_effects[effect_id])
+            for effect_id in explanation.ids
+        )
         return replace(
             decision,
             grade="identified" if is_exact else "mostly",
@@ -259,7 +323,9 @@ def probability_of(ids: Sequence[str], rivals: Sequence[Rival]) -> float:
 
 
 def list_alternatives(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
-    """The sets of effects of a table that share nearly all of the probability that something is missing, most probable first."""
+    """The sets of effects of a table that share nearly all of the probability that something is
+    missing, most probable first.
+    """
     with_effects = [rival for rival in rivals if rival.ids not in ((), UNKNOWN)]
     total = sum(rival.probability for rival in with_effects)
     found: list[Rival] = []
@@ -271,77 +337,130 @@ def list_alternatives(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
 
 
 def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
-    """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are none, or it explains DOMINANT_SHARE.
+    """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are
+    none, or it explains DOMINANT_SHARE.
 
-    The model without effects needs them to predict what it does, and the hypothesis, which needs none, predicts as usual or as well, in no
-    quantity worse.
-    """
+    The model without effects needs them to predict what it does, and the hypothesis, which needs
+    none, predicts as usual or as well, in no quantity worse."""
     is_needed = comparison.explained_share(one) < DOMINANT_SHARE
-    if not is_needed or describe_strain(one) or one.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all):
+    if (
+        not is_needed
+        or describe_strain(one)
+        or one.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all)
+    ):
         return ""
     return "" if comparison.predicts_a_quantity_worse(one) else describe_strain(comparison.nothing)
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
-    """Whether a hypothesis explains most of what is missing, or replaces an implausible value that explains all of it."""
-    return comparison.explained_share(one) >= DOMINANT_SHARE or bool(_describe_relief(comparison, one))
+    """Whether a hypothesis explains most of what is missing, or replaces an implausible value
+    that explains all of it.
+    """
+    return comparison.explained_share(one) >= DOMINANT_SHARE or bool(
+        _describe_relief(comparison, one)
+    )
 
 
 def _is_worse(comparison: Comparison, one: ScaledHypothesis) -> bool:
-    """Whether a hypothesis predicts held-out conditions worse than the model without effects, in sum or in a quantity.
+    """Whether a hypothesis predicts held-out conditions worse than the model without effects, in
+    sum or in a quantity.
 
-    A quantity that is predicted worse shows that the law is wrong, which says nothing against its family.
-    """
+    A quantity that is predicted worse shows that the law is wrong, which says nothing against its
+    family."""
     return comparison.predicts_worse(one) or comparison.predicts_a_quantity_worse(one)
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     """Support of every effect of the best explanation, and of every family of one of them.
 
-    The rival of an effect has none of the effects that are as good, no variant of it, and no law that its own law turns into: they would
-    predict the same. A family is at least as probable as an effect whose indistinguishable set lies within it, because the effect implies
-    the family.
-    """
+    The rival of an effect has none of the effects that are as good, no variant of it, and no law
+    that its own law turns into: they would predict the same. A family is at least as probable as an
+    effect whose indistinguishable set lies within it, because the effect implies the family."""
     found: list[Supported] = []
     for effect_id in comparison.best.ids:
-        alike, equal = comparison.as_good_as(effect_id), comparison.equals_of(comparison.best, effect_id)
-        values = support_values(comparison.support((effect_id, *alike, *comparison.variants_of(effect_id), *equal)))
-        is_variation = not list_related((effect_id,)).isdisjoint(set(comparison.best.ids) - {effect_id})
-        probability, at_bound = calibration_of("effect").probability(values), comparison.is_at_bound(effect_id)
-        found.append(Supported("effect", effect_id, probability, values, alike, is_variation, at_bound))
+        alike, equal = (
+            comparison.as_good_as(effect_id),
+            comparison.equals_of(comparison.best, effect_id),
+        )
+        values = support_values(
+            comparison.support((effect_id, *alike, *comparison.variants_of(effect_id), *equal))
+        )
+        is_variation = not list_related((effect_id,)).isdisjoint(
+            set(comparison.best.ids) - {effect_id}
+        )
+        probability, at_bound = (
+            calibration_of("effect").probability(values),
+            comparison.is_at_bound(effect_id),
+        )
+        found.append(
+            Supported("effect", effect_id, probability, values, alike, is_variation, at_bound)
+        )
     for family in _families_of_best(comparison).values():
         values = support_values(comparison.support(tuple(sorted(family.members))))
-        within = [one.probability for one in found if family.members.issuperset((one.id, *one.cannot_tell_from))]
-        found.append(Supported("family", family.id, max((calibration_of("family").probability(values), *within)), values))
+        within = [
+            one.probability
+            for one in found
+            if family.members.issuperset((one.id, *one.cannot_tell_from))
+        ]
+        found.append(
+            Supported(
+                "family",
+                family.id,
+                max((calibration_of("family").probability(values), *within)),
+                values,
+            )
+        )
     return tuple(found)
 
 
 def _families_of_best(comparison: Comparison) -> dict[str, Family]:
     """Families of the effects of the best explanation, by id.
 
-    A family of which less than a third of the members were tried belongs to another kind of rig. Such families are used only if there is no
-    other.
-    """
-    known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
-    tried = {probe.choice.effect.id for probe in comparison.result.probes}.union(comparison.best.ids)
-    return {name: family for name, family in known.items() if 3 * len(family.members & tried) >= len(family.members)} or known
+    A family of which less than a third of the members were tried belongs to another kind of rig.
+    Such families are used only if there is no other."""
+    known = {
+        family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)
+    }
+    tried = {probe.choice.effect.id for probe in comparison.result.probes}.union(
+        comparison.best.ids
+    )
+    return {
+        name: family
+        for name, family in known.items()
+        if 3 * len(family.members & tried) >= len(family.members)
+    } or known
 
 
 def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
     """What a hypothesis must meet to be identified; for the one without effects, to lack nothing.
 
-    A law may fail in a few conditions, for example where a stop is reached. Where nothing is missing, no condition is predicted badly.
-    """
+    A law may fail in a few conditions, for example where a stop is reached. Where nothing is
+    missing, no condition is predicted badly."""
     misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
     strained = describe_strain(one)
     needed, at_most = f"{IDENTIFIED_PROBABILITY:g} needed", f"{USUAL_MISFIT:g} at most"
     near = f"each within {IMPLAUSIBLE:g} prior standard deviations"
-    probable = Criterion(PROBABLE, least >= IDENTIFIED_PROBABILITY, f"{least:.3f} that every effect is there, {needed}", needed)
+    probable = Criterion(
+        PROBABLE,
+        least >= IDENTIFIED_PROBABILITY,
+        f"{least:.3f} that every effect is there, {needed}",
+        needed,
+    )
     return (
         *((probable,) if supported else ()),
-        Criterion(HELD_OUT, misfit <= USUAL_MISFIT, f"{misfit:.2f} of what noise and a usual model error make, {at_most}", at_most),
-        Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors", near),
+        Criterion(
+            HELD_OUT,
+            misfit <= USUAL_MISFIT,
+            f"{misfit:.2f} of what noise and a usual model error make, {at_most}",
+            at_most,
+        ),
+        Criterion(
+            "plausible values",
+            not strained,
+            strained or "all nuisance parameters are near their priors",
+            near,
+        ),
     )
 
 
@@ -358,19 +477,34 @@ def describe_strain(one: ScaledHypothesis) -> str:
     )
 
 
-def _best_family(comparison: Comparison, supported: Sequence[Supported], of: Collection[str]) -> StatedFamily | None:
-    """The most probable family of some effects of the best explanation; of two that are as probable, the larger one, which claims less."""
-    known = {name: family for name, family in _families_of_best(comparison).items() if not family.members.isdisjoint(of)}
-    families = [one for one in supported if one.kind == "family" and one.is_needed and one.id in known]
+def _best_family(
+    comparison: Comparison, supported: Sequence[Supported], of: Collection[str]
+) -> StatedFamily | None:
+    """The most probable family of some effects of the best explanation; of two that are as
+    probable, the larger one, which claims less.
+    """
+    known = {
+        name: family
+        for name, family in _families_of_best(comparison).items()
+        if not family.members.isdisjoint(of)
+    }
+    families = [
+        one for one in supported if one.kind == "family" and one.is_needed and one.id in known
+    ]
     if not families:
         return None
     best = max(families, key=lambda one: (one.probability, len(known[one.id].members), one.id))
     family = known[best.id]
-    return StatedFamily(family.id, family.words, family.place, best.probability, tuple(sorted(family.members)))
+    return StatedFamily(
+        family.id, family.words, family.place, best.probability, tuple(sorted(family.members))
+    )
 
 
-def _other_families(comparison: Comparison, supported: Sequence[Supported], stated: Collection[str]) -> tuple[StatedFamily, ...]:
-    """Families that are sure, of the effects of the best explanation that are not among the stated ones.
+def _other_families(
+    comparison: Comparison, supported: Sequence[Supported], stated: Collection[str]
+) -> tuple[StatedFamily, ...]:
+    """Families that are sure, of the effects of the best explanation that are not among the stated
+    ones.
 
     Each has an effect that those before do not have.
     """
@@ -387,27 +521,47 @@ def _other_families(comparison: Comparison, supported: Sequence[Supported], stat
 
 
 def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
-    """The hypothesis with the posterior at its own most probable discrepancy scale, the usual one at least.
+    """The hypothesis with the posterior at its own most probable discrepancy scale, the usual one
+    at least.
 
     A fit that happens to be better than usual is no reason for narrower intervals.
     """
     linear = one.hypothesis.fitted.linear(one.result.dataset.rows.measured)
     whitening = one.result.likelihood.level(linear)
-    marginal = MarginalPosterior(one.hypothesis.marginal.log_evidence, one.scale, laplace_posterior(linear, whitening), whitening)
+    marginal = MarginalPosterior(
+        one.hypothesis.marginal.log_evidence,
+        one.scale,
+        laplace_posterior(linear, whitening),
+        whitening,
+    )
     return replace(one.hypothesis, marginal=marginal)
 
 
-def _describe_effect(comparison: Comparison, one: ScaledHypothesis, effect_id: str, supported: Supported) -> NamedEffect:
-    """One stated effect with its sizes, and the effects that the data do not distinguish from it."""
+def _describe_effect(
+    comparison: Comparison, one: ScaledHypothesis, effect_id: str, supported: Supported
+) -> NamedEffect:
+    """One stated effect with its sizes, and the effects that the data do not distinguish from
+    it.
+    """
     whole = comparison.whole_set(one.ids)
     effect = whole.hypothesis.fitted.coordinates.choices[whole.ids.index(effect_id)].effect
     parameters, shape = estimate_stated_sizes(comparison, whole, effect_id)
     law_error = comparison.law_error(one)
     off = f"the law is off by about {100.0 * law_error:.0f} % of what it explains"
-    # Effects of the same family that could take its place, and whose law error is usual, or no larger than its own.
+    # Effects of the same family that could take its place, and whose law error is usual, or no
+    # larger than its own.
     kept, most = set(one.ids) - {effect_id}, max(LAW_ERROR, comparison.law_error(one))
-    swapped = [rival for rival in comparison.ranked if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)]
-    others = {other for rival in swapped if comparison.law_error(rival) <= most for other in set(rival.ids) - set(one.ids)}
+    swapped = [
+        rival
+        for rival in comparison.ranked
+        if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)
+    ]
+    others = {
+        other
+        for rival in swapped
+        if comparison.law_error(rival) <= most
+        for other in set(rival.ids) - set(one.ids)
+    }
     return NamedEffect(
         id=effect_id,
         left_out=effect.left_out,
@@ -416,66 +570,111 @@ def _describe_effect(comparison: Comparison, one: ScaledHypothesis, effect_id: s
         parameters=parameters,
         shape=shape,
         cannot_tell_from=tuple(
-            sorted({*supported.cannot_tell_from, *comparison.equals_of(one, effect_id), *(others & list_related((effect_id,)))})
+            sorted(
+                {
+                    *supported.cannot_tell_from,
+                    *comparison.equals_of(one, effect_id),
+                    *(others & list_related((effect_id,))),
+                }
+            )
         ),
         wording=off if law_error < 1.0 else "these data do not tell how well the law holds",
     )
 
 
-def estimate_stated_sizes(comparison: Comparison, whole: ScaledHypothesis, effect_id: str) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Parameters and shape parameters of a stated effect, from the best whole set, widened over the sets that predict as well.
+def estimate_stated_sizes(
+    comparison: Comparison, whole: ScaledHypothesis, effect_id: str
+) -> tuple[dict[str, Value], dict[str, Value]]:
+    """Parameters and shape parameters of a stated effect, from the best whole set, widened over the
+    sets that predict as well.
 
     Without its partners an effect takes up what they do, and its size is off by that.
     """
-    sizes = [_sizes_in(comparison, one, effect_id) for one in (whole, *comparison.sets_as_good_as(whole, effect_id))]
+    sizes = [
+        _sizes_in(comparison, one, effect_id)
+        for one in (whole, *comparison.sets_as_good_as(whole, effect_id))
+    ]
     return widen(sizes, 0), widen(sizes, 1)
 
 
-def _sizes_in(comparison: Comparison, one: ScaledHypothesis, effect_id: str) -> tuple[dict[str, Value], dict[str, Value]]:
+def _sizes_in(
+    comparison: Comparison, one: ScaledHypothesis, effect_id: str
+) -> tuple[dict[str, Value], dict[str, Value]]:
     return estimate_sizes(comparison, at_own_scale(one), one.ids.index(effect_id))
 
 
 def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
-    """All sets of effects with their relative probabilities, most probable first; variants of one effect count as one.
+    """All sets of effects with their relative probabilities, most probable first; variants of one
+    effect count as one.
 
-    "Nothing missing" allows the usual model error only, "unknown" a larger one. The discrepancy scale of a set with effects is free.
-    """
+    "Nothing missing" allows the usual model error only, "unknown" a larger one. The discrepancy
+    scale of a set with effects is free."""
     joint: dict[tuple[str, ...], list[tuple[float, float, float]]] = {}
     for one in comparison.ranked:
         if one.ids:
-            joint.setdefault(tuple(sorted(one.ids)), []).append((one.log_joint, one.log_joint - one.hypothesis.log_prior, one.scale))
+            joint.setdefault(tuple(sorted(one.ids)), []).append(
+                (one.log_joint, one.log_joint - one.hypothesis.log_prior, one.scale)
+            )
     nothing, unknown = comparison.result.nothing, comparison.result.unknown
     joint[()] = [(nothing.log_joint, nothing.marginal.log_evidence, nothing.marginal.error)]
-    joint[UNKNOWN] = [(unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)]
-    logs = {ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()}
+    joint[UNKNOWN] = [
+        (unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)
+    ]
+    logs = {
+        ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()
+    }
     total = float(logsumexp(list(logs.values())))
     rivals = [
-        Rival(ids, float(np.exp(logs[ids] - total)), evidence, error, float(np.exp(log_joint - evidence)))
-        for ids, (log_joint, evidence, error) in ((ids, max(entries)) for ids, entries in joint.items())
+        Rival(
+            ids,
+            float(np.exp(logs[ids] - total)),
+            evidence,
+            error,
+            float(np.exp(log_joint - evidence)),
+        )
+        for ids, (log_joint, evidence, error) in (
+            (ids, max(entries)) for ids, entries in joint.items()
+        )
     ]
     return tuple(sorted(rivals, key=lambda rival: -rival.probability))
 
 
 def join_decisions(forces: Decision, shaft: Decision) -> Decision:
-    """One answer from those about the forces and about the motion of the shaft, treated as independent: the weaker of what is stated.
+    """One answer from those about the forces and about the motion of the shaft, treated as
+    independent: the weaker of what is stated.
 
     It is "mostly" where one of the two stays unexplained. The explanation is that of the forces.
     """
     each, grades = (forces, shaft), {forces.grade, shaft.grade}
     stated = [one for one in each if one.grade in ("identified", "mostly", "family")]
-    # What is visible within the usual error of one of the two says nothing against what is identified in the other.
-    if "identified" in grades and all(one.grade in ("identified", "nothing missing") or one.within_usual for one in each):
+    # What is visible within the usual error of one of the two says nothing against what is
+    # identified in the other.
+    if "identified" in grades and all(
+        one.grade in ("identified", "nothing missing") or one.within_usual for one in each
+    ):
         grade: Grade = "identified"
     elif forces.effects or shaft.effects:
         grade = "mostly"
     else:
         grade = next(one for one in ("family", "unexplained", "nothing missing") if one in grades)
     # Nothing is missing only if nothing is missing in either of them.
-    nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
+    nothing = float(
+        np.prod(
+            [
+                one.probability if one.grade == "nothing missing" else 1.0 - one.probability
+                for one in each
+            ]
+        )
+    )
     rivals = _combine_tables(forces.list_rivals(MOST_RIVALS), shaft.list_rivals(MOST_RIVALS))
     families = [one.family for one in each if one.family is not None]
-    # What is visible within the usual error is no criterion of what is identified in the other part.
-    judged = [one for one in each if one.grade != "nothing missing" and (grade != "identified" or one.grade == "identified")]
+    # What is visible within the usual error is no criterion of what is identified in the other
+    # part.
+    judged = [
+        one
+        for one in each
+        if one.grade != "nothing missing" and (grade != "identified" or one.grade == "identified")
+    ]
     return Decision(
         grade=grade,
         explanation=forces.explanation,
@@ -483,7 +682,9 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         effects=(*forces.effects, *shaft.effects),
         family=families[0] if families else None,
         other_families=(*families[1:], *forces.other_families, *shaft.other_families),
-        probability=min(one.probability for one in stated) if stated else (nothing if grade == "nothing missing" else 1.0 - nothing),
+        probability=min(one.probability for one in stated)
+        if stated
+        else (nothing if grade == "nothing missing" else 1.0 - nothing),
         explained_share=min((one.explained_share for one in stated), default=1.0),
         relieved_strain=next((one.relieved_strain for one in stated if one.relieved_strain), ""),
         criteria=tuple(criterion for one in judged for criterion in one.criteria),
@@ -495,7 +696,9 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
 
 
 def _combine_tables(forces: Sequence[Rival], shaft: Sequence[Rival]) -> tuple[Rival, ...]:
-    """The table of all pairs of rows, most probable first; something unlisted in both parts is one row."""
+    """The table of all pairs of rows, most probable first; something unlisted in both parts is
+    one row.
+    """
     rows: dict[tuple[str, ...], Rival] = {}
     for a in forces:
         for b in shaft:
@@ -509,7 +712,12 @@ def _combine_tables(forces: Sequence[Rival], shaft: Sequence[Rival]) -> tuple[Ri
             )
             known = rows.get(ids)
             rows[ids] = (
-                row if known is None else replace(max(known, row, key=_probability), probability=known.probability + row.probability)
+                row
+                if known is None
+                else replace(
+                    max(known, row, key=_probability),
+                    probability=known.probability + row.probability,
+                )
             )
     return tuple(sorted(rows.values(), key=_probability, reverse=True))
 

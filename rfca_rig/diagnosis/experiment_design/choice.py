@@ -1,9 +1,10 @@
-"""Choice of the experiment that best separates the open hypotheses per minute, among all that the rig and a person can do.
+"""Choice of the experiment that best separates the open hypotheses per minute, among all that the
+rig and a person can do.
 
     score = sum over pairs of p_k p_l min(expected log evidence, ENOUGH) / minutes
 
-A kind of rig provides its experiments as designs. Bench tests compete with them. If k is true, the log evidence that a new recording is
-expected to give it over l is
+A kind of rig provides its experiments as designs. Bench tests compete with them. If k is true, the
+log evidence that a new recording is expected to give it over l is
 
     1/2 (f_k - f_l)^T C_l^-1 (f_k - f_l),   C_l = (D + B B^T) / r + s^2 K + J_l P_l J_l^T
 
@@ -27,7 +28,12 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import softmax
 
-from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IDENTIFIED_PROBABILITY, USUAL_ERROR, WIDE_STEP
+from rfca_rig.diagnosis.config import (
+    AS_GOOD_LOG_ODDS,
+    IDENTIFIED_PROBABILITY,
+    USUAL_ERROR,
+    WIDE_STEP,
+)
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.leg.simulator import select_strokes
@@ -36,8 +42,11 @@ from rfca_rig.diagnosis.simulator import ConditionData, Dataset
 from rfca_rig.errors import BadInput, SimulationFailed
 
 PLAUSIBLE = 0.01  # probability: a less probable hypothesis is not worth an experiment
-MAX_HYPOTHESES = 5  # hypotheses: each costs as many simulations of every experiment as it has parameters
-LEAST_WEIGHT = 0.05  # probability: the most probable hypothesis was not stated, so the others count at least this much
+MAX_HYPOTHESES = (
+    5  # hypotheses: each costs as many simulations of every experiment as it has parameters
+)
+# probability: the most probable hypothesis was not stated, so the others count at least this much
+LEAST_WEIGHT = 0.05
 
 
 @dataclass(frozen=True)
@@ -59,8 +68,12 @@ class OpenHypotheses:
     probability: NDArray[np.float64]
 
 
-def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough: bool) -> OpenHypotheses | None:
-    """Hypotheses that are open after a decision; None where there are fewer than two. Without `enough` conditions all are open."""
+def list_open_hypotheses(
+    found: ModelSelectionResult, decision: Decision, enough: bool
+) -> OpenHypotheses | None:
+    """Hypotheses that are open after a decision; None where there are fewer than two. Without
+    `enough` conditions all are open.
+    """
     best: dict[frozenset[str], Hypothesis] = {}  # variant of each set of effects
     for hypothesis in sorted((found.nothing, *found.named), key=lambda h: -h.log_joint):
         best.setdefault(frozenset(hypothesis.ids), hypothesis)
@@ -68,7 +81,8 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
     if not enough:
         is_open = ranked
     elif decision.grade == "identified":
-        # After an identified effect, only the effects that explain the data as well are left to be excluded.
+        # After an identified effect, only the effects that explain the data as well are left to be
+        # excluded.
         rivals = {name for effect in decision.effects for name in effect.cannot_tell_from}
         is_open = [accepted, *(h for h in ranked if _swaps_one_effect(h, accepted, rivals))]
     elif decision.grade == "nothing missing" and decision.probability >= IDENTIFIED_PROBABILITY:
@@ -76,7 +90,11 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
     else:
         probability = softmax([h.log_joint for h in ranked])
         closest = (decision.closest or accepted).ids
-        likely = [h for h, p in zip(ranked, probability, strict=True) if p >= PLAUSIBLE or h.ids == closest]
+        likely = [
+            h
+            for h, p in zip(ranked, probability, strict=True)
+            if p >= PLAUSIBLE or h.ids == closest
+        ]
         # Nothing was stated, so at least the two most probable hypotheses are compared.
         is_open = likely if len(likely) > 1 else ranked[:2]
     if len(is_open) < 2:
@@ -86,7 +104,9 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
 
 
 def _swaps_one_effect(hypothesis: Hypothesis, accepted: Hypothesis, rivals: set[str]) -> bool:
-    """Whether the hypothesis has one effect of the accepted one replaced by one of `rivals`, which explain the data as well."""
+    """Whether the hypothesis has one effect of the accepted one replaced by one of `rivals`,
+    which explain the data as well.
+    """
     new = set(hypothesis.ids) - set(accepted.ids)
     return len(hypothesis.ids) == len(accepted.ids) and len(new) == 1 and new <= rivals
 
@@ -94,7 +114,8 @@ def _swaps_one_effect(hypothesis: Hypothesis, accepted: Hypothesis, rivals: set[
 Floats = NDArray[np.float64]
 
 ENOUGH = 10.0  # log evidence: more decides nothing further, and a bench test decides as surely
-LOOKED_INTO = 6  # designs, most promising first, whose parameters are freed: each costs a simulation per parameter
+# designs, most promising first, whose parameters are freed: each costs a simulation per parameter
+LOOKED_INTO = 6
 AS_GOOD_AS = 0.9  # share of the best score, within which a gentler experiment is preferred
 SET_UP_MIN = 2.0  # minutes of a person before an experiment: start pose, arming, a look at the rig
 
@@ -125,10 +146,13 @@ class ExpectedInformation:
 
     def bound(self, repeats: int) -> Floats:
         """Upper bound (n, n) of `expect`: no parameter may change, and repeats do not scatter."""
-        return self._compare(np.diag(self.noise**2) / repeats, [np.zeros((len(self.noise), 0))] * len(self.predicted))
+        return self._compare(
+            np.diag(self.noise**2) / repeats, [np.zeros((len(self.noise), 0))] * len(self.predicted)
+        )
 
     def expect(self, repeats: Sequence[int]) -> list[Floats] | None:
-        """Expected log evidence, (n, n) per number of repeats: of the row over the column if the row is true.
+        """Expected log evidence, (n, n) per number of repeats: of the row over the column if the
+        row is true.
 
         None where a model has no answer.
         """
@@ -137,7 +161,10 @@ class ExpectedInformation:
             return None
         scatter = self._scatter(jacobians[0])
         of_one = np.diag(self.noise**2) + scatter @ scatter.T
-        roots = [np.linalg.cholesky(hypothesis.marginal.posterior.covariance) for hypothesis in self.hypotheses.open]
+        roots = [
+            np.linalg.cholesky(hypothesis.marginal.posterior.covariance)
+            for hypothesis in self.hypotheses.open
+        ]
         moves = [jacobian @ root for jacobian, root in zip(jacobians, roots, strict=True)]
         return [self._compare(of_one / count, moves) for count in repeats]
 
@@ -147,10 +174,15 @@ class ExpectedInformation:
         return float(np.abs(self.predicted).max())
 
     def _compare(self, of_mean: Floats, moves: Sequence[Floats]) -> Floats:
-        """`of_mean` (m, m) is the covariance of the mean over repeats, `moves` (m, p) a root of what each hypothesis may still change."""
+        """`of_mean` (m, m) is the covariance of the mean over repeats, `moves` (m, p) a root of
+        what each hypothesis may still change.
+        """
         factor = cholesky(of_mean + self.model_error, lower=True)
-        predicted, *white = (solve_triangular(factor, rows, lower=True) for rows in (self.predicted.T, *moves))
-        # Woodbury: C_l is whitened without the parameters, and their part is subtracted as a (p, p) system.
+        predicted, *white = (
+            solve_triangular(factor, rows, lower=True) for rows in (self.predicted.T, *moves)
+        )
+        # Woodbury: C_l is whitened without the parameters, and their part is subtracted as a (p, p)
+        # system.
         columns = []
         for k, own in enumerate(white):
             difference = predicted - predicted[:, [k]]
@@ -160,20 +192,32 @@ class ExpectedInformation:
         return np.column_stack(columns)
 
     def _jacobians(self) -> list[Floats] | None:
-        """Jacobian (m, p) of each hypothesis. All share the columns of the nuisance parameters, since all fits lie near the first."""
+        """Jacobian (m, p) of each hypothesis. All share the columns of the nuisance parameters,
+        since all fits lie near the first.
+        """
         fits = [hypothesis.fitted for hypothesis in self.hypotheses.open]
         shared = fits[0].coordinates.nuisances
-        places = [(0, i) for i in range(shared)] + [(k, i) for k, fit in enumerate(fits) for i in range(shared, fit.coordinates.size)]
+        places = [(0, i) for i in range(shared)] + [
+            (k, i) for k, fit in enumerate(fits) for i in range(shared, fit.coordinates.size)
+        ]
         # Towards the middle of the prior, where the model has an answer.
         steps = [-WIDE_STEP if fits[k].x[i] > 0.0 else WIDE_STEP for k, i in places]
-        points = [fits[k].x + step * (np.arange(len(fits[k].x)) == i) for (k, i), step in zip(places, steps, strict=True)]
-        moved = self.dataset.predict_all([fits[k].coordinates.supposed(x) for (k, _), x in zip(places, points, strict=True)])
+        points = [
+            fits[k].x + step * (np.arange(len(fits[k].x)) == i)
+            for (k, i), step in zip(places, steps, strict=True)
+        ]
+        moved = self.dataset.predict_all(
+            [fits[k].coordinates.supposed(x) for (k, _), x in zip(places, points, strict=True)]
+        )
         columns = {}
         for (k, i), step, rows in zip(places, steps, moved, strict=True):
             if rows is None:
                 return None
             columns[k, i] = (rows - self.predicted[k]) / step
-        own = [[columns[0 if i < shared else k, i] for i in range(fit.coordinates.size)] for k, fit in enumerate(fits)]
+        own = [
+            [columns[0 if i < shared else k, i] for i in range(fit.coordinates.size)]
+            for k, fit in enumerate(fits)
+        ]
         return [np.reshape(each, (-1, len(self.noise))).T for each in own]
 
     def _scatter(self, jacobian: Floats) -> Floats:
@@ -182,21 +226,35 @@ class ExpectedInformation:
         A recorded start angle is simulated, so it does not scatter.
         """
         std = dict(self.hypotheses.found.scatter.std)
-        if "start_angle" in std and all(flap.turn.start_rad is not None for flap in select_strokes(self.dataset.parts)):
+        if "start_angle" in std and all(
+            flap.turn.start_rad is not None for flap in select_strokes(self.dataset.parts)
+        ):
             del std["start_angle"]
         space = self.hypotheses.open[0].fitted.coordinates.space
         share = np.array([std.get(name, 0.0) for name in space.names]) / space.prior_std
         return jacobian[:, : len(share)] * share
 
 
-def predict_information(hypotheses: OpenHypotheses, condition: ConditionData) -> ExpectedInformation | None:
-    """Predictions of all hypotheses for a condition that is not recorded yet; None where one of them has no answer."""
+def predict_information(
+    hypotheses: OpenHypotheses, condition: ConditionData
+) -> ExpectedInformation | None:
+    """Predictions of all hypotheses for a condition that is not recorded yet; None where one of
+    them has no answer.
+    """
     rows = condition.rows()
     dataset = Dataset((condition,), rows, hypotheses.found.dataset.simulator)
-    found = dataset.predict_all([h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open])
+    found = dataset.predict_all(
+        [h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open]
+    )
     if any(answer is None for answer in found):
         return None
-    return ExpectedInformation(hypotheses, dataset, np.array(found), rows.noise, USUAL_ERROR**2 * discrepancy_covariance(rows))
+    return ExpectedInformation(
+        hypotheses,
+        dataset,
+        np.array(found),
+        rows.noise,
+        USUAL_ERROR**2 * discrepancy_covariance(rows),
+    )
 
 
 @dataclass(frozen=True)
@@ -214,8 +272,9 @@ class ExperimentDesign:
     repeats
         Numbers of repeats to choose from, ascending.
     simulate
-        Makes the condition from the simulator's input, as if recorded once without noise. It returns None where the rig may not do that, or
-        where the recording could not be used. It may raise SimulationFailed and BadInput.
+        Makes the condition from the simulator's input, as if recorded once without noise. It
+        returns None where the rig may not do that, or where the recording could not be used. It may
+        raise SimulationFailed and BadInput.
     protocol
         Name of the protocol file that does it; None where a person does it.
     """
@@ -239,37 +298,117 @@ class ExperimentDesign:
         except (SimulationFailed, BadInput):
             return None
 
-    def state(self, repeats: int, why: str, pairs: Iterable[tuple[str, str, float]] = ()) -> dict[str, object]:
+    def state(
+        self, repeats: int, why: str, pairs: Iterable[tuple[str, str, float]] = ()
+    ) -> dict[str, object]:
         """The design as a diagnosis proposes it."""
         minutes, separates = round(self.minutes(repeats), 1), [list(pair) for pair in pairs]
-        return {**self.settings, "repeats": repeats, "minutes": minutes, "separates": separates, "why": why, "protocol": self.protocol}
+        return {
+            **self.settings,
+            "repeats": repeats,
+            "minutes": minutes,
+            "separates": separates,
+            "why": why,
+            "protocol": self.protocol,
+        }
 
 
-# Kind, usual minutes of a person, the effects whose presence it shows whatever the rig does, and how
+# Kind, usual minutes of a person, the effects whose presence it shows whatever the rig does, and
+# how
 BENCH_TESTS = (
-    ("known weight on each axis", 20.0, "sensor_gain sensor_crosstalk sensor_crosstalk_matrix sensor_saturation",
-     "hang a known weight on the sensor along each axis and compare all channels"),
-    ("tap test", 15.0, "sensor_lag sensor_ringing clock_offset sensor_clock_rate frame_compliance",
-     "tap the sensor and its frame with the motor held, record fast: a lag rounds the tap, a clock only shifts it, a frame rings"),
-    ("straightedge", 10.0, "ground_bump",
-     "lay a straightedge over the plate along the way of the tip and measure the gaps with feeler gauges"),
-    ("rest pose", 15.0, "gravity_tilt ground_tilt",
-     "put a spirit level on rig and floor, and record the hanging leg at rest at three shaft angles"),
-    ("zero before and after", 10.0, "sensor_drift", "record the sensor without load before and after a run"),
-    ("gauge block", 10.0, "height_offset", "measure the shaft's height above the plate with a gauge block"),
+    (
+        "known weight on each axis",
+        20.0,
+        "sensor_gain sensor_crosstalk sensor_crosstalk_matrix sensor_saturation",
+        "hang a known weight on the sensor along each axis and compare all channels",
+    ),
+    (
+        "tap test",
+        15.0,
+        "sensor_lag sensor_ringing clock_offset sensor_clock_rate frame_compliance",
+        (
+            "tap the sensor and its frame with the motor held, record fast: a lag rounds the "
+            "tap, a clock only shifts it, a frame rings"
+        ),
+    ),
+    (
+        "straightedge",
+        10.0,
+        "ground_bump",
+        (
+            "lay a straightedge over the plate along the way of the tip and measure the gaps "
+            "with feeler gauges"
+        ),
+    ),
+    (
+        "rest pose",
+        15.0,
+        "gravity_tilt ground_tilt",
+        (
+            "put a spirit level on rig and floor, and record the hanging leg at rest at "
+            "three shaft angles"
+        ),
+    ),
+    (
+        "zero before and after",
+        10.0,
+        "sensor_drift",
+        "record the sensor without load before and after a run",
+    ),
+    (
+        "gauge block",
+        10.0,
+        "height_offset",
+        "measure the shaft's height above the plate with a gauge block",
+    ),
     ("weighing", 20.0, "tip_mass heavier_link", "take the leg off and weigh it link by link"),
-    ("weighing a body", 20.0, "added_mass", "weigh the bodies with all that is mounted on them, or hold the arm level on a scale"),
+    (
+        "weighing a body",
+        20.0,
+        "added_mass",
+        "weigh the bodies with all that is mounted on them, or hold the arm level on a scale",
+    ),
     ("balancing", 20.0, "centre_of_mass", "take the links off and balance each on an edge"),
-    ("blocked joint", 15.0, "gear_compliance gear_compliance_of_one gear_backlash gear_backlash_of_one",
-     "block each link, push both ways with its motor and read the encoder: elasticity is a slope over the torque, play a step at zero"),
-    ("weight on a lever", 20.0, "torque_scale",
-     "hold a known weight on a level lever with the motor and compare its moment with the recorded torque"),
-    ("blocked step", 15.0, "torque_delay torque_lag", "block the link against a force gauge, step the torque and compare the two in time"),
-    ("unloaded leg", 10.0, "hinge_rest_angle hinge_rest_angle_of_one",
-     "take the leg off, lay it on its side on a smooth table, and read the angle of each hinge without load"),
-    ("bench pull", 30.0, "stiffness_hardening damaged_hinge hinge_backlash hinge_stop",
-     "clamp the leg hinge by hinge and read the angle under known weights"),
-)  # fmt: skip
+    (
+        "blocked joint",
+        15.0,
+        "gear_compliance gear_compliance_of_one gear_backlash gear_backlash_of_one",
+        (
+            "block each link, push both ways with its motor and read the encoder: elasticity "
+            "is a slope over the torque, play a step at zero"
+        ),
+    ),
+    (
+        "weight on a lever",
+        20.0,
+        "torque_scale",
+        (
+            "hold a known weight on a level lever with the motor and compare its moment with "
+            "the recorded torque"
+        ),
+    ),
+    (
+        "blocked step",
+        15.0,
+        "torque_delay torque_lag",
+        "block the link against a force gauge, step the torque and compare the two in time",
+    ),
+    (
+        "unloaded leg",
+        10.0,
+        "hinge_rest_angle hinge_rest_angle_of_one",
+        (
+            "take the leg off, lay it on its side on a smooth table, and read the angle of "
+            "each hinge without load"
+        ),
+    ),
+    (
+        "bench pull",
+        30.0,
+        "stiffness_hardening damaged_hinge hinge_backlash hinge_stop",
+        "clamp the leg hinge by hinge and read the angle under known weights",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -293,16 +432,34 @@ class Option:
     load: float = 0.0
 
 
-def list_options(hypotheses: OpenHypotheses, designs: Iterable[ExperimentDesign], with_bench_tests: bool) -> Iterator[Option]:
+def list_options(
+    hypotheses: OpenHypotheses, designs: Iterable[ExperimentDesign], with_bench_tests: bool
+) -> Iterator[Option]:
     """All designs and bench tests that would separate at least two of the hypotheses."""
-    conditions = [(design, condition) for design in designs if (condition := design.try_simulate(hypotheses.open[0])) is not None]
-    views = [(design, view) for design, condition in conditions if (view := predict_information(hypotheses, condition)) is not None]
+    conditions = [
+        (design, condition)
+        for design in designs
+        if (condition := design.try_simulate(hypotheses.open[0])) is not None
+    ]
+    views = [
+        (design, view)
+        for design, condition in conditions
+        if (view := predict_information(hypotheses, condition)) is not None
+    ]
     # A bound needs one simulation per hypothesis; the exact score needs one per parameter.
-    bounds = [_worth(hypotheses, view.bound(d.repeats[-1])).sum() / d.minutes(d.repeats[0]) for d, view in views]
-    tenth = 0.1 * max(bounds, default=0.0) or 1.0  # of those that promise about as much, the gentle designs come first
+    bounds = [
+        _worth(hypotheses, view.bound(d.repeats[-1])).sum() / d.minutes(d.repeats[0])
+        for d, view in views
+    ]
+    tenth = (
+        0.1 * max(bounds, default=0.0) or 1.0
+    )  # of those that promise about as much, the gentle designs come first
     best = 0.0
-    for n in sorted(range(len(views)), key=lambda n: (-round(bounds[n] / tenth), views[n][1].load))[:LOOKED_INTO]:
-        # Designs come in the order of their bounds, so those that follow promise about as little or less.
+    for n in sorted(range(len(views)), key=lambda n: (-round(bounds[n] / tenth), views[n][1].load))[
+        :LOOKED_INTO
+    ]:
+        # Designs come in the order of their bounds, so those that follow promise about as little or
+        # less.
         if AS_GOOD_AS * bounds[n] <= best:
             break
         for option in _list_repeats(hypotheses, *views[n]):
@@ -313,22 +470,35 @@ def list_options(hypotheses: OpenHypotheses, designs: Iterable[ExperimentDesign]
         shown = [set(effects.split()) & set(hypothesis.ids) for hypothesis in hypotheses.open]
         expected = ENOUGH * np.array([[one != other for other in shown] for one in shown])
         if expected.any():
-            yield _make_option(hypotheses, ExperimentDesign({"kind": kind}, words, 0.0, minutes), 1, expected)
+            yield _make_option(
+                hypotheses, ExperimentDesign({"kind": kind}, words, 0.0, minutes), 1, expected
+            )
 
 
 def propose(options: Sequence[Option]) -> dict[str, object] | None:
-    """The gentlest of the options that are about as good as the best, with its number of repeats; None where there is no option."""
+    """The gentlest of the options that are about as good as the best, with its number of
+    repeats; None where there is no option.
+    """
     good = AS_GOOD_AS * max((option.score for option in options), default=0.0)
-    chosen = min((o for o in options if o.score >= good), key=lambda o: (o.load, -o.score), default=None)
+    chosen = min(
+        (o for o in options if o.score >= good), key=lambda o: (o.load, -o.score), default=None
+    )
     if chosen is None:
         return None
     one, other, expected = chosen.pairs[0]
-    reason = f"it tells {one} from {other}, log evidence {expected:.0f} expected, and yields most per minute of all that was considered"
+    reason = (
+        f"it tells {one} from {other}, log evidence {expected:.0f} expected, and yields most "
+        "per minute of all that was considered"
+    )
     return chosen.design.state(chosen.repeats, f"{chosen.design.words}: {reason}", chosen.pairs)
 
 
-def _list_repeats(hypotheses: OpenHypotheses, design: ExperimentDesign, view: ExpectedInformation) -> Iterator[Option]:
-    """An option for each number of repeats that separates a pair; none where the rig may not do it under one of the hypotheses."""
+def _list_repeats(
+    hypotheses: OpenHypotheses, design: ExperimentDesign, view: ExpectedInformation
+) -> Iterator[Option]:
+    """An option for each number of repeats that separates a pair; none where the rig may not do
+    it under one of the hypotheses.
+    """
     if any(design.try_simulate(hypothesis) is None for hypothesis in hypotheses.open[1:]):
         return
     for repeats, expected in zip(design.repeats, view.expect(design.repeats) or (), strict=False):
@@ -337,8 +507,16 @@ def _list_repeats(hypotheses: OpenHypotheses, design: ExperimentDesign, view: Ex
             yield option
 
 
-def _make_option(hypotheses: OpenHypotheses, design: ExperimentDesign, repeats: int, expected: Floats, load: float = 0.0) -> Option:
-    """The option with its score and the pairs that it separates: a log evidence of 1 or more, mean of both directions."""
+def _make_option(
+    hypotheses: OpenHypotheses,
+    design: ExperimentDesign,
+    repeats: int,
+    expected: Floats,
+    load: float = 0.0,
+) -> Option:
+    """The option with its score and the pairs that it separates: a log evidence of 1 or more,
+    mean of both directions.
+    """
     names = [" with ".join(hypothesis.ids) or "nothing missing" for hypothesis in hypotheses.open]
     mean, worth = 0.5 * (expected + expected.T), _worth(hypotheses, expected)
     pairs = sorted(np.argwhere(np.triu(mean >= 1.0, 1)), key=lambda pair: -worth[*pair])
@@ -347,6 +525,8 @@ def _make_option(hypotheses: OpenHypotheses, design: ExperimentDesign, repeats: 
 
 
 def _worth(hypotheses: OpenHypotheses, expected: Floats) -> Floats:
-    """Contribution of each pair to the score (n, n), upper triangle, per experiment; `expected` is (n, n)."""
+    """Contribution of each pair to the score (n, n), upper triangle, per experiment; `expected`
+    is (n, n).
+    """
     p = hypotheses.probability
     return np.triu(np.outer(p, p) * np.minimum(0.5 * (expected + expected.T), ENOUGH), 1)

@@ -1,4 +1,5 @@
-"""The next experiment on a leg: strokes at a height and speed, or static stages at a height, within the limits of the rig.
+"""The next experiment on a leg: strokes at a height and speed, or static stages at a height, within
+the limits of the rig.
 
 A proposal becomes the protocol file that `rfca-rig dynamic run` and `rfca-rig static run` take.
 """
@@ -30,7 +31,13 @@ from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, make_shaft_condition
 from rfca_rig.diagnosis.leg.simulator import select_tables
 from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, make_stage_tables
-from rfca_rig.diagnosis.leg.strokes import FORCES, STROKE_TOLERANCE, DynamicCondition, ShaftTurn, make_dynamic_condition
+from rfca_rig.diagnosis.leg.strokes import (
+    FORCES,
+    STROKE_TOLERANCE,
+    DynamicCondition,
+    ShaftTurn,
+    make_dynamic_condition,
+)
 from rfca_rig.escaping import toml_comment
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
@@ -50,7 +57,8 @@ STATIC: Mapping[str, Any] = {
 }
 DYNAMIC: Mapping[str, Any] = {
     "sweep_deg": 200.0,  # from the start angle through the ground and up again
-    "return_speed_rad_s": 3.0,  # at most: a stroke's speed is within the limits, a greater one may not be
+    # at most: a stroke's speed is within the limits, a greater one may not be
+    "return_speed_rad_s": 3.0,
     "settle": {"force_band_N": 0.3, "angle_band_deg": 0.2, "for_s": 0.3, "limit_s": 10.0},
 }
 
@@ -60,9 +68,13 @@ HEIGHT_BEYOND_M = 0.020  # the rack may go this far beyond where it has been
 SLOWEST_RAD_S = 1.0  # of strokes; what is slower is left to static stages
 READABLE_RAD_S = 5.0  # at greater speeds a stroke's phases are not found
 LIMIT_SHARE = 0.9  # share of a stated limit that an expectation may reach
-ALIKE_M, ALIKE_SPEED = 0.004, 0.15  # height, and share of the speed: conditions nearer than both show the same
+ALIKE_M, ALIKE_SPEED = (
+    0.004,
+    0.15,
+)  # height, and share of the speed: conditions nearer than both show the same
 REST_S = 1.5  # usual time until the leg is at rest
-SEQUENCES = {  # shaft angles in degrees; a bent leg wedges when it is pushed back by more than some degrees
+# shaft angles in degrees; a bent leg wedges when it is pushed back by more than some degrees
+SEQUENCES = {
     "static": (60.0, 75.0, 90.0, 105.0, 120.0, 135.0),
     "slow reversal": (90.0, 105.0, 120.0, 135.0, 133.0, 131.0, 129.0, 131.0, 133.0, 135.0),
     "hold": (60.0, *[120.0] * 6),
@@ -70,36 +82,60 @@ SEQUENCES = {  # shaft angles in degrees; a bent leg wedges when it is pushed ba
 
 
 def make_protocol(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
-    """The protocol of a proposal with "height_mm", and "speed_rad_s" or "stages". Raises BadInput where no rig can do it."""
+    """The protocol of a proposal with "height_mm", and "speed_rad_s" or "stages". Raises
+    BadInput where no rig can do it.
+    """
     title, height_mm = "next experiment", proposal["height_mm"]
     if "speed_rad_s" not in proposal:
-        static = {"experiment": "static", "title": title, "heights_mm": [height_mm], **STATIC, "stages": proposal["stages"]}
+        static = {
+            "experiment": "static",
+            "title": title,
+            "heights_mm": [height_mm],
+            **STATIC,
+            "stages": proposal["stages"],
+        }
         return validate(static, StaticFile, f"the {title}")
     speed_rad_s, repeats = proposal["speed_rad_s"], proposal.get("repeats", 1)
     # A return that is faster than the stroke could exceed the limits of the rig.
     back = {"return_speed_rad_s": min(DYNAMIC["return_speed_rad_s"], speed_rad_s)}
     conditions = [{"height_mm": height_mm, "speed_rad_s": speed_rad_s}]
-    dynamic = {"experiment": "dynamic", "title": title, "repeats": repeats, **DYNAMIC, **back, "conditions": conditions}
+    dynamic = {
+        "experiment": "dynamic",
+        "title": title,
+        "repeats": repeats,
+        **DYNAMIC,
+        **back,
+        "conditions": conditions,
+    }
     return validate(dynamic, DynamicFile, f"the {title}")
 
 
 def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Path | None:
-    """Write the protocol of a proposal into `folder`; where none is proposed for the rig, remove an old one. Raises RigError."""
+    """Write the protocol of a proposal into `folder`; where none is proposed for the rig, remove
+    an old one. Raises RigError.
+    """
     path = folder / NEXT_PROTOCOL
     if proposal is None or proposal["protocol"] is None:
         path.unlink(missing_ok=True)
         return None
     content = make_protocol(proposal).model_dump(mode="json", exclude_unset=True)
     settle, entries = content.pop("settle"), "stages" if "stages" in content else "conditions"
-    tables = [table("settle", settle), *(table(f"[{entries}]", entry) for entry in content.pop(entries))]
+    tables = [
+        table("settle", settle),
+        *(table(f"[{entries}]", entry) for entry in content.pop(entries)),
+    ]
     plain = "".join(f"{name} = {format_value(value)}\n" for name, value in content.items())
-    write_atomically(path, (toml_comment(proposal["why"]) + "\n".join([plain, *tables])).encode("utf-8"))
+    write_atomically(
+        path, (toml_comment(proposal["why"]) + "\n".join([plain, *tables])).encode("utf-8")
+    )
     return path
 
 
 @dataclass(frozen=True)
 class FeasibleRegion:
-    """Limits of a proposal: lowest and highest rack, greatest speed, greatest load on the sensor."""
+    """Limits of a proposal: lowest and highest rack, greatest speed, greatest load on the
+    sensor.
+    """
 
     lowest_m: float
     highest_m: float
@@ -112,12 +148,21 @@ class FeasibleRegion:
 
     def heights_m(self, recorded_m: Iterable[float]) -> list[float]:
         """The recorded heights, and a grid of whole 5 mm between the ends."""
-        grid = 5e-3 * np.linspace(np.ceil(self.lowest_m / 5e-3), np.floor(self.highest_m / 5e-3), GRID).round()
+        grid = (
+            5e-3
+            * np.linspace(
+                np.ceil(self.lowest_m / 5e-3), np.floor(self.highest_m / 5e-3), GRID
+            ).round()
+        )
         heights = {round(float(height), 6) for height in (*grid, *recorded_m)}
-        return sorted(h for h in heights if h > 0.0 and self.lowest_m - 1e-9 <= h <= self.highest_m + 1e-9)
+        return sorted(
+            h for h in heights if h > 0.0 and self.lowest_m - 1e-9 <= h <= self.highest_m + 1e-9
+        )
 
 
-def propose_experiment(body: PreparedData, verdicts: Findings, enough: bool, limits: Limits | None = None) -> dict[str, object] | None:
+def propose_experiment(
+    body: PreparedData, verdicts: Findings, enough: bool, limits: Limits | None = None
+) -> dict[str, object] | None:
     """The next experiment; None where nothing is open or nothing would help.
 
     Parameters
@@ -125,76 +170,143 @@ def propose_experiment(body: PreparedData, verdicts: Findings, enough: bool, lim
     body, verdicts
         The recordings, and the results in the forces and in the motion of the shaft.
     enough
-        Whether there are enough conditions for a decision. If not, only a further dynamic condition helps.
+        Whether there are enough conditions for a decision. If not, only a further dynamic condition
+        helps.
     limits
-        Those of the rig. If they are not known, no higher speed and no greater load than were recorded are proposed.
+        Those of the rig. If they are not known, no higher speed and no greater load than were
+        recorded are proposed.
 
     Returns
     -------
     dict or None
-        Keys: kind, height_mm, speed_rad_s or stages, repeats, minutes, separates, why, protocol (None off the rig).
+        Keys: kind, height_mm, speed_rad_s or stages, repeats, minutes, separates, why, protocol
+        (None off the rig).
     """
     searches = [(verdicts.leg, verdicts.leg_decision), (verdicts.drive, verdicts.drive_decision)]
-    unsettled = [list_open_hypotheses(found, decision, enough) for found, decision in searches if found and decision]
-    options = [option for each in unsettled if each for option in _list_options(body, verdicts, each, enough, limits)]
+    unsettled = [
+        list_open_hypotheses(found, decision, enough)
+        for found, decision in searches
+        if found and decision
+    ]
+    options = [
+        option
+        for each in unsettled
+        if each
+        for option in _list_options(body, verdicts, each, enough, limits)
+    ]
     if options or enough:
         return propose(options)
-    # Too few conditions, and no design separates hypotheses: the condition that is least like the recorded ones is proposed.
+    # Too few conditions, and no design separates hypotheses: the condition that is least like the
+    # recorded ones is proposed.
     designs = list(_flap_designs(body, verdicts, _find_region(body, verdicts, limits)))
-    possible = [(apart, design) for apart, design in designs if design.try_simulate(verdicts.leg.nothing) is not None]
+    possible = [
+        (apart, design)
+        for apart, design in designs
+        if design.try_simulate(verdicts.leg.nothing) is not None
+    ]
     _, farthest = max(possible, key=lambda one: one[0], default=(0.0, None))
     why = "a verdict needs more conditions; this one is least like those recorded"
     return None if farthest is None else farthest.state(REPEATS[0], why)
 
 
 def _list_options(
-    body: PreparedData, verdicts: Findings, hypotheses: OpenHypotheses, enough: bool, limits: Limits | None
+    body: PreparedData,
+    verdicts: Findings,
+    hypotheses: OpenHypotheses,
+    enough: bool,
+    limits: Limits | None,
 ) -> Iterator[Option]:
     of_shaft, region = hypotheses.found is verdicts.drive, _find_region(body, verdicts, limits)
-    designs = [design for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)]
+    designs = [
+        design
+        for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)
+    ]
     if enough and not of_shaft:
         designs += _stage_designs(body, select_tables(verdicts.leg.dataset.parts), region)
     return list_options(hypotheses, designs, enough)
 
 
 def _find_region(body: PreparedData, verdicts: Findings, limits: Limits | None) -> FeasibleRegion:
-    """The limits of the rig where they are known, otherwise the speeds and loads that were recorded. Raises SimulationFailed."""
-    flaps, tables, fit = body.flaps, select_tables(verdicts.leg.dataset.parts), verdicts.leg.nothing.fitted
+    """The limits of the rig where they are known, otherwise the speeds and loads that were
+    recorded. Raises SimulationFailed.
+    """
+    flaps, tables, fit = (
+        body.flaps,
+        select_tables(verdicts.leg.dataset.parts),
+        verdicts.leg.nothing.fitted,
+    )
     heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
     lowest_m, highest_m = min(heights) - HEIGHT_BEYOND_M, max(heights) + HEIGHT_BEYOND_M
     fastest = max((flap.turn.speed_rad_s for flap in flaps), default=2.0 * SLOWEST_RAD_S)
     if limits is not None:
-        # At greater speeds the phases of a stroke may not be found, unless such strokes were recorded already.
+        # At greater speeds the phases of a stroke may not be found, unless such strokes were
+        # recorded already.
         speed = min(LIMIT_SHARE * limits.speed_rad_s, max(fastest, READABLE_RAD_S))
-        return FeasibleRegion(lowest_m, highest_m, speed, Load(LIMIT_SHARE * limits.force_N, LIMIT_SHARE * limits.torque_Nm))
+        return FeasibleRegion(
+            lowest_m,
+            highest_m,
+            speed,
+            Load(LIMIT_SHARE * limits.force_N, LIMIT_SHARE * limits.torque_Nm),
+        )
     in_strokes = [_load_of(flap.stroke(fit.coordinates.supposed(fit.x))) for flap in flaps]
-    in_stages = [Load(float(np.hypot(stage.fy_N, stage.fz_N)), abs(stage.tx_Nm)) for table in tables for stage in table.stages]
-    return FeasibleRegion(lowest_m, highest_m, fastest, reduce(Load.max_with, [*in_strokes, *in_stages]))
+    in_stages = [
+        Load(float(np.hypot(stage.fy_N, stage.fz_N)), abs(stage.tx_Nm))
+        for table in tables
+        for stage in table.stages
+    ]
+    return FeasibleRegion(
+        lowest_m, highest_m, fastest, reduce(Load.max_with, [*in_strokes, *in_stages])
+    )
 
 
 def _load_of(stroke: SimulatedStroke) -> Load:
-    return Load(float(np.hypot(stroke.fy_N, stroke.fz_N).max(initial=0.0)), float(np.abs(stroke.tx_Nm).max(initial=0.0)))
+    return Load(
+        float(np.hypot(stroke.fy_N, stroke.fz_N).max(initial=0.0)),
+        float(np.abs(stroke.tx_Nm).max(initial=0.0)),
+    )
 
 
 def _flap_designs(
-    body: PreparedData, verdicts: Findings, region: FeasibleRegion, shaft: ShaftCondition | None = None
+    body: PreparedData,
+    verdicts: Findings,
+    region: FeasibleRegion,
+    shaft: ShaftCondition | None = None,
 ) -> Iterator[tuple[float, ExperimentDesign]]:
-    """Strokes at heights and speeds over the region, each with its distance from the nearest recorded condition; 1 is the least."""
+    """Strokes at heights and speeds over the region, each with its distance from the nearest
+    recorded condition; 1 is the least.
+    """
     slowest = min(SLOWEST_RAD_S, 0.5 * region.speed_rad_s)
     speeds = sorted({round(float(v), 1) for v in np.linspace(slowest, region.speed_rad_s, GRID)})
-    recorded = np.array([(flap.height_m, flap.turn.speed_rad_s) for flap in body.flaps]).reshape(-1, 2)
+    recorded = np.array([(flap.height_m, flap.turn.speed_rad_s) for flap in body.flaps]).reshape(
+        -1, 2
+    )
     if body.flaps:
         start_rad, noise = body.flaps[0].turn.start_rad, body.flaps[0].sample_noise
     else:  # static stages only: each reading is a mean, so a single sample is noisier
         table = select_tables(verdicts.leg.dataset.parts)[0]
-        start_rad, noise = None, {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()}
+        start_rad, noise = (
+            None,
+            {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()},
+        )
     for height_m in region.heights_m(recorded[:, 0]):
         for speed_rad_s in speeds:
             # Heights are compared by their difference, speeds by their ratio.
-            distances = np.abs(np.array([(recorded[:, 0] - height_m) / ALIKE_M, np.log(recorded[:, 1] / speed_rad_s) / ALIKE_SPEED]))
+            distances = np.abs(
+                np.array(
+                    [
+                        (recorded[:, 0] - height_m) / ALIKE_M,
+                        np.log(recorded[:, 1] / speed_rad_s) / ALIKE_SPEED,
+                    ]
+                )
+            )
             if 0.0 < speed_rad_s <= region.speed_rad_s and (distances.max(axis=0) >= 1.0).all():
                 distance = float(np.hypot(*distances).min(initial=np.inf))
-                yield distance, make_stroke_design(height_m, speed_rad_s, region, start_rad, noise, shaft, body.strokes_made)
+                yield (
+                    distance,
+                    make_stroke_design(
+                        height_m, speed_rad_s, region, start_rad, noise, shaft, body.strokes_made
+                    ),
+                )
 
 
 def make_stroke_design(
@@ -223,22 +335,41 @@ def make_stroke_design(
     strokes_made
         How many strokes the leg has made before; None where they were not counted.
     """
-    settings = {"kind": "dynamic", "height_mm": round(1e3 * height_m, 3), "speed_rad_s": speed_rad_s}
+    settings = {
+        "kind": "dynamic",
+        "height_mm": round(1e3 * height_m, 3),
+        "speed_rad_s": speed_rad_s,
+    }
     sweep_rad = float(np.radians(DYNAMIC["sweep_deg"]))
-    back_s = (2.0 * np.pi - sweep_rad) / min(DYNAMIC["return_speed_rad_s"], speed_rad_s) + 0.5  # over the top; half a second to stop
+    back_s = (2.0 * np.pi - sweep_rad) / min(
+        DYNAMIC["return_speed_rad_s"], speed_rad_s
+    ) + 0.5  # over the top; half a second to stop
 
     def simulate(at: ModelPoint) -> DynamicCondition | ShaftCondition | None:
         # The stroke is simulated finely and then cut exactly like a recording.
         turn = ShaftTurn(speed_rad_s, start_rad)
-        before_s = 0.2 if at.rig.swing is None else min(0.2, at.rig.swing.before_s)  # recordings usually begin so long before the motion
+        before_s = (
+            0.2 if at.rig.swing is None else min(0.2, at.rig.swing.before_s)
+        )  # recordings usually begin so long before the motion
         # The ramp delays the end of the sweep by half its duration.
         t_s = np.arange(-before_s, sweep_rad / speed_rad_s + 0.5 * at.rig.drive.ramp_s, 1e-3)
         before = () if strokes_made is None else (strokes_made,)
-        found = simulate_stroke(at.rig, height_m + at.height_offset_m, turn.motion(at, float(t_s[-1])), t_s, STROKE_TOLERANCE, before)
+        found = simulate_stroke(
+            at.rig,
+            height_m + at.height_offset_m,
+            turn.motion(at, float(t_s[-1])),
+            t_s,
+            STROKE_TOLERANCE,
+            before,
+        )
         if not region.allows(_load_of(found)):
             return None
         table = Stream(t_s, {name: Column(getattr(found, name), "") for name in (*FORCES, SIGNAL)})
-        condition = Condition(height_m, speed_rad_s, (Stroke(height_m, speed_rad_s, 1, {"table": table}, strokes_made),))
+        condition = Condition(
+            height_m,
+            speed_rad_s,
+            (Stroke(height_m, speed_rad_s, 1, {"table": table}, strokes_made),),
+        )
         flap = make_dynamic_condition(condition, noise_std, turn)
         if isinstance(flap, Undetermined) or shaft is None:
             return None if isinstance(flap, Undetermined) else flap
@@ -250,7 +381,9 @@ def make_stroke_design(
     return ExperimentDesign(settings, words, SET_UP_MIN, each_min, REPEATS, simulate, NEXT_PROTOCOL)
 
 
-def _stage_designs(body: PreparedData, tables: Sequence[StageTable], region: FeasibleRegion) -> Iterator[ExperimentDesign]:
+def _stage_designs(
+    body: PreparedData, tables: Sequence[StageTable], region: FeasibleRegion
+) -> Iterator[ExperimentDesign]:
     """Sequences of stages at a low, a middle and a high rack where no table was recorded.
 
     Two tables of one height would be joined into one sequence.
@@ -263,7 +396,11 @@ def _stage_designs(body: PreparedData, tables: Sequence[StageTable], region: Fea
 
 
 def make_stage_design(
-    kind: str, height_m: float, region: FeasibleRegion, noise_std: Mapping[str, float | None], strokes_made: int | None = None
+    kind: str,
+    height_m: float,
+    region: FeasibleRegion,
+    noise_std: Mapping[str, float | None],
+    strokes_made: int | None = None,
 ) -> ExperimentDesign:
     """A sequence of shaft angles at one height.
 
@@ -281,25 +418,54 @@ def make_stage_design(
         How many strokes the leg has made before; None where they were not counted.
     """
     angles_deg = SEQUENCES[kind]
-    ways = ["loading", *("unloading" if there < here else "loading" for here, there in pairwise(angles_deg))]
-    stages = [{"angle_deg": deg, "direction": way} for deg, way in zip(angles_deg, ways, strict=True)]
+    ways = [
+        "loading",
+        *("unloading" if there < here else "loading" for here, there in pairwise(angles_deg)),
+    ]
+    stages = [
+        {"angle_deg": deg, "direction": way} for deg, way in zip(angles_deg, ways, strict=True)
+    ]
     settings = {"kind": kind, "height_mm": round(1e3 * height_m, 3), "stages": stages}
 
     def simulate(at: ModelPoint) -> StageTable | None:
         settled, start_rad = replace(at.rig, swing=None), at.rig.leg.start_angle_rad
         sequence = make_protocol(settings).static_stages()  # type: ignore[union-attr]
         no_limits = Limits(*[np.inf] * 13)  # the loads are compared with the region
-        plan = static_plan(sequence, RigFacts(start_rad, start_rad, settled.drive.ramp_s, no_limits, Rates(1e3, 1e3)))
+        plan = static_plan(
+            sequence,
+            RigFacts(start_rad, start_rad, settled.drive.ramp_s, no_limits, Rates(1e3, 1e3)),
+        )
         if not all(region.allows(load) for load in predict_loads(plan, settled).values()):
             return None  # the leg would wedge or press too hard on the way
         empty = [
             StaticStage(height_m, n, way, angle_rad, (), 0.0, 0.0, 0.0, strokes_before=strokes_made)
             for n, (angle_rad, way) in enumerate(sequence.angles_rad, 1)
         ]
-        (table,) = make_stage_tables(empty, noise_std, StageMoves(STATIC["move_speed_rad_s"], 0.2, 1.0))  # a usual ramp, and at rest
+        (table,) = make_stage_tables(
+            empty, noise_std, StageMoves(STATIC["move_speed_rad_s"], 0.2, 1.0)
+        )  # a usual ramp, and at rest
         forces = table.simulated(at).reshape(len(FORCES), -1)
-        return replace(table, stages=tuple(replace(s, **dict(zip(FORCES, f, strict=True))) for s, f in zip(empty, forces.T, strict=True)))
+        return replace(
+            table,
+            stages=tuple(
+                replace(s, **dict(zip(FORCES, f, strict=True)))
+                for s, f in zip(empty, forces.T, strict=True)
+            ),
+        )
 
-    way_rad = np.radians(np.abs(np.diff(angles_deg)).sum() + 360.0)  # and on to where the shaft waits
-    each_min = float(way_rad / STATIC["move_speed_rad_s"] + len(stages) * (REST_S + STATIC["average_s"])) / 60.0
-    return ExperimentDesign(settings, f"{kind} at {settings['height_mm']:g} mm", SET_UP_MIN, each_min, (1,), simulate, NEXT_PROTOCOL)
+    way_rad = np.radians(
+        np.abs(np.diff(angles_deg)).sum() + 360.0
+    )  # and on to where the shaft waits
+    each_min = (
+        float(way_rad / STATIC["move_speed_rad_s"] + len(stages) * (REST_S + STATIC["average_s"]))
+        / 60.0
+    )
+    return ExperimentDesign(
+        settings,
+        f"{kind} at {settings['height_mm']:g} mm",
+        SET_UP_MIN,
+        each_min,
+        (1,),
+        simulate,
+        NEXT_PROTOCOL,
+    )

@@ -1,8 +1,8 @@
-"""The next experiment on a mechanism: joints follow sines, within the positions, speeds and commands that were recorded.
+"""The next experiment on a mechanism: joints follow sines, within the positions, speeds and
+commands that were recorded.
 
-Every joint needs a motor of its own. A controller tracks the reference. The windows of the recording are compared, each with the commands
-of the most probable hypothesis as feed-forward.
-"""
+Every joint needs a motor of its own. A controller tracks the reference. The windows of the
+recording are compared, each with the commands of the most probable hypothesis as feed-forward."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,7 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.decision.decide import Decision
-from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_open_hypotheses, list_options, propose
+from rfca_rig.diagnosis.experiment_design.choice import (
+    SET_UP_MIN,
+    ExperimentDesign,
+    list_open_hypotheses,
+    list_options,
+    propose,
+)
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, correct_window
@@ -34,15 +40,19 @@ RISE_S = 1.0  # in which a sine grows from rest
 STEP_S = 2e-3  # of the commands
 ALL = "all joints"
 TRAVELS = (0.3, 1.0)  # shares of half the range that a joint travelled
-SPEEDS = (0.15, 0.6, 1.4)  # shares of its rms speed: stick and slip, usual motion, and the peak of a sine as fast as that
+SPEEDS = (
+    0.15,
+    0.6,
+    1.4,
+)  # shares of its rms speed: stick and slip, usual motion, and the peak of a sine as fast as that
 
 
 @dataclass(frozen=True)
 class Excitation:
     """The proposed motion.
 
-    `t_s` (m,) are times, `reference` (m, n) positions of the joints in rad or m, and `command` (m, u) the feed-forward of the actuators.
-    """
+    `t_s` (m,) are times, `reference` (m, n) positions of the joints in rad or m, and `command` (m,
+    u) the feed-forward of the actuators."""
 
     t_s: Floats
     reference: Floats
@@ -51,13 +61,17 @@ class Excitation:
 
 @dataclass(frozen=True)
 class NextMotion:
-    """The proposal as the diagnosis states it, with its excitation if the mechanism moves for it."""
+    """The proposal as the diagnosis states it, with its excitation if the mechanism moves for
+    it.
+    """
 
     proposal: dict[str, object]
     excitation: Excitation | None
 
 
-def propose_motion(problem: MechanismProblem, found: ModelSelectionResult, decision: Decision, enough: bool) -> NextMotion | None:
+def propose_motion(
+    problem: MechanismProblem, found: ModelSelectionResult, decision: Decision, enough: bool
+) -> NextMotion | None:
     """What to record or to measure next; None where nothing is open or nothing would help.
 
     Parameters
@@ -81,15 +95,25 @@ def propose_motion(problem: MechanismProblem, found: ModelSelectionResult, decis
         return NextMotion(proposal, None)
     first = hypotheses.open[0].fitted
     joint = [*mechanism.joints, ALL].index(str(proposal["joint"]))
-    sine = _sine(problem.usual, joint, float(str(proposal["travel_relative"])), float(str(proposal["frequency_Hz"])))
+    sine = _sine(
+        problem.usual,
+        joint,
+        float(str(proposal["travel_relative"])),
+        float(str(proposal["frequency_Hz"])),
+    )
     command = sine.feed_forward(problem.simulator.plant(first.coordinates.supposed(first.x)))
     return NextMotion(proposal, Excitation(sine.t_s, sine.position, command))
 
 
 def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -> None:
-    """Write the reference of every joint and the feed-forward of every actuator over time as CSV, atomically."""
+    """Write the reference of every joint and the feed-forward of every actuator over time as
+    CSV, atomically.
+    """
     units = ["m" if slides else "rad" for slides in mechanism.is_slide]
-    names = ["t_s", *(f"{joint}_position_{unit}" for joint, unit in zip(mechanism.joints, units, strict=True))]
+    names = [
+        "t_s",
+        *(f"{joint}_position_{unit}" for joint, unit in zip(mechanism.joints, units, strict=True)),
+    ]
     names += [f"{actuator}_command" for actuator in mechanism.actuators]
     text = StringIO()
     text.write(csv_line(names))
@@ -105,19 +129,33 @@ def _designs(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
         moving = [joint] if joint < len(names) else list(range(len(names)))
         for travel in TRAVELS:
             for speed in SPEEDS:
-                # Of all joints together, the one that is fastest for its travel limits the frequency.
-                f_Hz = float(f"{np.min(speed * usual.speed[moving] / (2.0 * np.pi * travel * usual.half_range[moving])):.2g}")
+                # Of all joints together, the one that is fastest for its travel limits the
+                # frequency.
+                amplitudes = travel * usual.half_range[moving]
+                fastest_Hz = np.min(speed * usual.speed[moving] / (2.0 * np.pi * amplitudes))
+                f_Hz = float(f"{fastest_Hz:.2g}")
                 if f_Hz * SECONDS < 0.5:
                     continue  # less than half a period
                 who = names[joint] if joint < len(names) else ALL
-                words = f"move {who} along a sine over {100.0 * travel:.0f} % of the recorded range at {f_Hz:g} Hz for {SECONDS:g} s"
-                settings = {"kind": "sine", "joint": who, "travel_relative": travel, "frequency_Hz": f_Hz, "seconds": SECONDS}
+                words = (
+                    f"move {who} along a sine over {100.0 * travel:.0f} % of the recorded "
+                    f"range at {f_Hz:g} Hz for {SECONDS:g} s"
+                )
+                settings = {
+                    "kind": "sine",
+                    "joint": who,
+                    "travel_relative": travel,
+                    "frequency_Hz": f_Hz,
+                    "seconds": SECONDS,
+                }
                 yield _design(problem, settings, words, _sine(usual, joint, travel, f_Hz))
 
 
 @dataclass(frozen=True)
 class _Reference:
-    """Reference motion of the joints: times (m,), and positions, speeds and accelerations (m, n)."""
+    """Reference motion of the joints: times (m,), and positions, speeds and accelerations (m,
+    n).
+    """
 
     t_s: Floats
     position: Floats
@@ -130,7 +168,9 @@ class _Reference:
 
 
 def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) -> _Reference:
-    """A sine of one joint about the middle of its recorded range; for a number past the last joint, of all joints."""
+    """A sine of one joint about the middle of its recorded range; for a number past the last
+    joint, of all joints.
+    """
     joints = len(usual.lowest)
     t_s = np.arange(0.0, SECONDS + STEP_S / 2.0, STEP_S)
     # The amplitude grows smoothly from rest, so that the start needs no jump of the command.
@@ -144,14 +184,22 @@ def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) ->
     return _Reference(t_s, position, speed, np.gradient(speed, STEP_S, axis=0))
 
 
-def _design(problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference) -> ExperimentDesign:
-    """Design of one recording; it returns None under a hypothesis that needs larger commands than were recorded."""
+def _design(
+    problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference
+) -> ExperimentDesign:
+    """Design of one recording; it returns None under a hypothesis that needs larger commands
+    than were recorded.
+    """
     simulator, like = problem.simulator, problem.conditions[0]
     window, model = like.windows[0].window, simulator.mechanism.model
     every = round(float(window.t_s[-1]) / STEP_S)
     # Only the stationary part is compared, in windows of the recorded length.
     starts = range(round(RISE_S / STEP_S), len(sine.t_s) - every, every)
-    largest = np.where(model.actuator_ctrllimited.astype(bool), np.abs(model.actuator_ctrlrange).min(axis=1), problem.usual.command)
+    largest = np.where(
+        model.actuator_ctrllimited.astype(bool),
+        np.abs(model.actuator_ctrlrange).min(axis=1),
+        problem.usual.command,
+    )
     nominal = simulator.plant(MechanismInput())
 
     def simulate(at: MechanismInput) -> Motions | None:

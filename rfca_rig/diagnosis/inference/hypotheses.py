@@ -1,4 +1,6 @@
-"""Hypotheses (sets of effects) that a search leaves, each with its log evidence and prior probability."""
+"""Hypotheses (sets of effects) that a search leaves, each with its log evidence and prior
+probability.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from rfca_rig.diagnosis.config import IMPLAUSIBLE, PRIOR_FOUR, PRIOR_NOTHING, PRIOR_ONE, PRIOR_THREE, PRIOR_TWO
+from rfca_rig.diagnosis.config import (
+    IMPLAUSIBLE,
+    PRIOR_FOUR,
+    PRIOR_NOTHING,
+    PRIOR_ONE,
+    PRIOR_THREE,
+    PRIOR_TWO,
+)
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.screening import EffectProbe, terms_of
 from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
@@ -19,9 +28,11 @@ Floats = NDArray[np.float64]
 
 
 def log_prior_of_set(size: int, candidates: int) -> float:
-    """Log prior of one set of `size` effects out of `candidates`: the prior of that size, spread evenly over all sets of the size.
+    """Log prior of one set of `size` effects out of `candidates`: the prior of that size, spread
+    evenly over all sets of the size.
 
-    The spread is the correction for multiplicity: the more candidates there are, the less probable each is.
+    The spread is the correction for multiplicity: the more candidates there are, the less probable
+    each is.
 
     Raises
     ------
@@ -29,7 +40,8 @@ def log_prior_of_set(size: int, candidates: int) -> float:
         For more than four effects.
     """
     share = {0: PRIOR_NOTHING, 1: PRIOR_ONE, 2: PRIOR_TWO, 3: PRIOR_THREE, 4: PRIOR_FOUR}[size]
-    # With fewer candidates than the size there is no such set; the maximum only avoids a division by zero.
+    # With fewer candidates than the size there is no such set; the maximum only avoids a division
+    # by zero.
     return float(np.log(share / max(comb(candidates, size), 1)))
 
 
@@ -48,7 +60,8 @@ class Hypothesis:
     log_prior
         Log prior probability.
     log_beyond
-        Log evidence lost where a nuisance parameter had to leave its plausible range. It is subtracted from `marginal` already.
+        Log evidence lost where a nuisance parameter had to leave its plausible range. It is
+        subtracted from `marginal` already.
     """
 
     ids: tuple[str, ...]
@@ -65,7 +78,9 @@ class Hypothesis:
     @property
     def rows(self) -> Floats:
         """Predicted rows (m,) at the posterior mean, by the linear model around the fit."""
-        return self.fitted.predicted + self.fitted.jacobian @ (self.marginal.posterior.mean - self.fitted.x)
+        return self.fitted.predicted + self.fitted.jacobian @ (
+            self.marginal.posterior.mean - self.fitted.x
+        )
 
 
 @dataclass(frozen=True)
@@ -106,10 +121,14 @@ class ModelSelectionResult:
     @property
     def floor_std(self) -> Floats:
         """Standard deviation (m,) of what noise and scatter leave of each row."""
-        return np.asarray(np.sqrt(self.dataset.rows.noise**2 + (self.scatter.columns**2).sum(axis=1)))
+        return np.asarray(
+            np.sqrt(self.dataset.rows.noise**2 + (self.scatter.columns**2).sum(axis=1))
+        )
 
 
-def weigh_models(optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
+def weigh_models(
+    optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int
+) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
     """The hypotheses of a search with their log evidence and prior.
 
     Parameters
@@ -129,21 +148,31 @@ def weigh_models(optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], e
         The one without effects, and those with effects, most probable first.
     """
     nothing = Hypothesis((), base, optimizer.evaluate(base), float(np.log(PRIOR_NOTHING)))
-    named = [Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
+    named = [
+        Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), _log_prior(fitted, effects))
+        for fitted in fits
+    ]
     plausible = [_prefer_plausible(hypothesis, named) for hypothesis in named]
-    return _prefer_plausible(nothing, named), tuple(sorted(plausible, key=lambda hypothesis: -hypothesis.log_joint))
+    return _prefer_plausible(nothing, named), tuple(
+        sorted(plausible, key=lambda hypothesis: -hypothesis.log_joint)
+    )
 
 
 def _prefer_plausible(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypothesis:
-    """The hypothesis without the evidence that rests on an implausible value of a nuisance parameter.
+    """The hypothesis without the evidence that rests on an implausible value of a nuisance
+    parameter.
 
-    This applies where one of `named` explains the same by an effect. The prior of a nuisance parameter is truncated where it is
-    implausible, and the share of the posterior that lies within remains as evidence. Six times the nominal damping is no uncertainty of the
-    hinges, but an effect of its own. See "Truncated priors" in section 3 of docs/method.md.
-    """
+    This applies where one of `named` explains the same by an effect. The prior of a nuisance
+    parameter is truncated where it is implausible, and the share of the posterior that lies within
+    remains as evidence. Six times the nominal damping is no uncertainty of the hinges, but an
+    effect of its own. See "Truncated priors" in section 3 of docs/method.md."""
     implausible = max((_log_beyond(hypothesis, wider) for wider in named), default=0.0)
     marginal = hypothesis.marginal
-    return replace(hypothesis, marginal=replace(marginal, log_evidence=marginal.log_evidence - implausible), log_beyond=implausible)
+    return replace(
+        hypothesis,
+        marginal=replace(marginal, log_evidence=marginal.log_evidence - implausible),
+        log_beyond=implausible,
+    )
 
 
 def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
@@ -151,20 +180,33 @@ def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
 
     It is the one that the additional effect of `wider` is equivalent to.
     """
-    equivalent = [choice.effect.same_as for choice in wider.fitted.coordinates.choices if choice.effect.id not in hypothesis.ids]
+    equivalent = [
+        choice.effect.same_as
+        for choice in wider.fitted.coordinates.choices
+        if choice.effect.id not in hypothesis.ids
+    ]
     names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.marginal.posterior
-    # Only a set with exactly one effect equivalent counts, and only if that effect does the same as a nuisance parameter.
-    is_wider = set(hypothesis.ids) < set(wider.ids) and len(equivalent) == 1 and equivalent[0] in names
-    if not is_wider or wider.marginal.max_nuisance_shift(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE:
+    # Only a set with exactly one effect equivalent counts, and only if that effect does the same as
+    # a nuisance parameter.
+    is_wider = (
+        set(hypothesis.ids) < set(wider.ids) and len(equivalent) == 1 and equivalent[0] in names
+    )
+    if (
+        not is_wider
+        or wider.marginal.max_nuisance_shift(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE
+    ):
         return 0.0
     place = names.index(equivalent[0])
     std = float(np.sqrt(posterior.covariance[place, place]))
-    # -log Phi((IMPLAUSIBLE - |m|) / sigma), m and sigma of the posterior in standard normal coordinates.
+    # -log Phi((IMPLAUSIBLE - |m|) / sigma), m and sigma of the posterior in standard normal
+    # coordinates.
     return -float(log_ndtr((IMPLAUSIBLE - abs(posterior.mean[place])) / std))
 
 
 def _log_prior(fitted: MapFit, effects: int) -> float:
-    """Log prior of a set of effects. The variants of an effect, for example one per hinge, share its prior evenly."""
+    """Log prior of a set of effects. The variants of an effect, for example one per hinge, share
+    its prior evenly.
+    """
     choices = fitted.coordinates.choices
     variants = np.prod([len(terms_of(choice.effect)) for choice in choices])
     return log_prior_of_set(len(choices), effects) - float(np.log(variants))

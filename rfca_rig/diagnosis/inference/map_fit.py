@@ -1,8 +1,9 @@
-"""MAP fit of one hypothesis by damped Gauss-Newton steps. The Jacobian is recomputed only as far as it changes.
+"""MAP fit of one hypothesis by damped Gauss-Newton steps. The Jacobian is recomputed only as far as
+it changes.
 
-A hypothesis far from the data is fitted under a wide discrepancy, which shrinks as the fit improves. Otherwise rows that no value can
-explain would drive the nuisance parameters to the ends of their priors. Section 5 of docs/method.md lists the steps.
-"""
+A hypothesis far from the data is fitted under a wide discrepancy, which shrinks as the fit
+improves. Otherwise rows that no value can explain would drive the nuisance parameters to the ends
+of their priors. Section 5 of docs/method.md lists the steps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -75,7 +76,9 @@ class MapFit:
 
     @property
     def max_nuisance_shift(self) -> float:
-        """Largest distance of a nuisance parameter from its prior mean, in prior standard deviations."""
+        """Largest distance of a nuisance parameter from its prior mean, in prior standard
+        deviations.
+        """
         return float(np.abs(self.x[: self.coordinates.nuisances]).max(initial=0.0))
 
     @property
@@ -95,13 +98,18 @@ class GaussNewton:
 
     dataset: Dataset
     likelihood: MarginalLikelihood
-    # Evidence is asked for again and again during the search. The weak keys let a fit go with its results once it is dropped.
-    _free: WeakKeyDictionary[MapFit, float] = field(default_factory=WeakKeyDictionary, init=False, repr=False, compare=False)
+    # Evidence is asked for again and again during the search. The weak keys let a fit go with its
+    # results once it is dropped.
+    _free: WeakKeyDictionary[MapFit, float] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False, compare=False
+    )
     _marginals: WeakKeyDictionary[MapFit, MarginalPosterior] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False, compare=False
     )
 
-    def at(self, coordinates: Parameterization, x: Floats, known_slope: Floats | None = None) -> MapFit | None:
+    def at(
+        self, coordinates: Parameterization, x: Floats, known_slope: Floats | None = None
+    ) -> MapFit | None:
         """Evaluate a hypothesis at x.
 
         Parameters
@@ -111,7 +119,8 @@ class GaussNewton:
         x
             (p,) their coordinates.
         known_slope
-            (m, k) first k columns of the Jacobian, if they are known; the others are found by finite differences of STEP.
+            (m, k) first k columns of the Jacobian, if they are known; the others are found by
+            finite differences of STEP.
 
         Returns
         -------
@@ -122,22 +131,34 @@ class GaussNewton:
         if predicted is None:
             return None
         left = np.empty((len(predicted), 0)) if known_slope is None else known_slope
-        columns = self._columns(coordinates, x, predicted, dict.fromkeys(range(left.shape[1], coordinates.size), STEP))
+        columns = self._columns(
+            coordinates, x, predicted, dict.fromkeys(range(left.shape[1], coordinates.size), STEP)
+        )
         return self._make_fit(coordinates, x, predicted, np.column_stack([left, *columns]))
 
-    def _make_fit(self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats) -> MapFit:
+    def _make_fit(
+        self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats
+    ) -> MapFit:
         size = np.linalg.norm(self.likelihood.usual(jacobian), axis=0)
         return MapFit(coordinates, x, predicted, self._align_nuisances(coordinates, jacobian), size)
 
     def without(self, found: MapFit, number: int) -> MapFit | None:
-        """The fit without one of its effects, everything else unchanged; None where the model has no answer."""
+        """The fit without one of its effects, everything else unchanged; None where the model
+        has no answer.
+        """
         coordinates = found.coordinates
         kept = [term for i, term in enumerate(coordinates.choices) if i != number]
         drop = np.arange(coordinates.size)[coordinates.part(number)]
-        return self.at(coordinates.with_terms(kept), np.delete(found.x, drop), np.delete(found.jacobian, drop, axis=1))
+        return self.at(
+            coordinates.with_terms(kept),
+            np.delete(found.x, drop),
+            np.delete(found.jacobian, drop, axis=1),
+        )
 
     def refine(self, start: MapFit, levels: int = LEVELS, rounds: int = ROUNDS) -> MapFit:
-        """Steps from `start` until nothing more is gained, at one discrepancy scale after the other."""
+        """Steps from `start` until nothing more is gained, at one discrepancy scale after the
+        other.
+        """
         here, last = start, np.inf
         for _ in range(levels):
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
@@ -148,35 +169,57 @@ class GaussNewton:
         return here
 
     def converge(self, found: MapFit, rounds: int = CONVERGENCE_ROUNDS) -> MapFit:
-        """Recompute all columns of the Jacobian and refine again, until that gains less than CONVERGED_GAIN."""
+        """Recompute all columns of the Jacobian and refine again, until that gains less than
+        CONVERGED_GAIN.
+        """
         here = found
         for _ in range(rounds):
             before, here = here, self.refine(self._recompute_jacobian(here))
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
-            if self.misfit(before.x, before.predicted, whitening) - self.misfit(here.x, here.predicted, whitening) < CONVERGED_GAIN:
+            if (
+                self.misfit(before.x, before.predicted, whitening)
+                - self.misfit(here.x, here.predicted, whitening)
+                < CONVERGED_GAIN
+            ):
                 break
         return here
 
     def _recompute_jacobian(self, here: MapFit) -> MapFit:
-        columns = self._columns(here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size))))
-        no_columns = np.empty((len(here.predicted), 0))  # a hypothesis without unknowns has no column
-        return self._make_fit(here.coordinates, here.x, here.predicted, np.column_stack([no_columns, *columns]))
+        columns = self._columns(
+            here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size)))
+        )
+        no_columns = np.empty(
+            (len(here.predicted), 0)
+        )  # a hypothesis without unknowns has no column
+        return self._make_fit(
+            here.coordinates, here.x, here.predicted, np.column_stack([no_columns, *columns])
+        )
 
     def _descend(self, here: MapFit, whitening: DiscrepancyWhitening, rounds: int) -> MapFit:
-        """Damped steps at one discrepancy scale towards the optimum of the linear model; a failed step shortens the next one."""
+        """Damped steps at one discrepancy scale towards the optimum of the linear model; a
+        failed step shortens the next one.
+        """
         share, failed, is_fresh = 1.0, 0, False
         for _ in range(rounds):
             goal = _goal(here.linear(self.dataset.rows.measured), whitening)
             before = self.misfit(here.x, here.predicted, whitening)
             # The linear model itself promises too little for a further step.
-            if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < LEAST_GAIN:
+            if (
+                before
+                - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening)
+                < LEAST_GAIN
+            ):
                 return here
             x = here.x + share * (goal - here.x)
             predicted = self.dataset.predicted(here.coordinates.supposed(x))
             gained = -np.inf if predicted is None else before - self.misfit(x, predicted, whitening)
             if predicted is not None:
                 # A failed step is not taken, but it shows where the Jacobian is wrong.
-                here = self._update_by_secant(here, x, predicted) if gained <= 0.0 else self._refresh_jacobian(here, x, predicted)
+                here = (
+                    self._update_by_secant(here, x, predicted)
+                    if gained <= 0.0
+                    else self._refresh_jacobian(here, x, predicted)
+                )
             if 0.0 < gained < LEAST_GAIN:
                 return here
             # Damping by step length: it grows back after a success, up to the full step.
@@ -184,16 +227,17 @@ class GaussNewton:
             failed = 0 if gained > 0.0 else failed + 1
             is_fresh = is_fresh and gained <= 0.0
             if failed == FAILED_STEPS and not is_fresh:
-                # The secant updates cannot correct a Jacobian that is wrong in directions the steps did not take.
+                # The secant updates cannot correct a Jacobian that is wrong in directions the steps
+                # did not take.
                 here, share, failed, is_fresh = self._recompute_jacobian(here), 1.0, 0, True
         return here
 
     def evaluate(self, found: MapFit) -> MarginalPosterior:
-        """Marginal likelihood of a fit, with the discrepancy scale integrated out under the strict prior.
+        """Marginal likelihood of a fit, with the discrepancy scale integrated out under the strict
+        prior.
 
-        Evidence that only the Jacobian promises, and no step found, does not count. A Jacobian across a kink promises much, for example at
-        a stop that no hinge reaches.
-        """
+        Evidence that only the Jacobian promises, and no step found, does not count. A Jacobian
+        across a kink promises much, for example at a stop that no hinge reaches."""
         if (known := self._marginals.get(found)) is None:
             known = self._marginals[found] = self._integrate(found)
         return known
@@ -201,7 +245,9 @@ class GaussNewton:
     def _integrate(self, found: MapFit) -> MarginalPosterior:
         linear = found.linear(self.dataset.rows.measured)
         marginal = self.likelihood.evaluate(linear)
-        missing = unconfirmed_gain(found, self.dataset.rows.measured, marginal.posterior.mean, marginal.whitening)
+        missing = unconfirmed_gain(
+            found, self.dataset.rows.measured, marginal.posterior.mean, marginal.whitening
+        )
         return replace(marginal, log_evidence=marginal.log_evidence - missing)
 
     def evaluate_unlisted(self, found: MapFit) -> MarginalPosterior:
@@ -213,7 +259,9 @@ class GaussNewton:
         return self.evaluate(found).log_evidence
 
     def free_log_evidence(self, found: MapFit) -> float:
-        """Log evidence with the discrepancy scale free over the whole grid, log-uniform; cached. It ranks sets during the search."""
+        """Log evidence with the discrepancy scale free over the whole grid, log-uniform; cached.
+        It ranks sets during the search.
+        """
         if (known := self._free.get(found)) is None:
             known = self._free[found] = float(logsumexp(self.log_evidence_by_scale(found)))
         return known
@@ -227,78 +275,136 @@ class GaussNewton:
         return _misfit(self.dataset.rows.measured - predicted, x, whitening)
 
     def _update_by_secant(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
-        """Secant update of the whole Jacobian from the model's rows at x, each column in proportion to its probable error.
+        """Secant update of the whole Jacobian from the model's rows at x, each column in proportion
+        to its probable error.
 
-        It is a Kalman update: columns are known to JACOBIAN_ERROR of their size, and the model is rough by MODEL_ROUGHNESS. Section 5 of
-        docs/method.md has the formula.
-        """
+        It is a Kalman update: columns are known to JACOBIAN_ERROR of their size, and the model is
+        rough by MODEL_ROUGHNESS. Section 5 of docs/method.md has the formula."""
         step = x - here.x
         deviation = predicted - here.predicted - here.jacobian @ step
         gain = step * (JACOBIAN_ERROR * here.size) ** 2
-        jacobian = here.jacobian + np.outer(deviation, gain / (float(step @ gain) + MODEL_ROUGHNESS**2))
+        jacobian = here.jacobian + np.outer(
+            deviation, gain / (float(step @ gain) + MODEL_ROUGHNESS**2)
+        )
         return replace(here, jacobian=self._align_nuisances(here.coordinates, jacobian))
 
     def _refresh_jacobian(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
-        """Move to x: all columns get the secant update, those of effects are recomputed by finite differences."""
+        """Move to x: all columns get the secant update, those of effects are recomputed by
+        finite differences.
+        """
         jacobian = self._update_by_secant(here, x, predicted).jacobian
         of_effects = dict(list(enumerate(_widths(here.size)))[here.coordinates.nuisances :])
-        for i, column in zip(of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True):
+        for i, column in zip(
+            of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True
+        ):
             jacobian[:, i] = column
-        return replace(here, x=x, predicted=predicted, jacobian=self._align_nuisances(here.coordinates, jacobian))
+        return replace(
+            here,
+            x=x,
+            predicted=predicted,
+            jacobian=self._align_nuisances(here.coordinates, jacobian),
+        )
 
     def _align_nuisances(self, coordinates: Parameterization, jacobian: Floats) -> Floats:
-        """Replace the column of a nuisance parameter that does the equivalents as an effect by a multiple of the effect's column.
+        """Replace the column of a nuisance parameter that does the equivalents as an effect by a
+        multiple of the effect's column.
 
-        Their columns are differences over other steps, so they would differ slightly. The data would then seem to distinguish what only the
-        prior does. It applies to stated equivalents, for example the height of the rack, and to columns whose cosine exceeds
-        SAME_COLUMN_COSINE.
+        Their columns are differences over other steps, so they would differ slightly. The data
+        would then seem to distinguish what only the prior does. It applies to stated equivalents,
+        for example the height of the rack, and to columns whose cosine exceeds SAME_COLUMN_COSINE.
         """
         size = jacobian / self.dataset.rows.noise[:, None]
         # In units of noise, so that channels of different units count alike.
-        norm = np.maximum(np.linalg.norm(size, axis=0), 1e-150)  # the product of two does not underflow
+        norm = np.maximum(
+            np.linalg.norm(size, axis=0), 1e-150
+        )  # the product of two does not underflow
         equivalents = coordinates.same_as
         effects = range(coordinates.nuisances, coordinates.size)
         for nuisance, name in enumerate(coordinates.space.names):
-            cosine = {effect: float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance]) for effect in effects}
-            tied = [effect for effect in effects if equivalents[effect - coordinates.nuisances] == name]
+            cosine = {
+                effect: float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance])
+                for effect in effects
+            }
+            tied = [
+                effect for effect in effects if equivalents[effect - coordinates.nuisances] == name
+            ]
             effect = max(tied or effects, key=lambda one: abs(cosine[one]), default=None)
             if effect is not None and (tied or abs(cosine[effect]) > SAME_COLUMN_COSINE):
-                jacobian[:, nuisance] = jacobian[:, effect] * cosine[effect] * norm[nuisance] / norm[effect]
+                jacobian[:, nuisance] = (
+                    jacobian[:, effect] * cosine[effect] * norm[nuisance] / norm[effect]
+                )
         return jacobian
 
-    def _columns(self, coordinates: Parameterization, x: Floats, predicted: Floats, widths: Mapping[int, float]) -> list[Floats]:
-        """Columns (m,) of the Jacobian by one-sided finite differences of these widths, by the number of the unknown.
+    def _columns(
+        self,
+        coordinates: Parameterization,
+        x: Floats,
+        predicted: Floats,
+        widths: Mapping[int, float],
+    ) -> list[Floats]:
+        """Columns (m,) of the Jacobian by one-sided finite differences of these widths, by the
+        number of the unknown.
 
-        Steps go towards the middle of the prior, or away from it where the model has no answer there. The column is zero where it has none
-        on either side.
-        """
+        Steps go towards the middle of the prior, or away from it where the model has no answer
+        there. The column is zero where it has none on either side."""
         inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
         found = self._predict_changes(coordinates, x, predicted, inwards)
         outwards = {i: -step for i, step in inwards.items() if found[i] is None}
-        found, steps = found | self._predict_changes(coordinates, x, predicted, outwards), inwards | outwards
-        return [np.zeros(len(predicted)) if (change := found[i]) is None else change / steps[i] for i in widths]
+        found, steps = (
+            found | self._predict_changes(coordinates, x, predicted, outwards),
+            inwards | outwards,
+        )
+        return [
+            np.zeros(len(predicted)) if (change := found[i]) is None else change / steps[i]
+            for i in widths
+        ]
 
     def _predict_changes(
-        self, coordinates: Parameterization, x: Floats, predicted: Floats, steps: Mapping[int, float]
+        self,
+        coordinates: Parameterization,
+        x: Floats,
+        predicted: Floats,
+        steps: Mapping[int, float],
     ) -> dict[int, Floats | None]:
-        """The change of the model's rows over one step from x, by the number of the unknown that is shifted."""
-        places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
-        return dict(zip(steps, self.dataset.predict_changes(coordinates.supposed(x), predicted, places), strict=True))
+        """The change of the model's rows over one step from x, by the number of the unknown that
+        is shifted.
+        """
+        places = [
+            coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x))
+            for i, step in steps.items()
+        ]
+        return dict(
+            zip(
+                steps,
+                self.dataset.predict_changes(coordinates.supposed(x), predicted, places),
+                strict=True,
+            )
+        )
 
 
-def log_evidence_by_scale(found: MapFit, measured: Floats, whitenings: Sequence[DiscrepancyWhitening]) -> Floats:
+def log_evidence_by_scale(
+    found: MapFit, measured: Floats, whitenings: Sequence[DiscrepancyWhitening]
+) -> Floats:
     """Log evidence of a fit to measured rows (m,) under each of k covariances, (k,)."""
     posteriors = laplace_posteriors(found.linear(measured), whitenings)
     pairs = zip(whitenings, posteriors, strict=True)
-    return np.array([p.log_evidence - unconfirmed_gain(found, measured, p.mean, whitening) for whitening, p in pairs])
+    return np.array(
+        [
+            p.log_evidence - unconfirmed_gain(found, measured, p.mean, whitening)
+            for whitening, p in pairs
+        ]
+    )
 
 
 def unconfirmed_gain(found: MapFit, measured: Floats, mean: Floats, whitening: Whitening) -> float:
-    """Gain in log posterior density at `mean` (p,) that the linear model promises and the fit did not find; `measured` is (m,).
+    """Gain in log posterior density at `mean` (p,) that the linear model promises and the fit did
+    not find; `measured` is (m,).
 
     It does not count as evidence. A Jacobian across a kink promises much.
     """
-    promised = _misfit(measured - found.predicted - found.jacobian @ (mean - found.x), mean, whitening)
+    promised = _misfit(
+        measured - found.predicted - found.jacobian @ (mean - found.x), mean, whitening
+    )
     return max(_misfit(measured - found.predicted, found.x, whitening) - promised, 0.0)
 
 
@@ -308,14 +414,22 @@ def _misfit(residual: Floats, x: Floats, whitening: Whitening) -> float:
 
 
 def without_scatter(dataset: Dataset) -> GaussNewton:
-    """The optimiser while the scatter from repeat to repeat is unknown: it counts as discrepancy."""
-    return GaussNewton(dataset, make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0))))
+    """The optimiser while the scatter from repeat to repeat is unknown: it counts as
+    discrepancy.
+    """
+    return GaussNewton(
+        dataset, make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0)))
+    )
 
 
 def _widths(size: Floats) -> Floats:
-    """Widths (p,) of finite differences: a difference should exceed the roughness of the model, within NARROWEST_STEP to WIDEST_STEP."""
+    """Widths (p,) of finite differences: a difference should exceed the roughness of the model,
+    within NARROWEST_STEP to WIDEST_STEP.
+    """
     # Such a step changes the rows by about DIFFERENCE_SIZE standard deviations in all.
-    return np.asarray(np.clip(DIFFERENCE_SIZE / np.maximum(size, 1e-300), NARROWEST_STEP, WIDEST_STEP))
+    return np.asarray(
+        np.clip(DIFFERENCE_SIZE / np.maximum(size, 1e-300), NARROWEST_STEP, WIDEST_STEP)
+    )
 
 
 def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
@@ -323,13 +437,18 @@ def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
 
     A coordinate that would leave is fixed at its bound, and the others are solved again.
     """
-    x, free = laplace_posterior(linear, whitening).mean, np.ones(linear.jacobian.shape[1], dtype=bool)
+    x, free = (
+        laplace_posterior(linear, whitening).mean,
+        np.ones(linear.jacobian.shape[1], dtype=bool),
+    )
     # Active-set iteration: every pass fixes at least one coordinate more, so it ends.
     while np.any(np.abs(x[free]) > MAX_COORDINATE):
         free &= np.abs(x) <= MAX_COORDINATE
         x = np.clip(x, -MAX_COORDINATE, MAX_COORDINATE)
         if not free.any():
             break
-        rest = LinearModel(linear.target - linear.jacobian[:, ~free] @ x[~free], linear.jacobian[:, free])
+        rest = LinearModel(
+            linear.target - linear.jacobian[:, ~free] @ x[~free], linear.jacobian[:, free]
+        )
         x[free] = laplace_posterior(rest, whitening).mean
     return np.clip(x, -MAX_COORDINATE, MAX_COORDINATE)

@@ -1,14 +1,17 @@
-"""Search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
+"""Search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do
+not suffice.
 
 `map_fit` fits every hypothesis by Gauss-Newton to its MAP point. Starts come from three generators:
 
-- screening of all effects and all pairs, beside the nominal model and beside the fit without effects
+- screening of all effects and all pairs, beside the nominal model and beside the fit without
+  effects
 - a good fit with one effect more
-- an exchange in the best explanation: an effect for another of its family, or a strained nuisance parameter for the equivalent effect
+- an exchange in the best explanation: an effect for another of its family, or a strained nuisance
+  parameter for the equivalent effect
 
-The search is successive halving (Jamieson and Talwalkar, AISTATS 2016): many fits on a subset of the conditions, few on all, and the best
-of them to convergence. Section 6 of docs/method.md describes it.
-"""
+The search is successive halving (Jamieson and Talwalkar, AISTATS 2016): many fits on a subset of
+the conditions, few on all, and the best of them to convergence. Section 6 of docs/method.md
+describes it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -55,12 +58,16 @@ Progress = Callable[[str, float], None]
 Terms = tuple[EffectTerm, ...]
 
 
-COMPANIONS = 2  # losses rising with speed that are fitted beside a dry one: linear and quadratic; or dry ones beside those
+# losses rising with speed that are fitted beside a dry one: linear and quadratic; or dry ones
+# beside those
+COMPANIONS = 2
 
 
 @dataclass(frozen=True)
 class FitStart:
-    """Start of a fit: effects, coordinates of all unknowns (p,), and the first columns of the Jacobian on all conditions, (m, k)."""
+    """Start of a fit: effects, coordinates of all unknowns (p,), and the first columns of the
+    Jacobian on all conditions, (m, k).
+    """
 
     terms: Terms
     x: Floats
@@ -69,7 +76,9 @@ class FitStart:
 
 @dataclass(frozen=True)
 class Screen:
-    """Every effect at grid points beside a fit: its signatures, and the projection in which they are judged."""
+    """Every effect at grid points beside a fit: its signatures, and the projection in which they
+    are judged.
+    """
 
     base: MapFit
     projection: Projection
@@ -83,7 +92,8 @@ class SearchState:
     Parameters
     ----------
     optimizer, scatter
-        The optimiser on all conditions, and the scatter from repeat to repeat that its covariance has.
+        The optimiser on all conditions, and the scatter from repeat to repeat that its covariance
+        has.
     coarse, in_coarse
         The optimiser on a subset of the conditions, and which rows these have, (m,).
     nominal, nothing
@@ -120,7 +130,9 @@ class SearchState:
         """With these fits added; of each set of effects only the best is kept."""
         ranked = sorted((*self.fits, *fits), key=self.optimizer.free_log_evidence)
         # `ranked` ascends, so of equal keys the best fit comes last and stays in the dictionary.
-        return replace(self, fits=tuple({frozenset(fit.coordinates.choices): fit for fit in ranked}.values()))
+        return replace(
+            self, fits=tuple({frozenset(fit.coordinates.choices): fit for fit in ranked}.values())
+        )
 
 
 def search_models(
@@ -146,7 +158,8 @@ def search_models(
     config
         How widely to search.
     begun
-        Fits to the same recordings in other windows, with the same unknowns: sets of effects are fitted from there, too.
+        Fits to the same recordings in other windows, with the same unknowns: sets of effects are
+        fitted from there, too.
 
     Returns
     -------
@@ -159,26 +172,47 @@ def search_models(
         Where the nominal model cannot be simulated.
     """
     progress("nothing missing", 0.0)
-    state = _fit_nominal(dataset.with_parts(dataset.simulator.forget_history(dataset.parts)), coordinates, config)
+    state = _fit_nominal(
+        dataset.with_parts(dataset.simulator.forget_history(dataset.parts)), coordinates, config
+    )
     no_columns = np.empty((len(dataset.rows.measured), 0))
     known_starts = [FitStart(fit.coordinates.choices, fit.x, no_columns) for fit in begun]
     fits = _fit_all(state, known_starts)
-    state = _prefer_nothing(state, [fit for fit in fits if not fit.ids]).with_fits([fit for fit in fits if fit.ids])
+    state = _prefer_nothing(state, [fit for fit in fits if not fit.ids]).with_fits(
+        [fit for fit in fits if fit.ids]
+    )
     progress("screening every effect", 0.1)
     points = grid_points(term for effect in effects for term in terms_of(effect))
     beside_nominal = _screen(state, state.nominal, _projection(state, state.nominal), points)
-    # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
-    beside_nothing = _screen_promising(state, state.nothing, beside_nominal.probes, config.worth_a_fit, config)
+    # Beside the fit without effects the right effect shows best, unless a nuisance parameter has
+    # taken its place there.
+    beside_nothing = _screen_promising(
+        state, state.nothing, beside_nominal.probes, config.worth_a_fit, config
+    )
     progress("each effect", 0.25)
     starts = [
-        *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
+        *_first_sets(
+            _single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit),
+            config.singles_coarse,
+        ),
         *_first_sets(_single_starts(beside_nothing, 1, config.worth_a_fit), config.beside_nothing),
     ]
     if config.singles_only:
-        return _result(_converge(_fit_best(state, starts, config.singles_full), 1, config), coordinates, beside_nominal.probes, effects)
-    state = _fit_best(state, [*starts, *_family_starts(beside_nothing, starts, config.worth_trying_once)], config.singles_full)
+        return _result(
+            _converge(_fit_best(state, starts, config.singles_full), 1, config),
+            coordinates,
+            beside_nominal.probes,
+            effects,
+        )
+    state = _fit_best(
+        state,
+        [*starts, *_family_starts(beside_nothing, starts, config.worth_trying_once)],
+        config.singles_full,
+    )
     # History and scatter are learned only from a good fit, and before pairs are compared on them.
-    state = _learn(_exchange(_converge(state, 1, config), beside_nominal.probes, config), GOOD_FIT, config)
+    state = _learn(
+        _exchange(_converge(state, 1, config), beside_nominal.probes, config), GOOD_FIT, config
+    )
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
         starts = [
@@ -191,10 +225,13 @@ def search_models(
     state = _converge(state, 2, config)
     if not _is_adequate(state):
         progress("three effects", 0.7)
-        state = _fit_best(state, _partner_starts(state, 2, beside_nothing, config), config.triples_full)
+        state = _fit_best(
+            state, _partner_starts(state, 2, beside_nothing, config), config.triples_full
+        )
     progress("weighing", 0.85)
     state = _exchange(state, beside_nominal.probes, config)
-    # A set must not win because its subsets were fitted badly, so they are fitted again. Another winner needs the same.
+    # A set must not win because its subsets were fitted badly, so they are fitted again. Another
+    # winner needs the same.
     compared_with_subsets = state.best.ids
     state = _converge_all(_learn(_fit_nested(state), 2.0 * GOOD_FIT, config), config)
     if state.best.ids != compared_with_subsets:
@@ -202,13 +239,19 @@ def search_models(
     return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects)
 
 
-def _fit_nominal(dataset: Dataset, coordinates: Parameterization, config: SearchConfig) -> SearchState:
+def _fit_nominal(
+    dataset: Dataset, coordinates: Parameterization, config: SearchConfig
+) -> SearchState:
     """State with the nominal model and the fit without effects."""
-    # The scatter needs a fit, and a fit needs the scatter: the first fit counts scatter as discrepancy.
+    # The scatter needs a fit, and a fit needs the scatter: the first fit counts scatter as
+    # discrepancy.
     start = without_scatter(dataset)
     nominal = start.at(coordinates, np.zeros(coordinates.size))
     if nominal is None:
-        raise SimulationFailed("the model cannot be computed with its nominal values; look for a slipped decimal point in its parameters")
+        raise SimulationFailed(
+            "the model cannot be computed with its nominal values; look for a slipped "
+            "decimal point in its parameters"
+        )
     nothing = start.refine(nominal)
     scatter = estimate_scatter(dataset, coordinates.supposed(nothing.x))
     optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))
@@ -217,21 +260,31 @@ def _fit_nominal(dataset: Dataset, coordinates: Parameterization, config: Search
 
 
 def _prefer_nothing(state: SearchState, fits: Sequence[MapFit]) -> SearchState:
-    """With the best fit without effects, converged, if one of these is better than the present one."""
+    """With the best fit without effects, converged, if one of these is better than the present
+    one.
+    """
     best = max((state.nothing, *fits), key=state.optimizer.free_log_evidence)
-    return state if best is state.nothing else replace(state, nothing=state.optimizer.converge(best))
+    return (
+        state if best is state.nothing else replace(state, nothing=state.optimizer.converge(best))
+    )
 
 
-def _coarsen(dataset: Dataset, scatter: RepeatScatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
+def _coarsen(
+    dataset: Dataset, scatter: RepeatScatter, conditions: int
+) -> tuple[GaussNewton, NDArray[np.bool_]]:
     """The optimiser on a subset of the conditions, and which of all rows these have."""
     subset, rows = dataset.subset(conditions)
     columns = scatter.columns[rows]
-    return GaussNewton(subset, make_marginal_likelihood(subset.rows, columns[:, np.any(columns, axis=0)])), rows
+    return GaussNewton(
+        subset, make_marginal_likelihood(subset.rows, columns[:, np.any(columns, axis=0)])
+    ), rows
 
 
 def _restrict(fit: MapFit, state: SearchState) -> MapFit:
     """The rows of a fit on the subset of the conditions."""
-    return replace(fit, predicted=fit.predicted[state.in_coarse], jacobian=fit.jacobian[state.in_coarse])
+    return replace(
+        fit, predicted=fit.predicted[state.in_coarse], jacobian=fit.jacobian[state.in_coarse]
+    )
 
 
 def _projection(state: SearchState, fit: MapFit) -> Projection:
@@ -240,22 +293,52 @@ def _projection(state: SearchState, fit: MapFit) -> Projection:
     return make_projection(here, measured, state.coarse.likelihood.level(here.linear(measured)))
 
 
-def _screen(state: SearchState, base: MapFit, projection: Projection, points: Sequence[Point]) -> Screen:
-    """The effects at these points beside a fit, on the subset of the conditions; `projection` is that of the fit."""
-    return Screen(base, projection, probe_effects(state.coarse.dataset, _restrict(base, state), points))
+def _screen(
+    state: SearchState, base: MapFit, projection: Projection, points: Sequence[Point]
+) -> Screen:
+    """The effects at these points beside a fit, on the subset of the conditions; `projection` is
+    that of the fit.
+    """
+    return Screen(
+        base, projection, probe_effects(state.coarse.dataset, _restrict(base, state), points)
+    )
 
 
-def _screen_again(state: SearchState, base: MapFit, projection: Projection, probes: Sequence[EffectProbe], config: SearchConfig) -> Screen:
+def _screen_again(
+    state: SearchState,
+    base: MapFit,
+    projection: Projection,
+    probes: Sequence[EffectProbe],
+    config: SearchConfig,
+) -> Screen:
     """The effects of `probes` beside another fit, each at the points that promise most there."""
-    return _screen(state, base, projection, promising_points(projection, probes, config.probed_again))
+    return _screen(
+        state, base, projection, promising_points(projection, probes, config.probed_again)
+    )
 
 
-def _screen_promising(state: SearchState, base: MapFit, probes: Sequence[EffectProbe], least: float, config: SearchConfig) -> Screen:
-    """As `_screen_again`, but effects that promise too little to reach `least` of chi-square keep their known signatures."""
+def _screen_promising(
+    state: SearchState,
+    base: MapFit,
+    probes: Sequence[EffectProbe],
+    least: float,
+    config: SearchConfig,
+) -> Screen:
+    """As `_screen_again`, but effects that promise too little to reach `least` of chi-square
+    keep their known signatures.
+    """
     projection = _projection(state, base)
-    promising = {probe.choice for probe in probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
-    again = _screen_again(state, base, projection, [probe for probe in probes if probe.choice in promising], config)
-    return replace(again, probes=[*again.probes, *(probe for probe in probes if probe.choice not in promising)])
+    promising = {
+        probe.choice
+        for probe in probes
+        if projection.gain(probe.signature)[0] > config.worth_a_probe * least
+    }
+    again = _screen_again(
+        state, base, projection, [probe for probe in probes if probe.choice in promising], config
+    )
+    return replace(
+        again, probes=[*again.probes, *(probe for probe in probes if probe.choice not in promising)]
+    )
 
 
 def _first_sets(starts: Sequence[FitStart], count: int) -> list[FitStart]:
@@ -265,10 +348,14 @@ def _first_sets(starts: Sequence[FitStart], count: int) -> list[FitStart]:
 
 
 def _single_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
-    """At most `count` grid points of every effect that promises `least` of chi-square, most promising first."""
+    """At most `count` grid points of every effect that promises `least` of chi-square, most
+    promising first.
+    """
     by_term: dict[EffectTerm, list[tuple[float, EffectProbe]]] = {}
     for probe in screen.probes:
-        by_term.setdefault(probe.choice, []).append((screen.projection.gain(probe.signature)[0], probe))
+        by_term.setdefault(probe.choice, []).append(
+            (screen.projection.gain(probe.signature)[0], probe)
+        )
     found: list[tuple[float, EffectProbe]] = []
     for points in by_term.values():
         points.sort(key=lambda pair: -pair[0])
@@ -280,7 +367,9 @@ def _single_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
 
 
 def _family_starts(screen: Screen, starts: Sequence[FitStart], least: float) -> list[FitStart]:
-    """The most promising effect of every family that has no start yet, if it promises `least` of chi-square."""
+    """The most promising effect of every family that has no start yet, if it promises `least` of
+    chi-square.
+    """
     tried = list_related(start.terms[-1].effect.id for start in starts)
     found: dict[str, FitStart] = {}
     for start in _single_starts(screen, 1, least):
@@ -292,7 +381,9 @@ def _family_starts(screen: Screen, starts: Sequence[FitStart], least: float) -> 
 
 
 def _pair_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
-    """The best grid points of at most `count` pairs of effects that promise `least` of chi-square together, most promising first."""
+    """The best grid points of at most `count` pairs of effects that promise `least` of
+    chi-square together, most promising first.
+    """
     probes = screen.probes
     if len(probes) < 2:
         return []
@@ -300,36 +391,49 @@ def _pair_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
     best: dict[frozenset[EffectTerm], tuple[float, int, int]] = {}
     for i, j in combinations(range(len(probes)), 2):
         pair = frozenset((probes[i].choice, probes[j].choice))
-        if probes[i].choice.effect.id != probes[j].choice.effect.id and gain[i, j] > best.get(pair, (least, 0, 0))[0]:
+        if (
+            probes[i].choice.effect.id != probes[j].choice.effect.id
+            and gain[i, j] > best.get(pair, (least, 0, 0))[0]
+        ):
             best[pair] = (float(gain[i, j]), i, j)
     ranked = sorted(best.values(), reverse=True)[:count]
     return [_beside(screen.base, (probes[i], probes[j])) for _, i, j in ranked]
 
 
 def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Floats:
-    """Chi-square that probes i and j could remove together, (k, k), each signature scaled by a factor of 0 to MAX_RESCALING."""
+    """Chi-square that probes i and j could remove together, (k, k), each signature scaled by a
+    factor of 0 to MAX_RESCALING.
+    """
     white = projection.whitening(np.column_stack([probe.signature for probe in probes]))
     # Closed solution of the 2 x 2 normal equations for all pairs at once, by Cramer's rule.
     gram, match = white.T @ projection.project(white), white.T @ projection.residual
     own = np.diag(gram)
     product = np.outer(own, own)
-    # Two almost parallel signatures have no useful determinant; the floor keeps the quotient finite.
+    # Two almost parallel signatures have no useful determinant; the floor keeps the quotient
+    # finite.
     determinant = np.maximum(product - gram**2, 1e-9 * product + 1e-300)
-    first = np.clip((np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, MAX_RESCALING)
-    # The factors are limited, so the gain is evaluated by its quadratic form, not by the formula for the optimum.
+    first = np.clip(
+        (np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, MAX_RESCALING
+    )
+    # The factors are limited, so the gain is evaluated by its quadratic form, not by the formula
+    # for the optimum.
     second = first.T
     quadratic = first**2 * own[:, None] + 2.0 * first * second * gram + second**2 * own[None, :]
     return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
 
 
-def _partner_starts(state: SearchState, size: int, screen: Screen, config: SearchConfig) -> list[FitStart]:
+def _partner_starts(
+    state: SearchState, size: int, screen: Screen, config: SearchConfig
+) -> list[FitStart]:
     """One effect more beside the best sets of a size, screened beside the fit of that set.
 
     Effects that promise little there keep their signatures beside the fit without effects.
     """
     found: list[FitStart] = []
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
-    for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
+    for parent in state.of_size(size)[
+        : config.parents if size == 1 and least == config.worth_a_fit else 1
+    ]:
         others = [probe for probe in screen.probes if probe.choice.effect.id not in parent.ids]
         beside_parent = _screen_promising(state, parent, others, least, config)
         found += _single_starts(beside_parent, 1, least)[: config.partners]
@@ -338,13 +442,16 @@ def _partner_starts(state: SearchState, size: int, screen: Screen, config: Searc
 
 
 def _companion_starts(screen: Screen) -> list[FitStart]:
-    """Losses that rise with speed beside a single dry loss, and the other way round: the best COMPANIONS, however little they promise.
+    """Losses that rise with speed beside a single dry loss, and the other way round: the best
+    COMPANIONS, however little they promise.
 
     A bearing has both, and each of them makes up for most of the other.
     """
     for own, other in ((DRY, RISING_WITH_SPEED), (RISING_WITH_SPEED, DRY)):
         if len(screen.base.ids) == 1 and screen.base.ids[0] in members_of(own):
-            probes = [probe for probe in screen.probes if probe.choice.effect.id in members_of(other)]
+            probes = [
+                probe for probe in screen.probes if probe.choice.effect.id in members_of(other)
+            ]
             return _single_starts(replace(screen, probes=probes), 1, 0.0)[:COMPANIONS]
     return []
 
@@ -355,8 +462,12 @@ def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> FitStart:
 
 
 def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> SearchState:
-    """Fit the starts on the subset, keep the best of each set, and fit the best `full` of these sets on all conditions."""
-    known = {frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1}
+    """Fit the starts on the subset, keep the best of each set, and fit the best `full` of these
+    sets on all conditions.
+    """
+    known = {
+        frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1
+    }
     wanted = [start for start in starts if frozenset(start.terms) not in known]
 
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
@@ -364,18 +475,32 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
         return None if fit is None else (state.coarse.free_log_evidence(fit), fit.x)
 
     found = zip(wanted, map_in_processes(fit_coarsely, wanted), strict=True)
-    ends = [(end[0], FitStart(start.terms, end[1], start.jacobian)) for start, end in found if end is not None]
-    best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
+    ends = [
+        (end[0], FitStart(start.terms, end[1], start.jacobian))
+        for start, end in found
+        if end is not None
+    ]
+    best_of_each = {
+        frozenset(start.terms): (gain, start)
+        for gain, start in sorted(ends, key=lambda end: end[0])
+    }
     best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
-    # The best ALWAYS_FITTED sets are always fitted: the best one without an effect measures the support of that effect.
-    near = [start for n, (gain, start) in enumerate(best) if n < ALWAYS_FITTED or gain > best[0][0] - CLOSE_LOG_EVIDENCE]
+    # The best ALWAYS_FITTED sets are always fitted: the best one without an effect measures the
+    # support of that effect.
+    near = [
+        start
+        for n, (gain, start) in enumerate(best)
+        if n < ALWAYS_FITTED or gain > best[0][0] - CLOSE_LOG_EVIDENCE
+    ]
     return state.with_fits(_fit_all(state, near))
 
 
 def _fit_all(state: SearchState, starts: Sequence[FitStart]) -> list[MapFit]:
     """MAP fits on all conditions, in parallel; without those where the model has no answer."""
     fits = map_in_processes(
-        lambda start: _fit(state.optimizer, state, start, 5), starts, _list_shared(state, (start.terms for start in starts))
+        lambda start: _fit(state.optimizer, state, start, 5),
+        starts,
+        _list_shared(state, (start.terms for start in starts)),
     )
     return [fit for fit in fits if fit is not None]
 
@@ -393,17 +518,28 @@ def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: in
 
 
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
-    """Converge the best fits of a size with fresh Jacobians, unless they are far behind the best of all."""
+    """Converge the best fits of a size with fresh Jacobians, unless they are far behind the best
+    of all.
+    """
     best = state.of_size(size)[: config.converged]
-    least = max((state.optimizer.free_log_evidence(fit) for fit in state.fits), default=0.0) - CLOSE_LOG_EVIDENCE
+    least = (
+        max((state.optimizer.free_log_evidence(fit) for fit in state.fits), default=0.0)
+        - CLOSE_LOG_EVIDENCE
+    )
     near = [fit for fit in best if fit is best[0] or state.optimizer.free_log_evidence(fit) > least]
-    found = _refine_all(state, state.optimizer.converge, [fit for fit in near if fit not in state.converged])
+    found = _refine_all(
+        state, state.optimizer.converge, [fit for fit in near if fit not in state.converged]
+    )
     return replace(state.with_fits(found), converged=state.converged.union(found))
 
 
-def _refine_all(state: SearchState, refine: Callable[[MapFit], MapFit], fits: Sequence[MapFit]) -> list[MapFit]:
+def _refine_all(
+    state: SearchState, refine: Callable[[MapFit], MapFit], fits: Sequence[MapFit]
+) -> list[MapFit]:
     """The fits after `refine`, in parallel."""
-    return map_in_processes(refine, fits, _list_shared(state, (fit.coordinates.choices for fit in fits)))
+    return map_in_processes(
+        refine, fits, _list_shared(state, (fit.coordinates.choices for fit in fits))
+    )
 
 
 def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
@@ -414,13 +550,19 @@ def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
 
 
 def _is_adequate(state: SearchState) -> bool:
-    """Whether the best explanation leaves a normal model error only, with plausible nuisance parameters."""
+    """Whether the best explanation leaves a normal model error only, with plausible nuisance
+    parameters.
+    """
     marginal = state.optimizer.evaluate(state.best)
-    return marginal.error < GOOD_FIT and marginal.max_nuisance_shift(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
+    return (
+        marginal.error < GOOD_FIT
+        and marginal.max_nuisance_shift(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
+    )
 
 
 def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchState:
-    """Estimate repeat scatter and approach history evaluated from the best explanation, if its error is at most `enough`.
+    """Estimate repeat scatter and approach history evaluated from the best explanation, if its
+    error is at most `enough`.
 
     All fits follow. A bad explanation would give a wrong history.
     """
@@ -428,13 +570,19 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     if state.optimizer.evaluate(best).error > enough:
         return state
     old_dataset = state.optimizer.dataset
-    dataset = old_dataset.with_parts(old_dataset.simulator.infer_history(old_dataset.parts, best.coordinates.supposed, best.x))
+    dataset = old_dataset.with_parts(
+        old_dataset.simulator.infer_history(old_dataset.parts, best.coordinates.supposed, best.x)
+    )
     if dataset is old_dataset:
         return state
     scatter = estimate_scatter(dataset, best.coordinates.supposed(best.x))
     optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))
     coarse, rows = _coarsen(dataset, scatter, config.coarse_conditions)
-    evaluated = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := optimizer.at(old.coordinates, old.x, old.jacobian))]
+    evaluated = [
+        fit
+        for old in (state.nominal, state.nothing, *state.fits)
+        if (fit := optimizer.at(old.coordinates, old.x, old.jacobian))
+    ]
     # Where a fit has no answer under the new history, the old state stays complete.
     if len(evaluated) < 2 + len(state.fits):
         return state
@@ -442,55 +590,98 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     least = max(map(optimizer.free_log_evidence, fits)) - CLOSE_LOG_EVIDENCE
     # Fits far behind are not refined, only evaluated where they are.
     is_worth = [n == 0 or optimizer.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
-    refined = iter(_refine_all(state, optimizer.refine, [fit for fit, worth in zip(fits, is_worth, strict=True) if worth]))
-    nothing, *others = [next(refined) if worth else fit for fit, worth in zip(fits, is_worth, strict=True)]
-    return SearchState(optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged)
+    refined = iter(
+        _refine_all(
+            state,
+            optimizer.refine,
+            [fit for fit, worth in zip(fits, is_worth, strict=True) if worth],
+        )
+    )
+    nothing, *others = [
+        next(refined) if worth else fit for fit, worth in zip(fits, is_worth, strict=True)
+    ]
+    return SearchState(
+        optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged
+    )
 
 
-def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchConfig) -> SearchState:
-    """Exchange a part of the best explanation, or of the fit without effects, for something that does much the same.
+def _exchange(
+    state: SearchState, probes: Sequence[EffectProbe], config: SearchConfig
+) -> SearchState:
+    """Exchange a part of the best explanation, or of the fit without effects, for something that
+    does much the same.
 
-    An effect is exchanged for another one of its family, or for itself with another size. A strained nuisance parameter is exchanged for
-    the equivalent effect. Everything else begins unchanged: a rival that began at the prior means may have ended in another mode, and would
-    lose by that alone. `probes` are the effects around the nominal model.
-    """
+    An effect is exchanged for another one of its family, or for itself with another size. A
+    strained nuisance parameter is exchanged for the equivalent effect. Everything else begins
+    unchanged: a rival that began at the prior means may have ended in another mode, and would lose
+    by that alone. `probes` are the effects around the nominal model."""
     terms = tuple(dict.fromkeys(probe.choice for probe in probes))
-    parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
+    parents = [
+        fit
+        for fit in dict.fromkeys((state.nothing, state.best))
+        if frozenset(fit.coordinates.choices) not in state.exchanged
+    ]
     starts: list[FitStart] = []
-    for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
+    for base, wanted in (
+        pair for parent in parents for pair in _without_each_part(state, parent, terms)
+    ):
         suitable = [probe for probe in probes if probe.choice.effect.id in wanted]
-        ranked = _single_starts(_screen_again(state, base, _projection(state, base), suitable, config), 1, 0.0)
-        # One variant per effect; `ranked` descends, so in reversed order the best one stays in the dictionary.
+        ranked = _single_starts(
+            _screen_again(state, base, _projection(state, base), suitable, config), 1, 0.0
+        )
+        # One variant per effect; `ranked` descends, so in reversed order the best one stays in the
+        # dictionary.
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
-    # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
+    # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode
+    # than that of their prior means.
     strained = [fit for fit in parents if fit.max_nuisance_shift > IMPLAUSIBLE and fit.ids]
-    starts += [FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in strained]
+    starts += [
+        FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in strained
+    ]
     found = _fit_all(state, starts)
     after = state.with_fits(found)
     least = state.optimizer.free_log_evidence(after.best) - CLOSE_LOG_EVIDENCE
-    near = [fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least]
+    near = [
+        fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least
+    ]
     converged = _refine_all(state, state.optimizer.converge, near)
     exchanged = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
-    return replace(after.with_fits(converged), converged=state.converged.union(converged), exchanged=exchanged)
+    return replace(
+        after.with_fits(converged), converged=state.converged.union(converged), exchanged=exchanged
+    )
 
 
-def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iterator[tuple[MapFit, frozenset[str]]]:
-    """The parent without one of its effects, or with a strained nuisance parameter at its prior mean, and the ids that may take that place.
+def _without_each_part(
+    state: SearchState, parent: MapFit, terms: Terms
+) -> Iterator[tuple[MapFit, frozenset[str]]]:
+    """The parent without one of its effects, or with a strained nuisance parameter at its prior
+    mean, and the ids that may take that place.
 
-    The place of an effect is open to its family, and to effects that are equivalent to a strained nuisance parameter.
-    """
+    The place of an effect is open to its family, and to effects that are equivalent to a strained
+    nuisance parameter."""
     coordinates = parent.coordinates
-    strained = {name: place for place, name in enumerate(coordinates.space.names) if abs(parent.x[place]) > STRAINED}
-    equivalent = {term.effect.id: strained[term.effect.same_as] for term in terms if term.effect.same_as in strained}
+    strained = {
+        name: place
+        for place, name in enumerate(coordinates.space.names)
+        if abs(parent.x[place]) > STRAINED
+    }
+    equivalent = {
+        term.effect.id: strained[term.effect.same_as]
+        for term in terms
+        if term.effect.same_as in strained
+    }
     for number, term in enumerate(coordinates.choices):
         relatives = list_related((term.effect.id,)) | {term.effect.id} | equivalent.keys()
         base = state.optimizer.without(parent, number)
         if base is not None:
             yield base, relatives - (set(parent.ids) - {term.effect.id})
-    # The effect replaces a value that is not credible, so that it may be one more than a set has otherwise.
+    # The effect replaces a value that is not credible, so that it may be one more than a set has
+    # otherwise.
     if len(coordinates.choices) <= LARGEST_SET:
         for place in sorted(set(equivalent.values())):
-            wanted = frozenset(effect for effect, at in equivalent.items() if at == place) - set(parent.ids)
+            wanted = frozenset(effect for effect, at in equivalent.items() if at == place) - set(
+                parent.ids
+            )
             x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
             base = state.optimizer.at(coordinates, x, parent.jacobian) if wanted else None
             if base is not None:
@@ -498,10 +689,11 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
 
 
 def _fit_nested(state: SearchState) -> SearchState:
-    """Fit the subsets of the best set again from its optimum: a set must not win because its subsets were fitted badly.
+    """Fit the subsets of the best set again from its optimum: a set must not win because its
+    subsets were fitted badly.
 
-    Each subset also begins with the contribution of the missing effect transferred to the equivalent nuisance parameter.
-    """
+    Each subset also begins with the contribution of the missing effect transferred to the
+    equivalent nuisance parameter."""
     best = state.best
     starts: list[FitStart] = []
     coordinates = best.coordinates
@@ -516,7 +708,8 @@ def _fit_nested(state: SearchState) -> SearchState:
             predicted = state.optimizer.dataset.predicted(coordinates.with_terms(terms).supposed(x))
             if predicted is not None:
                 place = coordinates.space.names.index(term.effect.same_as)
-                # Least squares in units of noise: the shift of the nuisance parameter that replaces the effect best.
+                # Least squares in units of noise: the shift of the nuisance parameter that replaces
+                # the effect best.
                 along = best.jacobian[:, place] / state.optimizer.dataset.rows.noise
                 change = (best.predicted - predicted) / state.optimizer.dataset.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
@@ -526,15 +719,28 @@ def _fit_nested(state: SearchState) -> SearchState:
 
 
 def _refit_nothing(state: SearchState) -> SearchState:
-    """Fit the hypothesis without effects also from the nuisance values of the best explanation; the better fit is converged."""
+    """Fit the hypothesis without effects also from the nuisance values of the best explanation;
+    the better fit is converged.
+    """
     nuisances = state.nominal.coordinates.nuisances
-    again = _fit(state.optimizer, state, FitStart((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
-    best = max((fit for fit in (state.nothing, again) if fit is not None), key=state.optimizer.free_log_evidence)
+    again = _fit(
+        state.optimizer,
+        state,
+        FitStart((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]),
+        5,
+    )
+    best = max(
+        (fit for fit in (state.nothing, again) if fit is not None),
+        key=state.optimizer.free_log_evidence,
+    )
     return replace(state, nothing=state.optimizer.converge(best))
 
 
 def _result(
-    state: SearchState, coordinates: Parameterization, probes: Sequence[EffectProbe], effects: Sequence[Effect]
+    state: SearchState,
+    coordinates: Parameterization,
+    probes: Sequence[EffectProbe],
+    effects: Sequence[Effect],
 ) -> ModelSelectionResult:
     optimizer = state.optimizer
     nominal = optimizer.at(coordinates, state.nominal.x, state.nominal.jacobian) or state.nominal

@@ -14,7 +14,8 @@ from rfca_rig.model.parameters import RigModel
 
 @dataclass(frozen=True)
 class PreparedData:
-    """Prepared data of a diagnosis: the nominal model with its standard uncertainties, and the recordings as conditions.
+    """Prepared data of a diagnosis: the nominal model with its standard uncertainties, and the
+    recordings as conditions.
 
     Parameters
     ----------
@@ -52,7 +53,8 @@ class PreparedData:
 
 @dataclass(frozen=True)
 class Findings:
-    """Results in the forces, and in the motion of the shaft where that was recorded and does not follow the command.
+    """Results in the forces, and in the motion of the shaft where that was recorded and does not
+    follow the command.
 
     `effects` were looked for in the forces, `drive_effects` in the motion of the shaft.
     """

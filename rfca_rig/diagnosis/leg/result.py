@@ -1,4 +1,6 @@
-"""The answer about a leg: forces and shaft together, with valleys, place, remarks and the next experiment."""
+"""The answer about a leg: forces and shaft together, with valleys, place, remarks and the next
+experiment.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -42,23 +44,34 @@ DYNAMIC = "dynamic"
 
 
 def build_leg_result(body: PreparedData, verdicts: Findings, limits: Limits | None) -> Diagnosis:
-    """The whole answer; `limits` are those of the rig that the next experiment is for, if they are known."""
+    """The whole answer; `limits` are those of the rig that the next experiment is for, if they
+    are known.
+    """
     leg, decision = verdicts.leg, verdicts.leg_decision
     enough = len(body.flaps) >= FEWEST_CONDITIONS
     # Held-out prediction needs at least three conditions; with fewer nothing is decided.
     if not enough:
-        decision = not_enough_data(leg, f"{len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed")
+        decision = not_enough_data(
+            leg, f"{len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed"
+        )
     elif verdicts.drive_decision is not None:
         decision = join_decisions(decision, verdicts.drive_decision)
     result = build_result(body.title, leg, decision, verdicts.effects, DYNAMIC)
     if enough:
         result = _with_drive(result, decision, verdicts)
     place, free_text = _locate_free_force(decision, verdicts)
-    after = replace(decision.explanation.fitted.coordinates.supposed(decision.explanation.marginal.posterior.mean), rig=result.found_rig)
+    after = replace(
+        decision.explanation.fitted.coordinates.supposed(
+            decision.explanation.marginal.posterior.mean
+        ),
+        rig=result.found_rig,
+    )
     has_drive = any(effect.id not in decision.explanation.ids for effect in result.found_effects)
     return replace(
         result,
-        valley=valley_errors(body.flaps, leg.nominal.coordinates.supposed(leg.nominal.x), after, has_drive),
+        valley=valley_errors(
+            body.flaps, leg.nominal.coordinates.supposed(leg.nominal.x), after, has_drive
+        ),
         unexplained=(*result.unexplained, *free_text),
         remarks=(*body.remarks, *_remarks(body, leg), *_describe_delay(body, verdicts)),
         next_experiment=propose_experiment(body, verdicts, enough, limits),
@@ -73,7 +86,9 @@ def build_leg_result(body: PreparedData, verdicts: Findings, limits: Limits | No
 
 
 def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Diagnosis:
-    """The answer with the results in the motion of the shaft: places, curves, and the effects of the drive in the model found."""
+    """The answer with the results in the motion of the shaft: places, curves, and the effects of
+    the drive in the model found.
+    """
     drive, of_drive = verdicts.drive, verdicts.drive_decision
     if drive is None or of_drive is None:
         return result
@@ -81,9 +96,17 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Di
     found = present_effects(of_drive.explanation) if of_drive.effects else ()
     rig = result.found_rig
     if found:
-        # The search for the drive also chose how a compliant drive starts, so its whole drive is taken over.
-        rig = replace(rig, drive=drive.nominal.coordinates.space.centre.rig.drive, effects=(*rig.effects, *found))
-    is_left = any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive)) and decision.grade != "unexplained"
+        # The search for the drive also chose how a compliant drive starts, so its whole drive is
+        # taken over.
+        rig = replace(
+            rig,
+            drive=drive.nominal.coordinates.space.centre.rig.drive,
+            effects=(*rig.effects, *found),
+        )
+    is_left = (
+        any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive))
+        and decision.grade != "unexplained"
+    )
     return replace(
         _with_delay(result, of_drive.explanation),
         sentence=result.sentence + (" Something else remains unexplained." if is_left else ""),
@@ -98,8 +121,8 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Di
 def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
     """The answer with the delay of the drive among its nuisance parameters.
 
-    The search for the drive also varies ground and height, but within what the forces have left of them.
-    """
+    The search for the drive also varies ground and height, but within what the forces have left of
+    them."""
 
     def add(own: Mapping[str, T], of_drive: Mapping[str, T]) -> Mapping[str, T]:
         return {**own, **{name: each for name, each in of_drive.items() if name == COMMAND_DELAY}}
@@ -110,12 +133,19 @@ def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
         priors=add(result.priors, nuisance_priors(explanation)),
         nuisance_units=add(result.nuisance_units, nuisance_units(explanation)),
         nuisance_keys=add(result.nuisance_keys, nuisance_keys(explanation)),
-        moved_priors=(*result.moved_priors, *(one for one in list_moved_priors(explanation) if one.name == COMMAND_DELAY)),
+        moved_priors=(
+            *result.moved_priors,
+            *(one for one in list_moved_priors(explanation) if one.name == COMMAND_DELAY),
+        ),
     )
 
 
-def _locate_free_force(decision: Decision, verdicts: Findings) -> tuple[StatedPlace | None, tuple[str, ...]]:
-    """Place of a free force outside the catalogue, and its empirical law if it has a short one; the cause is not known."""
+def _locate_free_force(
+    decision: Decision, verdicts: Findings
+) -> tuple[StatedPlace | None, tuple[str, ...]]:
+    """Place of a free force outside the catalogue, and its empirical law if it has a short one;
+    the cause is not known.
+    """
     if decision.grade != "unexplained" or verdicts.leg_decision.grade != "unexplained":
         return None, ()
     try:
@@ -129,22 +159,39 @@ def _locate_free_force(decision: Decision, verdicts: Findings) -> tuple[StatedPl
 def _remarks(body: PreparedData, leg: ModelSelectionResult) -> tuple[str, ...]:
     alone = lone_channel(leg.dataset.rows, leg.nothing.fitted, leg.likelihood)
     # A force on the leg would show in all channels.
-    channel = (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",) if alone else ()
-    shaft = () if body.as_commanded else ("the shaft did not turn as commanded; the forces are compared along its recorded turn",)
+    channel = (
+        (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",)
+        if alone
+        else ()
+    )
+    shaft = (
+        ()
+        if body.as_commanded
+        else (
+            "the shaft did not turn as commanded; the forces are compared along its recorded turn",
+        )
+    )
     return (*channel, *shaft)
 
 
 def _describe_delay(body: PreparedData, verdicts: Findings) -> tuple[str, ...]:
-    """The delay of the drive, where it shows: a gain of the drive that is fitted without the delay is wrong."""
+    """The delay of the drive, where it shows: a gain of the drive that is fitted without the
+    delay is wrong.
+    """
     if verdicts.drive_decision is None:
         if all(turns_as_commanded(shaft) for shaft in body.shafts):
             return ()
-        late_ms = 1e3 * float(np.mean([estimate_delay_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
+        late_ms = 1e3 * float(
+            np.mean([estimate_delay_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts])
+        )
         return (f"but for being {late_ms:.1f} ms late the drive follows its commands",)
     fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get(COMMAND_DELAY)
     if fitted_ms is None:
         return ()
-    message = f"the drive follows its commands {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
+    message = (
+        f"the drive follows its commands {fitted_ms.value:.1f} ms late (standard deviation "
+        f"{fitted_ms.std:.1f} ms)"
+    )
     return (message,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
 
@@ -153,29 +200,36 @@ def valley_errors(
 ) -> Mapping[str, BeforeAfter]:
     """Mean error of the valley in time and force, in percent, as in Table II of the paper.
 
-    The nominal shaft moves as commanded. If a drive effect was found, the accepted model simulates the motion of the shaft itself.
-    Otherwise it follows the turn of each condition.
-    """
+    The nominal shaft moves as commanded. If a drive effect was found, the accepted model simulates
+    the motion of the shaft itself. Otherwise it follows the turn of each condition."""
     found = [
         (flap.valley, _valley(flap, nominal, True), _valley(flap, after, drive_found))
         for flap in flaps
         if not isinstance(flap.valley, Undetermined)
     ]
-    complete = [(m, b, a) for m, b, a in found if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)]
+    complete = [
+        (m, b, a)
+        for m, b, a in found
+        if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)
+    ]
     if not complete:
         return {}
     return {
         "valley_time_error_pct": BeforeAfter(
-            _error([(b.time_s, m.time_s) for m, b, _ in complete]), _error([(a.time_s, m.time_s) for m, _, a in complete])
+            _error([(b.time_s, m.time_s) for m, b, _ in complete]),
+            _error([(a.time_s, m.time_s) for m, _, a in complete]),
         ),
         "valley_force_error_pct": BeforeAfter(
-            _error([(b.fz_N, m.fz_N) for m, b, _ in complete]), _error([(a.fz_N, m.fz_N) for m, _, a in complete])
+            _error([(b.fz_N, m.fz_N) for m, b, _ in complete]),
+            _error([(a.fz_N, m.fz_N) for m, _, a in complete]),
         ),
     }
 
 
 def _valley(flap: DynamicCondition, supposed: ModelPoint, commanded: bool) -> Valley | Undetermined:
-    t_s = GRID_S * np.arange(0, int(DURATION_FACTOR * flap.phases.valley_s / GRID_S), dtype=np.float64)
+    t_s = GRID_S * np.arange(
+        0, int(DURATION_FACTOR * flap.phases.valley_s / GRID_S), dtype=np.float64
+    )
     turn = replace(flap.turn, recorded=None) if commanded else flap.turn
     if supposed.rig.effects and commanded:
         turn = replace(turn, start_rad=None)  # a drive at fault leaves its start by itself
@@ -183,13 +237,23 @@ def _valley(flap: DynamicCondition, supposed: ModelPoint, commanded: bool) -> Va
         motion = turn.motion(supposed, float(t_s[-1]))
         known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
         stroke = simulate_stroke(
-            supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], STROKE_TOLERANCE, flap.strokes_before
+            supposed.rig,
+            flap.height_m + supposed.height_offset_m,
+            motion,
+            t_s[known],
+            STROKE_TOLERANCE,
+            flap.strokes_before,
         )
     except SimulationFailed as error:
-        # Without an answer of the model there is no valley to compare; the condition does not count.
+        # Without an answer of the model there is no valley to compare; the condition does not
+        # count.
         return Undetermined(str(error))
     return find_valley(stroke.t_s, stroke.fz_N)
 
 
 def _error(pairs: Sequence[tuple[float, float]]) -> float:
-    return float(np.mean([100.0 * abs(simulated - measured) / abs(measured) for simulated, measured in pairs]))
+    return float(
+        np.mean(
+            [100.0 * abs(simulated - measured) / abs(measured) for simulated, measured in pairs]
+        )
+    )

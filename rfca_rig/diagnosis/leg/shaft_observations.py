@@ -20,7 +20,9 @@ SIGNAL = "shaft_angle_rad"
 BIN_S = 0.010
 AS_COMMANDED_RAD = 0.003  # rms: what 1 ms of delay at 3 rad/s makes, and no leg notices
 DELAYED_RAD = 0.002  # rms beside what a delay makes
-SMALLEST_SCALE_RAD = 0.1  # a model error of 1 % is then a milliradian at least, which no leg notices
+SMALLEST_SCALE_RAD = (
+    0.1  # a model error of 1 % is then a milliradian at least, which no leg notices
+)
 
 
 @dataclass(frozen=True)
@@ -56,24 +58,37 @@ class ShaftCondition:
     strokes_before: tuple[int, ...] = ()
 
     def simulated(self, supposed: ModelPoint) -> Floats:
-        """Simulated angle less the commanded one, each from its start, (b,). Raises SimulationFailed.
+        """Simulated angle less the commanded one, each from its start, (b,). Raises
+        SimulationFailed.
 
-        The command starts from the recorded start angle: the sag of a drive there is not used. A drive that is late by a delay moves as the
-        same drive without delay did that much earlier.
+        The command starts from the recorded start angle: the sag of a drive there is not used. A
+        drive that is late by a delay moves as the same drive without delay did that much earlier.
         """
         request = self.request(supposed)
         if request.setup.drive is None:
             return self.read_prescribed(supposed, request)
-        return self.read(supposed, simulate_setup(request.setup, request.t_s, request.tolerance, only_sensed=True))
+        return self.read(
+            supposed,
+            simulate_setup(request.setup, request.t_s, request.tolerance, only_sensed=True),
+        )
 
     def request(self, supposed: ModelPoint) -> StrokeRequest:
         """The stroke to simulate. Raises BadInput for effects that do not fit."""
-        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, self._command(supposed), self.strokes_before)
+        setup = set_up(
+            supposed.rig,
+            self.height_m + supposed.height_offset_m,
+            self._command(supposed),
+            self.strokes_before,
+        )
         return StrokeRequest(setup, self.t_s - supposed.command_delay_s, STROKE_TOLERANCE)
 
     def read_prescribed(self, supposed: ModelPoint, request: StrokeRequest) -> Floats:
-        """Rows (b,) of a requested stroke without a compliant drive: the leg does not act back on its shaft, so nothing is simulated."""
-        return self._read_angle(supposed, request.setup.motion.angle_rad(np.maximum(request.t_s, 0.0)))
+        """Rows (b,) of a requested stroke without a compliant drive: the leg does not act back
+        on its shaft, so nothing is simulated.
+        """
+        return self._read_angle(
+            supposed, request.setup.motion.angle_rad(np.maximum(request.t_s, 0.0))
+        )
 
     def read(self, supposed: ModelPoint, stroke: SimulatedStroke) -> Floats:
         """Rows (b,) of a stroke that was simulated as requested."""
@@ -81,10 +96,14 @@ class ShaftCondition:
 
     def _read_angle(self, supposed: ModelPoint, angle_rad: Floats) -> Floats:
         stood_rad = float(angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
-        return self._bin_means(angle_rad - stood_rad - self._command(supposed).angle_rad(self.t_s) + self.start_rad)
+        return self._bin_means(
+            angle_rad - stood_rad - self._command(supposed).angle_rad(self.t_s) + self.start_rad
+        )
 
     def _command(self, supposed: ModelPoint) -> ShaftMotion:
-        return ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
+        return ramp_to_speed(
+            self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1])
+        )
 
     @property
     def deviation_rad(self) -> Floats:
@@ -108,7 +127,9 @@ class ShaftCondition:
         measured = self.deviation_rad
         middle = self._bin_means(self.t_s)
         # The derivative allows an error in time, as for forces.
-        scale = np.sqrt(measured**2 + (0.02 * np.gradient(measured, middle)) ** 2 + SMALLEST_SCALE_RAD**2)
+        scale = np.sqrt(
+            measured**2 + (0.02 * np.gradient(measured, middle)) ** 2 + SMALLEST_SCALE_RAD**2
+        )
         bins = len(measured)
         return Observations(
             measured=measured,
@@ -125,21 +146,29 @@ class ShaftCondition:
         )
 
 
-def make_shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftCondition | None:
+def make_shaft_condition(
+    condition: Condition, end_s: float, ramp_s: float
+) -> ShaftCondition | None:
     """The shaft of a condition until `end_s`; None where no angle was recorded."""
-    traces = [trace for stroke in condition.strokes if (trace := stroke.channel(SIGNAL)) is not None]
+    traces = [
+        trace for stroke in condition.strokes if (trace := stroke.channel(SIGNAL)) is not None
+    ]
     if not traces:
         return None
     t_s = min((t for t, _ in traces), key=len)
     t_s = t_s[t_s <= end_s]
     angles = np.array([np.interp(t_s, t, angle) for t, angle in traces])
-    # A bin begins where the number of the time interval changes; the large negative value starts the first one.
+    # A bin begins where the number of the time interval changes; the large negative value starts
+    # the first one.
     first = np.flatnonzero(np.diff(np.floor(t_s / BIN_S), prepend=-1e9))
     counts = np.diff(np.append(first, len(t_s)))
-    deviation = angles - ramp_to_speed(0.0, condition.speed_rad_s, ramp_s, float(t_s[-1])).angle_rad(t_s)
+    deviation = angles - ramp_to_speed(
+        0.0, condition.speed_rad_s, ramp_s, float(t_s[-1])
+    ).angle_rad(t_s)
     still = t_s <= max(0.0, float(t_s[0]))
     deviation -= angles[:, still].mean(axis=1)[:, None]
-    # Robust noise: 0.6745 turns a median deviation into a standard deviation, and a second difference of noise has the variance 6.
+    # Robust noise: 0.6745 turns a median deviation into a standard deviation, and a second
+    # difference of noise has the variance 6.
     noise = float(np.median(np.abs(np.diff(angles, 2, axis=1)))) / 0.6745 / np.sqrt(6.0)
     return ShaftCondition(
         label=condition.label,
@@ -160,13 +189,19 @@ def turns_as_commanded(shaft: ShaftCondition) -> bool:
 
 
 def tracks_command(shaft: ShaftCondition, ramp_s: float) -> bool:
-    """Whether the shaft followed its command, at once or with the constant delay `estimate_delay_s`."""
+    """Whether the shaft followed its command, at once or with the constant delay
+    `estimate_delay_s`.
+    """
     return tracking_error(shaft, ramp_s) < 1.0
 
 
 def tracking_error(shaft: ShaftCondition, ramp_s: float) -> float:
-    """Deviation of the shaft from its command; below 1 where it follows the command, at once or with a delay."""
-    beside_delay_rad = rms(shaft.deviation_rad + estimate_delay_s(shaft, ramp_s) * shaft.commanded_rad_s(ramp_s))
+    """Deviation of the shaft from its command; below 1 where it follows the command, at once or
+    with a delay.
+    """
+    beside_delay_rad = rms(
+        shaft.deviation_rad + estimate_delay_s(shaft, ramp_s) * shaft.commanded_rad_s(ramp_s)
+    )
     return min(rms(shaft.deviation_rad) / AS_COMMANDED_RAD, beside_delay_rad / DELAYED_RAD)
 
 

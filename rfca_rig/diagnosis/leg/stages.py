@@ -19,7 +19,9 @@ from rfca_rig.recording.model import StaticStage, collect_strokes_before
 Floats = NDArray[np.float64]
 
 FORCES = ("fy_N", "fz_N", "tx_Nm")
-MEAN_OF_SAMPLES = 5.0  # a stage's mean is at least this much quieter, squared, than one sample: readings drift while they are averaged
+# a stage's mean is at least this much quieter, squared, than one sample: readings drift while they
+# are averaged
+MEAN_OF_SAMPLES = 5.0
 HINGE_NOISE_DEG = 0.2  # of a red mark in a photograph, where the table does not say
 STAGE_APART_RAD = 0.4  # stages this far apart err on their own
 IN_MOTION_ONLY = (
@@ -35,7 +37,8 @@ IN_MOTION_ONLY = (
     "motor_speed_ripple",
 )  # a settled reading does not show them
 UNKNOWN_FRICTION = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
-# A third less work than by default; what is read changes by some hundredths of what a model usually errs by.
+# A third less work than by default; what is read changes by some hundredths of what a model usually
+# errs by.
 CLOSE_ENOUGH = Tolerance(3e-5, 9e-2, 0.04, most_steps=200_000)
 REMEMBERED = 256  # tables, some kilobytes each
 HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
@@ -56,8 +59,8 @@ class StageTable:
     noise
         Standard deviations by signal.
     stopped_as_commanded
-        Whether the shaft stopped at its commanded angle. If not, it may have moved back a little at every stop. Friction then holds the tip
-        with a force that cannot be predicted.
+        Whether the shaft stopped at its commanded angle. If not, it may have moved back a little at
+        every stop. Friction then holds the tip with a force that cannot be predicted.
     """
 
     height_m: float
@@ -77,11 +80,15 @@ class StageTable:
         return np.empty((1, 0))
 
     def simulated(self, supposed: ModelPoint) -> Floats:
-        """Predicted rows (m,), signal after signal, without those that were not measured. Raises SimulationFailed."""
+        """Predicted rows (m,), signal after signal, without those that were not measured. Raises
+        SimulationFailed.
+        """
         return self._select_measured(_simulate_stages(*self._settled(supposed)))
 
     def request(self, supposed: ModelPoint) -> StrokeRequest:
-        """The motion through all stages to simulate. Raises BadInput for effects that do not fit."""
+        """The motion through all stages to simulate. Raises BadInput for effects that do not
+        fit.
+        """
         return _request_stages(*self._settled(supposed))
 
     def read(self, supposed: ModelPoint, held: SimulatedStroke) -> Floats:  # noqa: ARG002  (the shaft's condition needs it)
@@ -91,15 +98,22 @@ class StageTable:
     def _select_measured(self, signals: Floats) -> Floats:
         return np.concatenate(signals[: len(self.signals)])[self._is_measured()]
 
-    def _settled(self, supposed: ModelPoint) -> tuple[RigModel, float, tuple[float, ...], StageMoves, tuple[int, ...]]:
-        """What is simulated for this input: rig, height, angles of the stages, moves, and the strokes before."""
+    def _settled(
+        self, supposed: ModelPoint
+    ) -> tuple[RigModel, float, tuple[float, ...], StageMoves, tuple[int, ...]]:
+        """What is simulated for this input: rig, height, angles of the stages, moves, and the
+        strokes before.
+        """
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
-        # A settled reading does not show what acts in motion only. The sensor is tared at each stage, so what it adds over time does not
-        # show either.
+        # A settled reading does not show what acts in motion only. The sensor is tared at each
+        # stage, so what it adds over time does not show either.
         settled = tuple(
             effect
             for effect in supposed.rig.effects
-            if not (effect.id in IN_MOTION_ONLY or (effect.table is not None and effect.table.argument == "time_s"))
+            if not (
+                effect.id in IN_MOTION_ONLY
+                or (effect.table is not None and effect.table.argument == "time_s")
+            )
         )
         rig = replace(supposed.rig, swing=None, effects=settled)
         before = collect_strokes_before(self.stages[:1])
@@ -108,18 +122,29 @@ class StageTable:
     def _moves(self) -> StageMoves:
         """The moves with the mean holding time of the stages, if all of them state it."""
         held = [stage.held_s for stage in self.stages if stage.held_s is not None]
-        return replace(self.moves, hold_s=float(np.mean(held))) if len(held) == len(self.stages) else self.moves
+        return (
+            replace(self.moves, hold_s=float(np.mean(held)))
+            if len(held) == len(self.stages)
+            else self.moves
+        )
 
     def _stack_measured(self) -> Floats:
         forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
         return np.concatenate([*forces, *np.array([stage.hinge_deg for stage in self.stages]).T])
 
     def _unknown_friction(self) -> Floats:
-        """Possible change of each signal if friction holds the tip otherwise than predicted, (signals,)."""
+        """Possible change of each signal if friction holds the tip otherwise than predicted,
+        (signals,).
+        """
         if self.stopped_as_commanded:
             return np.zeros(len(self.signals))
-        friction = UNKNOWN_FRICTION * float(np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages])))
-        return np.array([friction, friction, self.height_m * friction] + [0.0] * (len(self.signals) - len(FORCES)))
+        friction = UNKNOWN_FRICTION * float(
+            np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages]))
+        )
+        return np.array(
+            [friction, friction, self.height_m * friction]
+            + [0.0] * (len(self.signals) - len(FORCES))
+        )
 
     def _is_measured(self) -> NDArray[np.bool_]:
         return np.isfinite(self._stack_measured())
@@ -130,7 +155,11 @@ class StageTable:
         measured = self._stack_measured()
         table = measured.reshape(len(signals), stages)
         # A relative error refers to the rms of each signal over the whole table.
-        scale = np.sqrt(np.nanmean(table**2, axis=1)) if np.isfinite(table).any() else np.ones(len(signals))
+        scale = (
+            np.sqrt(np.nanmean(table**2, axis=1))
+            if np.isfinite(table).any()
+            else np.ones(len(signals))
+        )
         angle = np.array([stage.shaft_angle_rad for stage in self.stages])
         phase = np.array([stage.direction for stage in self.stages])
         label = np.repeat(np.arange(len(signals)), stages)
@@ -145,24 +174,34 @@ class StageTable:
             phase=np.tile(phase, len(signals))[present],
             label=label[present],
             condition=np.zeros(int(present.sum()), dtype=np.intp),
-            labels=tuple(Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals),
+            labels=tuple(
+                Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals
+            ),
         )
 
 
 @lru_cache(maxsize=REMEMBERED)
 def _simulate_stages(
-    rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: tuple[int, ...]
+    rig: RigModel,
+    height_m: float,
+    turned_rad: tuple[float, ...],
+    moves: StageMoves,
+    strokes_before: tuple[int, ...],
 ) -> Floats:
     """The three forces and all hinge angles of the model at these stages, (3 + hinges, stages).
 
-    Cached: a fit often changes something that no settled reading shows, for example the swing of the leg at the start.
-    """
+    Cached: a fit often changes something that no settled reading shows, for example the swing of
+    the leg at the start."""
     request = _request_stages(rig, height_m, turned_rad, moves, strokes_before)
     return _read_signals(simulate_setup(request.setup, request.t_s, request.tolerance))
 
 
 def _request_stages(
-    rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: tuple[int, ...]
+    rig: RigModel,
+    height_m: float,
+    turned_rad: tuple[float, ...],
+    moves: StageMoves,
+    strokes_before: tuple[int, ...],
 ) -> StrokeRequest:
     motion, read_s = make_stage_motion(rig.leg.start_angle_rad, turned_rad, moves)
     return StrokeRequest(set_up(rig, height_m, motion, strokes_before), read_s, CLOSE_ENOUGH)
@@ -172,18 +211,34 @@ def _read_signals(held: SimulatedStroke) -> Floats:
     return np.array([held.fy_N, held.fz_N, held.tx_Nm, *np.degrees(np.diff(held.q_rad, axis=1)).T])
 
 
-def make_stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:
-    """One table per height, and a new one after strokes in between, in the order in which the stages were recorded."""
+def make_stage_tables(
+    stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves
+) -> tuple[StageTable, ...]:
+    """One table per height, and a new one after strokes in between, in the order in which the
+    stages were recorded.
+    """
     tables: dict[tuple[float, int | None], list[StaticStage]] = {}
     for stage in stages:
         tables.setdefault((round(stage.height_m, 4), stage.strokes_before), []).append(stage)
-    return tuple(StageTable(height, tuple(table), moves, _estimate_noise(table, noise_std)) for (height, _), table in tables.items())
+    return tuple(
+        StageTable(height, tuple(table), moves, _estimate_noise(table, noise_std))
+        for (height, _), table in tables.items()
+    )
 
 
-def _estimate_noise(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]) -> dict[str, float]:
+def _estimate_noise(
+    stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]
+) -> dict[str, float]:
     stated = {name: [s.std[name] for s in stages if name in s.std] for name in FORCES}
     # Usual noise of one sample, where neither the table nor the rig file states it.
     usual = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
-    forces = {name: (noise_std.get(name) or usual[name]) / np.sqrt(MEAN_OF_SAMPLES) for name in FORCES}
-    found = {name: float(np.mean(stated[name])) if stated[name] else float(forces[name]) for name in FORCES}
-    return found | {f"hinge{i}_deg": HINGE_NOISE_DEG for i in range(2, 2 + len(stages[0].hinge_deg))}
+    forces = {
+        name: (noise_std.get(name) or usual[name]) / np.sqrt(MEAN_OF_SAMPLES) for name in FORCES
+    }
+    found = {
+        name: float(np.mean(stated[name])) if stated[name] else float(forces[name])
+        for name in FORCES
+    }
+    return found | {
+        f"hinge{i}_deg": HINGE_NOISE_DEG for i in range(2, 2 + len(stages[0].hinge_deg))
+    }

@@ -25,15 +25,21 @@ BIN_S = 0.020
 TOUCHDOWN_BIN_S = 0.010
 BEFORE_TOUCHDOWN_S = 0.010  # repeats touch down some milliseconds apart
 BEFORE_LIFT_OFF_S = 0.020  # the moment of lift-off differs from stroke to stroke
-SMALLEST_SCALE = 0.02  # of a signal's rms over the stroke: a free leg pulls little, but not with infinite precision
-CORRELATION_LENGTH = 0.06  # of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
+# of a signal's rms over the stroke: a free leg pulls little, but not with infinite precision
+SMALLEST_SCALE = 0.02
+CORRELATION_LENGTH = (
+    0.06  # of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
+)
 TIMING_ERROR_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
-TRANSIENT_FACTOR = 5.0  # the ringing after touchdown is that much harder to predict than slow swings
+TRANSIENT_FACTOR = (
+    5.0  # the ringing after touchdown is that much harder to predict than slow swings
+)
 TRANSIENT_DECAY_S = 0.06
-# Means over bins then differ by 4e-5 of a force's range from those of 7000 samples per second (the paper's four conditions), a hundredth of
-# the usual model error; at 1 ms by 1.1e-4.
+# Means over bins then differ by 4e-5 of a force's range from those of 7000 samples per second (the
+# paper's four conditions), a hundredth of the usual model error; at 1 ms by 1.1e-4.
 SIMULATED_EVERY_S = 5e-4
-# A stroke takes some thousands, up to 20 000 where the tip chatters; a place that takes more is no place to go to.
+# A stroke takes some thousands, up to 20 000 where the tip chatters; a place that takes more is no
+# place to go to.
 STROKE_TOLERANCE = Tolerance(most_steps=50_000)
 
 
@@ -46,7 +52,8 @@ class ShaftTurn:
     speed_rad_s
         Commanded speed.
     start_rad
-        Recorded start angle. None where no shaft angle was recorded; then the leg starts at its nominal angle.
+        Recorded start angle. None where no shaft angle was recorded; then the leg starts at its
+        nominal angle.
     recorded
         Recorded motion to follow; None to follow the command.
     late_s
@@ -59,20 +66,27 @@ class ShaftTurn:
     late_s: float = 0.0
 
     def motion(self, supposed: ModelPoint, end_s: float) -> ShaftMotion:
-        """The motion until `end_s`, with the encoder zero and the ramp of the drive in `supposed`."""
+        """The motion until `end_s`, with the encoder zero and the ramp of the drive in
+        `supposed`.
+        """
         leg, drive = supposed.rig.leg, supposed.rig.drive
         if self.recorded is not None:
             coefficients = self.recorded.coefficients.copy()
             # The constant term of each cubic piece: the whole motion is shifted.
             coefficients[:, 0] += supposed.turn_offset_rad
             return replace(self.recorded, coefficients=coefficients)
-        start_rad = leg.start_angle_rad if self.start_rad is None else self.start_rad + supposed.turn_offset_rad
+        start_rad = (
+            leg.start_angle_rad
+            if self.start_rad is None
+            else self.start_rad + supposed.turn_offset_rad
+        )
         return ramp_to_speed(start_rad, self.speed_rad_s, drive.ramp_s, end_s).later(self.late_s)
 
 
 @dataclass(frozen=True)
 class DynamicCondition:
-    """One condition of the dynamic experiment: mean over its repeats in b bins, and how to simulate the same.
+    """One condition of the dynamic experiment: mean over its repeats in b bins, and how to simulate
+    the same.
 
     Parameters
     ----------
@@ -126,7 +140,13 @@ class DynamicCondition:
         bins = max(int(np.searchsorted(self.t_s[self.first], end_s)) - 1, 1)
         repeats = self.repeats.reshape(len(self.repeats), len(self.signals), -1)[:, :, :bins]
         t_s = self.t_s[: self.first[bins]] if bins < len(self.first) else self.t_s
-        return replace(self, t_s=t_s, first=self.first[:bins], samples=self.samples[:bins], repeats=repeats.reshape(len(repeats), -1))
+        return replace(
+            self,
+            t_s=t_s,
+            first=self.first[:bins],
+            samples=self.samples[:bins],
+            repeats=repeats.reshape(len(repeats), -1),
+        )
 
     def stroke(self, supposed: ModelPoint) -> SimulatedStroke:
         """The whole stroke, simulated at `t_s`. Raises SimulationFailed."""
@@ -135,7 +155,9 @@ class DynamicCondition:
     def request(self, supposed: ModelPoint) -> StrokeRequest:
         """The stroke to simulate. Raises BadInput for effects that do not fit."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
-        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.strokes_before)
+        setup = set_up(
+            supposed.rig, self.height_m + supposed.height_offset_m, motion, self.strokes_before
+        )
         return StrokeRequest(setup, self.t_s, STROKE_TOLERANCE)
 
     def _bin_means(self, values: Floats) -> Floats:
@@ -152,13 +174,21 @@ class DynamicCondition:
         middle = self._bin_means(self.t_s)
         phase = np.array(PHASES)[self.phases.number(middle)]
         measured = self.repeats.mean(axis=0)
-        noise = [self.sample_noise[signal] / np.sqrt(self.samples * len(self.repeats)) for signal in self.signals]
+        noise = [
+            self.sample_noise[signal] / np.sqrt(self.samples * len(self.repeats))
+            for signal in self.signals
+        ]
         return Observations(
             measured=measured,
             noise=np.concatenate(noise),
-            scale=np.concatenate([_error_scale(middle, part, phase) for part in measured.reshape(signals, bins)]),
+            scale=np.concatenate(
+                [_error_scale(middle, part, phase) for part in measured.reshape(signals, bins)]
+            ),
             transient_scale=np.concatenate(
-                [_transient_scale(middle, part, phase, self.phases) for part in measured.reshape(signals, bins)]
+                [
+                    _transient_scale(middle, part, phase, self.phases)
+                    for part in measured.reshape(signals, bins)
+                ]
             ),
             progress=np.tile(_progress(middle, self.phases), signals),
             t_s=np.tile(middle, signals),
@@ -174,13 +204,23 @@ def dynamic_label(condition: str, signal: str) -> Label:
     return Label("dynamic", condition, signal, CORRELATION_LENGTH, errs_by_phase=False)
 
 
-def make_dynamic_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn) -> DynamicCondition | Undetermined:
-    """The condition as observations; refused where none of its strokes shows a touchdown and a valley."""
+def make_dynamic_condition(
+    condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn
+) -> DynamicCondition | Undetermined:
+    """The condition as observations; refused where none of its strokes shows a touchdown and a
+    valley.
+    """
     found = [(stroke, *_valley_and_phases(stroke)) for stroke in condition.strokes]
-    good = [(stroke, valley, phases) for stroke, valley, phases in found if not isinstance(valley, Undetermined)]
+    good = [
+        (stroke, valley, phases)
+        for stroke, valley, phases in found
+        if not isinstance(valley, Undetermined)
+    ]
     if not good:
         # The reason of the first stroke: a sampling rate that is too low is the same in all.
-        reason = next((f": {valley.reason}" for _, valley, _ in found if isinstance(valley, Undetermined)), "")
+        reason = next(
+            (f": {valley.reason}" for _, valley, _ in found if isinstance(valley, Undetermined)), ""
+        )
         return Undetermined(f"{condition.label}: no stroke shows a touchdown and a valley{reason}")
     strokes = [stroke for stroke, _, _ in good]
     moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, _, p in good])
@@ -190,43 +230,71 @@ def make_dynamic_condition(condition: Condition, noise_std: Mapping[str, float |
     times = [stroke.channel("fz_N")[0] for stroke in strokes]  # type: ignore[index]
     time = times[0]
     # Only the time that all repeats cover.
-    edges = _edges(float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times)), phases)
+    edges = _edges(
+        float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times)), phases
+    )
     inside = (time >= edges[0]) & (time < edges[-1])
     first = np.searchsorted(time[inside], edges[:-1])
     samples = np.diff(np.append(first, inside.sum()))
     t_s, first = _thin_out(time[inside], first)
-    repeats = np.array([np.concatenate([_bin_means(stroke, s, edges) for s in signals]) for stroke in strokes])
+    repeats = np.array(
+        [np.concatenate([_bin_means(stroke, s, edges) for s in signals]) for stroke in strokes]
+    )
     noise = {s: noise_std.get(s) or _estimate_noise(strokes, s) for s in signals}
-    valley = Valley(float(np.mean([v.time_s for _, v, _ in good])), float(np.mean([v.fz_N for _, v, _ in good])))
+    valley = Valley(
+        float(np.mean([v.time_s for _, v, _ in good])), float(np.mean([v.fz_N for _, v, _ in good]))
+    )
     before = collect_strokes_before(strokes)
-    return DynamicCondition(condition.label, condition.height_m, turn, t_s, first, samples, signals, repeats, phases, noise, valley, before)
+    return DynamicCondition(
+        condition.label,
+        condition.height_m,
+        turn,
+        t_s,
+        first,
+        samples,
+        signals,
+        repeats,
+        phases,
+        noise,
+        valley,
+        before,
+    )
 
 
 def _thin_out(t_s: Floats, first: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
     """Times (n,) at which strokes are simulated, and the first one of each bin (b,).
 
-    They are the samples' own times `t_s` (m,). Where these are closer than SIMULATED_EVERY_S, they are the middles of equal parts of each
-    bin: a force sensor with 7000 samples per second would cost more than the integration.
-    """
+    They are the samples' own times `t_s` (m,). Where these are closer than SIMULATED_EVERY_S, they
+    are the middles of equal parts of each bin: a force sensor with 7000 samples per second would
+    cost more than the integration."""
     step_s = float(np.median(np.diff(t_s)))
     if step_s >= SIMULATED_EVERY_S:
         return t_s, first
     # Each sample stands for the time around it, so that bins end half a step beside their samples.
     edges_s = np.append(t_s[first], t_s[-1] + step_s) - 0.5 * step_s
     parts = np.ceil(np.diff(edges_s) / SIMULATED_EVERY_S).astype(np.intp)
-    middles = [low + (np.arange(k) + 0.5) / k * (high - low) for low, high, k in zip(edges_s, edges_s[1:], parts, strict=False)]
+    middles = [
+        low + (np.arange(k) + 0.5) / k * (high - low)
+        for low, high, k in zip(edges_s, edges_s[1:], parts, strict=False)
+    ]
     return np.concatenate(middles), np.append(0, np.cumsum(parts)[:-1])
 
 
 def make_turn(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> ShaftTurn:
-    """The turn of a condition: along its recorded angles, or as commanded from its mean recorded start, `late_s` later.
+    """The turn of a condition: along its recorded angles, or as commanded from its mean recorded
+    start, `late_s` later.
 
-    A shaft that follows its command is simulated from the command: the noise of an encoder must not shake the simulated leg.
-    """
-    traces = [trace for stroke in condition.strokes if (trace := stroke.channel("shaft_angle_rad")) is not None]
+    A shaft that follows its command is simulated from the command: the noise of an encoder must not
+    shake the simulated leg."""
+    traces = [
+        trace
+        for stroke in condition.strokes
+        if (trace := stroke.channel("shaft_angle_rad")) is not None
+    ]
     if not traces:
         return ShaftTurn(condition.speed_rad_s, None)
-    # The start angle is the mean before the motion; a recording that begins with the motion has only its first sample.
+    # The start angle is the mean before the motion; a recording that begins with the motion has
+    # only its first sample.
     starts = [angle[t_s <= 0.0].mean() if (t_s <= 0.0).any() else angle[0] for t_s, angle in traces]
     start = float(np.mean(starts))
     if not follows_recorded:
@@ -238,7 +306,11 @@ def make_turn(condition: Condition, follows_recorded: bool, late_s: float = 0.0)
 
 def _valley_and_phases(stroke: Stroke) -> tuple[Valley | Undetermined, StrokePhases]:
     fz = stroke.channel("fz_N")
-    return (Undetermined("fz was not recorded"), StrokePhases()) if fz is None else valley_and_phases(*fz)
+    return (
+        (Undetermined("fz was not recorded"), StrokePhases())
+        if fz is None
+        else valley_and_phases(*fz)
+    )
 
 
 def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
@@ -247,11 +319,18 @@ def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
     touch = max(phases.touchdown_s - BEFORE_TOUCHDOWN_S, BIN_S)
     loading = phases.touchdown_s + 0.030
     # At most 0.48 s after the valley, and never before it.
-    end = min(max(phases.valley_s, min(phases.lift_off_s, phases.valley_s + 0.5) - BEFORE_LIFT_OFF_S), end_s)
+    end = min(
+        max(phases.valley_s, min(phases.lift_off_s, phases.valley_s + 0.5) - BEFORE_LIFT_OFF_S),
+        end_s,
+    )
     pieces = [(begin_s, 0.0, REST_BIN_S), (0.0, touch, BIN_S), (touch, loading, TOUCHDOWN_BIN_S)]
     pieces += [(loading, phases.valley_s, BIN_S), (phases.valley_s, end, BIN_S)]
     # Even edges, about `width` apart, both ends among them.
-    edges = [np.linspace(a, b, max(round((b - a) / width), 1) + 1) for a, b, width in pieces if b - a > 0.5 * width]
+    edges = [
+        np.linspace(a, b, max(round((b - a) / width), 1) + 1)
+        for a, b, width in pieces
+        if b - a > 0.5 * width
+    ]
     return np.unique(np.concatenate(edges))
 
 
@@ -265,25 +344,38 @@ def _bin_means(stroke: Stroke, signal: str, edges: Floats) -> Floats:
 
 
 def _error_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats:
-    """Size (b,) of a signal that a relative model error refers to, after "The scale rule" in section 3 of docs/method.md.
+    """Size (b,) of a signal that a relative model error refers to, after "The scale rule" in
+    section 3 of docs/method.md.
 
-    It is the value and its change within TIMING_ERROR_S, at least a share of the rms in the phase and in the whole stroke.
-    """
+    It is the value and its change within TIMING_ERROR_S, at least a share of the rms in the phase
+    and in the whole stroke."""
     least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
     rms = np.array([np.sqrt(np.mean(values[phase == name] ** 2)) for name in phase])
-    return np.sqrt(values**2 + (TIMING_ERROR_S * np.gradient(values, t_s)) ** 2 + (0.1 * rms) ** 2 + least**2)
+    return np.sqrt(
+        values**2 + (TIMING_ERROR_S * np.gradient(values, t_s)) ** 2 + (0.1 * rms) ** 2 + least**2
+    )
 
 
-def _transient_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePhases) -> Floats:
+def _transient_scale(
+    t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePhases
+) -> Floats:
     """Size (b,) of errors that differ from bin to bin, in free flight and after the touchdown.
 
-    Bounces and stick-slip after the touchdown are as large as the peak there and decay. In the air after the start, the sensor feels little
-    but the last tenths of a degree of the hinges, which are hard to predict.
-    """
+    Bounces and stick-slip after the touchdown are as large as the peak there and decay. In the air
+    after the start, the sensor feels little but the last tenths of a degree of the hinges, which
+    are hard to predict."""
     peak = float(np.abs(values[phase == "touchdown"]).max(initial=0.0))
     after_s = t_s - phases.touchdown_s
-    bounces = np.where(after_s > -BEFORE_TOUCHDOWN_S, peak * np.exp(-np.maximum(after_s, 0.0) / TRANSIENT_DECAY_S), 0.0)
-    swings = np.where(phase == "free", 0.5 * np.ptp(values[phase == "free"]) if (phase == "free").any() else 0.0, 0.0)
+    bounces = np.where(
+        after_s > -BEFORE_TOUCHDOWN_S,
+        peak * np.exp(-np.maximum(after_s, 0.0) / TRANSIENT_DECAY_S),
+        0.0,
+    )
+    swings = np.where(
+        phase == "free",
+        0.5 * np.ptp(values[phase == "free"]) if (phase == "free").any() else 0.0,
+        0.0,
+    )
     return np.asarray(TRANSIENT_FACTOR * np.hypot(bounces, swings))
 
 
@@ -293,7 +385,13 @@ def _progress(t_s: Floats, phases: StrokePhases) -> Floats:
 
 
 def _estimate_noise(strokes: Sequence[Stroke], signal: str) -> float:
-    """Noise of one sample from second differences, which a smooth force hardly affects; the median ignores the jumps of a touchdown."""
-    # 0.6745 turns a median deviation into a standard deviation; the second difference of noise has 6 times its variance.
-    found = [np.median(np.abs(np.diff(s.channel(signal)[1], 2))) / 0.6745 / np.sqrt(6.0) for s in strokes]  # type: ignore[index]
-    return float(np.mean(found)) or 1.0
+    """Noise of one sample from second differences, which a smooth force hardly affects; the
+    median ignores the jumps of a touchdown.
+    """
+    # 0.6745 turns a median deviation into a standard deviation; the second difference of noise has
+    # 6 times its variance.
+    stds = []
+    for stroke in strokes:
+        samples = stroke.channel(signal)[1]  # type: ignore[index]
+        stds.append(np.median(np.abs(np.diff(samples, 2))) / 0.6745 / np.sqrt(6.0))
+    return float(np.mean(stds)) or 1.0

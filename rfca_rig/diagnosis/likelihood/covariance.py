@@ -1,17 +1,21 @@
-"""Covariance of the observations: sensor noise, scatter from repeat to repeat, and model discrepancy.
+"""Covariance of the observations: sensor noise, scatter from repeat to repeat, and model
+discrepancy.
 
     C(s) = D + s^2 K + B B^T,   D = diag(noise^2)
 
-B holds the effect of one standard deviation of each scattering quantity. Each condition has columns of its own, since scatter is
-independent between conditions. K is the covariance of a smooth discrepancy that is proportional to the signal and partly shared between
-conditions (Kennedy and O'Hagan, J. R. Statist. Soc. B 63 (2001) 425). Its scale s is integrated out when hypotheses are compared.
+B holds the effect of one standard deviation of each scattering quantity. Each condition has columns
+of its own, since scatter is independent between conditions. K is the covariance of a smooth
+discrepancy that is proportional to the signal and partly shared between conditions (Kennedy and
+O'Hagan, J. R. Statist. Soc. B 63 (2001) 425). Its scale s is integrated out when hypotheses are
+compared.
 
-K couples only rows of one signal. So each block of rows has a basis in which D is the identity and K is diagonal, and all s cost as much as
-one. B has low rank, a few columns per condition, and is added by Woodbury's identity.
+K couples only rows of one signal. So each block of rows has a basis in which D is the identity and
+K is diagonal, and all s cost as much as one. B has low rank, a few columns per condition, and is
+added by Woodbury's identity.
 
-B is estimated from the repeats. The rack stands a tenth of a millimetre elsewhere in each repeat, and the friction is a little higher. In
-the mean of the repeats this scatter remains, divided by the root of their number, in directions that the model predicts.
-"""
+B is estimated from the repeats. The rack stands a tenth of a millimetre elsewhere in each repeat,
+and the friction is a little higher. In the mean of the repeats this scatter remains, divided by the
+root of their number, in directions that the model predicts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +36,9 @@ Integers = NDArray[np.intp]
 
 
 class Whitening(Protocol):
-    """Maps deviations of covariance C to independent ones of variance 1: values (m,) or columns (m, p)."""
+    """Maps deviations of covariance C to independent ones of variance 1: values (m,) or columns
+    (m, p).
+    """
 
     @property
     def log_det(self) -> float:
@@ -131,9 +137,8 @@ class DiscrepancyBasis:
 class _Shrinking:
     """Whitening W of 1 + V V^T, with V = `along` (m, k).
 
-    W = 1 - V G V^T, and its square is the inverse, 1 - V H V^T. With the eigenvalues l of V^T V and r = sqrt(1 + l), G has the eigenvalues
-    1 / (r (r + 1)) and H has 1 / r^2.
-    """
+    W = 1 - V G V^T, and its square is the inverse, 1 - V H V^T. With the eigenvalues l of V^T V and
+    r = sqrt(1 + l), G has the eigenvalues 1 / (r (r + 1)) and H has 1 / r^2."""
 
     along: Floats
     g: Floats
@@ -145,10 +150,16 @@ class _Shrinking:
 
 
 def _shrinking(along: Floats) -> _Shrinking:
-    # V^T V is only (k, k), and k is far smaller than m. Rounding may make an eigenvalue slightly negative, hence the maximum.
+    # V^T V is only (k, k), and k is far smaller than m. Rounding may make an eigenvalue slightly
+    # negative, hence the maximum.
     values, vectors = np.linalg.eigh(along.T @ along)
     r = np.sqrt(1.0 + np.maximum(values, 0.0))
-    return _Shrinking(along, (vectors / (r * (r + 1.0))) @ vectors.T, (vectors / r**2) @ vectors.T, 2.0 * float(np.log(r).sum()))
+    return _Shrinking(
+        along,
+        (vectors / (r * (r + 1.0))) @ vectors.T,
+        (vectors / r**2) @ vectors.T,
+        2.0 * float(np.log(r).sum()),
+    )
 
 
 @dataclass(frozen=True)
@@ -168,7 +179,8 @@ class DiscrepancyWhitening:
 
     @property
     def log_det(self) -> float:
-        # |C| = |D| |1 + s^2 K| |1 + V V^T|, each factor in the basis; `_scale` is the inverse root of the middle one.
+        # |C| = |D| |1 + s^2 K| |1 + V V^T|, each factor in the basis; `_scale` is the inverse root
+        # of the middle one.
         return self.basis.log_det - 2.0 * float(np.log(self._scale).sum()) + self._shrinking.log_det
 
     @cached_property
@@ -192,11 +204,19 @@ class DiscrepancyWhitening:
 
     def precision(self, rows: NDArray[np.bool_]) -> Floats:
         """The block (k, k) of C(s)^-1 that belongs to k of the rows; `rows` is a mask (m,)."""
-        # C^-1 = T^T S (1 - V H V^T) S T, with S = diag(`_scale`). Only the columns of S T that belong to these rows are formed. So the full
-        # inverse (m, m) is never needed.
+        # C^-1 = T^T S (1 - V H V^T) S T, with S = diag(`_scale`). Only the columns of S T that
+        # belong to these rows are formed. So the full inverse (m, m) is never needed.
         place = np.cumsum(rows) - 1
-        found, along = np.zeros((int(rows.sum()),) * 2), np.empty((int(rows.sum()), self.basis.scatter.shape[1]))
-        parts = zip(self.basis.blocks, self.basis.parts(self._scale), self.basis.parts(self._shrinking.along), strict=True)
+        found, along = (
+            np.zeros((int(rows.sum()),) * 2),
+            np.empty((int(rows.sum()), self.basis.scatter.shape[1])),
+        )
+        parts = zip(
+            self.basis.blocks,
+            self.basis.parts(self._scale),
+            self.basis.parts(self._shrinking.along),
+            strict=True,
+        )
         for block, scale, scatter in parts:
             kept = rows[block.of]
             own, at = scale[:, None] * block.turn[:, kept], place[block.of[kept]]
@@ -208,7 +228,9 @@ class DiscrepancyWhitening:
         found = self.basis.scatter @ self.basis.scatter.T
         for block in self.basis.blocks:
             # T^-1 (1 + s^2 diag(strength)) T^-T is the block of D + s^2 K.
-            found[np.ix_(block.of, block.of)] += (block.back * (1.0 + self.s**2 * block.strength)) @ block.back.T
+            found[np.ix_(block.of, block.of)] += (
+                block.back * (1.0 + self.s**2 * block.strength)
+            ) @ block.back.T
         return np.asarray(found)
 
     def variance(self) -> Floats:
@@ -228,9 +250,15 @@ def discrepancy_covariance(rows: Observations) -> Floats:
 
 
 def _alike(rows: Observations) -> list[Integers]:
-    """Row numbers of each block: the rows of one signal that are correlated, one phase at a time where the label says so."""
-    way = np.where(np.array([label.errs_by_phase for label in rows.labels])[rows.label], rows.phase, "")
-    keys = np.stack([np.unique(key, return_inverse=True)[1] for key in (rows.signal, rows.experiment, way)])
+    """Row numbers of each block: the rows of one signal that are correlated, one phase at a time
+    where the label says so.
+    """
+    way = np.where(
+        np.array([label.errs_by_phase for label in rows.labels])[rows.label], rows.phase, ""
+    )
+    keys = np.stack(
+        [np.unique(key, return_inverse=True)[1] for key in (rows.signal, rows.experiment, way)]
+    )
     group = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
     return [np.flatnonzero(group == number) for number in range(int(group.max()) + 1)]
 
@@ -238,7 +266,8 @@ def _alike(rows: Observations) -> list[Integers]:
 def _discrepancy_within(rows: Observations, of: Integers) -> Floats:
     """K (b, b) of the rows of one block: equation for K_ij in section 3 of docs/method.md."""
     scale = rows.scale[of]
-    # The diagonal holds what is independent between rows: a small share of the variance, and `transient_scale`.
+    # The diagonal holds what is independent between rows: a small share of the variance, and
+    # `transient_scale`.
     rough = np.diag(ROUGH_VARIANCE_SHARE * scale**2 + rows.transient_scale[of] ** 2)
     return np.asarray(scale[:, None] * _correlation_within(rows, of) * scale + rough)
 
@@ -247,13 +276,18 @@ def _correlation_within(rows: Observations, of: Integers) -> Floats:
     """Correlation (b, b) of a smooth error of the rows of one block."""
     condition = rows.condition[of]
     together = np.where(condition[:, None] == condition, 1.0, CONDITION_CORRELATION)
-    # All labels of one signal of one experiment have the same correlation length, so the first is enough.
-    apart = (rows.progress[of][:, None] - rows.progress[of]) / rows.labels[rows.label[of[0]]].correlation_length
+    # All labels of one signal of one experiment have the same correlation length, so the first is
+    # enough.
+    apart = (rows.progress[of][:, None] - rows.progress[of]) / rows.labels[
+        rows.label[of[0]]
+    ].correlation_length
     return np.asarray(np.exp(-0.5 * apart**2) * together)
 
 
 def propagate_smooth_error(rows: Observations, sizes: Sequence[Floats], gain: Floats) -> Floats:
-    """Variances (p,) of `gain` (p, m) times independent errors, as smooth as the discrepancy, with deviations `sizes` (m,) each."""
+    """Variances (p,) of `gain` (p, m) times independent errors, as smooth as the discrepancy,
+    with deviations `sizes` (m,) each.
+    """
     variance = np.zeros(len(gain))
     for of in _alike(rows):
         correlation = _correlation_within(rows, of)
@@ -265,26 +299,42 @@ def propagate_smooth_error(rows: Observations, sizes: Sequence[Floats], gain: Fl
 
 def make_basis(rows: Observations, scatter: Floats) -> DiscrepancyBasis:
     """The basis in which D and K of these rows are diagonal; `scatter` (m, k) is B."""
-    return DiscrepancyBasis(tuple(_block(rows, of) for of in _alike(rows)), scatter, 2.0 * float(np.log(rows.noise).sum()))
+    return DiscrepancyBasis(
+        tuple(_block(rows, of) for of in _alike(rows)),
+        scatter,
+        2.0 * float(np.log(rows.noise).sum()),
+    )
 
 
 def _block(rows: Observations, of: Integers) -> SignalBlock:
     noise = rows.noise[of]
-    # The eigenvectors of D^-1/2 K D^-1/2 diagonalise K and keep D the identity. K has no negative eigenvalue except by rounding.
-    strength, vectors = eigh(_discrepancy_within(rows, of) / np.outer(noise, noise), check_finite=False, driver="evd")
-    return SignalBlock(of, np.ascontiguousarray(vectors.T / noise), noise[:, None] * vectors, np.maximum(strength, 0.0))
+    # The eigenvectors of D^-1/2 K D^-1/2 diagonalise K and keep D the identity. K has no negative
+    # eigenvalue except by rounding.
+    strength, vectors = eigh(
+        _discrepancy_within(rows, of) / np.outer(noise, noise), check_finite=False, driver="evd"
+    )
+    return SignalBlock(
+        of,
+        np.ascontiguousarray(vectors.T / noise),
+        noise[:, None] * vectors,
+        np.maximum(strength, 0.0),
+    )
 
 
 @dataclass(frozen=True)
 class RepeatScatter:
-    """Standard deviations `std` by parameter, and `columns` (m, k): the effect of one of them on the rows of one condition's mean."""
+    """Standard deviations `std` by parameter, and `columns` (m, k): the effect of one of them on
+    the rows of one condition's mean.
+    """
 
     std: dict[str, float]
     columns: Floats
 
 
 def estimate_scatter(dataset: Dataset, at: Any) -> RepeatScatter:
-    """The scatter around this input of the simulator; usual deviations where there are too few repeats to estimate it."""
+    """The scatter around this input of the simulator; usual deviations where there are too few
+    repeats to estimate it.
+    """
     directions = dataset.simulator.scatter(at, dataset.parts)
     effect = _effects(dataset, directions)
     usual = np.array([direction.std for direction in directions])
@@ -292,21 +342,35 @@ def estimate_scatter(dataset: Dataset, at: Any) -> RepeatScatter:
     own = effect * (std / usual)
     # A quantity that is simulated from its recorded value leaves no scatter in the mean.
     own[:, [direction.is_corrected for direction in directions]] = 0.0
-    return RepeatScatter({direction.name: float(s) for direction, s in zip(directions, std, strict=True)}, _per_condition(dataset, own))
+    return RepeatScatter(
+        {direction.name: float(s) for direction, s in zip(directions, std, strict=True)},
+        _per_condition(dataset, own),
+    )
 
 
 def _effects(dataset: Dataset, directions: Sequence[ScatterDirection]) -> Floats:
-    """Effect of one usual deviation of each quantity on the rows, (m, k), by central differences; 0 where the model has no answer."""
-    found = dataset.predict_all([*(direction.above for direction in directions), *(direction.below for direction in directions)])
+    """Effect of one usual deviation of each quantity on the rows, (m, k), by central
+    differences; 0 where the model has no answer.
+    """
+    found = dataset.predict_all(
+        [
+            *(direction.above for direction in directions),
+            *(direction.below for direction in directions),
+        ]
+    )
     columns = np.zeros((len(dataset.rows.measured), len(directions)))
-    for k, (above, below) in enumerate(zip(found[: len(directions)], found[len(directions) :], strict=True)):
+    for k, (above, below) in enumerate(
+        zip(found[: len(directions)], found[len(directions) :], strict=True)
+    ):
         if above is not None and below is not None:
             columns[:, k] = 0.5 * (above - below)
     return columns
 
 
 def _estimate_std(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
-    """Standard deviations (k,) from the deviations of the repeats from their mean, by expectation maximisation."""
+    """Standard deviations (k,) from the deviations of the repeats from their mean, by
+    expectation maximisation.
+    """
     rows = dataset.rows
     residuals: list[Floats] = []
     effects: list[Floats] = []
@@ -315,7 +379,8 @@ def _estimate_std(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
         here, count = rows.condition == number, len(repeats)
         if count < 2:
             continue
-        # The noise of the rows is that of the mean over the repeats; a single repeat has sqrt(count) times as much.
+        # The noise of the rows is that of the mean over the repeats; a single repeat has
+        # sqrt(count) times as much.
         noise = np.sqrt(count) * rows.noise[here]
         # The mean uses one degree of freedom; the factor restores the variance of a single repeat.
         for deviation in (repeats - repeats.mean(axis=0)) * np.sqrt(count / (count - 1.0)):
@@ -324,11 +389,15 @@ def _estimate_std(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
             effects.append(effect[here] / noise[:, None])
     if not residuals or not len(usual):
         return usual
-    return estimate_scatter_std(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(repeat))
+    return estimate_scatter_std(
+        usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(repeat)
+    )
 
 
 def _per_condition(dataset: Dataset, effect: Floats) -> Floats:
-    """B (m, k): one column per condition and quantity. Conditions scatter independently, and less the more repeats are averaged."""
+    """B (m, k): one column per condition and quantity. Conditions scatter independently, and
+    less the more repeats are averaged.
+    """
     condition = dataset.rows.condition
     columns = [
         np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(repeats))

@@ -1,16 +1,18 @@
-"""Marginal likelihood of the recordings under one hypothesis, with the discrepancy scale s integrated out.
+"""Marginal likelihood of the recordings under one hypothesis, with the discrepancy scale s
+integrated out.
 
-The strict prior of s is half-normal with size USUAL_ERROR: nothing else is missing. With something unlisted, s is log-uniform over
-UNKNOWN_ERRORS. Section 4 of docs/method.md states both.
+The strict prior of s is half-normal with size USUAL_ERROR: nothing else is missing. With something
+unlisted, s is log-uniform over UNKNOWN_ERRORS. Section 4 of docs/method.md states both.
 
-The Laplace approximation gives posterior and evidence of a hypothesis whose model is linear near its best point. y are the measured rows, f
-the model at x0 and J its Jacobian there. Then r = y - f + J x0 is normal with mean J x, and x is standard normal a priori. The
-approximation holds as far as the model is linear over the width of the posterior.
+The Laplace approximation gives posterior and evidence of a hypothesis whose model is linear near
+its best point. y are the measured rows, f the model at x0 and J its Jacobian there. Then r = y - f
++ J x0 is normal with mean J x, and x is standard normal a priori. The approximation holds as far as
+the model is linear over the width of the posterior.
 
-Held-out prediction: each condition is predicted from all others, without a new fit per condition. P is the inverse covariance of all rows,
-and o are the rows of the held-out condition. Given all other rows, the rows o are normal with precision P_oo. So the information of the
-other rows is J^T P J - (P J)_o^T P_oo^-1 (P J)_o, and only P is needed.
-"""
+Held-out prediction: each condition is predicted from all others, without a new fit per condition. P
+is the inverse covariance of all rows, and o are the rows of the held-out condition. Given all other
+rows, the rows o are normal with precision P_oo. So the information of the other rows is J^T P J -
+(P J)_o^T P_oo^-1 (P J)_o, and only P is needed."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -30,7 +32,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LinearModel:
-    """The model near a point: `target` (m,) is r above and `jacobian` (m, p) is J, both in the units of the signals."""
+    """The model near a point: `target` (m,) is r above and `jacobian` (m, p) is J, both in the
+    units of the signals.
+    """
 
     target: Floats
     jacobian: Floats
@@ -61,12 +65,16 @@ class Posterior:
 
 
 def laplace_posterior(linear: LinearModel, whitening: Whitening) -> Posterior:
-    """Posterior of a linear model with m rows and p unknowns, under the covariance of `whitening` (m, m)."""
+    """Posterior of a linear model with m rows and p unknowns, under the covariance of
+    `whitening` (m, m).
+    """
     return _solve(whitening(linear.target), whitening(linear.jacobian), whitening.log_det)
 
 
 def laplace_posteriors(
-    linear: LinearModel, whitenings: Sequence[DiscrepancyWhitening], extra_directions: Floats | None = None
+    linear: LinearModel,
+    whitenings: Sequence[DiscrepancyWhitening],
+    extra_directions: Floats | None = None,
 ) -> list[Posterior]:
     """Posteriors of a linear model at several discrepancy scales.
 
@@ -86,11 +94,21 @@ def laplace_posteriors(
     """
     turned = whitenings[0].basis.turned
     target, jacobian = turned(linear.target), turned(linear.jacobian)
-    directions = None if extra_directions is None or not extra_directions.size else turned(extra_directions)
+    directions = (
+        None if extra_directions is None or not extra_directions.size else turned(extra_directions)
+    )
     found = []
     for whitening in whitenings:
         parts = whitening.scaled(target), whitening.scaled(jacobian), whitening.log_det
-        found.append(_solve(*(parts if directions is None else _whiten_extra(*parts, whitening.scaled(directions)))))
+        found.append(
+            _solve(
+                *(
+                    parts
+                    if directions is None
+                    else _whiten_extra(*parts, whitening.scaled(directions))
+                )
+            )
+        )
     return found
 
 
@@ -103,11 +121,17 @@ def _solve(target: Floats, jacobian: Floats, log_det: float) -> Posterior:
     chi2 = float(residual @ residual)
     sign_log = float(np.linalg.slogdet(precision)[1])
     # The terms are misfit, prior, |C| and |A|, as in section 4 of docs/method.md.
-    return Posterior(mean, covariance, -0.5 * (chi2 + float(mean @ mean) + log_det + sign_log), chi2)
+    return Posterior(
+        mean, covariance, -0.5 * (chi2 + float(mean @ mean) + log_det + sign_log), chi2
+    )
 
 
-def _whiten_extra(target: Floats, jacobian: Floats, log_det: float, extra_directions: Floats) -> tuple[Floats, Floats, float]:
-    """Whiten once more, for C + V V^T: with the SVD V = U S W^T, every direction of U shrinks by 1 / sqrt(1 + S^2)."""
+def _whiten_extra(
+    target: Floats, jacobian: Floats, log_det: float, extra_directions: Floats
+) -> tuple[Floats, Floats, float]:
+    """Whiten once more, for C + V V^T: with the SVD V = U S W^T, every direction of U shrinks by
+    1 / sqrt(1 + S^2).
+    """
     directions, size, _ = np.linalg.svd(extra_directions, full_matrices=False)
     shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
     target = target - directions @ (shrink * (directions.T @ target))
@@ -119,9 +143,8 @@ def _whiten_extra(target: Floats, jacobian: Floats, log_det: float, extra_direct
 class MarginalPosterior:
     """Log evidence, mean discrepancy scale `error`, and posterior of the unknowns.
 
-    The posterior is the one at the most probable s, but at least at the usual one. A fit that happens to be better than usual is no reason
-    for a narrower interval.
-    """
+    The posterior is the one at the most probable s, but at least at the usual one. A fit that
+    happens to be better than usual is no reason for a narrower interval."""
 
     log_evidence: float
     error: float
@@ -129,7 +152,9 @@ class MarginalPosterior:
     whitening: DiscrepancyWhitening
 
     def max_nuisance_shift(self, nuisances: int) -> float:
-        """Largest distance of a nuisance parameter from its prior mean, in prior standard deviations."""
+        """Largest distance of a nuisance parameter from its prior mean, in prior standard
+        deviations.
+        """
         return float(np.abs(self.posterior.mean[:nuisances]).max(initial=0.0))
 
 
@@ -148,31 +173,56 @@ class MarginalLikelihood:
     named: tuple[DiscrepancyWhitening, ...]
     unknown: tuple[DiscrepancyWhitening, ...]
 
-    def evaluate(self, linear: LinearModel, extra_directions: Floats | None = None) -> MarginalPosterior:
-        """Evidence and posterior if nothing else is missing; `extra_directions` (m, k) as in `laplace_posteriors`."""
+    def evaluate(
+        self, linear: LinearModel, extra_directions: Floats | None = None
+    ) -> MarginalPosterior:
+        """Evidence and posterior if nothing else is missing; `extra_directions` (m, k) as in
+        `laplace_posteriors`.
+        """
         # The grid is uneven, so each point has the width that it stands for as a weight.
-        half_normal = np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
-        return _integrate_scale(self.named, half_normal - logsumexp(half_normal), linear, extra_directions)
+        half_normal = (
+            np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
+        )
+        return _integrate_scale(
+            self.named, half_normal - logsumexp(half_normal), linear, extra_directions
+        )
 
     def evaluate_unknown(self, linear: LinearModel) -> MarginalPosterior:
         """Evidence and posterior if something unlisted is missing beside the hypothesis."""
-        return _integrate_scale(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
+        return _integrate_scale(
+            self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None
+        )
 
     def level(self, linear: LinearModel) -> DiscrepancyWhitening:
-        """The whitening at the most probable scale, the usual one at least: it reflects the actual misfit of this linear model."""
+        """The whitening at the most probable scale, the usual one at least: it reflects the
+        actual misfit of this linear model.
+        """
         # Both grids contain the scale where they meet, hence [1:].
-        every = [whitening for whitening in (*self.named, *self.unknown[1:]) if whitening.s >= USUAL_ERROR]
+        every = [
+            whitening
+            for whitening in (*self.named, *self.unknown[1:])
+            if whitening.s >= USUAL_ERROR
+        ]
         logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
         return every[int(np.argmax(logs))]
 
-    def compute_held_out_residuals(self, linear: LinearModel, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
-        """`loo_residuals` (m,) of a hypothesis at its own most probable scale, the usual one at least."""
+    def compute_held_out_residuals(
+        self, linear: LinearModel, condition: NDArray[np.intp], left_out: Iterable[int]
+    ) -> Floats:
+        """`loo_residuals` (m,) of a hypothesis at its own most probable scale, the usual one at
+        least.
+        """
         return loo_residuals(linear, self.level(linear), condition, left_out)
 
     @cached_property
     def every_scale(self) -> tuple[DiscrepancyWhitening, ...]:
         """The whitenings at all discrepancy scales of the grid, ascending."""
-        return tuple(sorted({whitening.s: whitening for whitening in (*self.unknown, *self.named)}.values(), key=lambda one: one.s))
+        return tuple(
+            sorted(
+                {whitening.s: whitening for whitening in (*self.unknown, *self.named)}.values(),
+                key=lambda one: one.s,
+            )
+        )
 
     @property
     def usual(self) -> DiscrepancyWhitening:
@@ -184,12 +234,16 @@ def make_marginal_likelihood(rows: Observations, scatter: Floats) -> MarginalLik
     """The marginal likelihood of these rows; `scatter` (m, k) is B in `covariance`."""
     basis = make_basis(rows, scatter)
     return MarginalLikelihood(
-        tuple(DiscrepancyWhitening(basis, s) for s in NAMED_ERRORS), tuple(DiscrepancyWhitening(basis, s) for s in UNKNOWN_ERRORS)
+        tuple(DiscrepancyWhitening(basis, s) for s in NAMED_ERRORS),
+        tuple(DiscrepancyWhitening(basis, s) for s in UNKNOWN_ERRORS),
     )
 
 
 def _integrate_scale(
-    whitenings: tuple[DiscrepancyWhitening, ...], log_weights: Floats, linear: LinearModel, extra_directions: Floats | None
+    whitenings: tuple[DiscrepancyWhitening, ...],
+    log_weights: Floats,
+    linear: LinearModel,
+    extra_directions: Floats | None,
 ) -> MarginalPosterior:
     found = laplace_posteriors(linear, whitenings, extra_directions)
     logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
@@ -201,7 +255,12 @@ def _integrate_scale(
     return MarginalPosterior(total, error, found[at], whitenings[at])
 
 
-def loo_residuals(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+def loo_residuals(
+    linear: LinearModel,
+    whitening: DiscrepancyWhitening,
+    condition: NDArray[np.intp],
+    left_out: Iterable[int],
+) -> Floats:
     """Residuals (m,) on held-out conditions: measured less predicted, in the units of the signals.
 
     Parameters
@@ -213,36 +272,55 @@ def loo_residuals(linear: LinearModel, whitening: DiscrepancyWhitening, conditio
     condition
         (m,) the condition of each row.
     left_out
-        The conditions that are held out, each predicted from all other rows. Rows of other conditions are 0.
+        The conditions that are held out, each predicted from all other rows. Rows of other
+        conditions are 0.
 
     Returns
     -------
     (m,)
-        Each prediction uses the parameters that fit the other conditions, but not their discrepancy.
+        Each prediction uses the parameters that fit the other conditions, but not their
+        discrepancy.
     """
     apart = np.zeros(len(linear.target))
     numbers = list(left_out)
-    for number, mean in zip(numbers, loo_estimates(linear, whitening, condition, numbers), strict=True):
+    for number, mean in zip(
+        numbers, loo_estimates(linear, whitening, condition, numbers), strict=True
+    ):
         out = condition == number
         apart[out] = linear.target[out] - linear.jacobian[out] @ mean
     return apart
 
 
-def loo_estimates(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
-    """Posterior means of the unknowns (conditions, p), each from all rows but those of one condition of `left_out`."""
-    # Jacobian and target side by side: one product with C^-1 gives both sides of the normal equations.
+def loo_estimates(
+    linear: LinearModel,
+    whitening: DiscrepancyWhitening,
+    condition: NDArray[np.intp],
+    left_out: Iterable[int],
+) -> Floats:
+    """Posterior means of the unknowns (conditions, p), each from all rows but those of one
+    condition of `left_out`.
+    """
+    # Jacobian and target side by side: one product with C^-1 gives both sides of the normal
+    # equations.
     both, unknowns = np.column_stack([linear.jacobian, linear.target]), linear.jacobian.shape[1]
     weighted = whitening.apply_precision(both)
     means = []
     for number in left_out:
         others, _ = products_without(both, weighted, whitening, condition == number)
         # The identity is the prior: every unknown is standard normal.
-        means.append(np.linalg.solve(others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns]))
+        means.append(
+            np.linalg.solve(
+                others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns]
+            )
+        )
     return np.array(means).reshape(len(means), unknowns)
 
 
-def jackknife_std(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp]) -> Floats:
-    """Standard deviations of all unknowns by leaving one condition out at a time, (p,); 0 with fewer than three conditions.
+def jackknife_std(
+    linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp]
+) -> Floats:
+    """Standard deviations of all unknowns by leaving one condition out at a time, (p,); 0 with
+    fewer than three conditions.
 
     Parameters
     ----------
@@ -266,11 +344,19 @@ def jackknife_std(linear: LinearModel, whitening: DiscrepancyWhitening, conditio
     return np.asarray(np.sqrt((count - 1) * np.var(means, axis=0)))
 
 
-def loo_log_densities(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
-    """Log predictive density of the rows of each condition given all other rows, (conditions,); 0 for conditions not in `left_out`."""
+def loo_log_densities(
+    linear: LinearModel,
+    whitening: DiscrepancyWhitening,
+    condition: NDArray[np.intp],
+    left_out: Iterable[int],
+) -> Floats:
+    """Log predictive density of the rows of each condition given all other rows, (conditions,);
+    0 for conditions not in `left_out`.
+    """
     both, log_2pi = np.column_stack([linear.jacobian, linear.target]), float(np.log(2.0 * np.pi))
     weighted = whitening.apply_precision(both)
-    # log p(y_o | y_rest) = log p(y) - log p(y_rest). The constant with 2 pi counts only the rows of the condition.
+    # log p(y_o | y_rest) = log p(y) - log p(y_rest). The constant with 2 pi counts only the rows of
+    # the condition.
     everything = _log_evidence(both.T @ weighted, whitening.log_det)
     found = np.zeros(int(condition.max()) + 1)
     for number in left_out:
@@ -281,14 +367,22 @@ def loo_log_densities(linear: LinearModel, whitening: DiscrepancyWhitening, cond
 
 
 def _log_evidence(products: Floats, log_det: float) -> float:
-    """Log density (without 2 pi) of rows with these products of columns and target; the unknowns are standard normal a priori."""
+    """Log density (without 2 pi) of rows with these products of columns and target; the unknowns
+    are standard normal a priori.
+    """
     # `products` is [[J^T P J, J^T P y], [y^T P J, y^T P y]].
-    factor = cholesky(products[:-1, :-1] + np.eye(len(products) - 1), lower=True, check_finite=False)
+    factor = cholesky(
+        products[:-1, :-1] + np.eye(len(products) - 1), lower=True, check_finite=False
+    )
     match = solve_triangular(factor, products[:-1, -1], lower=True, check_finite=False)
-    return 0.5 * float(match @ match - products[-1, -1] - log_det) - float(np.log(np.diag(factor)).sum())
+    return 0.5 * float(match @ match - products[-1, -1] - log_det) - float(
+        np.log(np.diag(factor)).sum()
+    )
 
 
-def products_without(both: Floats, weighted: Floats, whitening: DiscrepancyWhitening, out: NDArray[np.bool_]) -> tuple[Floats, float]:
+def products_without(
+    both: Floats, weighted: Floats, whitening: DiscrepancyWhitening, out: NDArray[np.bool_]
+) -> tuple[Floats, float]:
     """Products of columns under the covariance of all rows except `out`.
 
     Parameters

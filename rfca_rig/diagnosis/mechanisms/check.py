@@ -1,7 +1,8 @@
-"""`check_experiment`: whether recordings of a mechanism can be used, and what is probably wrong with them, one line each.
+"""`check_experiment`: whether recordings of a mechanism can be used, and what is probably wrong
+with them, one line each.
 
-Positions, speeds and accelerations of the joints at moments of the recordings follow from the recorded positions alone.
-"""
+Positions, speeds and accelerations of the joints at moments of the recordings follow from the
+recorded positions alone."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,7 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import SMOOTHING_HALF_WIDTH_S, local_polynomial, sample_std, smallest_step
+from rfca_rig.analysis.swings import (
+    SMOOTHING_HALF_WIDTH_S,
+    local_polynomial,
+    sample_std,
+    smallest_step,
+)
 from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experiment
 from rfca_rig.campaign.layout import ExperimentFile
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
@@ -47,7 +53,10 @@ from rfca_rig.toml import read_toml
 Floats = NDArray[np.float64]
 
 COARSE = 50  # steps of an encoder over the whole range, below which they hide the motion
-MUCH_NOISE, LITTLE_NOISE = 5.0, 0.05  # times the noise that the samples show: beyond, the stated one is probably in another unit
+MUCH_NOISE, LITTLE_NOISE = (
+    5.0,
+    0.05,
+)  # times the noise that the samples show: beyond, the stated one is probably in another unit
 
 MOST_STATES = 400  # of all recordings together: enough for an rms and a picture
 
@@ -77,7 +86,9 @@ class CheckLine:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
-def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Mapping[int, SpeedRatio]) -> Iterator[CheckLine]:
+def check_signals(
+    described: ExperimentFile, experiment: Experiment, ratios: Mapping[int, SpeedRatio]
+) -> Iterator[CheckLine]:
     """A line per signal, and warnings; `ratios` are those of `compare_speeds`."""
     for place, signal in enumerate(described.signals):
         columns = [run.signals[:, place] / signal.factor for run in experiment.runs]
@@ -86,39 +97,76 @@ def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Map
         low, high = _range_of(columns)
         values = {"low": low, "high": high, "noise": signal.noise_std or noise}
         words = f"{signal.words}: {low:.4g} to {high:.4g} {signal.unit}, "
-        words += f"noise {signal.noise_std:.3g} (stated)" if signal.noise_std else f"noise {noise:.2g} (found)"
+        words += (
+            f"noise {signal.noise_std:.3g} (stated)"
+            if signal.noise_std
+            else f"noise {noise:.2g} (found)"
+        )
         # Steps below the noise do not matter: the noise hides them.
         if step > noise:
             values["step"] = step
             words += f", steps of {step:.3g}"
         if place in ratios:
             values["ratio"] = ratios[place].ratio
-            words += f", {ratios[place].ratio:.3f} times the derivative of {described.signals[ratios[place].position].column}"
+            words += (
+                f", {ratios[place].ratio:.3f} times the derivative of "
+                f"{described.signals[ratios[place].position].column}"
+            )
         yield CheckLine("signal", signal.column, words, values=values)
         is_dead, what_is_constant = _constant(signal.column, columns, experiment.runs)
         if what_is_constant:
-            ask = "was it measured? If the joint is locked, remove it from the model" if is_dead else "was it recorded there?"
+            ask = (
+                "was it measured? If the joint is locked, remove it from the model"
+                if is_dead
+                else "was it recorded there?"
+            )
             yield CheckLine("signal", signal.column, f"{what_is_constant}; {ask}", is_warning=True)
         elif step > noise and step * COARSE > high - low:
-            message = f"only {(high - low) / step:.0f} steps over the whole range; state a finer column, or expect wide intervals"
+            message = (
+                f"only {(high - low) / step:.0f} steps over the whole range; state a finer "
+                "column, or expect wide intervals"
+            )
             yield CheckLine("signal", signal.column, message, is_warning=True)
-        if signal.noise_std and not is_dead and not LITTLE_NOISE * noise <= signal.noise_std <= MUCH_NOISE * noise:
-            message = f"noise_std = {signal.noise_std:g} is stated and the samples scatter by {noise:.2g} {signal.unit}; "
-            message += f"it is in the unit of the column: set it in {name_of('signals', place, signal)}, or remove it"
+        if (
+            signal.noise_std
+            and not is_dead
+            and not LITTLE_NOISE * noise <= signal.noise_std <= MUCH_NOISE * noise
+        ):
+            message = (
+                f"noise_std = {signal.noise_std:g} is stated and the samples scatter by "
+                f"{noise:.2g} {signal.unit}; "
+            )
+            message += (
+                "it is in the unit of the column: set it in "
+                f"{name_of('signals', place, signal)}, or remove it"
+            )
             yield CheckLine("signal", signal.column, message, is_warning=True)
-        found = ((run, wraps[0]) for run in experiment.runs if (wraps := find_wraps(experiment, run, place)).size)
+        found = (
+            (run, wraps[0])
+            for run in experiment.runs
+            if (wraps := find_wraps(experiment, run, place)).size
+        )
         # One warning is enough: the fix is the same for all jumps.
         for run, sample in islice(found, 1):
-            size = abs(float(run.signals[sample + 1, place] - run.signals[sample, place]) / signal.factor)
-            message = f"jumps by {size:.4g} {signal.unit} at {run.t_s[sample + 1]:.4g} s of {run.label}; export the angle unwrapped"
+            size = abs(
+                float(run.signals[sample + 1, place] - run.signals[sample, place]) / signal.factor
+            )
+            message = (
+                f"jumps by {size:.4g} {signal.unit} at {run.t_s[sample + 1]:.4g} s of "
+                f"{run.label}; export the angle unwrapped"
+            )
             yield CheckLine("signal", signal.column, message, is_warning=True)
 
 
 def _range_of(columns: Sequence[Floats]) -> tuple[float, float]:
-    return min(float(column.min()) for column in columns), max(float(column.max()) for column in columns)
+    return min(float(column.min()) for column in columns), max(
+        float(column.max()) for column in columns
+    )
 
 
-def _constant(name: str, columns: Sequence[Floats], runs: Sequence[MechanismRun]) -> tuple[bool, str]:
+def _constant(
+    name: str, columns: Sequence[Floats], runs: Sequence[MechanismRun]
+) -> tuple[bool, str]:
     """Whether a column never changes at all, and in words where it is constant."""
     dead = [run.label for run, column in zip(runs, columns, strict=True) if np.ptp(column) == 0.0]
     if len(dead) == len(runs):
@@ -127,7 +175,10 @@ def _constant(name: str, columns: Sequence[Floats], runs: Sequence[MechanismRun]
 
 
 def check_speeds(
-    described: ExperimentFile, ratios: Mapping[int, SpeedRatio], factors: Mapping[str, float], balanced: Collection[str]
+    described: ExperimentFile,
+    ratios: Mapping[int, SpeedRatio],
+    factors: Mapping[str, float],
+    balanced: Collection[str],
 ) -> Iterator[CheckLine]:
     """A warning for every speed that is not the derivative of its position.
 
@@ -145,18 +196,33 @@ def check_speeds(
     for found in ratios.values():
         speed, position = described.signals[found.speed], described.signals[found.position]
         joint = speed.joint or ""
-        # A correction of the position changes the ratio already; only the remainder is a fault of the speed.
+        # A correction of the position changes the ratio already; only the remainder is a fault of
+        # the speed.
         ratio = found.ratio / factors[joint]
         if abs(found.correlation) < FOLLOWS:
-            message = f"does not follow the derivative of {position.column} (correlation {found.correlation:.2f}); is it of another joint?"
+            message = (
+                f"does not follow the derivative of {position.column} (correlation "
+                f"{found.correlation:.2f}); is it of another joint?"
+            )
             yield CheckLine("signal", speed.column, message, is_warning=True)
         elif not found.agrees and not is_one(ratio):
             fixes = list_fixes(described, found, ratio, position_is_right=joint in balanced)
-            ask = f"set {', or '.join(fixes)}" if fixes else "a gear ratio or counts_per_turn is probably wrong in one of both"
-            yield CheckLine("signal", speed.column, f"is {ratio:.4g} times the derivative of {position.column}; {ask}", is_warning=True)
+            ask = (
+                f"set {', or '.join(fixes)}"
+                if fixes
+                else "a gear ratio or counts_per_turn is probably wrong in one of both"
+            )
+            yield CheckLine(
+                "signal",
+                speed.column,
+                f"is {ratio:.4g} times the derivative of {position.column}; {ask}",
+                is_warning=True,
+            )
 
 
-def check_commands(described: ExperimentFile, experiment: Experiment, gains: Sequence[tuple[float, float]]) -> Iterator[CheckLine]:
+def check_commands(
+    described: ExperimentFile, experiment: Experiment, gains: Sequence[tuple[float, float]]
+) -> Iterator[CheckLine]:
     """A line per command, and warnings.
 
     Parameters
@@ -164,25 +230,36 @@ def check_commands(described: ExperimentFile, experiment: Experiment, gains: Seq
     described, experiment
         The description, and the experiment that it describes.
     gains
-        Of each command, the factor on it that balances the torques best, and its correlation with the torque that the motion needs.
+        Of each command, the factor on it that balances the torques best, and its correlation with
+        the torque that the motion needs.
     """
     # Without drive a command may hold anything.
     driven = [run for run in experiment.runs if run.driven]
-    for place, (command, (gain, correlation)) in enumerate(zip(described.commands, gains, strict=True)):
+    for place, (command, (gain, correlation)) in enumerate(
+        zip(described.commands, gains, strict=True)
+    ):
         columns = [run.commands[:, place] / command.factor for run in driven]
         if not columns:
-            yield CheckLine("command", command.column, f"of {command.actuator}: no recording is driven")
+            yield CheckLine(
+                "command", command.column, f"of {command.actuator}: no recording is driven"
+            )
             continue
         low, high = _range_of(columns)
         values = {"low": low, "high": high}
         words = f"of {command.actuator}: {low:.4g} to {high:.4g} {command.unit}"
         if np.isfinite(gain):
             values |= {"gain": gain, "correlation": correlation}
-            words += f"; the model needs {gain:.3g} times it for the motion (correlation {correlation:.2f})"
+            words += (
+                f"; the model needs {gain:.3g} times it for the motion (correlation "
+                f"{correlation:.2f})"
+            )
         yield CheckLine("command", command.column, words, values=values)
         _, what_is_constant = _constant(command.column, columns, driven)
         if what_is_constant:
-            message = f"{what_is_constant}; is it of {command.actuator}? Set driven = false in recordings where the actuators were off"
+            message = (
+                f"{what_is_constant}; is it of {command.actuator}? Set driven = false in "
+                "recordings where the actuators were off"
+            )
             yield CheckLine("command", command.column, message, is_warning=True)
 
 
@@ -190,18 +267,25 @@ def check_corrections(corrections: Sequence[Correction]) -> Iterator[CheckLine]:
     """A warning for every sign or unit with which the torques balance far better."""
     for one in corrections:
         values = {"before": one.before, "after": one.after}
-        yield CheckLine("reading", "signs and units", describe_correction(one), is_warning=True, values=values)
+        yield CheckLine(
+            "reading", "signs and units", describe_correction(one), is_warning=True, values=values
+        )
 
 
 def describe_correction(one: Correction) -> str:
     """What to write instead, and by how much better the torques balance with it."""
     words = ", or ".join(reading.words for reading in (one.reading, *one.alternatives))
-    better = f"torques of the model then miss the recorded motion by {100.0 * one.after:.0f} % instead of {100.0 * one.before:.0f} %"
+    better = (
+        f"torques of the model then miss the recorded motion by {100.0 * one.after:.0f} % "
+        f"instead of {100.0 * one.before:.0f} %"
+    )
     return f"set {words}; {better}"
 
 
 def can_balance(mechanism: Mechanism) -> bool:
-    """Whether the torques of recorded states balance in the model: every state is known, and no force acts beside MuJoCo's."""
+    """Whether the torques of recorded states balance in the model: every state is known, and no
+    force acts beside MuJoCo's.
+    """
     return not (mechanism.unmeasured or mechanism.prescribed or mechanism.contacts)
 
 
@@ -218,7 +302,8 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     Returns
     -------
     States
-        (k, n) positions, speeds and accelerations; none within a gap, and none at all unless the mechanism `can_balance`.
+        (k, n) positions, speeds and accelerations; none within a gap, and none at all unless the
+        mechanism `can_balance`.
 
     Raises
     ------
@@ -231,8 +316,13 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     derivatives: list[list[Floats]] = []
     commands: list[list[Floats]] = []
     for run in experiment.runs if can_balance(mechanism) else ():
-        recorded, commanded = run.signals[:, match.positions], arrange_commands(run, mechanism, match)
-        for at_s in np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - SMOOTHING_HALF_WIDTH_S, apart_s):
+        recorded, commanded = (
+            run.signals[:, match.positions],
+            arrange_commands(run, mechanism, match),
+        )
+        for at_s in np.arange(
+            run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - SMOOTHING_HALF_WIDTH_S, apart_s
+        ):
             # A local polynomial over a gap would invent the motion there.
             near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHING_HALF_WIDTH_S]
             if near_s.size > 1 and np.diff(near_s).max() <= experiment.bin_s:
@@ -241,7 +331,12 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
                 commands.append([np.interp(at_s, run.t_s, column) for column in commanded.T])
     shape = (len(derivatives), 3, len(mechanism.joints))
     position, speed, acceleration = np.moveaxis(np.array(derivatives).reshape(shape), 1, 0)
-    return States(position, speed, acceleration, np.array(commands).reshape(len(commands), len(mechanism.actuators)))
+    return States(
+        position,
+        speed,
+        acceleration,
+        np.array(commands).reshape(len(commands), len(mechanism.actuators)),
+    )
 
 
 def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[CheckLine]:
@@ -264,7 +359,10 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     """
     experiment = read_experiment(folder, allow_outside)
     described = read_toml(experiment.path, ExperimentFile)
-    mechanism = assign_roles(experiment, load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside))
+    mechanism = assign_roles(
+        experiment,
+        load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside),
+    )
     yield _describe_model(mechanism)
     yield from _check_windows(experiment, mechanism)
     ratios = compare_speeds(experiment)
@@ -273,13 +371,19 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     balance = balance_torques(mechanism, states)
     shares = _imbalances(mechanism, balance)
     if not can_balance(mechanism):
-        words = "not checked: it needs the state of every joint, no prescribed joint, and MuJoCo's own contacts"
+        words = (
+            "not checked: it needs the state of every joint, no prescribed joint, and "
+            "MuJoCo's own contacts"
+        )
         yield CheckLine("balance", "all joints", words)
     yield from (
         CheckLine(
             "balance",
             name,
-            f"inertia, weight and drive of the model balance in the recorded motion to {100.0 * share:.2g} %",
+            (
+                "inertia, weight and drive of the model balance in the recorded motion to "
+                f"{100.0 * share:.2g} %"
+            ),
             values={"imbalance": share},
         )
         for name, share in shares.items()
@@ -291,9 +395,15 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     for correction in corrections:
         states, factors = correction.reading.apply(states), factors * correction.reading.position
         balance = balance_torques(mechanism, states)
-    corrected = {name for name, share in _imbalances(mechanism, balance).items() if share < BALANCED}
-    yield from check_speeds(described, ratios, dict(zip(mechanism.joints, factors, strict=True)), corrected)
-    yield from check_commands(described, experiment, list(_gains(experiment, mechanism, balance, corrections)))
+    corrected = {
+        name for name, share in _imbalances(mechanism, balance).items() if share < BALANCED
+    }
+    yield from check_speeds(
+        described, ratios, dict(zip(mechanism.joints, factors, strict=True)), corrected
+    )
+    yield from check_commands(
+        described, experiment, list(_gains(experiment, mechanism, balance, corrections))
+    )
     yield from _check_priors(experiment, mechanism)
     try:
         problem = make_problem(experiment, mechanism)
@@ -304,9 +414,15 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     except SimulationFailed as error:
         # The path stands in front of the whole message already.
         message = str(error).removeprefix(f"{experiment.model}: ")
-        raise BadInput(f"{experiment.model}: the nominal model cannot be simulated from the recorded states: {message}") from None
+        raise BadInput(
+            f"{experiment.model}: the nominal model cannot be simulated from the recorded "
+            f"states: {message}"
+        ) from None
     step_s = problem.simulator.step_s
-    words = f"{problem.simulator.integrator} with steps of {1e3 * step_s:g} ms, whose error is below a tenth of noise and usual model error"
+    words = (
+        f"{problem.simulator.integrator} with steps of {1e3 * step_s:g} ms, whose error is "
+        "below a tenth of noise and usual model error"
+    )
     yield CheckLine("integrator", "step", words, values={"step_s": step_s})
     yield _check_conditions(problem, experiment)
 
@@ -317,21 +433,41 @@ def refuse_misread_columns(experiment: Experiment, mechanism: Mechanism) -> None
     Raises
     ------
     BadInput
-        With what to write instead, where the torques of the nominal model balance far better with it.
+        With what to write instead, where the torques of the nominal model balance far better with
+        it.
     """
     described = read_toml(experiment.path, ExperimentFile)
     roles = assign_roles(experiment, mechanism)
-    corrections = find_corrections(described, roles, estimate_states(experiment, roles), compare_speeds(experiment))
+    corrections = find_corrections(
+        described, roles, estimate_states(experiment, roles), compare_speeds(experiment)
+    )
     if corrections:
-        more = f" ({len(corrections) - 1} more: rfca-rig check {experiment.path.parent})" if len(corrections) > 1 else ""
-        raise BadInput(f"{experiment.path}: {describe_correction(corrections[0])}{more}; correct it, or take it with --as-is")
+        more = (
+            f" ({len(corrections) - 1} more: rfca-rig check {experiment.path.parent})"
+            if len(corrections) > 1
+            else ""
+        )
+        raise BadInput(
+            f"{experiment.path}: {describe_correction(corrections[0])}{more}; correct it, "
+            "or take it with --as-is"
+        )
 
 
 def _describe_model(mechanism: Mechanism) -> CheckLine:
-    joints = [f"{'slide' if slides else 'hinge'} {name}" for name, slides in zip(mechanism.joints, mechanism.is_slide, strict=True)]
+    joints = [
+        f"{'slide' if slides else 'hinge'} {name}"
+        for name, slides in zip(mechanism.joints, mechanism.is_slide, strict=True)
+    ]
     masses = mechanism.model.body_mass[1:]
-    bodies = [f"{name} {mass:.3g} kg" for name, mass in zip(mechanism.bodies, masses, strict=True) if mass > 0.0]
-    words = f"{', '.join(joints)}; actuators {', '.join(mechanism.actuators) or 'none'}; bodies {', '.join(bodies)}"
+    bodies = [
+        f"{name} {mass:.3g} kg"
+        for name, mass in zip(mechanism.bodies, masses, strict=True)
+        if mass > 0.0
+    ]
+    words = (
+        f"{', '.join(joints)}; actuators {', '.join(mechanism.actuators) or 'none'}; bodies "
+        f"{', '.join(bodies)}"
+    )
     return CheckLine("model", mechanism.path.name, words, values={"mass_kg": float(masses.sum())})
 
 
@@ -339,38 +475,74 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
     """A line per recording, and a warning where a part of it cannot be used."""
     match = match_columns(experiment, mechanism)
     for run in experiment.runs:
-        steps_s, all_windows = np.diff(run.t_s), len(window_starts(run, experiment, experiment.window_s))
-        cut = list_windows(replace(experiment, runs=(run,)), mechanism, match, (experiment.window_s,))
+        steps_s, all_windows = (
+            np.diff(run.t_s),
+            len(window_starts(run, experiment, experiment.window_s)),
+        )
+        cut = list_windows(
+            replace(experiment, runs=(run,)), mechanism, match, (experiment.window_s,)
+        )
         used = sum(len(of_run) for of_run in cut)
-        length_s, rate_Hz, gap_s = float(run.t_s[-1] - run.t_s[0]), 1.0 / float(np.median(steps_s)), float(steps_s.max())
+        length_s, rate_Hz, gap_s = (
+            float(run.t_s[-1] - run.t_s[0]),
+            1.0 / float(np.median(steps_s)),
+            float(steps_s.max()),
+        )
         words = f"{length_s:.4g} s at {rate_Hz:.4g} Hz, largest gap {1e3 * gap_s:.3g} ms, "
         if experiment.starts_at_rest:
             words += f"{'can' if used else 'cannot'} be used as a whole, from rest"
         else:
             words += f"{used} of {all_windows} windows of {experiment.window_s:g} s can be used"
         words += "" if run.driven or not experiment.actuators else ", not driven"
-        values = {"length_s": length_s, "rate_Hz": rate_Hz, "largest_gap_s": gap_s, "windows": all_windows, "usable_windows": used}
+        values = {
+            "length_s": length_s,
+            "rate_Hz": rate_Hz,
+            "largest_gap_s": gap_s,
+            "windows": all_windows,
+            "usable_windows": used,
+        }
         yield CheckLine("recording", run.label, words, values=values)
         if not all_windows:
-            message = f"too short for a window, which needs {shortest_recording_s(experiment):g} s; it is not used"
+            message = (
+                f"too short for a window, which needs {shortest_recording_s(experiment):g} s; "
+                "it is not used"
+            )
             yield CheckLine("recording", run.label, message, is_warning=True)
         elif used < all_windows:
-            message = f"{all_windows - used} windows hold or touch a gap of more than bin_s = {experiment.bin_s:g} s and are not used; "
-            yield CheckLine("recording", run.label, f"{message}a longer bin_s in [windows] allows gaps", is_warning=True)
+            message = (
+                f"{all_windows - used} windows hold or touch a gap of more than bin_s = "
+                f"{experiment.bin_s:g} s and are not used; "
+            )
+            yield CheckLine(
+                "recording",
+                run.label,
+                f"{message}a longer bin_s in [windows] allows gaps",
+                is_warning=True,
+            )
 
 
 def _imbalances(mechanism: Mechanism, balance: TorqueBalance) -> dict[str, float]:
     """Imbalance of the torques of each joint, as a share; none without states."""
-    return dict(zip(mechanism.joints, balance.imbalance.tolist(), strict=True)) if len(balance.inertial) else {}
+    return (
+        dict(zip(mechanism.joints, balance.imbalance.tolist(), strict=True))
+        if len(balance.inertial)
+        else {}
+    )
 
 
 def _gains(
-    experiment: Experiment, mechanism: Mechanism, balance: TorqueBalance, corrections: Sequence[Correction]
+    experiment: Experiment,
+    mechanism: Mechanism,
+    balance: TorqueBalance,
+    corrections: Sequence[Correction],
 ) -> Iterator[tuple[float, float]]:
-    """Gain and correlation of each command as it is stated; the balance is that of corrected states."""
+    """Gain and correlation of each command as it is stated; the balance is that of corrected
+    states.
+    """
     for name in experiment.actuators:
         place = mechanism.actuators.index(name)
-        # The gain was found for the corrected command; it is converted back to the column as stated.
+        # The gain was found for the corrected command; it is converted back to the column as
+        # stated.
         factor = float(np.prod([correction.reading.command[place] for correction in corrections]))
         gain, correlation = balance.gain(place)
         yield gain * factor, correlation * float(np.sign(factor))
@@ -381,44 +553,82 @@ def _check_priors(experiment: Experiment, mechanism: Mechanism) -> Iterator[Chec
     is_driven = any(run.driven for run in experiment.runs)
     sensors = [signal.name for signal in experiment.signals if signal.quantity == "sensor"]
     count = len(space_of_mechanism(mechanism, experiment.known_to, is_driven, sensors).parameters)
-    yield CheckLine("known_to", "priors", f"{count} nuisance parameters", values={"parameters": count})
+    yield CheckLine(
+        "known_to", "priors", f"{count} nuisance parameters", values={"parameters": count}
+    )
     for key in experiment.known_to:
         if key in NUISANCES and not find_places(mechanism, NUISANCES[key].objects):
-            yield CheckLine("known_to", key, f"the model has no {NUISANCES[key].objects}; remove it", is_warning=True)
+            yield CheckLine(
+                "known_to",
+                key,
+                f"the model has no {NUISANCES[key].objects}; remove it",
+                is_warning=True,
+            )
         elif key in COMMAND_NUISANCES and not is_driven:
-            yield CheckLine("known_to", key, "no recording is driven, so that it changes nothing; remove it", is_warning=True)
+            yield CheckLine(
+                "known_to",
+                key,
+                "no recording is driven, so that it changes nothing; remove it",
+                is_warning=True,
+            )
 
 
 def _check_prediction(
-    problem: MechanismProblem, described: ExperimentFile, experiment: Experiment, upset: Collection[str]
+    problem: MechanismProblem,
+    described: ExperimentFile,
+    experiment: Experiment,
+    upset: Collection[str],
 ) -> Iterator[CheckLine]:
     """Rms error of the nominal model in each signal.
 
-    A warning follows where the error is larger than the change of the signal, for positions of the joints in `upset`.
-    """
+    A warning follows where the error is larger than the change of the signal, for positions of the
+    joints in `upset`."""
     plant = problem.simulator.plant(MechanismInput())
     windows = [each for condition in problem.conditions for each in condition.windows]
     misses = [each.window.measured - problem.simulator.predict(plant, each) for each in windows]
     changes = [each.window.measured - each.window.measured[:, :1] for each in windows]
-    where = "motions from rest" if experiment.starts_at_rest else f"windows of {experiment.window_s:g} s"
+    where = (
+        "motions from rest"
+        if experiment.starts_at_rest
+        else f"windows of {experiment.window_s:g} s"
+    )
     for place, signal in enumerate(described.signals):
-        miss, change = (rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor) for of_all in (misses, changes))
+        miss, change = (
+            rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor)
+            for of_all in (misses, changes)
+        )
         words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over {where}, "
         words += f"in which it changes by {change:.3g} {signal.unit}"
         is_wrong = miss > change and signal.quantity == "position" and signal.joint in upset
         if miss > change and not is_wrong:
-            words += "; it misses by more than the signal changes: check its sign, unit and zero before the diagnosis"
+            words += (
+                "; it misses by more than the signal changes: check its sign, unit and zero "
+                "before the diagnosis"
+            )
         yield CheckLine("prediction", signal.column, words, values={"miss": miss, "change": change})
         if is_wrong:
-            message = "that is worse than no motion at all; correct the model of this joint, or its columns"
+            message = (
+                "that is worse than no motion at all; correct the model of this joint, or "
+                "its columns"
+            )
             yield CheckLine("prediction", signal.column, message, is_warning=True)
 
 
 def _check_conditions(problem: MechanismProblem, experiment: Experiment) -> CheckLine:
     """Whether there are enough stretches for a diagnosis."""
     count, values = len(problem.conditions), {"conditions": len(problem.conditions)}
-    of = "motions from rest" if experiment.starts_at_rest else f"stretches of about {WINDOWS_OF_CONDITION} windows"
+    of = (
+        "motions from rest"
+        if experiment.starts_at_rest
+        else f"stretches of about {WINDOWS_OF_CONDITION} windows"
+    )
     words = f"{count} {of}, each predicted from the others"
     if count < FEWEST_CONDITIONS:
-        return CheckLine("diagnosis", "conditions", f"{words}; diagnose needs {FEWEST_CONDITIONS}: record more", True, values)
+        return CheckLine(
+            "diagnosis",
+            "conditions",
+            f"{words}; diagnose needs {FEWEST_CONDITIONS}: record more",
+            True,
+            values,
+        )
     return CheckLine("diagnosis", "conditions", words, values=values)

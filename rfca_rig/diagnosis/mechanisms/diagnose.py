@@ -1,7 +1,7 @@
 """`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg.
 
-It measures the torque in one joint as the recordings show it, in place of the effects of the catalogue that a diagnosis states there.
-"""
+It measures the torque in one joint as the recordings show it, in place of the effects of the
+catalogue that a diagnosis states there."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,15 +39,24 @@ from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 
-# Effects that are a law of the quantity; beside one of them the residual torque would be what that law leaves.
+# Effects that are a law of the quantity; beside one of them the residual torque would be what that
+# law leaves.
 LAWS_OF = {
-    "speed": ("joint_friction", "joint_stribeck", "joint_hysteresis", "joint_load_friction", "joint_damping", "joint_drag"),
+    "speed": (
+        "joint_friction",
+        "joint_stribeck",
+        "joint_hysteresis",
+        "joint_load_friction",
+        "joint_damping",
+        "joint_drag",
+    ),
     "position": ("joint_spring",),
 }
 OF_ONE = "_of_one"
 
-# Twelve single effects are enough for a leg. Of a hopper whose force was 15 % too small the right one promised only the fourteenth most,
-# since a motion with contacts is not linear in it; what was fitted instead were three effects that do the same together.
+# Twelve single effects are enough for a leg. Of a hopper whose force was 15 % too small the right
+# one promised only the fourteenth most, since a motion with contacts is not linear in it; what was
+# fitted instead were three effects that do the same together.
 SEARCH = replace(DEFAULT_SEARCH, singles_coarse=18)
 
 
@@ -61,28 +70,42 @@ class JointPlace:
 
 @dataclass(frozen=True)
 class MeasuredJointLaw:
-    """The law, and the mechanism with it: effects, nuisance parameters and the table at their posterior means."""
+    """The law, and the mechanism with it: effects, nuisance parameters and the table at their
+    posterior means.
+    """
 
     stated: StatedLaw
     plant: Plant
 
 
 def parse_place(place: str, mechanism: Mechanism) -> JointPlace:
-    """Parse "JOINT", "JOINT.speed" or "JOINT.position". Raises BadInput where there is no such joint."""
+    """Parse "JOINT", "JOINT.speed" or "JOINT.position". Raises BadInput where there is no such
+    joint.
+    """
     joint, _, quantity = place.rpartition(".")
     # The name of a joint may itself end with ".speed"; then the whole text is the joint.
     if place not in mechanism.joints and quantity in QUANTITIES and joint in mechanism.joints:
         return JointPlace(mechanism.joints.index(joint), (quantity,))
     if place in mechanism.joints:
         return JointPlace(mechanism.joints.index(place), QUANTITIES)
-    known = [*mechanism.joints, *(f"{joint}.{quantity}" for joint in mechanism.joints for quantity in QUANTITIES)]
-    raise BadInput(f"--law {place}: no law can be measured there; name a joint, or one as joint.speed; {suggestion(place, known)}")
+    known = [
+        *mechanism.joints,
+        *(f"{joint}.{quantity}" for joint in mechanism.joints for quantity in QUANTITIES),
+    ]
+    raise BadInput(
+        f"--law {place}: no law can be measured there; name a joint, or one as "
+        f"joint.speed; {suggestion(place, known)}"
+    )
 
 
 def measure_joint_law(
-    problem: MechanismProblem, found: ModelSelectionResult, hypothesis: Hypothesis, place: JointPlace
+    problem: MechanismProblem,
+    found: ModelSelectionResult,
+    hypothesis: Hypothesis,
+    place: JointPlace,
 ) -> MeasuredJointLaw:
-    """Measure the law in a joint beside the rest of a hypothesis. Its effects that are such a law there are left out.
+    """Measure the law in a joint beside the rest of a hypothesis. Its effects that are such a law
+    there are left out.
 
     Parameters
     ----------
@@ -103,7 +126,9 @@ def measure_joint_law(
     mechanism = problem.simulator.mechanism
     terms = hypothesis.fitted.coordinates.choices
     others = [_leave_out(term, mechanism, place) for term in terms]
-    instead_of = tuple(term.effect.id for term, other in zip(terms, others, strict=True) if other is not term)
+    instead_of = tuple(
+        term.effect.id for term, other in zip(terms, others, strict=True) if other is not term
+    )
     reduced = {term.effect.id: term.effect for term in others if term is not None}
     simulator = replace(problem.simulator, effects={**problem.simulator.effects, **reduced})
     # The reduced effects replace the whole ones under the same ids.
@@ -116,16 +141,31 @@ def measure_joint_law(
 
     def curve(argument: str, u: Floats) -> Floats | None:
         """Law (k,) of the effects that are left out, as far as it is a function of the argument."""
-        own = [compute_own_law(plant, place.joint, argument.startswith("speed"), u) for plant in plants]
+        own = [
+            compute_own_law(plant, place.joint, argument.startswith("speed"), u) for plant in plants
+        ]
         having, without = (np.zeros_like(u) if each is None else each for each in own)
         return having - without if instead_of and np.any(having != without) else None
 
     usual = float(problem.usual.torque[place.joint])
-    arguments = [make_joint_argument(mechanism, place.joint, quantity, usual) for quantity in place.quantities]
-    law = measure_best_law(found, arguments, base, LawStart(base.fitted.x, curve) if instead_of else None, renew_range=True)
+    arguments = [
+        make_joint_argument(mechanism, place.joint, quantity, usual)
+        for quantity in place.quantities
+    ]
+    law = measure_best_law(
+        found,
+        arguments,
+        base,
+        LawStart(base.fitted.x, curve) if instead_of else None,
+        renew_range=True,
+    )
     u = np.linspace(*law.visited, CURVE_POINTS)
     drawn = curve(law.argument, u)
-    stated = StatedLaw(law, instead_of, None if drawn is None else CatalogueCurve(" and ".join(instead_of), u, drawn))
+    stated = StatedLaw(
+        law,
+        instead_of,
+        None if drawn is None else CatalogueCurve(" and ".join(instead_of), u, drawn),
+    )
     return MeasuredJointLaw(stated, simulator.plant(_at_mean(law.hypothesis)))
 
 
@@ -134,18 +174,26 @@ def _at_mean(hypothesis: Hypothesis) -> MechanismInput:
     return at
 
 
-def _fit_base(found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]) -> Hypothesis:
+def _fit_base(
+    found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]
+) -> Hypothesis:
     """The hypothesis with these terms in place of its own, fitted again from its posterior mean."""
     coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
     x = [mean[: coordinates.nuisances]]
     for number, (own, term) in enumerate(zip(coordinates.choices, terms, strict=True)):
         if term is not None:
             # Only the coordinates of the parameters that remain.
-            x.append(mean[coordinates.part(number)][[parameter in term.free for parameter in own.free]])
+            x.append(
+                mean[coordinates.part(number)][[parameter in term.free for parameter in own.free]]
+            )
     optimizer = GaussNewton(found.dataset, found.likelihood)
-    start = optimizer.at(coordinates.with_terms([term for term in terms if term is not None]), np.concatenate(x))
+    start = optimizer.at(
+        coordinates.with_terms([term for term in terms if term is not None]), np.concatenate(x)
+    )
     if start is None:
-        raise SimulationFailed("the model has no answer without the effects that a law takes the place of")
+        raise SimulationFailed(
+            "the model has no answer without the effects that a law takes the place of"
+        )
     best = optimizer.converge(optimizer.refine(start))
     return Hypothesis(best.ids, best, optimizer.evaluate(best), 0.0)
 
@@ -156,7 +204,9 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
     It is the term itself if it is no such law there, and None if nothing is left of it.
     """
     effect = term.effect
-    if effect.id.removesuffix(OF_ONE) not in (law for quantity in place.quantities for law in LAWS_OF[quantity]):
+    if effect.id.removesuffix(OF_ONE) not in (
+        law for quantity in place.quantities for law in LAWS_OF[quantity]
+    ):
         return term
     # Such an effect acts in one joint only; joints count from 1 in effects.
     if effect.id.endswith(OF_ONE):
@@ -165,13 +215,25 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
     if own is None:  # a law of the driven joints, of which this is none; or the only joint
         return term if len(mechanism.joints) > 1 else None
     rest = tuple(parameter for parameter in effect.parameters if parameter.name != own)
-    if not any(_own_parameter(replace(effect, parameters=rest), mechanism, joint) for joint in range(len(mechanism.joints))):
+    if not any(
+        _own_parameter(replace(effect, parameters=rest), mechanism, joint)
+        for joint in range(len(mechanism.joints))
+    ):
         return None
-    return replace(term, effect=replace(effect, parameters=rest, apply=lambda plant, values: effect.apply(plant, {**values, own: 0.0})))
+    return replace(
+        term,
+        effect=replace(
+            effect,
+            parameters=rest,
+            apply=lambda plant, values: effect.apply(plant, {**values, own: 0.0}),
+        ),
+    )
 
 
 def _own_parameter(effect: Effect, mechanism: Mechanism, joint: int) -> str | None:
-    """Name of the size of the effect in this joint. Of several joint names that fit, the longest is the right one."""
+    """Name of the size of the effect in this joint. Of several joint names that fit, the longest
+    is the right one.
+    """
     for parameter in effect.parameters:
         owners = [name for name in mechanism.joints if parameter.name.startswith(f"{name}_")]
         if owners and max(owners, key=len) == mechanism.joints[joint]:
@@ -188,7 +250,8 @@ class MechanismDiagnosis:
     diagnosis
         The answer in the common form.
     plant
-        The mechanism with the stated effects; effects and nuisance parameters are at their posterior means.
+        The mechanism with the stated effects; effects and nuisance parameters are at their
+        posterior means.
     excitation
         The motion to record next; None where no motion is proposed.
     law
@@ -206,7 +269,11 @@ class MechanismDiagnosis:
 
 @single_threaded_blas()
 def diagnose_mechanism(
-    experiment: Experiment, progress: Progress, without: Collection[str] = (), law_at: str = "", as_is: bool = False
+    experiment: Experiment,
+    progress: Progress,
+    without: Collection[str] = (),
+    law_at: str = "",
+    as_is: bool = False,
 ) -> MechanismDiagnosis:
     """The diagnosis of recordings of a mechanism.
 
@@ -226,7 +293,8 @@ def diagnose_mechanism(
     Raises
     ------
     BadInput
-        Where recordings and model do not fit together, a column is probably misread, or the recordings are too short.
+        Where recordings and model do not fit together, a column is probably misread, or the
+        recordings are too short.
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
@@ -240,14 +308,22 @@ def diagnose_mechanism(
     place = parse_place(law_at, problem.simulator.mechanism) if law_at else None
     effects = [effect for effect in problem.simulator.effects.values() if effect.id not in without]
     short = problem
-    problem, found = search_in_windows(short, Parameterization(short.space), effects, progress, SEARCH)
+    problem, found = search_in_windows(
+        short, Parameterization(short.space), effects, progress, SEARCH
+    )
     simulator = problem.simulator
     progress("summing up", 0.97)
     decision = decide(found)
     enough = len(problem.conditions) >= FEWEST_CONDITIONS
     if not enough:
         length_s = WINDOWS_OF_CONDITION * experiment.window_s
-        decision = not_enough_data(found, f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
+        decision = not_enough_data(
+            found,
+            (
+                f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} "
+                "are needed"
+            ),
+        )
     result = build_result(experiment.title, found, decision, effects, MOTION_EXPERIMENT)
     settings = {
         "window_s": describe_lengths(problem.lengths_s),
@@ -258,7 +334,10 @@ def diagnose_mechanism(
     # Effects enter the model only if they are stated.
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
-    thinning = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"
+    thinning = (
+        f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly "
+        "spread; windows.at_most uses more"
+    )
     # A proposed motion is short, so it is judged in short windows.
     next_motion = propose_motion(short, found, decision, enough)
     law = None
@@ -274,7 +353,9 @@ def diagnose_mechanism(
         next_experiment=None if next_motion is None else next_motion.proposal,
     )
     excitation = None if next_motion is None else next_motion.excitation
-    return MechanismDiagnosis(result, plant, excitation, law, _describe_effects(result, simulator.effects))
+    return MechanismDiagnosis(
+        result, plant, excitation, law, _describe_effects(result, simulator.effects)
+    )
 
 
 def _describe_effects(result: Diagnosis, effects: Mapping[str, Effect]) -> tuple[str, ...]:
@@ -282,6 +363,13 @@ def _describe_effects(result: Diagnosis, effects: Mapping[str, Effect]) -> tuple
     lines = []
     for named in result.effects:
         effect = effects[named.id]
-        lines += [f"{named.id}: {named.left_out}", f"    law: {effect.law}", f"    source: {effect.source}"]
-        lines += [f"    {name} = {value.value:.4g} +- {value.std:.2g}" for name, value in {**named.parameters, **named.shape}.items()]
+        lines += [
+            f"{named.id}: {named.left_out}",
+            f"    law: {effect.law}",
+            f"    source: {effect.source}",
+        ]
+        lines += [
+            f"    {name} = {value.value:.4g} +- {value.std:.2g}"
+            for name, value in {**named.parameters, **named.shape}.items()
+        ]
     return tuple(lines)

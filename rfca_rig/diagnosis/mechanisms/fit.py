@@ -1,7 +1,8 @@
-"""`fit_mechanism`: nominal values of a mechanism, and effects that the user names, fitted to its recordings.
+"""`fit_mechanism`: nominal values of a mechanism, and effects that the user names, fitted to its
+recordings.
 
-`compare_mechanism`: recordings of a mechanism beside its nominal and its fitted model, for the report.
-"""
+`compare_mechanism`: recordings of a mechanism beside its nominal and its fitted model, for the
+report."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -40,9 +41,14 @@ class MechanismFit:
 
 @single_threaded_blas()
 def fit_mechanism(
-    experiment: Experiment, progress: Progress, names: Collection[str] = (), effects: Sequence[str] = (), as_is: bool = False
+    experiment: Experiment,
+    progress: Progress,
+    names: Collection[str] = (),
+    effects: Sequence[str] = (),
+    as_is: bool = False,
 ) -> MechanismFit:
-    """The nominal values of [known_to] and the sizes of effects fitted to all recordings, each with its prior.
+    """The nominal values of [known_to] and the sizes of effects fitted to all recordings, each with
+    its prior.
 
     Parameters
     ----------
@@ -51,7 +57,8 @@ def fit_mechanism(
     progress
         Called with what is being done and the share that is done.
     names
-        What to fit, for example "link1.mass_relative", or "mass_relative" for that of all bodies; all that [known_to] lists if empty.
+        What to fit, for example "link1.mass_relative", or "mass_relative" for that of all bodies;
+        all that [known_to] lists if empty.
     effects
         Ids of the effects that are in the model, of `list_effects`.
     as_is
@@ -60,7 +67,8 @@ def fit_mechanism(
     Raises
     ------
     BadInput
-        Where nothing is to be fitted, a name is unknown, a column is probably misread, or recordings and model do not fit together.
+        Where nothing is to be fitted, a name is unknown, a column is probably misread, or
+        recordings and model do not fit together.
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
@@ -71,12 +79,25 @@ def fit_mechanism(
     problem.check_effects("--effects", effects)
     space = _select(problem.space, names)
     if not (space.parameters or effects):
-        raise BadInput(f"{experiment.path}: nothing to fit: [known_to] lists no value that these recordings depend on; name --effects")
+        raise BadInput(
+            f"{experiment.path}: nothing to fit: [known_to] lists no value that these "
+            "recordings depend on; name --effects"
+        )
     # An effect that is named twice is added once.
-    return fit_problem(problem, space, [problem.simulator.effects[name] for name in dict.fromkeys(effects)], progress)
+    return fit_problem(
+        problem,
+        space,
+        [problem.simulator.effects[name] for name in dict.fromkeys(effects)],
+        progress,
+    )
 
 
-def fit_problem(problem: MechanismProblem, space: Prior[MechanismInput], effects: Sequence[Effect], progress: Progress) -> MechanismFit:
+def fit_problem(
+    problem: MechanismProblem,
+    space: Prior[MechanismInput],
+    effects: Sequence[Effect],
+    progress: Progress,
+) -> MechanismFit:
     """Fit of a prepared problem; without parameters and effects it is the nominal model itself.
 
     Parameters
@@ -91,9 +112,16 @@ def fit_problem(problem: MechanismProblem, space: Prior[MechanismInput], effects
         Called with the current step and the share that is done.
     """
     scale = 0.5 if effects else 0.9
-    found = search_models(problem.dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", scale * share))
+    found = search_models(
+        problem.dataset,
+        Parameterization(space),
+        [],
+        lambda _, share: progress("fitting nominal values", scale * share),
+    )
     fitted = fit_effects(found, effects, progress)
-    plant = problem.simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean))
+    plant = problem.simulator.plant(
+        fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean)
+    )
     return MechanismFit(summarize(found, fitted), plant)
 
 
@@ -103,15 +131,23 @@ def _select(space: Prior[MechanismInput], names: Collection[str]) -> Prior[Mecha
     keys = [name.rpartition(".")[2] for name in space.names]
     for name in names:
         if name not in (*space.names, *keys):
-            raise BadInput(f"--parameters: {name!r} is no value of [known_to]; {suggestion(name, dict.fromkeys((*keys, *space.names)))}")
-    chosen = [place for place, full in enumerate(space.names) if not names or full in names or keys[place] in names]
+            raise BadInput(
+                f"--parameters: {name!r} is no value of [known_to]; "
+                f"{suggestion(name, dict.fromkeys((*keys, *space.names)))}"
+            )
+    chosen = [
+        place
+        for place, full in enumerate(space.names)
+        if not names or full in names or keys[place] in names
+    ]
     parameters = tuple(space.parameters[place] for place in chosen)
     return Prior(parameters, space.centre, space.std[chosen], np.ones(len(chosen), dtype=bool))
 
 
 @dataclass(frozen=True)
 class JointRemainder:
-    """Torque or force in one joint in the recorded motion that the nominal model does not explain, all (k,).
+    """Torque or force in one joint in the recorded motion that the nominal model does not explain,
+    all (k,).
 
     Parameters
     ----------
@@ -132,7 +168,9 @@ class JointRemainder:
 
 @dataclass(frozen=True)
 class MechanismComparison:
-    """The fit of the values of [known_to], and the torque in each joint that the nominal model lacks."""
+    """The fit of the values of [known_to], and the torque in each joint that the nominal model
+    lacks.
+    """
 
     fit: WindowFit
     joints: tuple[JointRemainder, ...]
@@ -163,7 +201,13 @@ def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismCo
     states = estimate_states(experiment, mechanism)
     remainder = balance_torques(mechanism, states).remainder
     joints = [
-        JointRemainder(name, bool(mechanism.is_slide[j]), states.position[:, j], states.speed[:, j], remainder[:, j])
+        JointRemainder(
+            name,
+            bool(mechanism.is_slide[j]),
+            states.position[:, j],
+            states.speed[:, j],
+            remainder[:, j],
+        )
         for j, name in enumerate(mechanism.joints if can_balance(mechanism) else ())
     ]
     return MechanismComparison(fit, tuple(joints))

@@ -1,4 +1,6 @@
-"""Nuisance parameters of a mechanism: the values of [known_to], of each body, joint and actuator."""
+"""Nuisance parameters of a mechanism: the values of [known_to], of each body, joint and
+actuator.
+"""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +29,9 @@ class MechanismInput:
     def shift_value(self, key: str, place: int, by: float) -> Self:
         """The same with a nominal value shifted by `by` more."""
         now = dict(self.off)
-        return replace(self, off=tuple({**now, (key, place): now.get((key, place), 0.0) + by}.items()))
+        return replace(
+            self, off=tuple({**now, (key, place): now.get((key, place), 0.0) + by}.items())
+        )
 
     def with_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
         """The same with these effects added."""
@@ -37,7 +41,8 @@ class MechanismInput:
 def space_of_mechanism(
     mechanism: Mechanism, known_to: Mapping[str, float], is_driven: bool, sensors: Collection[str]
 ) -> Prior[MechanismInput]:
-    """The space of the nuisance parameters around the nominal mechanism, of those that the recordings can show.
+    """The space of the nuisance parameters around the nominal mechanism, of those that the
+    recordings can show.
 
     Parameters
     ----------
@@ -58,10 +63,14 @@ def space_of_mechanism(
                 if objects not in SENSORS or name in sensors:
                     parameters.append(_parameter(mechanism, key, name, places, std))
                     stds.append(std)
-    return Prior(tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool))
+    return Prior(
+        tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool)
+    )
 
 
-def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...], std: float) -> FitParameter[MechanismInput]:
+def _parameter(
+    mechanism: Mechanism, key: str, name: str, places: tuple[int, ...], std: float
+) -> FitParameter[MechanismInput]:
     kind = NUISANCES[key]
     shift = float if kind.nominal is None else never_below(kind.nominal(mechanism, places[0]), std)
 

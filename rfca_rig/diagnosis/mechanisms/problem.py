@@ -1,8 +1,9 @@
-"""Recordings of a mechanism cut into windows, with everything that does not depend on the hypothesis.
+"""Recordings of a mechanism cut into windows, with everything that does not depend on the
+hypothesis.
 
-The discrepancy of the model refers to generalised forces. An error of 1 % means: the signals are off as those of the nominal model are when
-the torque in each joint is off by 1 % of that of weight and drive.
-"""
+The discrepancy of the model refers to generalised forces. An error of 1 % means: the signals are
+off as those of the nominal model are when the torque in each joint is off by 1 % of that of weight
+and drive."""
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
@@ -14,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import Prior
-from rfca_rig.analysis.swings import MARGIN_S, SMOOTHING_HALF_WIDTH_S, bin_means, bin_starts, estimate_start, sample_std
+from rfca_rig.analysis.swings import (
+    MARGIN_S,
+    SMOOTHING_HALF_WIDTH_S,
+    bin_means,
+    bin_starts,
+    estimate_start,
+    sample_std,
+)
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import TRANSIENT_SHARE, group_windows, rms
@@ -43,14 +51,17 @@ from rfca_rig.suggestions import suggestion
 Floats = NDArray[np.float64]
 
 STEP_OF_ERRORS_S = 1e-3  # of what errors do, which is known to some percent at best
-# Steps that are tried, each half of the one before, so that the error of one shows against the next.
+# Steps that are tried, each half of the one before, so that the error of one shows against the
+# next.
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 STEADY = 0.02  # relative difference of the readings to those with half the step
-# Mean length of the windows in s up to which `most_windows` of them are used: beyond it fewer, so that rows and simulated time, and with
-# them the time of a diagnosis, are limited.
+# Mean length of the windows in s up to which `most_windows` of them are used: beyond it fewer, so
+# that rows and simulated time, and with them the time of a diagnosis, are limited.
 LONGEST_MEAN_S = 2.0
 STATES_LOOKED_AT = 20  # of a motion from rest, evenly spread: enough for an rms
-STEP_ERROR = 0.1  # share of the sensors' and the usual model error together that the integrator may add, rms
+STEP_ERROR = (
+    0.1  # share of the sensors' and the usual model error together that the integrator may add, rms
+)
 
 
 @dataclass(frozen=True)
@@ -127,7 +138,9 @@ class MechanismProblem:
     @property
     def recordings_s(self) -> tuple[float, ...]:
         """The time of each recording that windows can cover."""
-        return tuple(float(run.t_s[-1] - run.t_s[0]) - SMOOTHING_HALF_WIDTH_S for run in self.experiment.runs)
+        return tuple(
+            float(run.t_s[-1] - run.t_s[0]) - SMOOTHING_HALF_WIDTH_S for run in self.experiment.runs
+        )
 
     @cached_property
     def dataset(self) -> Dataset:
@@ -136,11 +149,14 @@ class MechanismProblem:
 
     @property
     def start_std(self) -> Floats:
-        """(m,) standard deviation of the nominal prediction of each row, because the measured starts have errors."""
+        """(m,) standard deviation of the nominal prediction of each row, because the measured
+        starts have errors.
+        """
         return np.concatenate([condition.start_std for condition in self.conditions])
 
     def cut_again(self, lengths_s: Sequence[float]) -> "MechanismProblem":
-        """The same recordings in windows of other lengths; effects and nuisance parameters keep their ranges.
+        """The same recordings in windows of other lengths; effects and nuisance parameters keep
+        their ranges.
 
         Raises
         ------
@@ -149,14 +165,20 @@ class MechanismProblem:
         SimulationFailed
             Where the nominal model cannot be simulated over such a window.
         """
-        cut, recorded = _cut_and_thin(self.experiment, self.simulator.mechanism, self.match, lengths_s)
+        cut, recorded = _cut_and_thin(
+            self.experiment, self.simulator.mechanism, self.match, lengths_s
+        )
         if not any(cut):
             raise BadInput(
-                f"{self.experiment.path}: every window of {max(lengths_s):.3g} s has a gap; give a shorter length_s in [windows]"
+                f"{self.experiment.path}: every window of {max(lengths_s):.3g} s has a "
+                "gap; give a shorter length_s in [windows]"
             )
         simulator = replace(self.simulator, step_s=STEP_OF_ERRORS_S)
         plant = simulator.plant(MechanismInput())
-        corrected = [[correct_window(window, simulator, plant, self.torque) for window in of_run] for of_run in cut]
+        corrected = [
+            [correct_window(window, simulator, plant, self.torque) for window in of_run]
+            for of_run in cut
+        ]
         step_s = choose_step(simulator, [window for of_run in corrected for window in of_run])
         return replace(
             self,
@@ -180,7 +202,8 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     Raises
     ------
     BadInput
-        Where a joint or actuator is not in the model, the position of a joint is not measured, or no run is long enough.
+        Where a joint or actuator is not in the model, the position of a joint is not measured, or
+        no run is long enough.
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
@@ -191,48 +214,79 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     windows = [window for of_run in cut for window in of_run]
     if not windows:
         raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
-    # Without effects: ranges of the effects follow from the usual motion, which the plain model gives for starts at rest.
+    # Without effects: ranges of the effects follow from the usual motion, which the plain model
+    # gives for starts at rest.
     plain = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, match.columns, {})
     if experiment.starts_at_rest:
         plain = replace(plain, step_s=_find_steady_step(plain, windows))
-    motions = [plain.roll(plain.plant(MechanismInput()), window) if window.starts_at_rest else None for window in windows]
+    motions = [
+        plain.roll(plain.plant(MechanismInput()), window) if window.starts_at_rest else None
+        for window in windows
+    ]
     usual = _measure_usual(experiment, mechanism, windows, motions)
     # USUAL_ERROR of `torque` is then the stated torque error, whatever share that is.
-    torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
+    torque = (
+        usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
+    )
     effects = {effect.id: effect for effect in list_effects(mechanism, usual)}
-    scatters = {joint.name: joint.scatter_std for joint in experiment.prescribed if joint.scatter_std is not None}
+    scatters = {
+        joint.name: joint.scatter_std
+        for joint in experiment.prescribed
+        if joint.scatter_std is not None
+    }
     simulator = replace(plain, effects=effects, scatters=scatters)
     plant = simulator.plant(MechanismInput())
-    every = iter([
-        correct_window(window, simulator, plant, torque) if motion is None
-        else correct_rest_window(window, simulator, plant, torque, motion)
-        for window, motion in zip(windows, motions, strict=True)
-    ])  # fmt: skip
+    every = iter(
+        [
+            correct_window(window, simulator, plant, torque)
+            if motion is None
+            else correct_rest_window(window, simulator, plant, torque, motion)
+            for window, motion in zip(windows, motions, strict=True)
+        ]
+    )
     corrected = [[next(every) for _ in of_run] for of_run in cut]
     # The step is chosen last: its error is compared with the error scales of the corrected windows.
     step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
     conditions = _group_conditions(experiment, match, corrected)
     space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
     simulator = replace(simulator, step_s=step_s)
-    return MechanismProblem(simulator, space, conditions, usual, torque, recorded, experiment, match, lengths_s)
+    return MechanismProblem(
+        simulator, space, conditions, usual, torque, recorded, experiment, match, lengths_s
+    )
 
 
 def _cut_and_thin(
     experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, lengths_s: Sequence[float]
 ) -> tuple[list[list[Window]], int]:
-    """The windows of each recording that are used, and how many there are in all; `lengths_s` is that of each recording's windows."""
+    """The windows of each recording that are used, and how many there are in all; `lengths_s` is
+    that of each recording's windows.
+    """
     cut = list_windows(experiment, mechanism, match, lengths_s)
     recorded = sum(len(of_run) for of_run in cut)
     recorded_s = sum(float(window.t_s[-1]) for of_run in cut for window in of_run)
     # About this share of the windows of each run is used, evenly spread; all if it is 1 or more.
-    share = min(experiment.most_windows / max(recorded, 1), experiment.most_windows * LONGEST_MEAN_S / max(recorded_s, 1e-9))
-    return [[of_run[place] for place in spread(len(of_run), max(1, round(share * len(of_run))))] for of_run in cut], recorded
+    share = min(
+        experiment.most_windows / max(recorded, 1),
+        experiment.most_windows * LONGEST_MEAN_S / max(recorded_s, 1e-9),
+    )
+    return [
+        [of_run[place] for place in spread(len(of_run), max(1, round(share * len(of_run))))]
+        for of_run in cut
+    ], recorded
 
 
-def _group_conditions(experiment: Experiment, match: ColumnMatch, corrected: Sequence[Sequence[CorrectedWindow]]) -> tuple[Motions, ...]:
-    """A few windows of one recording after the other as conditions; `corrected` holds the windows of each recording."""
+def _group_conditions(
+    experiment: Experiment, match: ColumnMatch, corrected: Sequence[Sequence[CorrectedWindow]]
+) -> tuple[Motions, ...]:
+    """A few windows of one recording after the other as conditions; `corrected` holds the
+    windows of each recording.
+    """
     conditions = []
-    firsts = [runs[0] for runs in group_repeats(experiment.runs)] if experiment.starts_at_rest else experiment.runs
+    firsts = (
+        [runs[0] for runs in group_repeats(experiment.runs)]
+        if experiment.starts_at_rest
+        else experiment.runs
+    )
     for run, of_run in zip(firsts, corrected, strict=True):
         for part in group_windows(of_run, float(of_run[0].window.t_s[-1]) if of_run else 0.0):
             first, last = part[0].window, part[-1].window
@@ -242,22 +296,36 @@ def _group_conditions(experiment: Experiment, match: ColumnMatch, corrected: Seq
     return tuple(conditions)
 
 
-def list_windows(experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, lengths_s: Sequence[float]) -> list[list[Window]]:
-    """Windows of each recording, of these lengths. Where motions start at rest, those of each condition: none or one."""
+def list_windows(
+    experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, lengths_s: Sequence[float]
+) -> list[list[Window]]:
+    """Windows of each recording, of these lengths. Where motions start at rest, those of each
+    condition: none or one.
+    """
     if not experiment.starts_at_rest:
         with_lengths = zip(experiment.runs, lengths_s, strict=True)
-        return [cut_windows(run, experiment, mechanism, match, length_s) for run, length_s in with_lengths]
+        return [
+            cut_windows(run, experiment, mechanism, match, length_s)
+            for run, length_s in with_lengths
+        ]
     found = []
     for runs in group_repeats(experiment.runs):
-        window = cut_rest_window(runs, experiment, [arrange_commands(run, mechanism, match) for run in runs])
+        window = cut_rest_window(
+            runs, experiment, [arrange_commands(run, mechanism, match) for run in runs]
+        )
         found.append([] if window is None else [window])
     return found
 
 
 def _measure_usual(
-    experiment: Experiment, mechanism: Mechanism, windows: Sequence[Window], motions: Sequence[Motion | None]
+    experiment: Experiment,
+    mechanism: Mechanism,
+    windows: Sequence[Window],
+    motions: Sequence[Motion | None],
 ) -> UsualMotion:
-    """Usual motion of each joint: from the windows' starts, or from the nominal motion where windows start at rest."""
+    """Usual motion of each joint: from the windows' starts, or from the nominal motion where
+    windows start at rest.
+    """
     position, speed, commands = [], [], []
     for window, motion in zip(windows, motions, strict=True):
         if motion is None:
@@ -285,7 +353,8 @@ def _measure_usual(
 
 
 def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) -> float:
-    """Step in s for the effects of errors: the longest whose readings agree with those of half the step to STEADY.
+    """Step in s for the effects of errors: the longest whose readings agree with those of half the
+    step to STEADY.
 
     Raises
     ------
@@ -293,13 +362,20 @@ def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) 
         Where no step is short enough.
     """
     coarse: Floats | None = None
-    for step_s in (2.0 * STEP_OF_ERRORS_S, *(step_s for step_s in STEPS_S if step_s <= STEP_OF_ERRORS_S)):
+    for step_s in (
+        2.0 * STEP_OF_ERRORS_S,
+        *(step_s for step_s in STEPS_S if step_s <= STEP_OF_ERRORS_S),
+    ):
         fine, coarse_was = None, coarse
         stepping = replace(simulator, step_s=step_s)
         # A step that is too long may diverge; a shorter one is tried next.
         with suppress(SimulationFailed):
             fine = stepping.follow(stepping.plant(MechanismInput()), windows[0])
-        if coarse_was is not None and fine is not None and rms(coarse_was - fine) < STEADY * rms(fine):
+        if (
+            coarse_was is not None
+            and fine is not None
+            and rms(coarse_was - fine) < STEADY * rms(fine)
+        ):
             return step_s * 2.0
         coarse = fine
     stepping = replace(simulator, step_s=STEPS_S[-1])
@@ -309,7 +385,8 @@ def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) 
 
 
 def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow]) -> float:
-    """The longest integrator step whose error, estimated with half of it, is negligible in the nominal model.
+    """The longest integrator step whose error, estimated with half of it, is negligible in the
+    nominal model.
 
     Raises
     ------
@@ -327,11 +404,20 @@ def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow
         except SimulationFailed:
             return None
 
-    allowed = np.concatenate([np.hypot(each.window.sensor_std, USUAL_ERROR * each.error_scale).ravel() for each in sample])
+    allowed = np.concatenate(
+        [
+            np.hypot(each.window.sensor_std, USUAL_ERROR * each.error_scale).ravel()
+            for each in sample
+        ]
+    )
     coarse = simulate_all(STEPS_S[0])
     for step_s, finer_s in pairwise(STEPS_S):
         fine = simulate_all(finer_s)
-        if coarse is not None and fine is not None and np.sqrt(np.mean(((coarse - fine) / allowed) ** 2)) < STEP_ERROR:
+        if (
+            coarse is not None
+            and fine is not None
+            and np.sqrt(np.mean(((coarse - fine) / allowed) ** 2)) < STEP_ERROR
+        ):
             return step_s
         coarse = fine
     raise SimulationFailed(
@@ -346,7 +432,8 @@ def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
     Raises
     ------
     BadInput
-        Where a joint, sensor or actuator is not in the model, a unit does not suit, or the position of a joint is not measured.
+        Where a joint, sensor or actuator is not in the model, a unit does not suit, or the position
+        of a joint is not measured.
     """
     where, joints = str(experiment.path), len(mechanism.joints)
     names, columns = [], []
@@ -357,16 +444,25 @@ def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
             column = 2 * joints + place
         else:
             place = mechanism.joint(signal.name, where)
-            expected = ("m" if mechanism.is_slide[place] else "rad") + ("/s" if signal.quantity == "speed" else "")
+            expected = ("m" if mechanism.is_slide[place] else "rad") + (
+                "/s" if signal.quantity == "speed" else ""
+            )
             column = place + joints * (signal.quantity == "speed")
         if signal.unit != expected:
             words = f"the unit of the {signal.quantity} {signal.name!r}"
-            raise BadInput(f"{where}: {words} does not suit: the model has it in {expected}, not in {signal.unit}")
-        names.append(f"{signal.name}_{signal.quantity}_{expected.replace(' ', '').replace('/', '_')}")
+            raise BadInput(
+                f"{where}: {words} does not suit: the model has it in {expected}, not in "
+                f"{signal.unit}"
+            )
+        names.append(
+            f"{signal.name}_{signal.quantity}_{expected.replace(' ', '').replace('/', '_')}"
+        )
         columns.append(column)
     positions = [columns.index(joint) if joint in columns else -1 for joint in range(joints)]
     actuators = [mechanism.actuator(name, where) for name in experiment.actuators]
-    return ColumnMatch(tuple(names), np.array(columns), np.array(positions), np.array(actuators, dtype=np.intp))
+    return ColumnMatch(
+        tuple(names), np.array(columns), np.array(positions), np.array(actuators, dtype=np.intp)
+    )
 
 
 def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
@@ -375,38 +471,66 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
     Raises
     ------
     BadInput
-        Where a name is not in the model, a joint has two roles, or a joint without a position signal would have to start in motion.
+        Where a name is not in the model, a joint has two roles, or a joint without a position
+        signal would have to start in motion.
     """
     where = str(experiment.path)
     prescribed = tuple(mechanism.joint(joint.name, where) for joint in experiment.prescribed)
-    measured = {mechanism.joint(signal.name, where) for signal in experiment.signals if signal.quantity == "position"}
+    measured = {
+        mechanism.joint(signal.name, where)
+        for signal in experiment.signals
+        if signal.quantity == "position"
+    }
     for place, joint in zip(prescribed, experiment.prescribed, strict=True):
         expected = "m" if mechanism.is_slide[place] else "rad"
         if joint.unit != expected:
             raise BadInput(
-                f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the model has it in {expected}, not in {joint.unit}"
+                f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the "
+                f"model has it in {expected}, not in {joint.unit}"
             )
-        if any(signal.name == joint.name for signal in experiment.signals if signal.quantity != "sensor"):
-            raise BadInput(f"{where}: joint {joint.name!r} is prescribed and a signal; remove one: what is given is not compared")
+        if any(
+            signal.name == joint.name
+            for signal in experiment.signals
+            if signal.quantity != "sensor"
+        ):
+            raise BadInput(
+                f"{where}: joint {joint.name!r} is prescribed and a signal; remove one: "
+                "what is given is not compared"
+            )
         if mechanism.driven[place]:
-            raise BadInput(f"{where}: joint {joint.name!r} is prescribed and has an actuator; remove the actuator, or simulate the joint")
+            raise BadInput(
+                f"{where}: joint {joint.name!r} is prescribed and has an actuator; remove "
+                "the actuator, or simulate the joint"
+            )
     simulated = [place for place in range(len(mechanism.joints)) if place not in prescribed]
     if not simulated:
-        raise BadInput(f"{where}: every joint is prescribed, so that nothing is simulated; remove a [[prescribed]] table")
+        raise BadInput(
+            f"{where}: every joint is prescribed, so that nothing is simulated; remove a "
+            "[[prescribed]] table"
+        )
     unmeasured = tuple(place for place in simulated if place not in measured)
     if unmeasured and not experiment.starts_at_rest:
         name = mechanism.joints[unmeasured[0]]
         raise BadInput(
-            f"{where}: no signal holds the position of joint {name!r}, so its start cannot be estimated; "
+            f"{where}: no signal holds the position of joint {name!r}, so its start "
+            "cannot be estimated; "
             'measure it, or record from rest and state = "at rest" in [start]'
         )
-    if not experiment.starts_at_rest and (key := next((key for key in START_NUISANCES if key in experiment.known_to), None)):
-        raise BadInput(f'{where}: known_to.{key} is of motions from rest; remove it, or state = "at rest" in [start]')
+    if not experiment.starts_at_rest and (
+        key := next((key for key in START_NUISANCES if key in experiment.known_to), None)
+    ):
+        raise BadInput(
+            f'{where}: known_to.{key} is of motions from rest; remove it, or state = "at '
+            'rest" in [start]'
+        )
     names = {*mechanism.joints, *mechanism.bodies, *mechanism.actuators}
     members = [member for group_ in experiment.alike.values() for member in group_]
     for place, member in enumerate(members):
         if member not in names:
-            raise BadInput(f"{where}: alike: {member!r} is no joint, body or actuator of the model; {suggestion(member, sorted(names))}")
+            raise BadInput(
+                f"{where}: alike: {member!r} is no joint, body or actuator of the model; "
+                f"{suggestion(member, sorted(names))}"
+            )
         if member in members[:place]:
             raise BadInput(f"{where}: alike: {member!r} is in two groups, or twice in one")
     check_contacts(mechanism.model, experiment.contacts, where)
@@ -438,44 +562,73 @@ def shortest_recording_s(experiment: Experiment) -> float:
 def window_starts(run: MechanismRun, experiment: Experiment, length_s: float) -> Floats:
     """Start times (w,) in s of the windows of a run, those with gaps among them."""
     if experiment.starts_at_rest:
-        return run.t_s[:1] if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment) else run.t_s[:0]
+        return (
+            run.t_s[:1]
+            if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment)
+            else run.t_s[:0]
+        )
     # The tolerance keeps the last window of a recording that is divided evenly.
     return np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - length_s + 1e-9, length_s)
 
 
 def _describe_no_window(experiment: Experiment) -> str:
     """Why no recording has a window that can be used."""
-    needed_s, longest_s = shortest_recording_s(experiment), max(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
+    needed_s, longest_s = (
+        shortest_recording_s(experiment),
+        max(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs),
+    )
     ask = "in [windows], or is the unit of the time another?"
     if longest_s <= needed_s:
-        needs = f"no recording is longer than {needed_s:g} s, which a window of {experiment.window_s:g} s needs"
+        needs = (
+            f"no recording is longer than {needed_s:g} s, which a window of "
+            f"{experiment.window_s:g} s needs"
+        )
         return f"{needs}; the longest has {longest_s:.3g} s: give a shorter length_s {ask}"
     usual_s = min(float(np.median(np.diff(run.t_s))) for run in experiment.runs)
-    gap = f"every window has a gap longer than bin_s = {experiment.bin_s:g} s, as samples are {usual_s:.3g} s apart"
+    gap = (
+        f"every window has a gap longer than bin_s = {experiment.bin_s:g} s, as samples are "
+        f"{usual_s:.3g} s apart"
+    )
     return f"{gap}: give a longer bin_s {ask}"
 
 
-def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, length_s: float) -> list[Window]:
+def cut_windows(
+    run: MechanismRun,
+    experiment: Experiment,
+    mechanism: Mechanism,
+    match: ColumnMatch,
+    length_s: float,
+) -> list[Window]:
     """Windows of one run without a gap; the effects of errors of their starts are not known yet."""
     bin_s = experiment.bin_s
     stated = [signal.noise_std for signal in experiment.signals]
     # Stated noise comes first; otherwise it is estimated from the samples.
-    noise = np.array([std or found for std, found in zip(stated, sample_std(run.signals), strict=True)])
+    noise = np.array(
+        [std or found for std, found in zip(stated, sample_std(run.signals), strict=True)]
+    )
     read = np.array(sorted(set(range(len(mechanism.joints))) - set(mechanism.prescribed)))
     position, position_noise = run.signals[:, match.positions[read]], noise[match.positions[read]]
-    trajectory = fit_trajectory(run.t_s, run.prescribed, [joint.smoothed_s for joint in experiment.prescribed])
+    trajectory = fit_trajectory(
+        run.t_s, run.prescribed, [joint.smoothed_s for joint in experiment.prescribed]
+    )
     commands = arrange_commands(run, mechanism, match)
     windows = []
     for start_s in window_starts(run, experiment, length_s):
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)
-        begin_s, end_s = max(run.t_s[0], start_s - MARGIN_S), min(run.t_s[-1], start_s + length_s + MARGIN_S)
+        begin_s, end_s = (
+            max(run.t_s[0], start_s - MARGIN_S),
+            min(run.t_s[-1], start_s + length_s + MARGIN_S),
+        )
         around = (run.t_s > start_s - MARGIN_S) & (run.t_s < start_s + length_s + MARGIN_S)
         if np.diff([begin_s, *run.t_s[around], end_s]).max() > bin_s:
-            continue  # a gap in it, or one that reaches into it: a bin would be empty, or its start unknown
+            # a gap in it, or one that reaches into it: a bin would be empty, or its start unknown
+            continue
         t_s = run.t_s[inside] - start_s
         bins = bin_starts(t_s, bin_s)
         at, speed, at_std, speed_std = np.zeros((4, len(mechanism.joints)))
-        at[read], speed[read], at_std[read], speed_std[read] = estimate_start(run.t_s, position, float(start_s), position_noise)
+        at[read], speed[read], at_std[read], speed_std[read] = estimate_start(
+            run.t_s, position, float(start_s), position_noise
+        )
         follows = trajectory.since(float(start_s))
         prescribed = list(mechanism.prescribed)
         # A prescribed joint starts on its smoothed trajectory, and that start has no error.
@@ -500,7 +653,9 @@ def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism,
     return windows
 
 
-def correct_window(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats) -> CorrectedWindow:
+def correct_window(
+    window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats
+) -> CorrectedWindow:
     """The window with the effects of errors of its start and of the torques on its rows.
 
     Parameters
@@ -520,14 +675,18 @@ def correct_window(window: Window, simulator: MechanismSimulator, plant: Plant, 
     def shift(by: Floats) -> Floats:
         if window.position is None or window.speed is None:
             return simulator.follow(plant, window)
-        moved = replace(window, position=window.position + by[:joints], speed=window.speed + by[joints:])
+        moved = replace(
+            window, position=window.position + by[:joints], speed=window.speed + by[joints:]
+        )
         return simulator.follow(plant, moved)
 
     def push(more: Floats) -> Floats:
         return simulator.follow(replace(plant, torque_offset=plant.torque_offset + more), window)
 
     # Central differences of one standard deviation; prescribed values have none and are skipped.
-    start_effect = np.stack([half_difference(shift(by), shift(-by)) for by in np.diag(window.start_std) if by.any()])
+    start_effect = np.stack(
+        [half_difference(shift(by), shift(-by)) for by in np.diag(window.start_std) if by.any()]
+    )
     pushes = USUAL_ERROR * np.diag(torque)[list(simulator.mechanism.simulated)]
     square = sum((half_difference(push(more), push(-more)) / USUAL_ERROR) ** 2 for more in pushes)
     # The error torques of the joints are independent, so their effects add in squares.

@@ -1,7 +1,7 @@
 """Windows of a mechanism's recordings as conditions, and the simulator that predicts them.
 
-Of recordings that begin at rest each condition is one window, the mean of its repeats, simulated from static equilibrium.
-"""
+Of recordings that begin at rest each condition is one window, the mean of its repeats, simulated
+from static equilibrium."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.swings import bin_means, bin_starts, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data import TRANSIENT_SHARE, Label, Observations, WindowRows, observe, start_gain
+from rfca_rig.diagnosis.data import (
+    TRANSIENT_SHARE,
+    Label,
+    Observations,
+    WindowRows,
+    observe,
+    start_gain,
+)
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator
 from rfca_rig.mechanism.laws import make_tabulated_effect
@@ -26,9 +33,10 @@ from rfca_rig.model.effect import Effect
 Floats = NDArray[np.float64]
 
 MOTION_EXPERIMENT = "motions"  # name of their experiment in labels
-# Correlation length of the model's error in bins. Bins are as long as the motion allows, and torques err with the joint's angle. A length
-# that grew with the window would exclude errors at the frequency of a swing: over 2 s, nothing would then be 1e183 times less probable
-# than dry friction, for a pendulum that its published model predicts to 0.4 % of its swing.
+# Correlation length of the model's error in bins. Bins are as long as the motion allows, and
+# torques err with the joint's angle. A length that grew with the window would exclude errors at the
+# frequency of a swing: over 2 s, nothing would then be 1e183 times less probable than dry friction,
+# for a pendulum that its published model predicts to 0.4 % of its swing.
 SMOOTH_BINS = 3.0
 
 
@@ -45,7 +53,8 @@ class Window:
     position, speed
         (n,) the state at its beginning, as read; None where it begins at rest in equilibrium.
     start_std
-        (2 n,) how well positions and speeds at the beginning are known; 0 for a joint that is prescribed. (0,) for a start at rest.
+        (2 n,) how well positions and speeds at the beginning are known; 0 for a joint that is
+        prescribed. (0,) for a start at rest.
     t_s
         (k,) times of its samples, from its beginning.
     bins
@@ -55,7 +64,8 @@ class Window:
     prescribed
         The motion of the prescribed joints, in the time of `t_s`; None without such.
     repeats
-        (r, s, b) the same means of each repeat, of which `measured` is the mean; (1, 0, 0) where it was recorded once.
+        (r, s, b) the same means of each repeat, of which `measured` is the mean; (1, 0, 0) where it
+        was recorded once.
     """
 
     start_s: float
@@ -85,7 +95,8 @@ class CorrectedWindow:
     window
         The window.
     start_effect
-        (k, s, b) effect of one standard deviation in each measured position and speed of the start; none for a start at rest.
+        (k, s, b) effect of one standard deviation in each measured position and speed of the start;
+        none for a start at rest.
     scale
         (s, b) effect of torques that are wrong by their full usual size.
     transient_scale
@@ -99,16 +110,24 @@ class CorrectedWindow:
 
     @property
     def error_scale(self) -> Floats:
-        """(s, b) smooth model errors and those that differ from bin to bin together, counted like `scale`."""
+        """(s, b) smooth model errors and those that differ from bin to bin together, counted
+        like `scale`.
+        """
         return np.hypot(self.scale, self.transient_scale)
 
     @cached_property
     def gain(self) -> Floats:
-        """(k, s b) matrix that estimates the errors of the start from a residual, in standard deviations."""
-        return start_gain(self.start_effect, self.window.sensor_std**2 + (USUAL_ERROR * self.scale) ** 2)
+        """(k, s b) matrix that estimates the errors of the start from a residual, in standard
+        deviations.
+        """
+        return start_gain(
+            self.start_effect, self.window.sensor_std**2 + (USUAL_ERROR * self.scale) ** 2
+        )
 
     def move_start(self, simulated: Floats) -> Floats:
-        """Prediction (s, b) from the start that fits best within its uncertainty; `simulated` (s, b) is that from the measured start."""
+        """Prediction (s, b) from the start that fits best within its uncertainty; `simulated`
+        (s, b) is that from the measured start.
+        """
         # A start at rest is an equilibrium of the model, not a measured state with an error.
         if not len(self.start_effect):
             return simulated
@@ -117,14 +136,18 @@ class CorrectedWindow:
 
     @property
     def start_std(self) -> Floats:
-        """(s, b) standard deviation of the nominal prediction from the measured start, because that start has errors."""
+        """(s, b) standard deviation of the nominal prediction from the measured start, because
+        that start has errors.
+        """
         return np.asarray(np.sqrt((self.start_effect**2).sum(axis=0)))
 
     def rows(self) -> WindowRows:
         """The measured rows."""
         recorded = self.window
         t_s = recorded.start_s + bin_means(recorded.t_s[:, None], recorded.bins)[:, 0]
-        return WindowRows(t_s, recorded.measured, recorded.sensor_std, self.scale, self.transient_scale)
+        return WindowRows(
+            t_s, recorded.measured, recorded.sensor_std, self.scale, self.transient_scale
+        )
 
 
 @dataclass(frozen=True)
@@ -151,22 +174,37 @@ class Motions:
 
     @property
     def repeats(self) -> Floats:
-        """Rows (r, m) of each repeat of a motion that starts at rest; every other window is recorded once, (1, 0)."""
+        """Rows (r, m) of each repeat of a motion that starts at rest; every other window is
+        recorded once, (1, 0).
+        """
         count = len(self.windows[0].window.repeats)
-        return np.concatenate([each.window.repeats.reshape(count, -1) for each in self.windows], axis=1)
+        return np.concatenate(
+            [each.window.repeats.reshape(count, -1) for each in self.windows], axis=1
+        )
 
     @property
     def start_std(self) -> Floats:
-        """(m,) standard deviation of the nominal prediction of each row, because the measured starts have errors."""
+        """(m,) standard deviation of the nominal prediction of each row, because the measured
+        starts have errors.
+        """
         return np.concatenate([window.start_std.ravel() for window in self.windows])
 
     def rows(self) -> Observations:
         """The measured rows."""
         starts_s = tuple(each.window.start_s for each in self.windows)
-        labels = tuple(Label(MOTION_EXPERIMENT, self.name, signal, recording=self.recording, starts_s=starts_s) for signal in self.signals)
+        labels = tuple(
+            Label(MOTION_EXPERIMENT, self.name, signal, recording=self.recording, starts_s=starts_s)
+            for signal in self.signals
+        )
         first = self.windows[0].window
-        bin_s = float(np.median(np.diff(first.t_s[first.bins]))) if len(first.bins) > 1 else float(first.t_s[-1])
-        return observe([window.rows() for window in self.windows], labels, self.run, SMOOTH_BINS * bin_s)
+        bin_s = (
+            float(np.median(np.diff(first.t_s[first.bins])))
+            if len(first.bins) > 1
+            else float(first.t_s[-1])
+        )
+        return observe(
+            [window.rows() for window in self.windows], labels, self.run, SMOOTH_BINS * bin_s
+        )
 
 
 @dataclass(frozen=True)
@@ -184,7 +222,8 @@ class MechanismSimulator(Simulator):
     effects
         By id.
     scatters
-        By joint, the standard deviation of its position from repeat to repeat that its readings do not show.
+        By joint, the standard deviation of its position from repeat to repeat that its readings do
+        not show.
     """
 
     mechanism: Mechanism
@@ -200,10 +239,18 @@ class MechanismSimulator(Simulator):
 
     def plant(self, at: MechanismInput) -> Plant:
         """The plant with these nuisance parameters and effects."""
-        plant = make_plant(self.mechanism, self.step_s, bool((self.columns >= 2 * len(self.mechanism.joints)).any()))
+        plant = make_plant(
+            self.mechanism,
+            self.step_s,
+            bool((self.columns >= 2 * len(self.mechanism.joints)).any()),
+        )
         shift_plant(plant, at)
         for present in at.effects:
-            effect = self.effects[present.id] if present.table is None else make_tabulated_effect(self.mechanism, present.table)
+            effect = (
+                self.effects[present.id]
+                if present.table is None
+                else make_tabulated_effect(self.mechanism, present.table)
+            )
             plant = effect.apply(plant, dict(present.values))
         # MuJoCo derives constants from masses and sizes; they must follow the changes above.
         update_constants(plant)
@@ -211,37 +258,57 @@ class MechanismSimulator(Simulator):
 
     def roll(self, plant: Plant, window: Window) -> Motion:
         """The plant's motion from the measured start, or from rest. Raises SimulationFailed."""
-        return simulate_plant(plant, window.trace, window.position, window.speed, window.t_s, window.since_s, window.prescribed)
+        return simulate_plant(
+            plant,
+            window.trace,
+            window.position,
+            window.speed,
+            window.t_s,
+            window.since_s,
+            window.prescribed,
+        )
 
     def follow(self, plant: Plant, window: Window) -> Floats:
         """Simulated readings of that motion, (s, b). Raises SimulationFailed."""
         motion = self.roll(plant, window)
-        read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[:, self.columns]
+        read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[
+            :, self.columns
+        ]
         return bin_means(read, window.bins).T
 
     def predict(self, plant: Plant, each: CorrectedWindow) -> Floats:
-        """Predicted readings (s, b) from the start that fits best within its uncertainty. Raises SimulationFailed."""
+        """Predicted readings (s, b) from the start that fits best within its uncertainty. Raises
+        SimulationFailed.
+        """
         return each.move_start(self.follow(plant, each.window))
 
-    def scatter(self, at: MechanismInput, conditions: Sequence[Motions]) -> tuple[ScatterDirection, ...]:  # noqa: ARG002
+    def scatter(
+        self,
+        at: MechanismInput,
+        conditions: Sequence[Motions],  # noqa: ARG002
+    ) -> tuple[ScatterDirection, ...]:
         """Scatter of prescribed joints that their readings do not show."""
         found = []
         for name, std in self.scatters.items():
             joint = self.mechanism.joints.index(name)
-            # The joint stands elsewhere while its reading stays the same: that is an offset of its zero.
+            # The joint stands elsewhere while its reading stays the same: that is an offset of its
+            # zero.
             key = "zero_offset_m" if self.mechanism.is_slide[joint] else "zero_offset_rad"
             above, below = (at.shift_value(key, joint, by) for by in (std, -std))
             found.append(ScatterDirection(f"{name}.{key}", std, above, below))
         return tuple(found)
 
     def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
-        """Predicted rows (m,) of a condition, from the starts that fit best. Raises SimulationFailed."""
+        """Predicted rows (m,) of a condition, from the starts that fit best. Raises
+        SimulationFailed.
+        """
         plant = self.plant(at)
         return np.concatenate([self.predict(plant, each).ravel() for each in condition.windows])
 
 
-# Model error of a sensor, as for the strokes of a leg (`diagnosis.leg.strokes`): 1 % of the signal goes with a moment that is off by 1 ms.
-# Bounces after a touchdown are five times harder to predict than slow swings, until they decay.
+# Model error of a sensor, as for the strokes of a leg (`diagnosis.leg.strokes`): 1 % of the signal
+# goes with a moment that is off by 1 ms. Bounces after a touchdown are five times harder to predict
+# than slow swings, until they decay.
 LATE_S = 0.1
 SMALLEST_SCALE = 0.1  # of a signal's rms
 JOLT, JOLT_DIES_S, BEFORE_TOUCH_S, PEAK_WITHIN_S = 5.0, 0.06, 0.010, 0.030
@@ -256,8 +323,11 @@ def group_repeats(runs: Sequence[MechanismRun]) -> list[list[MechanismRun]]:
     return list(found.values())
 
 
-def cut_rest_window(runs: Sequence[MechanismRun], experiment: Experiment, arranged: Sequence[Floats]) -> Window | None:
-    """The window of one condition: the stretch that all its repeats have, at the sample times of the first repeat.
+def cut_rest_window(
+    runs: Sequence[MechanismRun], experiment: Experiment, arranged: Sequence[Floats]
+) -> Window | None:
+    """The window of one condition: the stretch that all its repeats have, at the sample times of
+    the first repeat.
 
     Parameters
     ----------
@@ -274,11 +344,17 @@ def cut_rest_window(runs: Sequence[MechanismRun], experiment: Experiment, arrang
         None where a repeat has a gap longer than a bin, or all together are too short for two bins.
     """
     begin_s, end_s = max(run.t_s[0] for run in runs), min(run.t_s[-1] for run in runs)
-    if any(np.diff(run.t_s).max() > experiment.bin_s for run in runs) or end_s - begin_s < 2.0 * experiment.bin_s:
+    if (
+        any(np.diff(run.t_s).max() > experiment.bin_s for run in runs)
+        or end_s - begin_s < 2.0 * experiment.bin_s
+    ):
         return None
     grid_s = runs[0].t_s[(runs[0].t_s >= begin_s) & (runs[0].t_s <= end_s)]
     signals = np.array([_resample(grid_s, run.t_s, run.signals) for run in runs])
-    commands = np.mean([_resample(grid_s, run.t_s, values) for run, values in zip(runs, arranged, strict=True)], axis=0)
+    commands = np.mean(
+        [_resample(grid_s, run.t_s, values) for run, values in zip(runs, arranged, strict=True)],
+        axis=0,
+    )
     prescribed = np.mean([_resample(grid_s, run.t_s, run.prescribed) for run in runs], axis=0)
     stated = [signal.noise_std for signal in experiment.signals]
     found = np.mean([sample_std(run.signals) for run in runs], axis=0)
@@ -287,7 +363,9 @@ def cut_rest_window(runs: Sequence[MechanismRun], experiment: Experiment, arrang
     bins = bin_starts(t_s, experiment.bin_s)
     counts = np.diff(np.append(bins, len(t_s)))
     repeats = np.array([bin_means(values[1:], bins).T for values in signals])
-    trajectory = fit_trajectory(grid_s - grid_s[0], prescribed, [joint.smoothed_s for joint in experiment.prescribed])
+    trajectory = fit_trajectory(
+        grid_s - grid_s[0], prescribed, [joint.smoothed_s for joint in experiment.prescribed]
+    )
     return Window(
         start_s=float(grid_s[0]),
         since_s=0.0,
@@ -315,7 +393,9 @@ def _resample(grid_s: Floats, t_s: Floats, values: Floats) -> Floats:
     return found
 
 
-def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats, motion: Motion) -> CorrectedWindow:
+def correct_rest_window(
+    window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats, motion: Motion
+) -> CorrectedWindow:
     """The window with the effects of errors of the torques on its rows.
 
     Parameters
@@ -333,7 +413,10 @@ def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Pl
     square = np.zeros(window.measured.shape)
     for joint in simulator.mechanism.simulated:
         more = USUAL_ERROR * torque[joint] * np.eye(joints)[joint]
-        ahead, behind = (simulator.follow(replace(plant, torque_offset=plant.torque_offset + by), window) for by in (more, -more))
+        ahead, behind = (
+            simulator.follow(replace(plant, torque_offset=plant.torque_offset + by), window)
+            for by in (more, -more)
+        )
         square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
     t_s = bin_means(window.t_s[:, None], window.bins)[:, 0]
     scale, jolt = np.sqrt(square), np.zeros(window.measured.shape)
@@ -348,21 +431,34 @@ def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Pl
         else:
             values = window.measured[row]
             least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
-            scale[row] = np.sqrt(square[row] + values**2 + (LATE_S * np.gradient(values, t_s)) ** 2 + least**2)
+            scale[row] = np.sqrt(
+                square[row] + values**2 + (LATE_S * np.gradient(values, t_s)) ** 2 + least**2
+            )
             jolt[row] = _bounces(t_s, values, moves, float(motion.touch_s.min(initial=np.inf)))
-    return CorrectedWindow(window, np.empty((0, *window.measured.shape)), scale, np.hypot(TRANSIENT_SHARE * scale, jolt))
+    return CorrectedWindow(
+        window,
+        np.empty((0, *window.measured.shape)),
+        scale,
+        np.hypot(TRANSIENT_SHARE * scale, jolt),
+    )
 
 
 def _bounces(t_s: Floats, values: Floats, moves: NDArray[np.bool_], touch_s: float) -> Floats:
-    """Errors (b,) that differ from bin to bin: from the first touch on, and while the mechanism swings before it; 0 without a touch.
+    """Errors (b,) that differ from bin to bin: from the first touch on, and while the mechanism
+    swings before it; 0 without a touch.
 
     `values` (b,) are the measured means at `t_s` (b,), `moves` (b,) whether a joint moves.
     """
     if not np.isfinite(touch_s):
         return np.zeros(len(t_s))
     after_s = t_s - touch_s
-    near, before = (after_s > -BEFORE_TOUCH_S) & (after_s < PEAK_WITHIN_S), (after_s <= -BEFORE_TOUCH_S) & moves
+    near, before = (
+        (after_s > -BEFORE_TOUCH_S) & (after_s < PEAK_WITHIN_S),
+        (after_s <= -BEFORE_TOUCH_S) & moves,
+    )
     peak = float(np.abs(values[near]).max(initial=0.0))
-    bounce = np.where(after_s > -BEFORE_TOUCH_S, peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0)
+    bounce = np.where(
+        after_s > -BEFORE_TOUCH_S, peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0
+    )
     swing = np.where(before, 0.5 * float(np.ptp(values[before])) if before.any() else 0.0, 0.0)
     return JOLT * np.hypot(bounce, swing)

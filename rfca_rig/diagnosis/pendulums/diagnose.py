@@ -1,8 +1,9 @@
-"""`diagnose_pendulum`: recordings of a pendulum in, the same kind of answer out as for a leg. Fields that only a leg has stay empty.
+"""`diagnose_pendulum`: recordings of a pendulum in, the same kind of answer out as for a leg.
+Fields that only a leg has stay empty.
 
-The torques of pendulums differ by a factor of ten thousand, so the ranges of the catalogue, which suit a leg, are no use. Here the range of
-a parameter of a candidate follows from its unit and from the recordings: torques, speeds, inertias and masses of the rig.
-"""
+The torques of pendulums differ by a factor of ten thousand, so the ranges of the catalogue, which
+suit a leg, are no use. Here the range of a parameter of a candidate follows from its unit and from
+the recordings: torques, speeds, inertias and masses of the rig."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -11,11 +12,28 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import TORQUE_ERROR, SwingProblem, apply_nuisances, make_swing_problem, sample_noise
+from rfca_rig.analysis.swings import (
+    TORQUE_ERROR,
+    SwingProblem,
+    apply_nuisances,
+    make_swing_problem,
+    sample_noise,
+)
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
-from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR, describe_exclusions, select_candidates
+from rfca_rig.diagnosis.config import (
+    FEWEST_CONDITIONS,
+    USUAL_ERROR,
+    describe_exclusions,
+    select_candidates,
+)
 from rfca_rig.diagnosis.decision.decide import Decision, decide
-from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_open_hypotheses, list_options, propose
+from rfca_rig.diagnosis.experiment_design.choice import (
+    SET_UP_MIN,
+    ExperimentDesign,
+    list_open_hypotheses,
+    list_options,
+    propose,
+)
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
@@ -30,7 +48,11 @@ from rfca_rig.diagnosis.pendulums.windows import (
     make_pendulum_problem,
     usual_torque_Nm,
 )
-from rfca_rig.diagnosis.residual_force.stated_law import OF_PENDULUM, check_place, measure_stated_law
+from rfca_rig.diagnosis.residual_force.stated_law import (
+    OF_PENDULUM,
+    check_place,
+    measure_stated_law,
+)
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, compare_held_out, not_enough_data
 from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
@@ -54,34 +76,50 @@ ALSO = ("fluid_drag", "hinge_viscous_damping", "gravity_tilt")
 def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effect]:
     """The effects that are looked for, with ranges that suit the rig.
 
-    Effects of a lab's own are looked for where the pendulum has a place for them. Effects of the torque need a driven run, those of one
-    joint need two joints, and those of the speed channel need a recorded speed.
-    """
+    Effects of a lab's own are looked for where the pendulum has a place for them. Effects of the
+    torque need a driven run, those of one joint need two joints, and those of the speed channel
+    need a recorded speed."""
     links, windows = problem.pendulum.links, problem.windows
     is_shown_by = {
-        OF_TORQUE: any(window.trace.powered for window in windows) and any(link.driven for link in links),
+        OF_TORQUE: any(window.trace.powered for window in windows)
+        and any(link.driven for link in links),
         OF_TWO_JOINTS: len(links) > 1,
         OF_SPEED: any(len(window.measured) > 1 for window in windows),
     }
     idle = [effect_id for ids, is_shown in is_shown_by.items() if not is_shown for effect_id in ids]
     own, _ = own_effects(problem.pendulum)
-    known = [effect for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *own)]
+    known = [
+        effect
+        for effect in catalogue().values()
+        if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *own)
+    ]
     ranges = plausible_ranges(problem)
-    return [_with_ranges(effect, ranges) for effect in select_candidates(known, without) if effect.id not in idle]
+    return [
+        _with_ranges(effect, ranges)
+        for effect in select_candidates(known, without)
+        if effect.id not in idle
+    ]
 
 
 def plausible_ranges(problem: SwingProblem) -> Mapping[str, tuple[float, float]]:
-    """Plausible range of a parameter by the unit that ends its name, from the nominal values of the rig and its recordings."""
+    """Plausible range of a parameter by the unit that ends its name, from the nominal values of
+    the rig and its recordings.
+    """
     links = problem.pendulum.links
     torque, torques = _extent(usual_torque_Nm(problem.pendulum, problem.windows))
-    speed, speeds = _extent(np.sqrt(np.mean([window.speed_rad_s**2 for window in problem.windows], axis=0)))
+    speed, speeds = _extent(
+        np.sqrt(np.mean([window.speed_rad_s**2 for window in problem.windows], axis=0))
+    )
     inertia, inertias = _extent(np.array([link.inertia_kg_m2 for link in links]))
     lengths_m, mass_kg = [link.length_m for link in links], sum(link.mass_kg for link in links)
     usual = {
         "_Nm": (torque, torques),
         "_Nm_s_per_rad": (torque / speeds, torques / speed),
         # A link that swings about its end feels a drag torque of c w^2 L^4 / 4.
-        "_N_s2_per_m3": (4.0 * torque / (speeds**2 * sum(lengths_m) ** 4), 4.0 * torques / (speed**2 * min(lengths_m) ** 4)),
+        "_N_s2_per_m3": (
+            4.0 * torque / (speeds**2 * sum(lengths_m) ** 4),
+            4.0 * torques / (speed**2 * min(lengths_m) ** 4),
+        ),
         "_kg_m2": (inertia, inertias),
         "mass_kg": (mass_kg, 3.0 * mass_kg),  # an added mass may well be more than the pendulum
     }
@@ -89,13 +127,17 @@ def plausible_ranges(problem: SwingProblem) -> Mapping[str, tuple[float, float]]
 
 
 def _extent(values: Floats) -> tuple[float, float]:
-    """Smallest and largest of values (n,); a joint that hardly moves or bears counts as a tenth of the largest."""
+    """Smallest and largest of values (n,); a joint that hardly moves or bears counts as a tenth
+    of the largest.
+    """
     largest = max(float(values.max()), 1e-12)
     return max(float(values.min()), 0.1 * largest), largest
 
 
 def _with_ranges(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effect:
-    """The effect with these ranges; a parameter that does not depend on the rig keeps that of the catalogue."""
+    """The effect with these ranges; a parameter that does not depend on the rig keeps that of
+    the catalogue.
+    """
 
     def scale(parameter: Parameter) -> Parameter:
         found = [extent for unit, extent in ranges.items() if parameter.name.endswith(unit)]
@@ -105,12 +147,17 @@ def _with_ranges(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> E
 
 
 def own_effects(pendulum: Pendulum) -> tuple[tuple[str, ...], Mapping[str, str]]:
-    """Ids of the effects of a lab's own that this pendulum has a place for, and by id why it has none for the others."""
+    """Ids of the effects of a lab's own that this pendulum has a place for, and by id why it has
+    none for the others.
+    """
     fitting, refused = [], {}
     for effect in (catalogue()[name] for name in lab_texts(catalogue())):
         try:
             # Trial simulation set-up: only the effect itself knows whether it has a place here.
-            make_driven_pendulum(pendulum, [PresentEffect(effect.id, tuple((p.name, _middle(p)) for p in effect.parameters))])
+            make_driven_pendulum(
+                pendulum,
+                [PresentEffect(effect.id, tuple((p.name, _middle(p)) for p in effect.parameters))],
+            )
             fitting.append(effect.id)
         except BadInput as error:
             refused[effect.id] = str(error)
@@ -124,7 +171,9 @@ def _middle(parameter: Parameter) -> float:
 
 
 @single_threaded_blas()
-def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: Collection[str] = (), law_at: str = "") -> Diagnosis:
+def diagnose_pendulum(
+    campaign: PendulumCampaign, progress: Progress, without: Collection[str] = (), law_at: str = ""
+) -> Diagnosis:
     """The diagnosis of the recordings of a pendulum.
 
     Parameters
@@ -155,28 +204,43 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
     diagnosis = _build_result(problem, found, decision, effects)
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
-        diagnosis = replace(diagnosis, stated_law=measure_stated_law(found, decision.explanation, law_at))
+        diagnosis = replace(
+            diagnosis, stated_law=measure_stated_law(found, decision.explanation, law_at)
+        )
     _, refused = own_effects(campaign.pendulum)
-    not_tried = tuple(f"not looked for: {why}" for effect_id, why in refused.items() if effect_id not in without)
-    return replace(diagnosis, remarks=(*diagnosis.remarks, *describe_exclusions(without), *not_tried))
+    not_tried = tuple(
+        f"not looked for: {why}" for effect_id, why in refused.items() if effect_id not in without
+    )
+    return replace(
+        diagnosis, remarks=(*diagnosis.remarks, *describe_exclusions(without), *not_tried)
+    )
 
 
 def search_pendulum(
     problem: PendulumProblem, progress: Progress, without: Collection[str] = ()
 ) -> tuple[PendulumProblem, ModelSelectionResult, list[Effect]]:
-    """The search over all effects that a pendulum may lack, in windows as long as allowed: those windows, the result, and the effects."""
+    """The search over all effects that a pendulum may lack, in windows as long as allowed: those
+    windows, the result, and the effects.
+    """
     effects = candidates_of(problem.swings, without)
     problem, found = search_in_windows(problem, Parameterization(problem.space), effects, progress)
     return problem, found, effects
 
 
-def _build_result(problem: PendulumProblem, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
+def _build_result(
+    problem: PendulumProblem,
+    found: ModelSelectionResult,
+    decision: Decision,
+    effects: Sequence[Effect],
+) -> Diagnosis:
     """The common answer, with its held-out stretches and its next experiment."""
     campaign = problem.campaign
     stretches = len(found.dataset.parts)
     enough = stretches >= FEWEST_CONDITIONS
     if not enough:
-        decision = not_enough_data(found, f"{stretches} stretches of two seconds, {FEWEST_CONDITIONS} are needed")
+        decision = not_enough_data(
+            found, f"{stretches} stretches of two seconds, {FEWEST_CONDITIONS} are needed"
+        )
     result = build_result(campaign.title, found, decision, effects, SWING_EXPERIMENT)
     # The search calls 1 % usual; figures for people refer to the stated torque error.
     usual = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
@@ -195,26 +259,48 @@ def _build_result(problem: PendulumProblem, found: ModelSelectionResult, decisio
 
 
 def _describe_closest(found: ModelSelectionResult, decision: Decision) -> tuple[str, ...]:
-    """What the closest effects would improve on held-out stretches, although they are not stated."""
+    """What the closest effects would improve on held-out stretches, although they are not
+    stated.
+    """
     if decision.closest is None or decision.effects:
         return ()
     figures = ", ".join(
-        f"{name} {f.before:.2g} to {f.after:.2g}" for name, f in compare_held_out(found, decision.closest, SWING_EXPERIMENT).items()
+        f"{name} {f.before:.2g} to {f.after:.2g}"
+        for name, f in compare_held_out(found, decision.closest, SWING_EXPERIMENT).items()
     )
-    return (f"with {' and '.join(decision.closest.ids)} in the model, rms on held-out stretches falls: {figures}",) if figures else ()
+    return (
+        (
+            (
+                f"with {' and '.join(decision.closest.ids)} in the model, rms on held-out "
+                f"stretches falls: {figures}"
+            ),
+        )
+        if figures
+        else ()
+    )
 
 
 REPEATS = (1, 3)  # a recording holds several stretches already
 
 
-def propose_swing(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, enough: bool) -> dict[str, object] | None:
-    """What to record or to measure next; None where nothing is open or nothing would help. Keys as for a leg, `protocol` always None."""
+def propose_swing(
+    campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, enough: bool
+) -> dict[str, object] | None:
+    """What to record or to measure next; None where nothing is open or nothing would help. Keys
+    as for a leg, `protocol` always None.
+    """
     hypotheses = list_open_hypotheses(found, decision, enough)
-    return None if hypotheses is None else propose(list(list_options(hypotheses, _designs(campaign), enough)))
+    return (
+        None
+        if hypotheses is None
+        else propose(list(list_options(hypotheses, _designs(campaign), enough)))
+    )
 
 
 def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
-    """Releases, and sines in each driven joint where there are motors; noise and sample time as recorded."""
+    """Releases, and sines in each driven joint where there are motors; noise and sample time as
+    recorded.
+    """
     first, links = campaign.runs[0], campaign.pendulum.links
     # Small swing of the first link alone: it sets durations and frequencies.
     weight_Nm = GRAVITY_M_S2 * links[0].mass_kg * links[0].centre_of_mass_m
@@ -222,23 +308,50 @@ def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
     # Eight periods of the small swing, and at least two stretches.
     t_s = np.arange(0.0, max(4.0, 8.0 / frequency_Hz), float(np.median(np.diff(first.t_s))))
     seconds = round(float(t_s[-1]), 1)
-    for deg in (20.0, 60.0, 120.0) if weight_Nm > 0.0 else ():  # nearly linear, usual, and far from it
+    for deg in (
+        (20.0, 60.0, 120.0) if weight_Nm > 0.0 else ()
+    ):  # nearly linear, usual, and far from it
         words = f"release joint 1 from {deg:g} deg with the motors off and record {seconds:g} s"
-        yield _design(campaign, {"kind": "release", "start_deg": deg, "seconds": seconds}, words, t_s, None)
-    torque_Nm = usual_torque_Nm(campaign.pendulum, make_swing_problem(campaign, WINDOW_S, BIN_S).windows)
+        yield _design(
+            campaign, {"kind": "release", "start_deg": deg, "seconds": seconds}, words, t_s, None
+        )
+    torque_Nm = usual_torque_Nm(
+        campaign.pendulum, make_swing_problem(campaign, WINDOW_S, BIN_S).windows
+    )
     if not any(run.powered for run in campaign.runs):
         return
     for joint in [number for number, link in enumerate(links) if link.driven]:
-        # At most the rms torque that weight and drive made so far; slower than the small swing, near it, and faster.
+        # At most the rms torque that weight and drive made so far; slower than the small swing,
+        # near it, and faster.
         for share, of_swing in product((0.3, 1.0), (0.3, 0.7, 1.5)):
-            a_Nm, f_Hz = (float(f"{value:.3g}") for value in (share * torque_Nm[joint], of_swing * frequency_Hz))
-            settings = {"kind": "sine torque", "joint": joint + 1, "amplitude_Nm": a_Nm, "frequency_Hz": f_Hz, "seconds": seconds}
-            words = f"drive joint {joint + 1} with a sine of {a_Nm:g} N m at {f_Hz:g} Hz from hanging at rest and record {seconds:g} s"
-            torque = np.outer(a_Nm * np.sin(2.0 * np.pi * f_Hz * t_s), np.arange(len(links)) == joint)
+            a_Nm, f_Hz = (
+                float(f"{value:.3g}")
+                for value in (share * torque_Nm[joint], of_swing * frequency_Hz)
+            )
+            settings = {
+                "kind": "sine torque",
+                "joint": joint + 1,
+                "amplitude_Nm": a_Nm,
+                "frequency_Hz": f_Hz,
+                "seconds": seconds,
+            }
+            words = (
+                f"drive joint {joint + 1} with a sine of {a_Nm:g} N m at {f_Hz:g} Hz from "
+                f"hanging at rest and record {seconds:g} s"
+            )
+            torque = np.outer(
+                a_Nm * np.sin(2.0 * np.pi * f_Hz * t_s), np.arange(len(links)) == joint
+            )
             yield _design(campaign, settings, words, t_s, torque)
 
 
-def _design(campaign: PendulumCampaign, settings: dict[str, object], words: str, t_s: Floats, torque_Nm: Floats | None) -> ExperimentDesign:
+def _design(
+    campaign: PendulumCampaign,
+    settings: dict[str, object],
+    words: str,
+    t_s: Floats,
+    torque_Nm: Floats | None,
+) -> ExperimentDesign:
     """One recording from rest, with a torque over time (m, n), or released with the motors off.
 
     It returns None where a joint would turn farther than it was recorded to.
@@ -249,18 +362,33 @@ def _design(campaign: PendulumCampaign, settings: dict[str, object], words: str,
     widest_rad = np.max([np.abs(run.angle_rad).max(axis=0) for run in campaign.runs], axis=0)
     is_powered, kind = torque_Nm is not None, str(settings["kind"])
     torque = np.zeros((len(t_s), links)) if torque_Nm is None else torque_Nm
-    start_rad = np.append(np.radians(float(str(settings.get("start_deg", 0.0)))), np.zeros(links - 1))
+    start_rad = np.append(
+        np.radians(float(str(settings.get("start_deg", 0.0)))), np.zeros(links - 1)
+    )
 
     def simulate(at: PendulumInput) -> Stretch | None:
-        ready = make_driven_pendulum(apply_nuisances(campaign.pendulum, dict(at.off)), at.rig.effects)
-        motion = ready.swing(replace(torque_trace(t_s, torque), powered=is_powered), start_rad, np.zeros(links), t_s[1:])
-        angle_rad, speed_rad_s = np.vstack([start_rad, motion.angle_rad]), np.vstack([np.zeros(links), motion.speed_rad_s])
+        ready = make_driven_pendulum(
+            apply_nuisances(campaign.pendulum, dict(at.off)), at.rig.effects
+        )
+        motion = ready.swing(
+            replace(torque_trace(t_s, torque), powered=is_powered),
+            start_rad,
+            np.zeros(links),
+            t_s[1:],
+        )
+        angle_rad, speed_rad_s = (
+            np.vstack([start_rad, motion.angle_rad]),
+            np.vstack([np.zeros(links), motion.speed_rad_s]),
+        )
         if (np.abs(angle_rad).max(axis=0) > widest_rad).any():
             return None
         speed = None if first.speed_rad_s is None else speed_rad_s
         run = PendulumRun(f"{kind}, repeat 1", kind, 1, t_s, angle_rad, speed, torque, is_powered)
         stretches = cut_stretches(make_swing_problem(replace(like, runs=(run,)), WINDOW_S, BIN_S))
-        return replace(stretches[0], windows=tuple(window for stretch in stretches for window in stretch.windows))
+        return replace(
+            stretches[0],
+            windows=tuple(window for stretch in stretches for window in stretch.windows),
+        )
 
     and_back_to_rest_min = 2.0 * float(t_s[-1]) / 60.0
     return ExperimentDesign(settings, words, SET_UP_MIN, and_back_to_rest_min, REPEATS, simulate)

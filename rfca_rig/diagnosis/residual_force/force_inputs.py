@@ -1,10 +1,11 @@
 """Force inputs: places where a force outside the catalogue could enter, and its effect on the rows.
 
-Every place answers for one condition with the change of its rows per bump of the force, around the nominal motion. One simulation is made
-for every bump of torque in every hinge. Forces on all hinges, or from outside on the leg, are superposed from these.
+Every place answers for one condition with the change of its rows per bump of the force, around the
+nominal motion. One simulation is made for every bump of torque in every hinge. Forces on all
+hinges, or from outside on the leg, are superposed from these.
 
-A prescribed shaft moves on whatever torque acts on it. So a torque on the shaft and a fault of the torque channel are one place.
-"""
+A prescribed shaft moves on whatever torque acts on it. So a torque on the shaft and a fault of the
+torque channel are one place."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,14 +30,23 @@ from rfca_rig.model.stroke import SimulatedStroke
 
 Floats = NDArray[np.float64]
 
-TRIED_NM, TRIED_RAD, TRIED_M = 0.1, 0.004, 2e-4  # large against the integrator's error, small against what bends the leg
+TRIED_NM, TRIED_RAD, TRIED_M = (
+    0.1,
+    0.004,
+    2e-4,
+)  # large against the integrator's error, small against what bends the leg
 
-CHANNELS = {"fy_N": "fy_N", "fz_N": "fz_N", "shaft": "tx_Nm"}  # the signal that a place which is one adds to
+CHANNELS = {
+    "fy_N": "fy_N",
+    "fz_N": "fz_N",
+    "shaft": "tx_Nm",
+}  # the signal that a place which is one adds to
 
 
 @dataclass(frozen=True)
 class NominalCondition:
-    """One condition with the model as it is: its own stroke, and the responses that a force is superposed from.
+    """One condition with the model as it is: its own stroke, and the responses that a force is
+    superposed from.
 
     Parameters
     ----------
@@ -63,22 +73,55 @@ class NominalCondition:
         return self.rows_of({signal: getattr(stroke, signal) for signal in self.flap.signals})
 
     def rows_of(self, channels: Mapping[str, Floats]) -> Floats:
-        """Rows of channels over n samples, (n,) or several (n, k) of each; channels that are not given are zero."""
-        nothing = np.zeros_like(next(iter(channels.values()))) if channels else np.zeros(len(self.flap.t_s))
+        """Rows of channels over n samples, (n,) or several (n, k) of each; channels that are not
+        given are zero.
+        """
+        nothing = (
+            np.zeros_like(next(iter(channels.values())))
+            if channels
+            else np.zeros(len(self.flap.t_s))
+        )
         counts = self.flap.counts.reshape(-1, *[1] * (nothing.ndim - 1))
-        binned = [np.add.reduceat(channels.get(signal, nothing), self.flap.first) / counts for signal in self.flap.signals]
+        binned = [
+            np.add.reduceat(channels.get(signal, nothing), self.flap.first) / counts
+            for signal in self.flap.signals
+        ]
         return np.concatenate(binned)
 
     def change_to(self, stroke: SimulatedStroke | None, size: float) -> Floats:
-        """Change of the rows (m,) per unit of what changed the stroke; zero where the model has no answer."""
-        return self.rows_of({}) if stroke is None else (self.rows(stroke) - self.rows(self.stroke)) / size
+        """Change of the rows (m,) per unit of what changed the stroke; zero where the model has
+        no answer.
+        """
+        return (
+            self.rows_of({})
+            if stroke is None
+            else (self.rows(stroke) - self.rows(self.stroke)) / size
+        )
 
 
-def nominal_conditions(flaps: Sequence[DynamicCondition], supposed: ModelPoint) -> tuple[NominalCondition, ...]:
-    """The conditions at an input of the simulator, with the responses of all hinges. Raises SimulationFailed."""
+def nominal_conditions(
+    flaps: Sequence[DynamicCondition], supposed: ModelPoint
+) -> tuple[NominalCondition, ...]:
+    """The conditions at an input of the simulator, with the responses of all hinges. Raises
+    SimulationFailed.
+    """
     hinges = len(supposed.rig.leg.link_lengths_m) - 1
-    bare = [NominalCondition(flap, supposed, simulate_forced_stroke(flap, supposed, ()), make_basis(flap), np.empty(0)) for flap in flaps]
-    jobs = [(here, number, hinge) for here in bare for number in range(here.bumps.count) for hinge in range(1, hinges + 1)]
+    bare = [
+        NominalCondition(
+            flap,
+            supposed,
+            simulate_forced_stroke(flap, supposed, ()),
+            make_basis(flap),
+            np.empty(0),
+        )
+        for flap in flaps
+    ]
+    jobs = [
+        (here, number, hinge)
+        for here in bare
+        for number in range(here.bumps.count)
+        for hinge in range(1, hinges + 1)
+    ]
     # One map for all conditions, so that no core waits at the end of each.
     columns = iter(map_in_processes(lambda job: _hinge_response(*job), jobs))
     found = []
@@ -94,7 +137,10 @@ def _hinge_response(here: NominalCondition, number: int, hinge: int) -> Floats:
 
 
 def try_stroke(
-    here: NominalCondition, supposed: ModelPoint, changes: tuple[Change, ...] = (), motion: ShaftMotion | None = None
+    here: NominalCondition,
+    supposed: ModelPoint,
+    changes: tuple[Change, ...] = (),
+    motion: ShaftMotion | None = None,
 ) -> SimulatedStroke | None:
     """The stroke of the condition under these changes; None where the model has none."""
     try:
@@ -130,17 +176,42 @@ class ForceInput:
 
 def list_force_inputs(hinges: int) -> tuple[ForceInput, ...]:
     """All places of a leg with so many hinges; the one with the same torque in all hinges first."""
-    single = [ForceInput(f"hinge{i + 1}", f"a torque in hinge {i + 1} alone", "N m", 0.05, _hinge(i)) for i in range(1, hinges + 1)]
+    single = [
+        ForceInput(f"hinge{i + 1}", f"a torque in hinge {i + 1} alone", "N m", 0.05, _hinge(i))
+        for i in range(1, hinges + 1)
+    ]
     return (
-        ForceInput("hinges", "a torque in all hinges alike", "N m", 0.05, lambda here: here.in_hinge.sum(axis=2)),
+        ForceInput(
+            "hinges",
+            "a torque in all hinges alike",
+            "N m",
+            0.05,
+            lambda here: here.in_hinge.sum(axis=2),
+        ),
         *single,
         ForceInput("tip_down", "a force on the tip, downwards", "N", 1.0, _pull(of_tip, down=True)),
-        ForceInput("tip_along", "a force along the floor where the leg touches", "N", 1.0, _pull(of_touching, down=False)),
-        ForceInput("floor_height", "a floor of another height under the tip", "m", 1e-3, _floor_height),
-        ForceInput("shaft_angle", "a leg that turns otherwise than the shaft", "rad", 0.01, _shaft_angle),
+        ForceInput(
+            "tip_along",
+            "a force along the floor where the leg touches",
+            "N",
+            1.0,
+            _pull(of_touching, down=False),
+        ),
+        ForceInput(
+            "floor_height", "a floor of another height under the tip", "m", 1e-3, _floor_height
+        ),
+        ForceInput(
+            "shaft_angle", "a leg that turns otherwise than the shaft", "rad", 0.01, _shaft_angle
+        ),
         ForceInput("fy_N", "something in the fy channel alone", "N", 1.0, _channel("fy_N")),
         ForceInput("fz_N", "something in the fz channel alone", "N", 1.0, _channel("fz_N")),
-        ForceInput("shaft", "a torque on the shaft, or something in the tx channel alone", "N m", 0.05, _channel(CHANNELS["shaft"])),
+        ForceInput(
+            "shaft",
+            "a torque on the shaft, or something in the tx channel alone",
+            "N m",
+            0.05,
+            _channel(CHANNELS["shaft"]),
+        ),
     )
 
 
@@ -153,10 +224,16 @@ def _channel(signal: str) -> Callable[[NominalCondition], Floats]:
 
 
 def _shaft_angle(here: NominalCondition) -> Floats:
-    """Response (m, count) to a shaft angle. The first bump is a wrong start angle, which every hypothesis may have, so it is zero."""
+    """Response (m, count) to a shaft angle. The first bump is a wrong start angle, which every
+    hypothesis may have, so it is zero.
+    """
     motion = here.flap.turn.motion(here.supposed, float(here.flap.t_s[-1]))
-    bent = [bump_in_turn(motion, here.bumps, number, TRIED_RAD) for number in range(1, here.bumps.count)]
-    columns = [here.change_to(try_stroke(here, here.supposed, (), turn), TRIED_RAD) for turn in bent]
+    bent = [
+        bump_in_turn(motion, here.bumps, number, TRIED_RAD) for number in range(1, here.bumps.count)
+    ]
+    columns = [
+        here.change_to(try_stroke(here, here.supposed, (), turn), TRIED_RAD) for turn in bent
+    ]
     return np.column_stack([here.rows_of({}), *columns])
 
 
@@ -165,12 +242,17 @@ def _floor_height(here: NominalCondition) -> Floats:
 
     It is exact for a floor that is higher all the time.
     """
-    higher = try_stroke(here, replace(here.supposed, height_offset_m=here.supposed.height_offset_m - TRIED_M))
+    higher = try_stroke(
+        here, replace(here.supposed, height_offset_m=here.supposed.height_offset_m - TRIED_M)
+    )
     if higher is None:
         return np.zeros((len(here.rows_of({})), here.bumps.count))
     # The change of the whole stroke, weighted over time by each bump.
     windows = here.bumps.at(here.flap.t_s)
-    changes = {s: (getattr(higher, s) - getattr(here.stroke, s))[:, None] / TRIED_M * windows for s in here.flap.signals}
+    changes = {
+        s: (getattr(higher, s) - getattr(here.stroke, s))[:, None] / TRIED_M * windows
+        for s in here.flap.signals
+    }
     return here.rows_of(changes)
 
 
@@ -182,38 +264,52 @@ def of_tip(stroke: SimulatedStroke) -> Floats:
 
 
 def of_touching(stroke: SimulatedStroke) -> Floats:
-    """Shares (n, links) of the link ends in a force from the floor: as they press; all of it on the tip while none presses."""
+    """Shares (n, links) of the link ends in a force from the floor: as they press; all of it on
+    the tip while none presses.
+    """
     pressed = np.maximum(stroke.normal_N, 0.0)
     total = pressed.sum(axis=1, keepdims=True)
     return np.where(total > 0.0, pressed / np.maximum(total, 1e-9), of_tip(stroke))
 
 
-def _pull(shares_of: Callable[[SimulatedStroke], Floats], down: bool) -> Callable[[NominalCondition], Floats]:
-    """A force from outside, downwards or along +y: its torques about the hinges, and its direct part in the reading at the mount."""
+def _pull(
+    shares_of: Callable[[SimulatedStroke], Floats], down: bool
+) -> Callable[[NominalCondition], Floats]:
+    """A force from outside, downwards or along +y: its torques about the hinges, and its direct
+    part in the reading at the mount.
+    """
 
     def response(here: NominalCondition) -> Floats:
         arms, windows = arms_of(here, shares_of(here.stroke), down), here.bumps.at(here.flap.t_s)
-        # The arms change during the stroke, so torque courses are expressed in the same bumps before they are superposed.
-        # Sizes (count, k, hinges) of the bumps (n, count) that are closest to courses (n, k, hinges), by least squares.
+        # The arms change during the stroke, so torque courses are expressed in the same bumps
+        # before they are superposed. Sizes (count, k, hinges) of the bumps (n, count) that are
+        # closest to courses (n, k, hinges), by least squares.
         courses = windows[:, :, None] * arms[:, None, 1:]
         flat = np.linalg.lstsq(windows, courses.reshape(len(courses), -1), rcond=None)[0]
         levers = np.asarray(flat.reshape(windows.shape[1], *courses.shape[1:]))
         torque = -windows * arms[:, :1]
         fy, fz = (0.0 * windows, windows) if down else (-windows, 0.0 * windows)
-        own = here.rows_of({"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy})
-        # `in_hinge` is for a torque that resists a hinge, and these torques act along the turn, hence the minus.
+        own = here.rows_of(
+            {"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy}
+        )
+        # `in_hinge` is for a torque that resists a hinge, and these torques act along the turn,
+        # hence the minus.
         return np.asarray(own - np.einsum("mji,jki->mk", here.in_hinge, levers))
 
     return response
 
 
 def arms_of(here: NominalCondition, shares: Floats, down: bool) -> Floats:
-    """Lever arms (n, links) of a force on the link ends: way of the pulled point per radian that all links from i on turn.
+    """Lever arms (n, links) of a force on the link ends: way of the pulled point per radian that
+    all links from i on turn.
 
     `shares` (n, links) divide the force between the ends.
     """
     q, length = here.stroke.q_rad, np.array(here.supposed.rig.leg.link_lengths_m)
-    # A link at angle q extends L sin q downwards and L cos q along the floor; these are the derivatives.
+    # A link at angle q extends L sin q downwards and L cos q along the floor; these are the
+    # derivatives.
     reach = length * (np.cos(q) if down else -np.sin(q))
-    beyond = np.cumsum(shares[:, ::-1], axis=1)[:, ::-1]  # of the force, what acts on ends at or behind each link
+    beyond = np.cumsum(shares[:, ::-1], axis=1)[
+        :, ::-1
+    ]  # of the force, what acts on ends at or behind each link
     return np.asarray(np.cumsum((beyond * reach)[:, ::-1], axis=1)[:, ::-1])

@@ -1,11 +1,12 @@
 """A measured law and its companions as plain values, which pages and files read.
 
-The prior of a measured law is smooth, and of a plausible size. D are second differences over k knots, and Q = D^T D / rho^2 + 1 / k. The
-covariance of the values is size^2 Q^-1. With rho = 0.03 the law is nearly straight, with rho = 1 it may have any course.
+The prior of a measured law is smooth, and of a plausible size. D are second differences over k
+knots, and Q = D^T D / rho^2 + 1 / k. The covariance of the values is size^2 Q^-1. With rho = 0.03
+the law is nearly straight, with rho = 1 it may have any course.
 
-References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapter 5; Lang and Brezger, J. Comput. Graph. Statist.
-13 (2004) 183 (random-walk priors for the coefficients of splines).
-"""
+References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapter 5; Lang
+and Brezger, J. Comput. Graph. Statist. 13 (2004) 183 (random-walk priors for the coefficients of
+splines)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,7 +21,13 @@ from rfca_rig.model.tabulated_law import TABULATED_LAW
 
 Floats = NDArray[np.float64]
 
-SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)  # of a plausible value; a decade either way of what a rig may have
+SIZES = (
+    0.1,
+    0.3,
+    1.0,
+    3.0,
+    10.0,
+)  # of a plausible value; a decade either way of what a rig may have
 ROUGHNESS = (0.03, 0.1, 0.3, 1.0)
 NONE = 1e-3  # of a law's size: nothing, where it is known to be none
 
@@ -57,7 +64,9 @@ class LawArgument:
 
 @dataclass(frozen=True)
 class Course:
-    """One argument over one condition: `values` (m, k) at the times `t_s` (m,), k hinges or 1, and where each `counts`, (m, k)."""
+    """One argument over one condition: `values` (m, k) at the times `t_s` (m,), k hinges or 1,
+    and where each `counts`, (m, k).
+    """
 
     t_s: Floats
     values: Floats
@@ -100,10 +109,11 @@ class MeasuredLaw:
     knots, values, std : (k,)
         The residual law with one standard deviation at each knot.
     whole, whole_std : (k,) or None
-        The same plus the law that the model has there already, for example the damping of a hinge; None where it has none. The data
-        determine the sum better than its division.
+        The same plus the law that the model has there already, for example the damping of a hinge;
+        None where it has none. The data determine the sum better than its division.
     visited
-        Least and greatest value of the argument in the recordings, without a thousandth of the time at either end.
+        Least and greatest value of the argument in the recordings, without a thousandth of the time
+        at either end.
     explained
         Share of the misfit of `base` on held-out conditions that the law removes.
     log_density_gain
@@ -113,7 +123,8 @@ class MeasuredLaw:
     hypothesis
         The base with the law in it, fitted.
     memory
-        Whether the force differs between a rising and a falling argument; None where that was not tested.
+        Whether the force differs between a rising and a falling argument; None where that was not
+        tested.
     """
 
     place: str
@@ -139,12 +150,17 @@ class MeasuredLaw:
         # A friction coefficient cannot be negative.
         least = -1.0 if self.place == "floor_friction" else -np.inf
         values = tuple(max(float(value), least) for value in self.values)
-        return PresentEffect(TABULATED_LAW, table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), values))
+        return PresentEffect(
+            TABULATED_LAW,
+            table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), values),
+        )
 
 
 @dataclass(frozen=True)
 class CatalogueCurve:
-    """An effect of the catalogue at the fitted values: its `name`, `values` (k,) at `argument` (k,), in the law's unit."""
+    """An effect of the catalogue at the fitted values: its `name`, `values` (k,) at `argument`
+    (k,), in the law's unit.
+    """
 
     name: str
     argument: Floats
@@ -153,7 +169,9 @@ class CatalogueCurve:
 
 @dataclass(frozen=True)
 class StatedLaw:
-    """A measured law, the effects of the catalogue that it replaces, and the fitted law of one of them, where it has one."""
+    """A measured law, the effects of the catalogue that it replaces, and the fitted law of one
+    of them, where it has one.
+    """
 
     law: MeasuredLaw
     instead_of: tuple[str, ...]
@@ -161,7 +179,8 @@ class StatedLaw:
 
 
 def prior_root(knots: Floats, size: float, roughness: float, zero_at_zero: bool = False) -> Floats:
-    """Root (k, k) of the prior covariance of the values at the knots (k,), columns from the least free direction to the freest.
+    """Root (k, k) of the prior covariance of the values at the knots (k,), columns from the least
+    free direction to the freest.
 
     With `zero_at_zero` the law is known to be zero at a knot that is 0.
     """

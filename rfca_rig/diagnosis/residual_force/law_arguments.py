@@ -1,4 +1,5 @@
-"""Arguments that a force at a place may depend on: ranges over the recordings, knots, and the law that the model has there already.
+"""Arguments that a force at a place may depend on: ranges over the recordings, knots, and the law
+that the model has there already.
 
 Ranges come from the simulated motion, which has no noise, never from a differentiated recording.
 
@@ -33,25 +34,38 @@ from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S, effect_of_table, ki
 
 Floats = NDArray[np.float64]
 
-# Of the usual torque of the joint; sizes of a tenth to ten times of it are compared, as they are for a leg.
+# Of the usual torque of the joint; sizes of a tenth to ten times of it are compared, as they are
+# for a leg.
 PLAUSIBLE_SHARE = 0.1
 
-# Knots of a law that may change sign with its argument stand denser around zero, where friction changes: even in asinh(u / (0.05 of the
-# largest)). 15 knots are 10 to 40 % of the argument apart.
-# With 11, 15 or 21 of them the law takes away 74.5, 75.3 and 75.3 % of the held-out misfit of a quadratic hinge damping, and 81.6, 82.2
-# and 82.0 % of that of a friction that differs by direction.
+# Knots of a law that may change sign with its argument stand denser around zero, where friction
+# changes: even in asinh(u / (0.05 of the largest)). 15 knots are 10 to 40 % of the argument apart.
+# With 11, 15 or 21 of them the law takes away 74.5, 75.3 and 75.3 % of the held-out misfit of a
+# quadratic hinge damping, and 81.6, 82.2 and 82.0 % of that of a friction that differs by
+# direction.
 SIGNED_KNOTS, PLAIN_KNOTS = 15, 9
 NEAR_ZERO = 0.05
-SELDOM = 1e-3  # share of the time at either end of the range that is left to a constant: bounces of a single millisecond
+# share of the time at either end of the range that is left to a constant: bounces of a single
+# millisecond
+SELDOM = 1e-3
 PRESSED = 0.05  # of the largest load: a tip that hardly touches shows nothing of friction
 
 SIGNED = ("rate_rad_s", "slip_m_s")
-ZERO_AT_ZERO = ("rate_rad_s",)  # what resists a turn is not there without one: a steady torque is a spring's or a weight's
-PLAUSIBLE = {"N m": 0.1, "N": 2.0, "": 0.3}  # size of a law's value, in its unit: some percent of what the paper's leg does in a stroke
+ZERO_AT_ZERO = (
+    "rate_rad_s",
+)  # what resists a turn is not there without one: a steady torque is a spring's or a weight's
+PLAUSIBLE = {
+    "N m": 0.1,
+    "N": 2.0,
+    "": 0.3,
+}  # size of a law's value, in its unit: some percent of what the paper's leg does in a stroke
 
 
-def make_joint_argument(mechanism: Mechanism, joint: int, quantity: str, usual_torque: float) -> LawArgument:
-    """A law of the joint's "speed" or "position"; `usual_torque` [N m or N] is that of the joint in the recordings.
+def make_joint_argument(
+    mechanism: Mechanism, joint: int, quantity: str, usual_torque: float
+) -> LawArgument:
+    """A law of the joint's "speed" or "position"; `usual_torque` [N m or N] is that of the joint in
+    the recordings.
 
     A force that resists motion is zero at rest: a steady torque depends on the position.
     """
@@ -69,34 +83,64 @@ def make_joint_argument(mechanism: Mechanism, joint: int, quantity: str, usual_t
     )
 
 
-def courses_of_motions(dataset: Dataset, motions: Sequence[Motions], supposed: MechanismInput, place: str, argument: str) -> list[Course]:
+def courses_of_motions(
+    dataset: Dataset,
+    motions: Sequence[Motions],
+    supposed: MechanismInput,
+    place: str,
+    argument: str,
+) -> list[Course]:
     """The simulated argument over all windows. Raises SimulationFailed."""
     simulator = _simulator(dataset)
     plant, joint = simulator.plant(supposed), simulator.mechanism.joints.index(place)
     found = []
     for each in (each for part in motions for each in part.windows):
         motion = simulator.roll(plant, each.window)
-        values = motion.speed if argument.startswith("speed") else motion.position - plant.zero_offset
-        found.append(Course(each.window.t_s, values[:, [joint]], np.ones((len(values), 1), dtype=bool)))
+        values = (
+            motion.speed if argument.startswith("speed") else motion.position - plant.zero_offset
+        )
+        found.append(
+            Course(each.window.t_s, values[:, [joint]], np.ones((len(values), 1), dtype=bool))
+        )
     return found
 
 
-def own_law_of_joint(dataset: Dataset, supposed: MechanismInput, place: str, argument: str, u: Floats) -> Floats | None:
-    """Torque or force (k,) of the mechanism in the joint with these values and effects, at `u` (k,); None where it has none."""
+def own_law_of_joint(
+    dataset: Dataset, supposed: MechanismInput, place: str, argument: str, u: Floats
+) -> Floats | None:
+    """Torque or force (k,) of the mechanism in the joint with these values and effects, at `u`
+    (k,); None where it has none.
+    """
     simulator = _simulator(dataset)
     joint = simulator.mechanism.joints.index(place)
     return compute_own_law(simulator.plant(supposed), joint, argument.startswith("speed"), u)
 
 
-def turning_rate(dataset: Dataset, supposed: MechanismInput, table: LawTable, share: float) -> float:
-    """This share of the greatest rate of the argument. Below it the direction of the argument counts as none."""
+def turning_rate(
+    dataset: Dataset, supposed: MechanismInput, table: LawTable, share: float
+) -> float:
+    """This share of the greatest rate of the argument. Below it the direction of the argument
+    counts as none.
+    """
     motions = [part for part in dataset.parts if isinstance(part, Motions)]
     found = courses_of_motions(dataset, motions, supposed, table.place, table.argument)
-    return share * max(float(np.abs(np.gradient(each.values, each.t_s, axis=0)).max()) for each in found) + 1e-12
+    return (
+        share
+        * max(float(np.abs(np.gradient(each.values, each.t_s, axis=0)).max()) for each in found)
+        + 1e-12
+    )
 
 
-def response_to_branch(dataset: Dataset, part: Motions, supposed: MechanismInput, knot: int, size: float, turning: float) -> Floats:
-    """Response (m,) of the rows of a condition to a unit of the branches at one knot, by a difference of this `size`.
+def response_to_branch(
+    dataset: Dataset,
+    part: Motions,
+    supposed: MechanismInput,
+    knot: int,
+    size: float,
+    turning: float,
+) -> Floats:
+    """Response (m,) of the rows of a condition to a unit of the branches at one knot, by a
+    difference of this `size`.
 
     The law itself acts already.
     """
@@ -105,7 +149,10 @@ def response_to_branch(dataset: Dataset, part: Motions, supposed: MechanismInput
     *others, law = plant.laws
     branch = size * (np.arange(len(law.knots)) == knot)
     moved = replace(plant, laws=(*others, replace(law, branches=branch, turning=turning)))
-    rows = [(simulator.predict(moved, each) - simulator.predict(plant, each)).ravel() / size for each in part.windows]
+    rows = [
+        (simulator.predict(moved, each) - simulator.predict(plant, each)).ravel() / size
+        for each in part.windows
+    ]
     return np.concatenate(rows)
 
 
@@ -115,17 +162,32 @@ def _simulator(dataset: Dataset) -> MechanismSimulator:
 
 
 def make_argument(place: str, argument: str) -> LawArgument:
-    """The argument of a law at a place of a leg or a pendulum. Raises BadInput where there is none."""
+    """The argument of a law at a place of a leg or a pendulum. Raises BadInput where there is
+    none.
+    """
     kind = kind_of(place, argument)
     return LawArgument(
-        place, argument, kind.argument_unit, kind.unit, PLAUSIBLE[kind.unit], argument in SIGNED, argument in ZERO_AT_ZERO, effect_of_table
+        place,
+        argument,
+        kind.argument_unit,
+        kind.unit,
+        PLAUSIBLE[kind.unit],
+        argument in SIGNED,
+        argument in ZERO_AT_ZERO,
+        effect_of_table,
     )
 
 
 def arguments_at(place: str, supposed: Any) -> tuple[str, ...]:
-    """Arguments that are tried at a place. In a leg with measured curves no law can follow the torque of the spring."""
+    """Arguments that are tried at a place. In a leg with measured curves no law can follow the
+    torque of the spring.
+    """
     if place.startswith("hinge"):
-        return ("rate_rad_s", "angle_rad", *(() if supposed.rig.leg.torque_splines else ("spring_torque_Nm",)))
+        return (
+            "rate_rad_s",
+            "angle_rad",
+            *(() if supposed.rig.leg.torque_splines else ("spring_torque_Nm",)),
+        )
     if place.startswith("joint"):
         return ("rate_rad_s", "angle_rad")
     known = {"floor_friction": ("slip_m_s", "load_N"), "floor_normal": ("depth_m",)}
@@ -135,14 +197,26 @@ def arguments_at(place: str, supposed: Any) -> tuple[str, ...]:
 
 
 def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[Course]:
-    """The simulated argument over every moving condition. Raises SimulationFailed, and BadInput where none moves."""
+    """The simulated argument over every moving condition. Raises SimulationFailed, and BadInput
+    where none moves.
+    """
     motions = [part for part in dataset.parts if isinstance(part, Motions)]
     if motions:
         return courses_of_motions(dataset, motions, supposed, place, argument)
-    found = [course_of_stroke(flap, supposed, place, argument) for flap in select_strokes(dataset.parts)]
-    found += [each for part in dataset.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
+    found = [
+        course_of_stroke(flap, supposed, place, argument) for flap in select_strokes(dataset.parts)
+    ]
+    found += [
+        each
+        for part in dataset.parts
+        if isinstance(part, Stretch)
+        for each in course_of_stretch(part, supposed, place, argument)
+    ]
     if not found:
-        raise BadInput(f"no recording moves, so that a law of {argument} at {place} cannot be measured; record strokes")
+        raise BadInput(
+            f"no recording moves, so that a law of {argument} at {place} cannot be "
+            "measured; record strokes"
+        )
     return found
 
 
@@ -170,7 +244,9 @@ def place_knots(visited: tuple[float, float], is_signed: bool) -> Floats:
     return np.asarray(scale * np.sinh(np.append(below, above[1:])))
 
 
-def compute_nominal_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Floats) -> Floats | None:
+def compute_nominal_law(
+    dataset: Dataset, supposed: Any, place: str, argument: str, u: Floats
+) -> Floats | None:
     """The law that the model has at the place already, without base effects.
 
     Parameters
@@ -197,7 +273,10 @@ def compute_nominal_law(dataset: Dataset, supposed: Any, place: str, argument: s
         if argument != "rate_rad_s" or not number.isdecimal():
             return None
         link = links[int(number) - 1]
-        return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
+        return np.asarray(
+            link.joint_damping_Nm_s_per_rad * u
+            + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S)
+        )
     laws: dict[str, Callable[[], Floats]] = {
         "rate_rad_s": lambda: leg.hinge_damping_Nm_s_per_rad * u,
         "angle_rad": lambda: bending_torque_Nm(leg, u),
@@ -209,11 +288,15 @@ def compute_nominal_law(dataset: Dataset, supposed: Any, place: str, argument: s
 
 
 def add_own_law(place: str, own: Floats, values: Floats) -> Floats:
-    """The whole law (k,) from `own` (k,) and the table `values` (k,): a share of the friction coefficient, elsewhere a force."""
+    """The whole law (k,) from `own` (k,) and the table `values` (k,): a share of the friction
+    coefficient, elsewhere a force.
+    """
     return np.asarray(own * (1.0 + values) if place == "floor_friction" else own + values)
 
 
-def course_of_stroke(flap: DynamicCondition, supposed: ModelPoint, place: str, argument: str) -> Course:
+def course_of_stroke(
+    flap: DynamicCondition, supposed: ModelPoint, place: str, argument: str
+) -> Course:
     """The argument over one simulated stroke."""
     stroke, rig = flap.stroke(supposed), supposed.rig
     if place.startswith("hinge"):
@@ -226,24 +309,42 @@ def course_of_stroke(flap: DynamicCondition, supposed: ModelPoint, place: str, a
     if place.startswith("floor"):
         values, counts = _at_floor(flap, supposed, stroke)[argument]
     else:
-        values = {"time_s": stroke.t_s, "shaft_angle_rad": stroke.shaft_angle_rad}.get(argument, getattr(stroke, place))
+        values = {"time_s": stroke.t_s, "shaft_angle_rad": stroke.shaft_angle_rad}.get(
+            argument, getattr(stroke, place)
+        )
         counts = np.ones(len(stroke.t_s), dtype=bool)
     return Course(stroke.t_s, values[:, None], counts[:, None])
 
 
-def _at_floor(flap: DynamicCondition, supposed: ModelPoint, stroke: SimulatedStroke) -> dict[str, tuple[Floats, NDArray[np.bool_]]]:
+def _at_floor(
+    flap: DynamicCondition, supposed: ModelPoint, stroke: SimulatedStroke
+) -> dict[str, tuple[Floats, NDArray[np.bool_]]]:
     """Slip speed, load and depth of the tip (n,), and where each counts."""
     q, w, length = stroke.q_rad, stroke.w_rad_s, np.array(supposed.rig.leg.link_lengths_m)
     load = stroke.normal_N[:, -1]
     slip = -(np.sin(q) * w) @ length - supposed.rig.friction_lever_m * w[:, -1]
-    depth = np.sin(q) @ length + supposed.rig.leg.link_radius_m - flap.height_m - supposed.height_offset_m
+    depth = (
+        np.sin(q) @ length
+        + supposed.rig.leg.link_radius_m
+        - flap.height_m
+        - supposed.height_offset_m
+    )
     pressed = load > PRESSED * load.max()
-    return {"slip_m_s": (slip, pressed), "load_N": (load, load > 0.0), "depth_m": (depth, depth > 0.0)}
+    return {
+        "slip_m_s": (slip, pressed),
+        "load_N": (load, load > 0.0),
+        "depth_m": (depth, depth > 0.0),
+    }
 
 
-def course_of_stretch(stretch: Stretch, supposed: ModelPoint, place: str, argument: str) -> list[Course]:
+def course_of_stretch(
+    stretch: Stretch, supposed: ModelPoint, place: str, argument: str
+) -> list[Course]:
     """The argument over each window of a simulated stretch."""
-    ready = make_driven_pendulum(apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)), supposed.rig.effects)
+    ready = make_driven_pendulum(
+        apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)),
+        supposed.rig.effects,
+    )
     found = []
     for each in stretch.windows:
         window = each.window

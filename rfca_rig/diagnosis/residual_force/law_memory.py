@@ -1,9 +1,10 @@
-"""Memory of a measured law: whether the force at one value of its argument differs between a rising and a falling argument.
+"""Memory of a measured law: whether the force at one value of its argument differs between a rising
+and a falling argument.
 
-Beside the law f(u), a second one, g(u) sign(du/dt), acts as a force over time along the motion with the law. The response of the
-observations to it is linear. It is fitted with everything else free. A friction that depends on the speed alone leaves g at zero.
-Presliding, a loop of the spring or play do not.
-"""
+Beside the law f(u), a second one, g(u) sign(du/dt), acts as a force over time along the motion with
+the law. The response of the observations to it is linear. It is fitted with everything else free. A
+friction that depends on the speed alone leaves g at zero. Presliding, a loop of the spring or play
+do not."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,8 +23,19 @@ from rfca_rig.diagnosis.mechanisms.windows import Motions
 from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
 from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, Course, MemoryTest, prior_root
-from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke, response_to_branch, turning_rate
-from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, advance_time, make_basis, simulate_forced_stroke
+from rfca_rig.diagnosis.residual_force.law_arguments import (
+    course_of_stretch,
+    course_of_stroke,
+    response_to_branch,
+    turning_rate,
+)
+from rfca_rig.diagnosis.residual_force.spline_force import (
+    AT_REST_S,
+    Change,
+    advance_time,
+    make_basis,
+    simulate_forced_stroke,
+)
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.kernel.laws import HINGE, TABLE, LawUse
@@ -33,18 +45,25 @@ from rfca_rig.model.setup import Setup, with_law
 
 Floats = NDArray[np.float64]
 
-TRIED = 0.1  # of a plausible size: large against the integrator's error, small against what bends the leg
+# of a plausible size: large against the integrator's error, small against what bends the leg
+TRIED = 0.1
 STEP_S = 1e-3  # of a force over time, as recordings have it
 TURNING = 0.02  # of the greatest du/dt, below which the direction fades, so that rest has none
-# Log evidence from which on two branches are better than one: laws without memory gained -5 to 15 on simulated campaigns, dry friction of
-# the pins and a loop of the spring 44 to 450 where the recordings turn back.
+# Log evidence from which on two branches are better than one: laws without memory gained -5 to 15
+# on simulated campaigns, dry friction of the pins and a loop of the spring 44 to 450 where the
+# recordings turn back.
 EVIDENCE = 25.0
 BENDING = ("angle_rad", "spring_torque_Nm")  # arguments that grow with the load of a static stage
 APART = 0.25  # of the knots at which the branches must be two standard deviations apart
 
 
 def detect_memory(
-    found: ModelSelectionResult, linear: LinearModel, supposed: Any, table: LawTable, plausible: float, slopes: Floats
+    found: ModelSelectionResult,
+    linear: LinearModel,
+    supposed: Any,
+    table: LawTable,
+    plausible: float,
+    slopes: Floats,
 ) -> MemoryTest:
     """The two branches of a law.
 
@@ -61,7 +80,8 @@ def detect_memory(
     plausible
         Plausible size of a value.
     slopes
-        (m, k) response of all rows to the values of the table. At a static stage they act in the direction of its turn.
+        (m, k) response of all rows to the values of the table. At a static stage they act in the
+        direction of its turn.
 
     Raises
     ------
@@ -78,7 +98,10 @@ def detect_memory(
     best, root = None, np.empty(0)
     for size, roughness in product(SIZES, ROUGHNESS):
         trial_root = prior_root(knots, size * plausible, roughness)
-        posterior = laplace_posterior(LinearModel(linear.target, np.column_stack([linear.jacobian, responses @ trial_root])), whitening)
+        posterior = laplace_posterior(
+            LinearModel(linear.target, np.column_stack([linear.jacobian, responses @ trial_root])),
+            whitening,
+        )
         if best is None or posterior.log_evidence > best.log_evidence:
             best, root = posterior, trial_root
     assert best is not None
@@ -95,10 +118,20 @@ def detect_memory(
 def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size: float) -> Floats:
     """Response (m, k) of all rows to a unit of g at each knot."""
     rows, count = found.dataset.rows, len(table.knots)
-    turning = turning_rate(found.dataset, supposed, table, TURNING) if isinstance(found.dataset.parts[0], Motions) else 0.0
-    jobs = [(number, part, knot) for number, part in enumerate(found.dataset.parts) for knot in range(count)]
+    turning = (
+        turning_rate(found.dataset, supposed, table, TURNING)
+        if isinstance(found.dataset.parts[0], Motions)
+        else 0.0
+    )
+    jobs = [
+        (number, part, knot)
+        for number, part in enumerate(found.dataset.parts)
+        for knot in range(count)
+    ]
     of_strokes = {
-        number: _Stroke.of(part, supposed, table) for number, part in enumerate(found.dataset.parts) if isinstance(part, DynamicCondition)
+        number: _Stroke.of(part, supposed, table)
+        for number, part in enumerate(found.dataset.parts)
+        if isinstance(part, DynamicCondition)
     }
 
     def response(job: tuple[int, Any, int]) -> Floats | None:
@@ -121,7 +154,9 @@ def _branch(course: Course, table: LawTable, knot: int) -> Floats:
     share = np.interp(course.values, table.knots, np.eye(len(table.knots))[knot])
     rate = np.gradient(course.values, course.t_s, axis=0)
     # A smooth sign: the direction fades where the argument hardly changes.
-    return np.asarray(share * np.tanh(rate / (TURNING * np.abs(rate).max() + 1e-12)) * course.counts)
+    return np.asarray(
+        share * np.tanh(rate / (TURNING * np.abs(rate).max() + 1e-12)) * course.counts
+    )
 
 
 @dataclass(frozen=True)
@@ -158,22 +193,31 @@ class _Stroke:
         return np.asarray(self.here.stroke.tangential_N[:, -1] / np.maximum(share, 0.1))
 
     def _respond_to_force(self, force: Floats, down: bool, size: float) -> Floats:
-        """Response (m,) to a force (n,) on the tip, downwards or along +y: torques about the hinges, and the direct part at the mount."""
+        """Response (m,) to a force (n,) on the tip, downwards or along +y: torques about the
+        hinges, and the direct part at the mount.
+        """
         here = self.here
         arms = arms_of(here, of_tip(here.stroke), down)
         torque, nothing = -force * arms[:, 0], np.zeros_like(force)
         fy, fz = (nothing, force) if down else (-force, nothing)
-        own = here.rows_of({"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy})
+        own = here.rows_of(
+            {"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy}
+        )
         levers = -force[:, None] * arms[:, 1:]
         return own + self._respond_to_torque(levers, list(range(1, arms.shape[1])), size)
 
     def _respond_to_torque(self, torque: Floats, only: Sequence[int], size: float) -> Floats:
-        """Response (m,) per unit to torques (n, k) over time that resist the hinges `only`; zero where the model has no answer."""
+        """Response (m,) per unit to torques (n, k) over time that resist the hinges `only`; zero
+        where the model has no answer.
+        """
         here, largest = self.here, float(np.abs(torque).max())
         if largest == 0.0:
             return here.rows_of({})
         scale = TRIED * size / largest
-        changes = tuple(course_in_hinge(here.flap.t_s, scale * column, hinge) for column, hinge in zip(torque.T, only, strict=True))
+        changes = tuple(
+            course_in_hinge(here.flap.t_s, scale * column, hinge)
+            for column, hinge in zip(torque.T, only, strict=True)
+        )
         try:
             stroke = simulate_forced_stroke(here.flap, here.supposed, changes)
         except SimulationFailed:
@@ -194,7 +238,8 @@ def follow(  # a law takes what its place offers, needed or not
     parameter: Any,
 ) -> tuple[float, float, float]:
     """Torque over time from a table of even steps; the derivatives by angle and rate are 0."""
-    # `memory[0]` holds the time up to the last accepted step. A very long elapsed time means the rest pose and does not count.
+    # `memory[0]` holds the time up to the last accepted step. A very long elapsed time means the
+    # rest pose and does not count.
     t = parameter[BEGINS] + memory[0] + (elapsed if elapsed < AT_REST_S else 0.0)
     last = int(parameter[COUNT]) - 1
     x = min(max(t / parameter[STEP], 0.0), float(last))
@@ -216,17 +261,34 @@ def course_in_hinge(t_s: Floats, torque_Nm: Floats, hinge: int) -> Change:
     return change
 
 
-def _of_stretch(stretch: Stretch, supposed: ModelPoint, table: LawTable, knot: int, size: float) -> Floats:
-    """Response (m,) of a pendulum. The torque over time is subtracted from the driving torque, since the law resists the turn."""
-    ready = make_driven_pendulum(apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)), supposed.rig.effects)
-    joints = range(len(stretch.pendulum.links)) if table.place == "joints" else [int(table.place.removeprefix("joint")) - 1]
+def _of_stretch(
+    stretch: Stretch, supposed: ModelPoint, table: LawTable, knot: int, size: float
+) -> Floats:
+    """Response (m,) of a pendulum. The torque over time is subtracted from the driving torque,
+    since the law resists the turn.
+    """
+    ready = make_driven_pendulum(
+        apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)),
+        supposed.rig.effects,
+    )
+    joints = (
+        range(len(stretch.pendulum.links))
+        if table.place == "joints"
+        else [int(table.place.removeprefix("joint")) - 1]
+    )
     changes = []
-    for started, course in zip(stretch.windows, course_of_stretch(stretch, supposed, table.place, table.argument), strict=True):
+    for started, course in zip(
+        stretch.windows,
+        course_of_stretch(stretch, supposed, table.place, table.argument),
+        strict=True,
+    ):
         branch, trace = _branch(course, table, knot), started.window.trace
         torque = trace.torque_Nm.copy()
         at_s = trace.step_s * np.arange(len(torque))
         for joint, column in zip(joints, branch.T, strict=True):
             torque[:, joint] -= TRIED * size * np.interp(at_s, course.t_s, column)
-        moved = replace(started, window=replace(started.window, trace=replace(trace, torque_Nm=torque)))
+        moved = replace(
+            started, window=replace(started.window, trace=replace(trace, torque_Nm=torque))
+        )
         changes.append((moved.predicted(ready) - started.predicted(ready)).ravel() / (TRIED * size))
     return np.concatenate(changes)

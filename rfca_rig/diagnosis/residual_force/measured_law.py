@@ -1,11 +1,13 @@
-"""Residual force at a place as a function of one argument, with an uncertainty band and without a formula.
+"""Residual force at a place as a function of one argument, with an uncertainty band and without a
+formula.
 
-The law is piecewise linear between values at knots. It acts in the simulator itself, beside the base hypothesis, so that the motion
-responds to it. The response of the observations to each value is found by finite differences there, and recomputed where the fit moves to.
+The law is piecewise linear between values at knots. It acts in the simulator itself, beside the
+base hypothesis, so that the motion responds to it. The response of the observations to each value
+is found by finite differences there, and recomputed where the fit moves to.
 
-The values have the smooth Gaussian prior of `law`, with the size and roughness of the greatest evidence over a grid. All nuisance
-parameters stay free, and the covariance of the data includes the discrepancy.
-"""
+The values have the smooth Gaussian prior of `law`, with the size and roughness of the greatest
+evidence over a grid. All nuisance parameters stay free, and the covariance of the data includes the
+discrepancy."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,8 +20,19 @@ from rfca_rig.diagnosis.config import CLOSE_LOG_EVIDENCE
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, loo_log_densities, loo_residuals, products_without
-from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, LawArgument, MeasuredLaw, prior_root
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
+    LinearModel,
+    loo_log_densities,
+    loo_residuals,
+    products_without,
+)
+from rfca_rig.diagnosis.residual_force.law import (
+    ROUGHNESS,
+    SIZES,
+    LawArgument,
+    MeasuredLaw,
+    prior_root,
+)
 from rfca_rig.diagnosis.residual_force.law_arguments import (
     add_own_law,
     arguments_at,
@@ -37,18 +50,25 @@ from rfca_rig.model.tabulated_law import TABULATED_LAW
 
 Floats = NDArray[np.float64]
 
-# Of the first prior. A fit from no law begins nearly straight: with a free law, its first steps go so far that it may end in a wrong
-# optimum. Of 9 starts 1e-3 prior deviations apart, a friction law fell 250 or more short of the best log evidence in 3 with 0.3, in 2
-# with 0.1; of 21 with 0.03, none by more than 75. A law that is given is not pulled straight. The likeliest roughness follows.
+# Of the first prior. A fit from no law begins nearly straight: with a free law, its first steps go
+# so far that it may end in a wrong optimum. Of 9 starts 1e-3 prior deviations apart, a friction law
+# fell 250 or more short of the best log evidence in 3 with 0.3, in 2 with 0.1; of 21 with 0.03,
+# none by more than 75. A law that is given is not pulled straight. The likeliest roughness follows.
 FIRST_SIZE, STRAIGHT, FREE = 1.0, 0.03, 0.3
 CONVERGE = 1  # recomputations of the whole Jacobian at the end
-LEVELS, ROUNDS = 2, 4  # steps of each of the two fits; a friction law changes the motion that it depends on
-STEP = 1e-4  # of a prior deviation: the base law of the model is a smooth function of the nuisance parameters
+LEVELS, ROUNDS = (
+    2,
+    4,
+)  # steps of each of the two fits; a friction law changes the motion that it depends on
+# of a prior deviation: the base law of the model is a smooth function of the nuisance parameters
+STEP = 1e-4
 
 
 @dataclass(frozen=True)
 class LawStart:
-    """Start of a fit: the unknowns of the base (p,), and the values (k,) of the law for an argument at its knots; None for no law of it."""
+    """Start of a fit: the unknowns of the base (p,), and the values (k,) of the law for an
+    argument at its knots; None for no law of it.
+    """
 
     x: Floats
     values: Callable[[str, Floats], Floats | None]
@@ -64,7 +84,9 @@ class _Fits:
 
 @dataclass(frozen=True)
 class TableTerm(EffectTerm):
-    """A tabulated law as part of a hypothesis: `root` (k rows of k) times its standard normal coordinates (k,) are the values."""
+    """A tabulated law as part of a hypothesis: `root` (k rows of k) times its standard normal
+    coordinates (k,) are the values.
+    """
 
     argument: LawArgument = field(kw_only=True)
     knots: tuple[float, ...] = ()
@@ -73,7 +95,9 @@ class TableTerm(EffectTerm):
     @property
     def free(self) -> tuple[Parameter, ...]:
         """One coordinate per knot; a normal parameter from -2 to 2 equals its own coordinate."""
-        return tuple(Parameter(f"coordinate{number}", -2.0, 2.0) for number in range(1, len(self.knots) + 1))
+        return tuple(
+            Parameter(f"coordinate{number}", -2.0, 2.0) for number in range(1, len(self.knots) + 1)
+        )
 
     def values(self, z: Floats) -> Floats:
         """Values at the knots (k,) for coordinates z (k,)."""
@@ -81,12 +105,21 @@ class TableTerm(EffectTerm):
 
     def present(self, z: Floats) -> PresentEffect:
         """The law at coordinates z (k,)."""
-        table = LawTable(self.argument.place, self.argument.name, self.knots, tuple(float(value) for value in self.values(z)))
+        table = LawTable(
+            self.argument.place,
+            self.argument.name,
+            self.knots,
+            tuple(float(value) for value in self.values(z)),
+        )
         return PresentEffect(TABULATED_LAW, table=table)
 
 
 def measure_law(
-    found: ModelSelectionResult, place: str, base: Hypothesis, arguments: Sequence[str] = (), start: LawStart | None = None
+    found: ModelSelectionResult,
+    place: str,
+    base: Hypothesis,
+    arguments: Sequence[str] = (),
+    start: LawStart | None = None,
 ) -> MeasuredLaw:
     """The law at a place for the argument that predicts held-out conditions best.
 
@@ -112,7 +145,9 @@ def measure_law(
     """
     supposed = base.fitted.coordinates.supposed(base.fitted.x)
     names = arguments or arguments_at(place, supposed)
-    return measure_best_law(found, [make_argument(place, argument) for argument in names], base, start)
+    return measure_best_law(
+        found, [make_argument(place, argument) for argument in names], base, start
+    )
 
 
 def measure_best_law(
@@ -122,47 +157,64 @@ def measure_best_law(
     start: LawStart | None = None,
     renew_range: bool = False,
 ) -> MeasuredLaw:
-    """The law for the argument that predicts held-out conditions best, for any kind of rig; all arguments are at one place.
+    """The law for the argument that predicts held-out conditions best, for any kind of rig; all
+    arguments are at one place.
 
-    With `renew_range` each law is fitted again over the range of the motion with the law. If the base brakes too little, windows that begin
-    at a measured state reach speeds that were never recorded.
-    """
+    With `renew_range` each law is fitted again over the range of the motion with the law. If the
+    base brakes too little, windows that begin at a measured state reach speeds that were never
+    recorded."""
     fitted = [fit_law(found, argument, base, start, renew_range) for argument in arguments]
     laws = [law for law in fitted if law is not None]
     if not laws:
         raise SimulationFailed(
-            f"the model cannot be computed with a tabulated law at {arguments[0].place}; look at the base hypothesis first"
+            f"the model cannot be computed with a tabulated law at {arguments[0].place}; "
+            "look at the base hypothesis first"
         )
     best = max(laws, key=lambda law: law.log_density_gain)
     return with_memory_test(found, best)
 
 
 def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredLaw:
-    """The law with the result of the memory test. Raises SimulationFailed where the model has no answer."""
+    """The law with the result of the memory test. Raises SimulationFailed where the model has no
+    answer.
+    """
     fitted, table = law.hypothesis.fitted, law.present.table
     assert table is not None
-    linear, supposed = fitted.linear(found.dataset.rows.measured), fitted.coordinates.supposed(fitted.x)
+    linear, supposed = (
+        fitted.linear(found.dataset.rows.measured),
+        fitted.coordinates.supposed(fitted.x),
+    )
     term, part = _term_of(fitted)
     # The Jacobian is by coordinates; the inverse root turns it into one by values of the law.
     slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
     memory = detect_memory(found, linear, supposed, table, term.argument.plausible, slopes)
     if not memory.has_memory:
         return replace(law, memory=memory)
-    half = 0.5 * (memory.rising - memory.falling)  # no single curve is right: the band holds both branches
+    half = 0.5 * (
+        memory.rising - memory.falling
+    )  # no single curve is right: the band holds both branches
     whole_std = law.whole_std
     if law.whole is not None and whole_std is not None:
-        # A law of floor friction is a share of the coefficient, so its band is converted to the coefficient.
-        whole_std = np.hypot(whole_std, half * (law.whole / (1.0 + law.values) if law.place == "floor_friction" else 1.0))
+        # A law of floor friction is a share of the coefficient, so its band is converted to the
+        # coefficient.
+        whole_std = np.hypot(
+            whole_std,
+            half * (law.whole / (1.0 + law.values) if law.place == "floor_friction" else 1.0),
+        )
     return replace(law, memory=memory, std=np.hypot(law.std, half), whole_std=whole_std)
 
 
 def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: str) -> Hypothesis:
-    """The hypothesis without one of its effects, fitted again: the base of a law that takes the place of the effect.
+    """The hypothesis without one of its effects, fitted again: the base of a law that takes the
+    place of the effect.
 
     Raises BadInput where it has no such effect, SimulationFailed where the model has no answer.
     """
     if effect not in hypothesis.ids:
-        raise BadInput(f"effect {effect}: is not in the hypothesis, which has {', '.join(hypothesis.ids) or 'none'}")
+        raise BadInput(
+            f"effect {effect}: is not in the hypothesis, which has "
+            f"{', '.join(hypothesis.ids) or 'none'}"
+        )
     optimizer = GaussNewton(found.dataset, found.likelihood)
     remaining = optimizer.without(hypothesis.fitted, hypothesis.ids.index(effect))
     if remaining is None:
@@ -171,27 +223,46 @@ def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: st
 
 
 def fit_law(
-    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, start: LawStart | None = None, renew_range: bool = False
+    found: ModelSelectionResult,
+    argument: LawArgument,
+    base: Hypothesis,
+    start: LawStart | None = None,
+    renew_range: bool = False,
 ) -> MeasuredLaw | None:
-    """The law of one argument over its range in the motion of the base; with `renew_range` fitted again over that with the law.
+    """The law of one argument over its range in the motion of the base; with `renew_range` fitted
+    again over that with the law.
 
     None where the argument hardly changes, or where the model has no answer.
     """
-    # The missing law may have drawn the nuisance parameters away, so a fit also begins at their prior means.
-    starts = [(STRAIGHT, LawStart(x, lambda _, knots: np.zeros(len(knots)))) for x in (base.fitted.x, base.fitted.at_prior_means)]
+    # The missing law may have drawn the nuisance parameters away, so a fit also begins at their
+    # prior means.
+    starts = [
+        (STRAIGHT, LawStart(x, lambda _, knots: np.zeros(len(knots))))
+        for x in (base.fitted.x, base.fitted.at_prior_means)
+    ]
     if start is not None:
         starts.append((FREE, start))
     fits = _fit(found, argument, base, starts, base)
     if fits is not None and renew_range:
-        # The motion with the law may have another range. If it cannot be fitted there, the first fit is used.
-        fits = _fit(found, argument, base, [(FREE, _start_at(law)) for law in fits.laws], fits.laws[0]) or fits
+        # The motion with the law may have another range. If it cannot be fitted there, the first
+        # fit is used.
+        fits = (
+            _fit(found, argument, base, [(FREE, _start_at(law)) for law in fits.laws], fits.laws[0])
+            or fits
+        )
     return None if fits is None else _make_measured_law(found, base, fits)
 
 
 def _fit(
-    found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, starts: Sequence[tuple[float, LawStart]], moving: Hypothesis
+    found: ModelSelectionResult,
+    argument: LawArgument,
+    base: Hypothesis,
+    starts: Sequence[tuple[float, LawStart]],
+    moving: Hypothesis,
 ) -> _Fits | None:
-    """The law over its range in the motion of `moving`, from starts with the roughness of their first prior."""
+    """The law over its range in the motion of `moving`, from starts with the roughness of their
+    first prior.
+    """
     optimizer = GaussNewton(found.dataset, found.likelihood)
     supposed = moving.fitted.coordinates.supposed(moving.fitted.x)
     visited = find_visited_range(courses(found.dataset, supposed, argument.place, argument.name))
@@ -200,20 +271,37 @@ def _fit(
     knots = place_knots(visited, argument.is_signed)
     laws = []
     for roughness, begin in starts:
-        values, first = begin.values(argument.name, knots), _term(argument, knots, FIRST_SIZE, roughness)
+        values, first = (
+            begin.values(argument.name, knots),
+            _term(argument, knots, FIRST_SIZE, roughness),
+        )
         if values is None:
             continue
         coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
         # The values are the root times the coordinates, so the coordinates follow by solving.
-        start = optimizer.at(coordinates, np.append(begin.x, np.linalg.solve(np.array(first.root), values)))
+        start = optimizer.at(
+            coordinates, np.append(begin.x, np.linalg.solve(np.array(first.root), values))
+        )
         if start is not None:
-            # Twice: the prior is chosen by the Jacobian of the first fit, and the second fit uses it.
+            # Twice: the prior is chosen by the Jacobian of the first fit, and the second fit uses
+            # it.
             here = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS))
-            laws.append(_hypothesis(optimizer, optimizer.converge(optimizer.refine(here, LEVELS, ROUNDS), CONVERGE)))
+            laws.append(
+                _hypothesis(
+                    optimizer, optimizer.converge(optimizer.refine(here, LEVELS, ROUNDS), CONVERGE)
+                )
+            )
     # Fits that are about as probable as the best are kept: their differences widen the band.
     laws.sort(key=lambda law: -law.marginal.log_evidence)
     return (
-        _Fits([law for law in laws if law.marginal.log_evidence > laws[0].marginal.log_evidence - CLOSE_LOG_EVIDENCE], visited)
+        _Fits(
+            [
+                law
+                for law in laws
+                if law.marginal.log_evidence > laws[0].marginal.log_evidence - CLOSE_LOG_EVIDENCE
+            ],
+            visited,
+        )
         if laws
         else None
     )
@@ -223,11 +311,15 @@ def _start_at(law: Hypothesis) -> LawStart:
     """Start of a fit over other knots, from a law that was fitted."""
     term, part = _term_of(law.fitted)
     values = term.values(law.fitted.x[part])
-    return LawStart(law.fitted.x[: part.start], lambda _, knots: np.interp(knots, term.knots, values))
+    return LawStart(
+        law.fitted.x[: part.start], lambda _, knots: np.interp(knots, term.knots, values)
+    )
 
 
 def _term(argument: LawArgument, knots: Floats, size: float, roughness: float) -> TableTerm:
-    """The term with a prior of this roughness and size; the size is a multiple of the plausible one."""
+    """The term with a prior of this roughness and size; the size is a multiple of the plausible
+    one.
+    """
     table = LawTable(argument.place, argument.name, tuple(map(float, knots)), (0.0,) * len(knots))
     rows = tuple(tuple(map(float, row)) for row in _root(argument, knots, size, roughness))
     return TableTerm(argument.effect_of(table), argument=argument, knots=table.knots, root=rows)
@@ -238,10 +330,16 @@ def _root(argument: LawArgument, knots: Floats, size: float, roughness: float) -
 
 
 def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
-    """The fit at the same values with the prior size and roughness of the greatest evidence, by its present Jacobian."""
+    """The fit at the same values with the prior size and roughness of the greatest evidence, by
+    its present Jacobian.
+    """
     term, part = _term_of(here)
     root = np.array(term.root)
-    knots, law, slopes = np.array(term.knots), root @ here.x[part], here.jacobian[:, part] @ np.linalg.inv(root)
+    knots, law, slopes = (
+        np.array(term.knots),
+        root @ here.x[part],
+        here.jacobian[:, part] @ np.linalg.inv(root),
+    )
     target = here.linear(optimizer.dataset.rows.measured).target
     best, most = here, -np.inf
     for size, roughness in product(SIZES, ROUGHNESS):
@@ -252,7 +350,10 @@ def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
             coordinates = here.coordinates.with_terms((*here.coordinates.choices[:-1], other))
             x = np.append(here.x[: part.start], np.linalg.solve(np.array(other.root), law))
             size_of = np.linalg.norm(optimizer.likelihood.usual(jacobian), axis=0)
-            best, most = replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of), log_evidence
+            best, most = (
+                replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of),
+                log_evidence,
+            )
     return best
 
 
@@ -268,16 +369,21 @@ def _hypothesis(optimizer: GaussNewton, fitted: MapFit) -> Hypothesis:
 
 
 def _make_measured_law(found: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> MeasuredLaw:
-    """The most probable fit as plain values, with standard deviations that include the spread between equally good fits."""
-    # Covariance (p, p) between fits that are about as probable, as of a mixture of all; zero for a single one. Contact makes the misfit
-    # rough, so fits from different starts stop at different places.
+    """The most probable fit as plain values, with standard deviations that include the spread
+    between equally good fits.
+    """
+    # Covariance (p, p) between fits that are about as probable, as of a mixture of all; zero for a
+    # single one. Contact makes the misfit rough, so fits from different starts stop at different
+    # places.
     estimates = np.array([_estimate(law) for law in fits.laws])
     apart = estimates - estimates.mean(axis=0)
     law, spread = fits.laws[0], np.asarray(apart.T @ apart / len(fits.laws))
     term, part = _term_of(law.fitted)
     argument = term.argument
     values, knots = _estimate(law)[part], np.array(term.knots)
-    covariances = [each + spread for each in (_covariance(found, law), _jackknife_covariance(found, law))]
+    covariances = [
+        each + spread for each in (_covariance(found, law), _jackknife_covariance(found, law))
+    ]
     whole = _whole(found, law, covariances)
     before, after = (_compute_held_out_misfit(found, each) for each in (base, law))
     densities = [_compute_held_out_log_density(found, each) for each in (base, law)]
@@ -308,19 +414,25 @@ def _estimate(law: Hypothesis) -> Floats:
 
 
 def _widest(covariances: Sequence[Floats]) -> Floats:
-    """Larger standard deviation (k,) at each knot: where conditions disagree, the posterior alone is too narrow."""
+    """Larger standard deviation (k,) at each knot: where conditions disagree, the posterior
+    alone is too narrow.
+    """
     return np.asarray(np.sqrt(np.max([np.diag(each) for each in covariances], axis=0)))
 
 
 def _to_values(size: int, part: slice, root: Floats) -> Floats:
-    """Matrix (p, p) that turns the coordinates of a law into its values and leaves the other unknowns unchanged."""
+    """Matrix (p, p) that turns the coordinates of a law into its values and leaves the other
+    unknowns unchanged.
+    """
     turn = np.eye(size)
     turn[part, part] = root
     return turn
 
 
 def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
-    """Covariance (p, p) of nuisance parameters and values, averaged over sizes and roughness of the prior by their evidence."""
+    """Covariance (p, p) of nuisance parameters and values, averaged over sizes and roughness of
+    the prior by their evidence.
+    """
     term, part = _term_of(law.fitted)
     linear, root = law.fitted.linear(found.dataset.rows.measured), np.array(term.root)
     knots = np.array(term.knots)
@@ -329,11 +441,16 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     logs, moments = [], []
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _root(term.argument, knots, size, roughness)
-        judged = found.likelihood.evaluate(LinearModel(linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])))
+        judged = found.likelihood.evaluate(
+            LinearModel(
+                linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])
+            )
+        )
         turn = _to_values(len(estimate), part, other)
         off = turn @ judged.posterior.mean - estimate
         logs.append(judged.log_evidence)
-        # Second moment about the estimate, not about the mean of each prior: the differences between priors count, too.
+        # Second moment about the estimate, not about the mean of each prior: the differences
+        # between priors count, too.
         moments.append(turn @ judged.posterior.covariance @ turn.T + np.outer(off, off))
     # The maximum is subtracted to avoid an underflow.
     weights = np.exp(np.array(logs) - max(logs))
@@ -341,7 +458,9 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
 
 
 def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
-    """Covariance (p, p) from the change of the estimate when each condition in turn is left out (Efron, SIAM 1982)."""
+    """Covariance (p, p) from the change of the estimate when each condition in turn is left out
+    (Efron, SIAM 1982).
+    """
     rows, whitening = found.dataset.rows, law.marginal.whitening
     linear, out = law.fitted.linear(rows.measured), _list_held_out(found)
     both = np.column_stack([linear.jacobian, linear.target])
@@ -356,16 +475,25 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
     return np.asarray((len(out) - 1.0) / len(out) * apart.T @ apart)
 
 
-def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]) -> tuple[Floats, Floats] | None:
-    """The law plus that of the model at the place, and its standard deviations, (k,) each; None where the model has none.
+def _whole(
+    found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]
+) -> tuple[Floats, Floats] | None:
+    """The law plus that of the model at the place, and its standard deviations, (k,) each; None
+    where the model has none.
 
-    Both parts move with the nuisance parameters, so the uncertainty of the sum is propagated from all unknowns.
-    """
+    Both parts move with the nuisance parameters, so the uncertainty of the sum is propagated from
+    all unknowns."""
     coordinates = law.fitted.coordinates
     term, part = _term_of(law.fitted)
 
     def at(x: Floats) -> Floats | None:
-        own = compute_nominal_law(found.dataset, coordinates.supposed(x), term.argument.place, term.argument.name, np.array(term.knots))
+        own = compute_nominal_law(
+            found.dataset,
+            coordinates.supposed(x),
+            term.argument.place,
+            term.argument.name,
+            np.array(term.knots),
+        )
         return None if own is None else add_own_law(term.argument.place, own, x[part])
 
     estimate = _estimate(law)
@@ -384,13 +512,23 @@ def _list_held_out(found: ModelSelectionResult) -> list[int]:
 
 
 def _compute_held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
-    """Sum of squares relative to noise and the usual model error, each condition predicted from the others."""
+    """Sum of squares relative to noise and the usual model error, each condition predicted from
+    the others.
+    """
     rows, out = found.dataset.rows, _list_held_out(found)
-    residual = loo_residuals(hypothesis.fitted.linear(rows.measured), found.likelihood.usual, rows.condition, out)
+    residual = loo_residuals(
+        hypothesis.fitted.linear(rows.measured), found.likelihood.usual, rows.condition, out
+    )
     return float((residual**2 / found.likelihood.usual.variance()).sum())
 
 
 def _compute_held_out_log_density(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
-    """Log predictive density of all conditions, each predicted from the others, at the discrepancy scale of this hypothesis."""
+    """Log predictive density of all conditions, each predicted from the others, at the
+    discrepancy scale of this hypothesis.
+    """
     rows, linear = found.dataset.rows, hypothesis.fitted.linear(found.dataset.rows.measured)
-    return float(loo_log_densities(linear, found.likelihood.level(linear), rows.condition, _list_held_out(found)).sum())
+    return float(
+        loo_log_densities(
+            linear, found.likelihood.level(linear), rows.condition, _list_held_out(found)
+        ).sum()
+    )

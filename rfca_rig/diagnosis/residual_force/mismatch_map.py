@@ -1,10 +1,10 @@
 """Where model and recordings differ, before any cause is considered.
 
-The residual of the nominal model is compared with noise, scatter between strokes, a usual model error, and what the prior standard
-deviations of the nuisance parameters allow. The tests are hierarchical (Meinshausen, Biometrika 95 (2008) 265). First, each signal in
-each phase is tested by a chi-square over all conditions. Then the conditions of each one that is significant are tested. Both levels are
-corrected for the number of tests (Holm, Scand. J. Statist. 6 (1979) 65).
-"""
+The residual of the nominal model is compared with noise, scatter between strokes, a usual model
+error, and what the prior standard deviations of the nuisance parameters allow. The tests are
+hierarchical (Meinshausen, Biometrika 95 (2008) 265). First, each signal in each phase is tested by
+a chi-square over all conditions. Then the conditions of each one that is significant are tested.
+Both levels are corrected for the number of tests (Holm, Scand. J. Statist. 6 (1979) 65)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,11 @@ from scipy.special import chdtrc
 from rfca_rig.diagnosis.data import Observations, unit_of
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.likelihood.covariance import make_whitening
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, MarginalLikelihood, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
+    LinearModel,
+    MarginalLikelihood,
+    laplace_posterior,
+)
 from rfca_rig.diagnosis.result import Located, MapCell
 
 Floats = NDArray[np.float64]
@@ -22,7 +26,9 @@ Floats = NDArray[np.float64]
 CHANCE = 0.01  # family-wise
 
 
-def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelihood) -> tuple[tuple[MapCell, ...], tuple[Located, ...]]:
+def locate_mismatch(
+    rows: Observations, fit: MapFit, likelihood: MarginalLikelihood
+) -> tuple[tuple[MapCell, ...], tuple[Located, ...]]:
     """The whole map, and the places where the difference is significant, worst first.
 
     Parameters
@@ -41,7 +47,11 @@ def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelih
     cells = [(_describe_cell(rows, residual, covariance, of), of) for of in _cells(rows)]
     for cell, of in cells:
         places.setdefault((cell.signal, cell.experiment, cell.phase), []).append(of)
-    chances = _holm(np.array([_chance(residual, covariance, np.concatenate(parts)) for parts in places.values()]))
+    chances = _holm(
+        np.array(
+            [_chance(residual, covariance, np.concatenate(parts)) for parts in places.values()]
+        )
+    )
     found = [
         _locate(rows, residual, covariance, parts, float(chance))
         for parts, chance in zip(places.values(), chances, strict=True)
@@ -51,17 +61,20 @@ def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelih
 
 
 def lone_channel(rows: Observations, nothing: MapFit, likelihood: MarginalLikelihood) -> str | None:
-    """The only signal without which nothing is missing; None where other signals differ as well, or none does.
+    """The only signal without which nothing is missing; None where other signals differ as well, or
+    none does.
 
-    A faulty sensor changes only its own channel and leaves the motion unchanged. A force on the leg shows in all channels.
-    """
+    A faulty sensor changes only its own channel and leaves the motion unchanged. A force on the leg
+    shows in all channels."""
     covariance = likelihood.usual.covariance()
     linear = nothing.linear(rows.measured)
     everything = np.ones(len(rows.measured), dtype=bool)
     if _misfit(linear, covariance, everything) < DEPARTS:
         return None
     signals = [name for name in np.unique(rows.signal) if not str(name).startswith("hinge")]
-    alone = [str(name) for name in signals if _misfit(linear, covariance, rows.signal != name) < AGREES]
+    alone = [
+        str(name) for name in signals if _misfit(linear, covariance, rows.signal != name) < AGREES
+    ]
     return alone[0] if len(alone) == 1 else None
 
 
@@ -78,15 +91,26 @@ def _cells(rows: Observations) -> list[NDArray[np.intp]]:
     return [np.flatnonzero((keys == key[:, None]).all(axis=0)) for key in np.unique(keys, axis=1).T]
 
 
-def _describe_cell(rows: Observations, apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> MapCell:
+def _describe_cell(
+    rows: Observations, apart: Floats, covariance: Floats, of: NDArray[np.intp]
+) -> MapCell:
     label, part = rows.labels[rows.label[of[0]]], apart[of]
     sigmas = float(np.sqrt(np.mean(part**2 / np.diag(covariance)[of])))
-    return MapCell(label.signal, label.experiment, str(rows.phase[of[0]]), label.condition, float(np.sqrt(np.mean(part**2))), sigmas)
+    return MapCell(
+        label.signal,
+        label.experiment,
+        str(rows.phase[of[0]]),
+        label.condition,
+        float(np.sqrt(np.mean(part**2))),
+        sigmas,
+    )
 
 
 def _chance(apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> float:
     """Probability of a chi-square as large as that of these rows if nothing is missing."""
-    return float(chdtrc(len(of), apart[of] @ cho_solve(cho_factor(covariance[np.ix_(of, of)]), apart[of])))
+    return float(
+        chdtrc(len(of), apart[of] @ cho_solve(cho_factor(covariance[np.ix_(of, of)]), apart[of]))
+    )
 
 
 def _holm(p_values: Floats) -> Floats:
@@ -99,8 +123,16 @@ def _holm(p_values: Floats) -> Floats:
     return corrected
 
 
-def _locate(rows: Observations, apart: Floats, covariance: Floats, parts: list[NDArray[np.intp]], chance: float) -> Located:
-    """The statement about one signal in one phase: the conditions that are significant alone, or all of them where none is."""
+def _locate(
+    rows: Observations,
+    apart: Floats,
+    covariance: Floats,
+    parts: list[NDArray[np.intp]],
+    chance: float,
+) -> Located:
+    """The statement about one signal in one phase: the conditions that are significant alone, or
+    all of them where none is.
+    """
     each = _holm(np.array([_chance(apart, covariance, of) for of in parts]))
     shown = [of for of, p_value in zip(parts, each, strict=True) if p_value < CHANCE] or parts
     cells = [_describe_cell(rows, apart, covariance, of) for of in shown]

@@ -1,12 +1,14 @@
-"""A short formula for the force at a place: at most three terms of a small library, the same for every choice of conditions.
+"""A short formula for the force at a place: at most three terms of a small library, the same for
+every choice of conditions.
 
-Terms are not fitted to the estimated force, which is smoothed and noisy, but to the rows: each term has its response there. They are added
-one by one as long as the evidence grows by more than the choice costs. This is repeated without each condition in turn. A term is used if
-four of five of these fits choose it (stability selection: Meinshausen and Buehlmann, J. R. Statist. Soc. B 72 (2010) 417).
+Terms are not fitted to the estimated force, which is smoothed and noisy, but to the rows: each term
+has its response there. They are added one by one as long as the evidence grows by more than the
+choice costs. This is repeated without each condition in turn. A term is used if four of five of
+these fits choose it (stability selection: Meinshausen and Buehlmann, J. R. Statist. Soc. B 72
+(2010) 417).
 
-The terms are plain functions of what the motion offers, with units. The course of a term comes from the simulated motion, which has no
-noise, never from a differentiated recording.
-"""
+The terms are plain functions of what the motion offers, with units. The course of a term comes from
+the simulated motion, which has no noise, never from a differentiated recording."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,7 +19,12 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening
-from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, try_stroke
+from rfca_rig.diagnosis.residual_force.force_inputs import (
+    CHANNELS,
+    ForceInput,
+    NominalCondition,
+    try_stroke,
+)
 from rfca_rig.diagnosis.residual_force.force_localization import (
     ForceScene,
     NormalEquations,
@@ -39,17 +46,28 @@ MAX_TERMS = 3
 SELECTED_SHARE = 0.8
 
 # Terms of the hinges that are simulated as a law; the order is that of the parameters of `series`.
-SERIES = ("1", "angle", "|angle|", "angle^3", "sign(rate)", "rate", "rate |rate|", "|angle| sign(rate)")
-SURE_OF_SIGN_RAD_S = 0.05  # the sign of a rate fades below, or no step of the integrator would converge
+SERIES = (
+    "1",
+    "angle",
+    "|angle|",
+    "angle^3",
+    "sign(rate)",
+    "rate",
+    "rate |rate|",
+    "|angle| sign(rate)",
+)
+SURE_OF_SIGN_RAD_S = (
+    0.05  # the sign of a rate fades below, or no step of the integrator would converge
+)
 
 
 @dataclass(frozen=True)
 class Signals:
     """Quantities that a force can depend on over one stroke of n samples, in SI units.
 
-    `angle_rad` and `rate_rad_s` are (n, hinges), all others (n,). `t_s` counts from the command, `slip_m_s` is the speed of the tip along
-    the floor, `gap_m` its height above it, and `load_N` the force of the floor on all ends.
-    """
+    `angle_rad` and `rate_rad_s` are (n, hinges), all others (n,). `t_s` counts from the command,
+    `slip_m_s` is the speed of the tip along the floor, `gap_m` its height above it, and `load_N`
+    the force of the floor on all ends."""
 
     t_s: Floats
     angle_rad: Floats
@@ -69,7 +87,9 @@ def signals_of(here: NominalCondition) -> Signals:
     stroke, leg = here.stroke, here.supposed.rig.leg
     t_s, q, length = stroke.t_s, stroke.q_rad, np.array(leg.link_lengths_m)
     along = np.cos(q) @ length
-    gap = here.flap.height_m + here.supposed.height_offset_m - leg.link_radius_m - np.sin(q) @ length
+    gap = (
+        here.flap.height_m + here.supposed.height_offset_m - leg.link_radius_m - np.sin(q) @ length
+    )
     return Signals(
         t_s=t_s,
         angle_rad=np.diff(q, axis=1),
@@ -77,7 +97,8 @@ def signals_of(here: NominalCondition) -> Signals:
         shaft_rad=q[:, 0],
         shaft_rad_s=np.gradient(q[:, 0], t_s),
         load_N=stroke.normal_N.sum(axis=1),
-        # The end of the last link is round and rolls, so the contact point moves by its radius per angle.
+        # The end of the last link is round and rolls, so the contact point moves by its radius per
+        # angle.
         slip_m_s=np.gradient(along - leg.link_radius_m * q[:, -1], t_s),
         gap_m=np.maximum(gap, 0.0),
         along_m=along,
@@ -88,7 +109,9 @@ def signals_of(here: NominalCondition) -> Signals:
 
 @dataclass(frozen=True)
 class Term:
-    """`name` as in a formula, `unit` of its value ("" for none), and `course` over one stroke, (n,) or (n, hinges)."""
+    """`name` as in a formula, `unit` of its value ("" for none), and `course` over one stroke,
+    (n,) or (n, hinges).
+    """
 
     name: str
     unit: str
@@ -100,7 +123,10 @@ def _sign(x: Floats) -> Floats:
     return np.asarray(np.tanh(x / (STILL * np.abs(x).max() + 1e-12)))
 
 
-_ALWAYS = (Term("1", "", lambda s: np.ones_like(s.t_s)), Term("t", "s", lambda s: np.maximum(s.t_s, 0.0)))
+_ALWAYS = (
+    Term("1", "", lambda s: np.ones_like(s.t_s)),
+    Term("t", "s", lambda s: np.maximum(s.t_s, 0.0)),
+)
 
 
 _HINGE = (
@@ -140,7 +166,8 @@ _FLOOR = (
 )
 
 
-# Laws of an angle between shaft and leg. A constant one is a wrong start angle, which is a nuisance parameter already.
+# Laws of an angle between shaft and leg. A constant one is a wrong start angle, which is a nuisance
+# parameter already.
 _TWIST = (
     *_ALWAYS[1:],
     Term("shaft torque", "N m", lambda s: s.torque_Nm),
@@ -167,7 +194,11 @@ def _reading(signal: str) -> tuple[Term, ...]:
     unit = {"N": "N", "Nm": "N m"}[signal.rsplit("_", 1)[1]]
     return (
         Term("reading", unit, lambda s: s.channels[signal]),
-        Term("reading |reading|", f"({unit})^2", lambda s: s.channels[signal] * np.abs(s.channels[signal])),
+        Term(
+            "reading |reading|",
+            f"({unit})^2",
+            lambda s: s.channels[signal] * np.abs(s.channels[signal]),
+        ),
         Term("reading^3", f"({unit})^3", lambda s: s.channels[signal] ** 3),
     )
 
@@ -205,8 +236,8 @@ class SparseLaw:
 class _Library:
     """Terms of a place.
 
-    `responses` (m, k) are for terms of plausible rms size. `per` (k,) is the force, in the unit of the place, per unit of each term.
-    """
+    `responses` (m, k) are for terms of plausible rms size. `per` (k,) is the force, in the unit of
+    the place, per unit of each term."""
 
     place: ForceInput
     terms: tuple[Term, ...]
@@ -214,7 +245,9 @@ class _Library:
     per: Floats
 
 
-def sparse_laws(scene: ForceScene, places: Sequence[tuple[ForceInput, Sequence[Floats]]]) -> list[SparseLaw]:
+def sparse_laws(
+    scene: ForceScene, places: Sequence[tuple[ForceInput, Sequence[Floats]]]
+) -> list[SparseLaw]:
     """The law at each place, at its most probable model error.
 
     Parameters
@@ -227,9 +260,14 @@ def sparse_laws(scene: ForceScene, places: Sequence[tuple[ForceInput, Sequence[F
     libraries = [_library(scene, place, blocks) for place, blocks in places]
     found = [SparseLaw()] * len(libraries)
     for whitening in scene.whitenings:
-        laws = [_law(scene, library, whitening, _votes(scene, library, whitening)) for library in libraries]
+        laws = [
+            _law(scene, library, whitening, _votes(scene, library, whitening))
+            for library in libraries
+        ]
         # Each place is judged at the discrepancy scale that suits it best.
-        found = [max(pair, key=lambda law: law.log_evidence) for pair in zip(found, laws, strict=True)]
+        found = [
+            max(pair, key=lambda law: law.log_evidence) for pair in zip(found, laws, strict=True)
+        ]
     return found
 
 
@@ -237,17 +275,34 @@ def _library(scene: ForceScene, place: ForceInput, blocks: Sequence[Floats]) -> 
     terms = library_of(place.id)
     signals = [signals_of(here) for here in scene.conditions]
     courses = [[term.course(one) for term in terms] for one in signals]
-    per = place.size / np.array([_rms([course[k] for course in courses]) for k in range(len(terms))])
+    per = place.size / np.array(
+        [_rms([course[k] for course in courses]) for k in range(len(terms))]
+    )
     each = zip(scene.conditions, blocks, courses, strict=True)
-    jobs = [(here, place, block, *one) for here, block, course in each for one in zip(terms, course, per, strict=True)]
+    jobs = [
+        (here, place, block, *one)
+        for here, block, course in each
+        for one in zip(terms, course, per, strict=True)
+    ]
     columns = map_in_processes(lambda job: _response(*job), jobs)
     count = len(terms)
-    return _Library(place, terms, _stack(scene, [columns[i : i + count] for i in range(0, len(columns), count)]), per)
+    return _Library(
+        place,
+        terms,
+        _stack(scene, [columns[i : i + count] for i in range(0, len(columns), count)]),
+        per,
+    )
 
 
-def _law(scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening, votes: Floats) -> SparseLaw:
+def _law(
+    scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening, votes: Floats
+) -> SparseLaw:
     # The votes are sums of fractions, hence the tolerance.
-    kept = [int(k) for k in np.argsort(-votes, kind="stable")[:MAX_TERMS] if votes[k] >= SELECTED_SHARE - 1e-9]
+    kept = [
+        int(k)
+        for k in np.argsort(-votes, kind="stable")[:MAX_TERMS]
+        if votes[k] >= SELECTED_SHARE - 1e-9
+    ]
     if not kept:
         return SparseLaw()
     system = make_normal_equations(scene, whitening, library.responses)
@@ -255,7 +310,13 @@ def _law(scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening, 
     x, z, covariance = system.solve(root)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     terms = tuple(
-        FoundTerm(library.terms[k].name, float(z[k] * library.per[k]), float(std[k] * library.per[k]), _unit(library, k)) for k in kept
+        FoundTerm(
+            library.terms[k].name,
+            float(z[k] * library.per[k]),
+            float(std[k] * library.per[k]),
+            _unit(library, k),
+        )
+        for k in kept
     )
     left, before = (
         misfit_by_channel(scene, x, library.responses @ z),
@@ -263,7 +324,11 @@ def _law(scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening, 
     )
     # The evidence pays for the choice among the scales, and below for the choice of each term.
     gained = system.log_evidence(root) - float(np.log(len(scene.whitenings))) - scene.without
-    return SparseLaw(terms, gained - len(kept) * float(np.log(len(library.terms))), 1.0 - sum(left.values()) / sum(before.values()))
+    return SparseLaw(
+        terms,
+        gained - len(kept) * float(np.log(len(library.terms))),
+        1.0 - sum(left.values()) / sum(before.values()),
+    )
 
 
 def _votes(scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening) -> Floats:
@@ -286,7 +351,11 @@ def _greedy(system: NormalEquations, count: int) -> list[int]:
     chosen: list[int] = []
     best = system.log_evidence(_select_columns(count, []))
     for _ in range(MAX_TERMS):
-        logs = {k: system.log_evidence(_select_columns(count, [*chosen, k])) for k in range(count) if k not in chosen}
+        logs = {
+            k: system.log_evidence(_select_columns(count, [*chosen, k]))
+            for k in range(count)
+            if k not in chosen
+        }
         k = max(logs, key=lambda one: logs[one])
         # A further term must gain a clear evidence, and pay for having been chosen out of `count`.
         if logs[k] < best + AS_GOOD_LOG_ODDS + np.log(count):
@@ -299,12 +368,13 @@ def _select_columns(count: int, kept: Sequence[int]) -> Floats:
     return np.eye(count)[:, list(kept)]
 
 
-def _response(here: NominalCondition, place: ForceInput, block: Floats, term: Term, course: Floats, per: float) -> Floats:
+def _response(
+    here: NominalCondition, place: ForceInput, block: Floats, term: Term, course: Floats, per: float
+) -> Floats:
     """Response (m,) of the rows of one condition to a term of this course and size.
 
-    A law of the hinges is simulated. An addition to a channel is direct. Others are superposed from bumps. `course` is (n,), or (n, hinges)
-    with one course per hinge.
-    """
+    A law of the hinges is simulated. An addition to a channel is direct. Others are superposed from
+    bumps. `course` is (n,), or (n, hinges) with one course per hinge."""
     if place.id.startswith("hinge") and term.name in SERIES:
         change = series_in(place, term.name, TRIED * per)
         return here.change_to(try_stroke(here, here.supposed, (change,)), TRIED)
@@ -319,7 +389,9 @@ def _response(here: NominalCondition, place: ForceInput, block: Floats, term: Te
 
 
 def _rms(courses: Sequence[Floats]) -> float:
-    return max(float(np.sqrt(np.mean(np.concatenate([course.ravel() for course in courses]) ** 2))), 1e-12)
+    return max(
+        float(np.sqrt(np.mean(np.concatenate([course.ravel() for course in courses]) ** 2))), 1e-12
+    )
 
 
 def _unit(library: _Library, k: int) -> str:
@@ -340,11 +412,28 @@ def series(  # a law takes what its place offers, needed or not
     sign = np.tanh(rate / SURE_OF_SIGN_RAD_S)
     turn = (1.0 - sign * sign) / SURE_OF_SIGN_RAD_S
     side = 1.0 if phi >= 0.0 else -1.0
-    even = parameter[0] + parameter[1] * phi + parameter[2] * abs(phi) + parameter[3] * phi * phi * phi
-    odd = parameter[4] * sign + parameter[5] * rate + parameter[6] * rate * abs(rate) + parameter[7] * abs(phi) * sign
+    even = (
+        parameter[0] + parameter[1] * phi + parameter[2] * abs(phi) + parameter[3] * phi * phi * phi
+    )
+    odd = (
+        parameter[4] * sign
+        + parameter[5] * rate
+        + parameter[6] * rate * abs(rate)
+        + parameter[7] * abs(phi) * sign
+    )
     # Derivatives by angle and rate, which every law of a hinge returns.
-    by_angle = parameter[1] + parameter[2] * side + 3.0 * parameter[3] * phi * phi + parameter[7] * side * sign
-    by_rate = parameter[4] * turn + parameter[5] + 2.0 * parameter[6] * abs(rate) + parameter[7] * abs(phi) * turn
+    by_angle = (
+        parameter[1]
+        + parameter[2] * side
+        + 3.0 * parameter[3] * phi * phi
+        + parameter[7] * side * sign
+    )
+    by_rate = (
+        parameter[4] * turn
+        + parameter[5]
+        + 2.0 * parameter[6] * abs(rate)
+        + parameter[7] * abs(phi) * turn
+    )
     return even + odd, by_angle, by_rate
 
 

@@ -1,8 +1,8 @@
 """A stroke under a force that follows no law: any course over time, superposed from short bumps.
 
-A bump is a cubic B-spline. The bumps of one stroke are `spacing_s` apart from its beginning to its end and add up to one. So their sizes
-are the force itself, smoothed. The first bump also acts before the start, where the leg rests under it.
-"""
+A bump is a cubic B-spline. The bumps of one stroke are `spacing_s` apart from its beginning to its
+end and add up to one. So their sizes are the force itself, smoothed. The first bump also acts
+before the start, where the leg rests under it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -46,9 +46,12 @@ class SplineBasis:
         """All bumps of size 1 at times (n,), as columns (n, count)."""
         x = (t_s[:, None] - self.centres_s) / self.spacing_s
         found = _bump(x)
-        # The first bump stands for all bumps before it as well, so that the sum stays one up to the start.
+        # The first bump stands for all bumps before it as well, so that the sum stays one up to the
+        # start.
         first = x[:, 0]
-        found[:, 0] = np.where(first < -1.0, 1.0, _bump(first) + _bump(first + 1.0) + _bump(first + 2.0))
+        found[:, 0] = np.where(
+            first < -1.0, 1.0, _bump(first) + _bump(first + 1.0) + _bump(first + 2.0)
+        )
         return found
 
 
@@ -60,9 +63,13 @@ def make_basis(flap: DynamicCondition) -> SplineBasis:
 
 
 def _bump(x: Floats) -> Floats:
-    """Cubic B-spline at distances x (in spacings) from its centre, of the shape of x; zero beyond 2."""
+    """Cubic B-spline at distances x (in spacings) from its centre, of the shape of x; zero
+    beyond 2.
+    """
     y = np.abs(x)
-    return np.where(y < 1.0, 2.0 / 3.0 - y * y * (1.0 - 0.5 * y), np.maximum(2.0 - y, 0.0) ** 3 / 6.0)
+    return np.where(
+        y < 1.0, 2.0 / 3.0 - y * y * (1.0 - 0.5 * y), np.maximum(2.0 - y, 0.0) ** 3 / 6.0
+    )
 
 
 def torque(  # a law takes what its place offers, needed or not
@@ -89,7 +96,15 @@ def torque(  # a law takes what its place offers, needed or not
     return weight * parameter[SIZE], 0.0, 0.0
 
 
-def advance_time(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:  # noqa: ARG001
+def advance_time(
+    phi: float,  # noqa: ARG001
+    rate: float,  # noqa: ARG001
+    elapsed: float,
+    k0: float,  # noqa: ARG001
+    k2: float,  # noqa: ARG001
+    memory: Any,
+    parameter: Any,  # noqa: ARG001
+) -> None:
     """Advance the time of a law by an accepted step."""
     memory[0] += elapsed if elapsed < AT_REST_S else 0.0
 
@@ -98,13 +113,21 @@ def bump_in_hinge(bumps: SplineBasis, number: int, size_Nm: float, hinge: int) -
     """Bump `number`, from 0, of a torque that resists the turn of a hinge; hinges count from 1."""
 
     def change(setup: Setup) -> Setup:
-        row = (setup.begins_s, float(bumps.centres_s[number]), bumps.spacing_s, float(number == 0), size_Nm)
+        row = (
+            setup.begins_s,
+            float(bumps.centres_s[number]),
+            bumps.spacing_s,
+            float(number == 0),
+            size_Nm,
+        )
         return with_law(setup, LawUse(HINGE, torque, row, advance_time, hinge))
 
     return change
 
 
-def bump_in_turn(motion: ShaftMotion, bumps: SplineBasis, number: int, size_rad: float) -> ShaftMotion:
+def bump_in_turn(
+    motion: ShaftMotion, bumps: SplineBasis, number: int, size_rad: float
+) -> ShaftMotion:
     """The motion with bump `number`, which must not be the first, added to the angle."""
     h, centre = bumps.spacing_s, float(bumps.centres_s[number])
     corners = centre + h * np.arange(-2.0, 3.0)
@@ -112,21 +135,34 @@ def bump_in_turn(motion: ShaftMotion, bumps: SplineBasis, number: int, size_rad:
     # Breaks that coincide up to rounding would give pieces of zero length.
     breaks = breaks[np.append(True, np.diff(breaks) > 1e-9)]
     own = np.array([_at(motion, begin) for begin in breaks[:-1]])
-    added = np.array([_bump_piece((begin - centre) / h) for begin in breaks[:-1]]) / h ** np.arange(4)
+    added = np.array([_bump_piece((begin - centre) / h) for begin in breaks[:-1]]) / h ** np.arange(
+        4
+    )
     return ShaftMotion(breaks, own + size_rad * added, motion.landings_s)
 
 
 def _at(motion: ShaftMotion, t: float) -> Floats:
     """Coefficients (4,) of the cubic that begins at t."""
-    i = int(np.clip(np.searchsorted(motion.breaks_s, t + 1e-12, side="right") - 1, 0, len(motion.coefficients) - 1))
+    i = int(
+        np.clip(
+            np.searchsorted(motion.breaks_s, t + 1e-12, side="right") - 1,
+            0,
+            len(motion.coefficients) - 1,
+        )
+    )
     a, b, c, d = motion.coefficients[i]
     x = t - motion.breaks_s[i]
-    return np.array([a + x * (b + x * (c + x * d)), b + x * (2.0 * c + 3.0 * d * x), c + 3.0 * d * x, d])
+    return np.array(
+        [a + x * (b + x * (c + x * d)), b + x * (2.0 * c + 3.0 * d * x), c + 3.0 * d * x, d]
+    )
 
 
 def _bump_piece(x: float) -> Floats:
-    """Coefficients (4,) of the cubic of the bump from x on, in powers of the distance from there."""
-    # x lies on the edge of a piece up to rounding; the small shift selects the piece that begins there.
+    """Coefficients (4,) of the cubic of the bump from x on, in powers of the distance from
+    there.
+    """
+    # x lies on the edge of a piece up to rounding; the small shift selects the piece that begins
+    # there.
     y = x + 1e-6
     if not -2.0 < y < 2.0:
         return np.zeros(4)
@@ -139,14 +175,19 @@ def _bump_piece(x: float) -> Floats:
 
 
 def simulate_forced_stroke(
-    flap: DynamicCondition, supposed: ModelPoint, changes: tuple[Change, ...], motion: ShaftMotion | None = None
+    flap: DynamicCondition,
+    supposed: ModelPoint,
+    changes: tuple[Change, ...],
+    motion: ShaftMotion | None = None,
 ) -> SimulatedStroke:
     """The stroke of the condition with changes of its setup, along `motion` if one is given.
 
     Raises SimulationFailed where the integrator cannot go on.
     """
     own_motion = flap.turn.motion(supposed, float(flap.t_s[-1])) if motion is None else motion
-    setup = set_up(supposed.rig, flap.height_m + supposed.height_offset_m, own_motion, flap.strokes_before)
+    setup = set_up(
+        supposed.rig, flap.height_m + supposed.height_offset_m, own_motion, flap.strokes_before
+    )
     for change in changes:
         setup = change(setup)
     return simulate_setup(setup, flap.t_s, STROKE_TOLERANCE)

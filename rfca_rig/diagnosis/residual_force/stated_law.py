@@ -1,4 +1,6 @@
-"""The law at a place as the recordings show it, beside the law that the catalogue has there as a function of the same argument."""
+"""The law at a place as the recordings show it, beside the law that the catalogue has there as a
+function of the same argument.
+"""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -28,7 +30,8 @@ OF_LEG = ("hinges", "floor_friction", "floor_normal", "fy_N", "fz_N", "tx_Nm")
 OF_PENDULUM = ("joints", "joint1", "joint2")
 CURVE_POINTS = 200
 
-# Families whose members are a law at the place: beside one of them the residual force there would be what that law leaves.
+# Families whose members are a law at the place: beside one of them the residual force there would
+# be what that law leaves.
 FAMILIES_AT = {
     "hinges": ("hinge_dissipation", "spring_memory", "hinge_stiffness"),
     "floor_friction": ("floor_friction",),
@@ -38,7 +41,9 @@ FAMILIES_AT = {
 }
 
 
-def catalogue_curve(rig: RigModel, present: PresentEffect, place: str, argument: str, u: Floats) -> Floats | None:
+def catalogue_curve(
+    rig: RigModel, present: PresentEffect, place: str, argument: str, u: Floats
+) -> Floats | None:
     """What the effect adds to the law of the model at this place.
 
     Parameters
@@ -54,7 +59,8 @@ def catalogue_curve(rig: RigModel, present: PresentEffect, place: str, argument:
 
     Returns
     -------
-    (k,) in the unit of a tabulated law there, or None where the effect does nothing at this place by this argument.
+    (k,) in the unit of a tabulated law there, or None where the effect does nothing at this place
+    by this argument.
 
     Raises
     ------
@@ -62,7 +68,9 @@ def catalogue_curve(rig: RigModel, present: PresentEffect, place: str, argument:
         For an effect that is not in the catalogue.
     """
     motion = ramp_to_speed(0.0, 1.0, 0.05, 1.0)
-    plain, having = (set_up(replace(rig, effects=effects), ANYWHERE_M, motion) for effects in ((), (present,)))
+    plain, having = (
+        set_up(replace(rig, effects=effects), ANYWHERE_M, motion) for effects in ((), (present,))
+    )
     if place.startswith(("hinge", "joint")):
         found = _in_hinges(plain, having, argument, u)
     elif place == "floor_friction":
@@ -71,7 +79,9 @@ def catalogue_curve(rig: RigModel, present: PresentEffect, place: str, argument:
         found = np.prod([*laws, np.ones_like(u)], axis=0) - 1.0
     elif place == "floor_normal":
         stiffer = having.rig.ground.stiffness_N_per_m1p5 - plain.rig.ground.stiffness_N_per_m1p5
-        found = stiffer * np.maximum(u, 0.0) ** 1.5 + sum(_values(use, u, 0.0) for use in having.laws if use.place == NORMAL)
+        found = stiffer * np.maximum(u, 0.0) ** 1.5 + sum(
+            _values(use, u, 0.0) for use in having.laws if use.place == NORMAL
+        )
     else:
         found = _read(having, place, argument, u)
     return found if np.any(found) else None
@@ -85,9 +95,13 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
     before, after = plain.rig.leg, having.rig.leg
     if argument == "rate_rad_s":
         slides = sum(
-            _sliding(use, u) for use in having.laws if use.law in (hinge_friction.dry_friction_torque, joints.joint_stribeck_torque)
+            _sliding(use, u)
+            for use in having.laws
+            if use.law in (hinge_friction.dry_friction_torque, joints.joint_stribeck_torque)
         )
-        return np.asarray((after.hinge_damping_Nm_s_per_rad - before.hinge_damping_Nm_s_per_rad) * u + slides)
+        return np.asarray(
+            (after.hinge_damping_Nm_s_per_rad - before.hinge_damping_Nm_s_per_rad) * u + slides
+        )
     if argument != "angle_rad":
         return np.zeros_like(u)
     own = [bending_torque_Nm(leg, u) for leg in (before, after)]
@@ -100,8 +114,15 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
 
 
 def _sliding(use: LawUse, u: Floats) -> Floats:
-    """Dry friction at steady rates (k,): the anchor of its stick spring is far behind, so the joint slides."""
-    return np.array([use.law(0.0, rate, 0.0, 0.0, 0.0, [-FAR_BEHIND_RAD * np.sign(rate)], use.parameters)[0] for rate in u.tolist()])
+    """Dry friction at steady rates (k,): the anchor of its stick spring is far behind, so the
+    joint slides.
+    """
+    return np.array(
+        [
+            use.law(0.0, rate, 0.0, 0.0, 0.0, [-FAR_BEHIND_RAD * np.sign(rate)], use.parameters)[0]
+            for rate in u.tolist()
+        ]
+    )
 
 
 def _values(use: LawUse, u: Floats, *others: float) -> Floats:
@@ -123,11 +144,16 @@ def _read(having: Setup, place: str, argument: str, u: Floats) -> Floats:
 def check_place(place: str, known: Collection[str]) -> None:
     """Raise BadInput for a place where no law can be measured on this kind of rig."""
     if place not in known:
-        raise BadInput(f"--law {place}: no law can be measured there; name one of {', '.join(known)}")
+        raise BadInput(
+            f"--law {place}: no law can be measured there; name one of {', '.join(known)}"
+        )
 
 
-def measure_stated_law(found: ModelSelectionResult, hypothesis: Hypothesis, place: str) -> StatedLaw:
-    """Measure the law at a place beside the rest of a hypothesis. Its effects that act there are left out.
+def measure_stated_law(
+    found: ModelSelectionResult, hypothesis: Hypothesis, place: str
+) -> StatedLaw:
+    """Measure the law at a place beside the rest of a hypothesis. Its effects that act there are
+    left out.
 
     Parameters
     ----------
@@ -150,21 +176,33 @@ def measure_stated_law(found: ModelSelectionResult, hypothesis: Hypothesis, plac
     base = hypothesis
     for number in numbers:
         base = base_without(found, base, hypothesis.ids[number])
-    of_acting = [index for number in numbers for index in range(coordinates.size)[coordinates.part(number)]]
+    of_acting = [
+        index for number in numbers for index in range(coordinates.size)[coordinates.part(number)]
+    ]
     rig = coordinates.supposed(mean).rig
-    acting = {hypothesis.ids[number]: coordinates.choices[number].present(mean[coordinates.part(number)]) for number in numbers}
+    acting = {
+        hypothesis.ids[number]: coordinates.choices[number].present(mean[coordinates.part(number)])
+        for number in numbers
+    }
 
     def curves(argument: str, u: Floats) -> dict[str, Floats]:
-        found_curves = {name: catalogue_curve(rig, present, place, argument, u) for name, present in acting.items()}
+        found_curves = {
+            name: catalogue_curve(rig, present, place, argument, u)
+            for name, present in acting.items()
+        }
         return {name: curve for name, curve in found_curves.items() if curve is not None}
 
     def values(argument: str, u: Floats) -> Floats | None:
         return np.asarray(sum(known)) if (known := list(curves(argument, u).values())) else None
 
     # The fitted law of the catalogue is a good start, but only one of several.
-    law = measure_law(found, place, base, start=LawStart(np.delete(mean, of_acting), values) if acting else None)
+    law = measure_law(
+        found, place, base, start=LawStart(np.delete(mean, of_acting), values) if acting else None
+    )
     u = np.linspace(*law.visited, CURVE_POINTS)
-    drawn = next((CatalogueCurve(name, u, curve) for name, curve in curves(law.argument, u).items()), None)
+    drawn = next(
+        (CatalogueCurve(name, u, curve) for name, curve in curves(law.argument, u).items()), None
+    )
     return StatedLaw(law, tuple(acting), drawn)
 
 

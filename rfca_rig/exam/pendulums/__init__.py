@@ -1,1 +1,3 @@
-"""Cases of the exam on pendulums: `cases` draws them, `world` simulates them, `campaign` writes them with their truth."""
+"""Cases of the exam on pendulums: `cases` draws them, `world` simulates them, `campaign` writes
+them with their truth.
+"""

@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.pendulums.cases import KNOWN_TO, PendulumCase, damping_std, offset_std, swing_rad_s, torque_scale_Nm
+from rfca_rig.exam.pendulums.cases import (
+    KNOWN_TO,
+    PendulumCase,
+    damping_std,
+    offset_std,
+    swing_rad_s,
+    torque_scale_Nm,
+)
 from rfca_rig.exam.pendulums.world import PendulumTrace, PendulumWorld, Tones, swing
 from rfca_rig.exam.truth import FORMAT
 
@@ -25,25 +32,47 @@ MODEL_ERROR = 0.01
 
 
 def write_pendulum_campaign(case: PendulumCase, folder: Path) -> None:
-    """Write the case's campaign into `folder`, which is created; nothing in it reveals the hidden effects."""
+    """Write the case's campaign into `folder`, which is created; nothing in it reveals the
+    hidden effects.
+    """
     (folder / "runs").mkdir(parents=True)
     joints, random = case.world.joints, np.random.default_rng(case.seed)
-    names = [f"{quantity}{joint}" for quantity in ("angle", "speed", "torque") for joint in range(1, joints + 1)]
+    names = [
+        f"{quantity}{joint}"
+        for quantity in ("angle", "speed", "torque")
+        for joint in range(1, joints + 1)
+    ]
     entries = []
     for number, driven in enumerate(case.driven, start=1):
         trace = run(case, case.concealed, number)
-        angle = trace.angle_rad + case.reading.angle_std_rad * random.standard_normal(trace.angle_rad.shape)
-        speed = trace.speed_rad_s + case.reading.speed_std_rad_s * random.standard_normal(trace.speed_rad_s.shape)
+        angle = trace.angle_rad + case.reading.angle_std_rad * random.standard_normal(
+            trace.angle_rad.shape
+        )
+        speed = trace.speed_rad_s + case.reading.speed_std_rad_s * random.standard_normal(
+            trace.speed_rad_s.shape
+        )
         rows = np.column_stack([trace.t_s, angle, speed, trace.torque_Nm])
         file = f"runs/run-{number}.csv"
-        lines = [",".join(["t", *names]), *(",".join(f"{value:.6f}" for value in row) for row in rows.tolist())]
+        lines = [
+            ",".join(["t", *names]),
+            *(",".join(f"{value:.6f}" for value in row) for row in rows.tolist()),
+        ]
         (folder / file).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        entries.append(f'[[runs]]\nfile = "{file}"\ncondition = "run {number}"\ndriven = {str(driven).lower()}\n')
-    (folder / "pendulum.toml").write_text("\n".join([_head(case.nominal), *entries]), encoding="utf-8")
+        entries.append(
+            f'[[runs]]\nfile = "{file}"\ncondition = "run {number}"\ndriven = '
+            f"{str(driven).lower()}\n"
+        )
+    (folder / "pendulum.toml").write_text(
+        "\n".join([_head(case.nominal), *entries]), encoding="utf-8"
+    )
 
 
 def _head(nominal: PendulumWorld) -> str:
-    known_to = {**KNOWN_TO, "joint_damping_Nm_s_per_rad": damping_std(nominal), "torque_offset_Nm": offset_std(nominal)}
+    known_to = {
+        **KNOWN_TO,
+        "joint_damping_Nm_s_per_rad": damping_std(nominal),
+        "torque_offset_Nm": offset_std(nominal),
+    }
     lines = ['format = "rfca-pendulum/1"', 'title = "A pendulum"', ""]
     for joint in range(nominal.joints):
         lines += [
@@ -55,39 +84,67 @@ def _head(nominal: PendulumWorld) -> str:
             f"joint_damping_Nm_s_per_rad = {nominal.damping_Nm_s_per_rad[joint]:.6e}",
             "",
         ]
-    lines += ["[known_to]", *(f"{key} = {value:.6g}" for key, value in known_to.items()), "", "[columns]", 't_s = "t"']
+    lines += [
+        "[known_to]",
+        *(f"{key} = {value:.6g}" for key, value in known_to.items()),
+        "",
+        "[columns]",
+        't_s = "t"',
+    ]
     for joint in range(1, nominal.joints + 1):
-        lines += [f'angle{joint}_rad = "angle{joint}"', f'speed{joint}_rad_s = "speed{joint}"', f'torque{joint}_Nm = "torque{joint}"']
+        lines += [
+            f'angle{joint}_rad = "angle{joint}"',
+            f'speed{joint}_rad_s = "speed{joint}"',
+            f'torque{joint}_Nm = "torque{joint}"',
+        ]
     return "\n".join([*lines, ""])
 
 
 def run(case: PendulumCase, world: PendulumWorld, number: int) -> PendulumTrace:
-    """Simulate one run of a case in `world`, without reading noise. The same `number` gives the same command and start."""
+    """Simulate one run of a case in `world`, without reading noise. The same `number` gives the
+    same command and start.
+    """
     random = np.random.default_rng([case.seed, 1, number])
     start = np.zeros(2 * world.joints)
     # Released pendulums start from larger angles, since no torque moves them later.
-    start[: world.joints] = random.uniform(-1.0, 1.0, world.joints) * (0.5 if case.driven[number - 1] else 2.0)
+    start[: world.joints] = random.uniform(-1.0, 1.0, world.joints) * (
+        0.5 if case.driven[number - 1] else 2.0
+    )
     t_s = np.arange(0.0, RUN_S, case.reading.sample_s)
     return swing(world, start, _command(case, number), t_s, case.driven[number - 1])
 
 
 def _command(case: PendulumCase, number: int) -> Tones:
-    """Commanded torques, a sum of sines for each joint; those of the second joint are smaller because it carries less."""
+    """Commanded torques, a sum of sines for each joint; those of the second joint are smaller
+    because it carries less.
+    """
     joints, random = case.world.joints, np.random.default_rng([case.seed, 2, number])
-    omega = swing_rad_s(case.world) * np.exp(random.uniform(np.log(0.5), np.log(2.0), (TONES, joints)))
+    omega = swing_rad_s(case.world) * np.exp(
+        random.uniform(np.log(0.5), np.log(2.0), (TONES, joints))
+    )
     phase = random.uniform(0.0, 2.0 * np.pi, (TONES, joints))
-    size = DRIVE_SHARE * torque_scale_Nm(case.world) * random.uniform(0.5, 1.0, (TONES, joints)) * np.array([1.0, 0.3])[:joints]
+    size = (
+        DRIVE_SHARE
+        * torque_scale_Nm(case.world)
+        * random.uniform(0.5, 1.0, (TONES, joints))
+        * np.array([1.0, 0.3])[:joints]
+    )
     return Tones(size, omega, phase)
 
 
 def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
     """The truth of a case as plain data, with the same keys as that of a leg (`truth.truth_of`)."""
     hidden = {**case.effects, **case.strangers}
-    each = {name: _size_of(replace(case, effects={name: values}, strangers={})) for name, values in case.effects.items()}
+    each = {
+        name: _size_of(replace(case, effects={name: values}, strangers={}))
+        for name, values in case.effects.items()
+    }
     if not hidden:
         shift = left = above = 0.0
     else:
-        shift, left, above = next(iter(each.values())) if len(each) == len(hidden) == 1 else _size_of(case)
+        shift, left, above = (
+            next(iter(each.values())) if len(each) == len(hidden) == 1 else _size_of(case)
+        )
     return {
         "format": FORMAT,
         "case": case.id,
@@ -98,7 +155,11 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
         "also_right": [],
         "silence_is_right": False,
         "strength": case.strength,
-        "size": {"shift_over_noise": shift, "left_over_noise": left, "left_over_model_error": above},
+        "size": {
+            "shift_over_noise": shift,
+            "left_over_noise": left,
+            "left_over_model_error": above,
+        },
         "left_of_each": {name: each[name][1] for name in case.effects},
         "above_of_each": {name: each[name][2] for name in case.effects},
         "structured": None,
@@ -112,25 +173,32 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
 
 
 def _size_of(case: PendulumCase) -> tuple[float, float, float]:
-    """Root mean square change by the hidden effects, in the channel that changes most, over short windows from the true state.
+    """Root mean square change by the hidden effects, in the channel that changes most, over short
+    windows from the true state.
 
     Returns
     -------
     shift : float
         In units of a sample's noise.
     left : float
-        The same after nominal values, each with its prior, and the window's start, which is free, have explained what they can
-        (linearised).
+        The same after nominal values, each with its prior, and the window's start, which is free,
+        have explained what they can (linearised).
     above : float
         As `left`, in units of noise and of the change by torques that are wrong by MODEL_ERROR.
     """
     plain = replace(case, effects={}, strangers={}).concealed
     traces = [run(case, case.concealed, number) for number in range(1, len(case.driven) + 1)]
-    starts = [(number, float(t)) for number in range(1, len(case.driven) + 1) for t in np.linspace(0.5, RUN_S - WINDOW_S, WINDOWS)]
+    starts = [
+        (number, float(t))
+        for number in range(1, len(case.driven) + 1)
+        for t in np.linspace(0.5, RUN_S - WINDOW_S, WINDOWS)
+    ]
     noise = np.repeat([case.reading.angle_std_rad, case.reading.speed_std_rad_s], case.world.joints)
 
     def windows(world: PendulumWorld, start_off: Floats | None = None) -> Floats:
-        """Simulated windows (windows, samples, channels) in units of noise, started at the true states plus `start_off` (2 n,)."""
+        """Simulated windows (windows, samples, channels) in units of noise, started at the true
+        states plus `start_off` (2 n,).
+        """
         found = []
         for number, start_s in starts:
             trace = traces[number - 1]
@@ -146,48 +214,71 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
     moves = [windows(moved) - base for moved in _move_each(plain)]
     # A difference of 3 sigma is small for the motion and well above the integrator's tolerance.
     states = [windows(plain, off) - base for off in np.diag(3.0 * noise)]
-    torque = replace(plain, torque_offset_Nm=tuple(MODEL_ERROR * torque_scale_Nm(case.world) for _ in noise))
+    torque = replace(
+        plain, torque_offset_Nm=tuple(MODEL_ERROR * torque_scale_Nm(case.world) for _ in noise)
+    )
     error = np.abs(windows(torque) - base)
     left = _remainder(shift, moves, states, np.ones_like(base))
     return _largest_rms(shift), left, _remainder(shift, moves, states, np.hypot(1.0, error))
 
 
 def _move_each(world: PendulumWorld) -> list[PendulumWorld]:
-    """The rig with one nominal value after the other off by its standard deviation, in all links together.
+    """The rig with one nominal value after the other off by its standard deviation, in all links
+    together.
 
     The inertia follows the mass, and the centre of mass by the parallel axis theorem.
     """
     mass, by = 1.0 + KNOWN_TO["mass_relative"], KNOWN_TO["centre_of_mass_m"]
     return [
-        replace(world, mass_kg=tuple(mass * m for m in world.mass_kg), inertia_kg_m2=tuple(mass * m for m in world.inertia_kg_m2)),
+        replace(
+            world,
+            mass_kg=tuple(mass * m for m in world.mass_kg),
+            inertia_kg_m2=tuple(mass * m for m in world.inertia_kg_m2),
+        ),
         replace(
             world,
             centre_m=tuple(c + by for c in world.centre_m),
             inertia_kg_m2=tuple(
-                i + m * by * (2.0 * c + by) for i, m, c in zip(world.inertia_kg_m2, world.mass_kg, world.centre_m, strict=True)
+                i + m * by * (2.0 * c + by)
+                for i, m, c in zip(world.inertia_kg_m2, world.mass_kg, world.centre_m, strict=True)
             ),
         ),
-        replace(world, damping_Nm_s_per_rad=tuple(c + damping_std(world) for c in world.damping_Nm_s_per_rad)),
-        replace(world, torque_offset_Nm=tuple(t + offset_std(world) for t in world.torque_offset_Nm)),
+        replace(
+            world,
+            damping_Nm_s_per_rad=tuple(c + damping_std(world) for c in world.damping_Nm_s_per_rad),
+        ),
+        replace(
+            world, torque_offset_Nm=tuple(t + offset_std(world) for t in world.torque_offset_Nm)
+        ),
         replace(world, torque_delay_s=world.torque_delay_s + KNOWN_TO["torque_delay_s"]),
     ]
 
 
 def _remainder(shift: Floats, moves: list[Floats], states: list[Floats], units: Floats) -> float:
-    """Remaining `shift` (windows, samples, channels), in these units, after a linear fit of nominal values and window starts.
+    """Remaining `shift` (windows, samples, channels), in these units, after a linear fit of nominal
+    values and window starts.
 
-    `moves` are the changes by one standard deviation of each nominal value, `states` those by each component of a window's start.
-    """
+    `moves` are the changes by one standard deviation of each nominal value, `states` those by each
+    component of a window's start."""
     windows = len(shift)
     rest, *columns = ((each / units).reshape(windows, -1) for each in (shift, *moves))
     # The start of each window is free: its directions are projected out, window by window.
-    starts = [np.linalg.qr(np.stack([(each / units)[w].ravel() for each in states], axis=1))[0] for w in range(windows)]
+    starts = [
+        np.linalg.qr(np.stack([(each / units)[w].ravel() for each in states], axis=1))[0]
+        for w in range(windows)
+    ]
 
     def beyond_start(x: Floats) -> Floats:
-        return np.stack([row - basis @ (basis.T @ row) for row, basis in zip(x, starts, strict=True)])
+        return np.stack(
+            [row - basis @ (basis.T @ row) for row, basis in zip(x, starts, strict=True)]
+        )
 
-    rest, J = beyond_start(rest), np.stack([beyond_start(column).ravel() for column in columns], axis=1)
-    # The identity is the prior of the nominal values: their columns are changes by one standard deviation.
+    rest, J = (
+        beyond_start(rest),
+        np.stack([beyond_start(column).ravel() for column in columns], axis=1),
+    )
+    # The identity is the prior of the nominal values: their columns are changes by one standard
+    # deviation.
     z = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ rest.ravel())
     return _largest_rms((rest.ravel() - J @ z).reshape(shift.shape))
 

@@ -1,8 +1,8 @@
-"""Cases of the exam on pendulums: a rig, its nominal values and its hidden effects, drawn from one seed.
+"""Cases of the exam on pendulums: a rig, its nominal values and its hidden effects, drawn from one
+seed.
 
-Sizes follow the rig: torques are shares of the weight's largest torque, speeds those of its small oscillation. Strength 0 is hardly
-visible in angles read to a milliradian, 1 is gross.
-"""
+Sizes follow the rig: torques are shares of the weight's largest torque, speeds those of its small
+oscillation. Strength 0 is hardly visible in angles read to a milliradian, 1 is gross."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,8 @@ KNOWN_TO: Mapping[str, float] = {
 # Standard deviations of damping and torque offset, as shares of the rig's own scales.
 DAMPING_SHARE, OFFSET_SHARE = 0.005, 0.01
 
-# From faint to strong: shares of the rig's torque, damping, drag, inertia and mass, deviations of a factor from 1, seconds, radians.
+# From faint to strong: shares of the rig's torque, damping, drag, inertia and mass, deviations of a
+# factor from 1, seconds, radians.
 SPANS: Mapping[str, tuple[float, float]] = {
     "joint_friction": (0.01, 0.3),
     "joint_stribeck": (0.02, 0.25),
@@ -52,7 +53,8 @@ STRANGERS: Mapping[str, tuple[float, float]] = {
     "torque_saturation": (0.9, 0.35),
     "joint_friction_by_direction": (0.1, 0.3),
 }
-# Pairs that the data of a pendulum cannot separate. Two kinds of dry friction cannot be separated either.
+# Pairs that the data of a pendulum cannot separate. Two kinds of dry friction cannot be separated
+# either.
 NEVER_TOGETHER = ({"torque_delay", "torque_lag"}, {"speed_lag", "angle_lag"})
 DRY = ("joint_friction", "joint_stribeck", "joint_load_friction", "joint_friction_of_one")
 
@@ -68,7 +70,8 @@ class SamplingErrors:
 
 @dataclass(frozen=True)
 class PendulumCase:
-    """One campaign of a pendulum. `world` is the rig without hidden effects, `nominal` its nominal values.
+    """One campaign of a pendulum. `world` is the rig without hidden effects, `nominal` its nominal
+    values.
 
     `effects` are of the catalogue, `strangers` are outside it; both by id, with their parameters.
     """
@@ -96,7 +99,9 @@ class PendulumCase:
 
 
 def torque_scale_Nm(world: PendulumWorld) -> float:
-    """The largest torque in N m of the weight about the first joint, with the links stretched out horizontally."""
+    """The largest torque in N m of the weight about the first joint, with the links stretched
+    out horizontally.
+    """
     moments = np.multiply(world.mass_kg, world.centre_m)
     return float(G_M_S2 * (moments.sum() + sum(world.mass_kg[1:]) * world.length_m[0]))
 
@@ -109,7 +114,9 @@ def swing_rad_s(world: PendulumWorld) -> float:
 def draw_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCase:
     """Draw case `i` of a kind; its id is left empty."""
     nominal, world = (rig := _draw_rig(random)), _draw_true_rig(rig, random)
-    reading = SamplingErrors(float(random.choice([0.002, 0.004, 0.005])), float(random.uniform(2e-4, 1e-3)))
+    reading = SamplingErrors(
+        float(random.choice([0.002, 0.004, 0.005])), float(random.uniform(2e-4, 1e-3))
+    )
     driven = (True, True, bool(random.random() < 0.6))
     case = PendulumCase("", kind, int(random.integers(2**31)), world, nominal, reading, driven)
     law = Friction(
@@ -123,18 +130,27 @@ def draw_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCas
         return case
     if kind == PENDULUM_STRANGER:
         name, strength = tuple(STRANGERS)[i % len(STRANGERS)], float(random.uniform(0.3, 1.0))
-        return replace(case, strangers={name: _values(name, strength, world, random)}, strength=strength)
+        return replace(
+            case, strangers={name: _values(name, strength, world, random)}, strength=strength
+        )
     possible = [name for name in SPANS if world.joints > 1 or name != "joint_friction_of_one"]
     if kind == PENDULUM_SINGLE:
-        # A stride through the effects, so that the first few cases are a mixture too; the five levels in turn.
+        # A stride through the effects, so that the first few cases are a mixture too; the five
+        # levels in turn.
         name, strength = possible[5 * i % len(possible)], (i % 5 + float(random.random())) / 5.0
-        return replace(case, effects={name: _values(name, strength, world, random)}, strength=strength)
+        return replace(
+            case, effects={name: _values(name, strength, world, random)}, strength=strength
+        )
     # Rejection: pairs that no data can separate would have no right answer.
     while True:
         names = [possible[j] for j in random.choice(len(possible), 2, replace=False)]
         if set(names) not in NEVER_TOGETHER and not set(names) <= set(DRY):
             strength = float(random.uniform(0.4, 1.0))
-            return replace(case, effects={name: _values(name, strength, world, random) for name in names}, strength=strength)
+            return replace(
+                case,
+                effects={name: _values(name, strength, world, random) for name in names},
+                strength=strength,
+            )
 
 
 def _draw_rig(random: np.random.Generator) -> PendulumWorld:
@@ -149,12 +165,17 @@ def _draw_rig(random: np.random.Generator) -> PendulumWorld:
 
 
 def _draw_true_rig(nominal: PendulumWorld, random: np.random.Generator) -> PendulumWorld:
-    """The rig behind its nominal values: each value differs by a normal deviate of its stated standard deviation."""
+    """The rig behind its nominal values: each value differs by a normal deviate of its stated
+    standard deviation.
+    """
     off = random.standard_normal((6, nominal.joints))
     mass = np.multiply(nominal.mass_kg, 1.0 + KNOWN_TO["mass_relative"] * off[0])
     centre = np.add(nominal.centre_m, KNOWN_TO["centre_of_mass_m"] * off[2])
-    # The inertia about the centre of mass scales with the mass and does not depend on where that centre is.
-    inertia = np.multiply(nominal.inertia_kg_m2, mass / nominal.mass_kg) + mass * (centre**2 - np.square(nominal.centre_m))
+    # The inertia about the centre of mass scales with the mass and does not depend on where that
+    # centre is.
+    inertia = np.multiply(nominal.inertia_kg_m2, mass / nominal.mass_kg) + mass * (
+        centre**2 - np.square(nominal.centre_m)
+    )
     damping = np.add(nominal.damping_Nm_s_per_rad, damping_std(nominal) * off[1])
     return replace(
         nominal,
@@ -178,12 +199,15 @@ def offset_std(world: PendulumWorld) -> float:
     return OFFSET_SHARE * torque_scale_Nm(world)
 
 
-def _values(name: str, strength: float, world: PendulumWorld, random: np.random.Generator) -> Values:
+def _values(
+    name: str, strength: float, world: PendulumWorld, random: np.random.Generator
+) -> Values:
     """Parameter values of an effect, in or outside the catalogue, at a strength from 0 to 1."""
     faint, strong = {**SPANS, **STRANGERS}[name]
     share, sign = float(faint * (strong / faint) ** strength), float(random.choice([-1.0, 1.0]))
     torque, speed = torque_scale_Nm(world), swing_rad_s(world)
-    # All entries draw their numbers, whichever is used: a case's random stream does not depend on its effect.
+    # All entries draw their numbers, whichever is used: a case's random stream does not depend on
+    # its effect.
     values: Mapping[str, Values] = {
         "joint_friction": {"torque_Nm": share * torque},
         "joint_stribeck": {
@@ -193,7 +217,9 @@ def _values(name: str, strength: float, world: PendulumWorld, random: np.random.
         },
         "joint_load_friction": {"loss_relative": share},
         "hinge_viscous_damping": {"coefficient_Nm_s_per_rad": share * torque / speed},
-        "fluid_drag": {"coefficient_N_s2_per_m3": 8.0 * share * torque / (speed**2 * sum(world.length_m) ** 4)},
+        "fluid_drag": {
+            "coefficient_N_s2_per_m3": 8.0 * share * torque / (speed**2 * sum(world.length_m) ** 4)
+        },
         "joint_inertia": {"inertia_kg_m2": share * world.inertia_kg_m2[0]},
         "added_mass": {"mass_kg": share * sum(world.mass_kg)},
         "torque_scale": {"factor": float((1.0 + share) ** sign)},
@@ -202,7 +228,10 @@ def _values(name: str, strength: float, world: PendulumWorld, random: np.random.
         "speed_lag": {"time_constant_s": share},
         "angle_lag": {"time_constant_s": share},
         "gravity_tilt": {"angle_rad": sign * share},
-        "joint_friction_of_one": {"joint": float(random.integers(1, 3)), "torque_Nm": share * torque},
+        "joint_friction_of_one": {
+            "joint": float(random.integers(1, 3)),
+            "torque_Nm": share * torque,
+        },
         "cable_spring": {"stiffness_Nm_per_rad": share * torque},
         "torque_cogging": {"torque_Nm": share * torque},
         "torque_saturation": {"limit_Nm": share * torque},
@@ -214,7 +243,9 @@ def _values(name: str, strength: float, world: PendulumWorld, random: np.random.
 def _add_dry_friction(world: PendulumWorld, values: Values) -> PendulumWorld:
     """Add dry friction in every joint, or in the one that `values` names (from 1)."""
     joint = int(values.get("joint", 0))
-    more = [values["torque_Nm"] if joint in (0, number + 1) else 0.0 for number in range(world.joints)]
+    more = [
+        values["torque_Nm"] if joint in (0, number + 1) else 0.0 for number in range(world.joints)
+    ]
     dry = tuple(float(a + b) for a, b in zip(world.friction.dry_Nm, more, strict=False))
     friction = replace(world.friction, dry_Nm=dry, backward=values.get("backward_share", 1.0))
     if "rise_relative" in values:
@@ -223,11 +254,21 @@ def _add_dry_friction(world: PendulumWorld, values: Values) -> PendulumWorld:
 
 
 def _add_damping(world: PendulumWorld, values: Values) -> PendulumWorld:
-    return replace(world, damping_Nm_s_per_rad=tuple(c + values["coefficient_Nm_s_per_rad"] for c in world.damping_Nm_s_per_rad))
+    return replace(
+        world,
+        damping_Nm_s_per_rad=tuple(
+            c + values["coefficient_Nm_s_per_rad"] for c in world.damping_Nm_s_per_rad
+        ),
+    )
 
 
 def _add_load_friction(world: PendulumWorld, values: Values) -> PendulumWorld:
-    return replace(world, friction=replace(world.friction, loss=values["loss_relative"], loss_at_Nm=0.3 * torque_scale_Nm(world)))
+    return replace(
+        world,
+        friction=replace(
+            world.friction, loss=values["loss_relative"], loss_at_Nm=0.3 * torque_scale_Nm(world)
+        ),
+    )
 
 
 _WITH: Mapping[str, Callable[[PendulumWorld, Values], PendulumWorld]] = {
@@ -241,7 +282,9 @@ _WITH: Mapping[str, Callable[[PendulumWorld, Values], PendulumWorld]] = {
     "joint_inertia": lambda world, v: replace(world, rotor_kg_m2=v["inertia_kg_m2"]),
     "added_mass": lambda world, v: replace(world, tip_mass_kg=v["mass_kg"]),
     "torque_scale": lambda world, v: replace(world, torque_scale=v["factor"]),
-    "torque_delay": lambda world, v: replace(world, torque_delay_s=world.torque_delay_s + v["delay_s"]),
+    "torque_delay": lambda world, v: replace(
+        world, torque_delay_s=world.torque_delay_s + v["delay_s"]
+    ),
     "torque_lag": lambda world, v: replace(world, torque_lag_s=v["time_constant_s"]),
     "speed_lag": lambda world, v: replace(world, speed_lag_s=v["time_constant_s"]),
     "angle_lag": lambda world, v: replace(world, angle_lag_s=v["time_constant_s"]),

@@ -1,6 +1,8 @@
-"""Mass matrix and inertial loads of a chain in RELATIVE angles: composite rigid bodies and one pass of Newton and Euler.
+"""Mass matrix and inertial loads of a chain in RELATIVE angles: composite rigid bodies and one pass
+of Newton and Euler.
 
-The plane has y along the floor and d downwards; angles grow from y towards d. Body k turns about joint k and ends in joint k + 1.
+The plane has y along the floor and d downwards; angles grow from y towards d. Body k turns about
+joint k and ends in joint k + 1.
 
 `compiled` compiles the exam's simulator with numba.
 """
@@ -26,23 +28,29 @@ Floats = NDArray[np.float64]
 
 # rows of `rod` (4, n)
 LENGTH, MASS, CENTRE, INERTIA = range(4)
-# rows of `pose` (9, n + 1): joint, its velocity, its centripetal acceleration; direction and turning speed of the body
+# rows of `pose` (9, n + 1): joint, its velocity, its centripetal acceleration; direction and
+# turning speed of the body
 Y, D, VY, VD, AY, AD, COS, SIN, SPIN = range(9)
-# rows of `load` (3, n): force and moment from outside at the far end of each body, the moment without the force's own
+# rows of `load` (3, n): force and moment from outside at the far end of each body, the moment
+# without the force's own
 FY, FD, MOMENT = range(3)
 # rows of `lump` (2, n): first moments about joint k of all bodies from k on
 SY, SD = range(2)
 
 
 def _folder() -> Path:
-    """Cache folder for the present source of the simulator: the cache notices edits in a function's own file only."""
+    """Cache folder for the present source of the simulator: the cache notices edits in a
+    function's own file only.
+    """
     content = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))
     parent = os.environ.get("NUMBA_CACHE_DIR") or str(Path.home() / ".cache" / "rfca-rig")
     return Path(parent) / f"exam-{hashlib.sha256(content).hexdigest()[:16]}"
 
 
 def jit_cached(function: Function) -> Function:
-    """The function, compiled on first use and cached on disk; a division by zero gives inf, as in numpy."""
+    """The function, compiled on first use and cached on disk; a division by zero gives inf, as
+    in numpy.
+    """
     dispatcher = cast(Any, numba.njit)(nogil=True, error_model="numpy")(function)
     # Without compilation, as for coverage, it is the Python function itself.
     if dispatcher is not function:
@@ -51,16 +59,26 @@ def jit_cached(function: Function) -> Function:
 
 
 def jit_internal(function: Function) -> Function:
-    """The same for compiled callers only. Called from the interpreter, the function runs as plain Python."""
-    return cast(Function, _jitable(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
+    """The same for compiled callers only. Called from the interpreter, the function runs as
+    plain Python.
+    """
+    return cast(
+        Function,
+        _jitable(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(
+            function
+        ),
+    )
 
 
 @jit_internal
-def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, pose: Floats) -> None:
-    """Fill `pose` (9, n + 1) with positions, velocities and centripetal accelerations of all joints, from angles and rates (n,).
+def place_bodies(
+    rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, pose: Floats
+) -> None:
+    """Fill `pose` (9, n + 1) with positions, velocities and centripetal accelerations of all
+    joints, from angles and rates (n,).
 
-    With a frame, phi[n] is how far the shaft has moved along a line that leans by `lean` from d towards y.
-    """
+    With a frame, phi[n] is how far the shaft has moved along a line that leans by `lean` from d
+    towards y."""
     n = rod.shape[1]
     angle = spin = 0.0
     pose[Y, 0] = pose[VY, 0] = pose[AY, 0] = pose[AD, 0] = pose[D, 0] = pose[VD, 0] = 0.0
@@ -75,29 +93,50 @@ def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, 
         pose[COS, k], pose[SIN, k], pose[SPIN, k] = c, s, spin
         pose[Y, k + 1], pose[D, k + 1] = pose[Y, k] + L * c, pose[D, k] + L * s
         pose[VY, k + 1], pose[VD, k + 1] = pose[VY, k] - L * s * spin, pose[VD, k] + L * c * spin
-        pose[AY, k + 1], pose[AD, k + 1] = pose[AY, k] - L * c * spin * spin, pose[AD, k] - L * s * spin * spin
+        pose[AY, k + 1], pose[AD, k + 1] = (
+            pose[AY, k] - L * c * spin * spin,
+            pose[AD, k] - L * s * spin * spin,
+        )
 
 
 @jit_internal
 def gather(
-    rod: Floats, pose: Floats, load: Floats, gravity_y: float, gravity_d: float, lean: float, M: Floats, bias: Floats, lump: Floats
+    rod: Floats,
+    pose: Floats,
+    load: Floats,
+    gravity_y: float,
+    gravity_d: float,
+    lean: float,
+    M: Floats,
+    bias: Floats,
+    lump: Floats,
 ) -> None:
-    """Mass matrix M (n + 1, n + 1), lower triangle, and the generalised forces at zero acceleration, bias (n + 3,).
+    """Mass matrix M (n + 1, n + 1), lower triangle, and the generalised forces at zero
+    acceleration, bias (n + 3,).
 
-    Row n of both is the whole leg moving along the frame's line. bias[n + 1] and bias[n + 2] are the forces along d and y that hold the
-    leg. `lump` (2, n) receives the first moments about each joint.
-    """
+    Row n of both is the whole leg moving along the frame's line. bias[n + 1] and bias[n + 2] are
+    the forces along d and y that hold the leg. `lump` (2, n) receives the first moments about each
+    joint."""
     n = rod.shape[1]
     mass = sy = sd = inertia = fy = fd = torque = 0.0
     for k in range(n - 1, -1, -1):
-        L, m, centre, c, s, spin = rod[LENGTH, k], rod[MASS, k], rod[CENTRE, k], pose[COS, k], pose[SIN, k], pose[SPIN, k]
-        # From the tip to the shaft: the composite body beyond this rod is shifted to joint k by the parallel axis theorem.
+        L, m, centre, c, s, spin = (
+            rod[LENGTH, k],
+            rod[MASS, k],
+            rod[CENTRE, k],
+            pose[COS, k],
+            pose[SIN, k],
+            pose[SPIN, k],
+        )
+        # From the tip to the shaft: the composite body beyond this rod is shifted to joint k by the
+        # parallel axis theorem.
         ly, ld = L * c, L * s
         inertia += 2.0 * (ly * sy + ld * sd) + mass * L * L + rod[INERTIA, k] + m * centre * centre
         sy += mass * ly + m * centre * c
         sd += mass * ld + m * centre * s
         mass += m
-        # Newton for this rod: what the next rod passes on, less the external load at the far end, plus the inertial force at the centre.
+        # Newton for this rod: what the next rod passes on, less the external load at the far end,
+        # plus the inertial force at the centre.
         out_y, out_d = fy - load[FY, k], fd - load[FD, k]
         in_y = m * (pose[AY, k] - centre * c * spin * spin - gravity_y)
         in_d = m * (pose[AD, k] - centre * s * spin * spin - gravity_d)
@@ -113,8 +152,11 @@ def gather(
 
 @jit_internal
 def solve_between(A: Floats, x: Floats, first: int, end: int) -> None:
-    """Solve A[first:end, first:end] x = x in place by Cholesky; A (n, n) is symmetric, its lower triangle is read and overwritten."""
-    # The diagonal keeps the reciprocal of each root: the two substitutions then multiply instead of divide.
+    """Solve A[first:end, first:end] x = x in place by Cholesky; A (n, n) is symmetric, its lower
+    triangle is read and overwritten.
+    """
+    # The diagonal keeps the reciprocal of each root: the two substitutions then multiply instead of
+    # divide.
     for j in range(first, end):
         pivot = A[j, j]
         for k in range(first, j):

@@ -1,8 +1,8 @@
-"""Contact of the floor with the circles at the link ends, and torques that resist the turn of a hinge.
+"""Contact of the floor with the circles at the link ends, and torques that resist the turn of a
+hinge.
 
-The floor has normal force, friction, adhesion, and external fields. The memories of friction and hysteresis depend on the turned angle
-only, not on the step.
-"""
+The floor has normal force, friction, adhesion, and external fields. The memories of friction and
+hysteresis depend on the turned angle only, not on the step."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 # columns of `hinge` (n, 18), row 0 unused: the shaft has no spring
 K0, K2, HINGE_DAMPING, GAP, PRESET, ASYMMETRY, QUADRATIC, STOP, STOP_STIFFNESS = range(9)
 PIN, LOOP, LOOP_ANGLE, ARM, ARM_TIME, PIN_CREEP, DETENT, DETENTS, TENDON = range(9, 18)
-# columns of `memory` (n, 3): share of the pin's friction in use, the loop's share, the dashpot's angle
+# columns of `memory` (n, 3): share of the pin's friction in use, the loop's share, the dashpot's
+# angle
 PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
 
 # entries of `floor` (30), the last two are how far it is shaken now, and how fast
@@ -51,22 +52,26 @@ PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
     SHAKING,
 ) = range(30)
 
-# Penetration under the paper's loads. Laws with other powers agree with the standard ones at this depth.
+# Penetration under the paper's loads. Laws with other powers agree with the standard ones at this
+# depth.
 TYPICAL_DEPTH_M = 3e-3
 # Normal force from which the viscous share of friction is full; it vanishes with the force.
 DRAGGED_FROM_N = 1.0
-# Iterations and tolerance of the search for the touched point; each leaves at most a third of the error.
+# Iterations and tolerance of the search for the touched point; each leaves at most a third of the
+# error.
 ROUNDS, FOUND_M = 40, 1e-12
-# Dahl's length over the presliding distance: the initial slope alone would reach full friction after this share of the distance.
+# Dahl's length over the presliding distance: the initial slope alone would reach full friction
+# after this share of the distance.
 ELASTIC_SHARE = 0.7
 
 
 @jit_internal
 def dahl(share: float, moved: float, creep: float) -> float:
-    """Share of dry friction in use after a move: Dahl's law with exponent one half, exact for a move in one direction.
+    """Share of dry friction in use after a move: Dahl's law with exponent one half, exact for a
+    move in one direction.
 
-    df/dx = sgn (1 - f sgn)^(1/2) / creep. Full friction is reached after a finite distance, 2 creep from none.
-    """
+    df/dx = sgn (1 - f sgn)^(1/2) / creep. Full friction is reached after a finite distance, 2 creep
+    from none."""
     side = 1.0 if moved >= 0.0 else -1.0
     # The root of 1 - f sgn falls linearly with the distance, down to zero.
     left = np.sqrt(max(1.0 - share * side, 0.0)) - 0.5 * abs(moved) / creep
@@ -76,7 +81,9 @@ def dahl(share: float, moved: float, creep: float) -> float:
 
 @jit_internal
 def bouc_wen(share: float, moved: float, width: float) -> float:
-    """Hysteresis by Bouc and Wen with exponent one: z' = (1 - z sgn) phi' / width, one backward Euler step."""
+    """Hysteresis by Bouc and Wen with exponent one: z' = (1 - z sgn) phi' / width, one backward
+    Euler step.
+    """
     way = abs(moved) / width
     side = 1.0 if moved >= 0.0 else -1.0
     return (share + side * way) / (1.0 + way)
@@ -91,7 +98,9 @@ def dashpot_angle(slack: float, phi_before: float, phi: float, seconds: float, t
 
 @jit_internal
 def spring_torque(phi: float, hinge: Floats, i: int) -> float:
-    """Torque of the spring of hinge `i` in N m, without friction and damping; `hinge` is (n, 18)."""
+    """Torque of the spring of hinge `i` in N m, without friction and damping; `hinge` is (n,
+    18).
+    """
     x = phi - hinge[i, PRESET]
     gap = hinge[i, GAP]
     bent = x - gap if x > gap else (x + gap if x < -gap else 0.0)
@@ -100,8 +109,11 @@ def spring_torque(phi: float, hinge: Floats, i: int) -> float:
 
 
 @jit_internal
-def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> float:
-    """Total torque that resists at hinge `i` in N m, without damping; `hinge` is (n, 18), `memory` (n, 3).
+def hinge_torque(
+    phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int
+) -> float:
+    """Total torque that resists at hinge `i` in N m, without damping; `hinge` is (n, 18), `memory`
+    (n, 3).
 
     `moved` rad and `seconds` are counted from the last update of `memory`, which stays unchanged.
     """
@@ -117,21 +129,30 @@ def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory
     if hinge[i, LOOP] != 0.0:
         torque += hinge[i, LOOP] * bouc_wen(memory[i, LOOP_SHARE], moved, hinge[i, LOOP_ANGLE])
     if hinge[i, ARM] != 0.0:
-        torque += hinge[i, ARM] * (phi - dashpot_angle(memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME]))
+        torque += hinge[i, ARM] * (
+            phi - dashpot_angle(memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME])
+        )
     return float(torque)
 
 
 @jit_internal
-def update_hinge_memory(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> None:
-    """Update row `i` of `memory` (n, 3) after a step of `moved` rad in `seconds`; `hinge` is (n, 18)."""
+def update_hinge_memory(
+    phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int
+) -> None:
+    """Update row `i` of `memory` (n, 3) after a step of `moved` rad in `seconds`; `hinge` is (n,
+    18).
+    """
     memory[i, PIN_SHARE] = dahl(memory[i, PIN_SHARE], moved, 0.5 * hinge[i, PIN_CREEP])
     memory[i, LOOP_SHARE] = bouc_wen(memory[i, LOOP_SHARE], moved, hinge[i, LOOP_ANGLE])
-    memory[i, ARM_ANGLE] = dashpot_angle(memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME])
+    memory[i, ARM_ANGLE] = dashpot_angle(
+        memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME]
+    )
 
 
 @jit_internal
 def normal_force(floor: Floats, depth: float, rate: float) -> float:
-    """Normal force in N by Hunt and Crossley, less the adhesion; `rate` in m/s is positive while the depth grows.
+    """Normal force in N by Hunt and Crossley, less the adhesion; `rate` in m/s is positive while
+    the depth grows.
 
     `floor` is (30,). Damping acts during separation only where the floor is `TWO_SIDED`.
     """
@@ -147,11 +168,15 @@ def normal_force(floor: Floats, depth: float, rate: float) -> float:
 
 @jit_internal
 def friction_limit(floor: Floats, slip: float, share: float) -> float:
-    """Friction coefficient at a slip speed in m/s; the sign of `share`, the friction in use, gives the direction. `floor` is (30,)."""
+    """Friction coefficient at a slip speed in m/s; the sign of `share`, the friction in use,
+    gives the direction. `floor` is (30,).
+    """
     mu = floor[MU]
     if floor[RISE] != 0.0:
         speeds = abs(slip) / floor[RISE_SPEED]
-        mu *= 1.0 + floor[RISE] * np.exp(-speeds if floor[RISE_POWER] == 1.0 else -(speeds ** floor[RISE_POWER]))
+        mu *= 1.0 + floor[RISE] * np.exp(
+            -speeds if floor[RISE_POWER] == 1.0 else -(speeds ** floor[RISE_POWER])
+        )
     return float(mu * floor[BACKWARD] if share < 0.0 else mu)
 
 
@@ -169,7 +194,9 @@ def elevation(floor: Floats, y: float) -> tuple[float, float]:
 
 @jit_internal
 def find_contact(floor: Floats, radius: float, y: float, d: float) -> float:
-    """The y in m at which the floor is nearest to a circle with centre (y, d): there the floor's normal passes through the centre."""
+    """The y in m at which the floor is nearest to a circle with centre (y, d): there the floor's
+    normal passes through the centre.
+    """
     at, up = y, floor[HEIGHT] - d
     # A straight floor needs no search, and a circle far above the bump cannot touch it.
     if floor[BUMP] == 0.0 or up > floor[SLOPE] * y + abs(floor[BUMP]) + 2.0 * radius:
@@ -184,18 +211,28 @@ def find_contact(floor: Floats, radius: float, y: float, d: float) -> float:
 
 @jit_internal
 def lever_reduction(floor: Floats, depth: float) -> float:
-    """By how much, in m, friction's lever is shorter than the circle's radius at this penetration depth in m; `floor` is (30,)."""
+    """By how much, in m, friction's lever is shorter than the circle's radius at this
+    penetration depth in m; `floor` is (30,).
+    """
     if floor[LEVER_POWER] == 1.0:
         return float(floor[LEVER] * depth)
     return float(floor[LEVER] * TYPICAL_DEPTH_M * (depth / TYPICAL_DEPTH_M) ** floor[LEVER_POWER])
 
 
 @jit_internal
-def add_contact_forces(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: float, keep: bool, load: Floats) -> None:
+def add_contact_forces(
+    floor: Floats,
+    radius: float,
+    pose: Floats,
+    used: Floats,
+    seconds: float,
+    keep: bool,
+    load: Floats,
+) -> None:
     """Add the floor's forces at all link ends to `load` (3, n), from the `pose` (9, n + 1).
 
-    With `keep`, update `used` (n,) instead, the share of friction in use at each end; `seconds` is the time since its last update.
-    """
+    With `keep`, update `used` (n,) instead, the share of friction in use at each end; `seconds` is
+    the time since its last update."""
     n = load.shape[1]
     for k in range(n):
         y, d = pose[Y, k + 1], pose[D, k + 1]
@@ -231,7 +268,10 @@ def update_shaking(floor: Floats, t: float) -> None:
     """Store the displacement and speed of a shaking floor at time `t` in `floor` (30,)."""
     if floor[SHAKE] != 0.0:
         rate = 2.0 * np.pi * floor[SHAKE_HZ]
-        floor[SHAKEN], floor[SHAKING] = floor[SHAKE] * np.sin(rate * t), rate * floor[SHAKE] * np.cos(rate * t)
+        floor[SHAKEN], floor[SHAKING] = (
+            floor[SHAKE] * np.sin(rate * t),
+            rate * floor[SHAKE] * np.cos(rate * t),
+        )
 
 
 @jit_internal
@@ -245,7 +285,8 @@ def add_magnet_force(floor: Floats, radius: float, pose: Floats, load: Floats) -
 
 @jit_internal
 def add_drag(coefficient: float, power: float, length: Floats, pose: Floats, load: Floats) -> None:
-    """Add the drag across each rod to `load` (3, n): at its middle, with `power` of the speed there.
+    """Add the drag across each rod to `load` (3, n): at its middle, with `power` of the speed
+    there.
 
     `coefficient` is the drag per length at 1 m/s; `length` is (n,).
     """
@@ -253,7 +294,9 @@ def add_drag(coefficient: float, power: float, length: Floats, pose: Floats, loa
         return
     for k in range(load.shape[1]):
         c, s, half = pose[COS, k], pose[SIN, k], 0.5 * length[k]
-        across = 0.5 * (pose[VD, k] + pose[VD, k + 1]) * c - 0.5 * (pose[VY, k] + pose[VY, k + 1]) * s
+        across = (
+            0.5 * (pose[VD, k] + pose[VD, k + 1]) * c - 0.5 * (pose[VY, k] + pose[VY, k + 1]) * s
+        )
         force = -coefficient * length[k] * across * abs(across) ** (power - 1.0)
         load[FY, k] -= force * s
         load[FD, k] += force * c

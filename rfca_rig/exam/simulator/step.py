@@ -1,14 +1,25 @@
-"""One step of the exam's simulator: half a drift, one solve for the change of all rates, half a drift.
+"""One step of the exam's simulator: half a drift, one solve for the change of all rates, half a
+drift.
 
-`n` is the number of rods. Arrays of size (n + 1) have one more entry for the frame, where the mount yields.
+`n` is the number of rods. Arrays of size (n + 1) have one more entry for the frame, where the mount
+yields.
 
-The shaft's drive has a command, the motor that follows it, and the transmission between motor and leg.
-"""
+The shaft's drive has a command, the motor that follows it, and the transmission between motor and
+leg."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.simulator.body import LENGTH, SD, SY, gather, jit_cached, jit_internal, place_bodies, solve_between
+from rfca_rig.exam.simulator.body import (
+    LENGTH,
+    SD,
+    SY,
+    gather,
+    jit_cached,
+    jit_internal,
+    place_bodies,
+    solve_between,
+)
 from rfca_rig.exam.simulator.floor import (
     HINGE_DAMPING,
     QUADRATIC,
@@ -24,7 +35,24 @@ from rfca_rig.exam.simulator.floor import (
 Floats = NDArray[np.float64]
 
 # entries of `drive` (16)
-START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, SHAFT_LOSS, RIPPLE, CYCLES, PHASE, CABLE, LIMIT, COGGING, COGS, HOSE = range(16)
+(
+    START,
+    KP,
+    KI,
+    ROTOR,
+    SHAFT,
+    SHAFT_DAMPING,
+    SHAFT_GAP,
+    SHAFT_LOSS,
+    RIPPLE,
+    CYCLES,
+    PHASE,
+    CABLE,
+    LIMIT,
+    COGGING,
+    COGS,
+    HOSE,
+) = range(16)
 # entries of `motor` (4): commanded angle and speed, the motor's angle and speed
 COMMAND_ANGLE, COMMAND_SPEED, MOTOR_ANGLE, MOTOR_SPEED = range(4)
 
@@ -32,14 +60,28 @@ COMMAND_ANGLE, COMMAND_SPEED, MOTOR_ANGLE, MOTOR_SPEED = range(4)
 CABLE_SPEED_RAD_S = 0.02
 
 # entries of `mount` (10)
-RADIUS, LINK_DRAG, DRAG_POWER, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS, FRAME_DAMPING, FRAME_LEAN, FRAME_FELT = range(10)
-# columns of the samples: forces on the mount, torque into the leg and of the motor, the motor's angle and speed, then n angles
+(
+    RADIUS,
+    LINK_DRAG,
+    DRAG_POWER,
+    GRAVITY_Y,
+    GRAVITY_D,
+    FRAME_MASS,
+    FRAME_STIFFNESS,
+    FRAME_DAMPING,
+    FRAME_LEAN,
+    FRAME_FELT,
+) = range(10)
+# columns of the samples: forces on the mount, torque into the leg and of the motor, the motor's
+# angle and speed, then n angles
 FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, FIRST_ANGLE = range(7)
 
 
 @jit_internal
 def command_speed(knots: Floats, t: float) -> float:
-    """Commanded speed in rad/s: linear between `knots` (2, m) of times and speeds, at rest before and after."""
+    """Commanded speed in rad/s: linear between `knots` (2, m) of times and speeds, at rest
+    before and after.
+    """
     m = knots.shape[1]
     if t <= knots[0, 0] or t > knots[0, m - 1]:
         return 0.0
@@ -51,12 +93,17 @@ def command_speed(knots: Floats, t: float) -> float:
 @jit_internal
 def add_ripple(drive: Floats, angle: float, speed: float) -> float:
     """Commanded speed at a shaft angle, with the speed ripple of `drive` (16,)."""
-    return float(speed * (1.0 + drive[RIPPLE] * np.cos(drive[CYCLES] * (angle - drive[START]) + drive[PHASE])))
+    return float(
+        speed
+        * (1.0 + drive[RIPPLE] * np.cos(drive[CYCLES] * (angle - drive[START]) + drive[PHASE]))
+    )
 
 
 @jit_internal
 def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: float) -> None:
-    """Advance the commanded angle and speed in `motor` (4,) by one step, by the midpoint rule; `knots` is (2, m)."""
+    """Advance the commanded angle and speed in `motor` (4,) by one step, by the midpoint rule;
+    `knots` is (2, m).
+    """
     begin = add_ripple(drive, motor[COMMAND_ANGLE], command_speed(knots, t))
     half = motor[COMMAND_ANGLE] + 0.5 * h * begin
     motor[COMMAND_ANGLE] += h * add_ripple(drive, half, command_speed(knots, t + 0.5 * h))
@@ -64,14 +111,17 @@ def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: fl
 
 
 @jit_internal
-def pi_torque(drive: Floats, motor: Floats, command_before: float, angle: float, speed: float, h: float) -> tuple[float, float]:
+def pi_torque(
+    drive: Floats, motor: Floats, command_before: float, angle: float, speed: float, h: float
+) -> tuple[float, float]:
     """Torque of the PI speed loop at mid-step in N m, and by how much it falls per rad/s of speed.
 
-    `drive` is (16,), `motor` (4,) with the command after the step, `command_before` the commanded angle before it. `angle` is the
-    rotor's at mid-step, `speed` before the step.
-    """
+    `drive` is (16,), `motor` (4,) with the command after the step, `command_before` the commanded
+    angle before it. `angle` is the rotor's at mid-step, `speed` before the step."""
     command = 0.5 * (command_before + motor[COMMAND_ANGLE])
-    demand = drive[KI] * (command - angle) + drive[KP] * ((motor[COMMAND_ANGLE] - command_before) / h - speed)
+    demand = drive[KI] * (command - angle) + drive[KP] * (
+        (motor[COMMAND_ANGLE] - command_before) / h - speed
+    )
     cogging = drive[COGGING] * np.sin(drive[COGS] * (angle - drive[START]))
     # A saturated motor no longer reacts to speed, so its implicit share is zero.
     if abs(demand) > drive[LIMIT]:
@@ -81,11 +131,11 @@ def pi_torque(drive: Floats, motor: Floats, command_before: float, angle: float,
 
 @jit_internal
 def shaft_torque(drive: Floats, angle: float, speed: float) -> tuple[float, float]:
-    """Torque of the shaft between motor and leg in N m, and by how much it rises per rad/s of relative speed.
+    """Torque of the shaft between motor and leg in N m, and by how much it rises per rad/s of
+    relative speed.
 
-    `drive` is (16,); `angle` and `speed` are those of the motor relative to the leg. Beyond the play the ends press on each other with
-    a loss that grows with the pressure; they never pull.
-    """
+    `drive` is (16,); `angle` and `speed` are those of the motor relative to the leg. Beyond the
+    play the ends press on each other with a loss that grows with the pressure; they never pull."""
     beyond = max(abs(angle) - drive[SHAFT_GAP], 0.0)
     side = 1.0 if angle > 0.0 else -1.0
     pressure = drive[SHAFT] * beyond
@@ -96,10 +146,11 @@ def shaft_torque(drive: Floats, angle: float, speed: float) -> tuple[float, floa
 
 @jit_internal
 def turn_rotor(drive: Floats, motor: Floats, command_before: float, back: float, h: float) -> float:
-    """Advance a rotor under PI control by one step, in `motor` (4,); returns the motor's torque in N m.
+    """Advance a rotor under PI control by one step, in `motor` (4,); returns the motor's torque in
+    N m.
 
-    `back` is the torque of the twisted shaft on the rotor, `command_before` the commanded angle before the step.
-    """
+    `back` is the torque of the twisted shaft on the rotor, `command_before` the commanded angle
+    before the step."""
     angle = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED]
     push, falling = pi_torque(drive, motor, command_before, angle, motor[MOTOR_SPEED], h)
     # Implicit in the falling torque: stiff controllers would otherwise limit the step.
@@ -111,13 +162,21 @@ def turn_rotor(drive: Floats, motor: Floats, command_before: float, back: float,
 
 @jit_internal
 def cable_drag_torque(drive: Floats, angle: float, speed: float) -> float:
-    """Torque in N m of a dragging cable and of a hose that turns the shaft back to its start; `drive` is (16,)."""
-    return float(-drive[CABLE] * np.tanh(speed / CABLE_SPEED_RAD_S) - drive[HOSE] * (angle - drive[START]))
+    """Torque in N m of a dragging cable and of a hose that turns the shaft back to its start;
+    `drive` is (16,).
+    """
+    return float(
+        -drive[CABLE] * np.tanh(speed / CABLE_SPEED_RAD_S) - drive[HOSE] * (angle - drive[START])
+    )
 
 
 @jit_internal
-def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: Floats, h: float, load: Floats) -> None:
-    """Set `load` (3, n) to all external forces at the middle of a step, from the `pose` (9, n + 1) there."""
+def load_bodies(
+    rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: Floats, h: float, load: Floats
+) -> None:
+    """Set `load` (3, n) to all external forces at the middle of a step, from the `pose` (9, n +
+    1) there.
+    """
     load[:] = 0.0
     add_contact_forces(floor, mount[RADIUS], pose, used, 0.5 * h, False, load)
     add_magnet_force(floor, mount[RADIUS], pose, load)
@@ -125,21 +184,32 @@ def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: F
 
 
 @jit_internal
-def add_hinge_torques(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> None:
-    """Subtract the hinge torques from `x` (n,) and add their implicit damping to the diagonal of `M` (n, n)."""
+def add_hinge_torques(
+    hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats
+) -> None:
+    """Subtract the hinge torques from `x` (n,) and add their implicit damping to the diagonal of
+    `M` (n, n).
+    """
     bent = 0.0
     for i in range(1, hinge.shape[0]):
         bent += phi[i]
     for i in range(1, hinge.shape[0]):
         quadratic = hinge[i, QUADRATIC] * abs(w[i])
-        # Trapezoidal rule in the rate. The derivative of c |w| w is 2 c |w|, hence `quadratic` a second time in M.
+        # Trapezoidal rule in the rate. The derivative of c |w| w is 2 c |w|, hence `quadratic` a
+        # second time in M.
         damping = hinge[i, HINGE_DAMPING] + quadratic
-        x[i] -= hinge_torque(phi[i], 0.5 * h * w[i], 0.5 * h, hinge, memory, i) + damping * w[i] + hinge[i, TENDON] * bent
+        x[i] -= (
+            hinge_torque(phi[i], 0.5 * h * w[i], 0.5 * h, hinge, memory, i)
+            + damping * w[i]
+            + hinge[i, TENDON] * bent
+        )
         M[i, i] += 0.5 * h * (damping + quadratic)
 
 
 @jit_internal
-def add_frame_terms(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float, n: int, M: Floats, x: Floats) -> None:
+def add_frame_terms(
+    mount: Floats, hanging: float, phi: Floats, w: Floats, h: float, n: int, M: Floats, x: Floats
+) -> None:
     """Add the frame's terms to row n of `M` (n + 1, n + 1) and `x` (n + 1,), if there is a frame.
 
     It is at rest at zero under the hanging leg.
@@ -151,16 +221,28 @@ def add_frame_terms(mount: Floats, hanging: float, phi: Floats, w: Floats, h: fl
 
 
 @jit_internal
-def drive_shaft(drive: Floats, motor: Floats, commanded: float, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> float:
+def drive_shaft(
+    drive: Floats,
+    motor: Floats,
+    commanded: float,
+    phi: Floats,
+    w: Floats,
+    h: float,
+    M: Floats,
+    x: Floats,
+) -> float:
     """Add the torque on a shaft that is free to turn to row 0 of `M` (n, n) and `x` (n,).
 
-    `commanded` is the commanded angle before the step. Returns the torque at mid-step without its implicit part.
-    """
+    `commanded` is the commanded angle before the step. Returns the torque at mid-step without its
+    implicit part."""
     if drive[SHAFT] != 0.0:
         angle, speed = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED], motor[MOTOR_SPEED]
         # Without a controller the motor follows the command exactly.
         if drive[KP] == 0.0:
-            angle, speed = 0.5 * (commanded + motor[COMMAND_ANGLE]), (motor[COMMAND_ANGLE] - commanded) / h
+            angle, speed = (
+                0.5 * (commanded + motor[COMMAND_ANGLE]),
+                (motor[COMMAND_ANGLE] - commanded) / h,
+            )
         torque, rising = shaft_torque(drive, angle - phi[0], speed - w[0])
         M[0, 0] += 0.5 * h * rising
     else:
@@ -173,7 +255,8 @@ def drive_shaft(drive: Floats, motor: Floats, commanded: float, phi: Floats, w: 
 
 @jit_internal
 def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> None:
-    """Half a step of `phi` (n,) at the old rates `w` (n,); `rate` (n,) becomes the rates predicted for mid-step.
+    """Half a step of `phi` (n,) at the old rates `w` (n,); `rate` (n,) becomes the rates predicted
+    for mid-step.
 
     `gained` (n,) is the change of the rates in the step before.
     """
@@ -185,7 +268,9 @@ def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> Non
 
 @jit_internal
 def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) -> None:
-    """Set the lower triangle of `A` (n, n) to M and `x` (n,) to the generalised forces; hinges and drive are added later."""
+    """Set the lower triangle of `A` (n, n) to M and `x` (n,) to the generalised forces; hinges
+    and drive are added later.
+    """
     for i in range(x.size):
         x[i] = -bias[i]
         for j in range(i + 1):
@@ -194,16 +279,27 @@ def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) 
 
 
 @jit_internal
-def solve(drive: Floats, motor: Floats, commanded: float, held: bool, phi: Floats, w: Floats, h: float, A: Floats, x: Floats) -> float:
+def solve(
+    drive: Floats,
+    motor: Floats,
+    commanded: float,
+    held: bool,
+    phi: Floats,
+    w: Floats,
+    h: float,
+    A: Floats,
+    x: Floats,
+) -> float:
     """Solve for the accelerations, into `x` (n,).
 
-    Returns the torque of `drive_shaft` where the shaft is free. Where it is `held`, its acceleration is known and 0 is returned.
-    """
+    Returns the torque of `drive_shaft` where the shaft is free. Where it is `held`, its
+    acceleration is known and 0 is returned."""
     if not held:
         torque = drive_shaft(drive, motor, commanded, phi, w, h, A, x)
         solve_between(A, x, 0, x.size)
         return torque
-    # The shaft reaches the commanded speed at the end of the step. Its column moves to the right-hand side.
+    # The shaft reaches the commanded speed at the end of the step. Its column moves to the
+    # right-hand side.
     known = (motor[COMMAND_SPEED] - w[0]) / h
     for i in range(1, x.size):
         x[i] -= A[i, 0] * known
@@ -213,8 +309,12 @@ def solve(drive: Floats, motor: Floats, commanded: float, held: bool, phi: Float
 
 
 @jit_internal
-def kick(hinge: Floats, memory: Floats, x: Floats, h: float, phi: Floats, w: Floats, gained: Floats) -> None:
-    """Advance the rates `w` (n,) by the accelerations `x` (n,), the angles `phi` (n,) by half a step, and the hinges' `memory` (n, 3)."""
+def kick(
+    hinge: Floats, memory: Floats, x: Floats, h: float, phi: Floats, w: Floats, gained: Floats
+) -> None:
+    """Advance the rates `w` (n,) by the accelerations `x` (n,), the angles `phi` (n,) by half a
+    step, and the hinges' `memory` (n, 3).
+    """
     for i in range(phi.size):
         # The way of the whole step, with the mean of the old and the new rate.
         moved = h * (w[i] + 0.5 * h * x[i])
@@ -246,27 +346,44 @@ def run(
     Parameters
     ----------
     rod, hinge, floor, drive, mount : arrays
-        The rig, (4, n), (n, 18), (30,), (16,) and (10,); entries as named in the modules of these names, in SI units.
+        The rig, (4, n), (n, 18), (30,), (16,) and (10,); entries as named in the modules of these
+        names, in SI units.
     knots : (2, k) array
         Times and commanded speeds.
     phi, motor : (n,) or (n + 1,), and (4,) arrays
-        Angles, with the frame's displacement last if there is one, and state of the motor. Both are changed.
+        Angles, with the frame's displacement last if there is one, and state of the motor. Both are
+        changed.
     window : (m, 2) array
         First and last step of each sample, ascending.
     out : (m, 6 + n) array
-        Receives the mean of each sample, in the columns named at the head of this module. Zero at first.
+        Receives the mean of each sample, in the columns named at the head of this module. Zero at
+        first.
     """
     n, size = rod.shape[1], phi.size
     # Without a controller and with a rigid shaft, the shaft's motion is prescribed.
     frame, held, row = size > n, drive[SHAFT] == 0.0 and drive[KP] == 0.0, 0
-    w, gained, rate, x, bias = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(n + 3)
-    M, A, pose, load, lump = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1)), np.zeros((9, n + 1)), np.zeros((3, n)), np.zeros((2, n))
+    w, gained, rate, x, bias = (
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(n + 3),
+    )
+    M, A, pose, load, lump = (
+        np.zeros((n + 1, n + 1)),
+        np.zeros((n + 1, n + 1)),
+        np.zeros((9, n + 1)),
+        np.zeros((3, n)),
+        np.zeros((2, n)),
+    )
     memory, used, now = np.zeros((n, 3)), np.zeros(n), np.zeros(FIRST_ANGLE + n)
     lean = mount[FRAME_LEAN]
-    # Weight along the frame's line. It is subtracted in `add_frame_terms`, so that zero is the frame's rest under the leg.
+    # Weight along the frame's line. It is subtracted in `add_frame_terms`, so that zero is the
+    # frame's rest under the leg.
     hanging = rod[1].sum() * (mount[GRAVITY_D] * np.cos(lean) + mount[GRAVITY_Y] * np.sin(lean))
     for step in range(steps):
-        # `advance_command` overwrites this, and the controller needs the command on both sides of the step.
+        # `advance_command` overwrites this, and the controller needs the command on both sides of
+        # the step.
         command_before = motor[COMMAND_ANGLE]
         advance_command(drive, knots, motor, t0 + step * h, h)
         drift(phi, w, gained, h, rate)
@@ -279,9 +396,11 @@ def run(
         add_hinge_torques(hinge, memory, phi, w, h, A, x)
         add_frame_terms(mount, hanging, phi, w, h, n, A, x)
         torque = solve(drive, motor, command_before, held, phi, w, h, A, x)
-        # Friction states move only after the solve: all forces of a step start from the same memory.
+        # Friction states move only after the solve: all forces of a step start from the same
+        # memory.
         add_contact_forces(floor, mount[RADIUS], pose, used, h, True, load)
-        # Before the kick: the angles and the forces of a sample belong to the same instant, the middle of the step.
+        # Before the kick: the angles and the forces of a sample belong to the same instant, the
+        # middle of the step.
         compute_reactions(M, bias, lump, x, frame, mount, pulled, phi, now)
         kick(hinge, memory, x, h, phi, w, gained)
         report_motor(drive, motor, command_before, torque, held, phi, w, h, now)
@@ -291,12 +410,21 @@ def run(
 
 @jit_internal
 def compute_reactions(
-    M: Floats, bias: Floats, lump: Floats, a: Floats, frame: bool, mount: Floats, cable_torque: float, phi: Floats, now: Floats
+    M: Floats,
+    bias: Floats,
+    lump: Floats,
+    a: Floats,
+    frame: bool,
+    mount: Floats,
+    cable_torque: float,
+    phi: Floats,
+    now: Floats,
 ) -> None:
-    """Write the force of the mount on the leg, the torque into the leg and the mid-step angles into `now` (6 + n,).
+    """Write the force of the mount on the leg, the torque into the leg and the mid-step angles into
+    `now` (6 + n,).
 
-    All follow from the accelerations `a` (n,) or (n + 1,). With a frame, the sensor may also feel a share of the frame's mass.
-    """
+    All follow from the accelerations `a` (n,) or (n + 1,). With a frame, the sensor may also feel a
+    share of the frame's mass."""
     n = lump.shape[1]
     fy, fd, torque = bias[n + 2], bias[n + 1], bias[0] - cable_torque
     for j in range(n):
@@ -314,9 +442,18 @@ def compute_reactions(
 
 @jit_internal
 def report_motor(
-    drive: Floats, motor: Floats, commanded: float, torque: float, held: bool, phi: Floats, w: Floats, h: float, now: Floats
+    drive: Floats,
+    motor: Floats,
+    commanded: float,
+    torque: float,
+    held: bool,
+    phi: Floats,
+    w: Floats,
+    h: float,
+    now: Floats,
 ) -> None:
-    """Write the motor's torque, angle and speed after a step into `now` (6 + n,); advances a rotor behind a soft shaft.
+    """Write the motor's torque, angle and speed after a step into `now` (6 + n,); advances a rotor
+    behind a soft shaft.
 
     `commanded` is the commanded angle before the step, `torque` the return value of `solve`.
     """
@@ -332,7 +469,9 @@ def report_motor(
 
 @jit_internal
 def sample(now: Floats, step: int, row: int, window: Floats, out: Floats) -> int:
-    """Add this step's `now` (6 + n,) to the rows of `out` whose `window` (m, 2) it lies in; returns the first incomplete row."""
+    """Add this step's `now` (6 + n,) to the rows of `out` whose `window` (m, 2) it lies in;
+    returns the first incomplete row.
+    """
     for i in range(row, out.shape[0]):
         if step < window[i, 0]:
             break

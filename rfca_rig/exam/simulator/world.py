@@ -1,4 +1,6 @@
-"""Parameters of the exam's simulator for one stroke: everything that a hidden effect can change. SI units, radians."""
+"""Parameters of the exam's simulator for one stroke: everything that a hidden effect can change.
+SI units, radians.
+"""
 
 from dataclasses import dataclass
 
@@ -14,7 +16,9 @@ def for_each_hinge(value: float, count: int = HINGES) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Links:
-    """Rods from the shaft outwards: lengths and masses (7,); a point mass sits on the far end of the last."""
+    """Rods from the shaft outwards: lengths and masses (7,); a point mass sits on the far end of
+    the last.
+    """
 
     length_m: tuple[float, ...]
     mass_kg: tuple[float, ...]
@@ -26,10 +30,11 @@ class Links:
 
 @dataclass(frozen=True)
 class Hinges:
-    """Laws that resist the turn phi of each hinge, from the shaft outwards; every field is (6,), zero where the law is absent.
+    """Laws that resist the turn phi of each hinge, from the shaft outwards; every field is (6,),
+    zero where the law is absent.
 
-    The spring torque is k0 x (1 + k2 x^2) with x = phi - preset, less the play `gap` on either side. `asymmetry` makes it stiffer by
-    that share for x > 0 and softer for x < 0. Further laws:
+    The spring torque is k0 x (1 + k2 x^2) with x = phi - preset, less the play `gap` on either
+    side. `asymmetry` makes it stiffer by that share for x > 0 and softer for x < 0. Further laws:
 
     - damping, linear and quadratic in the rate;
     - a stop at `stop_rad`;
@@ -37,7 +42,8 @@ class Hinges:
     - a rate-independent hysteresis `loop`, with the torque and the angle at which it saturates;
     - an `arm`: a spring in series with a dashpot, by its stiffness and time constant;
     - detents, which pull the hinge to evenly spaced angles;
-    - a tendon along the leg, which pulls at every hinge in proportion to the sum of all hinge angles.
+    - a tendon along the leg, which pulls at every hinge in proportion to the sum of all hinge
+      angles.
     """
 
     k0_Nm_per_rad: tuple[float, ...]
@@ -65,14 +71,19 @@ class Hinges:
 class Floor:
     """The floor under the circles at the link ends.
 
-    - Normal force: stiffness depth^exponent (1 + damping * rate). Damping acts during separation too if `two_sided`.
-    - Friction: at most mu N, reached over `presliding`, and a viscous share beside it. For slip to -y, mu is multiplied by
-      `mu_backward_share`. `stribeck_rise` is how much more it is at rest, relative to mu; the rise decays over the speed `stribeck_m_s`.
-    - Lever: `lever_share` of the depth is taken off friction's lever at a typical depth; `lever_power` is its power of the depth.
+    - Normal force: stiffness depth^exponent (1 + damping * rate). Damping acts during separation
+      too if `two_sided`.
+    - Friction: at most mu N, reached over `presliding`, and a viscous share beside it. For slip to
+      -y, mu is multiplied by `mu_backward_share`. `stribeck_rise` is how much more it is at rest,
+      relative to mu; the rise decays over the speed `stribeck_m_s`.
+    - Lever: `lever_share` of the depth is taken off friction's lever at a typical depth;
+      `lever_power` is its power of the depth.
     - Shape: a `slope`, and a bump of Gaussian shape.
-    - Attraction: `adhesion` pulls while touching, fully from about `adhesion_hold` of depth on. `magnet` pulls the tip from afar, half as
-      strong at 0.41 `magnet_reach`, a quarter at `magnet_reach`.
-    - Patch: from `patch_at` on, over `patch_width`, friction and stiffness are multiplied by these factors.
+    - Attraction: `adhesion` pulls while touching, fully from about `adhesion_hold` of depth on.
+      `magnet` pulls the tip from afar, half as strong at 0.41 `magnet_reach`, a quarter at
+      `magnet_reach`.
+    - Patch: from `patch_at` on, over `patch_width`, friction and stiffness are multiplied by these
+      factors.
     - Shaking: up and down by `shake` at `shake_Hz`.
     """
 
@@ -109,11 +120,11 @@ class Floor:
 class DriveModel:
     """The drive of the shaft. It follows its command exactly unless these fields say otherwise.
 
-    `kp` > 0 puts a rotor under PI control of its speed, with a torque within `limit`; beside it the motor has cogging.
-    `shaft_Nm_per_rad` > 0 is a torsion spring between motor and leg, with play `shaft_gap` on either side, whose ends lose energy.
-    `cable_Nm` drags against the turn, and a hose turns the leg back to its start like a spring.
-    `ramp_s` is how long the command takes to reach its speed, and `late_s` how long it takes to reach the drive.
-    """
+    `kp` > 0 puts a rotor under PI control of its speed, with a torque within `limit`; beside it the
+    motor has cogging. `shaft_Nm_per_rad` > 0 is a torsion spring between motor and leg, with play
+    `shaft_gap` on either side, whose ends lose energy. `cable_Nm` drags against the turn, and a
+    hose turns the leg back to its start like a spring. `ramp_s` is how long the command takes to
+    reach its speed, and `late_s` how long it takes to reach the drive."""
 
     start_angle_rad: float
     ramp_s: float
@@ -140,8 +151,8 @@ class DriveModel:
 class Mount:
     """Position of the shaft. Gravity leans towards +y by `lean_rad`.
 
-    `frame_kg` > 0 lets the shaft yield along a line that leans from down towards +y; the sensor feels a share of this mass.
-    """
+    `frame_kg` > 0 lets the shaft yield along a line that leans from down towards +y; the sensor
+    feels a share of this mass."""
 
     height_m: float
     below_shaft_m: float
@@ -155,13 +166,14 @@ class Mount:
 
 @dataclass(frozen=True)
 class Sensing:
-    """Faults of the force sensor. They act in this order: cogging, gain and curvature, play, creep, crosstalk, ringing, lag, clock,
-    drift, hum, clipping, dead band and resolution.
+    """Faults of the force sensor. They act in this order: cogging, gain and curvature, play, creep,
+    crosstalk, ringing, lag, clock, drift, hum, clipping, dead band and resolution.
 
-    `curvature_per_N` makes fz read fz (1 + curvature |fz|); `cogging` is a ripple of fz over the shaft angle; `play_N` is half the width
-    of a loop of fz, as of a loose mount; fz creeps on by `creep_share` of itself within about `creep_s`; `hum` comes from the mains;
-    `clip_N` is where fz saturates, and what is smaller than `dead_N` reads zero. `y_frequency_ratio` is how much faster it rings along y.
-    """
+    `curvature_per_N` makes fz read fz (1 + curvature |fz|); `cogging` is a ripple of fz over the
+    shaft angle; `play_N` is half the width of a loop of fz, as of a loose mount; fz creeps on by
+    `creep_share` of itself within about `creep_s`; `hum` comes from the mains; `clip_N` is where fz
+    saturates, and what is smaller than `dead_N` reads zero. `y_frequency_ratio` is how much faster
+    it rings along y."""
 
     lag_s: float = 0.0
     clock_offset_s: float = 0.0
@@ -190,7 +202,9 @@ class Sensing:
 
 @dataclass(frozen=True)
 class World:
-    """The true rig during one stroke; `strokes_before` is how many strokes of the campaign were made before it."""
+    """The true rig during one stroke; `strokes_before` is how many strokes of the campaign were
+    made before it.
+    """
 
     links: Links
     hinges: Hinges

@@ -1,1 +1,3 @@
-"""The package's own entries of the catalogue, one module for each place. Every module lists its own in `EFFECTS`."""
+"""The package's own entries of the catalogue, one module for each place. Every module lists its
+own in `EFFECTS`.
+"""

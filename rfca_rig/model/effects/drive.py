@@ -1,4 +1,6 @@
-"""Effects between the commanded and the true motion of the shaft: of motor, coupling and bearing."""
+"""Effects between the commanded and the true motion of the shaft: of motor, coupling and
+bearing.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -21,7 +23,11 @@ ROTOR_KG_M2 = 0.006  # motor and gear at the shaft; the sag itself hardly depend
 
 def apply_motor_speed_droop(setup: Setup, values: Values) -> Setup:
     drive = CompliantDrive(
-        "motor_speed_droop", values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2, setup.rig.drive.holds_start
+        "motor_speed_droop",
+        values["ki_Nm_per_rad"],
+        values["kp_Nm_s_per_rad"],
+        ROTOR_KG_M2,
+        setup.rig.drive.holds_start,
     )
     return with_drive(setup, drive)
 
@@ -61,9 +67,14 @@ MOTOR_TORQUE_LIMIT = Effect(
     left_out="the motor's torque is limited",
     law="|tau| <= limit, tau = kp (w_c - w) + ki (theta_c - theta) within it",
     source="current limit of a servo drive; its integrator goes on, as without anti-windup",
-    parameters=(Parameter("limit_Nm", 0.5, 20.0, may_be_zero=False, starts=tuple(0.7 * 1.3**n for n in range(12))),),
+    parameters=(
+        Parameter(
+            "limit_Nm", 0.5, 20.0, may_be_zero=False, starts=tuple(0.7 * 1.3**n for n in range(12))
+        ),
+    ),
     apply=apply_motor_torque_limit,
-    # Within the limit: a drive that sags by 0.2 to 2 mrad under 1 N m. A softer one is `motor_speed_droop`, with or without a limit
+    # Within the limit: a drive that sags by 0.2 to 2 mrad under 1 N m. A softer one is
+    # `motor_speed_droop`, with or without a limit
     shape=(
         Parameter("kp_Nm_s_per_rad", 20.0, 200.0, may_be_zero=False, neutral=50.0),
         Parameter("ki_Nm_per_rad", 500.0, 5000.0, may_be_zero=False, neutral=1000.0),
@@ -96,11 +107,20 @@ MOTOR_COGGING = Effect(
     where="drive",
     left_out="the motor cogs",
     law="tau = T sin(n (theta - theta_0) + phase) beside kp (w_c - w) + ki (theta_c - theta)",
-    source="cogging torque of permanent-magnet motors: teeth and magnets, n is their least common multiple",
+    source=(
+        "cogging torque of permanent-magnet motors: teeth and magnets, n is their least "
+        "common multiple"
+    ),
     parameters=(
         Parameter("torque_Nm", 0.02, 3.0, starts=(0.5,)),
         # A stroke is half a turn: it distinguishes numbers of cycles that differ by two.
-        Parameter("cycles_per_turn", 4.0, 90.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(3, 60))),
+        Parameter(
+            "cycles_per_turn",
+            4.0,
+            90.0,
+            may_be_zero=False,
+            starts=tuple(1.5 * n for n in range(3, 60)),
+        ),
     ),
     apply=apply_motor_cogging,
     # A drive that sags by 0.2 to 10 mrad under 1 N m; a softer one is `motor_speed_droop`.
@@ -121,19 +141,28 @@ RIPPLE_STEP_S = 5e-4
 
 def apply_motor_speed_ripple(setup: Setup, values: Values) -> Setup:
     phase_rad = 2.0 * np.pi * values["phase_cycles"]
-    return replace(setup, motion=add_ripple(setup.motion, values["amplitude_relative"], values["cycles_per_turn"], phase_rad))
+    return replace(
+        setup,
+        motion=add_ripple(
+            setup.motion, values["amplitude_relative"], values["cycles_per_turn"], phase_rad
+        ),
+    )
 
 
-def add_ripple(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: float = 0.0) -> ShaftMotion:
+def add_ripple(
+    motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: float = 0.0
+) -> ShaftMotion:
     """The motion that follows from the law, in closed form.
 
-    With psi = n (theta - theta_0) + phase, d psi / d theta_c = n (1 + a cos psi). So the angle is a function of the commanded one
-    alone: tan(psi / 2) = r tan x, x = sqrt(1 - a^2) n (theta_c - theta_0) / 2 + x_0.
-    """
+    With psi = n (theta - theta_0) + phase, d psi / d theta_c = n (1 + a cos psi). So the angle is a
+    function of the commanded one alone: tan(psi / 2) = r tan x, x = sqrt(1 - a^2) n (theta_c -
+    theta_0) / 2 + x_0."""
     t = _times(motion)
     start = motion.start_rad
     r = np.sqrt((1.0 + amplitude) / (1.0 - amplitude))
-    x = np.sqrt(1.0 - amplitude * amplitude) * cycles * (motion.angle_rad(t) - start) / 2.0 + _scale_tangent(0.5 * phase_rad, 1.0 / r)
+    x = np.sqrt(1.0 - amplitude * amplitude) * cycles * (
+        motion.angle_rad(t) - start
+    ) / 2.0 + _scale_tangent(0.5 * phase_rad, 1.0 / r)
     half = _scale_tangent(x, r)
     angle = start + (2.0 * half - phase_rad) / cycles
     speed = _speed(motion, t) * (1.0 + amplitude * np.cos(2.0 * half))
@@ -142,12 +171,15 @@ def add_ripple(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: 
     rise = np.diff(angle) / step
     square = (3.0 * rise - 2.0 * speed[:-1] - speed[1:]) / step
     cube = (speed[:-1] + speed[1:] - 2.0 * rise) / step**2
-    return ShaftMotion(t, np.column_stack([angle[:-1], speed[:-1], square, cube]), motion.landings_s)
+    return ShaftMotion(
+        t, np.column_stack([angle[:-1], speed[:-1], square, cube]), motion.landings_s
+    )
 
 
 def _scale_tangent(x: Floats | float, r: float) -> Floats:
     """The angle whose tangent is r tan x, on the branch of x."""
-    # As a difference to x, which is always within a quarter turn, the arctangent needs no count of branches.
+    # As a difference to x, which is always within a quarter turn, the arctangent needs no count of
+    # branches.
     sin, cos = np.sin(x), np.cos(x)
     return np.asarray(x + np.arctan((r - 1.0) * sin * cos / (cos**2 + r * sin**2)))
 
@@ -155,7 +187,10 @@ def _scale_tangent(x: Floats | float, r: float) -> Floats:
 def _times(motion: ShaftMotion) -> Floats:
     """Times from zero to the end, with every break of the motion among them."""
     breaks = np.unique(np.maximum(motion.breaks_s, 0.0))
-    pieces = (np.linspace(t0, t1, int(np.ceil((t1 - t0) / RIPPLE_STEP_S)) + 1)[:-1] for t0, t1 in pairwise(breaks))
+    pieces = (
+        np.linspace(t0, t1, int(np.ceil((t1 - t0) / RIPPLE_STEP_S)) + 1)[:-1]
+        for t0, t1 in pairwise(breaks)
+    )
     return np.concatenate([*pieces, breaks[-1:]])
 
 
@@ -174,11 +209,18 @@ MOTOR_SPEED_RIPPLE = Effect(
     parameters=(
         Parameter("amplitude_relative", 0.005, 0.3, below=1.0, starts=(0.05,)),
         # A stroke is half a turn: it distinguishes numbers of cycles that differ by two.
-        Parameter("cycles_per_turn", 1.0, 60.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(1, 40))),
+        Parameter(
+            "cycles_per_turn",
+            1.0,
+            60.0,
+            may_be_zero=False,
+            starts=tuple(1.5 * n for n in range(1, 40)),
+        ),
     ),
     apply=apply_motor_speed_ripple,
-    # Periodic, so a fit may go beyond half a cycle in either direction; four starts make one of them near.
-    # At 5 % and 10 cycles, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.54 N rms at -0.25, 1.34 N at 0.25, 1.84 N at 0.5
+    # Periodic, so a fit may go beyond half a cycle in either direction; four starts make one of
+    # them near. At 5 % and 10 cycles, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.54 N rms
+    # at -0.25, 1.34 N at 0.25, 1.84 N at 0.5
     shape=(Parameter("phase_cycles", -0.5, 0.5, starts=(-0.25, 0.0, 0.25, 0.5)),),
 )
 
@@ -188,7 +230,12 @@ MOTOR_SPEED_RIPPLE = Effect(
 
 def apply_shaft_compliance(setup: Setup, values: Values) -> Setup:
     stiffness = values["stiffness_Nm_per_rad"]
-    return with_drive(setup, CompliantDrive("shaft_compliance", stiffness, 1e-3 * values["relaxation_ms"] * stiffness, 0.0))
+    return with_drive(
+        setup,
+        CompliantDrive(
+            "shaft_compliance", stiffness, 1e-3 * values["relaxation_ms"] * stiffness, 0.0
+        ),
+    )
 
 
 SHAFT_COMPLIANCE = Effect(
@@ -199,25 +246,40 @@ SHAFT_COMPLIANCE = Effect(
     source="torsion spring in series with the shaft",
     parameters=(Parameter("stiffness_Nm_per_rad", 5.0, 2000.0, may_be_zero=False),),
     apply=apply_shaft_compliance,
-    # Internal damping over stiffness: at the neutral value the oscillation of the twist decays within milliseconds.
-    # At 100 N m/rad, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.03 N rms at 0.1 ms and 0.18 N at 10 ms
+    # Internal damping over stiffness: at the neutral value the oscillation of the twist decays
+    # within milliseconds. At 100 N m/rad, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.03 N
+    # rms at 0.1 ms and 0.18 N at 10 ms
     shape=(Parameter("relaxation_ms", 0.1, 10.0, may_be_zero=False, neutral=1.0),),
 )
 
 
 # Play between motor and leg: a loose screw, a worn key.
 
-PLAY_STIFFNESS_NM_PER_RAD = 2000.0  # beyond the play: a steel shaft of 10 mm, which twists by 1 mrad under 2 N m
-PLAY_LOSS_S_PER_RAD = 0.3  # steel on steel: a factor of five up or down changes fz by 0.1 to 0.5 N rms of 26 N
+PLAY_STIFFNESS_NM_PER_RAD = (
+    2000.0  # beyond the play: a steel shaft of 10 mm, which twists by 1 mrad under 2 N m
+)
+PLAY_LOSS_S_PER_RAD = (
+    0.3  # steel on steel: a factor of five up or down changes fz by 0.1 to 0.5 N rms of 26 N
+)
 
 
 def apply_shaft_play(setup: Setup, values: Values) -> Setup:
-    """At rest the weight holds the play closed; without play the shaft is that of the plain model."""
+    """At rest the weight holds the play closed; without play the shaft is that of the plain
+    model.
+    """
     gap_rad = float(np.radians(values["half_gap_deg"]))
     if gap_rad == 0.0:
         return setup
     return with_drive(
-        setup, CompliantDrive("shaft_play", PLAY_STIFFNESS_NM_PER_RAD, 0.0, 0.0, gap_rad=gap_rad, loss_s_per_rad=PLAY_LOSS_S_PER_RAD)
+        setup,
+        CompliantDrive(
+            "shaft_play",
+            PLAY_STIFFNESS_NM_PER_RAD,
+            0.0,
+            0.0,
+            gap_rad=gap_rad,
+            loss_s_per_rad=PLAY_LOSS_S_PER_RAD,
+        ),
     )
 
 
@@ -225,7 +287,10 @@ SHAFT_PLAY = Effect(
     id="shaft_play",
     where="drive",
     left_out="play between motor and leg",
-    law="tau = k b (1 + a b'), b = sgn(d) max(|d| - gap, 0), d = theta_motor - theta_leg, k = 2000 N m/rad, a = 0.3 s/rad, never pulling",
+    law=(
+        "tau = k b (1 + a b'), b = sgn(d) max(|d| - gap, 0), d = theta_motor - theta_leg, k "
+        "= 2000 N m/rad, a = 0.3 s/rad, never pulling"
+    ),
     source="dead zone whose ends are contacts of Hunt and Crossley (1975)",
     parameters=(Parameter("half_gap_deg", 0.1, 5.0),),
     apply=apply_shaft_play,

@@ -13,18 +13,21 @@ from rfca_rig.model.setup import Setup, with_chain, with_law
 # A compliant floor in series with the nominal contact.
 
 AS_THE_GROUND = 1.5
-# Force at which the depth of the soft floor does not depend on its exponent: about the contact force in mid-stroke.
+# Force at which the depth of the soft floor does not depend on its exponent: about the contact
+# force in mid-stroke.
 REFERENCE_N = 20.0
 ROUNDS = 8  # of Newton's iteration at most, in logarithms: to rounding for exponents from 0.5 to 3
 CONVERGED = 1e-7  # of log N: the error after the next iteration, its square, is below rounding
 
 
-def ground_compliance_force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
-    """Force of the two springs in series beyond that with the ground's exponent, and its derivatives.
+def ground_compliance_force(
+    depth: float, rate: float, memory: Any, parameter: Any
+) -> tuple[float, float, float]:
+    """Force of the two springs in series beyond that with the ground's exponent, and its
+    derivatives.
 
-    parameter = (stiffness of the ground, of the soft floor, of both with the ground's exponent, exponent of the soft floor, damping of an
-    end that enters, of one that leaves).
-    """
+    parameter = (stiffness of the ground, of the soft floor, of both with the ground's exponent,
+    exponent of the soft floor, damping of an end that enters, of one that leaves)."""
     hard, both, exponent = parameter[0], parameter[2], parameter[3]
     reference_m = (REFERENCE_N / parameter[1]) ** (2.0 / 3.0)
     damping = parameter[4] if rate > 0.0 else parameter[5]
@@ -32,7 +35,8 @@ def ground_compliance_force(depth: float, rate: float, memory: Any, parameter: A
     if grow <= 0.0 or depth <= 0.0:
         return 0.0, 0.0, 0.0
     plain = both * depth**1.5
-    # Newton's iteration for the N at which both depths add up to the given one. In logarithms N stays positive.
+    # Newton's iteration for the N at which both depths add up to the given one. In logarithms N
+    # stays positive.
     log_N, softness = np.log(plain), depth
     for _ in range(ROUNDS):
         first = np.exp((log_N - np.log(hard)) * 2.0 / 3.0)
@@ -57,7 +61,14 @@ def apply_ground_compliance(setup: Setup, values: Values) -> Setup:
     if values["exponent"] == AS_THE_GROUND:
         return softer
     leaving = ground.damping_s_per_m * ground.leaving_damping_share
-    shape = (ground.stiffness_N_per_m1p5, stiffness, both, values["exponent"], ground.damping_s_per_m, leaving)
+    shape = (
+        ground.stiffness_N_per_m1p5,
+        stiffness,
+        both,
+        values["exponent"],
+        ground.damping_s_per_m,
+        leaving,
+    )
     return with_law(softer, LawUse(NORMAL, ground_compliance_force, shape))
 
 
@@ -65,27 +76,38 @@ GROUND_COMPLIANCE = Effect(
     id="ground_compliance",
     where="ground",
     left_out="soft floor",
-    law="N = F (depth / b)^p in series with the nominal contact, F = 20 N, b = (F / k)^(2/3), p = 1.5 unless given",
-    source="Hertz contacts in series; an exponent of 1 for a bed of springs (Winkler), of 2 for a cone (Sneddon 1965)",
+    law=(
+        "N = F (depth / b)^p in series with the nominal contact, F = 20 N, b = (F / "
+        "k)^(2/3), p = 1.5 unless given"
+    ),
+    source=(
+        "Hertz contacts in series; an exponent of 1 for a bed of springs (Winkler), of 2 for "
+        "a cone (Sneddon 1965)"
+    ),
     parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0, may_be_zero=False),),
     apply=apply_ground_compliance,
-    # At 2e5 N/m^1.5, fz over a stroke (215 mm, 2.433 rad/s) changes by 6.3 N rms with an exponent of 1, and by 2.2 N with 2.
+    # At 2e5 N/m^1.5, fz over a stroke (215 mm, 2.433 rad/s) changes by 6.3 N rms with an exponent
+    # of 1, and by 2.2 N with 2.
     shape=(Parameter("exponent", 1.0, 2.0, may_be_zero=False, neutral=AS_THE_GROUND),),
     same_as="contact_stiffness",
 )
 
 
-# A contact whose force grows with another power of the depth: 1 for a line contact, 1.5 for a sphere.
+# A contact whose force grows with another power of the depth: 1 for a line contact, 1.5 for a
+# sphere.
 
-# Force at which the depth equals that of the nominal contact: about the contact force in mid-stroke.
+# Force at which the depth equals that of the nominal contact: about the contact force in
+# mid-stroke.
 EXPONENT_REFERENCE_N = 20.0
 
 
-def ground_exponent_force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
+def ground_exponent_force(
+    depth: float, rate: float, memory: Any, parameter: Any
+) -> tuple[float, float, float]:
     """Force beyond that of the nominal contact, and its derivatives.
 
-    parameter = (stiffness of the nominal contact, exponent, damping of an end that enters, of one that leaves).
-    """
+    parameter = (stiffness of the nominal contact, exponent, damping of an end that enters, of one
+    that leaves)."""
     stiffness, exponent = parameter[0], parameter[1]
     damping = parameter[2] if rate > 0.0 else parameter[3]
     grow = 1.0 + damping * rate
@@ -100,10 +122,18 @@ def ground_exponent_force(depth: float, rate: float, memory: Any, parameter: Any
 def apply_ground_exponent(setup: Setup, values: Values) -> Setup:
     """Replaces the contact of the finished chain, which may include a compliant floor."""
 
-    # Built from the finished chain, since another effect may still change its stiffness and damping.
+    # Built from the finished chain, since another effect may still change its stiffness and
+    # damping.
     def law(chain: Chain) -> LawUse:
         return LawUse(
-            NORMAL, ground_exponent_force, (chain.contact_stiffness, values["exponent"], chain.contact_damping, chain.leaving_damping)
+            NORMAL,
+            ground_exponent_force,
+            (
+                chain.contact_stiffness,
+                values["exponent"],
+                chain.contact_damping,
+                chain.leaving_damping,
+            ),
         )
 
     return replace(setup, laws_of_chain=(*setup.laws_of_chain, law))
@@ -114,7 +144,10 @@ GROUND_EXPONENT = Effect(
     where="ground",
     left_out="contact of another shape, as along a line",
     law="N = F (depth / b)^p (1 + c rate), F = 20 N, b where the nominal contact presses with F",
-    source="exponent 1 for a line contact (Johnson 1985, ch. 4) or a bed of springs, 1.5 after Hertz, 2 for a cone (Sneddon 1965)",
+    source=(
+        "exponent 1 for a line contact (Johnson 1985, ch. 4) or a bed of springs, 1.5 after "
+        "Hertz, 2 for a cone (Sneddon 1965)"
+    ),
     parameters=(Parameter("exponent", 1.0, 2.0, may_be_zero=False, starts=(1.0, 1.25, 2.0)),),
     apply=apply_ground_exponent,
 )
@@ -122,7 +155,8 @@ GROUND_EXPONENT = Effect(
 
 # Floor friction that falls with sliding speed.
 
-# Share of the speed scale. It keeps the slope finite at rest for exponents below one, and does not change an exponent of one.
+# Share of the speed scale. It keeps the slope finite at rest for exponents below one, and does not
+# change an exponent of one.
 ROUNDED = 1e-3
 
 
@@ -133,7 +167,14 @@ def ground_stribeck_factor(v: float, memory: Any, parameter: Any) -> tuple[float
 
 
 def apply_ground_stribeck(setup: Setup, values: Values) -> Setup:
-    return with_law(setup, LawUse(SLIP, ground_stribeck_factor, (values["rise_relative"], values["speed_m_s"], values["exponent"])))
+    return with_law(
+        setup,
+        LawUse(
+            SLIP,
+            ground_stribeck_factor,
+            (values["rise_relative"], values["speed_m_s"], values["exponent"]),
+        ),
+    )
 
 
 GROUND_STRIBECK = Effect(
@@ -141,13 +182,17 @@ GROUND_STRIBECK = Effect(
     where="ground",
     left_out="friction that falls with sliding speed",
     law="mu (1 + rise exp(-(|v| / v_s)^d)), d = 1 unless given",
-    source="Stribeck 1902; exponent as in Bo and Pavelescu 1982 (0.5 to 1) and Armstrong-Helouvry 1991 (2)",
+    source=(
+        "Stribeck 1902; exponent as in Bo and Pavelescu 1982 (0.5 to 1) and "
+        "Armstrong-Helouvry 1991 (2)"
+    ),
     parameters=(
         Parameter("rise_relative", 0.05, 1.0),
         Parameter("speed_m_s", 0.005, 1.0, may_be_zero=False),
     ),
     apply=apply_ground_stribeck,
-    # At a rise of 0.3 and 0.1 m/s, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.50 N rms with exponent 0.4, by 0.08 N with 2.5.
+    # At a rise of 0.3 and 0.1 m/s, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.50 N rms
+    # with exponent 0.4, by 0.08 N with 2.5.
     shape=(Parameter("exponent", 0.4, 2.5, may_be_zero=False, neutral=1.0),),
 )
 
@@ -155,14 +200,18 @@ GROUND_STRIBECK = Effect(
 # Adhesion of the floor, which holds the leg back at lift-off.
 
 
-def ground_adhesion_force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
+def ground_adhesion_force(
+    depth: float, rate: float, memory: Any, parameter: Any
+) -> tuple[float, float, float]:
     # The force builds up over a reach: a constant force would jump where the tip touches.
     left = np.exp(-depth / parameter[1])
     return -parameter[0] * (1.0 - left), -parameter[0] * left / parameter[1], 0.0
 
 
 def apply_ground_adhesion(setup: Setup, values: Values) -> Setup:
-    return with_law(setup, LawUse(NORMAL, ground_adhesion_force, (values["force_N"], 1e-3 * values["reach_mm"])))
+    return with_law(
+        setup, LawUse(NORMAL, ground_adhesion_force, (values["force_N"], 1e-3 * values["reach_mm"]))
+    )
 
 
 GROUND_ADHESION = Effect(
@@ -170,11 +219,15 @@ GROUND_ADHESION = Effect(
     where="ground",
     left_out="floor holds the leg back at lift-off",
     law="N - F (1 - exp(-depth / reach)) while touching",
-    source="Derjaguin, Muller and Toporov 1975 (constant); Johnson, Kendall and Roberts 1971 (grows with the contact)",
+    source=(
+        "Derjaguin, Muller and Toporov 1975 (constant); Johnson, Kendall and Roberts 1971 "
+        "(grows with the contact)"
+    ),
     parameters=(Parameter("force_N", 0.1, 20.0),),
     apply=apply_ground_adhesion,
-    # Depth over which adhesion builds up. The force depends on depth alone, so it creates no energy for any shape.
-    # At 2 N, fy over a stroke (215 mm, 2.433 rad/s) changes by 0.001 N rms at 0.01 mm and 0.03 N at 1 mm
+    # Depth over which adhesion builds up. The force depends on depth alone, so it creates no energy
+    # for any shape. At 2 N, fy over a stroke (215 mm, 2.433 rad/s) changes by 0.001 N rms at 0.01
+    # mm and 0.03 N at 1 mm
     shape=(Parameter("reach_mm", 0.01, 1.0, may_be_zero=False, neutral=0.05),),
 )
 
@@ -219,11 +272,15 @@ GROUND_BUMP = Effect(
     id="ground_bump",
     where="ground",
     left_out="a bump or hollow of the floor",
-    law="floor at -height + B exp(-((y - y_0) / b)^2), y from below the shaft to where the leg starts; depth along its normal",
+    law=(
+        "floor at -height + B exp(-((y - y_0) / b)^2), y from below the shaft to where the "
+        "leg starts; depth along its normal"
+    ),
     source="signed distance to a smooth profile: the nearest point carries the contact",
-    # The paper's tip touches at +174 to +217 mm and leaves at -126 to -156 mm (racks of 195 to 235 mm, 2 to 3.3 rad/s), with the
-    # valley of fz at -27 to -54 mm. A wider bump acts like a wrong height of the rack: a fitted height leaves 45 to 94 % of the effect of
-    # a bump of 50 mm, and 4 to 26 % of that of 200 mm.
+    # The paper's tip touches at +174 to +217 mm and leaves at -126 to -156 mm (racks of 195 to 235
+    # mm, 2 to 3.3 rad/s), with the valley of fz at -27 to -54 mm. A wider bump acts like a wrong
+    # height of the rack: a fitted height leaves 45 to 94 % of the effect of a bump of 50 mm, and 4
+    # to 26 % of that of 200 mm.
     parameters=(
         Parameter("height_mm", -5.0, 5.0, starts=(-1.5, 1.5)),
         Parameter("at_mm", -130.0, 190.0, starts=tuple(float(at) for at in range(-120, 181, 10))),

@@ -45,15 +45,22 @@ DAMAGED_HINGE = Effect(
 def hinge_backlash_torque(
     phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
 ) -> tuple[float, float, float]:
-    # The chain has added the nominal spring already: the law is the spring with play less the spring without.
+    # The chain has added the nominal spring already: the law is the spring with play less the
+    # spring without.
     bent = max(abs(phi) - parameter[0], 0.0)
     engaged = np.sign(phi) * k0 * bent * (1.0 + k2 * bent * bent)
     slope = k0 * (1.0 + 3.0 * k2 * bent * bent) if bent > 0.0 else 0.0
-    return engaged - k0 * phi * (1.0 + k2 * phi * phi), slope - k0 * (1.0 + 3.0 * k2 * phi * phi), 0.0
+    return (
+        engaged - k0 * phi * (1.0 + k2 * phi * phi),
+        slope - k0 * (1.0 + 3.0 * k2 * phi * phi),
+        0.0,
+    )
 
 
 def apply_hinge_backlash(setup: Setup, values: Values) -> Setup:
-    return with_law(setup, LawUse(HINGE, hinge_backlash_torque, (np.radians(values["half_gap_deg"]),)))
+    return with_law(
+        setup, LawUse(HINGE, hinge_backlash_torque, (np.radians(values["half_gap_deg"]),))
+    )
 
 
 HINGE_BACKLASH = Effect(
@@ -70,7 +77,8 @@ HINGE_BACKLASH = Effect(
 
 # Shell segments that meet: stiff beyond an angle, either way.
 
-# Forces determine the angle of a stop to a quarter of a degree: a start that is off by half a degree shows no improvement.
+# Forces determine the angle of a stop to a quarter of a degree: a start that is off by half a
+# degree shows no improvement.
 ANGLES_DEG = (6.0, 8.0, 10.0, 12.0, *(14.0 + 0.4 * n for n in range(51)), 36.0)
 
 
@@ -90,12 +98,21 @@ def hinge_stop_torque(
     if parameter[2] == 1.0:
         return np.sign(phi) * parameter[1] * beyond, parameter[1], 0.0
     u, n = beyond / REFERENCE_RAD + ROUNDED, parameter[2]
-    return np.sign(phi) * parameter[1] * REFERENCE_RAD * (u**n - ROUNDED**n), parameter[1] * n * u ** (n - 1.0), 0.0
+    return (
+        np.sign(phi) * parameter[1] * REFERENCE_RAD * (u**n - ROUNDED**n),
+        parameter[1] * n * u ** (n - 1.0),
+        0.0,
+    )
 
 
 def apply_hinge_stop(setup: Setup, values: Values) -> Setup:
     return with_law(
-        setup, LawUse(HINGE, hinge_stop_torque, (np.radians(values["angle_deg"]), values["stiffness_Nm_per_rad"], values["exponent"]))
+        setup,
+        LawUse(
+            HINGE,
+            hinge_stop_torque,
+            (np.radians(values["angle_deg"]), values["stiffness_Nm_per_rad"], values["exponent"]),
+        ),
     )
 
 
@@ -110,7 +127,8 @@ HINGE_STOP = Effect(
         Parameter("stiffness_Nm_per_rad", 10.0, 1000.0, starts=(13.0, 40.0)),
     ),
     apply=apply_hinge_stop,
-    # At 18 degrees and 40 N m/rad, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.39 N rms with an exponent of 0.8, 1.64 N with 2.5.
+    # At 18 degrees and 40 N m/rad, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.39 N rms
+    # with an exponent of 0.8, 1.64 N with 2.5.
     shape=(Parameter("exponent", 0.8, 2.5, may_be_zero=False, neutral=1.0),),
 )
 
@@ -168,7 +186,9 @@ HINGE_REST_ANGLE_OF_ONE = Effect(
 
 
 def apply_stiffness_hardening(setup: Setup, values: Values) -> Setup:
-    return replace(setup, rig=replace(setup.rig, leg=replace(setup.rig.leg, k2_per_rad2=values["k2_per_rad2"])))
+    return replace(
+        setup, rig=replace(setup.rig, leg=replace(setup.rig.leg, k2_per_rad2=values["k2_per_rad2"]))
+    )
 
 
 STIFFNESS_HARDENING = Effect(
@@ -187,7 +207,9 @@ STIFFNESS_HARDENING = Effect(
 
 
 def apply_stiffness_fading(setup: Setup, values: Values) -> Setup:
-    """The mean factor over the strokes whose mean is simulated; that of the first stroke where they were not counted."""
+    """The mean factor over the strokes whose mean is simulated; that of the first stroke where
+    they were not counted.
+    """
     decades = np.log10(1.0 + np.array(setup.strokes_before or (0,)))
     factor = float(np.mean((1.0 - values["loss_per_decade_relative"]) ** decades))
 

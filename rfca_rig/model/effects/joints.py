@@ -16,13 +16,20 @@ PRESLIDING_RAD = 5e-4  # rotation before a stuck joint slips: about one count of
 DAMPING_S = 5e-3  # a stuck joint is at rest after some hundredths of a second
 
 
-def friction_of(torque_Nm: float, joint: int = -1, presliding_rad: float = PRESLIDING_RAD) -> LawUse:
+def friction_of(
+    torque_Nm: float, joint: int = -1, presliding_rad: float = PRESLIDING_RAD
+) -> LawUse:
     """The law on one joint, from 1, or on all."""
     return dry_friction(torque_Nm, presliding_rad, DAMPING_S, joint)
 
 
 def apply_joint_friction(setup: Setup, values: Values) -> Setup:
-    return with_law(setup, friction_of(values["torque_Nm"], presliding_rad=float(np.radians(values["presliding_deg"]))))
+    return with_law(
+        setup,
+        friction_of(
+            values["torque_Nm"], presliding_rad=float(np.radians(values["presliding_deg"]))
+        ),
+    )
 
 
 JOINT_FRICTION = Effect(
@@ -34,9 +41,17 @@ JOINT_FRICTION = Effect(
     parameters=(Parameter("torque_Nm", 0.005, 1.0),),
     apply=apply_joint_friction,
     variant_of="joint_stribeck",  # with a rise of zero
-    # Neutral: about one count of a joint's encoder. At 0.05 N m, fz over a stroke of the leg (215 mm, 2.433 rad/s) changes by 0.03 N rms
-    # at 0.01 degrees and 0.67 N at 1.5 degrees.
-    shape=(Parameter("presliding_deg", 0.01, 1.5, may_be_zero=False, neutral=float(np.degrees(PRESLIDING_RAD))),),
+    # Neutral: about one count of a joint's encoder. At 0.05 N m, fz over a stroke of the leg (215
+    # mm, 2.433 rad/s) changes by 0.03 N rms at 0.01 degrees and 0.67 N at 1.5 degrees.
+    shape=(
+        Parameter(
+            "presliding_deg",
+            0.01,
+            1.5,
+            may_be_zero=False,
+            neutral=float(np.degrees(PRESLIDING_RAD)),
+        ),
+    ),
 )
 
 
@@ -47,7 +62,9 @@ def apply_joint_friction_of_one(setup: Setup, values: Values) -> Setup:
     """Raises BadInput for a joint that the rig does not have."""
     joints, joint = len(setup.rig.leg.link_lengths_m) - 1, values["joint"]
     if not (float(joint).is_integer() and 1 <= joint <= joints):
-        raise BadInput(f"effect joint_friction_of_one: joint {joint:g}: there are joints 1 to {joints}")
+        raise BadInput(
+            f"effect joint_friction_of_one: joint {joint:g}: there are joints 1 to {joints}"
+        )
     return with_law(setup, friction_of(values["torque_Nm"], int(joint)))
 
 
@@ -69,24 +86,37 @@ JOINT_FRICTION_OF_ONE = Effect(
 def joint_stribeck_torque(
     phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
 ) -> tuple[float, float, float]:
-    # parameter = (torque at high speed, rise, speed scale, presliding, damping time); memory[0] is the anchor of the stuck state.
+    # parameter = (torque at high speed, rise, speed scale, presliding, damping time); memory[0] is
+    # the anchor of the stuck state.
     rise = parameter[1] * np.exp(-abs(rate) / parameter[2])
     most = parameter[0] * (1.0 + rise)
     stiffness = parameter[0] / parameter[3]
     stuck = stiffness * (phi - memory[0] + parameter[4] * rate)
     if abs(stuck) > most:
-        return np.sign(stuck) * most, 0.0, -np.sign(stuck) * np.sign(rate) * parameter[0] * rise / parameter[2]
+        return (
+            np.sign(stuck) * most,
+            0.0,
+            -np.sign(stuck) * np.sign(rate) * parameter[0] * rise / parameter[2],
+        )
     return stuck, stiffness, stiffness * parameter[4]
 
 
-def joint_stribeck_advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:
+def joint_stribeck_advance(
+    phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
+) -> None:
     # The stretch at which the spring carries the whole friction at this speed.
     reach = parameter[3] * (1.0 + parameter[1] * np.exp(-abs(rate) / parameter[2]))
     memory[0] = min(max(memory[0], phi - reach), phi + reach)
 
 
 def apply_joint_stribeck(setup: Setup, values: Values) -> Setup:
-    parameters = (values["torque_Nm"], values["rise_relative"], values["speed_rad_s"], PRESLIDING_RAD, DAMPING_S)
+    parameters = (
+        values["torque_Nm"],
+        values["rise_relative"],
+        values["speed_rad_s"],
+        PRESLIDING_RAD,
+        DAMPING_S,
+    )
     return with_law(setup, LawUse(HINGE, joint_stribeck_torque, parameters, joint_stribeck_advance))
 
 
@@ -109,7 +139,14 @@ JOINT_STRIBECK = Effect(
 
 
 def joint_inertia_torque(
-    phi: float, rate: float, acceleration: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
+    phi: float,
+    rate: float,
+    acceleration: float,
+    elapsed: float,
+    k0: float,
+    k2: float,
+    memory: Any,
+    parameter: Any,
 ) -> tuple[float, float, float, float]:
     return parameter[0] * acceleration, 0.0, 0.0, parameter[0]
 
@@ -128,7 +165,10 @@ JOINT_INERTIA = Effect(
     where="pendulum-like rigs",
     left_out="inertia of the motors' rotors behind their gears",
     law="T = I phi''",
-    source="reflected inertia, I = gear ratio^2 rotor inertia; the rotor's spin with the link before it is left out",
+    source=(
+        "reflected inertia, I = gear ratio^2 rotor inertia; the rotor's spin with the link "
+        "before it is left out"
+    ),
     parameters=(Parameter("inertia_kg_m2", 1e-4, 0.3),),
     apply=apply_joint_inertia,
 )

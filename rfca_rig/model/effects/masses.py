@@ -46,9 +46,15 @@ def apply_heavier_link(setup: Setup, values: Values) -> Setup:
     leg = setup.rig.leg
     last = len(leg.link_masses_kg)
     if not 0.5 <= values["link"] < last + 0.5:
-        raise BadInput(f"effect heavier_link: link {values['link']:g} is not there; this leg has links 1 to {last}")
+        raise BadInput(
+            f"effect heavier_link: link {values['link']:g} is not there; this leg has "
+            f"links 1 to {last}"
+        )
     link = round(values["link"]) - 1
-    more_kg, length_m = (values["mass_factor"] - 1.0) * leg.link_masses_kg[link], leg.link_lengths_m[link]
+    more_kg, length_m = (
+        (values["mass_factor"] - 1.0) * leg.link_masses_kg[link],
+        leg.link_lengths_m[link],
+    )
 
     def load(chain: Chain) -> Chain:
         # A uniform rod: it acts at the far ends of the links before it, and at its own middle.
@@ -56,7 +62,11 @@ def apply_heavier_link(setup: Setup, values: Values) -> Setup:
         reach[link] = 0.5 * length_m
         moment = chain.moment + more_kg * np.outer(reach, reach)
         moment[link, link] += more_kg * length_m**2 / 12.0
-        return chain._replace(moment=moment, first_moment=chain.first_moment + more_kg * reach, total_mass=chain.total_mass + more_kg)
+        return chain._replace(
+            moment=moment,
+            first_moment=chain.first_moment + more_kg * reach,
+            total_mass=chain.total_mass + more_kg,
+        )
 
     return with_chain(setup, load)
 

@@ -73,7 +73,10 @@ SENSOR_CROSSTALK_MATRIX = Effect(
     where="sensor",
     left_out="channels leak into each other",
     law="(fy, fz, tx) times a matrix with ones on its diagonal; no leak of tx",
-    source="off-diagonal terms of the calibration matrix; tx_per_fz is also a sensor beside the shaft, tx_per_fy one of another height",
+    source=(
+        "off-diagonal terms of the calibration matrix; tx_per_fz is also a sensor beside the "
+        "shaft, tx_per_fy one of another height"
+    ),
     parameters=(
         Parameter("fz_per_fy", -0.2, 0.2),
         Parameter("fy_per_fz", -0.2, 0.2),
@@ -103,8 +106,13 @@ SENSOR_SATURATION = Effect(
     left_out="fz is cut off at a limit",
     law="fz between -limit and limit",
     source="range of an amplifier or of its converter",
-    # A limit above the force of the valley does nothing and gives no direction to a fit, so there are several starts.
-    parameters=(Parameter("limit_N", 5.0, 100.0, may_be_zero=False, starts=tuple(8.0 * 1.15**n for n in range(16))),),
+    # A limit above the force of the valley does nothing and gives no direction to a fit, so there
+    # are several starts.
+    parameters=(
+        Parameter(
+            "limit_N", 5.0, 100.0, may_be_zero=False, starts=tuple(8.0 * 1.15**n for n in range(16))
+        ),
+    ),
     apply=apply_sensor_saturation,
 )
 

@@ -21,7 +21,9 @@ def apply_clock_offset(setup: Setup, values: Values) -> Setup:
     # Beyond the first and the last sample `np.interp` repeats the end values.
     def shift(felt: SensorOutput) -> SensorOutput:
         then = felt.t_s - values["offset_s"]
-        fy, fz, tx = (np.interp(then, felt.t_s, channel) for channel in (felt.fy_N, felt.fz_N, felt.tx_Nm))
+        fy, fz, tx = (
+            np.interp(then, felt.t_s, channel) for channel in (felt.fy_N, felt.fz_N, felt.tx_Nm)
+        )
         return replace(felt, fy_N=fy, fz_N=fz, tx_Nm=tx)
 
     return with_sensor(setup, shift)
@@ -42,11 +44,15 @@ CLOCK_OFFSET = Effect(
 
 
 def apply_sensor_clock_rate(setup: Setup, values: Values) -> Setup:
-    """With a positive rate the force appears too late after the beginning of the motion, in proportion to time, and too early before it."""
+    """With a positive rate the force appears too late after the beginning of the motion, in
+    proportion to time, and too early before it.
+    """
 
     def stretch(felt: SensorOutput) -> SensorOutput:
         then = felt.t_s * (1.0 - values["rate_relative"])
-        fy, fz, tx = (np.interp(then, felt.t_s, channel) for channel in (felt.fy_N, felt.fz_N, felt.tx_Nm))
+        fy, fz, tx = (
+            np.interp(then, felt.t_s, channel) for channel in (felt.fy_N, felt.fz_N, felt.tx_Nm)
+        )
         return replace(felt, fy_N=fy, fz_N=fz, tx_Nm=tx)
 
     return with_sensor(setup, stretch)
@@ -58,8 +64,17 @@ SENSOR_CLOCK_RATE = Effect(
     left_out="the force clock runs fast or slow",
     law="force(t) = true force(t - rate t), t from the beginning of the motion",
     source="-",
-    # A shift longer than a spike of the force changes the residual no longer in proportion to the rate, so small rates are starts, too.
-    parameters=(Parameter("rate_relative", -0.03, 0.03, below=0.5, starts=(-0.012, -0.004, -0.0015, 0.0015, 0.004, 0.012)),),
+    # A shift longer than a spike of the force changes the residual no longer in proportion to the
+    # rate, so small rates are starts, too.
+    parameters=(
+        Parameter(
+            "rate_relative",
+            -0.03,
+            0.03,
+            below=0.5,
+            starts=(-0.012, -0.004, -0.0015, 0.0015, 0.004, 0.012),
+        ),
+    ),
     apply=apply_sensor_clock_rate,
 )
 
@@ -83,7 +98,9 @@ def apply_sensor_lag(setup: Setup, values: Values) -> Setup:
 
 
 def filter_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
-    """Output (m,) of y' = (x - y) / tau from rest for the input `x` (m,) at times `t_s` (m,); exact for x linear between samples."""
+    """Output (m,) of y' = (x - y) / tau from rest for the input `x` (m,) at times `t_s` (m,);
+    exact for x linear between samples.
+    """
     # Two samples may have the same time; there nothing decays and nothing is added.
     step = np.diff(t_s) / tau_s
     left = np.exp(-step)
@@ -95,7 +112,9 @@ def filter_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
 
 @jit
 def fill_first_order(left: Floats, gained: Floats, y: Floats) -> None:
-    """y (m,) from its first value on: of each value `left` (m - 1,) remains, `gained` (m - 1,) is added."""
+    """y (m,) from its first value on: of each value `left` (m - 1,) remains, `gained` (m - 1,)
+    is added.
+    """
     for i in range(gained.size):
         y[i + 1] = left[i] * y[i] + gained[i]
 
@@ -113,7 +132,8 @@ SENSOR_LAG = Effect(
     source="first-order low-pass",
     parameters=(Parameter("time_constant_s", 0.0005, 0.05, may_be_zero=False),),
     apply=apply_sensor_lag,
-    # fy, fz and tx of two strokes up to lift-off: a fitted offset leaves 10 % of the lag's effect at 1 ms, 18 % at 4 ms and 21 % at 16 ms.
+    # fy, fz and tx of two strokes up to lift-off: a fitted offset leaves 10 % of the lag's effect
+    # at 1 ms, 18 % at 4 ms and 21 % at 16 ms.
     equal_limits=(EqualLimit("clock_offset", "a lag of 4 ms at most", lag_only_delays),),
 )
 
@@ -139,7 +159,8 @@ def apply_sensor_ringing(setup: Setup, values: Values) -> Setup:
 
 
 def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float) -> Floats:
-    """Output (m,) of y'' + 2 d w y' + w^2 y = w^2 x from rest for the input `x` (m,) at times `t_s` (m,); `ratio` d is below 1.
+    """Output (m,) of y'' + 2 d w y' + w^2 y = w^2 x from rest for the input `x` (m,) at times `t_s`
+    (m,); `ratio` d is below 1.
 
     Exact for x linear between samples.
     """
@@ -149,8 +170,12 @@ def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float)
 
 
 @jit
-def fill_second_order(step_s: Floats, x: Floats, rate_rad_s: float, ratio: float, y: Floats) -> None:
-    """Fills `y` (m,) from its first value on. Where x is linear with slope s, y - (x - 2 d s / w) oscillates freely."""
+def fill_second_order(
+    step_s: Floats, x: Floats, rate_rad_s: float, ratio: float, y: Floats
+) -> None:
+    """Fills `y` (m,) from its first value on. Where x is linear with slope s, y - (x - 2 d s /
+    w) oscillates freely.
+    """
     turning, decay, speed = rate_rad_s * np.sqrt(1.0 - ratio * ratio), ratio * rate_rad_s, 0.0
     for i in range(step_s.size):
         h = step_s[i]
@@ -163,7 +188,9 @@ def fill_second_order(step_s: Floats, x: Floats, rate_rad_s: float, ratio: float
         left, cos, sin = np.exp(-decay * h), np.cos(turning * h), np.sin(turning * h)
         mixed = (off_speed + decay * off) / turning
         y[i + 1] = x[i + 1] - behind + left * (off * cos + mixed * sin)
-        speed = slope + left * ((mixed * turning - decay * off) * cos - (off * turning + decay * mixed) * sin)
+        speed = slope + left * (
+            (mixed * turning - decay * off) * cos - (off * turning + decay * mixed) * sin
+        )
 
 
 def ringing_only_delays(values: Values) -> bool:
@@ -176,16 +203,26 @@ SENSOR_RINGING = Effect(
     where="sensor",
     left_out="the sensor swings under its load",
     law="y'' + 2 d w y' + w^2 y = w^2 x for every channel",
-    source="one mode of vibration of the sensor with what is bolted to it: Ewins, Modal Testing, 2000",
+    source=(
+        "one mode of vibration of the sensor with what is bolted to it: Ewins, Modal Testing, 2000"
+    ),
     parameters=(
         # It oscillates, and a start whose frequency is off by a tenth is soon out of phase.
-        Parameter("frequency_Hz", 8.0, 200.0, may_be_zero=False, starts=tuple(8.0 * 1.12**n for n in range(28))),
+        Parameter(
+            "frequency_Hz",
+            8.0,
+            200.0,
+            may_be_zero=False,
+            starts=tuple(8.0 * 1.12**n for n in range(28)),
+        ),
         Parameter("damping_ratio", 0.005, 0.7, below=1.0, starts=(0.05,)),
     ),
     apply=apply_sensor_ringing,
-    # At 25 Hz and a ratio of 0.05, fy over a stroke (215 mm, 2.433 rad/s) changes by 2.3 N rms at 0.5 and 1.7 N at 2.
+    # At 25 Hz and a ratio of 0.05, fy over a stroke (215 mm, 2.433 rad/s) changes by 2.3 N rms at
+    # 0.5 and 1.7 N at 2.
     shape=(Parameter("y_frequency_ratio", 0.5, 2.0, may_be_zero=False, neutral=1.0),),
-    # fy, fz and tx of two strokes up to lift-off, a ratio of 0.5: a fitted offset leaves 20 % of the effect at 40 Hz, 12 % at 150 Hz
+    # fy, fz and tx of two strokes up to lift-off, a ratio of 0.5: a fitted offset leaves 20 % of
+    # the effect at 40 Hz, 12 % at 150 Hz
     equal_limits=(
         EqualLimit(
             "clock_offset",

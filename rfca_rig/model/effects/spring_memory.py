@@ -12,10 +12,11 @@ from rfca_rig.model.setup import Setup, with_law
 
 # Rate-independent hysteresis in parallel to the hinge spring (Bouc-Wen).
 
-# Longest step of Runge-Kutta, in saturations. Its error is 2e-4 of the loop rms and 3e-3 at most, for exponents from 0.5 to 3.
+# Longest step of Runge-Kutta, in saturations. Its error is 2e-4 of the loop rms and 3e-3 at most,
+# for exponents from 0.5 to 3.
 LONGEST = 0.3
-# A travel below SHORT, and below NEAR of the distance to z = 0, is one Taylor step, with an error of 5e-6 of the loop at most. |z|^n is
-# not smooth at 0.
+# A travel below SHORT, and below NEAR of the distance to z = 0, is one Taylor step, with an error
+# of 5e-6 of the loop at most. |z|^n is not smooth at 0.
 SHORT, NEAR = 0.03, 0.1
 SATURATED = 20.0  # travel in saturations after which the loop is saturated to rounding
 PRESLIDING_AT_MOST_DEG = 1.5  # of hinge_coulomb_friction
@@ -23,7 +24,9 @@ PRESLIDING_AT_MOST_DEG = 1.5  # of hinge_coulomb_friction
 
 @jit_internal
 def loop_slope(along: float, exponent: float) -> float:
-    """dz/du, with u the turn over the saturation and both counted along the direction of turning."""
+    """dz/du, with u the turn over the saturation and both counted along the direction of
+    turning.
+    """
     if exponent == 1.0:
         return 1.0 - along
     return 1.0 - np.sign(along) * abs(along) ** exponent  # type: ignore[no-any-return]
@@ -33,8 +36,8 @@ def loop_slope(along: float, exponent: float) -> float:
 def follow_loop(along: float, travel: float, exponent: float) -> tuple[float, float]:
     """z and dz/du after turning on by `travel` in one direction; exact for an exponent of one.
 
-    Most travels of a simulation are short. They need a single power, as z' = 1 - s |z|^n gives all further derivatives.
-    """
+    Most travels of a simulation are short. They need a single power, as z' = 1 - s |z|^n gives all
+    further derivatives."""
     if exponent == 1.0:
         along = 1.0 - (1.0 - along) * np.exp(-travel)
         return along, 1.0 - along
@@ -55,29 +58,39 @@ def follow_loop(along: float, travel: float, exponent: float) -> tuple[float, fl
         first = loop_slope(along, exponent)
         second = loop_slope(along + 0.5 * h * first, exponent)
         third = loop_slope(along + 0.5 * h * second, exponent)
-        along += h / 6.0 * (first + 2.0 * (second + third) + loop_slope(along + h * third, exponent))
+        along += (
+            h / 6.0 * (first + 2.0 * (second + third) + loop_slope(along + h * third, exponent))
+        )
     return along, loop_slope(along, exponent)
 
 
 def spring_hysteresis_torque(
     phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
 ) -> tuple[float, float, float]:
-    """Torque of the loop; memory = (z, phi) at the last step, parameter = (strength, saturation angle, exponent)."""
+    """Torque of the loop; memory = (z, phi) at the last step, parameter = (strength, saturation
+    angle, exponent).
+    """
     side = 1.0 if phi >= memory[1] else -1.0
     along, slope = follow_loop(side * memory[0], abs(phi - memory[1]) / parameter[1], parameter[2])
     full = parameter[0] * k0 * parameter[1]
     return full * side * along, full * slope / parameter[1], 0.0
 
 
-def spring_hysteresis_advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:
+def spring_hysteresis_advance(
+    phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
+) -> None:
     side = 1.0 if phi >= memory[1] else -1.0
-    memory[0] = side * follow_loop(side * memory[0], abs(phi - memory[1]) / parameter[1], parameter[2])[0]
+    memory[0] = (
+        side * follow_loop(side * memory[0], abs(phi - memory[1]) / parameter[1], parameter[2])[0]
+    )
     memory[1] = phi
 
 
 def apply_spring_hysteresis(setup: Setup, values: Values) -> Setup:
     shape = (values["strength_relative"], np.radians(values["saturation_deg"]), values["exponent"])
-    return with_law(setup, LawUse(HINGE, spring_hysteresis_torque, shape, spring_hysteresis_advance))
+    return with_law(
+        setup, LawUse(HINGE, spring_hysteresis_torque, shape, spring_hysteresis_advance)
+    )
 
 
 def saturates_as_a_pin_slips(values: Values) -> bool:
@@ -96,10 +109,11 @@ SPRING_HYSTERESIS = Effect(
         Parameter("saturation_deg", 0.5, 20.0, may_be_zero=False),
     ),
     apply=apply_spring_hysteresis,
-    # At a strength of 0.2 and 4 degrees, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.13 N rms with exponent 0.5, 0.12 N with 3.
+    # At a strength of 0.2 and 4 degrees, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.13 N
+    # rms with exponent 0.5, 0.12 N with 3.
     shape=(Parameter("exponent", 0.5, 3.0, may_be_zero=False, neutral=1.0),),
-    # fy, fz and tx of two strokes up to lift-off, strength 0.3: fitted friction leaves 2 to 7 % of the effect at 0.5 degrees, 7 to
-    # 19 % at 1.5
+    # fy, fz and tx of two strokes up to lift-off, strength 0.3: fitted friction leaves 2 to 7 % of
+    # the effect at 0.5 degrees, 7 to 19 % at 1.5
     equal_limits=(
         EqualLimit(
             "hinge_coulomb_friction",
@@ -112,16 +126,21 @@ SPRING_HYSTERESIS = Effect(
 
 # A viscoelastic arm in parallel to the hinge spring: a spring in series with a dashpot (Maxwell).
 #
-# It models the creep in strokes and in static stages, where the relaxation continues from stage to stage.
+# It models the creep in strokes and in static stages, where the relaxation continues from stage to
+# stage.
 
 
 def slack(phi: float, elapsed: float, memory: Any, tau: float) -> tuple[float, float]:
-    """Dashpot angle x and dx/dphi after `elapsed` [s], exact for a phi that moves linearly; memory = (x, phi) at the last step."""
+    """Dashpot angle x and dx/dphi after `elapsed` [s], exact for a phi that moves linearly;
+    memory = (x, phi) at the last step.
+    """
     if elapsed <= 0.0:
         return memory[0], 0.0
     left, share = np.exp(-elapsed / tau), tau / elapsed
     gained = phi - memory[1]
-    return phi - gained * share * (1.0 - left) + (memory[0] - memory[1]) * left, 1.0 - share * (1.0 - left)
+    return phi - gained * share * (1.0 - left) + (memory[0] - memory[1]) * left, 1.0 - share * (
+        1.0 - left
+    )
 
 
 slack = njit(slack, error_model="numpy")
@@ -134,14 +153,22 @@ def spring_relaxation_torque(
     return parameter[0] * k0 * (phi - x), parameter[0] * k0 * (1.0 - x_phi), 0.0
 
 
-def spring_relaxation_advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:
+def spring_relaxation_advance(
+    phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
+) -> None:
     memory[0] = slack(phi, elapsed, memory, parameter[1])[0]
     memory[1] = phi
 
 
 def apply_spring_relaxation(setup: Setup, values: Values) -> Setup:
     return with_law(
-        setup, LawUse(HINGE, spring_relaxation_torque, (values["strength_relative"], values["time_constant_s"]), spring_relaxation_advance)
+        setup,
+        LawUse(
+            HINGE,
+            spring_relaxation_torque,
+            (values["strength_relative"], values["time_constant_s"]),
+            spring_relaxation_advance,
+        ),
     )
 
 
@@ -151,9 +178,11 @@ SPRING_RELAXATION = Effect(
     left_out="viscoelastic arm beside the spring (Maxwell)",
     law="T = s k0 (phi - x), x' = (phi - x) / tau",
     source="Maxwell element",
-    # Creep with log time, 4 % per decade from 10 ms to 100 s: one arm beside k0 leaves 3 % of its effect in strokes, 7 % in static stages
-    # held for 1 s, and 5 % in both, with time constants of 0.3 to 2 s. An arm slower than 1 s acts as a stiffer, less hardening spring in
-    # a stroke: another k0 and k2 leave 8 % of it; in static stages they leave 49 % at 1 s, 20 % at 10 s, 8 % at 30 s.
+    # Creep with log time, 4 % per decade from 10 ms to 100 s: one arm beside k0 leaves 3 % of its
+    # effect in strokes, 7 % in static stages held for 1 s, and 5 % in both, with time constants of
+    # 0.3 to 2 s. An arm slower than 1 s acts as a stiffer, less hardening spring in a stroke:
+    # another k0 and k2 leave 8 % of it; in static stages they leave 49 % at 1 s, 20 % at 10 s, 8 %
+    # at 30 s.
     parameters=(
         Parameter("strength_relative", 0.02, 1.0),
         Parameter("time_constant_s", 0.01, 10.0, may_be_zero=False),

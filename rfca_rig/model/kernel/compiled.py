@@ -1,13 +1,13 @@
 """Decorators that compile a function with numba and cache the result on disk for the next process.
 
-A cached function is compiled again after an edit of its own file, not of the files whose functions it calls. Therefore the cache
-folder is named after the content of all compiled files of this package and of `mechanism`, so an edited package never runs outdated
-code.
+A cached function is compiled again after an edit of its own file, not of the files whose functions
+it calls. Therefore the cache folder is named after the content of all compiled files of this
+package and of `mechanism`, so an edited package never runs outdated code.
 
-The compiler's own library links a callee into its caller at each level of calls, and optimises it and makes it executable each time. For
-the equations of motion, ten levels deep, this took 40 s of processor time. Here each callee goes once into the function that Python
-calls, which takes 25 s; the code is as fast.
-"""
+The compiler's own library links a callee into its caller at each level of calls, and optimises it
+and makes it executable each time. For the equations of motion, ten levels deep, this took 40 s of
+processor time. Here each callee goes once into the function that Python calls, which takes 25 s;
+the code is as fast."""
 
 import hashlib
 import os
@@ -39,7 +39,9 @@ WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 class _Part(JITCodeLibrary):
-    """The code of a function that only compiled callers call. It is neither optimised nor made executable before it is in its callers."""
+    """The code of a function that only compiled callers call. It is neither optimised nor made
+    executable before it is in its callers.
+    """
 
     def finalize(self) -> None:
         self._finalized = True
@@ -49,7 +51,8 @@ class _Part(JITCodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        # Called to connect the Python objects that a function uses; here there are none, as after loading from the disk.
+        # Called to connect the Python objects that a function uses; here there are none, as after
+        # loading from the disk.
         return _WithoutObjects()
 
     def module_alone(self) -> Any:
@@ -74,7 +77,8 @@ class _Whole(JITCodeLibrary):
     def finalize(self) -> None:
         _link_parts(self._final_module, _list_callees(self._linking_libraries))
         self._linking_libraries.clear()
-        # A leg has seven links: vectors of a loop over them take a sixth of the compilation, and the code is no faster.
+        # A leg has seven links: vectors of a loop over them take a sixth of the compilation, and
+        # the code is no faster.
         before, _settings.LOOP_VECTORIZE = _settings.LOOP_VECTORIZE, 0
         try:
             cast(Any, super()).finalize()
@@ -83,11 +87,17 @@ class _Whole(JITCodeLibrary):
 
 
 def _list_callees(libraries: Sequence[Any]) -> list[Any]:
-    """These libraries, and those that parts among them call, in order of the first call, each once."""
+    """These libraries, and those that parts among them call, in order of the first call, each
+    once.
+    """
     found = dict.fromkeys(libraries)
     waiting = list(found)
     for library in waiting:
-        new = [one for one in library._linking_libraries if one not in found] if isinstance(library, _Part) else []
+        new = (
+            [one for one in library._linking_libraries if one not in found]
+            if isinstance(library, _Part)
+            else []
+        )
         found |= dict.fromkeys(new)
         waiting += new
     return list(found)
@@ -95,7 +105,11 @@ def _list_callees(libraries: Sequence[Any]) -> list[Any]:
 
 def _link_parts(module: Any, libraries: Sequence[Any]) -> None:
     for library in libraries:
-        code = library.module_alone() if isinstance(library, _Part) else library._get_module_for_linking()
+        code = (
+            library.module_alone()
+            if isinstance(library, _Part)
+            else library._get_module_for_linking()
+        )
         module.link_in(code, preserve=True)
 
 
@@ -131,13 +145,16 @@ _PART_OF_CALLERS = _pipeline(_Part)
 
 
 def cache_folder() -> str:
-    """Folder of compiled code of exactly this source; NUMBA_CACHE_DIR decides the parent where it is set."""
+    """Folder of compiled code of exactly this source; NUMBA_CACHE_DIR decides the parent where
+    it is set.
+    """
     content = hashlib.sha256()
     kernel = Path(__file__).parent
     folders = kernel, kernel.parent, kernel.parents[1] / "mechanism"
     for source in sorted(path for folder in folders for path in folder.glob("*.py")):
         text = source.read_bytes()
-        # `state` compiles nothing, but its tuples are the types of all compiled functions. This file is one that matches, too.
+        # `state` compiles nothing, but its tuples are the types of all compiled functions. This
+        # file is one that matches, too.
         if b"kernel.compiled import" in text or source.name == "state.py":
             content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or _cache_of_user() / "rfca-rig"
@@ -149,7 +166,8 @@ def _cache_of_user() -> Path:
         return Path(os.environ["XDG_CACHE_HOME"])
     try:
         return Path.home() / ".cache"
-    # A user of a container may have neither HOME nor an entry in the system's list. Not the temporary folder: others could put code there.
+    # A user of a container may have neither HOME nor an entry in the system's list. Not the
+    # temporary folder: others could put code there.
     except RuntimeError:
         return Path(__file__).parent / "__pycache__"
 
@@ -158,7 +176,9 @@ CACHE_FOLDER = cache_folder()
 
 
 def is_warm() -> bool:
-    """Whether an earlier process has left compiled code of this source; without it the first stroke takes up to a minute."""
+    """Whether an earlier process has left compiled code of this source; without it the first
+    stroke takes up to a minute.
+    """
     return any(Path(CACHE_FOLDER).rglob(f"*{SUFFIX}"))
 
 
@@ -168,40 +188,58 @@ def count_compiled(folder: Path = Path(CACHE_FOLDER)) -> int:
 
 
 def jit(function: Function) -> Function:
-    """Compiles `function` without reference counting; it releases the interpreter lock, so threads run it in parallel.
+    """Compiles `function` without reference counting; it releases the interpreter lock, so threads
+    run it in parallel.
 
-    It must not allocate arrays. Counting references to the arrays that it passes on would take as long as the work itself.
-    """
+    It must not allocate arrays. Counting references to the arrays that it passes on would take as
+    long as the work itself."""
     return _compile(function, WITHOUT_COUNTING)
 
 
 def jit_allocating(function: Function) -> Function:
-    """Compiles a function that allocates arrays, with reference counting; it must not return an array.
+    """Compiles a function that allocates arrays, with reference counting; it must not return an
+    array.
 
-    Returning an array calls the interpreter, in which a ^C may raise an exception. The compiled code does not check for it, and
-    the process ends by a segmentation fault. So the caller provides the arrays for results.
-    """
+    Returning an array calls the interpreter, in which a ^C may raise an exception. The compiled
+    code does not check for it, and the process ends by a segmentation fault. So the caller provides
+    the arrays for results."""
     return _compile(function, {})
 
 
 def jit_internal(function: Function) -> Function:
     """Compiles `function` for compiled callers only; the interpreter runs the Python code.
 
-    A wrapper for calls from the interpreter, with some dozens of arguments, takes longer to compile than the function.
-    """
-    return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=_PART_OF_CALLERS)(function))
+    A wrapper for calls from the interpreter, with some dozens of arguments, takes longer to compile
+    than the function."""
+    return cast(
+        Function,
+        _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=_PART_OF_CALLERS)(
+            function
+        ),
+    )
 
 
 def jit_inline(function: Function) -> Function:
-    """As `jit_internal`, inlined in its callers: passing a tuple of many arrays to a small function takes longer than the function."""
+    """As `jit_internal`, inlined in its callers: passing a tuple of many arrays to a small
+    function takes longer than the function.
+    """
     return cast(
-        Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=_PART_OF_CALLERS, forceinline=True)(function)
+        Function,
+        _jitable(
+            **AS_ALL,
+            **WITHOUT_COUNTING,
+            **WITHOUT_WRAPPERS,
+            pipeline_class=_PART_OF_CALLERS,
+            forceinline=True,
+        )(function),
     )
 
 
 def _compile(function: Function, options: dict[str, bool]) -> Function:
     # Nothing calls it by a pointer in C.
-    dispatcher = _njit(no_cfunc_wrapper=True, **AS_ALL, pipeline_class=_LINKING_CALLEES, **options)(function)
+    dispatcher = _njit(no_cfunc_wrapper=True, **AS_ALL, pipeline_class=_LINKING_CALLEES, **options)(
+        function
+    )
     # Without compilation, as for coverage, it is the Python function itself.
     if dispatcher is not function:
         dispatcher._cache = CodeCache(function, Path(CACHE_FOLDER))

@@ -1,4 +1,6 @@
-"""Equations of motion of the chain: residual R, its Jacobian J, the reaction at the mount, and the energy. Symbols as in `state`."""
+"""Equations of motion of the chain: residual R, its Jacobian J, the reaction at the mount, and
+the energy. Symbols as in `state`.
+"""
 
 import numpy as np
 
@@ -10,9 +12,12 @@ from rfca_rig.model.kernel.lanes import in_all_lanes, in_any_lane, select
 from rfca_rig.model.kernel.laws import HINGE, LINK, ROTOR, call_law
 from rfca_rig.model.kernel.state import Chain, Floats, Laws, State, Weights, Work
 
-DRAGGED_FROM_RAD_S = 0.02  # speed at which friction of the shaft is full: no reading resolves a slower turn
+DRAGGED_FROM_RAD_S = (
+    0.02  # speed at which friction of the shaft is full: no reading resolves a slower turn
+)
 TWO_OVER_PI = 2.0 / np.pi
-# pi / 2 in two parts (Cody and Waite): the first has 33 bits, so that its product with a small integer is exact.
+# pi / 2 in two parts (Cody and Waite): the first has 33 bits, so that its product with a small
+# integer is exact.
 RIGHT_ANGLE_HIGH, RIGHT_ANGLE_LOW = 1.5707963267341256, 6.077100506506192e-11
 # Coefficients of fdlibm's __kernel_sin and __kernel_cos.
 S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
@@ -23,10 +28,11 @@ C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.1359647
 
 @jit_inline
 def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """Sine and cosine, exact but for the last bit, for angles up to some thousand turns, in half the time of two calls.
+    """Sine and cosine, exact but for the last bit, for angles up to some thousand turns, in half
+    the time of two calls.
 
-    The nearest multiple of a right angle is subtracted in two parts; fdlibm's polynomials approximate both on the rest.
-    """
+    The nearest multiple of a right angle is subtracted in two parts; fdlibm's polynomials
+    approximate both on the rest."""
     quarters = np.floor(angle * TWO_OVER_PI + 0.5)
     r = (angle - quarters * RIGHT_ANGLE_HIGH) - quarters * RIGHT_ANGLE_LOW
     z = r * r
@@ -38,17 +44,30 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
         quadrant = quarters - 4.0 * np.floor(0.25 * quarters)
         odd = (quadrant == 1.0) | (quadrant == 3.0)
         sin, cos = select(odd, cos, sin), select(odd, sin, cos)
-        sin, cos = select(quadrant > 1.5, -sin, sin), select((quadrant == 1.0) | (quadrant == 2.0), -cos, cos)
+        sin, cos = (
+            select(quadrant > 1.5, -sin, sin),
+            select((quadrant == 1.0) | (quadrant == 2.0), -cos, cos),
+        )
     return sin, cos
 
 
 @jit_inline
 def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
-    """Writes M a + h into R: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2, with the (n, n) moments c_ij.
+    """Writes M a + h into R: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2,
+    with the (n, n) moments c_ij.
 
     `w` and `a` are (c,). Called first: it overwrites R and J, and all others add to them.
     """
-    R, J, sin, cos, moment, speed2, by_cos, by_sin = work.R, work.J, work.sin, work.cos, chain.moment, work.speed2, work.by_cos, work.by_sin
+    R, J, sin, cos, moment, speed2, by_cos, by_sin = (
+        work.R,
+        work.J,
+        work.sin,
+        work.cos,
+        chain.moment,
+        work.speed2,
+        work.by_cos,
+        work.by_sin,
+    )
     for i in range(w.size):
         speed2[i] = w[i] * w[i]
         R[i] = 0.0
@@ -80,28 +99,37 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
 
 @jit_inline
 def add_shaft_friction(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Adds friction at the shaft from outside the leg; the motor overcomes it, so it shows in the shaft torque. `w` is (c,)."""
+    """Adds friction at the shaft from outside the leg; the motor overcomes it, so it shows in
+    the shaft torque. `w` is (c,).
+    """
     if in_any_lane(chain.shaft_friction != 0.0):
         # A sign function has no slope at rest, and Newton's iteration would not converge.
         share = np.tanh(w[0] / DRAGGED_FROM_RAD_S)
         work.R[0] += chain.shaft_friction * share
         if weights is not None:
-            work.J[0, 0] += weights[1] * chain.shaft_friction * (1.0 - share * share) / DRAGGED_FROM_RAD_S
+            work.J[0, 0] += (
+                weights[1] * chain.shaft_friction * (1.0 - share * share) / DRAGGED_FROM_RAD_S
+            )
 
 
 @jit_inline
 def rotate_to_frame(chain: Chain, sin: float, cos: float) -> tuple[float, float]:
     """Sine and cosine of an angle plus the lean of the line along which the frame yields."""
-    return sin * chain.frame_down + cos * chain.frame_aside, cos * chain.frame_down - sin * chain.frame_aside
+    return (
+        sin * chain.frame_down + cos * chain.frame_aside,
+        cos * chain.frame_down - sin * chain.frame_aside,
+    )
 
 
 @jit_inline
-def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
-    """Adds a frame that yields by q_b on a spring, if there is one: coordinate b behind the last link, 0 where it carries the leg at rest.
+def add_frame(
+    chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
+) -> None:
+    """Adds a frame that yields by q_b on a spring, if there is one: coordinate b behind the last
+    link, 0 where it carries the leg at rest.
 
-    It yields along a line that leans from down towards y: for that, sines and cosines are those of q_i plus this angle. `q`, `w` and `a`
-    are (c,).
-    """
+    It yields along a line that leans from down towards y: for that, sines and cosines are those of
+    q_i plus this angle. `q`, `w` and `a` are (c,)."""
     R, J, b = work.R, work.J, chain.length.size
     if q.size == b:
         return
@@ -109,7 +137,8 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
     R[b] += mass * a[b] + chain.frame_damping * w[b] + chain.frame_stiffness * q[b]
     for i in range(b):
         S, (sin, cos) = chain.first_moment[i], rotate_to_frame(chain, work.sin[i], work.cos[i])
-        # The leg's mass centre accelerates along the line by the links' rotation; in return the frame's acceleration turns the links.
+        # The leg's mass centre accelerates along the line by the links' rotation; in return the
+        # frame's acceleration turns the links.
         R[b] += S * (cos * a[i] - sin * w[i] * w[i])
         R[i] += S * cos * a[b]
     if weights is None:
@@ -118,17 +147,26 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
     J[b, b] += ca * mass + cw * chain.frame_damping + cq * chain.frame_stiffness
     for i in range(b):
         S, (sin, cos) = chain.first_moment[i], rotate_to_frame(chain, work.sin[i], work.cos[i])
-        J[b, i] += ca * S * cos - cw * 2.0 * S * sin * w[i] - cq * S * (sin * a[i] + cos * w[i] * w[i])
+        J[b, i] += (
+            ca * S * cos - cw * 2.0 * S * sin * w[i] - cq * S * (sin * a[i] + cos * w[i] * w[i])
+        )
         J[i, b] += ca * S * cos
         J[i, i] -= cq * S * sin * a[b]
 
 
 @jit_inline
-def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Adds the weight of the links, and in each hinge its spring + c dphi/dt, phi from the rest angle; `q` and `w` are (c,)."""
+def add_weight_and_hinges(
+    chain: Chain, q: Floats, w: Floats, weights: Weights | None, work: Work
+) -> None:
+    """Adds the weight of the links, and in each hinge its spring + c dphi/dt, phi from the rest
+    angle; `q` and `w` are (c,).
+    """
     R, J = work.R, work.J
     for i in range(chain.length.size):
-        weight, aside = chain.gravity * chain.first_moment[i], chain.gravity_along * chain.first_moment[i]
+        weight, aside = (
+            chain.gravity * chain.first_moment[i],
+            chain.gravity_along * chain.first_moment[i],
+        )
         R[i] -= weight * work.cos[i] - aside * work.sin[i]
         if weights is not None:
             J[i, i] += weights[2] * (weight * work.sin[i] + aside * work.cos[i])
@@ -154,10 +192,21 @@ def add_hinge_slope(i: int, slope: float, J: Floats) -> None:
 
 @jit_inline
 def add_hinge_laws(
-    chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
+    chain: Chain,
+    laws: Laws,
+    state: State,
+    elapsed: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+    weights: Weights | None,
+    work: Work,
 ) -> None:
-    """Adds the torques of effects in the hinges; `elapsed` [s] counts from the beginning of the step, `q`, `w` and `a` are (c,)."""
-    # The slope of all effects is noted, because a large change of it makes J outdated; see `stage.is_jacobian_valid`.
+    """Adds the torques of effects in the hinges; `elapsed` [s] counts from the beginning of the
+    step, `q`, `w` and `a` are (c,).
+    """
+    # The slope of all effects is noted, because a large change of it makes J outdated; see
+    # `stage.is_jacobian_valid`.
     for i in range(chain.length.size):
         work.regime[1, i] = 0.0
     for m in range(laws.place.size):
@@ -169,14 +218,32 @@ def add_hinge_laws(
                     work.R[i - 1] -= work.out[0]
                     work.regime[1, i] += work.out[1]
                     if weights is not None:
-                        add_hinge_slope(i, weights[2] * work.out[1] + weights[1] * work.out[2] + weights[0] * work.out[3], work.J)
+                        add_hinge_slope(
+                            i,
+                            weights[2] * work.out[1]
+                            + weights[1] * work.out[2]
+                            + weights[0] * work.out[3],
+                            work.J,
+                        )
 
 
 @jit_inline
 def call_hinge(
-    chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work
+    chain: Chain,
+    laws: Laws,
+    address: int,
+    m: int,
+    i: int,
+    state: State,
+    elapsed: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+    work: Work,
 ) -> None:
-    """Calls one of the two functions of hinge law m for hinge i; `q`, `w` and `a` are (c,), the result is in `work.out` (8,)."""
+    """Calls one of the two functions of hinge law m for hinge i; `q`, `w` and `a` are (c,), the
+    result is in `work.out` (8,).
+    """
     # All arguments that any hinge law takes, by their places; see the signatures in `laws`.
     work.x[0], work.x[1], work.x[2] = q[i] - q[i - 1] - chain.rest[i], w[i] - w[i - 1], elapsed
     work.x[3], work.x[4], work.x[5] = chain.k0[i], chain.k2[i], a[i] - a[i - 1]
@@ -184,8 +251,12 @@ def call_hinge(
 
 
 @jit_inline
-def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Adds forces of the surroundings across the links; J neglects how they depend on the pose. `w` is (c,)."""
+def add_link_laws(
+    chain: Chain, laws: Laws, state: State, w: Floats, weights: Weights | None, work: Work
+) -> None:
+    """Adds forces of the surroundings across the links; J neglects how they depend on the pose.
+    `w` is (c,).
+    """
     for m in range(laws.place.size):
         if laws.place[m] == LINK:
             for i in range(chain.length.size):
@@ -194,9 +265,19 @@ def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, weights: We
 
 
 @jit_inline
-def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
+def add_link_law(
+    chain: Chain,
+    laws: Laws,
+    m: int,
+    i: int,
+    state: State,
+    w: Floats,
+    weights: Weights | None,
+    work: Work,
+) -> None:
     """Adds law m on link i, at its middle; `w` is (c,)."""
-    # Projected on the normal of link i: an earlier link j moves it by L_j cos(q_i - q_j), a frame by cos q_i, later links not at all.
+    # Projected on the normal of link i: an earlier link j moves it by L_j cos(q_i - q_j), a frame
+    # by cos q_i, later links not at all.
     arm, v = work.arm, 0.0
     for j in range(w.size):
         if j < i:
@@ -220,7 +301,9 @@ def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floa
 
 @jit_inline
 def prepare_pose(chain: Chain, q: Floats, work: Work) -> None:
-    """Writes sines, cosines and lever arms of the pose `q` (c,) into `work`, for all functions that need them."""
+    """Writes sines, cosines and lever arms of the pose `q` (c,) into `work`, for all functions
+    that need them.
+    """
     sin, cos, down, along = work.sin, work.cos, work.down, work.along
     work.outside[0] = work.outside[1] = 0.0
     for i in range(chain.length.size):
@@ -241,11 +324,12 @@ def assemble(
     weights: Weights | None,
     work: Work,
 ) -> None:
-    """Writes the residual R (c,) and the forces of the ground `contact` (2, n) into `work`; with `weights`, J (c, c) too.
+    """Writes the residual R (c,) and the forces of the ground `contact` (2, n) into `work`; with
+    `weights`, J (c, c) too.
 
-    `q`, `w`, `a` are (c,). `state` gives anchors and memory of laws from the beginning of the step, `elapsed` [s] ago. For `weights`
-    None the compiler makes a version of its own. It makes none for a chain without laws: such a version is 3 % faster and takes as
-    long to compile as all the rest.
+    `q`, `w`, `a` are (c,). `state` gives anchors and memory of laws from the beginning of the step,
+    `elapsed` [s] ago. For `weights` None the compiler makes a version of its own. It makes none for
+    a chain without laws: such a version is 3 % faster and takes as long to compile as all the rest.
     """
     prepare_pose(chain, q, work)
     add_inertia(chain, w, a, weights, work)
@@ -254,17 +338,34 @@ def assemble(
 
 
 @jit_internal
-def assemble_stiffness(chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work) -> None:
+def assemble_stiffness(
+    chain: Chain,
+    laws: Laws,
+    state: State,
+    elapsed: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+    work: Work,
+) -> None:
     """As `assemble` with J = dR/dq, for equilibria; `q`, `w` and `a` are (c,).
 
-    It is called, not inlined, so that it is compiled once for several places where its speed does not matter.
-    """
+    It is called, not inlined, so that it is compiled once for several places where its speed does
+    not matter."""
     assemble(chain, laws, state, elapsed, q, w, a, (0.0, 0.0, 1.0), work)
 
 
 @jit_inline
 def add_surroundings(
-    chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
+    chain: Chain,
+    laws: Laws,
+    state: State,
+    elapsed: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+    weights: Weights | None,
+    work: Work,
 ) -> None:
     """Adds the ground and all effects; `q`, `w` and `a` are (c,)."""
     locate_ends(chain, state, q, w, work)
@@ -277,30 +378,47 @@ def add_surroundings(
 
 @jit_inline
 def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> None:
-    """Writes row 0 of inertia, weight and hinges, the shaft torque; the other rows are not computed. `q`, `w` and `a` are (c,)."""
+    """Writes row 0 of inertia, weight and hinges, the shaft torque; the other rows are not
+    computed. `q`, `w` and `a` are (c,).
+    """
     R, sin, cos = work.R, work.sin, work.cos
     for i in range(q.size):
         R[i] = 0.0
     torque = (
-        chain.moment[0, 0] * a[0] - chain.gravity * chain.first_moment[0] * cos[0] + chain.gravity_along * chain.first_moment[0] * sin[0]
+        chain.moment[0, 0] * a[0]
+        - chain.gravity * chain.first_moment[0] * cos[0]
+        + chain.gravity_along * chain.first_moment[0] * sin[0]
     )
     for j in range(1, chain.length.size):
         c, s = cos[0] * cos[j] + sin[0] * sin[j], sin[0] * cos[j] - cos[0] * sin[j]
         torque += chain.moment[0, j] * (c * a[j] + s * w[j] * w[j])
     if chain.length.size > 1:
-        # The shaft carries the reaction of hinge 1; the hinges beyond it reach row 0 only through the inertia.
+        # The shaft carries the reaction of hinge 1; the hinges beyond it reach row 0 only through
+        # the inertia.
         elastic, _ = spring(chain, 1, q[1] - q[0] - chain.rest[1])
         torque -= elastic + chain.hinge_damping[1] * (w[1] - w[0])
     R[0] = torque
 
 
 @jit_inline
-def measure(chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work, force: Floats) -> None:
-    """Writes `force` (3,) = fy, fz, shaft torque of the leg on its mount, in the sensor's axes (z down, y against the plane's y).
+def measure(
+    chain: Chain,
+    laws: Laws,
+    state: State,
+    elapsed: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+    work: Work,
+    force: Floats,
+) -> None:
+    """Writes `force` (3,) = fy, fz, shaft torque of the leg on its mount, in the sensor's axes (z
+    down, y against the plane's y).
 
     `q`, `w` and `a` are (c,).
     """
-    # fy and fz follow from the momentum of the whole leg, and the torque from row 0: the full residual is not needed.
+    # fy and fz follow from the momentum of the whole leg, and the torque from row 0: the full
+    # residual is not needed.
     prepare_pose(chain, q, work)
     add_shaft_row(chain, q, w, a, work)
     add_surroundings(chain, laws, state, elapsed, q, w, a, None, work)
@@ -309,13 +427,16 @@ def measure(chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w
     force[2] = work.R[0]
     if q.size > chain.length.size:
         # The frame's part that stands between sensor and shaft accelerates with the leg.
-        carried = (chain.total_mass + chain.frame_on_sensor * chain.frame_mass) * a[chain.length.size]
+        carried = (chain.total_mass + chain.frame_on_sensor * chain.frame_mass) * a[
+            chain.length.size
+        ]
         force[0] += carried * chain.frame_aside
         force[1] -= carried * chain.frame_down
     for i in range(chain.length.size):
         sin, cos, ww = work.sin[i], work.cos[i], w[i] * w[i]
         N, F = work.contact[0, i], work.contact[1, i]
-        # N and F act across and along the floor under this end, which a bump turns against the level floor.
+        # N and F act across and along the floor under this end, which a bump turns against the
+        # level floor.
         level_cos, level_sin = find_slope_direction(chain, i, work)
         floor_cos, floor_sin = (
             chain.floor_cos * level_cos + chain.floor_sin * level_sin,
@@ -331,38 +452,62 @@ measure_once = jit(measure)
 
 
 def mechanical_energy_J(chain: Chain, q_rad: Floats, w_rad_s: Floats) -> Floats:
-    """Energy of motion, weight, springs and compressed floor, (m,) [J], for angles and speeds (m, n).
+    """Energy of motion, weight, springs and compressed floor, (m,) [J], for angles and speeds (m,
+    n).
 
-    Energy that effects store (a yielding frame, a second spring) is not included, nor that of stretched sticking contacts, a few mJ.
-    """
-    return kinetic_J(chain, q_rad, w_rad_s) + height_J(chain, q_rad) + springs_J(chain, q_rad) + floor_J(chain, q_rad)
+    Energy that effects store (a yielding frame, a second spring) is not included, nor that of
+    stretched sticking contacts, a few mJ."""
+    return (
+        kinetic_J(chain, q_rad, w_rad_s)
+        + height_J(chain, q_rad)
+        + springs_J(chain, q_rad)
+        + floor_J(chain, q_rad)
+    )
 
 
 def kinetic_J(chain: Chain, q_rad: Floats, w_rad_s: Floats) -> Floats:
-    """Kinetic energy (m,) of angles and speeds (m, n): w M(q) w / 2 with M_ij = c_ij cos(q_i - q_j), as in `forces`."""
+    """Kinetic energy (m,) of angles and speeds (m, n): w M(q) w / 2 with M_ij = c_ij cos(q_i -
+    q_j), as in `forces`.
+    """
     # cos(q_i - q_j) = cos cos + sin sin, so no (m, n, n) array of differences is needed.
     cos, sin = w_rad_s * np.cos(q_rad), w_rad_s * np.sin(q_rad)
-    return np.asarray(0.5 * (np.einsum("mi,ij,mj->m", cos, chain.moment, cos) + np.einsum("mi,ij,mj->m", sin, chain.moment, sin)))
+    return np.asarray(
+        0.5
+        * (
+            np.einsum("mi,ij,mj->m", cos, chain.moment, cos)
+            + np.einsum("mi,ij,mj->m", sin, chain.moment, sin)
+        )
+    )
 
 
 def height_J(chain: Chain, q_rad: Floats) -> Floats:
     """Potential energy (m,) of the weight for angles (m, n): zero with all links level."""
-    return np.asarray(-(chain.gravity * np.sin(q_rad) + chain.gravity_along * np.cos(q_rad)) @ chain.first_moment)
+    return np.asarray(
+        -(chain.gravity * np.sin(q_rad) + chain.gravity_along * np.cos(q_rad)) @ chain.first_moment
+    )
 
 
 def springs_J(chain: Chain, q_rad: Floats) -> Floats:
-    """Energy (m,) of the hinge springs for angles (m, n): k0 phi^2 / 2 + k0 k2 phi^4 / 4 each, or the integral of the spline."""
+    """Energy (m,) of the hinge springs for angles (m, n): k0 phi^2 / 2 + k0 k2 phi^4 / 4 each,
+    or the integral of the spline.
+    """
     phi = np.diff(q_rad, axis=1) - chain.rest[1:]
     if chain.spring_origin.size:
-        return np.asarray(SplineTable(chain.spring_origin[1:], chain.spring_cubic[1:]).energy(phi) @ chain.k0[1:])
+        return np.asarray(
+            SplineTable(chain.spring_origin[1:], chain.spring_cubic[1:]).energy(phi) @ chain.k0[1:]
+        )
     phi2 = phi**2
     return np.asarray((phi2 * (0.5 + 0.25 * chain.k2[1:] * phi2)) @ chain.k0[1:])
 
 
 def floor_J(chain: Chain, q_rad: Floats) -> Floats:
-    """Energy (m,) of the compressed floor for angles (m, n): 2/5 stiffness depth^2.5 under every link end, on a bump where there is one."""
+    """Energy (m,) of the compressed floor for angles (m, n): 2/5 stiffness depth^2.5 under every
+    link end, on a bump where there is one.
+    """
     sin, cos = np.sin(q_rad), np.cos(q_rad)
-    up = chain.ground_depth * chain.floor_cos - np.cumsum(chain.length * (sin * chain.floor_cos - cos * chain.floor_sin), axis=1)
+    up = chain.ground_depth * chain.floor_cos - np.cumsum(
+        chain.length * (sin * chain.floor_cos - cos * chain.floor_sin), axis=1
+    )
     if chain.bump_height != 0.0:
         y = np.cumsum(chain.length * (cos * chain.floor_cos + sin * chain.floor_sin), axis=1)
         fill_distances(chain, y, up.copy(), up)

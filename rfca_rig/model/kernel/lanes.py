@@ -1,15 +1,16 @@
-"""Lanes: a number of the compiled chain that holds the values of eight legs, which are computed side by side.
+"""Lanes: a number of the compiled chain that holds the values of eight legs, which are computed
+side by side.
 
-The equations are written once. Compiled for floats they compute one leg, compiled for lanes eight of them with the same instructions. Three
-rules make a function fit for both:
+The equations are written once. Compiled for floats they compute one leg, compiled for lanes eight
+of them with the same instructions. Three rules make a function fit for both:
 
 - A choice by value is `select(condition, a, b)`, which computes both.
 - `if` and `while` ask `in_any_lane` or `in_all_lanes`.
 - What has no vector form, as the law of an effect or a search in a table, is done once per lane.
 
-In memory, lanes are the last axis of an array of floats. Eight of them fill one register of 512 bits, two of 256 or four of 128; the
-compiler divides them as the processor needs. All functions here are for compiled callers, and for floats in Python.
-"""
+In memory, lanes are the last axis of an array of floats. Eight of them fill one register of 512
+bits, two of 256 or four of 128; the compiler divides them as the processor needs. All functions
+here are for compiled callers, and for floats in Python."""
 
 import math
 import operator
@@ -32,7 +33,8 @@ LANES = 8
 _DOUBLE, _BIT, _INT32 = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 _VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(_BIT, LANES)
 _ALIGNMENT_BYTES = 8 * LANES
-# A product and the sum it goes into may become one instruction, with one rounding; as for floats, see `compiled`.
+# A product and the sum it goes into may become one instruction, with one rounding; as for floats,
+# see `compiled`.
 _FUSED = ("contract",)
 
 
@@ -134,7 +136,9 @@ class _LaneBitsModel(models.PrimitiveModel):
 def _repeat(builder: Any, value: Any, vector: Any) -> Any:
     undefined = ir.Constant(vector, ir.Undefined)
     first_everywhere = ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES)
-    return builder.shuffle_vector(builder.insert_element(undefined, value, _INT32(0)), undefined, first_everywhere)
+    return builder.shuffle_vector(
+        builder.insert_element(undefined, value, _INT32(0)), undefined, first_everywhere
+    )
 
 
 @lower_cast(types.Float, LanesType)
@@ -153,7 +157,9 @@ _FLOAT, _BOOLEAN, _INTEGER = types.float64, types.boolean, types.intp
 
 
 def _define(function: Any, *forms: tuple[Any, tuple[Any, ...], Callable[..., Any]]) -> None:
-    """Gives `function` forms for the compiler: type of the result, types of the arguments, instructions from a builder and their values."""
+    """Gives `function` forms for the compiler: type of the result, types of the arguments,
+    instructions from a builder and their values.
+    """
 
     class _Template(ConcreteTemplate):
         # Together, so that the compiler chooses the form that converts least.
@@ -162,13 +168,17 @@ def _define(function: Any, *forms: tuple[Any, tuple[Any, ...], Callable[..., Any
 
     infer_global(function, types.Function(_Template))
     for _, arguments, build in forms:
-        lower_builtin(function, *arguments)(lambda context, builder, sig, values, build=build: build(builder, *values))  # noqa: ARG005
+        lower_builtin(function, *arguments)(
+            lambda context, builder, sig, values, build=build: build(builder, *values)  # noqa: ARG005
+        )
 
 
 def _call_vector(name: str) -> Callable[..., Any]:
     def build(builder: Any, x: Any) -> Any:
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64"), [x])
+        return builder.call(
+            cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64"), [x]
+        )
 
     return build
 
@@ -193,7 +203,10 @@ def _extreme(symbol: str) -> Callable[..., Any]:
 
 
 def _build_sign(builder: Any, x: Any) -> Any:
-    zero, one, minus = (_DOUBLE(value) if x.type == _DOUBLE else _repeat(builder, _DOUBLE(value), _VECTOR) for value in (0.0, 1.0, -1.0))
+    zero, one, minus = (
+        _DOUBLE(value) if x.type == _DOUBLE else _repeat(builder, _DOUBLE(value), _VECTOR)
+        for value in (0.0, 1.0, -1.0)
+    )
     below = builder.select(builder.fcmp_ordered("<", x, zero), minus, zero)
     return builder.select(builder.fcmp_ordered(">", x, zero), one, below)
 
@@ -213,11 +226,31 @@ for _functions, _build in (
 ):
     for _function in _functions:
         _define(_function, (_LANES, (_LANES, _LANES), _build))
-for _function, _symbol in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "==")):
-    _define(_function, (_LANE_BITS, (_LANES, _LANES), lambda builder, a, b, symbol=_symbol: builder.fcmp_ordered(symbol, a, b)))
-_define(operator.ne, (_LANE_BITS, (_LANES, _LANES), lambda builder, a, b: builder.fcmp_unordered("!=", a, b)))
-_define(operator.and_, (_LANE_BITS, (_LANE_BITS, _LANE_BITS), lambda builder, a, b: builder.and_(a, b)))
-_define(operator.or_, (_LANE_BITS, (_LANE_BITS, _LANE_BITS), lambda builder, a, b: builder.or_(a, b)))
+for _function, _symbol in (
+    (operator.lt, "<"),
+    (operator.le, "<="),
+    (operator.gt, ">"),
+    (operator.ge, ">="),
+    (operator.eq, "=="),
+):
+    _define(
+        _function,
+        (
+            _LANE_BITS,
+            (_LANES, _LANES),
+            lambda builder, a, b, symbol=_symbol: builder.fcmp_ordered(symbol, a, b),
+        ),
+    )
+_define(
+    operator.ne,
+    (_LANE_BITS, (_LANES, _LANES), lambda builder, a, b: builder.fcmp_unordered("!=", a, b)),
+)
+_define(
+    operator.and_, (_LANE_BITS, (_LANE_BITS, _LANE_BITS), lambda builder, a, b: builder.and_(a, b))
+)
+_define(
+    operator.or_, (_LANE_BITS, (_LANE_BITS, _LANE_BITS), lambda builder, a, b: builder.or_(a, b))
+)
 _define(operator.neg, (_LANES, (_LANES,), lambda builder, x: builder.fneg(x)))
 _define(abs, (_LANES, (_LANES,), _call_vector("fabs")))
 _define(np.sqrt, (_LANES, (_LANES,), _call_vector("sqrt")))
@@ -225,11 +258,27 @@ _define(np.floor, (_LANES, (_LANES,), _call_vector("floor")))
 _define(sign, (_FLOAT, (_FLOAT,), _build_sign), (_LANES, (_LANES,), _build_sign))
 _define(
     select,
-    (_FLOAT, (_BOOLEAN, _FLOAT, _FLOAT), lambda builder, condition, a, b: builder.select(condition, a, b)),
-    (_LANES, (_LANE_BITS, _LANES, _LANES), lambda builder, condition, a, b: builder.select(condition, a, b)),
+    (
+        _FLOAT,
+        (_BOOLEAN, _FLOAT, _FLOAT),
+        lambda builder, condition, a, b: builder.select(condition, a, b),
+    ),
+    (
+        _LANES,
+        (_LANE_BITS, _LANES, _LANES),
+        lambda builder, condition, a, b: builder.select(condition, a, b),
+    ),
 )
-_define(in_any_lane, (_BOOLEAN, (_BOOLEAN,), _build_same), (_BOOLEAN, (_LANE_BITS,), _test_bits("!=", 0)))
-_define(in_all_lanes, (_BOOLEAN, (_BOOLEAN,), _build_same), (_BOOLEAN, (_LANE_BITS,), _test_bits("==", -1)))
+_define(
+    in_any_lane,
+    (_BOOLEAN, (_BOOLEAN,), _build_same),
+    (_BOOLEAN, (_LANE_BITS,), _test_bits("!=", 0)),
+)
+_define(
+    in_all_lanes,
+    (_BOOLEAN, (_BOOLEAN,), _build_same),
+    (_BOOLEAN, (_LANE_BITS,), _test_bits("==", -1)),
+)
 _define(highest, (_FLOAT, (_FLOAT,), _build_same), (_FLOAT, (_LANES,), _extreme(">")))
 _define(lowest, (_FLOAT, (_FLOAT,), _build_same), (_FLOAT, (_LANES,), _extreme("<")))
 _define(
@@ -240,12 +289,20 @@ _define(
 _define(
     lane_of,
     (_FLOAT, (_FLOAT, _INTEGER), _build_same),
-    (_FLOAT, (_LANES, _INTEGER), lambda builder, x, lane: builder.extract_element(x, builder.trunc(lane, _INT32))),
+    (
+        _FLOAT,
+        (_LANES, _INTEGER),
+        lambda builder, x, lane: builder.extract_element(x, builder.trunc(lane, _INT32)),
+    ),
 )
 _define(
     with_lane,
     (_FLOAT, (_FLOAT, _INTEGER, _FLOAT), lambda builder, x, lane, new: new),  # noqa: ARG005
-    (_LANES, (_LANES, _INTEGER, _FLOAT), lambda builder, x, lane, new: builder.insert_element(x, new, builder.trunc(lane, _INT32))),
+    (
+        _LANES,
+        (_LANES, _INTEGER, _FLOAT),
+        lambda builder, x, lane, new: builder.insert_element(x, new, builder.trunc(lane, _INT32)),
+    ),
 )
 
 
@@ -266,7 +323,12 @@ def _call_each_lane(function: Any, of_float: Any) -> None:
         return each
 
 
-for _function, _of_float in ((np.exp, math.exp), (np.tanh, math.tanh), (np.sin, math.sin), (np.cos, math.cos)):
+for _function, _of_float in (
+    (np.exp, math.exp),
+    (np.tanh, math.tanh),
+    (np.sin, math.sin),
+    (np.cos, math.cos),
+):
     _call_each_lane(_function, _of_float)
 
 
@@ -300,14 +362,20 @@ def _view(typing_context: Any, array: Any) -> Any:  # noqa: ARG001
 
 def _view_fields(typing_context: Any, fields: Any) -> Any:
     """Type and instructions of `view_fields`."""
-    views = [_view(typing_context, kind) if _is_array_of_floats(kind) else None for kind in fields.types]
-    kinds = [kind if view is None else view[0].return_type for kind, view in zip(fields.types, views, strict=True)]
+    views = [
+        _view(typing_context, kind) if _is_array_of_floats(kind) else None for kind in fields.types
+    ]
+    kinds = [
+        kind if view is None else view[0].return_type
+        for kind, view in zip(fields.types, views, strict=True)
+    ]
     viewed = types.NamedTuple(kinds, fields.instance_class)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:  # noqa: ARG001
         members = [builder.extract_value(args[0], index) for index in range(len(kinds))]
         members = [
-            member if view is None else view[1](context, builder, view[0], (member,)) for member, view in zip(members, views, strict=True)
+            member if view is None else view[1](context, builder, view[0], (member,))
+            for member, view in zip(members, views, strict=True)
         ]
         return context.make_tuple(builder, viewed, members)
 

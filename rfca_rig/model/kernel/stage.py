@@ -1,19 +1,29 @@
-"""Solves one implicit stage of a step by Newton's iteration, with the row of the shaft. Symbols as in `state`.
+"""Solves one implicit stage of a step by Newton's iteration, with the row of the shaft. Symbols as
+in `state`.
 
-The iteration keeps its factored Jacobian while it is good. The shaft's motion is prescribed or under the torque
-of a drive, which closes row 0 of the equations.
-"""
+The iteration keeps its factored Jacobian while it is good. The shaft's motion is prescribed or
+under the torque of a drive, which closes row 0 of the equations."""
 
 import numpy as np
 
 from rfca_rig.model.kernel.compiled import jit_inline, jit_internal
 from rfca_rig.model.kernel.forces import assemble
-from rfca_rig.model.kernel.lanes import count_lanes, highest, in_all_lanes, in_any_lane, lane_of, select, sign, with_lane
+from rfca_rig.model.kernel.lanes import (
+    count_lanes,
+    highest,
+    in_all_lanes,
+    in_any_lane,
+    lane_of,
+    select,
+    sign,
+    with_lane,
+)
 from rfca_rig.model.kernel.state import Chain, Floats, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 10  # a stage that needs more iterations is cheaper to repeat at half the length
 GOOD_CONTRACTION = 0.1  # an iteration that gains less than a digit gets a new Jacobian
-# Share of a hinge's spring stiffness. Where the slope of the effects changes by more, the Jacobian is outdated.
+# Share of a hinge's spring stiffness. Where the slope of the effects changes by more, the Jacobian
+# is outdated.
 SAME_SLOPE = 0.3
 # Newton diverges; the comparison also catches NaN, for which it is false.
 ABSURD_RAD_S2 = 1e15
@@ -21,10 +31,11 @@ ABSURD_RAD_S2 = 1e15
 
 @jit_inline
 def factor(J: Floats, first: int) -> bool:
-    """Replaces J (c, c), from row and column `first` on, by its LU factors. False where J is singular or not finite.
+    """Replaces J (c, c), from row and column `first` on, by its LU factors. False where J is
+    singular or not finite.
 
-    Rows are not exchanged: inertia, hinges and the normal force of the ground make J positive definite, and friction changes it little.
-    """
+    Rows are not exchanged: inertia, hinges and the normal force of the ground make J positive
+    definite, and friction changes it little."""
     n = J.shape[0]
     for k in range(first, n):
         # Written so that NaN, for which each comparison is false, counts as singular.
@@ -43,7 +54,9 @@ def factor(J: Floats, first: int) -> bool:
 
 @jit_inline
 def substitute(J: Floats, first: int, x: Floats) -> None:
-    """Solves for x (c,) in place with the factors in J (c, c); entries before `first` stay as they are."""
+    """Solves for x (c,) in place with the factors in J (c, c); entries before `first` stay as
+    they are.
+    """
     n = J.shape[0]
     for k in range(first, n):
         v = x[k]
@@ -59,7 +72,8 @@ def substitute(J: Floats, first: int, x: Floats) -> None:
 
 @jit_internal
 def solve(J: Floats, x: Floats) -> bool:
-    """Solves J y = x for J (c, c) and x (c,), with y in the place of x; J is overwritten. False where it is singular or not finite.
+    """Solves J y = x for J (c, c) and x (c,), with y in the place of x; J is overwritten. False
+    where it is singular or not finite.
 
     With exchange of rows: far from rest J may be indefinite.
     """
@@ -90,11 +104,14 @@ def solve(J: Floats, x: Floats) -> bool:
 
 @jit_inline
 def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
-    """(angle, speed, acceleration) of the prescribed shaft; at a break the piece that ends there counts."""
+    """(angle, speed, acceleration) of the prescribed shaft; at a break the piece that ends there
+    counts.
+    """
     x = shaft.breaks[0]
     c0, c1, c2, c3 = x, x, x, x
     for lane in range(count_lanes(x)):
-        # Bisection for the last piece that begins before t. Before the first break and after the last one, the outer pieces go on.
+        # Bisection for the last piece that begins before t. Before the first break and after the
+        # last one, the outer pieces go on.
         low, high = 0, shaft.coefficient.shape[0]
         while high - low > 1:
             middle = (low + high) // 2
@@ -107,18 +124,25 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
         c1 = with_lane(c1, lane, lane_of(shaft.coefficient[low, 1], lane))
         c2 = with_lane(c2, lane, lane_of(shaft.coefficient[low, 2], lane))
         c3 = with_lane(c3, lane, lane_of(shaft.coefficient[low, 3], lane))
-    return c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2.0 * c2 + x * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * x
+    return (
+        c0 + x * (c1 + x * (c2 + x * c3)),
+        c1 + x * (2.0 * c2 + x * 3.0 * c3),
+        2.0 * c2 + 6.0 * c3 * x,
+    )
 
 
 @jit_inline
 def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[float, float, float]:
-    """Torque on a free shaft that is `angle` and `speed` behind its command, and stands `at` this angle: (T, -dT/dq, -dT/dw)."""
+    """Torque on a free shaft that is `angle` and `speed` behind its command, and stands `at`
+    this angle: (T, -dT/dq, -dT/dw).
+    """
     bent, k_angle, k_speed = angle, shaft.k_angle, shaft.k_speed
     plays = shaft.gap > 0.0
     if in_any_lane(plays):
         bent = angle - min(max(angle, -shaft.gap), shaft.gap)
         side = sign(bent)
-        # Hunt and Crossley: the damping grows with the depth, so the torque does not jump at contact; it is never negative, so no pull.
+        # Hunt and Crossley: the damping grows with the depth, so the torque does not jump at
+        # contact; it is never negative, so no pull.
         pressed = select(plays, max(1.0 + shaft.loss * side * speed, 0.0), 1.0)
         k_angle *= select(plays, pressed * abs(side), 1.0)
         k_speed += select(plays & (pressed > 0.0), shaft.k_angle * abs(bent) * shaft.loss, 0.0)
@@ -136,11 +160,13 @@ def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[f
 
 
 @jit_inline
-def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, derive: bool, work: Work) -> None:
+def drive_rotor(
+    shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, derive: bool, work: Work
+) -> None:
     """Adds rotor and drive torque to row 0, eq. (16), of a free shaft; `q`, `w` and `a` are (c,).
 
-    A prescribed shaft has no row, because its acceleration is known. `derive` says whether J is wanted, with the stage's g.
-    """
+    A prescribed shaft has no row, because its acceleration is known. `derive` says whether J is
+    wanted, with the stage's g."""
     if not shaft.free:
         return
     angle, speed = shaft.angle, shaft.speed
@@ -153,8 +179,19 @@ def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: floa
 
 
 @jit_inline
-def update_motion(shaft: Shaft, t: float, base_q: Floats, base_w: Floats, g: float, q: Floats, w: Floats, a: Floats) -> None:
-    """Writes q and w of a stage from its acceleration, all (c,); a prescribed shaft follows its command exactly."""
+def update_motion(
+    shaft: Shaft,
+    t: float,
+    base_q: Floats,
+    base_w: Floats,
+    g: float,
+    q: Floats,
+    w: Floats,
+    a: Floats,
+) -> None:
+    """Writes q and w of a stage from its acceleration, all (c,); a prescribed shaft follows its
+    command exactly.
+    """
     for i in range(q.size):
         w[i] = base_w[i] + g * a[i]
         q[i] = base_q[i] + g * w[i]
@@ -166,7 +203,11 @@ def allocate_workspace(coordinates: int, links: int) -> Work:
     """Working memory for a chain of so many links (n) and coordinates (c)."""
     # Few large arrays, each cut into views: an integration begins with few allocations.
     v, u = np.zeros((15, coordinates)), np.zeros((2, links))
-    stages, regimes, exchange = np.zeros((3, 4, coordinates)), np.zeros((2, 2, links)), np.zeros((2, 8))
+    stages, regimes, exchange = (
+        np.zeros((3, 4, coordinates)),
+        np.zeros((2, 2, links)),
+        np.zeros((2, 8)),
+    )
     return Work(
         R=np.zeros(coordinates),
         J=np.zeros((coordinates, coordinates)),
@@ -204,15 +245,26 @@ def allocate_workspace(coordinates: int, links: int) -> Work:
 
 @jit_internal
 def solve_stage(
-    chain: Chain, laws: Laws, shaft: Shaft, state: State, elapsed: float, t: float, g: float, enough: float, reuse: bool, work: Work
+    chain: Chain,
+    laws: Laws,
+    shaft: Shaft,
+    state: State,
+    elapsed: float,
+    t: float,
+    g: float,
+    enough: float,
+    reuse: bool,
+    work: Work,
 ) -> bool:
-    """Finds `work.a` such that R(base_q + g w, base_w + g a, a) = 0, with q and w. True if the last change of w is below `enough`.
+    """Finds `work.a` such that R(base_q + g w, base_w + g a, a) = 0, with q and w. True if the last
+    change of w is below `enough`.
 
-    With `reuse`, the factored Jacobian of an earlier stage with the same g is kept while every contact and hinge is on the
-    branch of its law on which it was made, and while each iteration gains a digit.
-    """
+    With `reuse`, the factored Jacobian of an earlier stage with the same g is kept while every
+    contact and hinge is on the branch of its law on which it was made, and while each iteration
+    gains a digit."""
     q, w, a, before = work.q, work.w, work.a, np.inf
-    # The acceleration of a prescribed shaft is known: its row and column are left out of the system, eq. (16).
+    # The acceleration of a prescribed shaft is known: its row and column are left out of the
+    # system, eq. (16).
     first = 0 if shaft.free else 1
     for _ in range(NEWTON_LIMIT):
         update_motion(shaft, t, work.base_q, work.base_w, g, q, w, a)
@@ -220,7 +272,8 @@ def solve_stage(
             assemble(chain, laws, state, elapsed, q, w, a, None, work)
             reuse = is_jacobian_valid(chain, work)
         if not reuse:
-            # dw/da = g and dq/da = g^2 within the stage, which makes these the weights of the three derivatives of R.
+            # dw/da = g and dq/da = g^2 within the stage, which makes these the weights of the three
+            # derivatives of R.
             assemble(chain, laws, state, elapsed, q, w, a, (1.0, g, g * g), work)
             drive_rotor(shaft, t, q, w, a, g, True, work)
             if not factor(work.J, first):
@@ -252,7 +305,11 @@ def is_jacobian_valid(chain: Chain, work: Work) -> bool:
     now, then = work.regime, work.regime_of_J
     same = now[0, 0] == then[0, 0]
     for k in range(now.shape[1]):
-        same = same & (now[0, k] == then[0, k]) & (abs(now[1, k] - then[1, k]) <= SAME_SLOPE * chain.k0[k])
+        same = (
+            same
+            & (now[0, k] == then[0, k])
+            & (abs(now[1, k] - then[1, k]) <= SAME_SLOPE * chain.k0[k])
+        )
     return in_all_lanes(same)
 
 

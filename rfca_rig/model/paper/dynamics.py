@@ -1,26 +1,32 @@
-"""Newton-Euler recursion in modified Denavit-Hartenberg frames: section III.C, eqs. (11)-(13), to be read beside the paper.
+"""Newton-Euler recursion in modified Denavit-Hartenberg frames: section III.C, eqs. (11)-(13), to
+be read beside the paper.
 
-Frame {i} sits at joint i, its X along link i, its Z the axis of the joint; X_0 lies along the ground and Y_0 points down, so that
-angles count downwards as everywhere in this model. Vectors are columns of three, given in their own frame: w (omega), dw (its
-derivative), dv (acceleration of the frame's origin), dv_c (of the mass centre), f_i and n_i force and moment of link i-1 on link i.
+Frame {i} sits at joint i, its X along link i, its Z the axis of the joint; X_0 lies along the
+ground and Y_0 points down, so that angles count downwards as everywhere in this model. Vectors are
+columns of three, given in their own frame: w (omega), dw (its derivative), dv (acceleration of the
+frame's origin), dv_c (of the mass centre), f_i and n_i force and moment of link i-1 on link i.
 
 Five misprints of (11)-(12) are corrected:
-    (11) line 1 sums hinge angles only; with phi_1 the shaft, as in (9), alpha_i = phi_1 + .. + phi_i.
-    (11) line 4 is the angular acceleration: its left side and the first and last phi have lost a dot (phi'' in the last term).
-    (11) line 6 is the acceleration of the origin: dv_i; its last P_i is P_i in frame {i-1}, [a_{i-1} 0 0].
-    (12) rotates with R_{i+1} from {i+1} into {i}. The force and moment that act on the link's end from outside are added here.
-    (12) last line: the joint's moment n.Z is the sum of drive and spring, tau - K (phi - phi_0). So the drive's torque is
-         n.Z + K (phi - phi_0); with the printed minus every spring would drive its hinge away from rest.
+    (11) line 1 sums hinge angles only; with phi_1 the shaft, as in (9), alpha_i = phi_1 + .. +
+    phi_i. (11) line 4 is the angular acceleration: its left side and the first and last phi have
+    lost a dot (phi'' in the last term). (11) line 6 is the acceleration of the origin: dv_i; its
+    last P_i is P_i in frame {i-1}, [a_{i-1} 0 0]. (12) rotates with R_{i+1} from {i+1} into {i}.
+    The force and moment that act on the link's end from outside are added here. (12) last line: the
+    joint's moment n.Z is the sum of drive and spring, tau - K (phi - phi_0). So the drive's torque
+    is
+         n.Z + K (phi - phi_0); with the printed minus every spring would drive its hinge away from
+         rest.
 Hinge damping is added to the last line.
 
 Eq. (16), forward and inverse dynamics in one system, joint by joint:
 
-At each joint either the acceleration is known and the drive's torque unknown, or the torque is known and the acceleration
-unknown. Where the acceleration is known, its column of the mass matrix moves to the right side, and the
-column of the unknown torque, -1 in its own row, replaces it. The paper prints it for one joint k; here any may be exchanged.
+At each joint either the acceleration is known and the drive's torque unknown, or the torque is
+known and the acceleration unknown. Where the acceleration is known, its column of the mass matrix
+moves to the right side, and the column of the unknown torque, -1 in its own row, replaces it. The
+paper prints it for one joint k; here any may be exchanged.
 
-`simulate_chain` integrates such a chain with scipy's DOP853: readable and exact, but some hundred times slower than the compiled chain.
-"""
+`simulate_chain` integrates such a chain with scipy's DOP853: readable and exact, but some hundred
+times slower than the compiled chain."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -39,8 +45,9 @@ OverTime = Callable[[float], float]
 
 @dataclass(frozen=True)
 class LinkChain:
-    """Links on joints, all (n,): `a` lengths [m], `m` masses [kg], `centre` from the joint to the mass centre [m] (a / 2 in the paper),
-    `inertia` about the mass centre and Z [kg m2], springs with rest angles `phi_0` [rad], `damping` of the joints [N m s/rad].
+    """Links on joints, all (n,): `a` lengths [m], `m` masses [kg], `centre` from the joint to the
+    mass centre [m] (a / 2 in the paper), `inertia` about the mass centre and Z [kg m2], springs
+    with rest angles `phi_0` [rad], `damping` of the joints [N m s/rad].
     """
 
     a: Floats
@@ -55,7 +62,9 @@ class LinkChain:
 
 @dataclass(frozen=True)
 class EndLoads:
-    """External loads on the ends of links: `force_N` (2, n) along and down, `moment_Nm` (n,) about Z."""
+    """External loads on the ends of links: `force_N` (2, n) along and down, `moment_Nm` (n,)
+    about Z.
+    """
 
     force_N: Floats
     moment_Nm: Floats
@@ -74,7 +83,9 @@ def no_loads(links: int) -> EndLoads:
     return EndLoads(np.zeros((2, links)), np.zeros(links))
 
 
-def joint_torques_Nm(chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, loads: EndLoads) -> Floats:
+def joint_torques_Nm(
+    chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, loads: EndLoads
+) -> Floats:
     """Inverse dynamics: torque of each joint's drive for a given motion.
 
     Parameters
@@ -100,29 +111,43 @@ def joint_torques_Nm(chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats,
 
 def mass_matrix(chain: LinkChain, phi: Floats) -> Floats:
     """Mass matrix A of (13), (n, n) [kg m2], at joint angles `phi` (n,)."""
-    # Column j holds the joint torques for a unit acceleration of joint j, at rest and without weight; springs do not enter.
+    # Column j holds the joint torques for a unit acceleration of joint j, at rest and without
+    # weight; springs do not enter.
     rest = np.zeros_like(phi)
     return _joint_moments(chain, phi, rest, np.eye(phi.size), 0.0, no_loads(phi.size))
 
 
-def right_side_Nm(chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads) -> Floats:
-    """Right side b of (13), (n,) [N m]: torques `tau` (n,) of the drives less those that the motion takes without acceleration.
+def right_side_Nm(
+    chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads
+) -> Floats:
+    """Right side b of (13), (n,) [N m]: torques `tau` (n,) of the drives less those that the motion
+    takes without acceleration.
 
     `phi`, `dphi` (n,) are joint angles and speeds.
     """
     return np.asarray(tau - joint_torques_Nm(chain, phi, dphi, np.zeros_like(phi), loads))
 
 
-def joint_accelerations(chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads) -> Floats:
-    """Forward dynamics: z of A z = b (13), (n,) [rad/s2], for angles `phi`, speeds `dphi` and drive torques `tau`, all (n,)."""
-    return np.asarray(np.linalg.solve(mass_matrix(chain, phi), right_side_Nm(chain, phi, dphi, tau, loads)))
+def joint_accelerations(
+    chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads
+) -> Floats:
+    """Forward dynamics: z of A z = b (13), (n,) [rad/s2], for angles `phi`, speeds `dphi` and
+    drive torques `tau`, all (n,).
+    """
+    return np.asarray(
+        np.linalg.solve(mass_matrix(chain, phi), right_side_Nm(chain, phi, dphi, tau, loads))
+    )
 
 
 Z = np.array([0.0, 0.0, 1.0])[:, None]
 
 
-def _joint_moments(chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, gravity_m_s2: float, loads: EndLoads) -> Floats:
-    """n_i . Z for the accelerations in each column of `ddphi` (n, m): (n, m). Vectors are (3, m), one column each."""
+def _joint_moments(
+    chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, gravity_m_s2: float, loads: EndLoads
+) -> Floats:
+    """n_i . Z for the accelerations in each column of `ddphi` (n, m): (n, m). Vectors are (3,
+    m), one column each.
+    """
     # Many accelerations at once, because the mass matrix needs n of them at the same pose.
     R = [_rotation(angle) for angle in phi]
     motion = _outward(chain, R, dphi, ddphi, gravity_m_s2)
@@ -135,8 +160,11 @@ def _rotation(phi: float) -> Floats:
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _outward(chain: LinkChain, R: list[Floats], dphi: Floats, ddphi: Floats, gravity_m_s2: float) -> list[tuple[Floats, Floats]]:
-    """Eq. (11) and the first two lines of (12): (F_i, N_i), force and moment that accelerate link i.
+def _outward(
+    chain: LinkChain, R: list[Floats], dphi: Floats, ddphi: Floats, gravity_m_s2: float
+) -> list[tuple[Floats, Floats]]:
+    """Eq. (11) and the first two lines of (12): (F_i, N_i), force and moment that accelerate link
+    i.
 
     The weight enters as a base that accelerates upwards, against Y_0.
     """
@@ -158,8 +186,16 @@ def _outward(chain: LinkChain, R: list[Floats], dphi: Floats, ddphi: Floats, gra
     return taken
 
 
-def _inward(chain: LinkChain, R: list[Floats], alpha: float, motion: list[tuple[Floats, Floats]], loads: EndLoads) -> Floats:
-    """Eq. (12) from the tip to the base: n_i . Z of every joint (n, m). `alpha` is the absolute angle of the last link."""
+def _inward(
+    chain: LinkChain,
+    R: list[Floats],
+    alpha: float,
+    motion: list[tuple[Floats, Floats]],
+    loads: EndLoads,
+) -> Floats:
+    """Eq. (12) from the tip to the base: n_i . Z of every joint (n, m). `alpha` is the absolute
+    angle of the last link.
+    """
     f, n = np.zeros_like(motion[0][0]), np.zeros_like(motion[0][0])
     moments = np.empty((len(R), f.shape[1]))
     from_next = np.eye(3)
@@ -167,7 +203,9 @@ def _inward(chain: LinkChain, R: list[Floats], alpha: float, motion: list[tuple[
     for i in range(len(R) - 1, -1, -1):
         F_i, N_i = motion[i]
         # The loads are given along and down; `into_link` rotates them into the frame of link i.
-        at_end = from_next @ f - into_link @ np.array([[loads.force_N[0, i]], [loads.force_N[1, i]], [0.0]])
+        at_end = from_next @ f - into_link @ np.array(
+            [[loads.force_N[0, i]], [loads.force_N[1, i]], [0.0]]
+        )
         P_c, P_next = _along_link(chain.centre[i]), _along_link(chain.a[i])
         n = N_i + from_next @ n - loads.moment_Nm[i] * Z + _cross(P_c, F_i) + _cross(P_next, at_end)
         f = at_end + F_i
@@ -182,12 +220,16 @@ def _along_link(distance: float) -> Floats:
 
 def _cross(u: Floats, v: Floats) -> Floats:
     """u x v of columns of three; `np.cross` needs rows and is ten times slower."""
-    return np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
+    return np.array(
+        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    )
 
 
 @dataclass(frozen=True)
 class KnownMotion:
-    """A joint whose angle is prescribed: angle [rad], speed [rad/s] and acceleration [rad/s2], each of the time [s]."""
+    """A joint whose angle is prescribed: angle [rad], speed [rad/s] and acceleration [rad/s2],
+    each of the time [s].
+    """
 
     angle: OverTime
     speed: OverTime
@@ -196,7 +238,9 @@ class KnownMotion:
 
 @dataclass(frozen=True)
 class KnownTorque:
-    """A joint under a prescribed torque [N m] of the time [s]; springs and damping of the joint act beside it."""
+    """A joint under a prescribed torque [N m] of the time [s]; springs and damping of the joint
+    act beside it.
+    """
 
     torque: OverTime
 
@@ -209,7 +253,9 @@ Drive = KnownMotion | KnownTorque
 
 @dataclass(frozen=True)
 class MixedSolution:
-    """Solution of (16): accelerations [rad/s2] and drive torques [N m] of all joints (n,), with the known ones."""
+    """Solution of (16): accelerations [rad/s2] and drive torques [N m] of all joints (n,), with
+    the known ones.
+    """
 
     ddphi: Floats
     tau_Nm: Floats
@@ -217,7 +263,9 @@ class MixedSolution:
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """A motion of the chain at the times `t_s` (m,): joint angles, speeds, accelerations and drive torques, each (m, n)."""
+    """A motion of the chain at the times `t_s` (m,): joint angles, speeds, accelerations and
+    drive torques, each (m, n).
+    """
 
     t_s: Floats
     phi: Floats
@@ -227,7 +275,12 @@ class ChainMotion:
 
 
 def solve_mixed(
-    chain: LinkChain, phi: Floats, dphi: Floats, known: Floats, accelerations_known: NDArray[np.bool_], loads: EndLoads
+    chain: LinkChain,
+    phi: Floats,
+    dphi: Floats,
+    known: Floats,
+    accelerations_known: NDArray[np.bool_],
+    loads: EndLoads,
 ) -> MixedSolution:
     """Accelerations and torques of all joints where one of both is known at each.
 
@@ -253,20 +306,31 @@ def solve_mixed(
 
 
 def solve_exchanged(Z: Floats, b: Floats, known: Floats, exchange: NDArray[np.bool_]) -> Floats:
-    """Solution z (n,) of (16) for `Z` (n, n) and `b` (n,): for each exchanged k, `known[k]` is q''_k and z[k] the drive's torque u_k.
+    """Solution z (n,) of (16) for `Z` (n, n) and `b` (n,): for each exchanged k, `known[k]` is
+    q''_k and z[k] the drive's torque u_k.
 
     `known` and `exchange` are (n,).
     """
-    return np.asarray(np.linalg.solve(exchange_columns(Z, exchange), b - Z @ np.where(exchange, known, 0.0)))
+    return np.asarray(
+        np.linalg.solve(exchange_columns(Z, exchange), b - Z @ np.where(exchange, known, 0.0))
+    )
 
 
 def exchange_columns(Z: Floats, exchange: NDArray[np.bool_]) -> Floats:
-    """The matrix of (16), `Z` (n, n) with column k replaced by -1 in row k and 0 elsewhere for each joint k of `exchange` (n,)."""
+    """The matrix of (16), `Z` (n, n) with column k replaced by -1 in row k and 0 elsewhere for
+    each joint k of `exchange` (n,).
+    """
     return np.where(exchange[None, :], -np.eye(len(Z)), Z)
 
 
 def simulate_chain(
-    chain: LinkChain, drives: Sequence[Drive], phi: Floats, dphi: Floats, t_s: Floats, rtol: float = 1e-9, atol: float = 1e-10
+    chain: LinkChain,
+    drives: Sequence[Drive],
+    phi: Floats,
+    dphi: Floats,
+    t_s: Floats,
+    rtol: float = 1e-9,
+    atol: float = 1e-10,
 ) -> ChainMotion:
     """Integrates the motion of a chain without ground, each joint under its drive.
 
@@ -291,12 +355,19 @@ def simulate_chain(
         Where scipy gives up.
     """
     if len(drives) != phi.size:
-        raise BadInput(f"{len(drives)} drives for a chain of {phi.size} joints; give one per joint, PASSIVE for a hinge")
+        raise BadInput(
+            f"{len(drives)} drives for a chain of {phi.size} joints; give one per joint, "
+            "PASSIVE for a hinge"
+        )
     system = DrivenChain(chain, tuple(drives))
     start = np.concatenate([phi[system.free], dphi[system.free]])
-    solution = solve_ivp(system.rate, (0.0, float(t_s[-1])), start, "DOP853", t_s, rtol=rtol, atol=atol)
+    solution = solve_ivp(
+        system.rate, (0.0, float(t_s[-1])), start, "DOP853", t_s, rtol=rtol, atol=atol
+    )
     if not solution.success:
-        raise SimulationFailed(f"the chain of {phi.size} links stopped before {t_s[-1]:.3f} s: {solution.message}")
+        raise SimulationFailed(
+            f"the chain of {phi.size} links stopped before {t_s[-1]:.3f} s: {solution.message}"
+        )
     states = [system.place(t, x) for t, x in zip(t_s, solution.y.T, strict=True)]
     balances = [system.balance(t, *state) for t, state in zip(t_s, states, strict=True)]
     return ChainMotion(
@@ -312,8 +383,8 @@ def simulate_chain(
 class DrivenChain:
     """A chain and the drive of each joint, as a first-order system.
 
-    Its state x (2 f,) holds angles, then speeds, of the f free joints; `free` (n,) says which those are.
-    """
+    Its state x (2 f,) holds angles, then speeds, of the f free joints; `free` (n,) says which those
+    are."""
 
     chain: LinkChain
     drives: tuple[Drive, ...]
@@ -323,15 +394,24 @@ class DrivenChain:
         return np.array([isinstance(drive, KnownTorque) for drive in self.drives])
 
     def place(self, t: float, x: Floats) -> tuple[Floats, Floats]:
-        """(phi, dphi) of all joints, (n,) each; a prescribed joint has exactly its prescribed motion, so that nothing drifts."""
+        """(phi, dphi) of all joints, (n,) each; a prescribed joint has exactly its prescribed
+        motion, so that nothing drifts.
+        """
         phi, dphi = (np.array([of(drive, t) for drive in self.drives]) for of in (_angle, _speed))
         half = x.size // 2
         phi[self.free], dphi[self.free] = x[:half], x[half:]
         return phi, dphi
 
     def known(self, t: float) -> Floats:
-        """The known quantity of each joint (n,), for `solve_mixed`: its acceleration or its torque."""
-        return np.array([drive.torque(t) if isinstance(drive, KnownTorque) else drive.acceleration(t) for drive in self.drives])
+        """The known quantity of each joint (n,), for `solve_mixed`: its acceleration or its
+        torque.
+        """
+        return np.array(
+            [
+                drive.torque(t) if isinstance(drive, KnownTorque) else drive.acceleration(t)
+                for drive in self.drives
+            ]
+        )
 
     def balance(self, t: float, phi: Floats, dphi: Floats) -> MixedSolution:
         """Accelerations and torques at this moment, in the air, for angles and speeds (n,)."""

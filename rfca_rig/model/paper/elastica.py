@@ -1,16 +1,18 @@
-"""Large deflection of a thin strip that only bends: the discrete elastica of the paper's (1), (2), (4) and (7).
+"""Large deflection of a thin strip that only bends: the discrete elastica of the paper's (1), (2),
+(4) and (7).
 
-The strip is described by its tangent angle theta(s) over arc length, so that the curvature is dtheta/ds exactly; written for y(x), this
-is (1). Axes of the strip: x along the tangent at its near end before it bends, y across. With nodes s_0..s_N, their
-weights w_j of the trapezoid rule, and the multipliers of (4):
+The strip is described by its tangent angle theta(s) over arc length, so that the curvature is
+dtheta/ds exactly; written for y(x), this is (1). Axes of the strip: x along the tangent at its near
+end before it bends, y across. With nodes s_0..s_N, their weights w_j of the trapezoid rule, and the
+multipliers of (4):
 
     U     = sum_e EI / (2 ds_e) (theta_e+1 - theta_e)^2               (7)
     end   = sum_j w_j (cos theta_j, sin theta_j)
     L     = U - F . end + sum_i lambda_i (theta(s_i) - beta_i) + mu . (end - target)
 
-Newton-Raphson on dL = 0. By the envelope theorem dU/dbeta_i = -lambda_i, the moment that a hold exerts, and dU/dtarget = -mu, its
-force. The error is of second order in the node distance, and even in it, so that one Richardson step gives the fourth order.
-"""
+Newton-Raphson on dL = 0. By the envelope theorem dU/dbeta_i = -lambda_i, the moment that a hold
+exerts, and dU/dtarget = -mu, its force. The error is of second order in the node distance, and even
+in it, so that one Richardson step gives the fourth order."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -61,7 +63,9 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Holds:
-    """Constraints of the strip: tangent angles at some nodes, both (m,), and the place of its far end, where that is given."""
+    """Constraints of the strip: tangent angles at some nodes, both (m,), and the place of its
+    far end, where that is given.
+    """
 
     nodes: Ints
     angle_rad: Floats
@@ -70,7 +74,9 @@ class Holds:
 
 @dataclass(frozen=True)
 class Bent:
-    """A bent strip: `theta_rad` (N+1,), `multipliers` (m,) or (m + 2,) as in L, `energy_J` the bending energy alone; `end_m` is (2,)."""
+    """A bent strip: `theta_rad` (N+1,), `multipliers` (m,) or (m + 2,) as in L, `energy_J` the
+    bending energy alone; `end_m` is (2,).
+    """
 
     mesh: Mesh
     theta_rad: Floats
@@ -101,12 +107,19 @@ def even_mesh(EI_Nm2: float, length_m: float, elements: int) -> Mesh:
     return Mesh(np.linspace(0.0, length_m, elements + 1), EI_Nm2)
 
 
-def mesh_through(EI_Nm2: float, length_m: float, stations_m: Floats, elements: int) -> tuple[Mesh, Ints]:
-    """Mesh of about `elements` elements with a node on every station `stations_m` (h,), and the indices (h,) of those nodes."""
+def mesh_through(
+    EI_Nm2: float, length_m: float, stations_m: Floats, elements: int
+) -> tuple[Mesh, Ints]:
+    """Mesh of about `elements` elements with a node on every station `stations_m` (h,), and the
+    indices (h,) of those nodes.
+    """
     # Equal elements between neighbouring stations, at least one, in proportion to the distance.
     borders = np.unique(np.concatenate(([0.0], stations_m, [length_m])))
     counts = np.maximum(1, np.round(elements * np.diff(borders) / length_m)).astype(int)
-    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(borders[:-1], borders[1:], counts, strict=True)]
+    parts = [
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in zip(borders[:-1], borders[1:], counts, strict=True)
+    ]
     s = np.concatenate([*parts, [length_m]])
     return Mesh(s, EI_Nm2), np.searchsorted(s, stations_m)
 
@@ -135,7 +148,8 @@ def bend(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Bent:
     bent = _newton(mesh, holds, force_N, start_rad)
     if bent is None:
         raise SimulationFailed(
-            f"strip of {1e3 * mesh.s_m[-1]:.1f} mm under {np.hypot(*force_N):.3g} N: its shape does not settle to {SETTLED_RAD:g} rad in "
+            f"strip of {1e3 * mesh.s_m[-1]:.1f} mm under {np.hypot(*force_N):.3g} N: its "
+            f"shape does not settle to {SETTLED_RAD:g} rad in "
             f"{MOST_ITERATIONS} iterations; go there in smaller steps, or with more elements"
         )
     return bent
@@ -151,16 +165,20 @@ def _newton(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Ben
         change *= min(1.0, LARGEST_TURN_RAD / max(turn, SETTLED_RAD))
         theta, multipliers = theta + change[: theta.size], multipliers + change[theta.size :]
         if turn < SETTLED_RAD:
-            return Bent(mesh, theta, multipliers, float(0.5 * theta @ (mesh.stiffness @ theta)), iteration)
+            return Bent(
+                mesh, theta, multipliers, float(0.5 * theta @ (mesh.stiffness @ theta)), iteration
+            )
     return None
 
 
 def sensitivity(bent: Bent, holds: Holds, force_N: Floats) -> Floats:
-    """(m, m) second derivatives of U with respect to the held angles (and the end's place, where held), at a converged shape.
+    """(m, m) second derivatives of U with respect to the held angles (and the end's place, where
+    held), at a converged shape.
 
     `force_N` (2,) is the force for which it was computed.
     """
-    # A unit change of each constraint on the right side of the last Newton system: the multipliers respond by minus the second derivative.
+    # A unit change of each constraint on the right side of the last Newton system: the multipliers
+    # respond by minus the second derivative.
     _, matrix = _system(bent.mesh, holds, force_N, bent.theta_rad, bent.multipliers)
     size, count = bent.theta_rad.size, bent.multipliers.size
     moved = np.zeros((size + count, count))
@@ -168,15 +186,22 @@ def sensitivity(bent: Bent, holds: Holds, force_N: Floats) -> Floats:
     return -np.asarray(splu(matrix).solve(moved))[size:]
 
 
-def bend_cantilever(EI_Nm2: float, length_m: float, force_N: tuple[float, float], elements: int = 100) -> Bent:
-    """A strip clamped at s = 0 along x, with a force (x, y) of constant direction on its tip, on the branch that begins at rest.
+def bend_cantilever(
+    EI_Nm2: float, length_m: float, force_N: tuple[float, float], elements: int = 100
+) -> Bent:
+    """A strip clamped at s = 0 along x, with a force (x, y) of constant direction on its tip, on
+    the branch that begins at rest.
 
-    Every shape on the path is stable. Raises SimulationFailed where there is no such path: under a force straight back along the strip,
-    beyond Euler's load, it may buckle to either side.
-    """
+    Every shape on the path is stable. Raises SimulationFailed where there is no such path: under a
+    force straight back along the strip, beyond Euler's load, it may buckle to either side."""
     mesh = even_mesh(EI_Nm2, length_m, elements)
-    clamp, force, theta = Holds(np.array([0]), np.zeros(1)), np.array(force_N), np.zeros(elements + 1)
-    # The load grows in steps, which are halved where Newton fails or leaves the branch, and grow by half where it does not.
+    clamp, force, theta = (
+        Holds(np.array([0]), np.zeros(1)),
+        np.array(force_N),
+        np.zeros(elements + 1),
+    )
+    # The load grows in steps, which are halved where Newton fails or leaves the branch, and grow by
+    # half where it does not.
     share, step = 0.0, min(1.0, FIRST_LOAD * EI_Nm2 / length_m**2 / max(np.hypot(*force), 1e-300))
     while True:
         bent = _newton(mesh, clamp, min(share + step, 1.0) * force, theta)
@@ -184,7 +209,8 @@ def bend_cantilever(EI_Nm2: float, length_m: float, force_N: tuple[float, float]
             step *= 0.5
             if step < SHORTEST_STEP:
                 raise SimulationFailed(
-                    f"strip of {1e3 * length_m:.1f} mm: at {share:.6f} of {np.hypot(*force):.3g} N the next shape is not near; "
+                    f"strip of {1e3 * length_m:.1f} mm: at {share:.6f} of "
+                    f"{np.hypot(*force):.3g} N the next shape is not near; "
                     "where the force is straight back along the strip, give it a little to one side"
                 )
             continue
@@ -194,18 +220,27 @@ def bend_cantilever(EI_Nm2: float, length_m: float, force_N: tuple[float, float]
         step *= 1.5
 
 
-def cantilever_tip(EI_Nm2: float, length_m: float, force_N: tuple[float, float], elements: int = 50) -> Tip:
-    """Tip of a cantilever to fourth order: Richardson extrapolation from `elements` and twice as many."""
+def cantilever_tip(
+    EI_Nm2: float, length_m: float, force_N: tuple[float, float], elements: int = 50
+) -> Tip:
+    """Tip of a cantilever to fourth order: Richardson extrapolation from `elements` and twice as
+    many.
+    """
     coarse, fine = (bend_cantilever(EI_Nm2, length_m, force_N, n) for n in (elements, 2 * elements))
     x, y = (4.0 * fine.end_m - coarse.end_m) / 3.0
     return Tip(float(x), float(y), float((4.0 * fine.theta_rad[-1] - coarse.theta_rad[-1]) / 3.0))
 
 
 def _follows(bent: Bent, before_rad: Floats, force_N: Floats) -> bool:
-    """Whether the shape is near the one before and a minimum of U - F . end; Newton also finds the unbent strip under a buckling load."""
+    """Whether the shape is near the one before and a minimum of U - F . end; Newton also finds
+    the unbent strip under a buckling load.
+    """
     near = np.abs(bent.theta_rad - before_rad).max() <= LARGEST_STRIDE_RAD
-    _, matrix = _system(bent.mesh, Holds(np.array([0]), np.zeros(1)), force_N, bent.theta_rad, bent.multipliers)
-    # The clamped node is fixed and the last row belongs to its multiplier: what remains of the matrix is tridiagonal.
+    _, matrix = _system(
+        bent.mesh, Holds(np.array([0]), np.zeros(1)), force_N, bent.theta_rad, bent.multipliers
+    )
+    # The clamped node is fixed and the last row belongs to its multiplier: what remains of the
+    # matrix is tridiagonal.
     diagonal, beside = matrix.diagonal()[1:-1], matrix.diagonal(1)[1:-1]
     lowest = eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(0, 0))[0]
     return bool(near and lowest > 0.0)
@@ -215,11 +250,18 @@ def _count(holds: Holds) -> int:
     return holds.nodes.size + (0 if holds.end_m is None else 2)
 
 
-def _system(mesh: Mesh, holds: Holds, force_N: Floats, theta: Floats, multipliers: Floats) -> tuple[Floats, Any]:
+def _system(
+    mesh: Mesh, holds: Holds, force_N: Floats, theta: Floats, multipliers: Floats
+) -> tuple[Floats, Any]:
     """Gradient of L by theta and multipliers, and its derivative."""
     cos, sin, pull = mesh.weights_m * np.cos(theta), mesh.weights_m * np.sin(theta), force_N.copy()
     gap = theta[holds.nodes] - holds.angle_rad
-    rows = csc_matrix(coo_matrix((np.ones(holds.nodes.size), (np.arange(holds.nodes.size), holds.nodes)), (holds.nodes.size, theta.size)))
+    rows = csc_matrix(
+        coo_matrix(
+            (np.ones(holds.nodes.size), (np.arange(holds.nodes.size), holds.nodes)),
+            (holds.nodes.size, theta.size),
+        )
+    )
     # A held end acts like a force on it: minus its multipliers.
     if holds.end_m is not None:
         pull -= multipliers[-2:]
@@ -228,4 +270,6 @@ def _system(mesh: Mesh, holds: Holds, force_N: Floats, theta: Floats, multiplier
     along = multipliers[: holds.nodes.size] @ rows
     gradient = mesh.stiffness @ theta + pull[0] * sin - pull[1] * cos + along
     curvature = mesh.stiffness + diags(pull[0] * cos + pull[1] * sin)
-    return np.concatenate((gradient, gap)), bmat([[curvature, slopes.T], [slopes, None]], format="csc")
+    return np.concatenate((gradient, gap)), bmat(
+        [[curvature, slopes.T], [slopes, None]], format="csc"
+    )

@@ -1,22 +1,26 @@
-"""The leaf spring of the leg, a flat strip, and the materials that the paper compares for it (Table I, stored in materials.toml).
+"""The leaf spring of the leg, a flat strip, and the materials that the paper compares for it (Table
+I, stored in materials.toml).
 
 Discretises a leg into another number of links; total length, mass distribution and strip are kept.
 
-The strip bends everywhere between the shells; a hinge spring represents the bending of one part of it, its cell, from the middle of
-one link to the middle of the next. Where the moment in a cell of length p is M, the strip there turns by p kappa(M), and that is the
-hinge's angle phi. So torque over angle of a hinge is the strip's moment over curvature, M(kappa) = T(p kappa), and a strip cut into cells
-of length p / m has
+The strip bends everywhere between the shells; a hinge spring represents the bending of one part of
+it, its cell, from the middle of one link to the middle of the next. Where the moment in a cell of
+length p is M, the strip there turns by p kappa(M), and that is the hinge's angle phi. So torque
+over angle of a hinge is the strip's moment over curvature, M(kappa) = T(p kappa), and a strip cut
+into cells of length p / m has
 
     T'(phi) = M(m phi / p) = T(m phi):     k0' = m k0,   k2' = m^2 k2,   c' = m c
 
-and a measured curve has its angles divided by m at the same torques. m such springs in series, each turning by phi / m, carry the torque
-of one that turns by phi: the series of springs. With ever more links the leg becomes a beam of bending stiffness k0 p with rigid ends, and
-differs from it by terms in p^2.
+and a measured curve has its angles divided by m at the same torques. m such springs in series, each
+turning by phi / m, carry the torque of one that turns by phi: the series of springs. With ever more
+links the leg becomes a beam of bending stiffness k0 p with rigid ends, and differs from it by terms
+in p^2.
 
-The length over which the strip bends follows from the leg itself: its hinges' cells, those at the ends reaching as far outwards as
-inwards. That length keeps its place in the leg, and is divided equally among the new hinges. Parameters of effects per hinge do not
-change. In the other reading each pin bends a free length of its own, and k0 stays the same; the paper does not state which is true.
-"""
+The length over which the strip bends follows from the leg itself: its hinges' cells, those at the
+ends reaching as far outwards as inwards. That length keeps its place in the leg, and is divided
+equally among the new hinges. Parameters of effects per hinge do not change. In the other reading
+each pin bends a free length of its own, and k0 stays the same; the paper does not state which is
+true."""
 
 import tomllib
 from dataclasses import dataclass, replace
@@ -55,7 +59,9 @@ class Material:
 
 @dataclass(frozen=True)
 class Strip:
-    """`count` equal flat strips side by side that bend across their thickness. The stiffness is that of all of them."""
+    """`count` equal flat strips side by side that bend across their thickness. The stiffness is
+    that of all of them.
+    """
 
     material: Material
     width_m: float
@@ -70,7 +76,9 @@ class Strip:
 
     @property
     def bending_stiffness_Nm2(self) -> float:
-        """E I of all strips, each free to curve across its width as a narrow beam does; this is the paper's E I."""
+        """E I of all strips, each free to curve across its width as a narrow beam does; this is
+        the paper's E I.
+        """
         return self.material.youngs_modulus_Pa * self.second_moment_m4
 
     @property
@@ -81,7 +89,13 @@ class Strip:
     @property
     def mass_kg(self) -> float:
         """Of all strips."""
-        return self.material.density_kg_m3 * self.count * self.width_m * self.thickness_m * self.length_m
+        return (
+            self.material.density_kg_m3
+            * self.count
+            * self.width_m
+            * self.thickness_m
+            * self.length_m
+        )
 
     def strain_at(self, curvature_per_m: float) -> float:
         """Strain at the surface of a strip bent to this curvature."""
@@ -98,7 +112,9 @@ class Strip:
 
     @property
     def breaking_moment_Nm(self) -> float:
-        """Bending moment of all strips at that curvature, their strength for any length of the bend."""
+        """Bending moment of all strips at that curvature, their strength for any length of the
+        bend.
+        """
         return self.bending_stiffness_Nm2 * self.breaking_curvature_per_m
 
 
@@ -124,56 +140,88 @@ def paper_strips(material: Material, thickness_m: float = 0.8e-3) -> Strip:
 
 
 def cell_m(leg: Leg) -> float:
-    """Mean length of strip that one hinge represents. Raises BadInput for a leg of two links, from which it does not follow."""
+    """Mean length of strip that one hinge represents. Raises BadInput for a leg of two links,
+    from which it does not follow.
+    """
     borders = _cells_m(leg)[::2]
     return float((borders[-1] - borders[0]) / (len(leg.link_lengths_m) - 1))
 
 
 def with_links(leg: Leg, count: int) -> Leg:
-    """The leg with `count` links. Raises BadInput below 2 and above 60, and for a leg that has two itself."""
+    """The leg with `count` links. Raises BadInput below 2 and above 60, and for a leg that has
+    two itself.
+    """
     hinges, wanted = len(leg.link_lengths_m) - 1, count - 1
     if wanted == hinges:
         return leg
     if not 2 <= count <= MOST_LINKS:
         raise BadInput(f"a leg of {count} links: it takes 2 to {MOST_LINKS}")
     cells = _cells_m(leg)
-    # Each new pin is in the middle of its cell, counted in old cells. `cells` has two borders per cell, hence the half.
+    # Each new pin is in the middle of its cell, counted in old cells. `cells` has two borders per
+    # cell, hence the half.
     middles = (np.arange(wanted) + 0.5) * hinges / wanted
     pins = np.interp(middles, 0.5 * np.arange(cells.size), cells)
-    return _recut(leg, np.diff(np.concatenate(([0.0], pins, [sum(leg.link_lengths_m)]))), wanted / hinges)
+    return _recut(
+        leg, np.diff(np.concatenate(([0.0], pins, [sum(leg.link_lengths_m)]))), wanted / hinges
+    )
 
 
 def with_first_link(leg: Leg, first_m: float) -> Leg:
-    """The leg with a first link of that length; the others share the rest in their old proportion. Raises BadInput where none is left."""
+    """The leg with a first link of that length; the others share the rest in their old
+    proportion. Raises BadInput where none is left.
+    """
     first, rest = leg.link_lengths_m[0], sum(leg.link_lengths_m[1:])
     if not 0.0 < first_m < first + rest:
-        raise BadInput(f"a first link of {1e3 * first_m:g} mm: it must be above 0 and below the leg's length, {1e3 * (first + rest):g} mm")
+        raise BadInput(
+            f"a first link of {1e3 * first_m:g} mm: it must be above 0 and below the "
+            f"leg's length, {1e3 * (first + rest):g} mm"
+        )
     if first_m == first:
         return leg
     shrunk = (first + rest - first_m) / rest
-    return _recut(leg, np.array([first_m, *(shrunk * length for length in leg.link_lengths_m[1:])]), 1.0 / shrunk)
+    return _recut(
+        leg,
+        np.array([first_m, *(shrunk * length for length in leg.link_lengths_m[1:])]),
+        1.0 / shrunk,
+    )
 
 
 def _cells_m(leg: Leg) -> Floats:
-    """(2 h + 1,) borders of the hinges' cells and the pins between them, in turn, from the shaft."""
+    """(2 h + 1,) borders of the hinges' cells and the pins between them, in turn, from the
+    shaft.
+    """
     if len(leg.link_lengths_m) < 3:
-        raise BadInput("a leg of two links does not tell over what length its strip bends; begin from one of three or more")
+        raise BadInput(
+            "a leg of two links does not tell over what length its strip bends; begin "
+            "from one of three or more"
+        )
     borders = np.cumsum((0.0, *leg.link_lengths_m))
     pins = borders[1:-1]
     between = 0.5 * (pins[:-1] + pins[1:])
     # An end cell reaches as far outwards from its pin as inwards, but not beyond the leg.
-    begin, end = max(2.0 * pins[0] - between[0], 0.0), min(2.0 * pins[-1] - between[-1], borders[-1])
+    begin, end = (
+        max(2.0 * pins[0] - between[0], 0.0),
+        min(2.0 * pins[-1] - between[-1], borders[-1]),
+    )
     cells = np.empty(2 * pins.size + 1)
     cells[1::2], cells[::2] = pins, np.concatenate(([begin], between, [end]))
     return cells
 
 
 def _recut(leg: Leg, lengths_m: Floats, m: float) -> Leg:
-    """Other links with the same mass in the same places, and springs for `m` times as many cells in a length."""
+    """Other links with the same mass in the same places, and springs for `m` times as many cells
+    in a length.
+    """
     if any(leg.rest_angles_rad):
-        raise BadInput("leg.rest_angles_deg: a leg that is bent at rest cannot be cut into other links; leave the rest angles out")
+        raise BadInput(
+            "leg.rest_angles_deg: a leg that is bent at rest cannot be cut into other "
+            "links; leave the rest angles out"
+        )
     if len(leg.torque_splines) > 1:
-        raise BadInput("leg.torque_rotation: a leg with a curve for each hinge cannot be cut into other links; give one curve for all")
+        raise BadInput(
+            "leg.torque_rotation: a leg with a curve for each hinge cannot be cut into "
+            "other links; give one curve for all"
+        )
     old, new = np.cumsum((0.0, *leg.link_lengths_m)), np.concatenate(([0.0], np.cumsum(lengths_m)))
     # Mass is spread evenly over each old link: interpolating its running sum keeps it where it is.
     masses = np.diff(np.interp(new, old, np.cumsum((0.0, *leg.link_masses_kg))))

@@ -1,1 +1,3 @@
-"""diagnosis.html and diagnosis.json, the omitted physics. Entry point: `files`, through `page` with its `tables` and `pictures`."""
+"""diagnosis.html and diagnosis.json, the omitted physics. Entry point: `files`, through `page`
+with its `tables` and `pictures`.
+"""

@@ -1,8 +1,8 @@
-"""Writes the files of a diagnosis: diagnosis.json for programs, diagnosis.html for people, tables as CSV and LaTeX for papers.
+"""Writes the files of a diagnosis: diagnosis.json for programs, diagnosis.html for people, tables
+as CSV and LaTeX for papers.
 
-Also its summary for a terminal: at most fifteen lines, the verdict first. Model files, for `predict`, `report --model` and the
-next diagnosis, have the effects found, or a measured law.
-"""
+Also its summary for a terminal: at most fifteen lines, the verdict first. Model files, for
+`predict`, `report --model` and the next diagnosis, have the effects found, or a measured law."""
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
@@ -50,16 +50,22 @@ PLACES = 3
 # Of the misfits, the forces; hinge angles are on the page.
 FIGURES = 3
 # A console may have no other characters.
-ASCII = str.maketrans({"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"})
+ASCII = str.maketrans(
+    {"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"}
+)
 
 __all__ = ["terminal_lines", "write_diagnosis"]
 
 
 def terminal_lines(diagnosis: Diagnosis) -> list[str]:
-    """Lines of at most 80 characters, in the units of the page. Where there is too much to show, the last items are dropped."""
+    """Lines of at most 80 characters, in the units of the page. Where there is too much to show,
+    the last items are dropped.
+    """
     diagnosis = convert_diagnosis(diagnosis)
     probability = diagnosis.probability
-    verdict = diagnosis.grade.upper() + (f" ({format_probability(probability)})" if probability is not None else "")
+    verdict = diagnosis.grade.upper() + (
+        f" ({format_probability(probability)})" if probability is not None else ""
+    )
     items = [(f"{verdict}: {diagnosis.sentence}", 3)]
     # Sizes in every joint and all rivals: what an effect is about must not be cut.
     items += [(_effect(effect), 4) for effect in diagnosis.effects[:3]]
@@ -76,27 +82,49 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
         yield f"law at {law.place} over {law.argument}, {describe_law(diagnosis.stated_law)}"
     yield from (remark for remark in diagnosis.remarks if remark.startswith(EXCLUDED))
     part = "stretch" if diagnosis.is_of_stretches else "condition"
-    yield from (_place(place, part) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
-    yield from (f"remains: {_where(place)}, {compare_with_usual_error(place)}" for place in diagnosis.remaining[:1])
+    yield from (
+        _place(place, part)
+        for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES]
+    )
+    yield from (
+        f"remains: {_where(place)}, {compare_with_usual_error(place)}"
+        for place in diagnosis.remaining[:1]
+    )
     if diagnosis.place is not None:
-        yield f"acts on the {diagnosis.place.id} ({format_probability(diagnosis.place.probability)}): {diagnosis.place.words}"
+        yield (
+            f"acts on the {diagnosis.place.id} "
+            f"({format_probability(diagnosis.place.probability)}): {diagnosis.place.words}"
+        )
     yield from (describe_moved_prior(one) for one in diagnosis.moved_priors[:2])
     yield from _figures(diagnosis)
     failed = [criterion for criterion in diagnosis.criteria if not criterion.passed]
     if failed and diagnosis.grade != "nothing missing":
-        yield "not identified: " + "; ".join(f"{criterion.name} ({criterion.found})" for criterion in failed)
+        yield "not identified: " + "; ".join(
+            f"{criterion.name} ({criterion.found})" for criterion in failed
+        )
     # What follows the closest entry repeats the failed criteria.
-    yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1] if text.startswith("closest"))
+    yield from (
+        f"unexplained: {text}" for text in diagnosis.unexplained[:1] if text.startswith("closest")
+    )
     ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
     if diagnosis.not_seen:
-        yield f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
+        yield (
+            f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: "
+            f"{len(diagnosis.not_seen) - ruled_out}"
+        )
     if diagnosis.next_experiment:
-        yield "next: " + "; ".join(f"{name}: {text}" for name, text in entries(diagnosis.next_experiment) if text)
+        yield "next: " + "; ".join(
+            f"{name}: {text}" for name, text in entries(diagnosis.next_experiment) if text
+        )
 
 
 def _effect(effect: NamedEffect) -> str:
     values = ", ".join(_value_text(name, value) for name, value in effect.parameters.items())
-    others = f"; cannot be told from {', '.join(effect.cannot_tell_from)}" if effect.cannot_tell_from else ""
+    others = (
+        f"; cannot be told from {', '.join(effect.cannot_tell_from)}"
+        if effect.cannot_tell_from
+        else ""
+    )
     return f"{effect.id} ({format_probability(effect.probability)}): {values} (90 %){others}"
 
 
@@ -107,7 +135,10 @@ def _value_text(name: str, value: Value) -> str:
 
 def _place(place: Located, part: str) -> str:
     count = count_noun(len(place.conditions), part, f"{part}es" if part == "stretch" else None)
-    return f"located: {_where(place)}, {format_significant(place.sigmas, 2)} sigma, {count}, p {format_p_value(place.p_value)}"
+    return (
+        f"located: {_where(place)}, {format_significant(place.sigmas, 2)} sigma, {count}, p "
+        f"{format_p_value(place.p_value)}"
+    )
 
 
 def _where(place: Located) -> str:
@@ -120,10 +151,15 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
         words, unit = words_and_unit(name)
         held_out = diagnosis.held_out.get(f"held_out_{name}")
         held_out_text = f"; held out {_change(held_out)}" if held_out else ""
-        floor = "" if fit.noise_floor is None else f" (noise {format_significant(fit.noise_floor, 2)})"
+        floor = (
+            "" if fit.noise_floor is None else f" (noise {format_significant(fit.noise_floor, 2)})"
+        )
         yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
     if diagnosis.valley:
-        yield ", ".join(f"{words_and_unit(name)[0]} {_change(each)} %" for name, each in diagnosis.valley.items())
+        yield ", ".join(
+            f"{words_and_unit(name)[0]} {_change(each)} %"
+            for name, each in diagnosis.valley.items()
+        )
 
 
 def _change(figure: BeforeAfter) -> str:
@@ -132,11 +168,14 @@ def _change(figure: BeforeAfter) -> str:
 
 def _wrap(text: str, most: int) -> Sequence[str]:
     one_line = " ".join(text.translate(ASCII).split())
-    return textwrap.wrap(one_line, WIDTH, subsequent_indent="  ", max_lines=most, placeholder=" ...")
+    return textwrap.wrap(
+        one_line, WIDTH, subsequent_indent="  ", max_lines=most, placeholder=" ..."
+    )
 
 
 def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = None) -> None:
-    """Writes all files of a diagnosis into `out`, which is made where it does not exist. The same diagnosis gives the same bytes.
+    """Writes all files of a diagnosis into `out`, which is made where it does not exist. The same
+    diagnosis gives the same bytes.
 
     Parameters
     ----------
@@ -145,7 +184,8 @@ def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = Non
     out
         Folder of the report.
     origin
-        Command, recordings and version for the foot of the page; None for a page that no command made.
+        Command, recordings and version for the foot of the page; None for a page that no command
+        made.
 
     Raises
     ------
@@ -159,8 +199,17 @@ def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = Non
         before_after_table(diagnosis),
     )
     # For programs only: long, or with the same content as a figure.
-    plain = (signals_table(diagnosis), residual_map_table(diagnosis), hypotheses_table(diagnosis), acceptance_table(diagnosis))
-    contents = {"diagnosis.json": as_json(diagnosis), **table_files(tables), **{f"{one.name}.csv": as_csv(one) for one in plain}}
+    plain = (
+        signals_table(diagnosis),
+        residual_map_table(diagnosis),
+        hypotheses_table(diagnosis),
+        acceptance_table(diagnosis),
+    )
+    contents = {
+        "diagnosis.json": as_json(diagnosis),
+        **table_files(tables),
+        **{f"{one.name}.csv": as_csv(one) for one in plain},
+    }
     known = origin or Origin()
     context = PageContext(known, find_pages(out, known, ("diagnosis.html",)))
     write_all(out, {"diagnosis.html": page(diagnosis, context, tuple(contents)), **contents})
@@ -193,20 +242,36 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
         return False
     rig = diagnosis.found_rig
     # The effects found are the last of the rig. They have entries of their own in the file.
-    sections = make_fitted_sections(recording.nominal, replace(rig, effects=rig.effects[: len(rig.effects) - len(diagnosis.found_effects)]))
+    sections = make_fitted_sections(
+        recording.nominal,
+        replace(rig, effects=rig.effects[: len(rig.effects) - len(diagnosis.found_effects)]),
+    )
     if rig.drive.holds_start:
         sections["drive"] = {**sections["drive"], "holds_start": True}
-    # A height offset beyond its uncertainty means that the rack stood elsewhere, which the model file states as an effect.
-    found, height = [_to_found_effect(effect) for effect in diagnosis.effects], diagnosis.believed_values.get("height")
-    if height and abs(height.value) >= height.std and all(effect.id != HEIGHT_OFFSET for effect in found):
-        found.append(FoundEffect(HEIGHT_OFFSET, {"offset_mm": height.value}, {"offset_mm": height.std}))  # the rack stood elsewhere
+    # A height offset beyond its uncertainty means that the rack stood elsewhere, which the model
+    # file states as an effect.
+    found, height = (
+        [_to_found_effect(effect) for effect in diagnosis.effects],
+        diagnosis.believed_values.get("height"),
+    )
+    if (
+        height
+        and abs(height.value) >= height.std
+        and all(effect.id != HEIGHT_OFFSET for effect in found)
+    ):
+        found.append(
+            FoundEffect(HEIGHT_OFFSET, {"offset_mm": height.value}, {"offset_mm": height.std})
+        )  # the rack stood elsewhere
     comments = [f"Diagnosed from {diagnosis.title}", diagnosis.sentence]
-    write_model(path, sections, _refine_known_to(diagnosis.believed_values, recording), comments, found)
+    write_model(
+        path, sections, _refine_known_to(diagnosis.believed_values, recording), comments, found
+    )
     return True
 
 
 def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> None:
-    """Write the model as fitted beside the law, the effects of its base, and the law as [[effects]] id = "tabulated_law".
+    """Write the model as fitted beside the law, the effects of its base, and the law as [[effects]]
+    id = "tabulated_law".
 
     Parameters
     ----------
@@ -223,22 +288,33 @@ def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> 
         Where the disk refuses.
     """
     supposed = law.hypothesis.fitted.coordinates.supposed(law.hypothesis.marginal.posterior.mean)
-    # The law is the last effect of the fit; it is written with its table, so it must not appear twice.
+    # The law is the last effect of the fit; it is written with its table, so it must not appear
+    # twice.
     base = replace(supposed.rig, effects=supposed.rig.effects[:-1])
-    std = {f"the value at {knot:.4g}": float(value) for knot, value in zip(law.knots, law.std, strict=True)}
+    std = {
+        f"the value at {knot:.4g}": float(value)
+        for knot, value in zip(law.knots, law.std, strict=True)
+    }
     comments = [
-        f"A law of {law.argument} at {law.place}, measured beside {' with '.join(law.base) or 'nothing missing'}",
+        (
+            f"A law of {law.argument} at {law.place}, measured beside "
+            f"{' with '.join(law.base) or 'nothing missing'}"
+        ),
         f"It takes away {100.0 * law.explained:.0f} % of the misfit on held-out conditions",
     ]
     known_to = _refine_known_to(nuisance_values(law.hypothesis), recording)
     sections = make_fitted_sections(recording.nominal, base, supposed.height_offset_m)
-    write_model(path, sections, known_to, comments, [FoundEffect(TABULATED_LAW, {}, std, law.present.table)])
+    write_model(
+        path, sections, known_to, comments, [FoundEffect(TABULATED_LAW, {}, std, law.present.table)]
+    )
 
 
 def _to_found_effect(effect: NamedEffect) -> FoundEffect:
     found = {**effect.parameters, **effect.shape}
     values = {name: value.value for name, value in found.items()}
-    return FoundEffect(effect.id, values, {name: value.std for name, value in found.items() if value.std})
+    return FoundEffect(
+        effect.id, values, {name: value.std for name, value in found.items() if value.std}
+    )
 
 
 def _refine_known_to(values: Mapping[str, Value], recording: Recording) -> Mapping[str, float]:
@@ -247,5 +323,7 @@ def _refine_known_to(values: Mapping[str, Value], recording: Recording) -> Mappi
     for name, value in values.items():
         parameter = PARAMETERS.get(name)
         if parameter is not None and parameter.known_to in known and value.std > 0.0:
-            known[parameter.known_to] = value.std / abs(value.value) if parameter.relative else value.std
+            known[parameter.known_to] = (
+                value.std / abs(value.value) if parameter.relative else value.std
+            )
     return known

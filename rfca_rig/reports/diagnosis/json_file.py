@@ -1,4 +1,6 @@
-"""diagnosis.json, the diagnosis for other programs, in format rfca-diagnosis/2, which keeps every key of version 1."""
+"""diagnosis.json, the diagnosis for other programs, in format rfca-diagnosis/2, which keeps
+every key of version 1.
+"""
 
 import json
 from collections.abc import Mapping
@@ -13,33 +15,48 @@ from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, 
 from rfca_rig.reports.diagnosis.tables import all_misfits
 
 FORMAT = "rfca-diagnosis/2"
-# More than a diagnosis knows, and few enough that rounding errors of different machines do not show.
+# More than a diagnosis knows, and few enough that rounding errors of different machines do not
+# show.
 DIGITS = 7
 
 
 def as_json(diagnosis: Diagnosis) -> str:
     """The JSON document; unknown values are null."""
-    return json.dumps(to_json_types(document(diagnosis)), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return (
+        json.dumps(
+            to_json_types(document(diagnosis)), indent=1, ensure_ascii=False, allow_nan=False
+        )
+        + "\n"
+    )
 
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """Content of diagnosis.json: first the keys that the format requires, then additional ones."""
-    # Misfits before and after: signals with their noise floor, errors of the valley, which have none, without.
+    # Misfits before and after: signals with their noise floor, errors of the valley, which have
+    # none, without.
     forces = {**all_misfits(diagnosis), **diagnosis.held_out}
-    floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in forces.items()}
+    floored = {
+        name: _before_after(each) | {"noise_floor": each.noise_floor}
+        for name, each in forces.items()
+    }
     return {
         "format": FORMAT,
         "verdict": diagnosis.verdict,
         "located": [_place_record(place) for place in diagnosis.located],
         "effects": [_effect(effect) for effect in diagnosis.effects],
         "not_seen": [
-            {"id": one.id, "would_have_seen": one.would_have_seen} for one in diagnosis.not_seen if one.would_have_seen is not None
+            {"id": one.id, "would_have_seen": one.would_have_seen}
+            for one in diagnosis.not_seen
+            if one.would_have_seen is not None
         ],
         "fit": floored | {name: _before_after(each) for name, each in diagnosis.valley.items()},
         "unexplained": diagnosis.unexplained,
         "next_experiment": diagnosis.next_experiment,
         "grade": diagnosis.grade,
-        "statement": {"probability": diagnosis.probability, "explained_share": diagnosis.explained_share},
+        "statement": {
+            "probability": diagnosis.probability,
+            "explained_share": diagnosis.explained_share,
+        },
         "family": None if diagnosis.family is None else asdict(diagnosis.family),
         "other_families": [asdict(family) for family in diagnosis.other_families],
         "place": None if diagnosis.place is None else asdict(diagnosis.place),
@@ -49,10 +66,18 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "sentence": diagnosis.sentence,
         "gates": [asdict(criterion) for criterion in diagnosis.criteria],
         "rivals": [
-            {"ids": r.ids, "probability": r.probability, "log_evidence": r.log_evidence, "model_error": r.model_error, "prior": r.prior}
+            {
+                "ids": r.ids,
+                "probability": r.probability,
+                "log_evidence": r.log_evidence,
+                "model_error": r.model_error,
+                "prior": r.prior,
+            }
             for r in diagnosis.rivals
         ],
-        "believed_values": {name: _value(value) for name, value in diagnosis.believed_values.items()},
+        "believed_values": {
+            name: _value(value) for name, value in diagnosis.believed_values.items()
+        },
         "priors": {name: _prior(name, diagnosis) for name in diagnosis.priors},
         "remaining": [_place_record(place) for place in diagnosis.remaining],
         "moved_priors": [asdict(one) for one in diagnosis.moved_priors],
@@ -79,12 +104,16 @@ def _law(stated: StatedLaw) -> dict[str, Any]:
         "instead_of": stated.instead_of,
         "explained_share": law.explained,
         "has_memory": None if law.memory is None else law.memory.has_memory,
-        "catalogue": None if curve is None else {"id": curve.name, "argument": curve.argument, "values": curve.values},
+        "catalogue": None
+        if curve is None
+        else {"id": curve.name, "argument": curve.argument, "values": curve.values},
     }
 
 
 def to_json_types(value: object) -> Any:
-    """A value in JSON's own types: arrays (m, ...) as nested lists, numbers with seven digits, NaN and infinity as null."""
+    """A value in JSON's own types: arrays (m, ...) as nested lists, numbers with seven digits,
+    NaN and infinity as null.
+    """
     if isinstance(value, Mapping):
         return {str(name): to_json_types(each) for name, each in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -123,8 +152,13 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
 
 
 def _prior(name: str, diagnosis: Diagnosis) -> dict[str, Any]:
-    """The prior of a nuisance parameter, with its unit and the key of [known_to] that states it; the name may carry both."""
-    facts = {"unit": diagnosis.nuisance_units.get(name), "known_to": diagnosis.nuisance_keys.get(name)}
+    """The prior of a nuisance parameter, with its unit and the key of [known_to] that states it;
+    the name may carry both.
+    """
+    facts = {
+        "unit": diagnosis.nuisance_units.get(name),
+        "known_to": diagnosis.nuisance_keys.get(name),
+    }
     return _value(diagnosis.priors[name]) | {key: each for key, each in facts.items() if each}
 
 

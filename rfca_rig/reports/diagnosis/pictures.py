@@ -1,4 +1,6 @@
-"""Figures of a diagnosis: the located residual, signals before and after in panels on one scale, forest plots, measured laws."""
+"""Figures of a diagnosis: the located residual, signals before and after in panels on one scale,
+forest plots, measured laws.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -26,7 +28,13 @@ from rfca_rig.reports.style import (
     inline_svg,
     make_panel,
 )
-from rfca_rig.reports.text import count_noun, format_significant, keep_units_together, signal_words, words_and_unit
+from rfca_rig.reports.text import (
+    count_noun,
+    format_significant,
+    keep_units_together,
+    signal_words,
+    words_and_unit,
+)
 
 Floats = NDArray[np.float64]
 Interval = tuple[float, float, float]
@@ -34,8 +42,8 @@ Interval = tuple[float, float, float]
 DASHES = (0, (3.2, 1.8))
 # Resolution of a line in a panel: two points for each column keep every peak.
 COLUMNS = 90
-# Curves that differ by less than this share of the signal's range (rms) look alike: a panel is 90 points high, and the
-# broad line takes 2.8 of them, 3 %.
+# Curves that differ by less than this share of the signal's range (rms) look alike: a panel is 90
+# points high, and the broad line takes 2.8 of them, 3 %.
 COINCIDE = 0.02
 RESIDUAL_IN = (4.7, 2.1)
 # Share of a panel's height that marks the start of a window.
@@ -62,7 +70,9 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Picture:
-    """The panels of one signal. Where all curves coincide, `summary` says so in words, and a page folds the panels; else it is empty."""
+    """The panels of one signal. Where all curves coincide, `summary` says so in words, and a
+    page folds the panels; else it is empty.
+    """
 
     signal: str
     panels: tuple[Panel, ...]
@@ -70,33 +80,56 @@ class Picture:
     summary: str = ""
 
 
-def pictures_of(overlays: Sequence[SignalOverlay], never_folded: Collection[str] = ()) -> list[Picture]:
-    """One picture for each signal, in the order of the overlays; those in `never_folded` show a difference, however small it looks."""
+def pictures_of(
+    overlays: Sequence[SignalOverlay], never_folded: Collection[str] = ()
+) -> list[Picture]:
+    """One picture for each signal, in the order of the overlays; those in `never_folded` show a
+    difference, however small it looks.
+    """
     of_signal: dict[str, list[SignalOverlay]] = {}
     for overlay in overlays:
         of_signal.setdefault(overlay.signal, []).append(overlay)
     # Panel by panel, because signals differ in how long they take.
-    tasks = [(number, overlay, limits) for own in of_signal.values() for limits in [_limits_of(own)] for number, overlay in enumerate(own)]
+    tasks = [
+        (number, overlay, limits)
+        for own in of_signal.values()
+        for limits in [_limits_of(own)]
+        for number, overlay in enumerate(own)
+    ]
     panels = iter(map_in_processes(lambda task: _panel(*task), tasks))
-    return [_picture(name, own, name in never_folded, tuple(next(panels) for _ in own)) for name, own in of_signal.items()]
+    return [
+        _picture(name, own, name in never_folded, tuple(next(panels) for _ in own))
+        for name, own in of_signal.items()
+    ]
 
 
-def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool, panels: tuple[Panel, ...]) -> Picture:
+def _picture(
+    signal: str, overlays: Sequence[SignalOverlay], is_kept: bool, panels: tuple[Panel, ...]
+) -> Picture:
     unit, fit = words_and_unit(signal)[1], residuals_of(overlays)
     largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
-    coincide = np.isfinite(largest) and largest < COINCIDE * _span(np.concatenate([each.measured for each in overlays]))
+    coincide = np.isfinite(largest) and largest < COINCIDE * _span(
+        np.concatenate([each.measured for each in overlays])
+    )
     if any(each.parts and each.parts != (each.condition,) for each in overlays):
         caption = f"{count_noun(len(overlays), 'recording')} on one scale."
     else:
         caption = f"Means over the repeats, {count_noun(len(overlays), 'condition')} on one scale."
-    summary = f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} {unit} at most".rstrip()
+    summary = (
+        f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} "
+        f"{unit} at most"
+    ).rstrip()
     return Picture(_quantity(signal), panels, caption, "" if is_kept or not coincide else summary)
 
 
 def residuals_of(overlays: Sequence[SignalOverlay]) -> BeforeAfter:
-    """Rms of measured less simulated over all rows of the overlays, before and after; NaN where one is unknown everywhere."""
+    """Rms of measured less simulated over all rows of the overlays, before and after; NaN where
+    one is unknown everywhere.
+    """
     before, after = (
-        np.concatenate([each.measured - model for each, model in zip(overlays, models, strict=True)])
+        np.concatenate(
+            [each.measured - model for each, model in zip(overlays, models, strict=True)]
+        )
         for models in ([each.before for each in overlays], [each.after for each in overlays])
     )
     return BeforeAfter(_rms(before), _rms(after))
@@ -130,13 +163,20 @@ def _quantity(signal: str) -> str:
 
 
 def _panel(number: int, overlay: SignalOverlay, limits: Sequence[tuple[float, float]]) -> Panel:
-    """One condition. Lines of models are interrupted where a window starts from the measured state again, all lines in gaps."""
+    """One condition. Lines of models are interrupted where a window starts from the measured
+    state again, all lines in gaps.
+    """
     t_s, starts_s, unit = overlay.t_s, overlay.starts_s, words_and_unit(overlay.signal)[1]
     windows = np.searchsorted(t_s, starts_s)
-    gaps = 1 + np.flatnonzero(np.diff(t_s) > 1.5 * np.median(np.diff(t_s))) if starts_s.size else windows
+    gaps = (
+        1 + np.flatnonzero(np.diff(t_s) > 1.5 * np.median(np.diff(t_s)))
+        if starts_s.size
+        else windows
+    )
     with drawing():
         figure, axes = make_panel(_quantity(overlay.signal), "time (s)")
-        # Drawn from back to front: the measured line is the thinnest, and must stay visible where all coincide.
+        # Drawn from back to front: the measured line is the thinnest, and must stay visible where
+        # all coincide.
         for values, color, lw, dashes, breaks in (
             (overlay.after, SIMULATED, 2.8, "-", windows),
             (overlay.before, OTHER, 1.1, DASHES, windows),
@@ -152,30 +192,52 @@ def _panel(number: int, overlay: SignalOverlay, limits: Sequence[tuple[float, fl
         axes.set_ylim(low - margin, high + margin)
         lines = {"measured": overlay.measured, "before": overlay.before, "after": overlay.after}
         hovers = hover_values(axes, t_s, "s", lines, unit)
-        label = f"{signal_words(overlay.signal)} over time at {overlay.condition}: measured, nominal model, model accepted"
-        svg = inline_svg(figure, f"before and after {overlay.signal} {number}", html_text(label), hovers)
+        label = (
+            f"{signal_words(overlay.signal)} over time at {overlay.condition}: measured, "
+            "nominal model, model accepted"
+        )
+        svg = inline_svg(
+            figure, f"before and after {overlay.signal} {number}", html_text(label), hovers
+        )
     return Panel(overlay.condition, svg)
 
 
 def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     """The residual before and after, over time, where the mismatch is largest; None without curves.
 
-    It is the located signal and phase with the most standard deviations, or, where nothing was located, the largest cell of the map, in
-    the condition with the largest residual. The phase is shaded.
-    """
-    drawn = {(one.signal, part): one for one in diagnosis.overlays for part in one.parts or (one.condition,)}
+    It is the located signal and phase with the most standard deviations, or, where nothing was
+    located, the largest cell of the map, in the condition with the largest residual. The phase is
+    shaded."""
+    drawn = {
+        (one.signal, part): one
+        for one in diagnosis.overlays
+        for part in one.parts or (one.condition,)
+    }
     signals = {signal for signal, _ in drawn}
-    places = [(one.sigmas, one.signal, one.phase, one.conditions) for one in diagnosis.located if one.signal in signals]
+    places = [
+        (one.sigmas, one.signal, one.phase, one.conditions)
+        for one in diagnosis.located
+        if one.signal in signals
+    ]
     if not places:
-        places = [(c.sigmas, c.signal, c.phase, (c.condition,)) for c in diagnosis.cells if c.signal in signals and np.isfinite(c.sigmas)]
+        places = [
+            (c.sigmas, c.signal, c.phase, (c.condition,))
+            for c in diagnosis.cells
+            if c.signal in signals and np.isfinite(c.sigmas)
+        ]
     if not places:
         return None
     _, signal, phase, conditions = max(places, key=lambda place: place[0])
     there = [drawn[signal, name] for name in conditions if (signal, name) in drawn]
     if not there:
         return None
-    overlay = max(there, key=lambda one: float(np.nan_to_num(np.abs(one.measured - one.before)).max(initial=0.0)))
-    inside = overlay.phase == phase if overlay.phase.size else np.zeros(len(overlay.t_s), dtype=bool)
+    overlay = max(
+        there,
+        key=lambda one: float(np.nan_to_num(np.abs(one.measured - one.before)).max(initial=0.0)),
+    )
+    inside = (
+        overlay.phase == phase if overlay.phase.size else np.zeros(len(overlay.t_s), dtype=bool)
+    )
     # A phase that fills the figure needs no shade.
     inside &= not inside.all()
     unit, words = words_and_unit(signal)[1], signal_words(signal)
@@ -188,18 +250,27 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     )
     windows = np.searchsorted(overlay.t_s, overlay.starts_s)
     with drawing():
-        figure, axes = make_panel(f"residual of {words} ({unit})" if unit else f"residual of {words}", "time (s)", RESIDUAL_IN)
+        figure, axes = make_panel(
+            f"residual of {words} ({unit})" if unit else f"residual of {words}",
+            "time (s)",
+            RESIDUAL_IN,
+        )
         # Begin and end of each unbroken stretch of `inside`.
         edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
             axes.axvspan(float(overlay.t_s[begin]), float(overlay.t_s[end - 1]), color=PALE, lw=0.0)
         axes.axhline(0.0, color=FAINT, lw=0.6)
-        for values, color, lw, dashes in ((after, SIMULATED, 2.4, "-"), (before, OTHER, 1.4, DASHES)):
+        for values, color, lw, dashes in (
+            (after, SIMULATED, 2.4, "-"),
+            (before, OTHER, 1.4, DASHES),
+        ):
             x, y = _with_breaks(overlay.t_s, values, windows, COLUMNS)
             if x.size:
                 axes.plot(x, y, color=color, lw=lw, ls=dashes)
         axes.margins(x=0.0, y=0.08)
-        hovers = hover_values(axes, overlay.t_s, "s", {"residual before": before, "after": after}, unit)
+        hovers = hover_values(
+            axes, overlay.t_s, "s", {"residual before": before, "after": after}, unit
+        )
         label = html_text(f"residual of {words} over time at {overlay.condition}, before and after")
         svg = inline_svg(figure, "residual located", label, hovers)
     where = f"{phase}, shaded" if inside.any() else phase
@@ -209,8 +280,15 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     return Picture(f"Residual of {words}", (Panel("", svg),), keep_units_together(caption))
 
 
-def draw_forest(prior: Interval | None, posterior: Interval, axis: tuple[float, float], words: str, marker: float | None = None) -> str:
-    """One row of a forest plot as inline SVG: the prior as a broad grey bar, the posterior as a dot with its interval, on a common axis.
+def draw_forest(
+    prior: Interval | None,
+    posterior: Interval,
+    axis: tuple[float, float],
+    words: str,
+    marker: float | None = None,
+) -> str:
+    """One row of a forest plot as inline SVG: the prior as a broad grey bar, the posterior as a dot
+    with its interval, on a common axis.
 
     Parameters
     ----------
@@ -231,15 +309,24 @@ def draw_forest(prior: Interval | None, posterior: Interval, axis: tuple[float, 
     parts = [] if marker is None else [f'<path class="zero" d="M{at(marker)} 0V18"/>']
     if prior is not None:
         # A prior of one number becomes a short bar, which is still seen.
-        begin, end = (at(prior[0]), at(prior[2])) if prior[0] < prior[2] else (at(prior[1]), f"{float(at(prior[1])) + 3.0:.1f}")
+        begin, end = (
+            (at(prior[0]), at(prior[2]))
+            if prior[0] < prior[2]
+            else (at(prior[1]), f"{float(at(prior[1])) + 3.0:.1f}")
+        )
         parts.append(f'<path class="prior" d="M{begin} 9H{end}"/>')
     parts.append(f'<path class="posterior" d="M{at(posterior[0])} 9H{at(posterior[2])}"/>')
     parts.append(f'<circle class="posterior" cx="{at(posterior[1])}" cy="9" r="3.5"/>')
     text = html_text(words)
-    return f'<svg class="forest" viewBox="0 0 180 18" role="img" aria-label="{text}"><title>{text}</title>{"".join(parts)}</svg>'
+    return (
+        '<svg class="forest" viewBox="0 0 180 18" role="img" '
+        f'aria-label="{text}"><title>{text}</title>{"".join(parts)}</svg>'
+    )
 
 
-def _with_breaks(t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns: int) -> tuple[Floats, Floats]:
+def _with_breaks(
+    t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns: int
+) -> tuple[Floats, Floats]:
     """Finite points of a line, with NaN at its breaks, at most two for each column.
 
     Parameters
@@ -256,25 +343,57 @@ def _with_breaks(t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns:
         known = np.isfinite(piece)
         if known.any():
             share = max(2, round(columns * known.sum() / len(t_s)))
-            pieces += [*(np.append(part, np.nan) for part in envelope(at[known], piece[known], share))]
+            pieces += [
+                *(np.append(part, np.nan) for part in envelope(at[known], piece[known], share))
+            ]
     # Pieces alternate between times and values; the last NaN ends nothing.
-    return (np.concatenate(pieces[::2])[:-1], np.concatenate(pieces[1::2])[:-1]) if pieces else (np.empty(0), np.empty(0))
+    return (
+        (np.concatenate(pieces[::2])[:-1], np.concatenate(pieces[1::2])[:-1])
+        if pieces
+        else (np.empty(0), np.empty(0))
+    )
 
 
 def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
-    """The residual law as inline SVG: its band of two standard deviations, the catalogue's law, and both branches where it has memory."""
+    """The residual law as inline SVG: its band of two standard deviations, the catalogue's law,
+    and both branches where it has memory.
+    """
     with drawing():
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
         axes = figure.subplots()
         axes.axhline(0.0, color=FAINT, lw=0.5)
         low, high = law.values - BAND * law.std, law.values + BAND * law.std
-        axes.fill_between(law.knots, low, high, color=ALIKE, alpha=0.55, lw=0.0, label=f"±{BAND:g} standard deviations")
+        axes.fill_between(
+            law.knots,
+            low,
+            high,
+            color=ALIKE,
+            alpha=0.55,
+            lw=0.0,
+            label=f"±{BAND:g} standard deviations",
+        )
         if law.memory is not None and law.memory.has_memory:
-            axes.plot(law.knots, law.memory.rising, color=MEASURED, lw=0.8, ls=":", label="while it rises, while it falls")
+            axes.plot(
+                law.knots,
+                law.memory.rising,
+                color=MEASURED,
+                lw=0.8,
+                ls=":",
+                label="while it rises, while it falls",
+            )
             axes.plot(law.knots, law.memory.falling, color=MEASURED, lw=0.8, ls=":")
         if catalogue_curve is not None:
-            axes.plot(catalogue_curve.argument, catalogue_curve.values, color=OTHER, lw=1.3, ls=DASHES, label=catalogue_curve.name)
-        axes.plot(law.knots, law.values, color=MEASURED, lw=1.2, marker="o", ms=2.6, label="measured")
+            axes.plot(
+                catalogue_curve.argument,
+                catalogue_curve.values,
+                color=OTHER,
+                lw=1.3,
+                ls=DASHES,
+                label=catalogue_curve.name,
+            )
+        axes.plot(
+            law.knots, law.values, color=MEASURED, lw=1.2, marker="o", ms=2.6, label="measured"
+        )
         axes.set_xlabel(printable(f"{_words(law)} ({law.argument_unit})"), parse_math=False)
         axes.set_ylabel(f"residual ({law.unit})" if law.unit else "change of the friction (share)")
         axes.set_xlim(law.visited)
@@ -286,4 +405,6 @@ def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
 
 
 def _words(law: MeasuredLaw) -> str:
-    return WORDS.get(law.argument, "reading").replace("hinge", "hinge" if law.place.startswith("hinge") else "joint")
+    return WORDS.get(law.argument, "reading").replace(
+        "hinge", "hinge" if law.place.startswith("hinge") else "joint"
+    )

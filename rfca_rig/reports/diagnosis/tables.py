@@ -1,7 +1,7 @@
 """Tables of a diagnosis, and its words and numbers as text for a reader.
 
-Tables hold parameters with intervals, nuisance parameters, misfits before and after, detection limits, and measured laws.
-"""
+Tables hold parameters with intervals, nuisance parameters, misfits before and after, detection
+limits, and measured laws."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -9,7 +9,15 @@ from pathlib import Path
 
 from rfca_rig.diagnosis.config import MAX_COORDINATE
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw, StatedLaw
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MovedPrior, Value, describe_probability, name_parts
+from rfca_rig.diagnosis.result import (
+    BeforeAfter,
+    Diagnosis,
+    Located,
+    MovedPrior,
+    Value,
+    describe_probability,
+    name_parts,
+)
 from rfca_rig.escaping import csv_line
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.recording.atomic import write_atomically
@@ -56,7 +64,9 @@ PARAMETERS = (
 
 
 def format_with_interval_90(value: Value) -> str:
-    """Value ± half of the 90 % interval, both to the second digit of the latter; the value alone without a known uncertainty."""
+    """Value ± half of the 90 % interval, both to the second digit of the latter; the value alone
+    without a known uncertainty.
+    """
     half = STDS_90 * value.std
     if not (isfinite(half) and half > 0.0 and isfinite(value.value)):
         return format_significant(value.value, 4)
@@ -66,11 +76,17 @@ def format_with_interval_90(value: Value) -> str:
 
 def format_probability(probability: float) -> str:
     """A probability in percent, never shown as certain: neither 0 nor 100."""
-    return describe_probability(probability).replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
+    return (
+        describe_probability(probability).replace(" ", NO_BREAK)
+        if isfinite(probability)
+        else NOTHING
+    )
 
 
 def compare_with_usual_error(place: Located) -> str:
-    """How large a difference is beside what noise, scatter and the usual model error make, and whether it matters."""
+    """How large a difference is beside what noise, scatter and the usual model error make, and
+    whether it matters.
+    """
     times = f"{format_significant(place.sigmas, 2)} times the usual error"
     if place.sigmas < 1.0:
         return f"{times}: real, but too small to matter"
@@ -83,7 +99,9 @@ def format_p_value(p_value: float) -> str:
 
 
 def describe_effect(effect_id: str) -> str:
-    """What a model without this effect lacks, in the catalogue's words; empty for an id that is not in the catalogue."""
+    """What a model without this effect lacks, in the catalogue's words; empty for an id that is
+    not in the catalogue.
+    """
     if effect_id == UNKNOWN:
         return UNLISTED
     effect = catalogue().get(effect_id)
@@ -105,9 +123,16 @@ def describe_moved_prior(one: MovedPrior) -> str:
         f"{format_significant(one.now.value)}{unit}",
         f"{format_significant(one.prior.value)} ± {format_significant(one.prior.std, 2)}{unit}",
     )
-    beyond = f" (extrapolated: the fit stops at {MAX_COORDINATE:g})" if abs(one.deviations) > MAX_COORDINATE else ""
+    beyond = (
+        f" (extrapolated: the fit stops at {MAX_COORDINATE:g})"
+        if abs(one.deviations) > MAX_COORDINATE
+        else ""
+    )
     distance = f"{abs(one.deviations):.1f} prior standard deviations"
-    return f"{words} moved to {now}, {distance} from {prior}{beyond}: it is wrong, or something acts like it"
+    return (
+        f"{words} moved to {now}, {distance} from {prior}{beyond}: it is wrong, or something "
+        "acts like it"
+    )
 
 
 def sizes(values: Mapping[str, float]) -> str:
@@ -120,8 +145,13 @@ def _size(name: str, value: float) -> str:
     if unit == "relative":
         return f"{words} {_percent(value)}"
     if name == "factor":
-        return f"{words} {format_significant(value)} ({'+' if value > 1.0 else ''}{_percent(value - 1.0)})"
-    return f"{words} {format_significant(value)}{NO_BREAK}{unit.replace(' ', NO_BREAK)}".rstrip(NO_BREAK)
+        return (
+            f"{words} {format_significant(value)} "
+            f"({'+' if value > 1.0 else ''}{_percent(value - 1.0)})"
+        )
+    return f"{words} {format_significant(value)}{NO_BREAK}{unit.replace(' ', NO_BREAK)}".rstrip(
+        NO_BREAK
+    )
 
 
 def _percent(ratio: float) -> str:
@@ -129,11 +159,15 @@ def _percent(ratio: float) -> str:
 
 
 def entries(values: Mapping[str, object]) -> list[tuple[str, str]]:
-    """Pairs (name, value) in words of a mapping that may be nested; an inner entry has both names, as in "outer: inner"."""
+    """Pairs (name, value) in words of a mapping that may be nested; an inner entry has both
+    names, as in "outer: inner".
+    """
     pairs: list[tuple[str, str]] = []
     for name, value in values.items():
         if isinstance(value, Mapping) and value:
-            pairs += [(f"{name_with_unit(str(name))}: {inner}", text) for inner, text in entries(value)]
+            pairs += [
+                (f"{name_with_unit(str(name))}: {inner}", text) for inner, text in entries(value)
+            ]
         else:
             pairs.append((name_with_unit(str(name)), format_value(value)))
     return pairs
@@ -149,14 +183,28 @@ def format_value(value: object) -> str:
         return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
     if isinstance(value, int | float):
         return f"{value:.6g}".replace("-", "\u2212") if isfinite(value) else NOTHING
-    return ", ".join(format_value(each) for each in value) if hasattr(value, "__iter__") else str(value)
+    return (
+        ", ".join(format_value(each) for each in value)
+        if hasattr(value, "__iter__")
+        else str(value)
+    )
 
 
 def parameters_table(diagnosis: Diagnosis) -> Table:
     """Parameters of every stated effect, or of the most probable ones where none is claimed."""
-    claim = "What the model lacks" if diagnosis.verdict == "named" else "Likeliest of the catalogue, not claimed"
+    claim = (
+        "What the model lacks"
+        if diagnosis.verdict == "named"
+        else "Likeliest of the catalogue, not claimed"
+    )
     rows = tuple(
-        TableRow({"effect": effect.id.replace("_", " "), "probability": effect.probability, **_value_cells(name, value)})
+        TableRow(
+            {
+                "effect": effect.id.replace("_", " "),
+                "probability": effect.probability,
+                **_value_cells(name, value),
+            }
+        )
         for effect in diagnosis.effects
         for name, value in effect.parameters.items()
     )
@@ -165,7 +213,10 @@ def parameters_table(diagnosis: Diagnosis) -> Table:
 
 def nominal_values_table(diagnosis: Diagnosis) -> Table:
     """Nuisance parameters after the fit, with their priors."""
-    priors = {name: {"prior_value": value.value, "prior_std": value.std} for name, value in diagnosis.priors.items()}
+    priors = {
+        name: {"prior_value": value.value, "prior_std": value.std}
+        for name, value in diagnosis.priors.items()
+    }
     columns = (
         TableColumn("parameter", "Nuisance parameter"),
         *PARAMETERS[2:7],
@@ -173,10 +224,14 @@ def nominal_values_table(diagnosis: Diagnosis) -> Table:
         TableColumn("prior_std", "Std.", over=PRIOR),
     )
     rows = tuple(
-        TableRow({**_value_cells(name, value, nuisance_unit(diagnosis, name)), **priors.get(name, {})})
+        TableRow(
+            {**_value_cells(name, value, nuisance_unit(diagnosis, name)), **priors.get(name, {})}
+        )
         for name, value in diagnosis.believed_values.items()
     )
-    return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
+    return Table(
+        "believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows
+    )
 
 
 def nuisance_unit(diagnosis: Diagnosis, name: str) -> str:
@@ -191,45 +246,60 @@ def acceptance_table(diagnosis: Diagnosis) -> Table:
             {
                 "test": one.name,
                 "required": one.required,
-                "observed": one.found.removesuffix(f", {one.required}") if one.required else one.found,
+                "observed": one.found.removesuffix(f", {one.required}")
+                if one.required
+                else one.found,
                 "result": "passed" if one.passed else "failed",
             },
             marked=not one.passed,
         )
         for one in diagnosis.criteria
     )
-    columns = tuple(TableColumn(key, head) for key, head in zip(ACCEPTANCE, ("Test", "Required", "Observed", "Result"), strict=True))
+    columns = tuple(
+        TableColumn(key, head)
+        for key, head in zip(ACCEPTANCE, ("Test", "Required", "Observed", "Result"), strict=True)
+    )
     return Table("acceptance-tests", "What an identified effect must pass.", columns, rows)
 
 
 def hypotheses_table(diagnosis: Diagnosis) -> Table:
-    """All hypotheses that the diagnosis lists, with prior and posterior probability, and log evidence relative to the best."""
+    """All hypotheses that the diagnosis lists, with prior and posterior probability, and log
+    evidence relative to the best.
+    """
     best = max((rival.log_evidence for rival in diagnosis.rivals), default=0.0)
     rows = tuple(
-        TableRow({
-            "missing": hypothesis(one.ids),
-            "prior_probability": one.prior,
-            "probability": one.probability,
-            "log_evidence": one.log_evidence - best,
-            "model_error": one.model_error,
-        })
+        TableRow(
+            {
+                "missing": hypothesis(one.ids),
+                "prior_probability": one.prior,
+                "probability": one.probability,
+                "log_evidence": one.log_evidence - best,
+                "model_error": one.model_error,
+            }
+        )
         for one in diagnosis.rivals
-    )  # fmt: skip
+    )
     return Table("hypotheses", "", tuple(TableColumn(key) for key in HYPOTHESES), rows)
 
 
 def residual_map_table(diagnosis: Diagnosis) -> Table:
-    """Cells of the map: rms difference to the nominal model, in the unit of the signal's name, and relative to the expected one."""
+    """Cells of the map: rms difference to the nominal model, in the unit of the signal's name,
+    and relative to the expected one.
+    """
     rows = tuple(TableRow({key: getattr(cell, key) for key in MAP}) for cell in diagnosis.cells)
     return Table("residual-map", "", tuple(TableColumn(key) for key in MAP), rows)
 
 
 def signals_table(diagnosis: Diagnosis) -> Table:
-    """All curves of the page: means over the repeats, with the nominal and the amended model, in the unit of the signal's name."""
+    """All curves of the page: means over the repeats, with the nominal and the amended model, in
+    the unit of the signal's name.
+    """
     rows = tuple(
         TableRow(dict(zip(SIGNALS, (one.condition, one.signal, *values), strict=True)))
         for one in diagnosis.overlays
-        for values in zip(*(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True)
+        for values in zip(
+            *(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True
+        )
     )
     return Table("signals", "", tuple(TableColumn(key) for key in SIGNALS), rows)
 
@@ -242,17 +312,31 @@ def _value_cells(name: str, value: Value, unit: str = "") -> dict[str, Shown]:
     # A parameter without a finite uncertainty has no interval.
     if not (isfinite(half) and half > 0.0):
         return cells
-    return {**cells, "half_90": half, "std": value.std, "low_90": value.value - half, "high_90": value.value + half}
+    return {
+        **cells,
+        "half_90": half,
+        "std": value.std,
+        "low_90": value.value - half,
+        "high_90": value.value + half,
+    }
 
 
 def before_after_table(diagnosis: Diagnosis) -> Table:
-    """Misfits before and after: forces signal by signal, then the valley of Table II; held-out values beside fitted ones."""
+    """Misfits before and after: forces signal by signal, then the valley of Table II; held-out
+    values beside fitted ones.
+    """
     fit = all_misfits(diagnosis)
     names = dict.fromkeys([*fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
-    rows = [_row("signals", name, fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
+    rows = [
+        _row("signals", name, fit.get(name), diagnosis.held_out.get(f"held_out_{name}"))
+        for name in names
+    ]
     rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
     held_out = (
-        (TableColumn("held_out_before", "before", over=HELD_OUT), TableColumn("held_out_after", "after", over=HELD_OUT))
+        (
+            TableColumn("held_out_before", "before", over=HELD_OUT),
+            TableColumn("held_out_after", "after", over=HELD_OUT),
+        )
         if diagnosis.held_out
         else ()
     )
@@ -265,21 +349,53 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         *held_out,
         TableColumn("noise_floor", "Noise floor"),
     )
-    of_what = "rms over all stretches" if diagnosis.is_of_stretches else "means over the repeats of each condition, rms over all of them"
-    caption = f"Measured less simulated, {of_what}. Before: the nominal model; after: the model that this diagnosis arrives at."
-    note = name_parts(" Predicted: each condition left out in turn and computed from a fit to the others.", diagnosis.is_of_stretches)
-    return Table("before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows))
+    of_what = (
+        "rms over all stretches"
+        if diagnosis.is_of_stretches
+        else "means over the repeats of each condition, rms over all of them"
+    )
+    caption = (
+        f"Measured less simulated, {of_what}. Before: the nominal model; after: the model "
+        "that this diagnosis arrives at."
+    )
+    note = name_parts(
+        " Predicted: each condition left out in turn and computed from a fit to the others.",
+        diagnosis.is_of_stretches,
+    )
+    return Table(
+        "before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows)
+    )
 
 
 def all_misfits(diagnosis: Diagnosis) -> dict[str, BeforeAfter]:
-    """Rms misfits by signal; those of signals that are only drawn, as the shaft's, are taken from their curves."""
-    drawn = {f"rms_{name}": [one for one in diagnosis.overlays if one.signal == name] for name in (o.signal for o in diagnosis.overlays)}
-    return {**diagnosis.fit, **{name: residuals_of(overlays) for name, overlays in drawn.items() if name not in diagnosis.fit}}
+    """Rms misfits by signal; those of signals that are only drawn, as the shaft's, are taken
+    from their curves.
+    """
+    drawn = {
+        f"rms_{name}": [one for one in diagnosis.overlays if one.signal == name]
+        for name in (o.signal for o in diagnosis.overlays)
+    }
+    return {
+        **diagnosis.fit,
+        **{
+            name: residuals_of(overlays)
+            for name, overlays in drawn.items()
+            if name not in diagnosis.fit
+        },
+    }
 
 
-def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> TableRow:
-    """One line. All its numbers have as many decimals as the smallest one needs for two digits, so that they can be compared."""
-    floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
+def _row(
+    of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None
+) -> TableRow:
+    """One line. All its numbers have as many decimals as the smallest one needs for two digits,
+    so that they can be compared.
+    """
+    floors = [
+        each.noise_floor
+        for each in (fit, held_out)
+        if each is not None and each.noise_floor is not None
+    ]
     numbers = {
         "before": fit.before if fit else None,
         "after": fit.after if fit else None,
@@ -288,12 +404,18 @@ def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | No
         "held_out_after": held_out.after if held_out else None,
     }
     words, unit = signal_words(name.removeprefix("rms_")), words_and_unit(name)[1]
-    digits = max((places(number, 2) for number in numbers.values() if number is not None), default=0)
-    return TableRow({"of": of, "difference": words, "unit": unit, **numbers}, digits=min(max(digits, 1), MOST_PLACES))
+    digits = max(
+        (places(number, 2) for number in numbers.values() if number is not None), default=0
+    )
+    return TableRow(
+        {"of": of, "difference": words, "unit": unit, **numbers},
+        digits=min(max(digits, 1), MOST_PLACES),
+    )
 
 
 def detection_limits_table(diagnosis: Diagnosis) -> Table:
-    """Detection limits: effects that were not found, with the size from which each would have been detected.
+    """Detection limits: effects that were not found, with the size from which each would have been
+    detected.
 
     An effect without a size could not have been detected in these data.
     """
@@ -309,7 +431,10 @@ def detection_limits_table(diagnosis: Diagnosis) -> Table:
         TableColumn("size", "Size", set_value=True),
         TableColumn("unit", "Unit"),
     )
-    caption = "Effects looked for and not found, with the size from which on these data exclude them; without a size: not tested by them."
+    caption = (
+        "Effects looked for and not found, with the size from which on these data exclude "
+        "them; without a size: not tested by them."
+    )
     return Table("ruled-out", caption, columns, tuple(rows))
 
 
@@ -317,25 +442,44 @@ def _sizes(would_have_seen: Mapping[str, float] | None) -> list[dict[str, Shown]
     if not would_have_seen:
         return [{}]
     named = ((*words_and_unit(name), size) for name, size in would_have_seen.items())
-    return [{"parameter": words, "size": float(f"{size:.3g}"), "unit": unit} for words, unit, size in named]
+    return [
+        {"parameter": words, "size": float(f"{size:.3g}"), "unit": unit}
+        for words, unit, size in named
+    ]
 
 
 def write_law_table(path: Path, law: MeasuredLaw) -> None:
-    """Writes knots, values and standard deviations as CSV, and the whole law where the model has a part of it already.
+    """Writes knots, values and standard deviations as CSV, and the whole law where the model has a
+    part of it already.
 
     Raises RigError where the file cannot be written.
     """
     unit = law.unit.replace(" ", "") or "relative"
-    columns = {law.argument: law.knots, f"residual_{unit}": law.values, f"residual_std_{unit}": law.std}
+    columns = {
+        law.argument: law.knots,
+        f"residual_{unit}": law.values,
+        f"residual_std_{unit}": law.std,
+    }
     if law.whole is not None and law.whole_std is not None:
         columns |= {f"whole_{unit}": law.whole, f"whole_std_{unit}": law.whole_std}
-    rows = (csv_line(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True))
+    rows = (
+        csv_line(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True)
+    )
     write_atomically(path, "".join([csv_line(columns), *rows]).encode("utf-8"))
 
 
 def describe_law(stated: StatedLaw) -> str:
-    """States which effects the model had when the law was measured, and which share of the held-out misfit the law removes."""
+    """States which effects the model had when the law was measured, and which share of the
+    held-out misfit the law removes.
+    """
     law = stated.law
     beside = " and ".join(law.base) or "the model without effects"
-    instead = f", in place of what {' and '.join(stated.instead_of)} states there" if stated.instead_of else ""
-    return f"measured beside {beside}{instead}. On held-out conditions it removes {100.0 * law.explained:.0f}\u00a0% of what those leave"
+    instead = (
+        f", in place of what {' and '.join(stated.instead_of)} states there"
+        if stated.instead_of
+        else ""
+    )
+    return (
+        f"measured beside {beside}{instead}. On held-out conditions it removes "
+        f"{100.0 * law.explained:.0f}\u00a0% of what those leave"
+    )

@@ -1,1 +1,3 @@
-"""exam.html, the blind benchmark of the diagnosis. Entry point: `page.write_exam`, from `tables`."""
+"""exam.html, the blind benchmark of the diagnosis. Entry point: `page.write_exam`, from
+`tables`.
+"""

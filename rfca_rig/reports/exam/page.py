@@ -1,7 +1,9 @@
 """Writes the files of an exam (the blind benchmark of the diagnosis).
 
-exam.html is for people: one self-contained page, with figures of calibration, power, errors of parameters and misfit removed. exam.json is
-for programs, exam.csv has a line for each case, and tables as CSV and LaTeX are for papers."""
+exam.html is for people: one self-contained page, with figures of calibration, power, errors of
+parameters and misfit removed. exam.json is for programs, exam.csv has a line for each case, and
+tables as CSV and LaTeX are for papers.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +45,10 @@ from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import NO_BREAK, NOTHING, count_noun, number
 
 MEANINGS = {
-    "right": "exactly the hidden effects; nothing where nothing is hidden; unexplained where the effect is outside the catalogue",
+    "right": (
+        "exactly the hidden effects; nothing where nothing is hidden; unexplained where the "
+        "effect is outside the catalogue"
+    ),
     "class": "the hidden effect is in the indistinguishable set of the identified one",
     "partial": "some of the hidden effects, none wrong",
     "extra": "all hidden effects, and a wrong one",
@@ -60,7 +65,8 @@ LINE_IN = 0.17
 SMALLEST, LARGEST = 1e-3, 10.0
 # Kinds of cases whose parameters and fitted models are scored.
 SCORED_KINDS = (cases.SINGLE, cases.PAIR)
-# Parts of a stacked bar from below: outcomes, colour, words. The part without outcomes takes all that no other part lists.
+# Parts of a stacked bar from below: outcomes, colour, words. The part without outcomes takes all
+# that no other part lists.
 PARTS = (
     ((RIGHT,), MEASURED, "right"),
     ((CLASS,), ALIKE, "in its indistinguishable set"),
@@ -93,7 +99,9 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
         judged=len(judged),
         bars=[_bar(bar) for bar in all_bars],
         detectable=f"{DETECTABLE:g}",
-        ways=follow_up_table([replace(way, arm=ARM_WORDS.get(way.arm, way.arm)) for way in exam.ways]),
+        ways=follow_up_table(
+            [replace(way, arm=ARM_WORDS.get(way.arm, way.arm)) for way in exam.ways]
+        ),
         taken_out=ablation_table(exam.taken_out) if exam.taken_out else None,
         outcomes=_outcomes(marks),
         meanings={OUTCOME_WORDS.get(word, word): meaning for word, meaning in MEANINGS.items()},
@@ -107,7 +115,10 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
         gap=_gap(marks),
         power=_power(marks),
         detection=_detection(marks),
-        worst=[{"case": miss.case, "kind": KIND_WORDS.get(miss.kind, miss.kind), "reason": miss.reason} for miss in marks.worst],
+        worst=[
+            {"case": miss.case, "kind": KIND_WORDS.get(miss.kind, miss.kind), "reason": miss.reason}
+            for miss in marks.worst
+        ],
         listed=LISTED,
         time=_time(exam.cases),
     )
@@ -126,8 +137,19 @@ def _sentence(marks: ExamScores, count: int) -> str:
     names, null = marks.false_discoveries, marks.null_false_claims
     text = f"{count_noun(count, 'campaign')} of another simulator with hidden effects: "
     were = "was" if names.of == 1 else "were"
-    text += f"{names.hits} of {count_noun(names.of, 'identified effect')} {were} wrong" if names.of else "no effect was identified"
-    return f"{text}; in {null.hits or 'none'} of {null.of} campaigns without one, an effect was identified." if null.of else f"{text}."
+    text += (
+        f"{names.hits} of {count_noun(names.of, 'identified effect')} {were} wrong"
+        if names.of
+        else "no effect was identified"
+    )
+    return (
+        (
+            f"{text}; in {null.hits or 'none'} of {null.of} campaigns without one, an effect "
+            "was identified."
+        )
+        if null.of
+        else f"{text}."
+    )
 
 
 def _bar(bar: ScoreGoal) -> dict[str, str]:
@@ -138,7 +160,9 @@ def _bar(bar: ScoreGoal) -> dict[str, str]:
     worse = "above" if bar.at_least is not None else "below"
     return {
         "name": bar.name,
-        "goal": " and ".join(f"{word} {text(limit)}" for word, limit in limits if limit is not None),
+        "goal": " and ".join(
+            f"{word} {text(limit)}" for word, limit in limits if limit is not None
+        ),
         "value": _plain(bar.value) if plain else share_text(bar.value, trimmed=False),
         "counted": bar.counted,
         "bound": f"{worse} {text(bar.bound)}" if bar.bound is not None else "",
@@ -152,17 +176,27 @@ def _plain(value: float) -> str:
 
 def _outcomes(marks: ExamScores) -> dict[str, Any]:
     lines = [
-        (KIND_WORDS.get(kind, kind), sum(counts.values()), [counts.get(word, 0) for word in OUTCOMES])
+        (
+            KIND_WORDS.get(kind, kind),
+            sum(counts.values()),
+            [counts.get(word, 0) for word in OUTCOMES],
+        )
         for kind, counts in marks.outcomes.items()
     ]
     words = [OUTCOME_WORDS.get(word, word) for word in OUTCOMES]
-    return {"words": words, "lines": lines, "totals": [sum(counts[place] for _, _, counts in lines) for place in range(len(OUTCOMES))]}
+    return {
+        "words": words,
+        "lines": lines,
+        "totals": [sum(counts[place] for _, _, counts in lines) for place in range(len(OUTCOMES))],
+    }
 
 
 def _pictures(exam: ExamResult) -> Mapping[str, str]:
     single = any(case.kind == cases.SINGLE for case in exam.cases)
     return {
-        "reliability": draw_reliability(exam.marks.calibration) if exam.marks.calibration.bins else "",
+        "reliability": draw_reliability(exam.marks.calibration)
+        if exam.marks.calibration.bins
+        else "",
         "power": draw_power(exam.cases) if single else "",
         "errors": draw_parameter_errors(exam.cases) if exam.marks.values.count else "",
         "gaps": draw_gaps(exam.cases) if exam.marks.gap_worse.of else "",
@@ -172,32 +206,51 @@ def _pictures(exam: ExamResult) -> Mapping[str, str]:
 def _power(marks: ExamScores) -> str:
     """Detection rate by size of the effect, as in "below 0.5: 0 of 3; from 0.5: 1 of 2"."""
     limits = (f"below {POWER_AT[0]:g}", *(f"from {at:g}" for at in POWER_AT))
-    return "; ".join(f"{limit}: {share.hits} of {share.of}" for limit, share in zip(limits, marks.power, strict=True) if share.of)
+    return "; ".join(
+        f"{limit}: {share.hits} of {share.of}"
+        for limit, share in zip(limits, marks.power, strict=True)
+        if share.of
+    )
 
 
 def _calibration(marks: ExamScores) -> str:
     found = marks.calibration
     return (
-        f"Calibration error {share_text(found.ece)}, Brier score {number(found.brier, 3)}, logarithmic score {number(found.log_score, 3)}."
+        f"Calibration error {share_text(found.ece)}, Brier score {number(found.brier, 3)}, "
+        f"logarithmic score {number(found.log_score, 3)}."
     )
 
 
 def _values(marks: ExamScores) -> str:
     found = marks.values
-    covered = f"; {share_text(found.coverage_90)} of the 90 % intervals contain the true value" if isfinite(found.coverage_90) else ""
-    return f"{count_noun(found.count, 'parameter')}: median error {share_text(found.median_error)}{covered}."
+    covered = (
+        f"; {share_text(found.coverage_90)} of the 90 % intervals contain the true value"
+        if isfinite(found.coverage_90)
+        else ""
+    )
+    return (
+        f"{count_noun(found.count, 'parameter')}: median error "
+        f"{share_text(found.median_error)}{covered}."
+    )
 
 
 def _gap(marks: ExamScores) -> str:
     got = marks.gap_worse
-    return f"Median {share_text(marks.gap_closed)} over {count_noun(got.of, 'case')} with right answers; {got.hits or 'none'} became worse."
+    return (
+        f"Median {share_text(marks.gap_closed)} over {count_noun(got.of, 'case')} with right "
+        f"answers; {got.hits or 'none'} became worse."
+    )
 
 
 def _detection(marks: ExamScores) -> str:
-    alarms, missed, errors = (_of(share) for share in (marks.false_alarms, marks.missed, marks.detection_errors))
+    alarms, missed, errors = (
+        _of(share) for share in (marks.false_alarms, marks.missed, marks.detection_errors)
+    )
     return (
-        f"Counted as in the DXC diagnosis competitions: {alarms} false alarms where nothing is missing; {missed} missed of the detectable; "
-        f"{errors} cases with the wrong answer to whether anything is missing; {marks.classification_errors} effects wrong or missing."
+        f"Counted as in the DXC diagnosis competitions: {alarms} false alarms where "
+        f"nothing is missing; {missed} missed of the detectable; "
+        f"{errors} cases with the wrong answer to whether anything is missing; "
+        f"{marks.classification_errors} effects wrong or missing."
     )
 
 
@@ -218,40 +271,82 @@ def _command_line(exam: ExamResult) -> str:
     """Command line that writes and scores the same cases again."""
     numbers = {kind: number for kind, number in exam.plan.numbers.items() if number}
     only = next(iter(numbers)) if len(numbers) == 1 else None
-    options = {"--out": "exam", "--seed": exam.plan.seed, "--cases": sum(numbers.values()), "--kind": only}
-    return command_line("prove", options={**options, "--follow-up": bool(exam.ways), "--take-out-each": exam.taken_out is not None})
+    options = {
+        "--out": "exam",
+        "--seed": exam.plan.seed,
+        "--cases": sum(numbers.values()),
+        "--kind": only,
+    }
+    return command_line(
+        "prove",
+        options={
+            **options,
+            "--follow-up": bool(exam.ways),
+            "--take-out-each": exam.taken_out is not None,
+        },
+    )
 
 
 def draw_reliability(found: ClaimCalibration) -> str:
-    """Reliability diagram: share of right claims over the stated probability, with 90 % bounds; numbers of claims above."""
-    return _draw_figure(lambda axes: _reliability(axes, found), HEIGHT_IN, "share of claims that are right against the stated probability")
+    """Reliability diagram: share of right claims over the stated probability, with 90 % bounds;
+    numbers of claims above.
+    """
+    return _draw_figure(
+        lambda axes: _reliability(axes, found),
+        HEIGHT_IN,
+        "share of claims that are right against the stated probability",
+    )
 
 
 def draw_power(marked: Sequence[ScoredCase]) -> str:
     """Shares of outcomes for single effects over their strength, in bins of equal width."""
     single = [case for case in marked if case.kind == cases.SINGLE]
-    return _draw_figure(lambda axes: _draw_power_axes(axes, single), HEIGHT_IN, "outcomes of cases with one effect, by its strength")
+    return _draw_figure(
+        lambda axes: _draw_power_axes(axes, single),
+        HEIGHT_IN,
+        "outcomes of cases with one effect, by its strength",
+    )
 
 
 def draw_parameter_errors(marked: Sequence[ScoredCase]) -> str:
-    """Relative error of each parameter of a right answer, by effect; hollow where the truth is outside the 90 % interval."""
+    """Relative error of each parameter of a right answer, by effect; hollow where the truth is
+    outside the 90 % interval.
+    """
     deviations = [each for case in marked if case.kind in SCORED_KINDS for each in case.deviations]
     effects = sorted({each.effect for each in deviations}, reverse=True)
     height_in = max(HEIGHT_IN, 0.75 + LINE_IN * len(effects))
-    return _draw_figure(lambda axes: _errors(axes, deviations, effects), height_in, "relative errors of parameters by effect", left_in=1.75)
+    return _draw_figure(
+        lambda axes: _errors(axes, deviations, effects),
+        height_in,
+        "relative errors of parameters by effect",
+        left_in=1.75,
+    )
 
 
 def draw_gaps(marked: Sequence[ScoredCase]) -> str:
-    """Histogram of the share of the misfit on held-out conditions that right answers remove; cases that got worse are left of 0."""
+    """Histogram of the share of the misfit on held-out conditions that right answers remove;
+    cases that got worse are left of 0.
+    """
     right = [case for case in marked if case.kind in SCORED_KINDS and case.outcome == RIGHT]
     closed = [case.gap_closed for case in right if case.gap_closed is not None]
-    return _draw_figure(lambda axes: _gaps(axes, closed), HEIGHT_IN, "share of the misfit that right answers remove on held-out conditions")
+    return _draw_figure(
+        lambda axes: _gaps(axes, closed),
+        HEIGHT_IN,
+        "share of the misfit that right answers remove on held-out conditions",
+    )
 
 
-def _draw_figure(draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6) -> str:
+def _draw_figure(
+    draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6
+) -> str:
     with drawing():
         figure = Figure(figsize=(WIDTH_IN, height_in))
-        box = (left_in / WIDTH_IN, 0.5 / height_in, (WIDTH_IN - left_in - 0.22) / WIDTH_IN, (height_in - 0.8) / height_in)
+        box = (
+            left_in / WIDTH_IN,
+            0.5 / height_in,
+            (WIDTH_IN - left_in - 0.22) / WIDTH_IN,
+            (height_in - 0.8) / height_in,
+        )
         draw(figure.add_axes(box))
         return inline_svg(figure, label, html_text(label))
 
@@ -263,8 +358,12 @@ def _reliability(axes: Axes, found: ClaimCalibration) -> None:
             # Two one-sided bounds of 95 % (Clopper and Pearson) make an interval of 90 %.
             share = Share(round(count * right), count)
             axes.plot([mean, mean], [share.lower, share.upper], color=MEASURED, lw=1.1)
-            axes.plot([mean], [right], ls="", marker="o", ms=5.5, mfc=MEASURED, mec="white", mew=0.8)
-            axes.text(mean, 1.04, str(count), ha="center", va="bottom", fontsize=SMALL, color="#555555")
+            axes.plot(
+                [mean], [right], ls="", marker="o", ms=5.5, mfc=MEASURED, mec="white", mew=0.8
+            )
+            axes.text(
+                mean, 1.04, str(count), ha="center", va="bottom", fontsize=SMALL, color="#555555"
+            )
     _unit_axes(axes)
     axes.set_xlabel("stated probability")
     axes.set_ylabel("share right")
@@ -272,12 +371,20 @@ def _reliability(axes: Axes, found: ClaimCalibration) -> None:
 
 def _draw_power_axes(axes: Axes, single: Sequence[ScoredCase]) -> None:
     # A strength of exactly 1 belongs to the last bin.
-    level = np.array([min(int(case.strength * cases.LEVELS), cases.LEVELS - 1) for case in single], dtype=int)
+    level = np.array(
+        [min(int(case.strength * cases.LEVELS), cases.LEVELS - 1) for case in single], dtype=int
+    )
     total = np.bincount(level, minlength=cases.LEVELS)
     centres = (np.arange(cases.LEVELS) + 0.5) / cases.LEVELS
     below, listed = np.zeros(cases.LEVELS), {each for outcomes, _, _ in PARTS for each in outcomes}
     for outcomes, colour, words in PARTS:
-        inside = np.array([case.outcome in outcomes if outcomes else case.outcome not in listed for case in single], dtype=bool)
+        inside = np.array(
+            [
+                case.outcome in outcomes if outcomes else case.outcome not in listed
+                for case in single
+            ],
+            dtype=bool,
+        )
         share = np.bincount(level[inside], minlength=cases.LEVELS) / np.maximum(total, 1)
         axes.bar(centres, share, 0.86 / cases.LEVELS, bottom=below, color=colour, label=words)
         below = below + share
@@ -298,10 +405,24 @@ def _unit_axes(axes: Axes) -> None:
 
 
 def _errors(axes: Axes, deviations: Sequence[ParameterDeviation], effects: Sequence[str]) -> None:
-    for covered, face, edge in ((True, MEASURED, MEASURED), (None, FAINT, FAINT), (False, "none", BAD)):
+    for covered, face, edge in (
+        (True, MEASURED, MEASURED),
+        (None, FAINT, FAINT),
+        (False, "none", BAD),
+    ):
         some = [each for each in deviations if each.covered is covered]
         x = np.clip([each.error for each in some], SMALLEST, LARGEST)
-        axes.plot(x, [effects.index(each.effect) for each in some], ls="", marker="o", ms=4.2, mfc=face, mec=edge, mew=0.9, alpha=0.85)
+        axes.plot(
+            x,
+            [effects.index(each.effect) for each in some],
+            ls="",
+            marker="o",
+            ms=4.2,
+            mfc=face,
+            mec=edge,
+            mew=0.9,
+            alpha=0.85,
+        )
     axes.set_xscale("log")
     axes.set_xlim(0.8 * SMALLEST, 1.25 * LARGEST)
     # The goal for the median error of parameters in the exam.
@@ -309,14 +430,22 @@ def _errors(axes: Axes, deviations: Sequence[ParameterDeviation], effects: Seque
     axes.set_xticks([0.001, 0.01, 0.1, 1.0, 10.0], ["0.1 %", "1 %", "10 %", "100 %", "1000 %"])
     axes.minorticks_off()
     axes.set_ylim(-0.7, max(len(effects), 1) - 0.3)
-    axes.set_yticks(range(len(effects)), [effect.replace("_", " ") for effect in effects], fontsize=SMALL)
+    axes.set_yticks(
+        range(len(effects)), [effect.replace("_", " ") for effect in effects], fontsize=SMALL
+    )
     axes.set_xlabel("error relative to what the effect changes")
 
 
 def _gaps(axes: Axes, closed: Sequence[float]) -> None:
     edges = np.linspace(-0.2, 1.1, 14)
     # Values beyond the axis count in the outermost bins.
-    axes.hist(np.clip(closed, edges[0] + 1e-9, edges[-1] - 1e-9), edges.tolist(), color=ALIKE, edgecolor="white", linewidth=0.8)
+    axes.hist(
+        np.clip(closed, edges[0] + 1e-9, edges[-1] - 1e-9),
+        edges.tolist(),
+        color=ALIKE,
+        edgecolor="white",
+        linewidth=0.8,
+    )
     if closed:
         axes.axvline(float(np.median(closed)), color=MEASURED, lw=1.4)
     # The goal for the median share in the exam.
@@ -328,19 +457,39 @@ def _gaps(axes: Axes, closed: Sequence[float]) -> None:
 
 
 FORMAT = "rfca-exam/1"
-HEADER = ("case", "kind", "truth", "verdict", "named", "probability", "outcome", "seconds", "strength", "left_over_noise")
+HEADER = (
+    "case",
+    "kind",
+    "truth",
+    "verdict",
+    "named",
+    "probability",
+    "outcome",
+    "seconds",
+    "strength",
+    "left_over_noise",
+)
 
 
 def write_exam(exam: ExamResult, out: Path) -> None:
-    """Writes all files into the existing folder `out`. Raises RigError where a file cannot be written."""
+    """Writes all files into the existing folder `out`. Raises RigError where a file cannot be
+    written.
+    """
     taken_out = (ablation_table(exam.taken_out),) if exam.taken_out else ()
-    tables = (bars_table(bars(exam.marks)), follow_up_table(exam.ways), *taken_out, confusion_table(exam.cases))
+    tables = (
+        bars_table(bars(exam.marks)),
+        follow_up_table(exam.ways),
+        *taken_out,
+        confusion_table(exam.cases),
+    )
     contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), **table_files(tables)}
     write_all(out, {"exam.html": page(exam, tuple(contents), version_text()), **contents})
 
 
 def as_csv(exam: ExamResult) -> str:
-    """A line for each case. Several effects are joined by +; the probability is that of the least certain name."""
+    """A line for each case. Several effects are joined by +; the probability is that of the
+    least certain name.
+    """
     rows = tuple(TableRow(dict(zip(HEADER, _line(case), strict=True))) for case in exam.cases)
     return table_as_csv(Table("exam", "", tuple(TableColumn(name) for name in HEADER), rows))
 
@@ -349,13 +498,27 @@ def _line(case: ScoredCase) -> list[str]:
     probability = f"{min(case.probabilities):.4f}" if case.probabilities else ""
     seconds = "" if case.seconds is None else f"{case.seconds:.1f}"
     answer = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
-    return [case.id, case.kind, "+".join(case.concealed), *answer, f"{case.strength:.3f}", f"{case.left:.3g}"]
+    return [
+        case.id,
+        case.kind,
+        "+".join(case.concealed),
+        *answer,
+        f"{case.strength:.3f}",
+        f"{case.left:.3g}",
+    ]
 
 
 def as_json(exam: ExamResult) -> str:
-    """The JSON document: required scores (bars), all scores (marks), and every case; unknown values are null."""
-    scores = {field.name: _plain_score(getattr(exam.marks, field.name)) for field in fields(exam.marks)}
-    confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(exam.marks.confusion.items())]
+    """The JSON document: required scores (bars), all scores (marks), and every case; unknown
+    values are null.
+    """
+    scores = {
+        field.name: _plain_score(getattr(exam.marks, field.name)) for field in fields(exam.marks)
+    }
+    confused = [
+        {"truth": true, "named": called, "count": count}
+        for (true, called), count in sorted(exam.marks.confusion.items())
+    ]
     document = {
         "format": FORMAT,
         "version": __version__,
@@ -364,7 +527,10 @@ def as_json(exam: ExamResult) -> str:
         "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
         "marks": scores | {"confusion": confused},
         "follow_ups": [asdict(way) for way in exam.ways],
-        "taken_out": {one.name: _plain_score(getattr(exam.taken_out, one.name)) for one in fields(exam.taken_out)}
+        "taken_out": {
+            one.name: _plain_score(getattr(exam.taken_out, one.name))
+            for one in fields(exam.taken_out)
+        }
         if exam.taken_out
         else None,
         "cases": [asdict(case) for case in exam.cases],
@@ -375,7 +541,13 @@ def as_json(exam: ExamResult) -> str:
 def _plain_score(value: object) -> object:
     """A share with its confidence bounds; other values unchanged."""
     if isinstance(value, Share):
-        return {"hits": value.hits, "of": value.of, "value": value.value, "lower": value.lower, "upper": value.upper}
+        return {
+            "hits": value.hits,
+            "of": value.of,
+            "value": value.value,
+            "lower": value.lower,
+            "upper": value.upper,
+        }
     if isinstance(value, tuple):
         return [_plain_score(each) for each in value]
     return asdict(value) if hasattr(value, "__dataclass_fields__") else value  # type: ignore[call-overload]

@@ -1,4 +1,5 @@
-"""Tables of an exam: required scores (bars), results of follow-up experiments, ablation of the catalogue, and the confusion matrix.
+"""Tables of an exam: required scores (bars), results of follow-up experiments, ablation of the
+catalogue, and the confusion matrix.
 
 The matrix has hidden effects in rows, answers in columns.
 """
@@ -18,9 +19,20 @@ from rfca_rig.reports.table import Table, TableColumn, TableRow, Value
 
 SEVERAL = "several effects"
 # Kinds of cases with one hidden effect or none. Cases with several have no single row.
-ROWS_OF = (cases.SINGLE, cases.WRONG_LAW, cases.STRANGER, cases.MISLABEL, cases.NOTHING, cases.MODEL_ERROR)
-# Words of the page for kinds of cases whose key in files and on the command line is no term of the field.
-KIND_WORDS = {cases.STRANGER: "effect outside the catalogue", PENDULUM_STRANGER: "pendulum, effect outside the catalogue"}
+ROWS_OF = (
+    cases.SINGLE,
+    cases.WRONG_LAW,
+    cases.STRANGER,
+    cases.MISLABEL,
+    cases.NOTHING,
+    cases.MODEL_ERROR,
+)
+# Words of the page for kinds of cases whose key in files and on the command line is no term of the
+# field.
+KIND_WORDS = {
+    cases.STRANGER: "effect outside the catalogue",
+    PENDULUM_STRANGER: "pendulum, effect outside the catalogue",
+}
 # The same for outcomes.
 OUTCOME_WORDS = {CLASS: "in set", EXTRA: "extra effect", SILENT: "missed", CAUTIOUS: "inconclusive"}
 VERDICT_WORDS = {NAMED: "identified"}
@@ -33,7 +45,9 @@ PASSED = {True: "passed", False: "failed", None: "no case"}
 
 @dataclass(frozen=True)
 class MatrixCell:
-    """Number of cases; `shade` is that of the worst answer among them, "" for one that is neither right nor a wrong effect."""
+    """Number of cases; `shade` is that of the worst answer among them, "" for one that is
+    neither right nor a wrong effect.
+    """
 
     count: int
     shade: str
@@ -49,7 +63,9 @@ class MatrixRow:
 
 @dataclass(frozen=True)
 class Matrix:
-    """Rows by kind of case. The columns are effects (`names`), then answers without a single name (`verdicts`)."""
+    """Rows by kind of case. The columns are effects (`names`), then answers without a single
+    name (`verdicts`).
+    """
 
     names: tuple[str, ...]
     verdicts: tuple[str, ...]
@@ -60,10 +76,16 @@ def matrix_of(marked: Sequence[ScoredCase]) -> Matrix:
     """Matrix of the kinds with one hidden effect or none; empty columns are omitted."""
     shown = [case for case in marked if case.kind in ROWS_OF]
     answers = {_answer(case) for case in shown}
-    names = tuple(name for name in SIZE_RANGES if name in answers) + tuple(sorted(answers - set(SIZE_RANGES) - {SEVERAL, *VERDICTS}))
+    names = tuple(name for name in SIZE_RANGES if name in answers) + tuple(
+        sorted(answers - set(SIZE_RANGES) - {SEVERAL, *VERDICTS})
+    )
     verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in answers)
     by_kind = [(kind, [case for case in shown if case.kind == kind]) for kind in ROWS_OF]
-    return Matrix(names, verdicts, tuple((kind, _rows(of_kind, (*names, *verdicts))) for kind, of_kind in by_kind if of_kind))
+    return Matrix(
+        names,
+        verdicts,
+        tuple((kind, _rows(of_kind, (*names, *verdicts))) for kind, of_kind in by_kind if of_kind),
+    )
 
 
 def _answer(case: ScoredCase) -> str:
@@ -74,7 +96,10 @@ def _answer(case: ScoredCase) -> str:
 
 def _rows(marked: Sequence[ScoredCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
     hidden_effects = sorted({_hidden(case) for case in marked}, key=_place)
-    return tuple(_row(name, [case for case in marked if _hidden(case) == name], columns) for name in hidden_effects)
+    return tuple(
+        _row(name, [case for case in marked if _hidden(case) == name], columns)
+        for name in hidden_effects
+    )
 
 
 def _hidden(case: ScoredCase) -> str:
@@ -82,12 +107,17 @@ def _hidden(case: ScoredCase) -> str:
 
 
 def _place(name: str) -> tuple[int, str]:
-    """Sort key that puts effects in the order of the columns, so that right answers are on the diagonal."""
+    """Sort key that puts effects in the order of the columns, so that right answers are on the
+    diagonal.
+    """
     return (list(SIZE_RANGES).index(name), "") if name in SIZE_RANGES else (len(SIZE_RANGES), name)
 
 
 def _row(name: str, marked: Sequence[ScoredCase], columns: Sequence[str]) -> MatrixRow:
-    return MatrixRow(name, tuple(_cell([case for case in marked if _answer(case) == column]) for column in columns))
+    return MatrixRow(
+        name,
+        tuple(_cell([case for case in marked if _answer(case) == column]) for column in columns),
+    )
 
 
 def _cell(marked: Sequence[ScoredCase]) -> MatrixCell | None:
@@ -98,7 +128,9 @@ def _cell(marked: Sequence[ScoredCase]) -> MatrixCell | None:
 
 
 def bars_table(all_bars: Sequence[ScoreGoal]) -> Table:
-    """Required scores: goal, value reached, counts, and the worst value that is still compatible at 95 % confidence."""
+    """Required scores: goal, value reached, counts, and the worst value that is still compatible
+    at 95 % confidence.
+    """
     rows = tuple(TableRow(_bar(bar), marked=bar.passed is False) for bar in all_bars)
     columns = (
         TableColumn("mark", "Score"),
@@ -108,33 +140,64 @@ def bars_table(all_bars: Sequence[ScoreGoal]) -> Table:
         TableColumn("bound_95", "With 95 % confidence", set_value=True),
         TableColumn("passed", "Passed"),
     )
-    return Table("bars", "Shares of cases; the last column is the worst share that these counts allow, at 95 % confidence.", columns, rows)
+    return Table(
+        "bars",
+        (
+            "Shares of cases; the last column is the worst share that these counts allow, at "
+            "95 % confidence."
+        ),
+        columns,
+        rows,
+    )
 
 
 def _bar(bar: ScoreGoal) -> dict[str, Value]:
-    goal = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
+    goal = " and ".join(
+        f"{word} {limit:g}"
+        for word, limit in (("at least", bar.at_least), ("at most", bar.at_most))
+        if limit is not None
+    )
     reached = float(f"{bar.value:.4g}") if isfinite(bar.value) else None
     bound = None if bar.bound is None else float(f"{bar.bound:.3g}")
-    return {"mark": bar.name, "goal": goal, "reached": reached, "counts": bar.counted, "bound_95": bound, "passed": PASSED[bar.passed]}
+    return {
+        "mark": bar.name,
+        "goal": goal,
+        "reached": reached,
+        "counts": bar.counted,
+        "bound_95": bound,
+        "passed": PASSED[bar.passed],
+    }
 
 
 def follow_up_table(ways: Sequence[ArmResult]) -> Table:
     """Experiments that were proposed in undecided cases, compared with other choices."""
-    rows = tuple(TableRow({"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": way.experiments}) for way in ways)
+    rows = tuple(
+        TableRow(
+            {
+                "arm": way.arm,
+                "settled": f"{way.settled} of {way.of}",
+                "experiments": way.experiments,
+            }
+        )
+        for way in ways
+    )
     columns = (
         TableColumn("arm", "Next experiments"),
         TableColumn("settled", "Settled"),
         TableColumn("experiments", "Experiments on average", digits=2),
     )
     caption = (
-        "Cases of too few recordings, with no hidden effect or a detectable one. Settled: the right verdict without an equal rival, "
+        "Cases of too few recordings, with no hidden effect or a detectable one. "
+        "Settled: the right verdict without an equal rival, "
         "within four experiments; four are counted where it was not."
     )
     return Table("next-experiments", caption, columns, rows)
 
 
 def ablation_table(found: AblationResult) -> Table:
-    """Effects that were identified as another one after they had been removed from the catalogue."""
+    """Effects that were identified as another one after they had been removed from the
+    catalogue.
+    """
     columns = (
         TableColumn("concealed", "Hidden"),
         TableColumn("named", "Identified as"),
@@ -155,15 +218,35 @@ def ablation_table(found: AblationResult) -> Table:
 
 
 def confusion_table(marked: Sequence[ScoredCase]) -> Table:
-    """Confusion matrix: numbers of cases by hidden effect (rows) and answer (columns); empty where there is no case."""
+    """Confusion matrix: numbers of cases by hidden effect (rows) and answer (columns); empty
+    where there is no case.
+    """
     matrix = matrix_of(marked)
     names = (*matrix.names, *matrix.verdicts)
-    columns = tuple(TableColumn(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names)
+    columns = tuple(
+        TableColumn(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names
+    )
     rows = tuple(
-        TableRow({"kind": kind, "concealed": row.concealed.replace("_", " "),
-             **{column.key: cell.count if cell else None for column, cell in zip(columns, row.cells, strict=True)}})
+        TableRow(
+            {
+                "kind": kind,
+                "concealed": row.concealed.replace("_", " "),
+                **{
+                    column.key: cell.count if cell else None
+                    for column, cell in zip(columns, row.cells, strict=True)
+                },
+            }
+        )
         for kind, of_kind in matrix.kinds
         for row in of_kind
-    )  # fmt: skip
-    caption = "Numbers of cases: rows are hidden effects, columns identified effects, the last of them answers without one."
-    return Table("confusion", caption, (TableColumn("kind", role="group"), TableColumn("concealed", "Hidden"), *columns), rows)
+    )
+    caption = (
+        "Numbers of cases: rows are hidden effects, columns identified effects, the last of "
+        "them answers without one."
+    )
+    return Table(
+        "confusion",
+        caption,
+        (TableColumn("kind", role="group"), TableColumn("concealed", "Hidden"), *columns),
+        rows,
+    )

@@ -14,7 +14,14 @@ from rfca_rig.errors import TRIP
 from rfca_rig.reports.provenance import PageContext, date_text
 from rfca_rig.reports.run import pictures
 from rfca_rig.reports.run.parts import RunStory
-from rfca_rig.reports.run.tables import MOST_ROWS, checks_table, clocks_table, conditions_table, events_table, stages_table
+from rfca_rig.reports.run.tables import (
+    MOST_ROWS,
+    checks_table,
+    clocks_table,
+    conditions_table,
+    events_table,
+    stages_table,
+)
 from rfca_rig.reports.table import Table
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together, number
@@ -27,9 +34,24 @@ DEVICES = ("motor_", "sensor_", "camera")
 HEALTH = ("sensor_records", "tare_drift")  # begin like a device, and say how the run went
 # Keys that another part of the page shows.
 SHOWN_ELSEWHERE = (
-    "events", "limits", "resumed", "started_at", "ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms",
-    "ended_in_stage", "standstill", "tare_drift", "sensor_records", "recorder_samples", "bad_samples", "interrupted",
-)  # fmt: skip
+    "events",
+    "limits",
+    "resumed",
+    "started_at",
+    "ended",
+    "exit_status",
+    "reason",
+    "ended_at",
+    "lasted_s",
+    "worst_loop_gap_ms",
+    "ended_in_stage",
+    "standstill",
+    "tare_drift",
+    "sensor_records",
+    "recorder_samples",
+    "bad_samples",
+    "interrupted",
+)
 
 DONE = "done"
 # Stiffness checks that the page lists; the CSV has all.
@@ -66,7 +88,10 @@ def health(story: RunStory) -> Pairs:
         "samples to the recorder": known.get("recorder_samples", ""),
         "drift of the sensor\u2019s zero": known.get("tare_drift", ""),
         "zero of the sensor at rest": _tares(story.events),
-        "went on": "; ".join(f"at {event['utc']}{_changes_text(event)}, had stopped: {event['stopped']}" for event in times),
+        "went on": "; ".join(
+            f"at {event['utc']}{_changes_text(event)}, had stopped: {event['stopped']}"
+            for event in times
+        ),
     }
     return [(name, text) for name, text in texts.items() if text]
 
@@ -74,13 +99,20 @@ def health(story: RunStory) -> Pairs:
 def _end_text(known: Mapping[str, str]) -> str:
     if "ended" not in known:
         return known.get("interrupted", "")
-    return f"{known['ended']} (exit status {known.get('exit_status', '?')}, reason {known.get('reason', '?')})"
+    return (
+        f"{known['ended']} (exit status {known.get('exit_status', '?')}, reason "
+        f"{known.get('reason', '?')})"
+    )
 
 
 def _gap(story: RunStory) -> str:
     gap_ms = story.recording.provenance.get("worst_loop_gap_ms", "")
     late_s = story.limits.get("late_s")
-    return f"{float(gap_ms):.1f} ms" + (f", may be late by {1e3 * late_s:g} ms" if late_s else "") if gap_ms else ""
+    return (
+        f"{float(gap_ms):.1f} ms" + (f", may be late by {1e3 * late_s:g} ms" if late_s else "")
+        if gap_ms
+        else ""
+    )
 
 
 def _tares(events: Sequence[Mapping[str, Any]]) -> str:
@@ -89,23 +121,40 @@ def _tares(events: Sequence[Mapping[str, Any]]) -> str:
     if not fz_N:
         return ""
     spread = f" ± {np.std(fz_N, ddof=1):.3f}" if len(fz_N) > 1 else ""
-    return f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over {count_noun(len(fz_N), 'rest')} in the air"
+    return (
+        f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over "
+        f"{count_noun(len(fz_N), 'rest')} in the air"
+    )
 
 
 def _changes_text(event: Mapping[str, Any]) -> str:
-    changes = ", ".join(f"{name} {shorten(str(value))}" for name, value in event.get("rig_changes", {}).items())
+    changes = ", ".join(
+        f"{name} {shorten(str(value))}" for name, value in event.get("rig_changes", {}).items()
+    )
     return f" with {changes}" if changes else ""
 
 
 def devices(kept: Mapping[str, str]) -> Pairs:
     """What the devices reported of themselves: pairs of name and text."""
-    own = {name: text for name, text in kept.items() if name not in SHOWN_ELSEWHERE and not name.startswith("camera_file")}
-    return [(_words(name), shorten(text)) for name, text in sorted(own.items()) if name.startswith(DEVICES)]
+    own = {
+        name: text
+        for name, text in kept.items()
+        if name not in SHOWN_ELSEWHERE and not name.startswith("camera_file")
+    }
+    return [
+        (_words(name), shorten(text))
+        for name, text in sorted(own.items())
+        if name.startswith(DEVICES)
+    ]
 
 
 def provenance(kept: Mapping[str, str]) -> Pairs:
     """Provenance that no other part of the page shows: pairs of name and text."""
-    return [(_words(n), shorten(text)) for n, text in sorted(kept.items()) if not n.startswith(DEVICES) and n not in SHOWN_ELSEWHERE]
+    return [
+        (_words(n), shorten(text))
+        for n, text in sorted(kept.items())
+        if not n.startswith(DEVICES) and n not in SHOWN_ELSEWHERE
+    ]
 
 
 def _words(name: str) -> str:
@@ -113,16 +162,23 @@ def _words(name: str) -> str:
 
 
 def shorten(text: str) -> str:
-    """Short text unchanged, but only the last part of an absolute path; length and hash of a long text."""
+    """Short text unchanged, but only the last part of an absolute path; length and hash of a
+    long text.
+    """
     if len(text) > LONGEST_TEXT or "\n" in text.strip():
-        return f"text of {count_noun(len(text.splitlines()), 'line')}, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]}…"
+        return (
+            f"text of {count_noun(len(text.splitlines()), 'line')}, sha256 "
+            f"{hashlib.sha256(text.encode()).hexdigest()[:16]}…"
+        )
     # Both kinds: a recording may come from another system. PureWindowsPath also splits at "/".
     if PurePosixPath(text).is_absolute() or PureWindowsPath(text).is_absolute():
         return PureWindowsPath(text).name
     return text
 
 
-def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: Sequence[str]) -> str:
+def page(
+    story: RunStory, tables: Sequence[Table], context: PageContext, files: Sequence[str]
+) -> str:
     """The page as HTML.
 
     Parameters
@@ -138,7 +194,10 @@ def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: 
     """
     recording, known = story.recording, story.recording.provenance
     stages, done, checks = tables
-    shown, stages_shown = pictures.select_traces(story.parts), pictures.select_static_stages(recording.static)
+    shown, stages_shown = (
+        pictures.select_traces(story.parts),
+        pictures.select_static_stages(recording.static),
+    )
     # The first rows, and all marked ones: stages that were cut short.
     rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
     strokes = _of(len(shown), sum(part.trace is not None for part in story.parts), "stroke")
@@ -160,11 +219,16 @@ def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: 
         stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
         left_out=max(len(stages.rows) - MOST_ROWS, 0),
         traces=pictures.draw_traces(shown, story.rig),
-        traced=f"{strokes}, each measured once, on one scale. Expected: the nominal model, with the shaft as commanded.",
+        traced=(
+            f"{strokes}, each measured once, on one scale. Expected: the nominal model, with "
+            "the shaft as commanded."
+        ),
         static=pictures.draw_static_forces(stages_shown) if stages_shown else [],
         static_count=_of(len(stages_shown), len(recording.static), "stage"),
         cycles=pictures.draw_cycles(story) if pictures.has_cycles(recording) else "",
-        cycle_count=count_noun(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),
+        cycle_count=count_noun(
+            sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"
+        ),
         checks=_thin_out(checks),
         check_count=len(checks.rows),
         check_picture=pictures.draw_checks(checks) if checks.rows else "",
@@ -185,7 +249,9 @@ def _limits(story: RunStory) -> list[tuple[str, str]]:
     lines = []
     for key, words, unit, factor in LIMIT_WORDS:
         if key in story.limits:
-            first, last = (f"{factor * limits[key]:.4g} {unit}" for limits in (story.limits, story.last_limits))
+            first, last = (
+                f"{factor * limits[key]:.4g} {unit}" for limits in (story.limits, story.last_limits)
+            )
             lines.append((words, first if first == last else f"{first}, later {last}"))
     return lines
 
@@ -193,8 +259,15 @@ def _limits(story: RunStory) -> list[tuple[str, str]]:
 def _thin_out(checks: Table) -> Table:
     """Evenly chosen checks with the first and the last, and all beyond the limit."""
     count = len(checks.rows)
-    chosen = {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)} if count > MOST_CHECKS else set(range(count))
-    return replace(checks, rows=tuple(row for place, row in enumerate(checks.rows) if place in chosen or row.marked))
+    chosen = (
+        {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)}
+        if count > MOST_CHECKS
+        else set(range(count))
+    )
+    return replace(
+        checks,
+        rows=tuple(row for place, row in enumerate(checks.rows) if place in chosen or row.marked),
+    )
 
 
 def _stamp(story: RunStory) -> tuple[str, str]:
@@ -219,9 +292,15 @@ def _sentence(story: RunStory) -> str:
         return "The whole plan was carried out."
     if not ended:
         return keep_units_together(
-            f"{interrupted[:1].upper()}{interrupted[1:]}." if interrupted else "The run was never brought to its end."
+            f"{interrupted[:1].upper()}{interrupted[1:]}."
+            if interrupted
+            else "The run was never brought to its end."
         )
-    explained = f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}." if _has_tripped(known) else ""
+    explained = (
+        f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}."
+        if _has_tripped(known)
+        else ""
+    )
     return keep_units_together(f"The run ended before its plan did: {ended}.{explained}")
 
 
@@ -231,7 +310,11 @@ def _has_tripped(kept: Mapping[str, str]) -> bool:
 
 def _share(story: RunStory, done: Table) -> dict[str, str] | None:
     """Share of the plan that was done; None without a plan."""
-    planned = sum(int(str(row.values["planned"])) for row in done.rows if row.values.get("planned") is not None)
+    planned = sum(
+        int(str(row.values["planned"]))
+        for row in done.rows
+        if row.values.get("planned") is not None
+    )
     if not planned:
         return None
     count = sum(int(str(row.values["done"])) for row in done.rows)
@@ -249,11 +332,17 @@ def _loads_sentence(story: RunStory) -> str:
     peak, part = max(peaks, key=lambda each: each[0].force_N)
     limit, expected = part.begun.limits.get("force_N") if part.begun else None, part.expected
     sentence = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
-    sentence += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
+    sentence += (
+        f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
+    )
     sentence += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
     return keep_units_together(f"{sentence}.")
 
 
 def _of(shown: int, of: int, what: str) -> str:
     """Number of items, and how many of them are shown where that is not all."""
-    return count_noun(of, what) if shown == of else f"{shown} of {count_noun(of, what)}, evenly over the run"
+    return (
+        count_noun(of, what)
+        if shown == of
+        else f"{shown} of {count_noun(of, what)}, evenly over the run"
+    )

@@ -1,4 +1,6 @@
-"""Parts of a run: every recorded stroke, static stage and block of cycles, with peak load, limit, and load predicted by the model."""
+"""Parts of a run: every recorded stroke, static stage and block of cycles, with peak load,
+limit, and load predicted by the model.
+"""
 
 import json
 from collections import defaultdict
@@ -40,7 +42,9 @@ class ForceTrace:
 
 @dataclass(frozen=True)
 class PartBeginning:
-    """Beginning of a part: its index among the events, the time on the rig's clock, and the limits in force then, by name."""
+    """Beginning of a part: its index among the events, the time on the rig's clock, and the
+    limits in force then, by name.
+    """
 
     place: int
     t_s: float
@@ -49,11 +53,11 @@ class PartBeginning:
 
 @dataclass(frozen=True)
 class RunPart:
-    """One recorded part. `ended` is the reason why it was cut short, "" for a complete one. `begun` is None where no event states it.
+    """One recorded part. `ended` is the reason why it was cut short, "" for a complete one. `begun`
+    is None where no event states it.
 
-    `peak` is over the recorded axes, `expected` the load that the nominal model predicts; both are None where unknown. `count` is the
-    number of cycles, else 1.
-    """
+    `peak` is over the recorded axes, `expected` the load that the nominal model predicts; both are
+    None where unknown. `count` is the number of cycles, else 1."""
 
     kind: Kind
     label: str
@@ -69,10 +73,11 @@ class RunPart:
 
 @dataclass(frozen=True)
 class RunStory:
-    """A recording as a run: its plan where it holds one, its events, and its parts in order of time.
+    """A recording as a run: its plan where it holds one, its events, and its parts in order of
+    time.
 
-    `limits` are those at the start, by name, `last_limits` those at the end: a run may be resumed with another rig file.
-    """
+    `limits` are those at the start, by name, `last_limits` those at the end: a run may be resumed
+    with another rig file."""
 
     recording: Recording
     plan: Plan | None
@@ -84,31 +89,48 @@ class RunStory:
 
 
 def story_of(recording: Recording) -> RunStory:
-    """The run in a recording. A plan of another version, or a nominal model that cannot be read, is left out."""
+    """The run in a recording. A plan of another version, or a nominal model that cannot be read,
+    is left out.
+    """
     plan, rig = _plan(recording), _rig(recording)
     events = tuple(_events(recording.provenance.get("events", "")))
     limits = _limits(recording.provenance.get("limits", "{}"))
     begun, last_limits = _beginnings(events, limits)
-    parts = sorted(_parts(recording, _PredictedLoads(plan, rig), begun), key=lambda part: part.begun.place if part.begun else -1)
+    parts = sorted(
+        _parts(recording, _PredictedLoads(plan, rig), begun),
+        key=lambda part: part.begun.place if part.begun else -1,
+    )
     return RunStory(recording, plan, rig, limits, last_limits, events, tuple(parts))
 
 
 def _beginnings(
     events: Sequence[Mapping[str, Any]], limits: Mapping[str, float]
 ) -> tuple[dict[str, list[PartBeginning]], Mapping[str, float]]:
-    """Beginnings by label, several where a stage was cut short and repeated; and the limits at the end."""
+    """Beginnings by label, several where a stage was cut short and repeated; and the limits at
+    the end.
+    """
     begun: dict[str, list[PartBeginning]] = defaultdict(list)
     for place, event in enumerate(events):
         if event["event"] == "stage begins":
             begun[event["stage"]].append(PartBeginning(place, event["t_s"], limits))
-        # A resumed run states what changed in its rig file; from then on the new limits are in force.
-        changed = {name.removeprefix(LIMITS): value for name, value in event.get("rig_changes", {}).items() if name.startswith(LIMITS)}
-        limits = {**limits, **{name: float(value) for name, value in changed.items() if name in limits}}
+        # A resumed run states what changed in its rig file; from then on the new limits are in
+        # force.
+        changed = {
+            name.removeprefix(LIMITS): value
+            for name, value in event.get("rig_changes", {}).items()
+            if name.startswith(LIMITS)
+        }
+        limits = {
+            **limits,
+            **{name: float(value) for name, value in changed.items() if name in limits},
+        }
     return begun, limits
 
 
 def _events(text: str) -> Iterator[Mapping[str, Any]]:
-    """Events line by line. Lines that are not events, as in files of other programs, are ignored."""
+    """Events line by line. Lines that are not events, as in files of other programs, are
+    ignored.
+    """
     for line in text.splitlines():
         try:
             event = json.loads(line)
@@ -141,7 +163,9 @@ def _rig(recording: Recording) -> RigModel | None:
 
 
 class _PredictedLoads:
-    """Loads that the nominal model predicts, by the labels of the plan's stages, otherwise by condition."""
+    """Loads that the nominal model predicts, by the labels of the plan's stages, otherwise by
+    condition.
+    """
 
     def __init__(self, plan: Plan | None, rig: RigModel | None) -> None:
         self._rig = rig
@@ -153,7 +177,11 @@ class _PredictedLoads:
             except SimulationFailed:
                 return
             self._by_label = {stage.label: load for stage, load in loads.items()}
-            self._by_label |= {_cycle_condition(stage.label): load for stage, load in loads.items() if isinstance(stage, Cycles)}
+            self._by_label |= {
+                _cycle_condition(stage.label): load
+                for stage, load in loads.items()
+                if isinstance(stage, Cycles)
+            }
 
     def of(self, label: str) -> Load | None:
         """Load of a stage by its label."""
@@ -161,7 +189,9 @@ class _PredictedLoads:
         return self._by_label.get(label, self._by_label.get(_cycle_condition(label)))
 
     def of_stroke(self, label: str, stroke: Stroke) -> Load | None:
-        """Load of a stroke; one that is not in a plan is simulated over its recorded duration, once for each condition."""
+        """Load of a stroke; one that is not in a plan is simulated over its recorded duration,
+        once for each condition.
+        """
         if label in self._by_label:
             return self._by_label[label]
         condition = stroke.height_m, stroke.speed_rad_s
@@ -174,29 +204,50 @@ class _PredictedLoads:
             return None
         end_s = max(float(stream.t_s[-1]) for stream in stroke.streams.values())
         try:
-            found = simulate_stroke_at_speed(self._rig, stroke.height_m, stroke.speed_rad_s, np.arange(0.0, end_s, SAMPLE_S))
+            found = simulate_stroke_at_speed(
+                self._rig, stroke.height_m, stroke.speed_rad_s, np.arange(0.0, end_s, SAMPLE_S)
+            )
         except SimulationFailed:
             return None
-        return Load(float(np.hypot(found.fy_N, found.fz_N).max(initial=0.0)), float(np.abs(found.tx_Nm).max(initial=0.0)))
+        return Load(
+            float(np.hypot(found.fy_N, found.fz_N).max(initial=0.0)),
+            float(np.abs(found.tx_Nm).max(initial=0.0)),
+        )
 
 
 def _cycle_condition(label: str) -> str:
-    """Condition in the label of cycles: "222.8 mm, 6 rad/s" of "cycles 1 to 10, 222.8 mm, 6 rad/s"."""
+    """Condition in the label of cycles: "222.8 mm, 6 rad/s" of "cycles 1 to 10, 222.8 mm, 6
+    rad/s".
+    """
     return label.partition(", ")[2]
 
 
-def _parts(recording: Recording, expected: _PredictedLoads, begun: Mapping[str, list[PartBeginning]]) -> Iterator[RunPart]:
-    """All parts. Stages that were cut short come first, because each label's beginnings are used up in order of time."""
+def _parts(
+    recording: Recording, expected: _PredictedLoads, begun: Mapping[str, list[PartBeginning]]
+) -> Iterator[RunPart]:
+    """All parts. Stages that were cut short come first, because each label's beginnings are used
+    up in order of time.
+    """
     whole = {stage.label: stage for stage in recording.raw if not stage.cut_short}
     for cut in (stage for stage in recording.raw if stage.cut_short):
         yield _cut_short(cut, expected, _next(begun, cut.label))
     for stroke in recording.strokes:
         label = flap_label(stroke.height_m, stroke.speed_rad_s, stroke.repeat)
         yield _stroke(stroke, label, expected, _next(begun, label))
-    for stage in (stage for stage in recording.raw if CYCLES in stage.streams and not stage.cut_short):
+    for stage in (
+        stage for stage in recording.raw if CYCLES in stage.streams and not stage.cut_short
+    ):
         count = len(stage.streams[CYCLES].t_s)
         loads = _peak(stage.streams), expected.of(stage.label)
-        yield RunPart("cycles", stage.label, _cycle_condition(stage.label), _next(begun, stage.label), count, *loads, count=count)
+        yield RunPart(
+            "cycles",
+            stage.label,
+            _cycle_condition(stage.label),
+            _next(begun, stage.label),
+            count,
+            *loads,
+            count=count,
+        )
     holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
     for place, static in enumerate(recording.static):
         # Samples belong to means one for one, or it is not known which belong to which.
@@ -212,7 +263,9 @@ def _condition(height_m: float, speed_rad_s: float) -> str:
     return f"{1e3 * height_m:g} mm, {speed_rad_s:g} rad/s"
 
 
-def _stroke(stroke: Stroke, label: str, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
+def _stroke(
+    stroke: Stroke, label: str, expected: _PredictedLoads, begun: PartBeginning | None
+) -> RunPart:
     condition = _condition(stroke.height_m, stroke.speed_rad_s)
     fz = stroke.channel("fz_N")
     trace = ForceTrace(*fz) if fz is not None and len(fz[0]) else None
@@ -220,7 +273,9 @@ def _stroke(stroke: Stroke, label: str, expected: _PredictedLoads, begun: PartBe
     return RunPart("stroke", label, condition, begun, _samples(stroke.streams), *loads, trace=trace)
 
 
-def _static(stage: StaticStage, raw: RawStage | None, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
+def _static(
+    stage: StaticStage, raw: RawStage | None, expected: _PredictedLoads, begun: PartBeginning | None
+) -> RunPart:
     condition = f"{1e3 * stage.height_m:g} mm"
     if raw is None:
         angle = f"{np.degrees(stage.shaft_angle_rad):.1f} deg"
@@ -231,11 +286,28 @@ def _static(stage: StaticStage, raw: RawStage | None, expected: _PredictedLoads,
 
 
 def _cut_short(stage: RawStage, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
-    trace = next((ForceTrace(s.t_s, s.columns["fz_N"].values) for s in stage.streams.values() if "fz_N" in s.columns and len(s.t_s)), None)
+    trace = next(
+        (
+            ForceTrace(s.t_s, s.columns["fz_N"].values)
+            for s in stage.streams.values()
+            if "fz_N" in s.columns and len(s.t_s)
+        ),
+        None,
+    )
     count = len(stage.streams[CYCLES].t_s) if CYCLES in stage.streams else 1
     condition = f"{1e3 * stage.height_m:g} mm"
     loads = _peak(stage.streams), expected.of(stage.label)
-    return RunPart("cut short", stage.label, condition, begun, _samples(stage.streams), *loads, stage.cut_short, count, trace)
+    return RunPart(
+        "cut short",
+        stage.label,
+        condition,
+        begun,
+        _samples(stage.streams),
+        *loads,
+        stage.cut_short,
+        count,
+        trace,
+    )
 
 
 def _samples(streams: Mapping[str, Stream]) -> int:
@@ -243,14 +315,33 @@ def _samples(streams: Mapping[str, Stream]) -> int:
 
 
 def _peak(streams: Mapping[str, Stream]) -> Load | None:
-    """Peak force and moment over all recorded axes, as the limits use them; for cycles from the table of their peaks."""
+    """Peak force and moment over all recorded axes, as the limits use them; for cycles from the
+    table of their peaks.
+    """
     if CYCLES in streams:
-        return Load(*(float(streams[CYCLES].columns[name].values.max(initial=0.0)) for name in ("peak_force_N", "peak_moment_Nm")))
-    columns = {name: stream.columns[name].values for stream in streams.values() for name in WRENCH if name in stream.columns}
-    peaks = [_largest([columns[name] for name in names if name in columns]) for names in (WRENCH[:3], WRENCH[3:])]
+        return Load(
+            *(
+                float(streams[CYCLES].columns[name].values.max(initial=0.0))
+                for name in ("peak_force_N", "peak_moment_Nm")
+            )
+        )
+    columns = {
+        name: stream.columns[name].values
+        for stream in streams.values()
+        for name in WRENCH
+        if name in stream.columns
+    }
+    peaks = [
+        _largest([columns[name] for name in names if name in columns])
+        for names in (WRENCH[:3], WRENCH[3:])
+    ]
     return Load(*peaks) if any(columns) and np.isfinite(peaks).any() else None
 
 
 def _largest(axes: Sequence[Floats]) -> float:
     """Largest vector length over samples of the axes, each (m,); NaN where nothing was recorded."""
-    return float(np.sqrt(np.sum(np.square(axes), axis=0)).max()) if axes and len(axes[0]) else float("nan")
+    return (
+        float(np.sqrt(np.sum(np.square(axes), axis=0)).max())
+        if axes and len(axes[0])
+        else float("nan")
+    )

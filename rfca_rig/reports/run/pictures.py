@@ -1,4 +1,6 @@
-"""Figures of a run: a small trace of every stroke, static forces over the shaft angle, peaks and stiffness over cycles."""
+"""Figures of a run: a small trace of every stroke, static forces over the shaft angle, peaks and
+stiffness over cycles.
+"""
 
 from collections.abc import Sequence
 from functools import cache
@@ -41,16 +43,23 @@ Floats = NDArray[np.float64]
 MOST_TRACES = 40
 MOST_STAGES = 60
 TRACE_IN, TRACE_HOVERS = (2.9, 1.55), 12
-# Resolution of lines, two points for each column: of a small panel, and of a figure across the page.
+# Resolution of lines, two points for each column: of a small panel, and of a figure across the
+# page.
 TRACE_COLUMNS = 60
 CYCLE_COLUMNS = 300
 # Sampling of simulated strokes, fine enough for a small panel.
 SAMPLE_S = 2e-3
-# Sizes, and margins on the left, below and above, of a figure across the page and on a narrow screen.
+# Sizes, and margins on the left, below and above, of a figure across the page and on a narrow
+# screen.
 WIDE_IN, LOW_IN = (8.6, 2.5), (NARROW_IN, 2.2)
 MOST_TICKS = 10
 MARGINS_IN = (0.69, 0.48, 0.18)
-DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = ("-", (0, (4.0, 2.0)), (0, (1.0, 1.5)), "-.")
+DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
+    "-",
+    (0, (4.0, 2.0)),
+    (0, (1.0, 1.5)),
+    "-.",
+)
 FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
 
 
@@ -64,7 +73,9 @@ def select_traces(parts: Sequence[RunPart]) -> list[RunPart]:
 
 
 def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
-    """fz over time, each stroke in its own panel on one scale, over the stroke that the model predicts for the commanded motion."""
+    """fz over time, each stroke in its own panel on one scale, over the stroke that the model
+    predicts for the commanded motion.
+    """
     traces = [(part, part.trace) for part in parts if part.trace is not None]
     last_s = max((float(trace.t_s[-1]) for _, trace in traces), default=1.0)
     first_s = min((float(trace.t_s[0]) for _, trace in traces), default=0.0)
@@ -77,37 +88,63 @@ def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
             # Height in m and speed in rad/s from the label of a stroke; None for another label.
             words = part.label.replace(",", "").split()
             condition = (1e-3 * float(words[1]), float(words[3])) if words[:1] == ["flap"] else None
-            expected = None if rig is None or condition is None else _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
+            expected = (
+                None
+                if rig is None or condition is None
+                else _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
+            )
             values = {"measured": trace.fz_N}
             if expected is not None:
-                axes.plot(*envelope(*expected, TRACE_COLUMNS), color=SIMULATED, lw=1.9, solid_capstyle="round")
+                axes.plot(
+                    *envelope(*expected, TRACE_COLUMNS),
+                    color=SIMULATED,
+                    lw=1.9,
+                    solid_capstyle="round",
+                )
                 values["expected"] = np.interp(trace.t_s, *expected, left=np.nan, right=np.nan)
             axes.plot(*envelope(trace.t_s, trace.fz_N, TRACE_COLUMNS), color=MEASURED, lw=0.8)
             axes.margins(x=0.0, y=0.06)
             low, high = axes.get_ylim()
             limits_N = (min(low, limits_N[0]), max(high, limits_N[1]))
-            drawn.append((part, figure, axes, hover_values(axes, trace.t_s, "s", values, "N", TRACE_HOVERS)))
+            drawn.append(
+                (part, figure, axes, hover_values(axes, trace.t_s, "s", values, "N", TRACE_HOVERS))
+            )
         for part, figure, axes, hovers in drawn:
             axes.set_xlim(first_s, last_s)
             axes.set_ylim(limits_N)
-            title = part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else "")
+            title = part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (
+                " ✗" if part.ended else ""
+            )
             label = html_text(f"fz over time, {title}, measured and expected")
-            panels.append(Panel(title, inline_svg(figure, f"trace {len(panels)}", label, hovers), ended=bool(part.ended)))
+            panels.append(
+                Panel(
+                    title,
+                    inline_svg(figure, f"trace {len(panels)}", label, hovers),
+                    ended=bool(part.ended),
+                )
+            )
     return panels
 
 
-# Repeats of a condition share one simulation; the end is rounded to 10 ms by the caller so that they find it.
+# Repeats of a condition share one simulation; the end is rounded to 10 ms by the caller so that
+# they find it.
 @cache
-def _predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) -> tuple[Floats, Floats] | None:
+def _predict_stroke(
+    rig: RigModel, height_m: float, speed_rad_s: float, end_s: float
+) -> tuple[Floats, Floats] | None:
     try:
-        found = simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S))
+        found = simulate_stroke_at_speed(
+            rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S)
+        )
     except SimulationFailed:
         return None
     return found.t_s, found.fz_N
 
 
 def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
-    """All static stages, or, of too many, complete loading sequences evenly over the run with the first and the last."""
+    """All static stages, or, of too many, complete loading sequences evenly over the run with
+    the first and the last.
+    """
     if len(stages) <= MOST_STAGES:
         return list(stages)
     pieces = np.split(np.arange(len(stages)), _sequence_starts(stages))
@@ -117,19 +154,37 @@ def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
 
 
 def draw_static_forces(stages: Sequence[StaticStage]) -> list[Panel]:
-    """Means over the shaft angle, a panel for each force and a line for each height; hollow markers for unloading."""
+    """Means over the shaft angle, a panel for each force and a line for each height; hollow
+    markers for unloading.
+    """
     heights = sorted({stage.height_m for stage in stages})
     panels: list[Panel] = []
     with drawing():
         for name, words in FORCES.items():
             figure, axes = make_panel(words, "shaft (degrees)", TRACE_IN)
             for height_m, dashes in zip(heights, DASHES, strict=False):
-                _static(axes, [stage for stage in stages if stage.height_m == height_m], name, dashes)
-            panels.append(Panel("", inline_svg(figure, f"static {name}", f"{words} over the angle of the shaft, at each height")))
+                _static(
+                    axes, [stage for stage in stages if stage.height_m == height_m], name, dashes
+                )
+            panels.append(
+                Panel(
+                    "",
+                    inline_svg(
+                        figure,
+                        f"static {name}",
+                        f"{words} over the angle of the shaft, at each height",
+                    ),
+                )
+            )
     return panels
 
 
-def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | tuple[int, tuple[float, ...]]) -> None:
+def _static(
+    axes: Axes,
+    stages: Sequence[StaticStage],
+    name: str,
+    dashes: str | tuple[int, tuple[float, ...]],
+) -> None:
     x = np.degrees([stage.shaft_angle_rad for stage in stages])
     y = np.array([getattr(stage, name) for stage in stages])
     std = np.array([stage.std.get(name, 0.0) for stage in stages])
@@ -144,34 +199,59 @@ def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | 
 def _sequence_starts(stages: Sequence[StaticStage]) -> list[int]:
     """Indices at which the shaft has returned to a smaller angle to load the leg again."""
     pairs = enumerate(pairwise(stages), start=1)
-    return [place for place, (a, b) in pairs if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad]
+    return [
+        place
+        for place, (a, b) in pairs
+        if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad
+    ]
 
 
 @for_both_widths
 def draw_cycles(story: RunStory, is_narrow: bool) -> str:
-    """Largest force and smallest fz of each cycle over its number, with the force that the model predicts."""
+    """Largest force and smallest fz of each cycle over its number, with the force that the model
+    predicts.
+    """
     found = cycle_table(story.recording)
     order = np.argsort(found.numbers, kind="stable")
     numbers = found.numbers[order].astype(float)
-    expected = next((part.expected for part in story.parts if part.kind == "cycles" and part.expected), None)
+    expected = next(
+        (part.expected for part in story.parts if part.kind == "cycles" and part.expected), None
+    )
     with drawing():
         figure, axes = _make_figure(is_narrow)
         if expected is not None:
             axes.axhline(expected.force_N, color=SIMULATED, lw=2.2)
-        for values, dashes in ((found.peak_force_N[order], "-"), (found.min_fz_N[order], (0, (3, 1.5)))):
-            axes.plot(*envelope(numbers, values, CYCLE_COLUMNS // (2 if is_narrow else 1)), color=MEASURED, lw=0.8, ls=dashes)
+        for values, dashes in (
+            (found.peak_force_N[order], "-"),
+            (found.min_fz_N[order], (0, (3, 1.5))),
+        ):
+            axes.plot(
+                *envelope(numbers, values, CYCLE_COLUMNS // (2 if is_narrow else 1)),
+                color=MEASURED,
+                lw=0.8,
+                ls=dashes,
+            )
         axes.set_xlabel("cycle")
         axes.set_ylabel("force (N)")
         axes.margins(x=0.0, y=0.08)
         _count_below(axes, is_narrow)
-        return inline_svg(figure, f"cycles {is_narrow}", "largest force and least fz of each cycle over its number")
+        return inline_svg(
+            figure,
+            f"cycles {is_narrow}",
+            "largest force and least fz of each cycle over its number",
+        )
 
 
 @for_both_widths
 def draw_checks(checks: Table, is_narrow: bool) -> str:
-    """Drift of the stiffness with its interval over the number of cycles before each check, between the limits."""
+    """Drift of the stiffness with its interval over the number of cycles before each check,
+    between the limits.
+    """
     rows = [row.values for row in checks.rows]
-    x, drift, half = (np.array([float(str(row[key])) for row in rows]) for key in ("cycles", "drift_pct", "half_pct"))
+    x, drift, half = (
+        np.array([float(str(row[key])) for row in rows])
+        for key in ("cycles", "drift_pct", "half_pct")
+    )
     limit = max(float(str(row["limit_pct"])) for row in rows)
     with drawing():
         figure, axes = _make_figure(is_narrow)
@@ -184,18 +264,24 @@ def draw_checks(checks: Table, is_narrow: bool) -> str:
         _count_below(axes, is_narrow)
         axes.set_xlabel("cycles")
         axes.set_ylabel("drift (%)")
-        return inline_svg(figure, f"checks {is_narrow}", "drift of the stiffness over cycles, between its limits")
+        return inline_svg(
+            figure, f"checks {is_narrow}", "drift of the stiffness over cycles, between its limits"
+        )
 
 
 def _make_figure(is_narrow: bool) -> tuple[Figure, Axes]:
     (wide, high), (left, below, above) = LOW_IN if is_narrow else WIDE_IN, MARGINS_IN
     figure = Figure(figsize=(wide, high))
-    return figure, figure.add_axes((left / wide, below / high, (wide - left - 0.1) / wide, (high - below - above) / high))
+    return figure, figure.add_axes(
+        (left / wide, below / high, (wide - left - 0.1) / wide, (high - below - above) / high)
+    )
 
 
 def _count_below(axes: Axes, is_narrow: bool) -> None:
     """Labels the x axis with whole numbers, grouped by thousands."""
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=MOST_TICKS // 2 if is_narrow else MOST_TICKS))
+    axes.xaxis.set_major_locator(
+        MaxNLocator(integer=True, nbins=MOST_TICKS // 2 if is_narrow else MOST_TICKS)
+    )
     axes.xaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
 
 

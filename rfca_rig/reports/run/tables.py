@@ -30,7 +30,17 @@ MOST_ROWS = 60
 # Events that every run has, which the table of events leaves out.
 ORDINARY = ("stage begins", "stage recorded", "clocks", "tare", "cycles counted", "run ends")
 # Keys of an event that the page shows in another place.
-SHOWN_ELSEWHERE = ("event", "t_s", "utc", "ending", "stopped_at", "sha256", "worst_loop_gap_ms", "standstill", "tare_drift")
+SHOWN_ELSEWHERE = (
+    "event",
+    "t_s",
+    "utc",
+    "ending",
+    "stopped_at",
+    "sha256",
+    "worst_loop_gap_ms",
+    "standstill",
+    "tare_drift",
+)
 # Half of a 95 % interval of a normal distribution, in standard deviations.
 STDS_95 = 1.96
 
@@ -46,12 +56,13 @@ LOADS = (
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """Clock drift of one device: `ppm`, positive where the device's clock is faster than the host's.
+    """Clock drift of one device: `ppm`, positive where the device's clock is faster than the
+    host's.
 
-    It comes from `blocks` blocks of a quarter of a second over `span_s`. `half_ppm` bounds the error from uneven arrival: the loop polls
-    only so often, so that a sample at either end may be early or late by the whole observed spread. It is a bound without a confidence
-    level, because such errors are not noise.
-    """
+    It comes from `blocks` blocks of a quarter of a second over `span_s`. `half_ppm` bounds the
+    error from uneven arrival: the loop polls only so often, so that a sample at either end may be
+    early or late by the whole observed spread. It is a bound without a confidence level, because
+    such errors are not noise."""
 
     device: str
     ppm: float
@@ -63,12 +74,15 @@ class ClockDrift:
 def clock_drifts(recording: Recording) -> list[ClockDrift]:
     """Drift of each device whose samples carry both clocks.
 
-    A sample arrives late, never early: in each quarter of a second, the sample with the shortest delay counts. Where a device was
-    restarted within the run, only samples since the last restart count.
-    """
+    A sample arrives late, never early: in each quarter of a second, the sample with the shortest
+    delay counts. Where a device was restarted within the run, only samples since the last restart
+    count."""
     stages: Sequence[Stroke | RawStage] = (*recording.strokes, *recording.raw)
     names = dict.fromkeys(name for stage in stages for name in stage.streams if name != CYCLES)
-    drifts = (_drift(name, [stage.streams[name] for stage in stages if name in stage.streams]) for name in names)
+    drifts = (
+        _drift(name, [stage.streams[name] for stage in stages if name in stage.streams])
+        for name in names
+    )
     return [drift for drift in drifts if drift is not None]
 
 
@@ -80,11 +94,13 @@ def _drift(device: str, streams: Sequence[Stream]) -> ClockDrift | None:
     host_s, ahead_s = host_s[since:], (device_s - host_s)[since:]
     if len(host_s) < FEWEST_BLOCKS or np.ptp(host_s) < BLOCK_S:
         return None
-    # Least squares of (device - host) over host time: the slope is the drift itself, a small number without cancellation.
+    # Least squares of (device - host) over host time: the slope is the drift itself, a small number
+    # without cancellation.
     centred = host_s - host_s.mean()
     slope = float(centred @ ahead_s) / float(centred @ centred)
     uneven_s = float(np.ptp(ahead_s - slope * centred))
-    # The worst case: the whole spread of one sign at the first block, of the other sign at the last one.
+    # The worst case: the whole spread of one sign at the first block, of the other sign at the last
+    # one.
     span_s = float(np.ptp(host_s))
     return ClockDrift(device, 1e6 * slope, 2e6 * uneven_s / span_s, span_s, len(host_s))
 
@@ -105,7 +121,9 @@ def _shortest_delays(stream: Stream) -> Iterator[tuple[float, float]]:
 
 
 def _clock_time(stream: Stream, name: str) -> Floats:
-    """Times (m,) in s without the column's offset, which refers to the start of the stage: all stages share one clock then."""
+    """Times (m,) in s without the column's offset, which refers to the start of the stage: all
+    stages share one clock then.
+    """
     column = stream.columns[name]
     return np.asarray(column.raw.astype(np.float64) * column.conversion)
 
@@ -141,13 +159,16 @@ def loads_sentence(story: RunStory) -> str:
     """Sentence on the columns of loads, with the limits of force and moment."""
     limits = story.limits
     text = (
-        "Peak: the largest single sample of all axes together, as the limits see it. Expected: force in the plane of motion and moment "
+        "Peak: the largest single sample of all axes together, as the limits see it. "
+        "Expected: force in the plane of motion and moment "
         "about the shaft, by the nominal model"
     )
     if "force_N" not in limits:
         return f"{text}. No limits are recorded."
     later = story.last_limits
-    changed = f", later {later['force_N']:g} N and {later['torque_Nm']:g} N m" if later != limits else ""
+    changed = (
+        f", later {later['force_N']:g} N and {later['torque_Nm']:g} N m" if later != limits else ""
+    )
     return f"{text}. Limits {limits['force_N']:g} N and {limits['torque_Nm']:g} N m{changed}."
 
 
@@ -161,7 +182,9 @@ def _loads(part: RunPart) -> dict[str, Value]:
         "force_of_limit_pct": None if peak is None or not force else 100.0 * peak.force_N / force,
         "peak_moment_Nm": None if peak is None else peak.torque_Nm,
         "expected_moment_Nm": None if expected is None else expected.torque_Nm,
-        "moment_of_limit_pct": None if peak is None or not torque else 100.0 * peak.torque_Nm / torque,
+        "moment_of_limit_pct": None
+        if peak is None or not torque
+        else 100.0 * peak.torque_Nm / torque,
     }
 
 
@@ -170,20 +193,26 @@ def conditions_table(story: RunStory) -> Table:
     planned = _plan_counts(story)
     # Of what was cut short only cycles count as done, as many as were recorded.
     done = [part for part in story.parts if part.kind != "cut short" or part.count > 1]
-    kinds = {key: [part for part in done if _key(part) == key] for key in dict.fromkeys([*planned, *(_key(part) for part in done)])}
+    kinds = {
+        key: [part for part in done if _key(part) == key]
+        for key in dict.fromkeys([*planned, *(_key(part) for part in done)])
+    }
     rows = tuple(_condition_row(key, planned.get(key), parts) for key, parts in kinds.items())
     columns = (
         TableColumn("kind", "What"),
         TableColumn("condition", "Condition"),
         *((TableColumn("planned", "Planned"),) if planned else ()),
         TableColumn("done", "Done"),
-        TableColumn("mean_peak_force_N", "mean", digits=2, half="std_peak_force_N", over="Peak force"),
+        TableColumn(
+            "mean_peak_force_N", "mean", digits=2, half="std_peak_force_N", over="Peak force"
+        ),
         TableColumn("std_peak_force_N", role="kept"),
         TableColumn("largest_peak_force_N", "largest", digits=1, over="Peak force"),
         TableColumn("expected_force_N", "expected", digits=1, over="Peak force"),
     )
     caption = (
-        "Peaks of all axes: mean ± one standard deviation (n - 1) over what was done; of static stages, whose angles differ, the largest."
+        "Peaks of all axes: mean ± one standard deviation (n - 1) over what was done; of "
+        "static stages, whose angles differ, the largest."
     )
     return Table("conditions", caption, columns, rows)
 
@@ -197,7 +226,9 @@ def _plan_counts(story: RunStory) -> dict[tuple[str, str], int]:
     if story.plan is None:
         return {}
     counts: dict[tuple[str, str], int] = {}
-    strokes = [("stroke", f"{1e3 * s.height_m:g} mm, {s.speed_rad_s:g} rad/s", 1) for s in story.plan.flaps]
+    strokes = [
+        ("stroke", f"{1e3 * s.height_m:g} mm, {s.speed_rad_s:g} rad/s", 1) for s in story.plan.flaps
+    ]
     holds = [("static stage", f"{1e3 * s.height_m:g} mm", 1) for s in story.plan.holds]
     cycles = [("cycles", s.label.partition(", ")[2], s.count) for s in cycles_in(story.plan)]
     for kind, condition, count in (*strokes, *holds, *cycles):
@@ -208,9 +239,16 @@ def _plan_counts(story: RunStory) -> dict[tuple[str, str], int]:
 def _condition_row(key: tuple[str, str], planned: int | None, parts: Sequence[RunPart]) -> TableRow:
     peaks = [part.peak.force_N for part in parts if part.peak is not None]
     count = sum(part.count for part in parts)
-    values: dict[str, Value] = {"kind": key[0], "condition": key[1], "planned": planned, "done": count}
+    values: dict[str, Value] = {
+        "kind": key[0],
+        "condition": key[1],
+        "planned": planned,
+        "done": count,
+    }
     values["largest_peak_force_N"] = max(peaks, default=None)
-    values["expected_force_N"] = max((part.expected.force_N for part in parts if part.expected is not None), default=None)
+    values["expected_force_N"] = max(
+        (part.expected.force_N for part in parts if part.expected is not None), default=None
+    )
     # Static stages of one height have different angles: their mean peak would mean nothing.
     if peaks and key[0] != "static stage":
         std = float(np.std(peaks, ddof=1)) if len(peaks) > 1 else None
@@ -221,7 +259,15 @@ def _condition_row(key: tuple[str, str], planned: int | None, parts: Sequence[Ru
 def clocks_table(recording: Recording) -> Table:
     """Clock drift of each device relative to the host."""
     rows = tuple(
-        TableRow({"device": d.device, "drift_ppm": d.ppm, "half_ppm": d.half_ppm, "span_s": d.span_s, "blocks": d.blocks})
+        TableRow(
+            {
+                "device": d.device,
+                "drift_ppm": d.ppm,
+                "half_ppm": d.half_ppm,
+                "span_s": d.span_s,
+                "blocks": d.blocks,
+            }
+        )
         for d in clock_drifts(recording)
     )
     columns = (
@@ -232,7 +278,8 @@ def clocks_table(recording: Recording) -> Table:
         TableColumn("blocks", "Blocks"),
     )
     caption = (
-        "Slope of device time over host time, from the sample of every quarter of a second that was under way shortest; ± is the most that "
+        "Slope of device time over host time, from the sample of every quarter of a "
+        "second that was under way shortest; ± is the most that "
         "uneven arrival can feign."
     )
     return Table("clocks", caption, columns, rows)
@@ -241,8 +288,14 @@ def clocks_table(recording: Recording) -> Table:
 def events_table(events: Sequence[Mapping[str, Any]]) -> Table:
     """Events other than those that every run has."""
     rows = tuple(TableRow(_event(event)) for event in events if event["event"] not in ORDINARY)
-    columns = (TableColumn("t_s", "At", digits=2), TableColumn("event", "Event"), TableColumn("about", "What of it"))
-    return Table("events", "By the rig's clock, which begins with the run.", columns, rows[:MOST_ROWS])
+    columns = (
+        TableColumn("t_s", "At", digits=2),
+        TableColumn("event", "Event"),
+        TableColumn("about", "What of it"),
+    )
+    return Table(
+        "events", "By the rig's clock, which begins with the run.", columns, rows[:MOST_ROWS]
+    )
 
 
 def _event(event: Mapping[str, Any]) -> dict[str, Value]:
@@ -259,18 +312,31 @@ def _plain(value: object) -> str:
 
 def checks_table(story: RunStory) -> Table:
     """Drift of the stiffness since the first check of a fatigue run; no rows for other runs."""
-    checks = [stage for stage in story.plan.stages if isinstance(stage, StiffnessCheck)] if story.plan else []
+    checks = (
+        [stage for stage in story.plan.stages if isinstance(stage, StiffnessCheck)]
+        if story.plan
+        else []
+    )
     before = _cycles_before(story)
-    drifts = [(check, stiffness_drift(story.recording.static, check.holds, check.number)) for check in checks if check.number > 1]
+    drifts = [
+        (check, stiffness_drift(story.recording.static, check.holds, check.number))
+        for check in checks
+        if check.number > 1
+    ]
     rows = tuple(
         TableRow(
-            {"check": check.number, "cycles": before.get(check.number), "drift_pct": 100.0 * drift.relative,
-             "half_pct": 100.0 * STDS_95 * drift.std, "limit_pct": 100.0 * check.drift_limit},
+            {
+                "check": check.number,
+                "cycles": before.get(check.number),
+                "drift_pct": 100.0 * drift.relative,
+                "half_pct": 100.0 * STDS_95 * drift.std,
+                "limit_pct": 100.0 * check.drift_limit,
+            },
             marked=abs(drift.relative) > check.drift_limit,
         )
         for check, drift in drifts
         if drift is not None
-    )  # fmt: skip
+    )
     columns = (
         TableColumn("check", "Check"),
         TableColumn("cycles", "Cycles before it"),
@@ -279,13 +345,16 @@ def checks_table(story: RunStory) -> Table:
         TableColumn("limit_pct", "Limit ±", set_value=True),
     )
     caption = (
-        "Change of the forces at the same shaft angles since the first check, ± half of a 95 % interval from what one factor leaves over."
+        "Change of the forces at the same shaft angles since the first check, ± half of a 95 "
+        "% interval from what one factor leaves over."
     )
     return Table("stiffness-checks", caption, columns, rows)
 
 
 def _cycles_before(story: RunStory) -> dict[int, int]:
-    """Planned number of cycles before each check by its number; a single stroke counts as a cycle."""
+    """Planned number of cycles before each check by its number; a single stroke counts as a
+    cycle.
+    """
     found, turned = {}, 0
     for stage in story.plan.stages if story.plan else ():
         match stage:

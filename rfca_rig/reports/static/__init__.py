@@ -1,1 +1,3 @@
-"""static.html, the torque-rotation curve and the static stages. Entry point: `files`, from `tables` and `pictures` through `page`."""
+"""static.html, the torque-rotation curve and the static stages. Entry point: `files`, from
+`tables` and `pictures` through `page`.
+"""

@@ -1,7 +1,8 @@
-"""Writes the report of static stages: static.html, tables as CSV and LaTeX, static.json, and the models with law and curve.
+"""Writes the report of static stages: static.html, tables as CSV and LaTeX, static.json, and the
+models with law and curve.
 
-Results of the static experiment for other programs: every stage and hinge as a table, and static.json in format rfca-static/1.
-"""
+Results of the static experiment for other programs: every stage and hinge as a table, and
+static.json in format rfca-static/1."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -16,10 +17,21 @@ from rfca_rig.analysis.torque_rotation.calibration_file import (
     write_calibration,
     write_curve,
 )
-from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult, predict_hinge_curves, remarks
+from rfca_rig.analysis.torque_rotation.static_result import (
+    PredictedHingeCurve,
+    StaticResult,
+    predict_hinge_curves,
+    remarks,
+)
 from rfca_rig.reports.provenance import Origin, PageContext, find_pages, origin_in_memory
 from rfca_rig.reports.static.page import page
-from rfca_rig.reports.static.tables import StaticSource, curve_table, full_curve_table, hinges_table, values_table
+from rfca_rig.reports.static.tables import (
+    StaticSource,
+    curve_table,
+    full_curve_table,
+    hinges_table,
+    values_table,
+)
 from rfca_rig.reports.table import Table, TableColumn, TableRow, as_csv, table_files, write_all
 
 FORMAT = "rfca-static/1"
@@ -30,7 +42,9 @@ FARTHEST_RAD = float(np.radians(85.0))
 
 
 def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table:
-    """A row for each stage and hinge: readings, angle, torque, standard deviations, torque of the curve, and link ends in contact."""
+    """A row for each stage and hinge: readings, angle, torque, standard deviations, torque of
+    the curve, and link ends in contact.
+    """
     rows = [
         {
             "source": sources[result.data.recording[row]].name,
@@ -48,7 +62,12 @@ def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table
         for row, stage in enumerate(result.data.stages)
         for hinge in range(result.data.hinges)
     ]
-    return Table("stages", "", tuple(TableColumn(key) for key in rows[0]), tuple(TableRow(row) for row in rows))
+    return Table(
+        "stages",
+        "",
+        tuple(TableColumn(key) for key in rows[0]),
+        tuple(TableRow(row) for row in rows),
+    )
 
 
 def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:
@@ -64,7 +83,9 @@ def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:
     }
 
 
-def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[PredictedHingeCurve]) -> str:
+def static_json(
+    result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[PredictedHingeCurve]
+) -> str:
     """The JSON document; unknown values are null.
 
     Parameters
@@ -81,18 +102,34 @@ def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica:
         "format": FORMAT,
         "sources": [{"name": source.name, "source": source.recording.source} for source in sources],
         **summary(result),
-        "hinges": [{"hinge": c.hinge, "stiffer_relative": _round(c.stiffer, 6), "std": _round(c.std, 6)} for c in result.hinges],
+        "hinges": [
+            {"hinge": c.hinge, "stiffer_relative": _round(c.stiffer, 6), "std": _round(c.std, 6)}
+            for c in result.hinges
+        ],
         "common": [
-            {"what": d.says, "unit": d.unit, "value": _round(d.value, 6), "std": _round(d.std, 6), "known_to": _round(d.prior_std, 6)}
+            {
+                "what": d.says,
+                "unit": d.unit,
+                "value": _round(d.value, 6),
+                "std": _round(d.std, 6),
+                "known_to": _round(d.prior_std, 6),
+            }
             for d in result.systematic_errors
         ],
         "elastica": [
-            {"holds": e.says, "free_mm": _round(1e3 * e.free_m, 3), "k0_Nm_per_rad": _round(e.k0_Nm_per_rad, 5),
-             "k2_per_rad2": _round(e.k2_per_rad2, 5)}
+            {
+                "holds": e.says,
+                "free_mm": _round(1e3 * e.free_m, 3),
+                "k0_Nm_per_rad": _round(e.k0_Nm_per_rad, 5),
+                "k2_per_rad2": _round(e.k2_per_rad2, 5),
+            }
             for e in elastica
         ],
-        "curve": [{column.key: _round(row.values[column.key], 6) for column in curve.columns} for row in curve.rows],
-    }  # fmt: skip
+        "curve": [
+            {column.key: _round(row.values[column.key], 6) for column in curve.columns}
+            for row in curve.rows
+        ],
+    }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -105,7 +142,8 @@ def summary(result: StaticResult) -> dict[str, Any]:
         "stages": len(result.data.stages),
         "angles": int(result.data.seen.sum()),
         "range_deg": [_round(low, 3), _round(high, 3)],
-        # The stage with the largest angle between first and last link; none where no stage has all hinge angles.
+        # The stage with the largest angle between first and last link; none where no stage has all
+        # hinge angles.
         "most_bent": None
         if stage is None
         else {
@@ -118,22 +156,37 @@ def summary(result: StaticResult) -> dict[str, Any]:
         "k2_per_rad2": _value(values.k2_per_rad2, values.k2_std, values.reach),
         "correlation": _round(values.correlation, 4),
         "law": {
-            "holds": form.holds, "chance": float(f"{form.chance:.3g}"), "apart_Nm": _round(form.apart_Nm, 5),
-            "apart_relative": _round(form.apart_relative, 5), "at_deg": _round(np.degrees(form.at_rad), 3),
+            "holds": form.holds,
+            "chance": float(f"{form.chance:.3g}"),
+            "apart_Nm": _round(form.apart_Nm, 5),
+            "apart_relative": _round(form.apart_relative, 5),
+            "at_deg": _round(np.degrees(form.at_rad), 3),
         },
         "rest_angles": _rests(result),
-        "loop": None if loop is None else {"half_Nm": _round(loop.half_Nm, 6), "std_Nm": _round(loop.std_Nm, 6), "seen": loop.seen},
+        "loop": None
+        if loop is None
+        else {
+            "half_Nm": _round(loop.half_Nm, 6),
+            "std_Nm": _round(loop.std_Nm, 6),
+            "seen": loop.seen,
+        },
         "noise": {
-            "hinge_deg": _round(np.degrees(errors.hinge_std_rad), 4) if (result.data.unstated & result.data.seen).any() else None,
-            "stated_angles_times": _round(errors.stated_factor, 4) if (~result.data.unstated & result.data.seen).any() else None,
+            "hinge_deg": _round(np.degrees(errors.hinge_std_rad), 4)
+            if (result.data.unstated & result.data.seen).any()
+            else None,
+            "stated_angles_times": _round(errors.stated_factor, 4)
+            if (~result.data.unstated & result.data.seen).any()
+            else None,
             "fz_N": _round(errors.force_factor * float(np.median(result.data.force_std[:, 1])), 5),
         },
         "remarks": remarks(result),
-    }  # fmt: skip
+    }
 
 
 def _rests(result: StaticResult) -> dict[str, Any] | None:
-    """Rest angles fitted with the law, or with the measured curve where the law does not hold; None where they count as exact."""
+    """Rest angles fitted with the law, or with the measured curve where the law does not hold;
+    None where they count as exact.
+    """
     rests = result.rests[0 if result.form.holds else 1]
     if rests is None:
         return None
@@ -191,7 +244,10 @@ def write_static_report(
     """
     most_rad = min(max(abs(angle) for angle in result.curve.range_rad), FARTHEST_RAD)
     elastica = predict_hinge_curves(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
-    writers = {MODEL_NAME: (can_be_written(result), write_calibration), CURVE_NAME: (can_curve_be_written(result), write_curve)}
+    writers = {
+        MODEL_NAME: (can_be_written(result), write_calibration),
+        CURVE_NAME: (can_curve_be_written(result), write_curve),
+    }
     known_origin = origin or origin_in_memory([source.recording for source in sources])
     context = PageContext(known_origin, find_pages(out, known_origin, ("static.html",)), model_file)
     curve = curve_table(result.curve, int(result.data.seen.sum()))

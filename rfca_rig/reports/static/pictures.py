@@ -1,4 +1,5 @@
-"""Figures of the static experiment: torque over rotation and its derivative, residuals of single angles, and the shape under a tip force.
+"""Figures of the static experiment: torque over rotation and its derivative, residuals of single
+angles, and the shape under a tip force.
 
 The first are in the manner of the paper's Fig. 7 (b).
 """
@@ -52,14 +53,22 @@ ARROW = 0.3
 
 
 def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> str:
-    """Torque over rotation: measured points, curve with band, the other form (law or spline) dashed, elastica thin."""
+    """Torque over rotation: measured points, curve with band, the other form (law or spline)
+    dashed, elastica thin.
+    """
 
     def draw(axes: Axes) -> None:
         _draw_elastica(axes, elastica, lambda one: one.torque_Nm)
         _draw_curve(axes, result.curve, result.curve.torque_Nm, flips=True)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
-        axes.plot(_deg(other, grid), other.bends * other.torque_Nm(grid)[0], color=OTHER, lw=1.0, ls=DASHES["other"])
+        axes.plot(
+            _deg(other, grid),
+            other.bends * other.torque_Nm(grid)[0],
+            color=OTHER,
+            lw=1.0,
+            ls=DASHES["other"],
+        )
         curve, points = result.curve, result.points
         known = np.isfinite(points.phi_rad)
         x, y = _deg(curve, points.phi_rad[known]), curve.bends * points.torque_Nm[known]
@@ -70,22 +79,42 @@ def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -
         axes.set_ylim(*_limits(result))
         axes.set_ylabel("torque of a hinge (N m)")
 
-    return _draw_figure(draw, SIZE_IN, BOX, "torque", "torque of a hinge over its rotation, measured points, curve with band, elastica")
+    return _draw_figure(
+        draw,
+        SIZE_IN,
+        BOX,
+        "torque",
+        "torque of a hinge over its rotation, measured points, curve with band, elastica",
+    )
 
 
 def draw_stiffness(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> str:
-    """Stiffness over rotation: derivative of the curve with its band, the other form dashed, elastica thin."""
+    """Stiffness over rotation: derivative of the curve with its band, the other form dashed,
+    elastica thin.
+    """
 
     def draw(axes: Axes) -> None:
         _draw_elastica(axes, elastica, lambda one: one.stiffness_Nm_per_rad)
         _draw_curve(axes, result.curve, result.curve.stiffness_Nm_per_rad, flips=False)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
-        axes.plot(_deg(other, grid), other.stiffness_Nm_per_rad(grid)[0], color=OTHER, lw=1.0, ls=DASHES["other"])
+        axes.plot(
+            _deg(other, grid),
+            other.stiffness_Nm_per_rad(grid)[0],
+            color=OTHER,
+            lw=1.0,
+            ls=DASHES["other"],
+        )
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel("equivalent stiffness (N m/rad)")
 
-    return _draw_figure(draw, SIZE_IN, BOX, "stiffness", "equivalent stiffness of a hinge over its rotation, with band")
+    return _draw_figure(
+        draw,
+        SIZE_IN,
+        BOX,
+        "stiffness",
+        "equivalent stiffness of a hinge over its rotation, with band",
+    )
 
 
 @for_both_widths
@@ -98,8 +127,12 @@ def draw_residuals(result: StaticResult, is_narrow: bool) -> str:
         known = np.isfinite(phi)
         phi = phi[known]
         off = curve.bends * (points.torque_Nm.ravel()[known] - curve.torque_Nm(phi)[0])
-        # An error of the angle shifts the curve's torque by stiffness times that error; it adds in quadrature to that of the forces.
-        std = np.hypot(points.torque_std_Nm.ravel()[known], curve.stiffness_Nm_per_rad(phi)[0] * points.phi_std_rad.ravel()[known])
+        # An error of the angle shifts the curve's torque by stiffness times that error; it adds in
+        # quadrature to that of the forces.
+        std = np.hypot(
+            points.torque_std_Nm.ravel()[known],
+            curve.stiffness_Nm_per_rad(phi)[0] * points.phi_std_rad.ravel()[known],
+        )
         x, back = _deg(curve, phi), points.turned.ravel()[known] < 0
         grid = curve.grid_rad()
         band = curve.reach * curve.torque_Nm(grid)[1]
@@ -114,11 +147,17 @@ def draw_residuals(result: StaticResult, is_narrow: bool) -> str:
         axes.set_ylabel("off the curve (N m)")
 
     size_in, box = (NARROW_LOW_IN, NARROW_LOW_BOX) if is_narrow else (LOW_IN, LOW_BOX)
-    return _draw_figure(draw, size_in, box, f"rest {is_narrow}", "measured torques less the curve, over rotation")
+    return _draw_figure(
+        draw, size_in, box, f"rest {is_narrow}", "measured torques less the curve, over rotation"
+    )
 
 
 def _draw_figure(
-    draw: Callable[[Axes], None], size_in: tuple[float, float], box: tuple[float, float, float, float], salt: str, label: str
+    draw: Callable[[Axes], None],
+    size_in: tuple[float, float],
+    box: tuple[float, float, float, float],
+    salt: str,
+    label: str,
 ) -> str:
     with drawing():
         figure = Figure(figsize=size_in)
@@ -132,22 +171,30 @@ def _deg(curve: TorqueCurve, phi_rad: Floats) -> Floats:
     return np.asarray(np.degrees(curve.bends * phi_rad))
 
 
-def _draw_curve(axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Floats, Floats]], *, flips: bool) -> None:
+def _draw_curve(
+    axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Floats, Floats]], *, flips: bool
+) -> None:
     grid = curve.grid_rad()
     value, std = of(grid)
     value, x = value * (curve.bends if flips else 1.0), _deg(curve, grid)
-    axes.fill_between(x, value - curve.reach * std, value + curve.reach * std, color=SIMULATED, alpha=0.55, lw=0)
+    axes.fill_between(
+        x, value - curve.reach * std, value + curve.reach * std, color=SIMULATED, alpha=0.55, lw=0
+    )
     axes.plot(x, value, color=SIMULATED, lw=2.4, solid_capstyle="round")
     axes.set_xlim(min(0.0, float(x.min())), float(x.max()) * 1.02)
 
 
-def _draw_elastica(axes: Axes, elastica: Sequence[PredictedHingeCurve], of: Callable[[PredictedHingeCurve], Floats]) -> None:
+def _draw_elastica(
+    axes: Axes, elastica: Sequence[PredictedHingeCurve], of: Callable[[PredictedHingeCurve], Floats]
+) -> None:
     for one, style in zip(elastica, ELASTICA_STYLES, strict=False):
         axes.plot(np.degrees(one.phi_rad), of(one), color=FAINT, lw=1.0, ls=DASHES[style])
 
 
 def _dots(axes: Axes, x: Floats, y: Floats, back: NDArray[np.bool_]) -> None:
-    """Points (k,) over rotation (k,) in deg; hollow where `back` (k,) states that the hinge had turned back."""
+    """Points (k,) over rotation (k,) in deg; hollow where `back` (k,) states that the hinge had
+    turned back.
+    """
     axes.plot(x[~back], y[~back], ls="", marker="o", ms=2.6, mfc=MEASURED, mec=MEASURED, mew=0.5)
     axes.plot(x[back], y[back], ls="", marker="o", ms=4.2, mfc=PAPER, mec=MEASURED, mew=0.8)
 
@@ -160,7 +207,9 @@ def _limits(result: StaticResult) -> tuple[float, float]:
 
 
 def write_tip_load_picture(shape: LoadedShape, path: Path) -> None:
-    """Writes a picture of the shape to `path`, whose ending decides the format. Raises BadInput where that fails."""
+    """Writes a picture of the shape to `path`, whose ending decides the format. Raises BadInput
+    where that fails.
+    """
     check_picture_path(path)
     ends, alone = shape.ends_mm, shape.unloaded_mm
     length = float(np.hypot(*np.diff(ends, axis=0).T).sum())
@@ -170,21 +219,41 @@ def write_tip_load_picture(shape: LoadedShape, path: Path) -> None:
     low, high = visible.min(axis=0) - 0.09 * length, visible.max(axis=0) + 0.09 * length
     with drawing():
         mpl.rcParams.update({"svg.hashsalt": "tip load", "svg.fonttype": "none"})
-        figure = Figure(figsize=(WIDTH_IN, WIDTH_IN * (high[1] - low[1]) / (high[0] - low[0]) + 0.7), layout="constrained")
+        figure = Figure(
+            figsize=(WIDTH_IN, WIDTH_IN * (high[1] - low[1]) / (high[0] - low[0]) + 0.7),
+            layout="constrained",
+        )
         axes = figure.subplots()
         axes.plot(*alone.T, "--", color=FAINT, lw=1.2, label="weight alone")
         axes.plot(*ends.T, "o-", color=SIMULATED, lw=2.8, ms=4.5, label="under the force")
-        for torque, place, before, after in zip(shape.torques_Nm[1:], ends[1:-1], ends[:-2], ends[2:], strict=True):
-            # Numbers are placed beside the leg: perpendicular to the line between the neighbouring points.
+        for torque, place, before, after in zip(
+            shape.torques_Nm[1:], ends[1:-1], ends[:-2], ends[2:], strict=True
+        ):
+            # Numbers are placed beside the leg: perpendicular to the line between the neighbouring
+            # points.
             across = np.array([before[1] - after[1], after[0] - before[0]])
             away = place - 0.055 * length * across / np.hypot(*across)
-            axes.text(float(away[0]), float(away[1]), f"{torque:.2f}", ha="center", va="center", fontsize=SMALL)
+            axes.text(
+                float(away[0]),
+                float(away[1]),
+                f"{torque:.2f}",
+                ha="center",
+                va="center",
+                fontsize=SMALL,
+            )
         if shape.force_N.any():
-            axes.annotate("", xy=tuple(ends[-1]), xytext=tuple(ends[-1] - arrow), arrowprops={"arrowstyle": "-|>", "color": BAD, "lw": 1.6})
+            axes.annotate(
+                "",
+                xy=tuple(ends[-1]),
+                xytext=tuple(ends[-1] - arrow),
+                arrowprops={"arrowstyle": "-|>", "color": BAD, "lw": 1.6},
+            )
             axes.plot([], [], color=BAD, lw=1.6, label=f"{np.hypot(*shape.force_N):.3g} N")
         axes.set_aspect("equal")
         # y counts downwards, as in the model.
-        axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="along (mm)", ylabel="down (mm)")
+        axes.set(
+            xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="along (mm)", ylabel="down (mm)"
+        )
         axes.set_title("torques of the hinges in N m", fontsize=SMALL, loc="left")
         axes.legend(frameon=False, fontsize=SMALL)
         save_picture(figure, path)

@@ -1,7 +1,7 @@
 """Tables of the static experiment, and its recordings with the folders that hold their photos.
 
-Tables hold fitted values, the curve with its stiffness, differences between hinges, and systematic errors.
-"""
+Tables hold fitted values, the curve with its stiffness, differences between hinges, and systematic
+errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,18 +50,33 @@ def values_table(result: StaticResult) -> Table:
         TableColumn("high_95", role="kept"),
     )
     stages, angles = len(result.data.stages), int(result.data.seen.sum())
-    return Table("values", f"Torque k0 (phi + k2 phi^3) of a hinge, ± half of a 95 % interval; {stages} stages, {angles} hinge angles.",
-                 columns, rows)  # fmt: skip
+    return Table(
+        "values",
+        (
+            f"Torque k0 (phi + k2 phi^3) of a hinge, ± half of a 95 % interval; {stages} "
+            f"stages, {angles} hinge angles."
+        ),
+        columns,
+        rows,
+    )
 
 
 def _value(name: str, value: float, std: float, reach: float, unit: str) -> TableRow:
     half = reach * std
-    cells: dict[str, Value] = {"parameter": name, "value": value, "half_95": half, "unit": unit, "std": std}
+    cells: dict[str, Value] = {
+        "parameter": name,
+        "value": value,
+        "half_95": half,
+        "unit": unit,
+        "std": std,
+    }
     return TableRow({**cells, "low_95": value - half, "high_95": value + half})
 
 
 def curve_table(curve: TorqueCurve, angles: int) -> Table:
-    """A few rows over the range of the curve, for reading, with bending positive; `angles` is the number of measured ones."""
+    """A few rows over the range of the curve, for reading, with bending positive; `angles` is
+    the number of measured ones.
+    """
     # Round angles over the range of the curve, in steps that make FEW_LINES lines or less.
     low, high = sorted(abs(float(np.degrees(angle))) for angle in curve.range_rad)
     step = TABLE_STEP_DEG
@@ -72,22 +87,42 @@ def curve_table(curve: TorqueCurve, angles: int) -> Table:
 
 
 def full_curve_table(curve: TorqueCurve) -> Table:
-    """The curve over its whole range, for other programs; the signs are those of the hinge angles."""
+    """The curve over its whole range, for other programs; the signs are those of the hinge
+    angles.
+    """
     return _curve(curve, curve.grid_rad(FULL_GRID), "over the whole range", signed=True)
 
 
 def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: bool = False) -> Table:
-    # Shown with bending positive, angle and torque change sign together; stiffness, their derivative, does not.
+    # Shown with bending positive, angle and torque change sign together; stiffness, their
+    # derivative, does not.
     side = 1.0 if signed else curve.bends
     torque, torque_std = curve.torque_Nm(phi)
     stiffness, stiffness_std = curve.stiffness_Nm_per_rad(phi)
-    numbers = zip(np.degrees(side * phi), side * torque, torque_std, stiffness, stiffness_std, strict=True)
+    numbers = zip(
+        np.degrees(side * phi), side * torque, torque_std, stiffness, stiffness_std, strict=True
+    )
     rows = tuple(_curve_row(curve.reach, *(float(number) for number in each)) for each in numbers)
-    caption = f"Torque and stiffness of a hinge, ± half of the 95 % band, which holds at each angle by itself; {words}."
-    return Table("curve", caption, tuple(with_common_decimals(column, rows) for column in CURVE_COLUMNS), rows)
+    caption = (
+        "Torque and stiffness of a hinge, ± half of the 95 % band, which holds at each angle "
+        f"by itself; {words}."
+    )
+    return Table(
+        "curve",
+        caption,
+        tuple(with_common_decimals(column, rows) for column in CURVE_COLUMNS),
+        rows,
+    )
 
 
-def _curve_row(reach: float, angle: float, torque: float, torque_std: float, stiffness: float, stiffness_std: float) -> TableRow:
+def _curve_row(
+    reach: float,
+    angle: float,
+    torque: float,
+    torque_std: float,
+    stiffness: float,
+    stiffness_std: float,
+) -> TableRow:
     half, stiff_half = reach * torque_std, reach * stiffness_std
     return TableRow(
         {
@@ -107,21 +142,44 @@ def _curve_row(reach: float, angle: float, torque: float, torque_std: float, sti
 
 
 def hinges_table(result: StaticResult) -> Table:
-    """Stiffness of each hinge relative to the common curve; those that differ by more than chance are marked."""
+    """Stiffness of each hinge relative to the common curve; those that differ by more than
+    chance are marked.
+    """
     rows = tuple(
-        TableRow({"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std}, marked=one.is_significant)
+        TableRow(
+            {"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std},
+            marked=one.is_significant,
+        )
         for one in result.hinges
     )
-    stiffer = with_common_decimals(TableColumn("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows)
+    stiffer = with_common_decimals(
+        TableColumn("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows
+    )
     columns = (TableColumn("hinge", "Hinge"), stiffer, TableColumn("std_pct", role="kept"))
-    return Table("hinges", "Each hinge by itself, ± one standard deviation; bold where it differs by more than chance.", columns, rows)
+    return Table(
+        "hinges",
+        (
+            "Each hinge by itself, ± one standard deviation; bold where it differs by more "
+            "than chance."
+        ),
+        columns,
+        rows,
+    )
 
 
 def systematic_errors_table(result: StaticResult) -> Table:
-    """Systematic errors: quantities that are the same in all stages and were fitted within their priors."""
+    """Systematic errors: quantities that are the same in all stages and were fitted within their
+    priors.
+    """
     rows = tuple(
         TableRow(
-            {"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit},
+            {
+                "what": d.says,
+                "off": d.value,
+                "off_std": d.std,
+                "known_to": float(f"{d.prior_std:.2g}"),
+                "unit": d.unit,
+            },
             marked=d.is_implausible,
         )
         for d in result.systematic_errors
@@ -133,40 +191,68 @@ def systematic_errors_table(result: StaticResult) -> Table:
         TableColumn("known_to", "Prior std.", set_value=True),
         TableColumn("unit", "Unit"),
     )
-    return Table("common", "One standard deviation each; bold where the prior makes the shift implausible.", columns, rows)
+    return Table(
+        "common",
+        "One standard deviation each; bold where the prior makes the shift implausible.",
+        columns,
+        rows,
+    )
 
 
 def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
     """The law fitted to each recording alone; no rows for a single recording."""
     rows = tuple(
-        TableRow({"recording": name, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k0_half": one.reach * one.k0_std,
-             "k2_per_rad2": one.k2_per_rad2, "k2_half": one.reach * one.k2_std})
+        TableRow(
+            {
+                "recording": name,
+                "k0_Nm_per_rad": one.k0_Nm_per_rad,
+                "k0_half": one.reach * one.k0_std,
+                "k2_per_rad2": one.k2_per_rad2,
+                "k2_half": one.reach * one.k2_std,
+            }
+        )
         for name, one in zip(names, result.repeats.each, strict=False)
-    )  # fmt: skip
+    )
     columns = (
         TableColumn("recording", "Recording"),
         TableColumn("k0_Nm_per_rad", "k0", half="k0_half"),
         TableColumn("k2_per_rad2", "k2", half="k2_half"),
     )
-    return Table("recordings", "From each recording alone, ± half of a 95 % interval.", columns, rows)
+    return Table(
+        "recordings", "From each recording alone, ± half of a 95 % interval.", columns, rows
+    )
 
 
 def elastica_table(predicted: Sequence[PredictedHingeCurve], result: StaticResult) -> Table:
     """Values that the elastica predicts for the paper's strip, with the measured ones below."""
     values = result.values
     rows: list[dict[str, Value]] = [
-        {"held": one.says, "free_mm": 1e3 * one.free_m, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k2_per_rad2": one.k2_per_rad2}
+        {
+            "held": one.says,
+            "free_mm": 1e3 * one.free_m,
+            "k0_Nm_per_rad": one.k0_Nm_per_rad,
+            "k2_per_rad2": one.k2_per_rad2,
+        }
         for one in predicted
     ]
-    measured: dict[str, Value] = {"held": "measured here", "k0_Nm_per_rad": values.k0_Nm_per_rad, "k2_per_rad2": values.k2_per_rad2}
+    measured: dict[str, Value] = {
+        "held": "measured here",
+        "k0_Nm_per_rad": values.k0_Nm_per_rad,
+        "k2_per_rad2": values.k2_per_rad2,
+    }
     columns = (
         TableColumn("held", "The paper\u2019s strip, held"),
         TableColumn("free_mm", "Free", digits=1),
         TableColumn("k0_Nm_per_rad", "k0", digits=2),
         TableColumn("k2_per_rad2", "k2", digits=2),
     )
-    caption = "Computed, two strips of 226 \u00d7 25.4 \u00d7 0.8 mm, 120 GPa; what was measured has its interval above."
-    return Table("elastica", caption, columns, (*(TableRow(row) for row in rows), TableRow(measured)))
+    caption = (
+        "Computed, two strips of 226 \u00d7 25.4 \u00d7 0.8 mm, 120 GPa; what was measured "
+        "has its interval above."
+    )
+    return Table(
+        "elastica", caption, columns, (*(TableRow(row) for row in rows), TableRow(measured))
+    )
 
 
 @dataclass(frozen=True)
@@ -178,9 +264,16 @@ class StaticSource:
     recording: Recording
 
 
-def static_sources(paths: Sequence[Path], recordings: Sequence[Recording]) -> tuple[StaticSource, ...]:
-    """One source for each recording, read at the path of the same place; equal titles are numbered in their order."""
+def static_sources(
+    paths: Sequence[Path], recordings: Sequence[Recording]
+) -> tuple[StaticSource, ...]:
+    """One source for each recording, read at the path of the same place; equal titles are
+    numbered in their order.
+    """
     titles = [recording.title for recording in recordings]
-    names = [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
+    names = [
+        f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title
+        for i, title in enumerate(titles)
+    ]
     folders = [path if path.is_dir() else path.parent for path in paths]
     return tuple(StaticSource(*each) for each in zip(names, folders, recordings, strict=True))

@@ -1,7 +1,8 @@
-"""report.html of pendulums and mechanisms: signals of each recording, measured and simulated, with nominal and with fitted values.
+"""report.html of pendulums and mechanisms: signals of each recording, measured and simulated, with
+nominal and with fitted values.
 
-Residuals are drawn over position and speed of a joint, where omitted physics shows as a step, a slope or a wave.
-"""
+Residuals are drawn over position and speed of a joint, where omitted physics shows as a step, a
+slope or a wave."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -24,8 +25,25 @@ from rfca_rig.escaping import html_text
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
 from rfca_rig.reports.page_units import convert_fit
 from rfca_rig.reports.provenance import Origin, find_pages
-from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, Panel, drawing, inline_svg, make_panel
-from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
+from rfca_rig.reports.style import (
+    FAINT,
+    MEASURED,
+    OTHER,
+    SIMULATED,
+    Panel,
+    drawing,
+    inline_svg,
+    make_panel,
+)
+from rfca_rig.reports.table import (
+    Foot,
+    Table,
+    TableColumn,
+    TableRow,
+    as_csv,
+    table_files,
+    write_all,
+)
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import MINUS, name_with_unit, words_and_unit
 
@@ -49,14 +67,19 @@ ALWAYS = (
     TableColumn("noise", "Noise", over=ERRORS),
     TableColumn("nominal", "Nominal values", over=ERRORS),
 )
-OF_FIT = (TableColumn("fitted", "Fitted values", over=ERRORS), TableColumn("held_out", "Held-out", over=ERRORS))
+OF_FIT = (
+    TableColumn("fitted", "Fitted values", over=ERRORS),
+    TableColumn("held_out", "Held-out", over=ERRORS),
+)
 SHIFTS = (
     TableColumn("name", "Value"),
     TableColumn("prior_std", "Prior standard deviation", digits=5),
     TableColumn("value", "Shift from nominal", half="std"),
     TableColumn("std", role="kept"),
 )
-SIGNALS = tuple(TableColumn(key) for key in ("run", "signal", "t_s", "measured", "nominal", "fitted"))
+SIGNALS = tuple(
+    TableColumn(key) for key in ("run", "signal", "t_s", "measured", "nominal", "fitted")
+)
 
 
 @dataclass(frozen=True)
@@ -70,7 +93,8 @@ class _Series:
 
 
 def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> list[Picture]:
-    """One picture for each position and each speed: measured minus nominal, and with `with_fit` also measured minus fitted.
+    """One picture for each position and each speed: measured minus nominal, and with `with_fit`
+    also measured minus fitted.
 
     Arrays of the overlays are (m,). A signal that does not belong to a joint has no picture.
     """
@@ -89,18 +113,25 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         # Where no speed was recorded: central differences of the binned position.
         factor = np.radians(1.0) if unit == "deg" else 1.0
         speed = np.concatenate(
-            [factor * np.gradient(p.measured, p.t_s) if s is None else s.measured for p, s in zip(positions, speeds, strict=True)]
+            [
+                factor * np.gradient(p.measured, p.t_s) if s is None else s.measured
+                for p, s in zip(positions, speeds, strict=True)
+            ]
         )
         residuals = [(OTHER, np.concatenate([one.measured - one.before for one in here]))]
         if with_fit:
-            residuals.append((SIMULATED, np.concatenate([one.measured - one.after for one in here])))
+            residuals.append(
+                (SIMULATED, np.concatenate([one.measured - one.after for one in here]))
+            )
         series = [_Series(color, position, speed, residual) for color, residual in residuals]
         found.append(Picture(name_with_unit(signal), _draw(signal, position_name, series)))
     return found
 
 
 def _split(signal: str) -> tuple[str, str]:
-    """Joint and unit of its position, from the name of a position or a speed; empty for other signals."""
+    """Joint and unit of its position, from the name of a position or a speed; empty for other
+    signals.
+    """
     for kind in (SPEED, POSITION):
         joint, found, unit = signal.rpartition(kind)
         if found:
@@ -114,24 +145,33 @@ def _speed_unit(unit: str) -> str:
 
 
 def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
-    """One picture for each joint: the torque that the recorded motion requires and the nominal model lacks."""
+    """One picture for each joint: the torque that the recorded motion requires and the nominal
+    model lacks.
+    """
     found = []
     for one in joints:
         unit = "m" if one.is_slide else "deg"
         position = one.position if one.is_slide else np.asarray(np.degrees(one.position))
         name = f"{one.joint} force_N" if one.is_slide else f"{one.joint} torque_Nm"
         series = [_Series(MEASURED, position, one.speed, one.remainder)]
-        found.append(Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series)))
+        found.append(
+            Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series))
+        )
     return found
 
 
 def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, Panel]:
-    """Two panels on a common scale, over position and over speed; `name` is that of the residual."""
+    """Two panels on a common scale, over position and over speed; `name` is that of the
+    residual.
+    """
     words, unit = words_and_unit(name)
     of_position, unit_of_position = words_and_unit(position)
     over = {
         "position": f"{of_position} ({unit_of_position})",
-        "speed": f"{of_position.removesuffix('position')}speed ({_speed_unit(unit_of_position).replace('_', '/')})",
+        "speed": (
+            f"{of_position.removesuffix('position')}speed "
+            f"({_speed_unit(unit_of_position).replace('_', '/')})"
+        ),
     }
     panels = []
     for part, label in over.items():
@@ -141,12 +181,30 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
             for one in series:
                 # Every n-th point, n rounded up: more points only blacken the panel.
                 every = max(1, -(-len(one.residual) // MOST_POINTS))
-                axes.plot(getattr(one, part)[::every], one.residual[::every], ls="", marker=".", ms=3.4, mew=0.0, color=one.color)
+                axes.plot(
+                    getattr(one, part)[::every],
+                    one.residual[::every],
+                    ls="",
+                    marker=".",
+                    ms=3.4,
+                    mew=0.0,
+                    color=one.color,
+                )
             # The edge of the figure would cut the label of a tick at the right end.
             low, high = axes.get_xlim()
-            axes.set_xticks([each for each in axes.get_xticks() if low <= each <= high - CUT_SHARE * (high - low)])
+            axes.set_xticks(
+                [
+                    each
+                    for each in axes.get_xticks()
+                    if low <= each <= high - CUT_SHARE * (high - low)
+                ]
+            )
             axes.set_xlim(low, high)
-            svg = inline_svg(figure, f"residual {name} {part}", html_text(f"residual of {words} over {part} of the joint"))
+            svg = inline_svg(
+                figure,
+                f"residual {name} {part}",
+                html_text(f"residual of {words} over {part} of the joint"),
+            )
         panels.append(Panel("", svg))
     return panels[0], panels[1]
 
@@ -191,7 +249,9 @@ class MotionsReport:
 
 
 def pendulum_report(campaign: PendulumCampaign, model_file: str | None) -> MotionsReport:
-    """Texts of the page of a pendulum; `model_file` is the file of the nominal values where it is not the campaign's own."""
+    """Texts of the page of a pendulum; `model_file` is the file of the nominal values where it
+    is not the campaign's own.
+    """
     return MotionsReport(
         kind="swings of a pendulum",
         title=campaign.title,
@@ -241,10 +301,16 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
         (_error_table(report, one), *((_shift_table(report, one, is_shown),) if one.shifts else ()))
         for one, is_shown in ((fit, False), (shown_fit, True))
     )
-    overlays, recordings = list(_worst_recordings(shown_fit)), len({one.condition for one in fit.overlays})
+    overlays, recordings = (
+        list(_worst_recordings(shown_fit)),
+        len({one.condition for one in fit.overlays}),
+    )
     shown = len({one.condition for one in overlays})
     contents = {
-        report.json_file: json.dumps({"title": report.title, **fit.plain(report.file_format)}, indent=1) + "\n",
+        report.json_file: json.dumps(
+            {"title": report.title, **fit.plain(report.file_format)}, indent=1
+        )
+        + "\n",
         **table_files(tables),
         f"{report.stem}-signals.csv": as_csv(_signal_table(report, fit)),
     }
@@ -257,7 +323,9 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
         is_fitted=bool(fit.shifts),
         tables=shown_tables,
         correlated=[describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated],
-        drawn=f"Of {recordings} recordings the {shown} are drawn that the model misses most." if shown < recordings else "",
+        drawn=f"Of {recordings} recordings the {shown} are drawn that the model misses most."
+        if shown < recordings
+        else "",
         pictures=pictures_of(overlays),
         residuals=draw_signal_residuals(shown_fit.overlays, with_fit=bool(fit.shifts)),
     )
@@ -265,18 +333,38 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
 
 
 def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
-    caption = f"Rms of measured less simulated. Each window of {report.window_s:g} s is simulated from the measured state at its start. "
+    caption = (
+        f"Rms of measured less simulated. Each window of {report.window_s:g} s is simulated "
+        "from the measured state at its start. "
+    )
     if fit.shifts:
-        caption += "Held-out: each condition of about four windows is predicted with values fitted to all others."
+        caption += (
+            "Held-out: each condition of about four windows is predicted with values fitted "
+            "to all others."
+        )
     columns = (*ALWAYS, *OF_FIT) if fit.shifts else ALWAYS
-    feet = tuple(Foot(f"All: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5) for e in fit.totals)
+    feet = tuple(
+        Foot(f"All: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5)
+        for e in fit.totals
+    )
     # For a single recording the totals would repeat its own errors.
     is_one = len({error.run for error in fit.errors}) == 1
-    return Table(f"{report.stem}-errors", caption, columns, tuple(map(_error_row, fit.errors)), () if is_one else feet)
+    return Table(
+        f"{report.stem}-errors",
+        caption,
+        columns,
+        tuple(map(_error_row, fit.errors)),
+        () if is_one else feet,
+    )
 
 
 def _errors(error: SignalError) -> dict[str, float | None]:
-    return {"noise": error.noise, "nominal": error.nominal, "fitted": error.fitted, "held_out": error.held_out}
+    return {
+        "noise": error.noise,
+        "nominal": error.nominal,
+        "fitted": error.fitted,
+        "held_out": error.held_out,
+    }
 
 
 def _error_row(error: SignalError) -> TableRow:
@@ -285,16 +373,26 @@ def _error_row(error: SignalError) -> TableRow:
 
 
 def _shift_table(report: MotionsReport, fit: WindowFit, is_shown: bool) -> Table:
-    """Shifts by their keys, as files have them; on the page, where it `is_shown`, in words with a column for the unit."""
+    """Shifts by their keys, as files have them; on the page, where it `is_shown`, in words with
+    a column for the unit.
+    """
     caption = "Shift of each nominal value that fits all recordings best, ± one standard deviation"
     caption += "." if is_shown else "; its unit is the end of its name."
     strained = [abs(shift.value) > STRAINED * shift.prior_std for shift in fit.shifts]
     if any(strained):
-        caption += f" Bold: more than {STRAINED:g} prior standard deviations, so that the model probably lacks an effect."
+        caption += (
+            f" Bold: more than {STRAINED:g} prior standard deviations, so that the model "
+            "probably lacks an effect."
+        )
     rows = []
     for shift, is_far in zip(fit.shifts, strained, strict=True):
         words, unit = words_and_unit(shift.name)
-        rows.append(TableRow({**shift.__dict__, **({"name": words, "unit": unit} if is_shown else {})}, marked=is_far))
+        rows.append(
+            TableRow(
+                {**shift.__dict__, **({"name": words, "unit": unit} if is_shown else {})},
+                marked=is_far,
+            )
+        )
     columns = (SHIFTS[0], TableColumn("unit", "Unit"), *SHIFTS[1:]) if is_shown else SHIFTS
     return Table(f"{report.stem}-values", caption, columns, tuple(rows))
 
@@ -302,20 +400,39 @@ def _shift_table(report: MotionsReport, fit: WindowFit, is_shown: bool) -> Table
 def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
     """All signals that are drawn, as means over bins."""
     rows = [
-        TableRow(dict(zip(("run", "signal", "t_s", "measured", "nominal", "fitted"), (one.condition, one.signal, *values), strict=True)))
+        TableRow(
+            dict(
+                zip(
+                    ("run", "signal", "t_s", "measured", "nominal", "fitted"),
+                    (one.condition, one.signal, *values),
+                    strict=True,
+                )
+            )
+        )
         for one in fit.overlays
-        for values in zip(*(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True)
+        for values in zip(
+            *(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True
+        )
     ]
     return Table(f"{report.stem}-signals", "", SIGNALS, tuple(rows))
 
 
 def _worst_recordings(fit: WindowFit) -> Iterator[SignalOverlay]:
-    """Signals of the recordings with the largest errors, in their order. Without a fit, NaN takes the place of the fitted signal."""
-    # Errors of different signals have different units: each is divided by that signal's error over all recordings.
+    """Signals of the recordings with the largest errors, in their order. Without a fit, NaN
+    takes the place of the fitted signal.
+    """
+    # Errors of different signals have different units: each is divided by that signal's error over
+    # all recordings.
     usual = {total.signal: total.fitted for total in fit.totals}
     misses: dict[str, float] = {}
     for error in fit.errors:
-        misses[error.run] = misses.get(error.run, 0.0) + error.fitted / max(usual[error.signal], 1e-300)
+        misses[error.run] = misses.get(error.run, 0.0) + error.fitted / max(
+            usual[error.signal], 1e-300
+        )
     worst = sorted(misses, key=lambda run: -misses[run])[:MOST_SHOWN]
     chosen = (one for one in fit.overlays if one.condition in worst)
-    return chosen if fit.shifts else (replace(one, after=np.full(len(one.after), np.nan)) for one in chosen)
+    return (
+        chosen
+        if fit.shifts
+        else (replace(one, after=np.full(len(one.after), np.nan)) for one in chosen)
+    )

@@ -1,4 +1,5 @@
-"""Figure of one condition in the manner of the paper's Fig. 7 (c) to (f), with the residual below on its own scale.
+"""Figure of one condition in the manner of the paper's Fig. 7 (c) to (f), with the residual below
+on its own scale.
 
 The figure of the cross-check has the contact force of the model and of MuJoCo in the same manner.
 """
@@ -55,8 +56,8 @@ COLUMN_IN, HEIGHT_IN = 3.3, 3.6
 class OverlayDrawing:
     """The figure as inline SVG, with the scales that its caption states.
 
-    The residual axis spans +-`residual_limit_N`; `beyond_N` is the largest residual where that is larger, else None.
-    """
+    The residual axis spans +-`residual_limit_N`; `beyond_N` is the largest residual where that is
+    larger, else None."""
 
     svg: str
     force_span_N: float
@@ -66,10 +67,12 @@ class OverlayDrawing:
 
 
 def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
-    """Draws measured strokes thin and dark, simulated ones broad and light, with valleys and regions I to III; the residual below.
+    """Draws measured strokes thin and dark, simulated ones broad and light, with valleys and
+    regions I to III; the residual below.
 
-    The residual's scale covers everything up to the first valley, measured or simulated. After it, one stroke may have left the ground and
-    the other not: the residual is then as large as the force itself. It is cut at the frame and stated in `beyond_N`.
+    The residual's scale covers everything up to the first valley, measured or simulated. After it,
+    one stroke may have left the ground and the other not: the residual is then as large as the
+    force itself. It is cut at the frame and stated in `beyond_N`.
 
     Parameters
     ----------
@@ -79,17 +82,25 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
         Seed of the ids in the SVG, different for each figure of a page.
     """
     limit_N, beyond_N = _residual_scale(compared)
-    columns = min(COLUMNS, MOST_POINTS // (2 * (2 * len(compared.repeats) + len(compared.simulated))))
+    columns = min(
+        COLUMNS, MOST_POINTS // (2 * (2 * len(compared.repeats) + len(compared.simulated)))
+    )
     with drawing():
         figure = Figure(figsize=SIZE_IN)
         force, residual = figure.add_axes(FORCE_BOX), figure.add_axes(RESIDUAL_BOX)
-        end_s = max((float(r.t_s[-1]) for r in compared.repeats if len(r.t_s)), default=float(compared.simulated[0].stroke.t_s[-1]))
+        end_s = max(
+            (float(r.t_s[-1]) for r in compared.repeats if len(r.t_s)),
+            default=float(compared.simulated[0].stroke.t_s[-1]),
+        )
         _draw_force(force, compared, end_s, columns)
         _draw_residual(residual, compared, limit_N, columns)
         for axes in (force, residual):
             axes.set_xlim(-REST_DRAWN_S, end_s)
         low, high = force.get_ylim()
-        words = f"fz over time at {compared.condition.label}, measured and simulated, with the residual below"
+        words = (
+            f"fz over time at {compared.condition.label}, measured and simulated, with the "
+            "residual below"
+        )
         svg = inline_svg(figure, salt, words, _hovers(force, compared))
     return OverlayDrawing(svg, high - low, limit_N, beyond_N, compared.mean_phases().regions(end_s))
 
@@ -97,48 +108,127 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
 def _draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: int) -> None:
     for model in compared.simulated:
         shown = model.stroke.t_s <= end_s
-        axes.plot(*envelope(model.stroke.t_s[shown], model.stroke.fz_N[shown], columns), color=SIMULATED, lw=2.8, solid_capstyle="round")
+        axes.plot(
+            *envelope(model.stroke.t_s[shown], model.stroke.fz_N[shown], columns),
+            color=SIMULATED,
+            lw=2.8,
+            solid_capstyle="round",
+        )
     for repeat in compared.repeats:
         if len(repeat.t_s):
             axes.plot(*envelope(repeat.t_s, repeat.fz_N, columns), color=MEASURED, lw=0.55)
-    _mark_valleys(axes, (s.valley for s in compared.simulated), marker="D", mfc=SIMULATED, mec=SIMULATED_EDGE, ms=5.0, mew=0.8)
-    _mark_valleys(axes, (r.valley for r in compared.repeats), marker="o", mfc="none", mec=MEASURED, ms=7.0, mew=0.8)
+    _mark_valleys(
+        axes,
+        (s.valley for s in compared.simulated),
+        marker="D",
+        mfc=SIMULATED,
+        mec=SIMULATED_EDGE,
+        ms=5.0,
+        mew=0.8,
+    )
+    _mark_valleys(
+        axes,
+        (r.valley for r in compared.repeats),
+        marker="o",
+        mfc="none",
+        mec=MEASURED,
+        ms=7.0,
+        mew=0.8,
+    )
     axes.margins(y=0.06)
     axes.set_ylabel("fz (N)")
     _mark_phases(axes, compared.mean_phases(), end_s)
 
 
-def _mark_valleys(axes: Axes, valleys: Iterable[object], *, marker: str, mfc: str, mec: str, ms: float, mew: float) -> None:
+def _mark_valleys(
+    axes: Axes, valleys: Iterable[object], *, marker: str, mfc: str, mec: str, ms: float, mew: float
+) -> None:
     found = [v for v in valleys if isinstance(v, Valley)]
-    axes.plot([v.time_s for v in found], [v.fz_N for v in found], ls="", marker=marker, mfc=mfc, mec=mec, ms=ms, mew=mew, zorder=5)
+    axes.plot(
+        [v.time_s for v in found],
+        [v.fz_N for v in found],
+        ls="",
+        marker=marker,
+        mfc=mfc,
+        mec=mec,
+        ms=ms,
+        mew=mew,
+        zorder=5,
+    )
 
 
 def _mark_phases(axes: Axes, phases: StrokePhases, end_s: float) -> None:
-    """Draws the borders of the phases with their words, and the regions between them on a ruler above the frame."""
+    """Draws the borders of the phases with their words, and the regions between them on a ruler
+    above the frame.
+    """
     across = axes.get_xaxis_transform()
     # The word of a lift-off near the right edge is put on its left where there is room.
     width_s = end_s + REST_DRAWN_S
-    last = phases.lift_off_s > end_s - WORD_SHARE * width_s and phases.lift_off_s - phases.valley_s > WORD_SHARE * width_s
+    last = (
+        phases.lift_off_s > end_s - WORD_SHARE * width_s
+        and phases.lift_off_s - phases.valley_s > WORD_SHARE * width_s
+    )
     words = [
         (phases.touchdown_s, "contact", "center"),
         (phases.valley_s, "valley", "right"),
         (phases.lift_off_s, "lift-off", "right" if last else "left"),
     ]
     for at_s, word, side in [each for each in words if each[0] <= end_s]:
-        axes.plot([at_s, at_s], [0.0, WORDS_AT], color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0, transform=across, clip_on=False)
-        axes.text(at_s, WORDS_AT + 0.01, word, transform=across, ha=side, va="bottom", fontsize=SMALL, color="#555555")
+        axes.plot(
+            [at_s, at_s],
+            [0.0, WORDS_AT],
+            color=FAINT,
+            lw=0.5,
+            ls=(0, (2, 2)),
+            zorder=0,
+            transform=across,
+            clip_on=False,
+        )
+        axes.text(
+            at_s,
+            WORDS_AT + 0.01,
+            word,
+            transform=across,
+            ha=side,
+            va="bottom",
+            fontsize=SMALL,
+            color="#555555",
+        )
     for region in phases.regions(end_s):
         span_s = [region.begin_s, region.end_s]
-        axes.plot(span_s, [RULER_AT, RULER_AT], color=FAINT, lw=1.0, marker="|", ms=4.0, transform=across, clip_on=False)
-        axes.text(float(np.mean(span_s)), RULER_AT + 0.015, region.name, transform=across, ha="center", va="bottom", fontsize=SMALL)
+        axes.plot(
+            span_s,
+            [RULER_AT, RULER_AT],
+            color=FAINT,
+            lw=1.0,
+            marker="|",
+            ms=4.0,
+            transform=across,
+            clip_on=False,
+        )
+        axes.text(
+            float(np.mean(span_s)),
+            RULER_AT + 0.015,
+            region.name,
+            transform=across,
+            ha="center",
+            va="bottom",
+            fontsize=SMALL,
+        )
 
 
 def _hovers(axes: Axes, compared: ComparedCondition) -> list[Hover]:
     """fz of the first repeat and of the stroke simulated for it, as a pointer shows them."""
-    for repeat, model in zip(compared.repeats, (*compared.simulated, *compared.simulated[-1:] * len(compared.repeats)), strict=False):
+    for repeat, model in zip(
+        compared.repeats,
+        (*compared.simulated, *compared.simulated[-1:] * len(compared.repeats)),
+        strict=False,
+    ):
         if len(repeat.t_s):
             simulated_N = np.interp(repeat.t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)
-            return hover_values(axes, repeat.t_s, "s", {"measured": repeat.fz_N, "simulated": simulated_N}, "N")
+            return hover_values(
+                axes, repeat.t_s, "s", {"measured": repeat.fz_N, "simulated": simulated_N}, "N"
+            )
     return []
 
 
@@ -147,7 +237,11 @@ def _draw_residual(axes: Axes, compared: ComparedCondition, limit_N: float, colu
     for repeat in compared.repeats:
         known = np.isfinite(repeat.residual_N)
         if known.any():
-            axes.plot(*envelope(repeat.t_s[known], repeat.residual_N[known], columns), color=MEASURED, lw=0.45)
+            axes.plot(
+                *envelope(repeat.t_s[known], repeat.residual_N[known], columns),
+                color=MEASURED,
+                lw=0.45,
+            )
     axes.set_ylim(-limit_N, limit_N)
     axes.set_yticks([-limit_N, 0.0, limit_N])
     axes.set_xlabel("time from the start of the motion (s)")
@@ -155,9 +249,13 @@ def _draw_residual(axes: Axes, compared: ComparedCondition, limit_N: float, colu
 
 
 def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
-    """Limit of the residual axis, a round number in N; and the largest residual where it exceeds that, else None."""
+    """Limit of the residual axis, a round number in N; and the largest residual where it exceeds
+    that, else None.
+    """
     valleys = [s.valley for s in compared.simulated] + [r.valley for r in compared.repeats]
-    first_s = min((v.time_s for v in valleys if isinstance(v, Valley)), default=np.inf) - BEFORE_VALLEY_S
+    first_s = (
+        min((v.time_s for v in valleys if isinstance(v, Valley)), default=np.inf) - BEFORE_VALLEY_S
+    )
     before, anywhere = 0.0, 0.0
     for repeat in compared.repeats:
         size = np.nan_to_num(np.abs(repeat.residual_N))
@@ -166,19 +264,30 @@ def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
     # At least 1 N: a finer scale would show nothing but noise.
     value = max(before, 1.0)
     decade = 10.0 ** np.floor(np.log10(value))
-    limit_N = float(next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if step * decade >= value))
+    limit_N = float(
+        next(
+            step * decade
+            for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+            if step * decade >= value
+        )
+    )
     return limit_N, anywhere if anywhere > limit_N else None
 
 
 def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) -> None:
-    """Writes a picture of the checked conditions to `path`, whose ending decides the format. Raises BadInput where that fails."""
+    """Writes a picture of the checked conditions to `path`, whose ending decides the format.
+    Raises BadInput where that fails.
+    """
     # The ending is checked before anything is drawn.
     check_picture_path(path)
     with drawing():
-        # A fixed salt makes ids in the SVG, and so its bytes, the same each time; fonttype "none" keeps text as text.
+        # A fixed salt makes ids in the SVG, and so its bytes, the same each time; fonttype "none"
+        # keeps text as text.
         mpl.rcParams.update({"svg.hashsalt": "crosscheck", "svg.fonttype": "none"})
         figure = Figure(figsize=(COLUMN_IN * len(checked), HEIGHT_IN), layout="constrained")
-        axes = figure.subplots(2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0))
+        axes = figure.subplots(
+            2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0)
+        )
         for column, one in zip(axes.T, checked, strict=True):
             _draw(column[0], column[1], one)
         axes[0, 0].set_ylabel("contact force (N)")

@@ -1,4 +1,6 @@
-"""report.html: one self-contained page with Table II, the forces at the peak, and every stroke over the model."""
+"""report.html: one self-contained page with Table II, the forces at the peak, and every stroke
+over the model.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -8,7 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, ComparedCondition, Table2, Table2Row, compare_condition, make_table2_row
+from rfca_rig.analysis.compare import (
+    PAPER_AVERAGE_ERROR_PCT,
+    ComparedCondition,
+    Table2,
+    Table2Row,
+    compare_condition,
+    make_table2_row,
+)
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
 from rfca_rig.analysis.repeats import group_by_condition
@@ -22,7 +31,13 @@ from rfca_rig.reports.run.page import page as run_page
 from rfca_rig.reports.run.page import tables_of
 from rfca_rig.reports.run.parts import story_of
 from rfca_rig.reports.strokes import overlay
-from rfca_rig.reports.strokes.tables import as_json, as_table, peaks_as_json, peaks_as_table, stage_tables
+from rfca_rig.reports.strokes.tables import (
+    as_json,
+    as_table,
+    peaks_as_json,
+    peaks_as_table,
+    stage_tables,
+)
 from rfca_rig.reports.table import Table, TableColumn, TableRow, table_files, write_all
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import (
@@ -39,7 +54,8 @@ from rfca_rig.reports.text import (
     shaft_sentence,
 )
 
-# Ending of the name: unit shown, factor. The first match counts, so longer endings come before their parts ("_Nm_per_rad", "_rad").
+# Ending of the name: unit shown, factor. The first match counts, so longer endings come before
+# their parts ("_Nm_per_rad", "_rad").
 UNITS = {
     "_Nm_s_per_rad": ("N m s/rad", 1.0),
     "_Nm_per_rad": ("N m/rad", 1.0),
@@ -56,7 +72,8 @@ UNITS = {
 
 SECTIONS = ("leg", "ground", "sensor", "drive")
 UNLISTED = (
-    "what is not listed counts as exact. A diagnosis also varies what is rarely measured of the floor, the swing of the leg at the start "
+    "what is not listed counts as exact. A diagnosis also varies what is rarely measured "
+    "of the floor, the swing of the leg at the start "
     "and the delay of the drive: the nuisance parameters of its page."
 )
 # Where a rig file says it in other words than the model does.
@@ -80,7 +97,8 @@ class GivenModel:
 
 @dataclass(frozen=True)
 class ComparedSource:
-    """One recording compared with a model condition by condition; `rows` and `peaks` correspond to `compared` one to one.
+    """One recording compared with a model condition by condition; `rows` and `peaks` correspond to
+    `compared` one to one.
 
     `rig` is None where the recording has no nominal model and no stroke to compare.
     """
@@ -100,9 +118,13 @@ class ComparedSource:
 
 
 def compare_sources(
-    recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None, watcher: ProgressCount = ignore_progress
+    recordings: Sequence[Recording],
+    shaft: Shaft,
+    given: GivenModel | None = None,
+    watcher: ProgressCount = ignore_progress,
 ) -> tuple[ComparedSource, ...]:
-    """Compares each recording with the `given` model, or with its own nominal model where none is given.
+    """Compares each recording with the `given` model, or with its own nominal model where none is
+    given.
 
     Parameters
     ----------
@@ -124,25 +146,43 @@ def compare_sources(
     """
     # Equal titles are numbered in their order.
     titles = [recording.title for recording in recordings]
-    names = [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
+    names = [
+        f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title
+        for i, title in enumerate(titles)
+    ]
     conditions = [len(group_by_condition(recording.strokes)) for recording in recordings]
     return tuple(
-        _compare(name, recording, shaft, given, _offset_watcher(watcher, sum(conditions[:number]), sum(conditions)))
+        _compare(
+            name,
+            recording,
+            shaft,
+            given,
+            _offset_watcher(watcher, sum(conditions[:number]), sum(conditions)),
+        )
         for number, (name, recording) in enumerate(zip(names, recordings, strict=True))
     )
 
 
 def _offset_watcher(watcher: ProgressCount, before: int, of: int) -> ProgressCount:
-    """A watcher for one recording that reports to the one for all conditions; `before` is the number done before."""
+    """A watcher for one recording that reports to the one for all conditions; `before` is the
+    number done before.
+    """
     return lambda done, _: watcher(before + done, of)
 
 
-def _compare(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: ProgressCount) -> ComparedSource:
+def _compare(
+    name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: ProgressCount
+) -> ComparedSource:
     if given is None and not recording.strokes and not recording.nominal:
         return ComparedSource(name, recording, None, ())
     rig = nominal_model(recording.nominal) if given is None else given.rig
     conditions = iterate_with_progress(group_by_condition(recording.strokes), watcher)
-    return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
+    return ComparedSource(
+        name,
+        recording,
+        rig,
+        tuple(compare_condition(rig, condition, shaft) for condition in conditions),
+    )
 
 
 @dataclass(frozen=True)
@@ -158,10 +198,14 @@ class ParameterLine:
 def parameter_lines(rig: RigModel) -> list[ParameterLine]:
     """Every parameter of the model that has a value and is not switched off, section by section.
 
-    It goes through the fields of the dataclasses, so that new parameters appear without a change here.
-    """
+    It goes through the fields of the dataclasses, so that new parameters appear without a change
+    here."""
     sections = [line for section in SECTIONS for line in _lines_of(section, getattr(rig, section))]
-    effects = [_quantity("effect", f"{present.id} {name}", value) for present in rig.effects for name, value in present.values]
+    effects = [
+        _quantity("effect", f"{present.id} {name}", value)
+        for present in rig.effects
+        for name, value in present.values
+    ]
     tables = [_of_table(present.table) for present in rig.effects if present.table is not None]
     return sections + effects + tables
 
@@ -178,41 +222,66 @@ def _lines_of(section: str, part: Any) -> list[ParameterLine]:
         if value is not None and value is not False and value != ()
     ]
     return lines + [
-        _of_curve(f" of hinge {n}" if len(curves) > 1 else "", part.k0_Nm_per_rad, each) for n, each in enumerate(curves, start=2)
+        _of_curve(f" of hinge {n}" if len(curves) > 1 else "", part.k0_Nm_per_rad, each)
+        for n, each in enumerate(curves, start=2)
     ]
 
 
 def _of_curve(whose: str, k0_Nm_per_rad: float, curve: TorqueSpline) -> ParameterLine:
     """The points of a measured curve, without (0, 0), which belongs to all."""
     points = zip(curve.angles_rad, curve.torques_rad, strict=True)
-    text = ", ".join(f"{k0_Nm_per_rad * torque:.4g} at {degrees(angle):.3g}" for angle, torque in points if angle != 0.0)
+    text = ", ".join(
+        f"{k0_Nm_per_rad * torque:.4g} at {degrees(angle):.3g}"
+        for angle, torque in points
+        if angle != 0.0
+    )
     return ParameterLine("leg", f"torque{whose}", text, "N m at deg")
 
 
 def _of_table(table: LawTable) -> ParameterLine:
     values = f"{len(table.values)} values, {min(table.values):.4g} to {max(table.values):.4g}"
-    return ParameterLine("effect", f"tabulated_law of {table.argument} at {table.place}", values, kind_of(table.place, table.argument).unit)
+    return ParameterLine(
+        "effect",
+        f"tabulated_law of {table.argument} at {table.place}",
+        values,
+        kind_of(table.place, table.argument).unit,
+    )
 
 
 def _quantity(section: str, name: str, value: Any) -> ParameterLine:
     ending = next((ending for ending in UNITS if name.endswith(ending)), "")
     unit, factor = UNITS.get(ending, ("", 1.0))
-    return ParameterLine(section, name.removesuffix(ending).replace("_", " "), _number(value, factor), unit)
+    return ParameterLine(
+        section, name.removesuffix(ending).replace("_", " "), _number(value, factor), unit
+    )
 
 
 def _number(value: Any, factor: float) -> str:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return ", ".join(_number(each, factor) for each in value)
-    return f"{factor * value:.6g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+    return (
+        f"{factor * value:.6g}"
+        if isinstance(value, int | float) and not isinstance(value, bool)
+        else str(value)
+    )
 
 
 def model_table(rig: RigModel) -> Table:
     """Parameters of a model by section, in the units of a lab."""
-    rows = [{"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit} for q in parameter_lines(rig)]
+    rows = [
+        {"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit}
+        for q in parameter_lines(rig)
+    ]
     return Table("model", "", COLUMNS, tuple(TableRow(row) for row in rows))
 
 
-def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, context: PageContext) -> str:
+def page(
+    sources: Sequence[ComparedSource],
+    table: Table2,
+    peaks: Table,
+    shaft: Shaft,
+    context: PageContext,
+) -> str:
     """The page as HTML.
 
     Parameters
@@ -231,17 +300,26 @@ def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: 
     return template("table2.html").render(
         sheets=(),
         origin=context.origin,
-        files=tuple(f"{stem}.{kind}" for stem in ("table2", peaks.name) for kind in ("csv", "tex", "json")),
+        files=tuple(
+            f"{stem}.{kind}" for stem in ("table2", peaks.name) for kind in ("csv", "tex", "json")
+        ),
         links=context.links,
-        title=" · ".join(dict.fromkeys(source.recording.title for source in sources)) or "Nothing recorded",
+        title=" · ".join(dict.fromkeys(source.recording.title for source in sources))
+        or "Nothing recorded",
         standfirst=_standfirst(table),
         sources=[_source(source, is_alone=len(sources) == 1) for source in sources],
         # A campaign of that name says so in its title already.
-        valley_heading="The valley of fz" if any("Table II" in source.name for source in sources) else "The valley of fz, as in Table II",
+        valley_heading="The valley of fz"
+        if any("Table II" in source.name for source in sources)
+        else "The valley of fz, as in Table II",
         table=as_table(table, SHAFT_WORDS[shaft]),
         peaks=peaks,
         figures=_figures(sources, shaft),
-        static_tables=[table for source in sources for table in stage_tables(source.name, source.recording.static)],
+        static_tables=[
+            table
+            for source in sources
+            for table in stage_tables(source.name, source.recording.static)
+        ],
         models=_models(sources, context.model_file),
         definition=DEFINITION,
         regions_definition=REGIONS_DEFINITION,
@@ -251,10 +329,15 @@ def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: 
 def _standfirst(table: Table2) -> str:
     time, force = table.average_time_error_pct, table.average_force_error_pct
     if time is None or force is None:
-        return "No valley could be compared." if table.rows else "Static stages; no strokes were recorded."
+        return (
+            "No valley could be compared."
+            if table.rows
+            else "Static stages; no strokes were recorded."
+        )
     paper_time, paper_force = PAPER_AVERAGE_ERROR_PCT
     return (
-        f"The model meets the valley of fz to {number(time, 2)} % in time and {number(force, 2)} % in force on average; "
+        f"The model meets the valley of fz to {number(time, 2)} % in time and "
+        f"{number(force, 2)} % in force on average; "
         f"the model of the paper met its rig to {paper_time} % and {paper_force} %."
     )
 
@@ -264,7 +347,10 @@ def _source(source: ComparedSource, is_alone: bool) -> dict[str, Any]:
     recording = source.recording
     contents = []
     if recording.strokes:
-        contents.append(f"{count_noun(len(recording.strokes), 'stroke')} at {count_noun(len(source.compared), 'condition')}")
+        contents.append(
+            f"{count_noun(len(recording.strokes), 'stroke')} at "
+            f"{count_noun(len(source.compared), 'condition')}"
+        )
     if recording.static:
         contents.append(count_noun(len(recording.static), "static stage"))
     holds = " and ".join(contents) or "nothing recorded"
@@ -284,7 +370,8 @@ def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, 
                 "source": source.name if several else "",
                 "svg": drawn.svg,
                 "caption": keep_units_together(
-                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {regions_sentence(compared, drawn)} "
+                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} "
+                    f"{regions_sentence(compared, drawn)} "
                     f"{rms_sentence(compared)} {scales_sentence(drawn)}"
                 ),
             }
@@ -298,33 +385,54 @@ def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[d
     tables = []
     for rig in distinct:
         sharing = [source for source in sources if source.rig == rig]
-        tables.append({"says": _model_says(sharing, model_file, len(distinct) > 1), "table": model_table(rig)})
+        tables.append(
+            {"says": _model_says(sharing, model_file, len(distinct) > 1), "table": model_table(rig)}
+        )
     return tables
 
 
 def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
-    what = f"The model in {model_file}, given for this report" if model_file else "The nominal model"
+    what = (
+        f"The model in {model_file}, given for this report" if model_file else "The nominal model"
+    )
     of_whom = f", of {', '.join(source.name for source in sharing)}" if several else ""
     known_to, beyond = sharing[0].recording.known_to, _beyond_curves(sharing)
     if model_file or not known_to:
         return f"{what}{of_whom}.{beyond}"
-    stated = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
-    return f"{what}{of_whom}. One standard deviation of each nominal value: {stated}; {UNLISTED}{beyond}"
+    stated = ", ".join(
+        f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float)
+    )
+    return (
+        f"{what}{of_whom}. One standard deviation of each nominal value: {stated}; "
+        f"{UNLISTED}{beyond}"
+    )
 
 
 def _beyond_curves(sharing: Sequence[ComparedSource]) -> str:
-    """Says where hinges bend farther than their torque was measured; beyond its last angle a curve is straight."""
+    """Says where hinges bend farther than their torque was measured; beyond its last angle a
+    curve is straight.
+    """
     leg = sharing[0].rig.leg if sharing[0].rig is not None else None
-    poses = [one.stroke.q_rad for source in sharing for compared in source.compared for one in compared.simulated]
+    poses = [
+        one.stroke.q_rad
+        for source in sharing
+        for compared in source.compared
+        for one in compared.simulated
+    ]
     if leg is None or not leg.torque_splines or not poses:
         return ""
-    bent = np.abs(np.diff(np.concatenate(poses), axis=1) - np.array(leg.rest_angles_rad or 0.0)).max(axis=0)
-    measured = np.broadcast_to([np.abs(curve.angles_rad).max() for curve in leg.torque_splines], bent.shape)
+    bent = np.abs(
+        np.diff(np.concatenate(poses), axis=1) - np.array(leg.rest_angles_rad or 0.0)
+    ).max(axis=0)
+    measured = np.broadcast_to(
+        [np.abs(curve.angles_rad).max() for curve in leg.torque_splines], bent.shape
+    )
     worst = int(np.argmax(bent - measured))
     if bent[worst] <= measured[worst]:
         return ""
     return (
-        f" Hinge {worst + 2} bends to {degrees(bent[worst]):.1f} degrees in these strokes, and its torque was measured to "
+        f" Hinge {worst + 2} bends to {degrees(bent[worst]):.1f} degrees in these "
+        "strokes, and its torque was measured to "
         f"{degrees(measured[worst]):.1f}; beyond that the curve is straight."
     )
 
@@ -377,26 +485,44 @@ def write_report(
     sources = compare_sources(recordings, shaft, given, watcher)
     table = Table2(tuple(row for source in sources for row in source.rows))
     # One run has run.html, several have run-1.html, run-2.html.
-    run_sources = [(f"run-{number}.html" if len(sources) > 1 else "run.html", source) for number, source in enumerate(sources, start=1)]
+    run_sources = [
+        (f"run-{number}.html" if len(sources) > 1 else "run.html", source)
+        for number, source in enumerate(sources, start=1)
+    ]
     found = find_pages(out_dir, page_origin, ("report.html", "run.html"))
-    runs = {name: _run(name, source, page_origin, place, found) for place, (name, source) in enumerate(run_sources)}
-    links = tuple(PageLink(name, f"How {source.name} went" if len(run_sources) > 1 else "How the run went") for name, source in run_sources)
+    runs = {
+        name: _run(name, source, page_origin, place, found)
+        for place, (name, source) in enumerate(run_sources)
+    }
+    links = tuple(
+        PageLink(name, f"How {source.name} went" if len(run_sources) > 1 else "How the run went")
+        for name, source in run_sources
+    )
     shown = as_table(table, SHAFT_WORDS[shaft])
     peaks = tuple(row for source in sources for row in source.peaks)
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
     contents = {
         "report.html": page(
-            sources, table, shown_peaks, shaft, PageContext(page_origin, (*links, *found), None if given is None else given.file)
+            sources,
+            table,
+            shown_peaks,
+            shaft,
+            PageContext(page_origin, (*links, *found), None if given is None else given.file),
         ),
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
         "peak-forces.json": peaks_as_json(peaks),
     }
-    write_all(out_dir, {**contents, **{name: text for files in runs.values() for name, text in files.items()}})
+    write_all(
+        out_dir,
+        {**contents, **{name: text for files in runs.values() for name, text in files.items()}},
+    )
     return WrittenReport(table, tuple(out_dir / name for name in ("report.html", *runs)))
 
 
-def _run(name: str, source: ComparedSource, origin: Origin, place: int, found: tuple[PageLink, ...]) -> dict[str, str]:
+def _run(
+    name: str, source: ComparedSource, origin: Origin, place: int, found: tuple[PageLink, ...]
+) -> dict[str, str]:
     """The page on one run and its tables, by file name."""
     story = story_of(source.recording)
     tables = tables_of(story)
@@ -404,7 +530,9 @@ def _run(name: str, source: ComparedSource, origin: Origin, place: int, found: t
     # The page's stem stands before the names of its tables, as in run-2-stages.
     stem = name.removesuffix(".html")
     # Empty tables are left out: static stages, strokes and cycles have different ones.
-    files = table_files(replace(table, name=f"{stem}-{table.name}") for table in written if table.rows)
+    files = table_files(
+        replace(table, name=f"{stem}-{table.name}") for table in written if table.rows
+    )
     own = replace(origin, recordings=origin.recordings[place : place + 1])
     links = (PageLink("report.html", "Compared with the model"), *found)
     return {name: run_page(story, tables, PageContext(own, links), tuple(files)), **files}

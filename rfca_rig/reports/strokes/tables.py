@@ -51,13 +51,17 @@ PEAK_COLUMNS = (
     TableColumn("height_mm", "Rack height", set_value=True),
     TableColumn("speed_rad_s", "Speed", set_value=True),
     TableColumn("repeats", "Repeats"),
-    TableColumn("measured_force_N", "|F|", digits=1, half="measured_force_std_N", over=PEAK_MEASURED),
+    TableColumn(
+        "measured_force_N", "|F|", digits=1, half="measured_force_std_N", over=PEAK_MEASURED
+    ),
     TableColumn("measured_force_std_N", role="kept"),
     TableColumn("measured_fy_N", "fy", digits=1, half="measured_fy_std_N", over=PEAK_MEASURED),
     TableColumn("measured_fy_std_N", role="kept"),
     TableColumn("measured_fz_N", "fz", digits=1, half="measured_fz_std_N", over=PEAK_MEASURED),
     TableColumn("measured_fz_std_N", role="kept"),
-    TableColumn("measured_time_s", "time", digits=4, half="measured_time_std_s", over=PEAK_MEASURED),
+    TableColumn(
+        "measured_time_s", "time", digits=4, half="measured_time_std_s", over=PEAK_MEASURED
+    ),
     TableColumn("measured_time_std_s", role="kept"),
     TableColumn("simulated_force_N", "|F|", digits=1, over=PEAK_SIMULATED),
     TableColumn("simulated_fy_N", "fy", digits=1, over=PEAK_SIMULATED),
@@ -70,7 +74,11 @@ PEAK_COLUMNS = (
 )
 
 MEANS = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
-STAGE = (TableColumn("height_mm", "Height", set_value=True), TableColumn("stage", "Stage"), TableColumn("direction", "Direction"))
+STAGE = (
+    TableColumn("height_mm", "Height", set_value=True),
+    TableColumn("stage", "Stage"),
+    TableColumn("direction", "Direction"),
+)
 READINGS = (
     TableColumn("shaft_angle_deg", "Shaft", digits=2),
     TableColumn("fy_N", "fy", digits=2, half="fy_std_N"),
@@ -100,14 +108,24 @@ def as_table(table: Table2, shaft_words: str) -> Table:
     `shaft_words` states how the simulated shaft turned.
     """
     paper = dict(zip(("time_error_pct", "force_error_pct"), PAPER_AVERAGE_ERROR_PCT, strict=True))
-    average = {"time_error_pct": table.average_time_error_pct, "force_error_pct": table.average_force_error_pct}
+    average = {
+        "time_error_pct": table.average_time_error_pct,
+        "force_error_pct": table.average_force_error_pct,
+    }
     averaged = count_noun(sum(row.time_error_pct is not None for row in table.rows), "condition")
     return Table(
         name="table2",
-        caption="Valley of fz: measured as mean ± one standard deviation (n - 1) over the repeats, simulated with " + shaft_words + ". "
+        caption=(
+            "Valley of fz: measured as mean ± one standard deviation (n - 1) over the "
+            "repeats, simulated with "
+        )
+        + shaft_words
+        + ". "
         "Errors are relative to the measured mean.",
         columns=COLUMNS,
-        rows=tuple(TableRow({**record(row), "refused": "; ".join(row.refused)}) for row in table.rows),
+        rows=tuple(
+            TableRow({**record(row), "refused": "; ".join(row.refused)}) for row in table.rows
+        ),
         foot=(
             Foot(f"Average over {averaged}", average),
             Foot("The paper\u2019s own averages, over four conditions of its rig", paper, digits=1),
@@ -156,7 +174,8 @@ def peaks_as_table(rows: Sequence[PeakForceRow], shaft_words: str) -> Table:
     """
     return Table(
         name="peak-forces",
-        caption="Forces on the sensor at the instant when |F|, with |F|² = fy² + fz², is largest in the stroke. The instant is one sample. "
+        caption="Forces on the sensor at the instant when |F|, with |F|² = fy² + fz², is largest "
+        "in the stroke. The instant is one sample. "
         "Measured: mean ± one standard deviation (n - 1) over the repeats. Simulated: "
         f"{shaft_words}. Time counts from the start of the motion.",
         columns=PEAK_COLUMNS,
@@ -191,33 +210,57 @@ def peak_record(row: PeakForceRow) -> dict[str, Any]:
 
 
 def _notes(row: PeakForceRow) -> list[str]:
-    """Notes against a wrong reading: the largest force of a fast stroke may be the pull of the leg in the air."""
-    in_the_air = ["simulated: the leg is off the ground at its peak"] if row.simulated_touching is False else []
+    """Notes against a wrong reading: the largest force of a fast stroke may be the pull of the
+    leg in the air.
+    """
+    in_the_air = (
+        ["simulated: the leg is off the ground at its peak"]
+        if row.simulated_touching is False
+        else []
+    )
     return [*row.refused, *in_the_air]
 
 
 def _foot(rows: Sequence[PeakForceRow]) -> tuple[Foot, ...]:
-    # By label, which is rounded: floats from files may differ from 0.155 and 15.0 in the last digits.
-    if not any(PAPER_CONDITION.label == Condition(row.height_m, row.speed_rad_s, ()).label for row in rows):
+    # By label, which is rounded: floats from files may differ from 0.155 and 15.0 in the last
+    # digits.
+    if not any(
+        PAPER_CONDITION.label == Condition(row.height_m, row.speed_rad_s, ()).label for row in rows
+    ):
         return ()
     fy_N, fz_N = PAPER_PEAK_N
     values = {"measured_force_N": hypot(fy_N, fz_N), "measured_fy_N": fy_N, "measured_fz_N": fz_N}
-    return (Foot(f"The paper\u2019s own peak at {PAPER_CONDITION.label}, without signs", values, digits=0),)
+    return (
+        Foot(
+            f"The paper\u2019s own peak at {PAPER_CONDITION.label}, without signs", values, digits=0
+        ),
+    )
 
 
 def stage_tables(name: str, stages: Sequence[StaticStage]) -> list[Table]:
-    """Tables of readings, and of hinge angles where there are any; a stage that had not settled is marked."""
+    """Tables of readings, and of hinge angles where there are any; a stage that had not settled
+    is marked.
+    """
     if not stages:
         return []
     rows = tuple(TableRow(_values(stage), marked=stage.settled is False) for stage in stages)
-    readings = f"{name}, readings: means after settling, ± one standard deviation of a single sample where the recording tells it."
+    readings = (
+        f"{name}, readings: means after settling, ± one standard deviation of a single sample "
+        "where the recording tells it."
+    )
     tables = [Table("static-readings", readings, (*STAGE, *READINGS), rows)]
     if any(np.isfinite(stage.hinge_deg).any() for stage in stages):
         hinges = (
-            f"{name}, hinge angles of each link against the one before it, ± one standard deviation where their photo tells it. "
+            f"{name}, hinge angles of each link against the one before it, ± one standard "
+            "deviation where their photo tells it. "
             "Bend: between first and last link, the sum of the hinge angles without sign."
         )
-        columns = (*STAGE, *_hinge_columns(len(stages[0].hinge_deg)), BEND, TableColumn("photo_doubts", role="note"))
+        columns = (
+            *STAGE,
+            *_hinge_columns(len(stages[0].hinge_deg)),
+            BEND,
+            TableColumn("photo_doubts", role="note"),
+        )
         tables.append(Table("hinge-angles", hinges, columns, rows))
     return tables
 
@@ -247,6 +290,8 @@ def _values(stage: StaticStage) -> dict[str, Value]:
     for name in MEANS[1:]:
         base, unit = name.split("_")
         values |= {name: getattr(stage, name), f"{base}_std_{unit}": stage.std.get(name)}
-    for number, (angle, std) in enumerate(zip(stage.hinge_deg, stage.hinge_std_deg, strict=True), start=2):
+    for number, (angle, std) in enumerate(
+        zip(stage.hinge_deg, stage.hinge_std_deg, strict=True), start=2
+    ):
         values |= {f"hinge{number}_deg": angle, f"hinge{number}_std_deg": std}
     return values

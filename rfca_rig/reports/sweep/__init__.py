@@ -1,1 +1,3 @@
-"""sweep.html, a parameter sweep. Entry point: `page`; `pictures` selects figures and words, and draws."""
+"""sweep.html, a parameter sweep. Entry point: `page`; `pictures` selects figures and words, and
+draws.
+"""

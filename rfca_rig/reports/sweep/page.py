@@ -1,4 +1,6 @@
-"""Writes the summary of a sweep: sweep.html, one self-contained page, and sweep.json, beside sweep.h5 and sweep.csv."""
+"""Writes the summary of a sweep: sweep.html, one self-contained page, and sweep.json, beside
+sweep.h5 and sweep.csv.
+"""
 
 import json
 import re
@@ -36,7 +38,8 @@ from rfca_rig.sweep.result import CSV, H5, SweepResult
 
 FILES = [CSV, H5, "sweep.json"]
 DEFINITIONS = (
-    "Over a stroke, from the commanded start to the end of the shaft's turn; t* is the moment of the greatest load while the leg presses: "
+    "Over a stroke, from the commanded start to the end of the shaft's turn; t* is the "
+    "moment of the greatest load while the leg presses: "
     "it touches, and touchdown, the first 30 ms of contact, is over."
 )
 
@@ -86,30 +89,47 @@ def _page_title(result: SweepResult) -> str:
 
 def _standfirst(result: SweepResult) -> str:
     plan = result.plan
-    sides = [f"{count_noun(len(axis.values), 'value')} of {name_and_unit(axis.name)[0]}" for axis in plan.axes]
+    sides = [
+        f"{count_noun(len(axis.values), 'value')} of {name_and_unit(axis.name)[0]}"
+        for axis in plan.axes
+    ]
     if plan.samples:
         drawn = f"{plan.samples.n} points ({plan.samples.method}, seed {plan.samples.seed})"
         sides.append(f"{drawn} in {count_noun(len(plan.samples.names), 'range')}")
     text = f"{count_noun(plan.count, 'case')}: {' times '.join(sides)}."
     if result.failed:
         text += f" {count_noun(result.failed, 'case')} failed."
-    return text + (f" {count_noun(result.incomplete, 'case')} without some output." if result.incomplete else "")
+    return text + (
+        f" {count_noun(result.incomplete, 'case')} without some output."
+        if result.incomplete
+        else ""
+    )
 
 
-def _figures(result: SweepResult, found: list[OutputSensitivity]) -> tuple[list[dict[str, Any]], int]:
+def _figures(
+    result: SweepResult, found: list[OutputSensitivity]
+) -> tuple[list[dict[str, Any]], int]:
     """Figures of a grid or of samples, and the number of combinations that are not drawn."""
     if result.plan.samples is not None:
         groups = list(sample_groups(result.plan))
         shown_groups = groups[:MOST_GROUPS]
-        drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in _with_values(result)]
+        drawn = [
+            _points_figure(result, asked, group, found)
+            for group in shown_groups
+            for asked in _with_values(result)
+        ]
         return drawn, len(groups) - len(shown_groups)
     shown_views, there_are = views(result.plan)
-    return [_grid_figure(result, asked, view) for view in shown_views for asked in _with_values(result)], there_are - len(shown_views)
+    return [
+        _grid_figure(result, asked, view) for view in shown_views for asked in _with_values(result)
+    ], there_are - len(shown_views)
 
 
 def _with_values(result: SweepResult) -> list[RequestedOutput]:
     """Outputs with a value for at least one case."""
-    return [asked for asked in result.plan.outputs if not np.isnan(result.output(asked.header)).all()]
+    return [
+        asked for asked in result.plan.outputs if not np.isnan(result.output(asked.header)).all()
+    ]
 
 
 def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dict[str, Any]:
@@ -124,16 +144,30 @@ def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dic
     }
 
 
-def _points_figure(result: SweepResult, asked: RequestedOutput, group: SampleGroup, found: list[OutputSensitivity]) -> dict[str, Any]:
+def _points_figure(
+    result: SweepResult, asked: RequestedOutput, group: SampleGroup, found: list[OutputSensitivity]
+) -> dict[str, Any]:
     samples = result.plan.samples
     assert samples is not None
     indices = [each.found for each in found if each.output == asked.header and each.at == group.at]
-    titles = ["" if index is None else f"explains {number(index.index, 2)} ± {index.std:.2f}" for index in indices]
+    titles = [
+        "" if index is None else f"explains {number(index.index, 2)} ± {index.std:.2f}"
+        for index in indices
+    ]
     return {
         "title": _title(asked),
         "of": ", ".join(with_unit(*fixed_value) for fixed_value in group.at),
-        "svg": draw_points(samples.ranges, points(samples), result.output(asked.header)[group.cases], titles, asked.header),
-        "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each panel the first-order share of variance.",
+        "svg": draw_points(
+            samples.ranges,
+            points(samples),
+            result.output(asked.header)[group.cases],
+            titles,
+            asked.header,
+        ),
+        "caption": (
+            f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each "
+            "panel the first-order share of variance."
+        ),
         "wide": len(samples.ranges) > 2,
     }
 
@@ -149,28 +183,59 @@ def _quantities_table(result: SweepResult) -> Table:
         # Up to eight values are listed, of more only the ends.
         some = axis.values if len(axis.values) <= 8 else (axis.values[0], axis.values[-1])
         words = (", " if len(axis.values) <= 8 else " to ").join(map(value_text, some))
-        rows.append(_row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}"))
+        rows.append(
+            _row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}")
+        )
     for each in plan.samples.ranges if plan.samples else ():
         rows.append(
-            _row(each.name, f"{value_text(each.low)} to {value_text(each.high)}", "evenly in the logarithm" if each.log else "", "drawn")
+            _row(
+                each.name,
+                f"{value_text(each.low)} to {value_text(each.high)}",
+                "evenly in the logarithm" if each.log else "",
+                "drawn",
+            )
         )
     rows += [_row(name, value_text(value), "", "fixed") for name, value in plan.fixed]
-    columns = (TableColumn("what"), TableColumn("values"), TableColumn("how_many", "number"), TableColumn("column", "column"))
+    columns = (
+        TableColumn("what"),
+        TableColumn("values"),
+        TableColumn("how_many", "number"),
+        TableColumn("column", "column"),
+    )
     return Table("varied", "All other values are nominal.", columns, tuple(rows))
 
 
 def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
     words, unit = find_quantity(name).words, name_and_unit(name)[1]
     text = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
-    return TableRow({"what": f"{words[:1].upper()}{words[1:]}", "values": text, "how_many": number, "column": name})
+    return TableRow(
+        {
+            "what": f"{words[:1].upper()}{words[1:]}",
+            "values": text,
+            "how_many": number,
+            "column": name,
+        }
+    )
 
 
 def _outputs_table(result: SweepResult) -> Table:
     rows = tuple(
-        TableRow({"what": _title(asked), "equation": formula(asked.output.equation), "source": asked.output.source, "column": asked.header})
+        TableRow(
+            {
+                "what": _title(asked),
+                "equation": formula(asked.output.equation),
+                "source": asked.output.source,
+                "column": asked.header,
+            }
+        )
         for asked in result.plan.outputs
     )
-    columns = (TableColumn("what"), TableColumn("equation", "definition"), TableColumn("source"), TableColumn("column"))
+    columns = (
+        TableColumn("what"),
+        TableColumn("equation", "definition"),
+        TableColumn("source"),
+        TableColumn("column"),
+    )
     return Table("outputs", DEFINITIONS, columns, rows)
 
 
@@ -181,13 +246,21 @@ def write_summary(result: SweepResult, folder: Path, command: str) -> None:
     """
     sensitivities = compute_sensitivities(result)
     write_atomically(
-        folder / JSON, (json.dumps(summary(result, sensitivities), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+        folder / JSON,
+        (
+            json.dumps(
+                summary(result, sensitivities), indent=1, ensure_ascii=False, allow_nan=False
+            )
+            + "\n"
+        ).encode(),
     )
     write_atomically(folder / HTML, page(result, sensitivities, command).encode())
 
 
 def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, Any]:
-    """Content of sweep.json: varied and fixed quantities, outputs with their extremes and where those are, failures, sensitivities."""
+    """Content of sweep.json: varied and fixed quantities, outputs with their extremes and where
+    those are, failures, sensitivities.
+    """
     plan = result.plan
     return {
         "format": FORMAT,
@@ -215,7 +288,12 @@ def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, An
 
 def _output(result: SweepResult, place: int) -> dict[str, Any]:
     asked, values = result.plan.outputs[place], result.values[:, place]
-    description = {"name": asked.header, "words": asked.words, "equation": asked.output.equation, "source": asked.output.source}
+    description = {
+        "name": asked.header,
+        "words": asked.words,
+        "equation": asked.output.equation,
+        "source": asked.output.source,
+    }
     # nanargmin raises an error where all values are NaN.
     if np.isnan(values).all():
         return {**description, "lowest": None, "highest": None}
@@ -228,26 +306,40 @@ def _output(result: SweepResult, place: int) -> dict[str, Any]:
 
 def _end(result: SweepResult, values: np.ndarray[Any, Any], case: int) -> dict[str, Any]:
     plan = result.plan
-    return {"value": float(values[case]), "case": case, "at": dict(zip(plan.varied, plan.point(case), strict=True))}
+    return {
+        "value": float(values[case]),
+        "case": case,
+        "at": dict(zip(plan.varied, plan.point(case), strict=True)),
+    }
 
 
 def lines(result: SweepResult) -> list[str]:
     """Summary for a terminal: the extremes of each output, and where they are."""
     content = summary(result, [])
-    parts = [(result.failed, "failed"), (result.incomplete, "without some output"), (result.mistakes, "met a mistake of rfca-rig")]
+    parts = [
+        (result.failed, "failed"),
+        (result.incomplete, "without some output"),
+        (result.mistakes, "met a mistake of rfca-rig"),
+    ]
     failures = "".join(f", {count} {words}" for count, words in parts if count)
     text = [f"{result.plan.title}: {count_noun(result.plan.count, 'case')}{failures}"]
     for output in content["outputs"]:
         low, high = output["lowest"], output["highest"]
         text.append(
-            f"{output['name']}: none" if low is None else f"{output['name']}: {_end_line(result, low)} to {_end_line(result, high)}"
+            f"{output['name']}: none"
+            if low is None
+            else f"{output['name']}: {_end_line(result, low)} to {_end_line(result, high)}"
         )
-    return text + [f"  {reason['cases']} times: {reason['reason']}" for reason in content["reasons"]]
+    return text + [
+        f"  {reason['cases']} times: {reason['reason']}" for reason in content["reasons"]
+    ]
 
 
 def _end_line(result: SweepResult, end: dict[str, Any]) -> str:
     """An extreme with its point on the grid. Sampled values are left out: they are in sweep.csv."""
     place = [
-        with_unit(name, value) for name, value in end["at"].items() if result.plan.samples is None or name not in result.plan.samples.names
+        with_unit(name, value)
+        for name, value in end["at"].items()
+        if result.plan.samples is None or name not in result.plan.samples.names
     ]
     return f"{value_text(end['value'])} ({', '.join(place)})" if place else value_text(end["value"])

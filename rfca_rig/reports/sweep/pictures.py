@@ -1,8 +1,8 @@
 """Figures of a sweep: their choice, in which words, and their drawing.
 
-Lines over one quantity, maps with contours over two, scatter plots over each sampled range. Sensitivities are first-order Sobol indices of
-each output for each sampled quantity, for the page and sweep.json.
-"""
+Lines over one quantity, maps with contours over two, scatter plots over each sampled range.
+Sensitivities are first-order Sobol indices of each output for each sampled quantity, for the page
+and sweep.json."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,18 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarForm
 from numpy.typing import NDArray
 
 from rfca_rig.escaping import html_text
-from rfca_rig.reports.style import ALIKE, BAD, FAINT, MEASURED, OTHER, PALE, SIMULATED, SMALL, drawing, inline_svg
+from rfca_rig.reports.style import (
+    ALIKE,
+    BAD,
+    FAINT,
+    MEASURED,
+    OTHER,
+    PALE,
+    SIMULATED,
+    SMALL,
+    drawing,
+    inline_svg,
+)
 from rfca_rig.reports.table import Table, TableColumn, TableRow
 from rfca_rig.reports.text import MINUS, words_and_unit
 from rfca_rig.sweep.plan import Axis, FirstOrder, Range, SweepPlan, first_order, shares
@@ -56,7 +67,9 @@ MOST_GROUPS = 6
 
 @dataclass(frozen=True)
 class View:
-    """One view of a grid: `x` is the horizontal axis, `second` gives lines or the vertical axis, the others are fixed at `facet`."""
+    """One view of a grid: `x` is the horizontal axis, `second` gives lines or the vertical axis,
+    the others are fixed at `facet`.
+    """
 
     x: Axis
     second: Axis | None
@@ -64,12 +77,17 @@ class View:
     facet: tuple[tuple[str, Value], ...]
 
     def values(self, result: SweepResult, header: str) -> Floats:
-        """Values (k, n) of an output, k along `second` (1 without), n along `x`; NaN for failed cases."""
+        """Values (k, n) of an output, k along `second` (1 without), n along `x`; NaN for failed
+        cases.
+        """
         plan = result.plan
         grid = result.output(header).reshape([len(axis.values) for axis in plan.axes])
         fixed = dict(self.facet)
         # A number removes an axis of the grid, a slice keeps it.
-        picked = tuple(axis.values.index(fixed[axis.name]) if axis.name in fixed else slice(None) for axis in plan.axes)
+        picked = tuple(
+            axis.values.index(fixed[axis.name]) if axis.name in fixed else slice(None)
+            for axis in plan.axes
+        )
         left = [axis.name for axis in plan.axes if axis.name not in fixed]
         order = [left.index(axis.name) for axis in (self.second, self.x) if axis is not None]
         return np.atleast_2d(np.transpose(grid[picked], order))
@@ -81,23 +99,38 @@ def is_named(axis: Axis) -> bool:
 
 
 def views(plan: SweepPlan) -> tuple[list[View], int]:
-    """The views of a grid, at most MOST_FACETS, and their number without that limit. A sweep with samples has none."""
+    """The views of a grid, at most MOST_FACETS, and their number without that limit. A sweep
+    with samples has none.
+    """
     if plan.samples is not None or not plan.axes:
         return [], 0
-    # The horizontal axis is the one with the most numbers, so that a line has many points. Two points give no line, and words are then
-    # easier to read along the bottom.
-    x = max(plan.axes, key=lambda axis: (not is_named(axis) and len(axis.values) > 2, is_named(axis), len(axis.values)))
-    others = sorted((axis for axis in plan.axes if axis is not x), key=lambda axis: -len(axis.values))
+    # The horizontal axis is the one with the most numbers, so that a line has many points. Two
+    # points give no line, and words are then easier to read along the bottom.
+    x = max(
+        plan.axes,
+        key=lambda axis: (
+            not is_named(axis) and len(axis.values) > 2,
+            is_named(axis),
+            len(axis.values),
+        ),
+    )
+    others = sorted(
+        (axis for axis in plan.axes if axis is not x), key=lambda axis: -len(axis.values)
+    )
     second = others[0] if others else None
     rest = [axis for axis in plan.axes if axis not in (x, second)]
     facets = list(product(*([(axis.name, value) for value in axis.values] for axis in rest)))
-    return [View(x, second, _as_map(x, second), facet) for facet in facets[:MOST_FACETS]], len(facets)
+    return [View(x, second, _as_map(x, second), facet) for facet in facets[:MOST_FACETS]], len(
+        facets
+    )
 
 
 def _as_map(x: Axis, second: Axis | None) -> bool:
     if second is None or is_named(second) or is_named(x):
         return False
-    return min(len(x.values), len(second.values)) >= FEWEST_OF_A_MAP or len(second.values) > MOST_LINES
+    return (
+        min(len(x.values), len(second.values)) >= FEWEST_OF_A_MAP or len(second.values) > MOST_LINES
+    )
 
 
 @dataclass(frozen=True)
@@ -115,11 +148,16 @@ def sample_groups(plan: SweepPlan) -> Iterator[SampleGroup]:
     n = plan.samples.n
     names: Sequence[str] = [axis.name for axis in plan.axes]
     for place in range(prod(len(axis.values) for axis in plan.axes)):
-        yield SampleGroup(tuple(zip(names, plan.point(place * n), strict=False)), slice(place * n, (place + 1) * n))
+        yield SampleGroup(
+            tuple(zip(names, plan.point(place * n), strict=False)),
+            slice(place * n, (place + 1) * n),
+        )
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
-    """Words and unit: strip.thickness_mm is "strip thickness" in mm, static_torque_Nm@60deg is "static torque at 60°" in N m."""
+    """Words and unit: strip.thickness_mm is "strip thickness" in mm, static_torque_Nm@60deg is
+    "static torque at 60°" in N m.
+    """
     plain, at, angle = name.partition("@")
     of, dot, last = plain.rpartition(".")
     words, unit = words_and_unit(last)
@@ -153,7 +191,9 @@ def formula(text: str) -> str:
 
 @dataclass(frozen=True)
 class OutputSensitivity:
-    """Sensitivity of one output to one quantity, for one combination of the grid's values; `found` is None where it is undetermined."""
+    """Sensitivity of one output to one quantity, for one combination of the grid's values;
+    `found` is None where it is undetermined.
+    """
 
     at: tuple[tuple[str, Value], ...]
     output: str
@@ -162,7 +202,9 @@ class OutputSensitivity:
 
 
 def compute_sensitivities(result: SweepResult) -> list[OutputSensitivity]:
-    """All sensitivities, by combination, output and quantity. The seed of the bootstrap is that of the samples."""
+    """All sensitivities, by combination, output and quantity. The seed of the bootstrap is that
+    of the samples.
+    """
     return list(_compute_sensitivities(result))
 
 
@@ -175,32 +217,48 @@ def _compute_sensitivities(result: SweepResult) -> Iterator[OutputSensitivity]:
         for asked in result.plan.outputs:
             values = result.output(asked.header)[group.cases]
             for place, name in enumerate(samples.names):
-                # A generator of its own for each quantity, so that the order of computation does not matter.
+                # A generator of its own for each quantity, so that the order of computation does
+                # not matter.
                 rng = np.random.default_rng((samples.seed, place))
-                yield OutputSensitivity(group.at, asked.header, name, first_order(share[:, place], values, rng))
+                yield OutputSensitivity(
+                    group.at, asked.header, name, first_order(share[:, place], values, rng)
+                )
 
 
 def sensitivities_table(found: list[OutputSensitivity]) -> Table:
-    """A row for each output, a column for each quantity, and the sum of its indices; what it lacks of 1 is due to interactions."""
+    """A row for each output, a column for each quantity, and the sum of its indices; what it
+    lacks of 1 is due to interactions.
+    """
     names = list(dict.fromkeys(each.name for each in found))
     columns = [TableColumn("at", role="group"), TableColumn("output")]
     for name in names:
         # A share has no unit, so its key does not end as the name of the quantity.
         share, std = f"{name} share", f"{name} std"
-        columns += [TableColumn(share, name_and_unit(name)[0], half=std), TableColumn(std, role="kept")]
+        columns += [
+            TableColumn(share, name_and_unit(name)[0], half=std),
+            TableColumn(std, role="kept"),
+        ]
     columns.append(TableColumn("sum", "together", digits=2))
     rows = []
     for at, output in dict.fromkeys((each.at, each.output) for each in found):
-        values: dict[str, str | float | None] = {"at": ", ".join(with_unit(*each) for each in at), "output": name_and_unit(output)[0]}
+        values: dict[str, str | float | None] = {
+            "at": ", ".join(with_unit(*each) for each in at),
+            "output": name_and_unit(output)[0],
+        }
         of_row = [each for each in found if (each.at, each.output) == (at, output)]
         for each in of_row:
             values[f"{each.name} share"] = each.found.index if each.found else None
             values[f"{each.name} std"] = each.found.std if each.found else None
-        values["sum"] = sum(each.found.index for each in of_row if each.found) if all(each.found for each in of_row) else None
+        values["sum"] = (
+            sum(each.found.index for each in of_row if each.found)
+            if all(each.found for each in of_row)
+            else None
+        )
         rows.append(TableRow(values))
     return Table(
         "sensitivities",
-        "Share of an output's variance that one quantity explains alone (first-order Sobol index ± one standard error); what is missing "
+        "Share of an output's variance that one quantity explains alone (first-order "
+        "Sobol index ± one standard error); what is missing "
         "from 1 together is due to interactions.",
         tuple(columns),
         tuple(rows),
@@ -210,8 +268,8 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
 WIDTH_IN, HEIGHT_IN = 4.6, 3.3
 PANEL_IN, PANELS_HIGH_IN = 2.35, 2.3
 PANELS_ACROSS = 4
-# Points of a panel, the first ones: more only blacken it. Not every second point, because in a Sobol sequence those all lie
-# in one half of a range.
+# Points of a panel, the first ones: more only blacken it. Not every second point, because in a
+# Sobol sequence those all lie in one half of a range.
 MOST_POINTS = 1024
 # Contours of a map, about.
 LEVELS = 9
@@ -253,12 +311,20 @@ def draw_view(view: View, values: Floats, header: str) -> str:
 
 
 def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
-    x = np.arange(len(view.x.values), dtype=np.float64) if is_named(view.x) else np.array(view.x.values, dtype=np.float64)
+    x = (
+        np.arange(len(view.x.values), dtype=np.float64)
+        if is_named(view.x)
+        else np.array(view.x.values, dtype=np.float64)
+    )
     for place, (line, look) in enumerate(zip(values, LINES, strict=False)):
         colour, dash, marker = look
         lw, ms = (0.0, 5.5) if is_named(view.x) else (1.5, 3.4 if x.size <= 25 else 0.0)
-        label = "" if view.second is None else with_unit(view.second.name, view.second.values[place])
-        axes.plot(x, line, color=colour, ls=dash if lw else "", lw=lw, marker=marker, ms=ms, label=label)
+        label = (
+            "" if view.second is None else with_unit(view.second.name, view.second.values[place])
+        )
+        axes.plot(
+            x, line, color=colour, ls=dash if lw else "", lw=lw, marker=marker, ms=ms, label=label
+        )
     if is_named(view.x):
         axes.set_xticks(range(len(view.x.values)), [str(value) for value in view.x.values])
         axes.set_xlim(-0.5, len(view.x.values) - 0.5)
@@ -276,7 +342,9 @@ def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
 
 
 def _in_ratios(axis: XAxis | YAxis) -> None:
-    """Sets a logarithmic scale: plain numbers at 1, 2, 5 for up to three decades, else powers of ten."""
+    """Sets a logarithmic scale: plain numbers at 1, 2, 5 for up to three decades, else powers of
+    ten.
+    """
     low, high = sorted(axis.get_data_interval())
     set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
     set_scale("log")
@@ -294,21 +362,40 @@ def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, head
         # Dark means a large magnitude: reversed where all values are negative.
         darkest_far_from_0 = SHADES.reversed() if known.max() <= 0.0 else SHADES
         shades = axes.contourf(across, up, known, levels=levels, cmap=darkest_far_from_0)
-        lines = axes.contour(across, up, known, levels=levels[1:-1], colors="#1b1b1b", linewidths=0.5, linestyles="solid")
+        lines = axes.contour(
+            across,
+            up,
+            known,
+            levels=levels[1:-1],
+            colors="#1b1b1b",
+            linewidths=0.5,
+            linestyles="solid",
+        )
         for label in axes.clabel(lines, fontsize=SMALL, fmt=lambda level: value_text(float(level))):
             # Near the border the axes would cut it.
             label.set_clip_on(False)
         figure.colorbar(shades, ax=axes, label=axis_label(header), aspect=30, pad=0.02)
     # Failed cases are marked: a gap in a map could be taken for a value.
     missing = np.argwhere(np.isnan(values))
-    axes.plot(across[missing[:, 1]], up[missing[:, 0]], ls="", marker="x", ms=4.5, mew=1.0, color=BAD, clip_on=False)
+    axes.plot(
+        across[missing[:, 1]],
+        up[missing[:, 0]],
+        ls="",
+        marker="x",
+        ms=4.5,
+        mew=1.0,
+        color=BAD,
+        clip_on=False,
+    )
     for direction, axis in ((axes.xaxis, x), (axes.yaxis, y)):
         if axis.log:
             _in_ratios(direction)
     axes.set_ylabel(axis_label(y.name))
 
 
-def draw_points(ranges: Sequence[Range], points: Floats, values: Floats, titles: Sequence[str], header: str) -> str:
+def draw_points(
+    ranges: Sequence[Range], points: Floats, values: Floats, titles: Sequence[str], header: str
+) -> str:
     """Scatter plots of one output as inline SVG, one panel for each sampled quantity.
 
     Parameters
@@ -326,10 +413,13 @@ def draw_points(ranges: Sequence[Range], points: Floats, values: Floats, titles:
     """
     rows, across = -(-len(ranges) // PANELS_ACROSS), min(len(ranges), PANELS_ACROSS)
     with drawing():
-        figure = Figure(figsize=(PANEL_IN * across + 0.3, PANELS_HIGH_IN * rows), layout="constrained")
+        figure = Figure(
+            figsize=(PANEL_IN * across + 0.3, PANELS_HIGH_IN * rows), layout="constrained"
+        )
         panels = figure.subplots(rows, across, sharey=True, squeeze=False).ravel()
         for place, (each, axes) in enumerate(zip(ranges, panels, strict=False)):
-            # Lines without length and with round ends, all in one path: a quarter of the bytes of markers.
+            # Lines without length and with round ends, all in one path: a quarter of the bytes of
+            # markers.
             x = points[:MOST_POINTS, place]
             y = values[:MOST_POINTS]
             # NaN after each point interrupts the path.
@@ -352,4 +442,6 @@ def draw_points(ranges: Sequence[Range], points: Floats, values: Floats, titles:
             axes.set_visible(False)
         for axes in panels[::across]:
             axes.set_ylabel(axis_label(header))
-        return inline_svg(figure, f"{header} points", html_text(f"{name_and_unit(header)[0]} over what was drawn"))
+        return inline_svg(
+            figure, f"{header} points", html_text(f"{name_and_unit(header)[0]} over what was drawn")
+        )

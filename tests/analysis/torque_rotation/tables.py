@@ -1,4 +1,6 @@
-"""Static tables from engines that know nothing of the analysis: the exam's simulator in time, and MuJoCo at rest."""
+"""Static tables from engines that know nothing of the analysis: the exam's simulator in time,
+and MuJoCo at rest.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +20,13 @@ from tests.report.recordings import BELIEVED
 
 NOISE = {"fy_N": 0.10, "fz_N": 0.15, "tx_Nm": 0.006}
 SECTIONS = {**BELIEVED, "sensor": {"below_shaft_mm": 45.0, "noise_std": NOISE}}
-KNOWN_TO = {"height_mm": 0.2, "start_angle_deg": 0.3, "mass_relative": 0.01, "contact_stiffness_relative": 0.5, "k0_relative": 0.03}
+KNOWN_TO = {
+    "height_mm": 0.2,
+    "start_angle_deg": 0.3,
+    "mass_relative": 0.01,
+    "contact_stiffness_relative": 0.5,
+    "k0_relative": 0.03,
+}
 RIG = nominal_model(SECTIONS)
 ANGLES_DEG = (60, 75, 90, 105, 120, 135, 133, 131)
 HEIGHTS_M = (0.215, 0.235)
@@ -28,12 +36,16 @@ def k_of(rig: RigModel, phi_rad):
     return rig.leg.k0_Nm_per_rad * (phi_rad + rig.leg.k2_per_rad2 * phi_rad**3)
 
 
-def by_exam(world: World, heights_m: Sequence[float] = HEIGHTS_M, angles_deg: Sequence[float] = ANGLES_DEG) -> tuple[StaticStage, ...]:
+def by_exam(
+    world: World, heights_m: Sequence[float] = HEIGHTS_M, angles_deg: Sequence[float] = ANGLES_DEG
+) -> tuple[StaticStage, ...]:
     """Stages without noise, simulated in time; `world` stands at any height."""
     angles = tuple(float(np.radians(angle)) for angle in angles_deg)
     stages = []
     for height_m in heights_m:
-        higher = replace(world, mount=replace(world.mount, height_m=world.mount.height_m - 0.215 + height_m))
+        higher = replace(
+            world, mount=replace(world.mount, height_m=world.mount.height_m - 0.215 + height_m)
+        )
         knots, read_s = plan_stages(world.drive.start_angle_rad, angles, 0.05)
         traces = simulate(higher, knots, read_s, width_s=READ_S, step_s=STEP_S)
         fy, fz, tx = sense(higher, traces)
@@ -41,7 +53,11 @@ def by_exam(world: World, heights_m: Sequence[float] = HEIGHTS_M, angles_deg: Se
             way = "unloading" if i and angle < angles_deg[i - 1] else "loading"
             bent = tuple(np.degrees(traces.joint_angles_rad[i, 1:]))
             shaft = float(traces.motor_angle_rad[i])
-            stages.append(StaticStage(height_m, i + 1, way, shaft, bent, float(fy[i]), float(fz[i]), float(tx[i])))
+            stages.append(
+                StaticStage(
+                    height_m, i + 1, way, shaft, bent, float(fy[i]), float(fz[i]), float(tx[i])
+                )
+            )
     return tuple(stages)
 
 
@@ -52,13 +68,19 @@ def plain() -> tuple[StaticStage, ...]:
 
 
 def noisy(
-    stages: Sequence[StaticStage], random: np.random.Generator, hinge_deg: float = 0.1, force: float = 1.0, **known: object
+    stages: Sequence[StaticStage],
+    random: np.random.Generator,
+    hinge_deg: float = 0.1,
+    force: float = 1.0,
+    **known: object,
 ) -> tuple[StaticStage, ...]:
     """With noise on angles, and on forces a tenth of a sample's times `force`."""
     return tuple(
         replace(
             stage,
-            hinge_deg=tuple(np.array(stage.hinge_deg) + random.normal(0.0, hinge_deg, len(stage.hinge_deg))),
+            hinge_deg=tuple(
+                np.array(stage.hinge_deg) + random.normal(0.0, hinge_deg, len(stage.hinge_deg))
+            ),
             fy_N=stage.fy_N + random.normal(0.0, 0.1 * force * NOISE["fy_N"]),
             fz_N=stage.fz_N + random.normal(0.0, 0.1 * force * NOISE["fz_N"]),
             tx_Nm=stage.tx_Nm + random.normal(0.0, 0.1 * force * NOISE["tx_Nm"]),
@@ -69,12 +91,17 @@ def noisy(
     )
 
 
-def recording(stages: Sequence[StaticStage], title: str = "static", sections=SECTIONS, known_to=KNOWN_TO) -> Recording:
+def recording(
+    stages: Sequence[StaticStage], title: str = "static", sections=SECTIONS, known_to=KNOWN_TO
+) -> Recording:
     return Recording(title, "IMPORT", sections, known_to, (), tuple(stages))
 
 
-def by_mujoco(rig: RigModel, height_m: float, angles_deg: Sequence[float], random: np.random.Generator) -> tuple[StaticStage, ...]:
-    """MuJoCo's equilibria; at every end the floor holds with friction of any sign, as it may after any way of getting there.
+def by_mujoco(
+    rig: RigModel, height_m: float, angles_deg: Sequence[float], random: np.random.Generator
+) -> tuple[StaticStage, ...]:
+    """MuJoCo's equilibria; at every end the floor holds with friction of any sign, as it may after
+    any way of getting there.
 
     A stage is left out where that friction allows no rest near the one before.
     """
@@ -84,19 +111,38 @@ def by_mujoco(rig: RigModel, height_m: float, angles_deg: Sequence[float], rando
     for number, angle in enumerate(np.radians(angles_deg), start=1):
         ratio = random.uniform(-0.3, 0.3, leg.model.nq)
         for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-            found = root(lambda hinges, a=angle, r=share * ratio: _joints(rig, height_m, leg, a, hinges, r)[0][1:], phi, tol=1e-12)
+            found = root(
+                lambda hinges, a=angle, r=share * ratio: _joints(rig, height_m, leg, a, hinges, r)[
+                    0
+                ][1:],
+                phi,
+                tol=1e-12,
+            )
             phi = found.x if found.success else phi
         joints, N, F = _joints(rig, height_m, leg, angle, phi, ratio)
         if np.abs(joints[1:]).max() > 1e-8:
             continue
         fy, weight = -float(F.sum()), 9.81 * sum(rig.leg.link_masses_kg)
         tx = -float(joints[0]) + rig.sensor.below_shaft_m * fy
-        stages.append(StaticStage(height_m, number, "loading", float(angle), tuple(np.degrees(phi)), fy, weight - float(N.sum()), tx))
+        stages.append(
+            StaticStage(
+                height_m,
+                number,
+                "loading",
+                float(angle),
+                tuple(np.degrees(phi)),
+                fy,
+                weight - float(N.sum()),
+                tx,
+            )
+        )
     return tuple(stages)
 
 
 def _joints(rig, height_m, leg, shaft_rad, hinges_rad, ratio):
-    """Torques about MuJoCo's joints with the floor's push carried to them by MuJoCo's own Jacobians; N and F of the ends."""
+    """Torques about MuJoCo's joints with the floor's push carried to them by MuJoCo's own
+    Jacobians; N and F of the ends.
+    """
     mujoco, model, data = leg.mujoco, leg.model, leg.data
     data.qpos[0], data.qpos[1:] = shaft_rad, hinges_rad
     mujoco.mj_forward(model, data)
@@ -108,6 +154,8 @@ def _joints(rig, height_m, leg, shaft_rad, hinges_rad, ratio):
         if deep > 0.0:
             N[k] = rig.ground.stiffness_N_per_m1p5 * deep**1.5
             F[k] = ratio[k] * N[k]
-            mujoco.mj_jac(model, data, jacobian, None, place - [0.0, 0.0, rig.leg.link_radius_m], k + 1)
+            mujoco.mj_jac(
+                model, data, jacobian, None, place - [0.0, 0.0, rig.leg.link_radius_m], k + 1
+            )
             joints += jacobian.T @ np.array([F[k], 0.0, N[k]])
     return joints, N, F

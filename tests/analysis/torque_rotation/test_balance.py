@@ -33,23 +33,43 @@ ALL = SystematicErrors(
 def somewhere(ends, seed=0, systematic_errors=ALL, rise=0.0):
     rng = np.random.default_rng(seed)
     balance = Balance(
-        replace(RIG, ground=replace(RIG.ground, friction_rise_share=rise)), Hardening(), systematic_errors, rng.normal(size=(S, HINGES, 1))
+        replace(RIG, ground=replace(RIG.ground, friction_rise_share=rise)),
+        Hardening(),
+        systematic_errors,
+        rng.normal(size=(S, HINGES, 1)),
     )
     group = Group(np.arange(S), ends, np.full(S, 0.2), np.arange(S) % 2, np.arange(S) % 2)
-    z = np.concatenate([-0.3 * rng.random((S, HINGES)), 2.0 + rng.random((S, 1)), 10.0 * rng.normal(size=(S, 3))], axis=1)
-    c = np.concatenate([1e-3 + 5e-3 * rng.random((S, len(ends))), 10.0 * rng.normal(size=(S, len(ends)))], axis=1)
+    z = np.concatenate(
+        [-0.3 * rng.random((S, HINGES)), 2.0 + rng.random((S, 1)), 10.0 * rng.normal(size=(S, 3))],
+        axis=1,
+    )
+    c = np.concatenate(
+        [1e-3 + 5e-3 * rng.random((S, len(ends))), 10.0 * rng.normal(size=(S, len(ends)))], axis=1
+    )
     p = np.concatenate([[11.0, 44.0, 0.1], 0.01 * rng.normal(size=len(systematic_errors.each))])
     return balance, group, z, c, p
 
 
 def work_J(z, N, F, ends, rises_m):
-    """Potential of weight and of constant floor forces, friction at the lowest points of the ends or higher, z up; y along the floor."""
-    lengths, masses, radius = np.array(RIG.leg.link_lengths_m), np.array(RIG.leg.link_masses_kg), RIG.leg.link_radius_m
+    """Potential of weight and of constant floor forces, friction at the lowest points of the
+    ends or higher, z up; y along the floor.
+    """
+    lengths, masses, radius = (
+        np.array(RIG.leg.link_lengths_m),
+        np.array(RIG.leg.link_masses_kg),
+        RIG.leg.link_radius_m,
+    )
     q = z[6] + np.concatenate([[0.0], np.cumsum(z[:6])])
     y, up = np.cumsum(lengths * np.cos(q)), -np.cumsum(lengths * np.sin(q))
     middle = up + 0.5 * lengths * np.sin(q)
-    rolled = [y[end] - (radius - rise_m) * q[end] for end, rise_m in zip(ends, rises_m, strict=True)]
-    return GRAVITY_M_S2 * masses @ middle - sum(n * up[end] for n, end in zip(N, ends, strict=True)) - F @ rolled
+    rolled = [
+        y[end] - (radius - rise_m) * q[end] for end, rise_m in zip(ends, rises_m, strict=True)
+    ]
+    return (
+        GRAVITY_M_S2 * masses @ middle
+        - sum(n * up[end] for n, end in zip(N, ends, strict=True))
+        - F @ rolled
+    )
 
 
 @pytest.mark.parametrize("rise", [0.0, 0.7])
@@ -62,9 +82,14 @@ def test_loads_are_what_virtual_work_says(ends, rise):
         N, F, rises_m = line.normal_N[row], c[row, len(ends) :], rise * c[row, : len(ends)]
         for joint in range(7):
             step = 1e-6 * np.eye(10)[6 if joint == 0 else joint - 1]
-            slope = (work_J(z[row] + step, N, F, ends, rises_m) - work_J(z[row] - step, N, F, ends, rises_m)) / 2e-6
+            slope = (
+                work_J(z[row] + step, N, F, ends, rises_m)
+                - work_J(z[row] - step, N, F, ends, rises_m)
+            ) / 2e-6
             if joint:
-                assert torque[row, joint - 1] + slope == pytest.approx(line.g[row, joint - 1], abs=1e-6)
+                assert torque[row, joint - 1] + slope == pytest.approx(
+                    line.g[row, joint - 1], abs=1e-6
+                )
             else:
                 drive = z[row, 9] + RIG.sensor.below_shaft_m * F.sum()  # tx less what fy adds to it
                 assert drive - slope == pytest.approx(line.g[row, HINGES], abs=1e-6)
@@ -84,13 +109,19 @@ def test_derivatives_are_those_of_differences(ends, rise):
         for i in range(at.shape[-1]):
             step = np.zeros(at.shape)
             step[..., i] = 1e-7
-            assert np.abs((value(at + step) - value(at - step)) / 2e-7 - slopes[:, :, i]).max() < 2e-5
+            assert (
+                np.abs((value(at + step) - value(at - step)) / 2e-7 - slopes[:, :, i]).max() < 2e-5
+            )
 
 
 def test_torques_count_from_rest_as_believed_and_as_doubted():
-    balance, group, z, c, p = somewhere((), systematic_errors=SystematicErrors((SystematicError("rest_4", 1.0, ""),)))
+    balance, group, z, c, p = somewhere(
+        (), systematic_errors=SystematicErrors((SystematicError("rest_4", 1.0, ""),))
+    )
     rest = np.array([0.02, -0.01, 0.03, 0.0, 0.0, 0.01])
-    bent = replace(balance, rig=replace(balance.rig, leg=replace(balance.rig.leg, rest_angles_rad=tuple(rest))))
+    bent = replace(
+        balance, rig=replace(balance.rig, leg=replace(balance.rig.leg, rest_angles_rad=tuple(rest)))
+    )
     p[-1] = 0.05
     x = z[:, :6] - rest - 0.05 * np.eye(6)[2]
     loads = balance.linear(group, z, c, p * np.array([0.0, 0.0, 1.0, 0.0])).g[:, :6]
@@ -102,8 +133,12 @@ def test_splines_through_rest_are_the_models_own(basis):
     torques = np.array([0.6, 1.5, 3.4, 6.8])
     spline = table_of((TorqueSpline((0.0, *basis.knots_rad), (0.0, *torques)),), 2)
     x = np.array([-0.6, -0.3, -0.01, 0.0, 0.2, 0.39, 0.7])
-    assert basis.columns(x) @ torques == pytest.approx(spline.torque(np.stack([0 * x, x], axis=1))[:, 1], abs=1e-12)
-    assert basis.slopes(x) @ torques == pytest.approx(spline.stiffness(np.stack([0 * x, x], axis=1))[:, 1], abs=1e-10)
+    assert basis.columns(x) @ torques == pytest.approx(
+        spline.torque(np.stack([0 * x, x], axis=1))[:, 1], abs=1e-12
+    )
+    assert basis.slopes(x) @ torques == pytest.approx(
+        spline.stiffness(np.stack([0 * x, x], axis=1))[:, 1], abs=1e-10
+    )
 
 
 def test_an_end_in_the_air_does_not_press():
@@ -118,5 +153,9 @@ def test_splines_hold_the_law():
     torque = 11.0 * (phi + 4.2 * phi**3)
     coefficients = np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0]
     beyond = np.array([-0.5, -0.2, 0.2])
-    assert basis.columns(beyond) @ coefficients == pytest.approx(11.0 * (beyond + 4.2 * beyond**3), abs=1e-9)
-    assert basis.slopes(beyond) @ coefficients == pytest.approx(11.0 * (1.0 + 12.6 * beyond**2), abs=1e-7)
+    assert basis.columns(beyond) @ coefficients == pytest.approx(
+        11.0 * (beyond + 4.2 * beyond**3), abs=1e-9
+    )
+    assert basis.slopes(beyond) @ coefficients == pytest.approx(
+        11.0 * (1.0 + 12.6 * beyond**2), abs=1e-7
+    )

@@ -9,7 +9,14 @@ from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluat
 from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sampled_rig import with_effect
-from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
+from tests.analysis.torque_rotation.tables import (
+    KNOWN_TO,
+    SECTIONS,
+    by_exam,
+    noisy,
+    plain,
+    recording,
+)
 
 SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
 
@@ -24,15 +31,21 @@ def test_play_in_the_hinges_breaks_the_law_and_splines_follow_it():
     assert not result.form.holds
     assert result.curve is result.free
     assert "does not hold" in remarks(result)[0]
-    x = result.curve.grid_rad()[8:] + np.radians(1.2)  # the angles are negative; the spring engages past the gap
-    assert result.curve.torque_Nm(result.curve.grid_rad()[8:])[0] == pytest.approx(11.0 * (x + 4.2 * x**3), abs=0.03)
+    x = result.curve.grid_rad()[8:] + np.radians(
+        1.2
+    )  # the angles are negative; the spring engages past the gap
+    assert result.curve.torque_Nm(result.curve.grid_rad()[8:])[0] == pytest.approx(
+        11.0 * (x + 4.2 * x**3), abs=0.03
+    )
 
 
 def test_dry_friction_shows_as_a_loop_of_its_height():
     result = of("hinge_coulomb_friction", torque_Nm=0.1)
     assert result.loop is not None
     assert result.loop.seen
-    assert result.loop.half_Nm == pytest.approx(0.05, abs=0.02)  # a small turn back shows half of it
+    assert result.loop.half_Nm == pytest.approx(
+        0.05, abs=0.02
+    )  # a small turn back shows half of it
     assert any("loop" in said for said in remarks(result))
     assert result.loop.unbending > 0
 
@@ -56,12 +69,15 @@ def test_a_weak_hinge_is_named():
 
 def test_a_stop_that_only_some_hinges_reach_leaves_forces_that_fit_no_curve():
     assert any(
-        "Forces and angles do not go together" in said for said in remarks(of("hinge_stop", angle_deg=18.0, stiffness_Nm_per_rad=30.0))
+        "Forces and angles do not go together" in said
+        for said in remarks(of("hinge_stop", angle_deg=18.0, stiffness_Nm_per_rad=30.0))
     )
 
 
 def test_a_floor_that_is_not_level_is_told():
-    assert any("slope of the floor would be +" in said for said in remarks(of("ground_tilt", slope=0.03)))
+    assert any(
+        "slope of the floor would be +" in said for said in remarks(of("ground_tilt", slope=0.03))
+    )
 
 
 @pytest.mark.slow
@@ -77,5 +93,7 @@ def test_repeats_that_agree_narrow_the_errors_and_repeats_that_do_not_widen_them
     assert three.repeats.widened < 1.8
     assert apart.repeats.widened > 3.0
     assert apart.values.k0_std > 2.0 * three.values.k0_std
-    assert apart.law.covariance == pytest.approx(apart.repeats.widened**2 * apart.found.adjusted.covariance[:2, :2])
+    assert apart.law.covariance == pytest.approx(
+        apart.repeats.widened**2 * apart.found.adjusted.covariance[:2, :2]
+    )
     assert any("differ more than" in said for said in remarks(apart))

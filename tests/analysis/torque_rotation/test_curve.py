@@ -12,10 +12,23 @@ from rfca_rig.analysis.torque_rotation.stages import MARKS_DEG, SLOPE, Instrumen
 from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.exam.nominal_world import apply_nominal_errors, draw_nominal_errors, nominal_world
 from rfca_rig.exam.simulator.world import for_each_hinge
-from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, RIG, SECTIONS, by_exam, by_mujoco, noisy, plain, recording
+from tests.analysis.torque_rotation.tables import (
+    KNOWN_TO,
+    NOISE,
+    RIG,
+    SECTIONS,
+    by_exam,
+    by_mujoco,
+    noisy,
+    plain,
+    recording,
+)
 
 SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
-needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"')
+needs_mujoco = pytest.mark.skipif(
+    find_spec("mujoco") is None,
+    reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"',
+)
 
 
 def law(rig, phi):
@@ -50,14 +63,20 @@ def test_curve_stiffness_and_bands_of_a_noisy_table():
     assert np.abs(stiffness - 11.0 * (1.0 + 12.6 * phi**2)).max() < 0.02 * 33.0
     assert (np.abs(stiffness - 11.0 * (1.0 + 12.6 * phi**2)) <= result.curve.reach * std).all()
     assert np.degrees(result.found.errors.hinge_std_rad) == pytest.approx(0.15, rel=0.25)
-    assert np.gradient(result.curve.torque_Nm(phi)[0], phi, edge_order=2) == pytest.approx(stiffness, rel=1e-3)
+    assert np.gradient(result.curve.torque_Nm(phi)[0], phi, edge_order=2) == pytest.approx(
+        stiffness, rel=1e-3
+    )
 
 
 def test_what_was_stated_of_the_angles_is_used_and_marks_that_neighbours_share_are_noticed():
     rng = np.random.default_rng(8)
     correlated = np.linalg.cholesky(mark_correlation(RIG.leg.link_lengths_m))
     stages = tuple(
-        replace(stage, hinge_deg=tuple(np.array(stage.hinge_deg) + 0.12 * correlated @ rng.normal(size=6)), hinge_std_deg=(0.12,) * 6)
+        replace(
+            stage,
+            hinge_deg=tuple(np.array(stage.hinge_deg) + 0.12 * correlated @ rng.normal(size=6)),
+            hinge_std_deg=(0.12,) * 6,
+        )
         for stage in noisy(plain(), rng, 0.0)
     )
     result = evaluate([recording(stages)], SUPPOSED)
@@ -77,7 +96,11 @@ def test_correlation_of_angles_between_shared_marks():
 def test_friction_of_any_sign_and_several_ends_on_the_floor(heights_m, most_touching):
     """Equilibria of MuJoCo in which the floor holds every end with friction drawn at random."""
     rng, rig = np.random.default_rng(2), with_hinges(9.0, 3.0)
-    clean = [stage for height_m in heights_m for stage in by_mujoco(rig, height_m, (60, 70, 80, 90, 100, 110, 120, 130), rng)]
+    clean = [
+        stage
+        for height_m in heights_m
+        for stage in by_mujoco(rig, height_m, (60, 70, 80, 90, 100, 110, 120, 130), rng)
+    ]
     assert len(clean) >= 12
     result = evaluate([recording(noisy(clean, rng, 0.1))], SUPPOSED)
     assert max(len(ends) for ends in result.found.ends) == most_touching
@@ -89,9 +112,15 @@ def test_friction_of_any_sign_and_several_ends_on_the_floor(heights_m, most_touc
 @needs_mujoco
 def test_ends_that_seem_to_hang_clear_of_a_floor_said_to_be_deeper_are_found():
     rng = np.random.default_rng(2)
-    clean = [stage for height_m in (0.15, 0.17) for stage in by_mujoco(RIG, height_m, (60, 70, 80, 90, 100, 110, 120, 130), rng)]
+    clean = [
+        stage
+        for height_m in (0.15, 0.17)
+        for stage in by_mujoco(RIG, height_m, (60, 70, 80, 90, 100, 110, 120, 130), rng)
+    ]
     too_high = [replace(stage, height_m=stage.height_m + 0.012) for stage in noisy(clean, rng, 0.1)]
-    result = evaluate([recording(too_high)], replace(SUPPOSED, known_to={**KNOWN_TO, "height_mm": 5.0}))
+    result = evaluate(
+        [recording(too_high)], replace(SUPPOSED, known_to={**KNOWN_TO, "height_mm": 5.0})
+    )
     assert max(len(ends) for ends in result.found.ends) == 3
     assert result.values.k0_Nm_per_rad == pytest.approx(11.0, rel=0.01)
 
@@ -108,14 +137,20 @@ def test_ends_that_seem_to_hang_clear_of_a_floor_said_to_be_deeper_are_found():
     ids=["stiff floor", "floor not level", "rack higher", "friction elsewhere"],
 )
 def test_a_floor_that_is_not_as_believed_hardly_bends_the_curve(change, k0_rel):
-    result = evaluate([recording(noisy(by_exam(change(nominal_world(0.215))), np.random.default_rng(1)))], SUPPOSED)
+    result = evaluate(
+        [recording(noisy(by_exam(change(nominal_world(0.215))), np.random.default_rng(1)))],
+        SUPPOSED,
+    )
     phi = result.curve.grid_rad()[5:]
     assert result.curve.torque_Nm(phi)[0] == pytest.approx(law(RIG, phi), rel=k0_rel)
 
 
 def test_a_gain_in_doubt_widens_the_band_by_as_much():
     stages = [recording(noisy(plain(), np.random.default_rng(4)))]
-    known, doubted = (evaluate(stages, replace(SUPPOSED, instruments=Instruments(gain))).values for gain in (0.0, 0.02))
+    known, doubted = (
+        evaluate(stages, replace(SUPPOSED, instruments=Instruments(gain))).values
+        for gain in (0.0, 0.02)
+    )
     assert known.k0_std / known.k0_Nm_per_rad < 0.004
     assert doubted.k0_std / doubted.k0_Nm_per_rad == pytest.approx(0.02, rel=0.1)
 
@@ -127,14 +162,24 @@ def worlds(count: int):
         off = draw_nominal_errors(rng)
         k0, k2 = rng.uniform(8.0, 14.0), rng.uniform(1.5, 6.0)
         world = apply_nominal_errors(nominal_world(0.215), off)
-        floor = replace(world.floor, slope=float(rng.normal(0.0, SLOPE)), lever_share=float(rng.uniform(-0.3, 0.3)))
-        hinges = replace(world.hinges, k0_Nm_per_rad=for_each_hinge(k0), k2_per_rad2=for_each_hinge(k2))
+        floor = replace(
+            world.floor,
+            slope=float(rng.normal(0.0, SLOPE)),
+            lever_share=float(rng.uniform(-0.3, 0.3)),
+        )
+        hinges = replace(
+            world.hinges, k0_Nm_per_rad=for_each_hinge(k0), k2_per_rad2=for_each_hinge(k2)
+        )
         yield replace(world, hinges=hinges, floor=floor), with_hinges(k0, k2)
 
 
 def off_zero(stages, rng):
     """Tares, marks and encoder off by as much as they are said to be."""
-    tare, marks, shaft = rng.normal(0.0, list(NOISE.values())), rng.normal(0.0, MARKS_DEG, 6), np.radians(rng.normal(0.0, 0.3))
+    tare, marks, shaft = (
+        rng.normal(0.0, list(NOISE.values())),
+        rng.normal(0.0, MARKS_DEG, 6),
+        np.radians(rng.normal(0.0, 0.3)),
+    )
     return tuple(
         replace(
             stage,
@@ -155,7 +200,9 @@ def pulls_and_cover(count: int, draws: int):
         for _ in range(draws):
             table = noisy(off_zero(clean, rng), rng, rng.uniform(0.05, 0.2), rng.uniform(1.0, 4.0))
             result = evaluate([recording(table)], SUPPOSED)
-            pulls.append((result.values.k0_Nm_per_rad - rig.leg.k0_Nm_per_rad) / result.values.k0_std)
+            pulls.append(
+                (result.values.k0_Nm_per_rad - rig.leg.k0_Nm_per_rad) / result.values.k0_std
+            )
             cover.append(covered(result, rig))
             alarms += not result.form.holds or bool(remarks(result))
     return np.array(pulls), float(np.mean(cover)), alarms

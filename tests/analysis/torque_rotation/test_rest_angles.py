@@ -10,7 +10,14 @@ from rfca_rig.analysis.torque_rotation.stages import Instruments
 from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.exam.nominal_world import nominal_world
-from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
+from tests.analysis.torque_rotation.tables import (
+    KNOWN_TO,
+    SECTIONS,
+    by_exam,
+    noisy,
+    plain,
+    recording,
+)
 
 ONE, ALL = (0.0, 0.0, 1.5, 0.0, 0.0, 0.0), (1.5,) * 6
 STATED = {**KNOWN_TO, "rest_angle_deg": 2.0}
@@ -18,20 +25,28 @@ STATED = {**KNOWN_TO, "rest_angle_deg": 2.0}
 
 def stages_with(rest_deg):
     world = nominal_world(0.215)
-    return by_exam(replace(world, hinges=replace(world.hinges, preset_rad=tuple(np.radians(rest_deg)))))
+    return by_exam(
+        replace(world, hinges=replace(world.hinges, preset_rad=tuple(np.radians(rest_deg))))
+    )
 
 
 def with_marks_off(stages, rng, std_deg):
     marks = rng.normal(0.0, std_deg, 6)
-    return tuple(replace(stage, hinge_deg=tuple(np.array(stage.hinge_deg) + marks)) for stage in stages)
+    return tuple(
+        replace(stage, hinge_deg=tuple(np.array(stage.hinge_deg) + marks)) for stage in stages
+    )
 
 
 def found_in(stages, known_to=STATED, sections=SECTIONS, marks_deg=0.1):
-    return evaluate([recording(stages)], StageAssumptions(sections, known_to, Instruments(marks_deg=marks_deg)))
+    return evaluate(
+        [recording(stages)], StageAssumptions(sections, known_to, Instruments(marks_deg=marks_deg))
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rest_deg", [ONE, ALL, tuple(-angle for angle in ALL)], ids=["one", "all", "all the other way"])
+@pytest.mark.parametrize(
+    "rest_deg", [ONE, ALL, tuple(-angle for angle in ALL)], ids=["one", "all", "all the other way"]
+)
 def test_rest_angles_are_recovered_to_a_tenth_of_a_degree_beside_the_curve(rest_deg):
     """16 stages, each hinge angle with the 0.1 degrees of a photo."""
     result = found_in(noisy(stages_with(rest_deg), np.random.default_rng(0)))
@@ -46,7 +61,9 @@ def test_rest_angles_are_recovered_to_a_tenth_of_a_degree_beside_the_curve(rest_
 
 @pytest.mark.slow
 def test_their_errors_cover_what_marks_and_photos_do_to_them():
-    """Marks that sit beside their hinges look like rest angles; how far they may is what limits these."""
+    """Marks that sit beside their hinges look like rest angles; how far they may is what limits
+    these.
+    """
     rng, pulls, common = np.random.default_rng(4), [], []
     clean = stages_with(ALL)
     for _ in range(12):
@@ -83,7 +100,10 @@ def test_a_common_rest_angle_and_the_stiffness_at_rest_stand_in_for_each_other_i
 )
 def test_rest_angles_that_nobody_stated_are_noticed(rest_deg, said):
     found = remarks(found_in(noisy(stages_with(rest_deg), np.random.default_rng(0)), KNOWN_TO))
-    assert sum("from the nominal value; with rest_angle_deg in [known_to]" in each for each in found) == 1
+    assert (
+        sum("from the nominal value; with rest_angle_deg in [known_to]" in each for each in found)
+        == 1
+    )
     assert any(each.startswith(said) for each in found)
 
 
@@ -93,12 +113,18 @@ def test_rest_angles_that_are_believed_are_taken_off():
     result = found_in(noisy(stages_with(ONE), np.random.default_rng(0)), KNOWN_TO, bent)
     assert remarks(result) == []
     assert result.values.k0_Nm_per_rad == pytest.approx(11.0, rel=0.005)
-    raw = np.degrees([hinge for stage in result.data.stages for hinge in np.radians(stage.hinge_deg[2:3])])
+    raw = np.degrees(
+        [hinge for stage in result.data.stages for hinge in np.radians(stage.hinge_deg[2:3])]
+    )
     assert np.degrees(result.points.phi_rad[:, 2]) == pytest.approx(raw - 1.5, abs=0.1)
 
 
 def test_the_measured_curve_reaches_as_far_as_hinges_bend_from_where_they_rest():
-    """With knots counted from zero the outermost one lies 3.5 degrees short, and the spline is straight beyond it."""
+    """With knots counted from zero the outermost one lies 3.5 degrees short, and the spline is
+    straight beyond it.
+    """
     result = found_in(noisy(stages_with((4.0,) * 6), np.random.default_rng(0)))
-    assert np.degrees(result.model.basis.knots_rad[-1]) == pytest.approx(np.degrees(np.abs(result.model.range_rad).max()), abs=0.2)
+    assert np.degrees(result.model.basis.knots_rad[-1]) == pytest.approx(
+        np.degrees(np.abs(result.model.range_rad).max()), abs=0.2
+    )
     assert np.degrees(result.rests[1].rest_rad) == pytest.approx(4.0, abs=0.1)

@@ -18,13 +18,17 @@ SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
 def test_missing_angles_are_filled_by_statics_and_have_no_points():
     stages = list(noisy(plain(), np.random.default_rng(1)))
     stages[3] = replace(stages[3], hinge_deg=(nan, *stages[3].hinge_deg[1:]))
-    stages[9] = replace(stages[9], hinge_deg=(*stages[9].hinge_deg[:2], nan, nan, *stages[9].hinge_deg[4:]))
+    stages[9] = replace(
+        stages[9], hinge_deg=(*stages[9].hinge_deg[:2], nan, nan, *stages[9].hinge_deg[4:])
+    )
     result = evaluate([recording(stages)], SUPPOSED)
     assert result.values.k0_Nm_per_rad == pytest.approx(11.0, rel=0.005)
     assert np.argwhere(np.isnan(result.points.torque_Nm)).tolist() == [[3, 0], [9, 2], [9, 3]]
     filled = np.degrees(result.found.adjusted.point.z[[3, 9, 9], [0, 2, 3]])
     assert filled == pytest.approx([plain()[3].hinge_deg[0], *plain()[9].hinge_deg[2:4]], abs=0.3)
-    whole = evaluate([recording(noisy(plain(), np.random.default_rng(1)))], SUPPOSED).points.torque_Nm
+    whole = evaluate(
+        [recording(noisy(plain(), np.random.default_rng(1)))], SUPPOSED
+    ).points.torque_Nm
     assert result.points.torque_Nm[3, 1:] == pytest.approx(whole[3, 1:], abs=0.015)
 
 
@@ -34,7 +38,10 @@ def test_stages_that_did_not_settle_or_have_no_photo_are_left_out_and_named():
     stages[1] = replace(stages[1], hinge_deg=(nan,) * 6)
     result = evaluate([recording(stages)], SUPPOSED)
     assert len(result.data.stages) == 14
-    assert remarks(result) == ["Stage 1 at 215 mm is left out: had not settled.", "Stage 2 at 215 mm is left out: no hinge angle."]
+    assert remarks(result) == [
+        "Stage 1 at 215 mm is left out: had not settled.",
+        "Stage 2 at 215 mm is left out: no hinge angle.",
+    ]
 
 
 def test_how_hinges_came_to_their_angles():
@@ -51,13 +58,20 @@ def test_noise_of_a_mean_from_what_the_stage_states():
 
 
 def test_stages_that_allow_no_balance_are_said_to():
-    with pytest.raises(SimulationFailed, match=r"stage \d at 2\d5 mm is farthest from one: look for a wrong sign"):
-        evaluate([recording(tuple(replace(stage, fz_N=-stage.fz_N) for stage in plain()))], SUPPOSED)
+    with pytest.raises(
+        SimulationFailed, match=r"stage \d at 2\d5 mm is farthest from one: look for a wrong sign"
+    ):
+        evaluate(
+            [recording(tuple(replace(stage, fz_N=-stage.fz_N) for stage in plain()))], SUPPOSED
+        )
 
 
 def test_a_stray_angle_is_named():
     stages = list(noisy(plain(), np.random.default_rng(1)))
-    stages[4] = replace(stages[4], hinge_deg=(*stages[4].hinge_deg[:4], stages[4].hinge_deg[4] + 6.0, stages[4].hinge_deg[5]))
+    stages[4] = replace(
+        stages[4],
+        hinge_deg=(*stages[4].hinge_deg[:4], stages[4].hinge_deg[4] + 6.0, stages[4].hinge_deg[5]),
+    )
     result = evaluate([recording(stages)], SUPPOSED)
     assert (result.strays[0].label, result.strays[0].says) == ("stage 5 at 215 mm", "hinge 6")
     assert any(said.startswith("In stage 5 at 215 mm hinge 6 reads +") for said in remarks(result))
@@ -71,13 +85,20 @@ def test_a_stray_angle_is_named():
             lambda stages: tuple(replace(s, hinge_deg=(nan,) * 6) for s in stages),
             "none of its 16 static stages has a hinge angle; record the stages with",
         ),
-        (lambda stages: stages[:2], "2 settled stages with 12 hinge angles in all: a curve needs at least 3 stages"),
         (
-            lambda stages: tuple(replace(s, hinge_deg=tuple(np.radians(s.hinge_deg))) for s in stages),
+            lambda stages: stages[:2],
+            "2 settled stages with 12 hinge angles in all: a curve needs at least 3 stages",
+        ),
+        (
+            lambda stages: tuple(
+                replace(s, hinge_deg=tuple(np.radians(s.hinge_deg))) for s in stages
+            ),
             "look whether the angles are in degrees",
         ),
         (
-            lambda stages: tuple(replace(s, hinge_deg=s.hinge_deg[:5], hinge_std_deg=()) for s in stages),
+            lambda stages: tuple(
+                replace(s, hinge_deg=s.hinge_deg[:5], hinge_std_deg=()) for s in stages
+            ),
             "stage 1 at 215 mm has 5 hinges and the",
         ),
     ],

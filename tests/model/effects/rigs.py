@@ -20,24 +20,35 @@ Named = dict[str, float]
 
 
 def having(rig: RigModel, **effects: Named) -> RigModel:
-    return replace(rig, effects=tuple(PresentEffect(id_, tuple(values.items())) for id_, values in effects.items()))
+    return replace(
+        rig,
+        effects=tuple(PresentEffect(id_, tuple(values.items())) for id_, values in effects.items()),
+    )
 
 
 def paper_stroke(tolerance: Tolerance | None = None, **effects: Named) -> SimulatedStroke:
     """The paper's stroke, contact and lift-off included, after twenty others."""
-    return simulate_stroke_at_speed(having(PAPER, **effects), 0.215, 2.433, T, tolerance, strokes_before=(20,))
+    return simulate_stroke_at_speed(
+        having(PAPER, **effects), 0.215, 2.433, T, tolerance, strokes_before=(20,)
+    )
 
 
 def held(angle_rad: float) -> ShaftMotion:
     """A shaft that never moves."""
-    return ShaftMotion(np.array([0.0, 1e3]), np.array([[angle_rad, 0.0, 0.0, 0.0]]), np.array([0.0]))
+    return ShaftMotion(
+        np.array([0.0, 1e3]), np.array([[angle_rad, 0.0, 0.0, 0.0]]), np.array([0.0])
+    )
 
 
 def through(times_s: list[float], angles_rad: list[float]) -> ShaftMotion:
     """A shaft that turns evenly from one angle to the next."""
     breaks, angles = np.array(times_s), np.array(angles_rad)
     speeds = np.diff(angles) / np.diff(breaks)
-    return ShaftMotion(breaks, np.array([[q, w, 0.0, 0.0] for q, w in zip(angles[:-1], speeds, strict=True)]), breaks[:-1])
+    return ShaftMotion(
+        breaks,
+        np.array([[q, w, 0.0, 0.0] for q, w in zip(angles[:-1], speeds, strict=True)]),
+        breaks[:-1],
+    )
 
 
 def resting(rig: RigModel, angle_rad: float, height_m: float = NO_GROUND_M) -> tuple[Setup, State]:
@@ -48,9 +59,16 @@ def resting(rig: RigModel, angle_rad: float, height_m: float = NO_GROUND_M) -> t
 
 
 def released(
-    rig: RigModel, q: list[float], t_s: np.ndarray, tolerance: Tolerance = TIGHT, speed_rad_s: float = 0.0, **changes: float
+    rig: RigModel,
+    q: list[float],
+    t_s: np.ndarray,
+    tolerance: Tolerance = TIGHT,
+    speed_rad_s: float = 0.0,
+    **changes: float,
 ) -> Samples:
-    """Weightless unless told, the shaft held at q[0], let go from the pose q; the links behind the shaft's turn at `speed_rad_s`."""
+    """Weightless unless told, the shaft held at q[0], let go from the pose q; the links behind
+    the shaft's turn at `speed_rad_s`.
+    """
     setup = set_up(rig, NO_GROUND_M, held(q[0]))
     chain = setup.chain()._replace(**{"gravity": 0.0, **changes})
     laws = setup.compile_laws(chain)
@@ -58,5 +76,7 @@ def released(
     state.q[: len(q)] = q
     state.w[1 : len(q)] = speed_rad_s
     samples = allocate_samples(t_s, state.q.size, len(chain.length))
-    advance(chain, setup.motion.shaft(), state, (0.0, float(t_s[-1])), 1e-6, tolerance, samples, laws)
+    advance(
+        chain, setup.motion.shaft(), state, (0.0, float(t_s[-1])), 1e-6, tolerance, samples, laws
+    )
     return samples

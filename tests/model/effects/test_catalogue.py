@@ -71,7 +71,9 @@ def test_an_entry_has_its_names_a_range_and_words(id_):
     assert id_ == effect.id
     assert tuple(parameter.name for parameter in effect.parameters) == PARAMETERS[id_]
     assert all(parameter.low < parameter.high for parameter in effect.parameters)
-    assert all((effect.where.strip(), effect.left_out.strip(), effect.law.strip(), effect.source.strip()))
+    assert all(
+        (effect.where.strip(), effect.left_out.strip(), effect.law.strip(), effect.source.strip())
+    )
 
 
 def test_an_effect_that_is_not_there_is_refused_in_one_line_with_those_that_are():
@@ -104,4 +106,7 @@ def test_a_link_the_leg_does_not_have_is_refused_in_one_line(link):
 
 def test_two_effects_that_soften_the_drive_are_refused_by_name():
     with pytest.raises(BadInput, match="shaft_compliance and shaft_play both soften the drive"):
-        paper_stroke(shaft_compliance={"stiffness_Nm_per_rad": 80.0, "relaxation_ms": 0.0}, shaft_play={"half_gap_deg": 1.0})
+        paper_stroke(
+            shaft_compliance={"stiffness_Nm_per_rad": 80.0, "relaxation_ms": 0.0},
+            shaft_play={"half_gap_deg": 1.0},
+        )

@@ -1,4 +1,6 @@
-"""No law gives back energy on random closed paths, whatever its values: of hinges, floor, links and drive, each as a law alone."""
+"""No law gives back energy on random closed paths, whatever its values: of hinges, floor, links
+and drive, each as a law alone.
+"""
 
 import numba
 import numpy as np
@@ -18,7 +20,16 @@ from rfca_rig.model.effects.joint_torques import (
     joint_load_friction_torque,
 )
 from rfca_rig.model.kernel.contact import carry_stretch, normal_force
-from rfca_rig.model.kernel.laws import HINGE, LINK, NORMAL, ROTOR, SLIP, address_of, address_of_advance, call_law
+from rfca_rig.model.kernel.laws import (
+    HINGE,
+    LINK,
+    NORMAL,
+    ROTOR,
+    SLIP,
+    address_of,
+    address_of_advance,
+    call_law,
+)
 from rfca_rig.model.kernel.stage import drive_torque
 from rfca_rig.model.setup import add_drive
 from tests.model.effects.rigs import having, held
@@ -28,9 +39,12 @@ STEPS = 4000  # of a lap
 # Draws of a law's values, and paths of each.
 FEW, MANY = (40, 20), (100, 100)
 NUMBERS = [pytest.param(*FEW, marks=pytest.mark.slow), pytest.param(*MANY, marks=pytest.mark.long)]
-SUM_ERR = 4e-3  # of the work that goes through in a lap: the trapezoidal sum leaves 0.0022 of a stop, and 0.0003 with a quarter of the step
+# of the work that goes through in a lap: the trapezoidal sum leaves 0.0022 of a stop, and 0.0003
+# with a quarter of the step
+SUM_ERR = 4e-3
 HARMONICS = np.arange(1.0, 4.0)
-# Largest of the harmonics of a path: a hinge turns by up to 20 degrees in each, and by as little as within its presliding.
+# Largest of the harmonics of a path: a hinge turns by up to 20 degrees in each, and by as little as
+# within its presliding.
 LARGE_RAD, SMALL_RAD = 0.35, 1e-4
 
 
@@ -47,16 +61,20 @@ def stiffen_with_the_load(phi, rate, elapsed, k0, k2, memory, parameter):
 
 @numba.njit(error_model="numpy")
 def work_of_laps(law, advance, parameter, phi, rate, acceleration, elapsed):
-    """The work (3,) that a law takes in each of three laps of a path (k,), and the work that goes through in a lap.
+    """The work (3,) that a law takes in each of three laps of a path (k,), and the work that goes
+    through in a lap.
 
-    `law` and `advance` are addresses, as the chain calls them, so that this loop is compiled once for all laws; `advance` is 0 where
-    there is no memory. The first lap settles the memory.
-    """
+    `law` and `advance` are addresses, as the chain calls them, so that this loop is compiled once
+    for all laws; `advance` is 0 where there is no memory. The first lap settles the memory."""
     x, memory, out = np.array([0.0, 0.0, elapsed, 11.0, 4.2, 0.0]), np.zeros(4), np.zeros(4)
     taken, through, last_T = np.zeros(3), 0.0, 0.0
     for step in range(3 * phi.size + 1):
         last_phi = x[0]
-        x[0], x[1], x[5] = phi[step % phi.size], rate[step % phi.size], acceleration[step % phi.size]
+        x[0], x[1], x[5] = (
+            phi[step % phi.size],
+            rate[step % phi.size],
+            acceleration[step % phi.size],
+        )
         call_law(law, x, memory, parameter, out)
         T = out[0]
         if advance != 0:
@@ -70,23 +88,39 @@ def work_of_laps(law, advance, parameter, phi, rate, acceleration, elapsed):
 
 
 def draw_path(random, low, high, steps=STEPS):
-    """A closed path (k,) of three harmonics, at 0.1 to 30 rad/s, with its rate, its second derivative and its step [s].
+    """A closed path (k,) of three harmonics, at 0.1 to 30 rad/s, with its rate, its second
+    derivative and its step [s].
 
     The size of the harmonics is between `low` and `high`, evenly over its logarithm.
     """
-    size, phase = high * (low / high) ** random.uniform() * random.uniform(0.0, 1.0, 3), random.uniform(0.0, 2.0 * np.pi, 3)
+    size, phase = (
+        high * (low / high) ** random.uniform() * random.uniform(0.0, 1.0, 3),
+        random.uniform(0.0, 2.0 * np.pi, 3),
+    )
     turn_s = 2.0 * np.pi / 10.0 ** random.uniform(-1.0, 1.5)
     angle = 2.0 * np.pi * np.outer(HARMONICS, np.arange(steps)) / steps + phase[:, None]
     speed = HARMONICS * 2.0 * np.pi / turn_s
-    return size @ np.sin(angle), (size * speed) @ np.cos(angle), -(size * speed**2) @ np.sin(angle), turn_s / steps
+    return (
+        size @ np.sin(angle),
+        (size * speed) @ np.cos(angle),
+        -(size * speed**2) @ np.sin(angle),
+        turn_s / steps,
+    )
 
 
 def least_work(law, advance, parameter, paths, seed, steps=STEPS):
-    """The least work that a lap takes, over the work that goes through in it, of many paths with the same values."""
+    """The least work that a lap takes, over the work that goes through in it, of many paths with
+    the same values.
+    """
     random, least = np.random.default_rng(seed), np.inf
     for path in range(paths):
         # Every other path is large, so that springs and stops act too.
-        taken, through = work_of_laps(law, advance, parameter, *draw_path(random, (LARGE_RAD, SMALL_RAD)[path % 2], LARGE_RAD, steps))
+        taken, through = work_of_laps(
+            law,
+            advance,
+            parameter,
+            *draw_path(random, (LARGE_RAD, SMALL_RAD)[path % 2], LARGE_RAD, steps),
+        )
         if through > 0.0:
             least = min(least, *(taken[1:] / through))
     return least
@@ -117,21 +151,47 @@ def largest(effect):
 
 
 # These need a pendulum whose joints are driven, or read its joints.
-OF_DRIVEN_JOINTS = ("torque_scale", "torque_delay", "torque_lag", "joint_load_friction", "angle_lag", "speed_lag")
+OF_DRIVEN_JOINTS = (
+    "torque_scale",
+    "torque_delay",
+    "torque_lag",
+    "joint_load_friction",
+    "angle_lag",
+    "speed_lag",
+)
 OF_CHAINS = [effect for id_, effect in catalogue().items() if id_ not in OF_DRIVEN_JOINTS]
-OF_HINGES = [e for e in OF_CHAINS if any(laws_of(e.id, largest(e), place) for place in (HINGE, ROTOR))]
+OF_HINGES = [
+    e for e in OF_CHAINS if any(laws_of(e.id, largest(e), place) for place in (HINGE, ROTOR))
+]
 OF_FLOOR = [e for e in OF_CHAINS if laws_of(e.id, largest(e), NORMAL)]
 
 
 def test_every_law_of_the_catalogue_has_its_closed_paths_here():
-    hinges = {"hinge_coulomb_friction", "hinge_quadratic_damping", "hinge_backlash", "hinge_stop", "spring_hysteresis", "spring_relaxation"}
+    hinges = {
+        "hinge_coulomb_friction",
+        "hinge_quadratic_damping",
+        "hinge_backlash",
+        "hinge_stop",
+        "spring_hysteresis",
+        "spring_relaxation",
+    }
     joints = {"joint_friction", "joint_friction_of_one", "joint_stribeck", "joint_inertia"}
     assert {effect.id for effect in OF_HINGES} == hinges | joints
-    assert {effect.id for effect in OF_FLOOR} == {"ground_compliance", "ground_exponent", "ground_adhesion"}
+    assert {effect.id for effect in OF_FLOOR} == {
+        "ground_compliance",
+        "ground_exponent",
+        "ground_adhesion",
+    }
     assert {e.id for e in OF_CHAINS if laws_of(e.id, largest(e), SLIP)} == {"ground_stribeck"}
     assert {e.id for e in OF_CHAINS if laws_of(e.id, largest(e), LINK)} == {"fluid_drag"}
-    assert {e.id for e in OF_CHAINS if set_up(having(PAPER, **{e.id: largest(e)}), 0.215, held(0.2)).drive} == set(DRIVES)
-    assert joints | {"joint_load_friction"} < {e.id for e in catalogue().values() if e.where == OF_PENDULUMS}
+    assert {
+        e.id
+        for e in OF_CHAINS
+        if set_up(having(PAPER, **{e.id: largest(e)}), 0.215, held(0.2)).drive
+    } == set(DRIVES)
+    assert joints | {"joint_load_friction"} < {
+        e.id for e in catalogue().values() if e.where == OF_PENDULUMS
+    }
 
 
 @pytest.mark.slow
@@ -145,8 +205,16 @@ def least_of_hinges(effect, values, paths, steps=STEPS):
     for seed in range(values):
         named = drawn(effect, random)
         use = next(use for place in (HINGE, ROTOR) for use in laws_of(effect.id, named, place))
-        law, advance = address_of(use.law, use.place), address_of_advance(use.advance) if use.advance else 0
-        least = min(least, least_work(law, advance, np.resize(np.array(use.parameters, float), 8), paths, seed, steps))
+        law, advance = (
+            address_of(use.law, use.place),
+            address_of_advance(use.advance) if use.advance else 0,
+        )
+        least = min(
+            least,
+            least_work(
+                law, advance, np.resize(np.array(use.parameters, float), 8), paths, seed, steps
+            ),
+        )
     return least
 
 
@@ -160,7 +228,10 @@ def test_closed_paths_of_a_hinge_give_back_no_energy(effect, values, paths):
 def test_friction_that_grows_with_a_load_gives_back_no_energy_on_closed_paths(values, paths):
     """The torque that the joint transmits is periodic too, and passes zero in some."""
     random, least = np.random.default_rng(2), np.inf
-    law, advance = address_of(joint_load_friction_torque, HINGE), address_of_advance(joint_load_friction_advance)
+    law, advance = (
+        address_of(joint_load_friction_torque, HINGE),
+        address_of_advance(joint_load_friction_advance),
+    )
     for _ in range(values * paths):
         path = draw_path(random, SMALL_RAD, LARGE_RAD)
         load = random.uniform(-1.0, 1.0) + draw_path(random, 2.0, 2.0)[0]
@@ -174,7 +245,9 @@ def test_friction_that_grows_with_a_load_gives_back_no_energy_on_closed_paths(va
 
 
 def sum_work(force, way):
-    """The work that a force (k,) takes on a closed path (k,), and the work that goes through, by the trapezoidal rule."""
+    """The work that a force (k,) takes on a closed path (k,), and the work that goes through, by
+    the trapezoidal rule.
+    """
     work = 0.5 * (force + np.roll(force, 1)) * (way - np.roll(way, 1))
     return work.sum(), np.abs(work).sum()
 
@@ -185,7 +258,9 @@ def forces_of_floor(law, parameter, stiffness, damping, leaving, depth, rate):
     x, out, normal = np.zeros(6), np.zeros(4), np.zeros(depth.size)
     for k in range(depth.size):
         if depth[k] > 0.0:
-            normal[k] = normal_force(stiffness, damping if rate[k] > 0.0 else leaving, depth[k], rate[k])[0]
+            normal[k] = normal_force(
+                stiffness, damping if rate[k] > 0.0 else leaving, depth[k], rate[k]
+            )[0]
             if law != 0:
                 x[0], x[1] = depth[k], rate[k]
                 call_law(law, x, x, parameter, out)
@@ -197,13 +272,31 @@ def least_on_floor(effect, values, paths, steps=STEPS):
     """As `least_work`, of an end that dips into the floor and leaves it."""
     random, least = np.random.default_rng(3), np.inf
     for _ in range(values):
-        use = next((use for use in laws_of(effect.id, drawn(effect, random), NORMAL)), None) if effect else None
-        chain = set_up(having(PAPER, **({effect.id: drawn(effect, random)} if effect else {})), 0.215, held(0.2)).chain()
-        law, parameter = (address_of(use.law, NORMAL), np.resize(np.array(use.parameters, float), 8)) if use else (0, np.zeros(8))
+        use = (
+            next((use for use in laws_of(effect.id, drawn(effect, random), NORMAL)), None)
+            if effect
+            else None
+        )
+        chain = set_up(
+            having(PAPER, **({effect.id: drawn(effect, random)} if effect else {})),
+            0.215,
+            held(0.2),
+        ).chain()
+        law, parameter = (
+            (address_of(use.law, NORMAL), np.resize(np.array(use.parameters, float), 8))
+            if use
+            else (0, np.zeros(8))
+        )
         # A law that replaces the plain force knows its stiffness and damping.
-        known = {"ground_exponent": (0, 2, 3), "ground_compliance": (2, 4, 5)}.get(effect.id if effect else "")
+        known = {"ground_exponent": (0, 2, 3), "ground_compliance": (2, 4, 5)}.get(
+            effect.id if effect else ""
+        )
         damping = random.uniform(0.0, 1.5)
-        plain = tuple(parameter[list(known)]) if known else (chain.contact_stiffness, damping, damping * random.uniform(0.0, 1.0))
+        plain = (
+            tuple(parameter[list(known)])
+            if known
+            else (chain.contact_stiffness, damping, damping * random.uniform(0.0, 1.0))
+        )
         for _ in range(paths):
             depth, rate, _, _ = draw_path(random, 1e-5, 4e-3, steps)
             depth = depth + random.uniform(-0.5, 1.0) * np.ptp(depth)
@@ -214,18 +307,30 @@ def least_on_floor(effect, values, paths, steps=STEPS):
 
 
 @pytest.mark.parametrize(("values", "paths"), NUMBERS)
-@pytest.mark.parametrize("effect", [None, *OF_FLOOR], ids=lambda effect: effect.id if effect else "plain")
+@pytest.mark.parametrize(
+    "effect", [None, *OF_FLOOR], ids=lambda effect: effect.id if effect else "plain"
+)
 def test_an_end_that_dips_into_the_floor_gets_no_energy_from_it(effect, values, paths):
     assert least_on_floor(effect, values, paths) > -SUM_ERR
 
 
 @numba.njit(error_model="numpy")
 def work_of_tie(law, parameter, mu, presliding, drag, moved, slip, normal):
-    """The most energy that a sliding end has been given at any time along a path (k,), and what passed.
+    """The most energy that a sliding end has been given at any time along a path (k,), and what
+    passed.
 
-    The end moves by `moved`, at the speed `slip`, under the force `normal`. Its friction falls with speed by the law.
-    """
-    x, out, s, F, total, most, passed, before = np.zeros(6), np.zeros(4), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    The end moves by `moved`, at the speed `slip`, under the force `normal`. Its friction falls with
+    speed by the law."""
+    x, out, s, F, total, most, passed, before = (
+        np.zeros(6),
+        np.zeros(4),
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
     for k in range(moved.size):
         x[0] = slip[k]
         call_law(law, x, x, parameter, out)
@@ -247,16 +352,22 @@ def test_friction_that_falls_with_speed_gives_back_no_energy_under_a_changing_lo
         law, parameter = address_of(use.law, SLIP), np.resize(np.array(use.parameters, float), 8)
         for _ in range(paths):
             way, _, _, step_s = draw_path(random, 0.1 * chain.presliding, 0.1)
-            load = np.maximum(0.0, 20.0 * (random.uniform(0.0, 2.0) + draw_path(random, 1.0, 1.0)[0]))
+            load = np.maximum(
+                0.0, 20.0 * (random.uniform(0.0, 2.0) + draw_path(random, 1.0, 1.0)[0])
+            )
             moved = np.diff(np.append(way, way[0]))
-            most, passed = work_of_tie(law, parameter, chain.mu, chain.presliding, chain.drag, moved, moved / step_s, load)
+            most, passed = work_of_tie(
+                law, parameter, chain.mu, chain.presliding, chain.drag, moved, moved / step_s, load
+            )
             worst = max(worst, most / passed)
     assert worst < 1e-12
 
 
 @numba.njit(error_model="numpy")
 def work_of_drag(law, parameter, length, v, step_s):
-    """The most power that a link is given along a path (k,) of its speed, and the work of the whole path."""
+    """The most power that a link is given along a path (k,) of its speed, and the work of the
+    whole path.
+    """
     x, out, most, total = np.zeros(6), np.zeros(4), -np.inf, 0.0
     for k in range(v.size):
         x[0], x[1] = v[k], length
@@ -277,12 +388,20 @@ def test_drag_of_a_fluid_never_drives_a_link(values, paths):
             assert most <= 0.0 and total < 0.0
 
 
-DRIVES = ("motor_speed_droop", "motor_torque_limit", "motor_cogging", "shaft_compliance", "shaft_play")
+DRIVES = (
+    "motor_speed_droop",
+    "motor_torque_limit",
+    "motor_cogging",
+    "shaft_compliance",
+    "shaft_play",
+)
 
 
 @numba.njit(error_model="numpy")
 def torques_of_drive(shaft, angle, speed):
-    """The torques (k,) of a drive with a standing command against a leg that turns its shaft by these angles (k,)."""
+    """The torques (k,) of a drive with a standing command against a leg that turns its shaft by
+    these angles (k,).
+    """
     torque = np.zeros(angle.size)
     for k in range(angle.size):
         torque[k] = -drive_torque(shaft, -angle[k], -speed[k], angle[k])[0]
@@ -319,7 +438,9 @@ LEAST = {
 @pytest.mark.slow
 @pytest.mark.parametrize("id_", LEAST)
 def test_what_a_sum_seems_to_give_back_vanishes_with_its_step(id_):
-    """A law that created energy would give it back at any step; the error of the sum falls at least in proportion to it."""
+    """A law that created energy would give it back at any step; the error of the sum falls at
+    least in proportion to it.
+    """
     least, what = LEAST[id_]
     wide, narrow = (max(0.0, -least(what, 20, 10, steps)) for steps in (1000, 4000))
     assert narrow <= max(0.3 * wide, 1e-9)

@@ -1,8 +1,9 @@
-"""No effect that changes the leg itself creates energy on random closed motions of the whole leg, its floor and its frame.
+"""No effect that changes the leg itself creates energy on random closed motions of the whole leg,
+its floor and its frame.
 
-The forces that move a leg on a closed path do the work that it dissipates: none without damping and friction, whatever its masses, springs,
-floor and direction of gravity are. Laws with a memory, and those that act alone, are in `test_closed_loops`.
-"""
+The forces that move a leg on a closed path do the work that it dissipates: none without damping and
+friction, whatever its masses, springs, floor and direction of gravity are. Laws with a memory, and
+those that act alone, are in `test_closed_loops`."""
 
 from dataclasses import replace
 
@@ -15,13 +16,23 @@ from rfca_rig.model.kernel.forces import assemble_once
 from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.kernel.state import State
 from tests.model.effects.rigs import having, held
-from tests.model.effects.test_closed_loops import DRIVES, OF_DRIVEN_JOINTS, OF_FLOOR, OF_HINGES, drawn
+from tests.model.effects.test_closed_loops import (
+    DRIVES,
+    OF_DRIVEN_JOINTS,
+    OF_FLOOR,
+    OF_HINGES,
+    drawn,
+)
 from tests.model.legs import PAPER
 
 STEPS = 400  # of a motion
-NUMBERS = [pytest.param(20, 10, marks=pytest.mark.slow), pytest.param(100, 100, marks=pytest.mark.long)]
+NUMBERS = [
+    pytest.param(20, 10, marks=pytest.mark.slow),
+    pytest.param(100, 100, marks=pytest.mark.long),
+]
 SUM_ERR = 1e-4  # of the work that goes through
-DEEPEST_M = 5e-3  # of an end in a level floor: in a narrow bump, a point far below has no single nearest one
+# of an end in a level floor: in a narrow bump, a point far below has no single nearest one
+DEEPEST_M = 5e-3
 HEIGHT_M = 0.215
 LOSSLESS = replace(
     PAPER,
@@ -30,11 +41,26 @@ LOSSLESS = replace(
 )
 
 CONSERVATIVE = (
-    *("damaged_hinge", "stiffness_hardening", "stiffness_fading", "hinge_rest_angle", "hinge_rest_angle_of_one"),
-    *("tip_mass", "heavier_link", "added_mass", "gravity_tilt", "ground_tilt", "ground_bump", "height_offset"),
+    *(
+        "damaged_hinge",
+        "stiffness_hardening",
+        "stiffness_fading",
+        "hinge_rest_angle",
+        "hinge_rest_angle_of_one",
+    ),
+    *(
+        "tip_mass",
+        "heavier_link",
+        "added_mass",
+        "gravity_tilt",
+        "ground_tilt",
+        "ground_bump",
+        "height_offset",
+    ),
 )
 DISSIPATIVE = ("hinge_viscous_damping", "shaft_friction", "frame_compliance")
-# These do work on purpose, or none: the motion of the shaft is prescribed, and the torques of joints are recorded.
+# These do work on purpose, or none: the motion of the shaft is prescribed, and the torques of
+# joints are recorded.
 DRIVEN = ("motor_speed_ripple",)
 OTHERS = ("ground_stribeck", "fluid_drag")  # in `test_closed_loops` too
 
@@ -42,12 +68,16 @@ OTHERS = ("ground_stribeck", "fluid_drag")  # in `test_closed_loops` too
 def test_every_effect_that_acts_on_a_leg_is_in_one_of_the_tests_of_energy():
     alone = {effect.id for effect in (*OF_HINGES, *OF_FLOOR)} | {*DRIVES, *OTHERS}
     of_sensor = {id_ for id_, effect in catalogue().items() if effect.where == "sensor"}
-    assert alone | {*CONSERVATIVE, *DISSIPATIVE, *DRIVEN, *OF_DRIVEN_JOINTS} | of_sensor == set(catalogue())
+    assert alone | {*CONSERVATIVE, *DISSIPATIVE, *DRIVEN, *OF_DRIVEN_JOINTS} | of_sensor == set(
+        catalogue()
+    )
 
 
 @numba.njit(error_model="numpy")
 def work_of_motion(chain, laws, state, work, q, w, a):
-    """The work that a closed motion (k, c) of all coordinates needs, and the work that goes through."""
+    """The work that a closed motion (k, c) of all coordinates needs, and the work that goes
+    through.
+    """
     steps, coordinates = q.shape
     taken = through = 0.0
     last = np.zeros(coordinates)
@@ -63,13 +93,17 @@ def work_of_motion(chain, laws, state, work, q, w, a):
 
 
 def draw_motion(random, coordinates, links, steps):
-    """Angles and speeds and accelerations (k, c) of a leg that swings and bends about a pose; a frame moves by millimetres."""
+    """Angles and speeds and accelerations (k, c) of a leg that swings and bends about a pose; a
+    frame moves by millimetres.
+    """
     harmonics = np.arange(1.0, 4.0)
     turn = 2.0 * np.pi * np.arange(steps) / steps
     rate = 10.0 ** random.uniform(-1.0, 1.5)
     size = random.uniform(0.0, 0.1, (3, coordinates))
     size[:, links:] *= 0.02
-    angle = harmonics[:, None, None] * turn[:, None] + random.uniform(0.0, 2.0 * np.pi, (3, 1, coordinates))
+    angle = harmonics[:, None, None] * turn[:, None] + random.uniform(
+        0.0, 2.0 * np.pi, (3, 1, coordinates)
+    )
     speed = harmonics[:, None, None] * rate
     q, w, a = (
         (factor * wave).sum(axis=0)
@@ -95,7 +129,9 @@ def find_extremes(id_, values, motions, steps=STEPS):
         laws, links = setup.compile_laws(chain), chain.length.size
         coordinates = links + (chain.frame_mass > 0.0)
         none, at_ends = np.zeros(coordinates), np.zeros(links)
-        state = State(none, none.copy(), none.copy(), at_ends, np.zeros((laws.place.size, links, 4)))
+        state = State(
+            none, none.copy(), none.copy(), at_ends, np.zeros((laws.place.size, links, 4))
+        )
         work = allocate_workspace(coordinates, links)
         for _ in range(motions):
             q, w, a = draw_motion(random, coordinates, links, steps)

@@ -38,7 +38,12 @@ def assembled(effects, weights, shift=None):
     laws = setup.compile_laws(chain)
     q, w, a = pose(7, 7 + (chain.frame_mass > 0))
     random = np.random.default_rng(11)
-    anchor = np.cumsum(chain.length * (np.cos(q[:7]) * chain.floor_cos + np.sin(q[:7]) * chain.floor_sin)) - 0.003 * q[:7]
+    anchor = (
+        np.cumsum(
+            chain.length * (np.cos(q[:7]) * chain.floor_cos + np.sin(q[:7]) * chain.floor_sin)
+        )
+        - 0.003 * q[:7]
+    )
     anchor += 1e-5 * random.normal(size=7)
     memory = np.zeros((laws.place.size, 7, 4))
     memory[:, 1:, 0], memory[:, 1:, 1] = random.uniform(-0.05, 0.2, 6), random.uniform(-0.1, 0.2, 6)
@@ -56,7 +61,10 @@ def assembled(effects, weights, shift=None):
 def differenced(effects, weights):
     size = assembled(effects, weights)[0].size
     step = 1e-6 / max(1.0, weights[2])
-    pairs = [[assembled(effects, weights, sign * step * row)[0] for sign in (1, -1)] for row in np.eye(size)]
+    pairs = [
+        [assembled(effects, weights, sign * step * row)[0] for sign in (1, -1)]
+        for row in np.eye(size)
+    ]
     return np.column_stack([(plus - minus) / (2 * step) for plus, minus in pairs])
 
 
@@ -65,7 +73,13 @@ def differenced(effects, weights):
     [
         *(
             {name: SMALL[name]}
-            for name in ("hinge_coulomb_friction", "hinge_backlash", "hinge_stop", "spring_hysteresis", "spring_relaxation")
+            for name in (
+                "hinge_coulomb_friction",
+                "hinge_backlash",
+                "hinge_stop",
+                "spring_hysteresis",
+                "spring_relaxation",
+            )
         ),
         ADHESION,
         STRIBECK,
@@ -83,14 +97,20 @@ def differenced(effects, weights):
     ],
     ids=" ".join,
 )
-@pytest.mark.parametrize("weights", [WEIGHTS, ONLY_IN_POSITION, ONLY_IN_SPEED], ids=["together", "position", "speed"])
+@pytest.mark.parametrize(
+    "weights", [WEIGHTS, ONLY_IN_POSITION, ONLY_IN_SPEED], ids=["together", "position", "speed"]
+)
 def test_the_derivative_with_effects_is_that_of_the_residual(effects, weights):
     exact = assembled(effects, weights)[1]
-    assert differenced(effects, weights) == pytest.approx(exact, rel=3e-5, abs=1e-6 * np.abs(exact).max())
+    assert differenced(effects, weights) == pytest.approx(
+        exact, rel=3e-5, abs=1e-6 * np.abs(exact).max()
+    )
 
 
 @pytest.mark.parametrize("frame", [{}, FRAME], ids=["fixed", "on a frame"])
 def test_the_derivative_of_drag_is_exact_in_the_speeds(frame):
     effects = {"fluid_drag": {"coefficient_N_s2_per_m3": 50.0}} | frame
     exact = assembled(effects, ONLY_IN_SPEED)[1]
-    assert differenced(effects, ONLY_IN_SPEED) == pytest.approx(exact, rel=3e-5, abs=1e-6 * np.abs(exact).max())
+    assert differenced(effects, ONLY_IN_SPEED) == pytest.approx(
+        exact, rel=3e-5, abs=1e-6 * np.abs(exact).max()
+    )

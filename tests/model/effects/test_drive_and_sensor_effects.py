@@ -33,7 +33,12 @@ def by_scipy(t, k_angle, k_speed, rotor, magnets=lambda _: 0.0):
         rest = 0.2 + (WEIGHT_Nm * np.cos(rest) + magnets(rest)) / k_angle
     first = solve_ivp(rhs, (0.0, 0.05), [rest, 0.0], "Radau", t[t <= 0.05], rtol=1e-9, atol=1e-11)
     begun = solve_ivp(rhs, (0.0, 0.05), [rest, 0.0], "Radau", rtol=1e-9, atol=1e-11).y[:, -1]
-    return np.concatenate([first.y[0], solve_ivp(rhs, (0.05, t[-1]), begun, "Radau", t[t > 0.05], rtol=1e-9, atol=1e-11).y[0]])
+    return np.concatenate(
+        [
+            first.y[0],
+            solve_ivp(rhs, (0.05, t[-1]), begun, "Radau", t[t > 0.05], rtol=1e-9, atol=1e-11).y[0],
+        ]
+    )
 
 
 def test_a_drooping_drive_turns_as_another_integrator_has_the_loop_on_its_rotor():
@@ -47,18 +52,31 @@ def test_a_drooping_drive_turns_as_another_integrator_has_the_loop_on_its_rotor(
 
 def test_a_motor_that_cogs_turns_as_another_integrator_has_it():
     t = np.linspace(0.01, 1.0, 100)
-    values = {"torque_Nm": 0.2, "cycles_per_turn": 12.0, "phase_cycles": 0.2, "kp_Nm_s_per_rad": 1.0, "ki_Nm_per_rad": 20.0}
+    values = {
+        "torque_Nm": 0.2,
+        "cycles_per_turn": 12.0,
+        "phase_cycles": 0.2,
+        "kp_Nm_s_per_rad": 1.0,
+        "ki_Nm_per_rad": 20.0,
+    }
     ours = simulate_stroke(having(pendulum(1), motor_cogging=values), NO_GROUND_M, MOTION, t, TIGHT)
-    expected = by_scipy(t, 20.0, 1.0, 0.006, lambda angle: 0.2 * np.sin(12.0 * (angle - 0.2) + 0.4 * np.pi))
+    expected = by_scipy(
+        t, 20.0, 1.0, 0.006, lambda angle: 0.2 * np.sin(12.0 * (angle - 0.2) + 0.4 * np.pi)
+    )
     assert np.abs(expected - by_scipy(t, 20.0, 1.0, 0.006)).max() > 5e-3
     assert ours.q_rad[:, 0] == pytest.approx(expected, abs=2e-6)
 
 
 def test_a_motor_at_its_limit_gives_just_that_torque_and_falls_behind():
-    """Told to lift the link faster than it can: the energy of link and rotor is the work of that torque and of the weight."""
+    """Told to lift the link faster than it can: the energy of link and rotor is the work of that
+    torque and of the weight.
+    """
     t = np.linspace(0.001, 0.25, 250)
     limit, kp, ki = 0.5 * WEIGHT_Nm, 50.0, 1000.0
-    rig = having(pendulum(1), motor_torque_limit={"limit_Nm": limit, "kp_Nm_s_per_rad": kp, "ki_Nm_per_rad": ki})
+    rig = having(
+        pendulum(1),
+        motor_torque_limit={"limit_Nm": limit, "kp_Nm_s_per_rad": kp, "ki_Nm_per_rad": ki},
+    )
     ours = simulate_stroke(rig, NO_GROUND_M, through([0.0, 1.0], [1.2, 0.2]), t, TIGHT)
     assert 0.9 * limit < (-ours.shaft_torque_Nm).max() < limit  # the rotor takes a part of it
     angle, speed = ours.q_rad[:, 0], ours.w_rad_s[:, 0]
@@ -87,10 +105,16 @@ def test_a_shaft_with_play_gives_no_energy_back_in_closed_loops_and_never_pulls(
     shaft = held(0.0).shaft()._replace(free=True, k_angle=2000.0, gap=gap, loss=0.3)
     turn = np.linspace(0.0, 2.0 * np.pi, 4001)
     for _ in range(100):
-        size, phase, rate = random.uniform(0.0, 2.0 * gap, 3), random.uniform(0.0, 2.0 * np.pi, 3), random.uniform(0.1, 100.0)
+        size, phase, rate = (
+            random.uniform(0.0, 2.0 * gap, 3),
+            random.uniform(0.0, 2.0 * np.pi, 3),
+            random.uniform(0.1, 100.0),
+        )
         angle = sum(size[k] * np.sin((k + 1) * turn + phase[k]) for k in range(3))
         speed = rate * np.gradient(angle, turn)
-        torque = np.array([drive_torque(shaft, a, w, 0.0)[0] for a, w in zip(angle, speed, strict=True)])
+        torque = np.array(
+            [drive_torque(shaft, a, w, 0.0)[0] for a, w in zip(angle, speed, strict=True)]
+        )
         assert np.trapezoid(torque, angle) >= -1e-3 * np.ptp(angle) * np.abs(torque).max()
         assert (torque * angle >= 0.0).all()
         assert (torque[np.abs(angle) < gap] == 0.0).all()
@@ -99,27 +123,43 @@ def test_a_shaft_with_play_gives_no_energy_back_in_closed_loops_and_never_pulls(
 def test_friction_of_the_shaft_takes_its_torque_times_the_angle_out_of_the_motor():
     t = np.linspace(0.0, 1.0, 2001)
     plain, dragged = (
-        simulate_stroke(having(PAPER, **effects), NO_GROUND_M, ramp_to_speed(0.2269, 2.4, 0.05, 1.0), t)
+        simulate_stroke(
+            having(PAPER, **effects), NO_GROUND_M, ramp_to_speed(0.2269, 2.4, 0.05, 1.0), t
+        )
         for effects in ({}, {"shaft_friction": {"torque_Nm": 0.3}})
     )
     assert dragged.q_rad == pytest.approx(plain.q_rad, abs=1e-5)
     power = (dragged.shaft_torque_Nm - plain.shaft_torque_Nm) * plain.w_rad_s[:, 0]
     turned = plain.q_rad[-1, 0] - plain.q_rad[0, 0]
-    assert np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(t)) == pytest.approx(0.3 * turned, rel=5e-3)
+    assert np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(t)) == pytest.approx(
+        0.3 * turned, rel=5e-3
+    )
     assert dragged.tx_Nm[t > 0.1] - plain.tx_Nm[t > 0.1] == pytest.approx(0.3, abs=2e-3)
 
 
 def test_a_leg_behind_a_soft_shaft_moves_as_another_integrator_has_it():
     t = np.linspace(0.01, 1.0, 100)
-    ours = simulate_stroke(having(pendulum(1), shaft_compliance={"stiffness_Nm_per_rad": 20.0}), NO_GROUND_M, MOTION, t, TIGHT)
+    ours = simulate_stroke(
+        having(pendulum(1), shaft_compliance={"stiffness_Nm_per_rad": 20.0}),
+        NO_GROUND_M,
+        MOTION,
+        t,
+        TIGHT,
+    )
     assert ours.q_rad[:, 0] == pytest.approx(by_scipy(t, 20.0, 0.02, 0.0), abs=2e-6)
 
 
 @pytest.mark.parametrize(
-    "effect", [{"shaft_compliance": {"stiffness_Nm_per_rad": 20.0}}, {"motor_speed_droop": {"kp_Nm_s_per_rad": 1.0, "ki_Nm_per_rad": 20.0}}]
+    "effect",
+    [
+        {"shaft_compliance": {"stiffness_Nm_per_rad": 20.0}},
+        {"motor_speed_droop": {"kp_Nm_s_per_rad": 1.0, "ki_Nm_per_rad": 20.0}},
+    ],
 )
 def test_at_rest_a_soft_drive_gives_way_by_torque_over_stiffness(effect):
-    stroke = simulate_stroke(having(PAPER, **effect), NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 1.0]))
+    stroke = simulate_stroke(
+        having(PAPER, **effect), NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 1.0])
+    )
     assert stroke.shaft_torque_Nm[0] < -0.3
     assert 20.0 * (0.3 - stroke.shaft_angle_rad) == pytest.approx(stroke.shaft_torque_Nm, abs=1e-6)
 
@@ -130,19 +170,33 @@ def test_a_rippled_shaft_has_its_law_s_speed(amplitude, cycles):
         return commanded(now)[1] * (1 + amplitude * np.cos(cycles * (x - 0.2)))
 
     t = np.linspace(0.0, 3.0, 301)
-    ours = set_up(having(pendulum(1), motor_speed_ripple={"amplitude_relative": amplitude, "cycles_per_turn": cycles}), 1.0, MOTION).motion
-    other = solve_ivp(rhs, (0.0, 3.0), [0.2], "DOP853", t, rtol=1e-10, atol=1e-11, max_step=0.01).y[0]
+    ours = set_up(
+        having(
+            pendulum(1),
+            motor_speed_ripple={"amplitude_relative": amplitude, "cycles_per_turn": cycles},
+        ),
+        1.0,
+        MOTION,
+    ).motion
+    other = solve_ivp(rhs, (0.0, 3.0), [0.2], "DOP853", t, rtol=1e-10, atol=1e-11, max_step=0.01).y[
+        0
+    ]
     assert ours.angle_rad(t) == pytest.approx(other, abs=2e-6)
     assert set(MOTION.landings_s) <= set(ours.breaks_s)
 
 
 def felt(t, **effects):
     setup = set_up(having(PAPER, **effects), 0.2, held(0.2))
-    return setup.apply_sensor_changes(SensorOutput(t, np.sin(3 * t), np.maximum(t, 0.0) * 7.0 + 2.0, np.cos(3 * t), 0.0 * t))
+    return setup.apply_sensor_changes(
+        SensorOutput(t, np.sin(3 * t), np.maximum(t, 0.0) * 7.0 + 2.0, np.cos(3 * t), 0.0 * t)
+    )
 
 
 def test_a_lagging_sensor_follows_a_ramp_behind_by_its_time_constant():
-    tau, t = 0.03, np.sort(np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.4, 400)]))
+    tau, t = (
+        0.03,
+        np.sort(np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.4, 400)])),
+    )
     after = np.maximum(t, 0.0)
     expected = 2.0 + 7.0 * (after - tau * (1.0 - np.exp(-after / tau)))
     assert felt(t, sensor_lag={"time_constant_s": tau}).fz_N == pytest.approx(expected, abs=1e-9)
@@ -159,7 +213,10 @@ def test_a_lag_reaches_all_channels():
 def test_a_ringing_sensor_answers_a_vibration_with_the_gain_and_phase_of_its_mode():
     t = np.linspace(-3.0, 3.0, 6001)
     for ratio in (1.0, 2.0):  # of the frequency along y
-        swung = felt(t, sensor_ringing={"frequency_Hz": 1.5, "damping_ratio": 0.4, "y_frequency_ratio": ratio})
+        swung = felt(
+            t,
+            sensor_ringing={"frequency_Hz": 1.5, "damping_ratio": 0.4, "y_frequency_ratio": ratio},
+        )
         w = 2 * np.pi * 1.5 * ratio
         answer = w * w / (w * w - 9.0 + 0.8j * w * 3.0)
         late = slice(4000, None)
@@ -169,8 +226,12 @@ def test_a_ringing_sensor_answers_a_vibration_with_the_gain_and_phase_of_its_mod
 
 def test_a_ringing_sensor_overshoots_a_step_and_settles_on_it():
     t = np.linspace(0.0, 3.0, 3001)
-    setup = set_up(having(PAPER, sensor_ringing={"frequency_Hz": 10.0, "damping_ratio": 0.1}), 0.2, held(0.2))
-    step = setup.apply_sensor_changes(SensorOutput(t, 0.0 * t, np.where(t > 0.0, 5.0, 2.0), 0.0 * t, 0.0 * t)).fz_N
+    setup = set_up(
+        having(PAPER, sensor_ringing={"frequency_Hz": 10.0, "damping_ratio": 0.1}), 0.2, held(0.2)
+    )
+    step = setup.apply_sensor_changes(
+        SensorOutput(t, 0.0 * t, np.where(t > 0.0, 5.0, 2.0), 0.0 * t, 0.0 * t)
+    ).fz_N
     assert step.max() - 5.0 == pytest.approx(3.0 * np.exp(-np.pi * 0.1 / np.sqrt(0.99)), rel=2e-3)
     assert step[-1] == pytest.approx(5.0, abs=1e-6)
 
@@ -180,25 +241,43 @@ def test_a_saturated_sensor_cuts_fz_alone_off_either_way():
     cut, whole = felt(t, sensor_saturation={"limit_N": 9.0}), felt(t)
     assert (np.abs(cut.fz_N) <= 9.0).all() and cut.fz_N.max() == 9.0
     inside = np.abs(whole.fz_N) < 9.0
-    assert (cut.fz_N[inside] == whole.fz_N[inside]).all() and (cut.fy_N == whole.fy_N).all() and (cut.tx_Nm == whole.tx_Nm).all()
+    assert (
+        (cut.fz_N[inside] == whole.fz_N[inside]).all()
+        and (cut.fy_N == whole.fy_N).all()
+        and (cut.tx_Nm == whole.tx_Nm).all()
+    )
     setup = set_up(having(PAPER, sensor_saturation={"limit_N": 9.0}), 0.2, held(0.2))
-    assert setup.apply_sensor_changes(SensorOutput(t, t, -20.0 + t, t, t)).fz_N == pytest.approx(-9.0)
+    assert setup.apply_sensor_changes(SensorOutput(t, t, -20.0 + t, t, t)).fz_N == pytest.approx(
+        -9.0
+    )
 
 
 def test_a_fast_force_clock_is_later_the_longer_the_motion_lasts():
     t = np.linspace(-1.0, 1.0, 20001)
     late, inside = felt(t, sensor_clock_rate={"rate_relative": 0.02}), slice(300, -300)
     assert late.fy_N[inside] == pytest.approx(np.sin(3 * 0.98 * t)[inside], abs=1e-7)
-    assert late.fz_N[inside] == pytest.approx((np.maximum(0.98 * t, 0.0) * 7.0 + 2.0)[inside], abs=1e-3)
+    assert late.fz_N[inside] == pytest.approx(
+        (np.maximum(0.98 * t, 0.0) * 7.0 + 2.0)[inside], abs=1e-3
+    )
 
 
 def test_the_crosstalk_matrix_leaks_what_the_channels_are_before_any_leak():
     t = np.linspace(-1.0, 1.0, 101)
     plain = felt(t)
-    leaked = felt(t, sensor_crosstalk_matrix={"fz_per_fy": 0.1, "fy_per_fz": 0.2, "tx_per_fy_mm": 3.0, "tx_per_fz_mm": -4.0})
+    leaked = felt(
+        t,
+        sensor_crosstalk_matrix={
+            "fz_per_fy": 0.1,
+            "fy_per_fz": 0.2,
+            "tx_per_fy_mm": 3.0,
+            "tx_per_fz_mm": -4.0,
+        },
+    )
     assert leaked.fy_N == pytest.approx(plain.fy_N + 0.2 * plain.fz_N, abs=1e-12)
     assert leaked.fz_N == pytest.approx(plain.fz_N + 0.1 * plain.fy_N, abs=1e-12)
-    assert leaked.tx_Nm == pytest.approx(plain.tx_Nm + 3e-3 * plain.fy_N - 4e-3 * plain.fz_N, abs=1e-12)
+    assert leaked.tx_Nm == pytest.approx(
+        plain.tx_Nm + 3e-3 * plain.fy_N - 4e-3 * plain.fz_N, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("offset", [0.02, -0.02])
@@ -207,7 +286,9 @@ def test_a_clock_behind_shows_the_force_later(offset):
     late, inside = felt(t, clock_offset={"offset_s": offset}), slice(300, -300)
     assert late.fy_N[inside] == pytest.approx(np.sin(3 * (t - offset))[inside], abs=1e-7)
     assert late.tx_Nm[inside] == pytest.approx(np.cos(3 * (t - offset))[inside], abs=1e-7)
-    assert late.fz_N[inside] == pytest.approx((np.maximum(t - offset, 0.0) * 7.0 + 2.0)[inside], abs=1e-3)
+    assert late.fz_N[inside] == pytest.approx(
+        (np.maximum(t - offset, 0.0) * 7.0 + 2.0)[inside], abs=1e-3
+    )
 
 
 def test_crosstalk_drift_and_gain_act_in_the_order_they_are_given():
@@ -217,5 +298,9 @@ def test_crosstalk_drift_and_gain_act_in_the_order_they_are_given():
     assert stroke.fz_N == pytest.approx(1.1 * (plain.fz_N + 0.1 * plain.fy_N + 2.0 * T), abs=1e-9)
     assert stroke.fy_N == pytest.approx(1.1 * plain.fy_N, abs=1e-9)
     assert stroke.tx_Nm == pytest.approx(1.1 * plain.tx_Nm, abs=1e-9)
-    assert stroke.shaft_torque_Nm == pytest.approx(plain.shaft_torque_Nm, abs=1e-12)  # the motor's, not the sensor's
-    assert paper_stroke(sensor_gain=gain, sensor_drift=drift).fz_N == pytest.approx(1.1 * plain.fz_N + 2.0 * T, abs=1e-9)
+    assert stroke.shaft_torque_Nm == pytest.approx(
+        plain.shaft_torque_Nm, abs=1e-12
+    )  # the motor's, not the sensor's
+    assert paper_stroke(sensor_gain=gain, sensor_drift=drift).fz_N == pytest.approx(
+        1.1 * plain.fz_N + 2.0 * T, abs=1e-9
+    )

@@ -11,7 +11,8 @@ from tests.model.legs import PAPER
 
 T = np.arange(0, 660) * 1e-3  # until the leg is about to leave the floor
 NOISE = np.array([[0.10], [0.15], [0.006]])  # of a sample of fy, fz in N and tx in N m
-# Values in the limit, values outside of it, and the other law as fitted to the first by least squares
+# Values in the limit, values outside of it, and the other law as fitted to the first by least
+# squares
 LIMITS = {
     ("hinge_coulomb_friction", "spring_hysteresis"): (
         {"torque_Nm": 0.05, "presliding_deg": 0.5},
@@ -23,7 +24,11 @@ LIMITS = {
         {"strength_relative": 0.3, "saturation_deg": 5.0},
         {"torque_Nm": 0.0555, "presliding_deg": 1.0},
     ),
-    ("sensor_lag", "clock_offset"): ({"time_constant_s": 0.004}, {"time_constant_s": 0.02}, {"offset_s": 0.00389}),
+    ("sensor_lag", "clock_offset"): (
+        {"time_constant_s": 0.004},
+        {"time_constant_s": 0.02},
+        {"offset_s": 0.00389},
+    ),
     ("sensor_ringing", "clock_offset"): (
         {"frequency_Hz": 80.0, "damping_ratio": 0.5},
         {"frequency_Hz": 25.0, "damping_ratio": 0.05},
@@ -46,7 +51,9 @@ def full(name, values):
 
 
 def test_every_declared_limit_is_looked_at_here():
-    declared = {(effect.id, limit.other) for effect in catalogue().values() for limit in effect.equal_limits}
+    declared = {
+        (effect.id, limit.other) for effect in catalogue().values() for limit in effect.equal_limits
+    }
     assert declared == set(LIMITS)
     assert {other for _, other in declared} <= set(catalogue())
 
@@ -57,4 +64,6 @@ def test_in_its_limit_a_law_is_the_other_one_but_for_the_error_that_laws_are_gra
     limit = limit_of(pair)
     assert limit.holds(full(pair[0], within)) and not limit.holds(full(pair[0], outside))
     mine, theirs, plain = forces(**{pair[0]: within}), forces(**{pair[1]: other}), forces()
-    assert np.sqrt(np.mean((mine - theirs) ** 2)) < LAW_ERROR * np.sqrt(np.mean((mine - plain) ** 2))
+    assert np.sqrt(np.mean((mine - theirs) ** 2)) < LAW_ERROR * np.sqrt(
+        np.mean((mine - plain) ** 2)
+    )

@@ -47,7 +47,9 @@ def test_the_guide_shows_the_very_file_that_is_tested():
     assert (LAB / "our_effect.py").read_text() in GUIDE.read_text()
 
 
-@pytest.mark.parametrize("content", ["def torque(:\n", "import no_such_module\n", "EFFECT = 3\n", "1 / 0\n", ""])
+@pytest.mark.parametrize(
+    "content", ["def torque(:\n", "import no_such_module\n", "EFFECT = 3\n", "1 / 0\n", ""]
+)
 def test_a_broken_file_gives_one_line_that_names_it(content, tmp_path, monkeypatch):
     (tmp_path / "broken.py").write_text(content)
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
@@ -58,9 +60,15 @@ def test_a_broken_file_gives_one_line_that_names_it(content, tmp_path, monkeypat
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("rate**3", "open(rate)"), ('values["coefficient_Nm_s3_per_rad3"],', "0.0,) * 9 + ("), (", 3.0 * parameter[0] * rate**2", "")],
+    [
+        ("rate**3", "open(rate)"),
+        ('values["coefficient_Nm_s3_per_rad3"],', "0.0,) * 9 + ("),
+        (", 3.0 * parameter[0] * rate**2", ""),
+    ],
 )
-def test_a_law_that_cannot_be_compiled_or_called_gives_one_line_that_names_its_file(old, new, tmp_path, monkeypatch):
+def test_a_law_that_cannot_be_compiled_or_called_gives_one_line_that_names_its_file(
+    old, new, tmp_path, monkeypatch
+):
     text = (LAB / "our_effect.py").read_text()
     assert old in text
     (tmp_path / "wrong_law.py").write_text(text.replace(old, new, 1))
@@ -74,11 +82,15 @@ def with_family(tmp_path, family):
     """The lab's own effect as a member of a family of the catalogue."""
     text = (LAB / "our_effect.py").read_text()
     assert "    id=" in text
-    (tmp_path / "our_effect.py").write_text(text.replace("    id=", f'    family="{family}",\n    id=', 1))
+    (tmp_path / "our_effect.py").write_text(
+        text.replace("    id=", f'    family="{family}",\n    id=', 1)
+    )
 
 
 def test_a_lab_s_own_effect_may_belong_to_a_family(tmp_path, monkeypatch):
-    """Then it is no rival of the family: a statement about the family holds whichever of its laws is the true one."""
+    """Then it is no rival of the family: a statement about the family holds whichever of its
+    laws is the true one.
+    """
     monkeypatch.setenv(FOLDER_VARIABLE, str(LAB))
     assert [family.members for family in families_of("cubic_damping")] == [{"cubic_damping"}]
     with_family(tmp_path, "hinge_dissipation")
@@ -92,7 +104,9 @@ def test_a_lab_s_own_effect_may_belong_to_a_family(tmp_path, monkeypatch):
 def test_a_family_that_is_not_in_the_catalogue_is_refused(tmp_path, monkeypatch):
     with_family(tmp_path, "hinge_disipation")
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    with pytest.raises(BadInput, match=r"our_effect\.py: family 'hinge_disipation'.*hinge_dissipation"):
+    with pytest.raises(
+        BadInput, match=r"our_effect\.py: family 'hinge_disipation'.*hinge_dissipation"
+    ):
         catalogue()
 
 
@@ -103,7 +117,9 @@ def test_a_folder_that_is_not_there_is_named(tmp_path, monkeypatch):
 
 
 def test_what_acts_as_a_wrong_nominal_value_does_is_known_by_the_name_of_the_value():
-    assert {"added_mass", "centre_of_mass", "joint_inertia"} <= list_effects_like(["arm2.centre_of_mass_m"])
+    assert {"added_mass", "centre_of_mass", "joint_inertia"} <= list_effects_like(
+        ["arm2.centre_of_mass_m"]
+    )
     assert "hinge_viscous_damping" in list_effects_like(["hinge_damping"])
     assert list_effects_like(["shaft.no_such_value"]) == frozenset()
     known = {family.id for family in FAMILIES}

@@ -1,4 +1,6 @@
-"""Effects and nominal values of pendulums, against the same pendulum written down again and integrated by scipy."""
+"""Effects and nominal values of pendulums, against the same pendulum written down again and
+integrated by scipy.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,16 @@ from scipy.integrate import solve_ivp
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.effects import joint_torques, joints
-from rfca_rig.model.effects.joint_torques import BEGIN, CLOCK, COUNT, STEP, TRACE, TorqueTrace, torque_at, torque_trace
+from rfca_rig.model.effects.joint_torques import (
+    BEGIN,
+    CLOCK,
+    COUNT,
+    STEP,
+    TRACE,
+    TorqueTrace,
+    torque_at,
+    torque_trace,
+)
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
 from tests.model.effects.rigs import paper_stroke
@@ -30,7 +41,9 @@ def lagged(tau_s):
 
 
 def by_scipy(torque=command, friction=lambda *_: 0.0, inertia=0.0, read_s=0.0):
-    """Angles and speeds at T from 0.8 rad at rest, and readings through a lag of `read_s`; the readings at t = 0 come first."""
+    """Angles and speeds at T from 0.8 rad at rest, and readings through a lag of `read_s`; the
+    readings at t = 0 come first.
+    """
 
     def rhs(t, x):
         a, w, read_a, read_w = x
@@ -39,15 +52,28 @@ def by_scipy(torque=command, friction=lambda *_: 0.0, inertia=0.0, read_s=0.0):
         late = [(a - read_a) / read_s, (w - read_w) / read_s] if read_s else [0.0, 0.0]
         return [w, acceleration, *late]
 
-    found = solve_ivp(rhs, (-BEFORE_S, 1.5), [0.8, 0.0, 0.8, 0.0], "LSODA", np.append(0.0, T), rtol=1e-8, atol=1e-9, max_step=2e-3)
+    found = solve_ivp(
+        rhs,
+        (-BEFORE_S, 1.5),
+        [0.8, 0.0, 0.8, 0.0],
+        "LSODA",
+        np.append(0.0, T),
+        rtol=1e-8,
+        atol=1e-9,
+        max_step=2e-3,
+    )
     return found.y
 
 
 def ours(start, effects=(), **nominal):
     pendulum = Pendulum((PendulumLink(**LINK, **nominal),))
-    present = tuple(PresentEffect(id_, tuple(values.items())) for id_, values in dict(effects).items())
+    present = tuple(
+        PresentEffect(id_, tuple(values.items())) for id_, values in dict(effects).items()
+    )
     trace = torque_trace(RECORDED, command(RECORDED)[:, None])
-    return simulate_pendulum(pendulum, trace, np.array([start[0]]), np.array([start[1]]), T, present, TIGHT)
+    return simulate_pendulum(
+        pendulum, trace, np.array([start[0]]), np.array([start[1]]), T, present, TIGHT
+    )
 
 
 def smooth_stribeck(w, tau):
@@ -62,7 +88,11 @@ CASES = {
     "torque_delay": ({"delay_s": 0.02}, {"torque": lambda t: command(t - 0.02)}, 2e-4),
     "torque recorded late": ({"delay_s": -0.02}, {"torque": lambda t: command(t + 0.02)}, 2e-4),
     "torque_lag": ({"time_constant_s": 0.02}, {"torque": lagged(0.02)}, 3e-4),
-    "joint_stribeck": ({"torque_Nm": 0.15, "rise_relative": 0.8, "speed_rad_s": 0.6}, {"friction": smooth_stribeck}, 1e-2),
+    "joint_stribeck": (
+        {"torque_Nm": 0.15, "rise_relative": 0.8, "speed_rad_s": 0.6},
+        {"friction": smooth_stribeck},
+        1e-2,
+    ),
     "joint_load_friction": ({"loss_relative": 0.3}, {"friction": smooth_loss}, 1e-2),
 }
 
@@ -95,8 +125,12 @@ def test_a_lag_of_the_speed_leaves_the_angle_alone():
 
 def test_nominal_values_of_drive_and_encoder_act_as_their_names_say():
     late, heavy = by_scipy(torque=lambda t: command(t - 0.01)), by_scipy(inertia=0.02)
-    assert ours(late[:2, 0], torque_delay_s=0.01).angle_rad[:, 0] == pytest.approx(late[0, 1:], abs=2e-4)
-    assert ours(heavy[:2, 0], rotor_inertia_kg_m2=0.02).angle_rad[:, 0] == pytest.approx(heavy[0, 1:], abs=2e-4)
+    assert ours(late[:2, 0], torque_delay_s=0.01).angle_rad[:, 0] == pytest.approx(
+        late[0, 1:], abs=2e-4
+    )
+    assert ours(heavy[:2, 0], rotor_inertia_kg_m2=0.02).angle_rad[:, 0] == pytest.approx(
+        heavy[0, 1:], abs=2e-4
+    )
     plain = by_scipy()
     read = ours(plain[:2, 0] + [0.1, 0.0], zero_offset_rad=0.1)
     assert read.angle_rad[:, 0] == pytest.approx(plain[0, 1:] + 0.1, abs=2e-4)
@@ -106,9 +140,14 @@ def test_with_the_motors_off_the_offset_of_the_torque_does_not_act():
     pendulum = Pendulum((PendulumLink(**LINK, torque_offset_Nm=0.3),))
     start = np.array([0.5]), np.zeros(1), T
     off, on = (
-        simulate_pendulum(pendulum, TorqueTrace(1.0, np.zeros((2, 1)), powered=powered), *start).angle_rad for powered in (False, True)
+        simulate_pendulum(
+            pendulum, TorqueTrace(1.0, np.zeros((2, 1)), powered=powered), *start
+        ).angle_rad
+        for powered in (False, True)
     )
-    without = simulate_pendulum(Pendulum((PendulumLink(**LINK),)), TorqueTrace(1.0, np.zeros((2, 1))), *start).angle_rad
+    without = simulate_pendulum(
+        Pendulum((PendulumLink(**LINK),)), TorqueTrace(1.0, np.zeros((2, 1))), *start
+    ).angle_rad
     assert off == pytest.approx(without, abs=1e-12)
     assert np.abs(on - without).max() > 0.05
 
@@ -127,7 +166,9 @@ NEUTRAL = {
 @pytest.mark.parametrize("id_", NEUTRAL)
 def test_at_no_strength_an_effect_leaves_the_swing_alone(id_):
     start = by_scipy()[:2, 0]
-    assert ours(start, {id_: NEUTRAL[id_]}).angle_rad == pytest.approx(ours(start).angle_rad, abs=1e-9)
+    assert ours(start, {id_: NEUTRAL[id_]}).angle_rad == pytest.approx(
+        ours(start).angle_rad, abs=1e-9
+    )
 
 
 def load_row(loss):
@@ -141,9 +182,15 @@ def load_row(loss):
 STRIBECK_ROW = np.array([0.15, 0.8, 0.6, joints.PRESLIDING_RAD, joints.DAMPING_S, 0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(("phi", "rate"), [(1e-4, 0.01), (-2e-4, 0.02), (0.01, 0.5), (-0.01, -0.05), (0.02, -0.001)])
 @pytest.mark.parametrize(
-    ("law", "row"), [(joints.joint_stribeck_torque, STRIBECK_ROW), (joint_torques.joint_load_friction_torque, load_row(0.3))]
+    ("phi", "rate"), [(1e-4, 0.01), (-2e-4, 0.02), (0.01, 0.5), (-0.01, -0.05), (0.02, -0.001)]
+)
+@pytest.mark.parametrize(
+    ("law", "row"),
+    [
+        (joints.joint_stribeck_torque, STRIBECK_ROW),
+        (joint_torques.joint_load_friction_torque, load_row(0.3)),
+    ],
 )
 def test_the_slopes_of_a_law_are_its_derivatives(law, row, phi, rate):
     memory = np.zeros(4)
@@ -154,13 +201,19 @@ def test_the_slopes_of_a_law_are_its_derivatives(law, row, phi, rate):
 
     _, by_phi, by_rate = at(phi, rate)
     step = 1e-8
-    assert by_phi == pytest.approx((at(phi + step, rate)[0] - at(phi - step, rate)[0]) / (2 * step), rel=1e-4, abs=1e-6)
-    assert by_rate == pytest.approx((at(phi, rate + step)[0] - at(phi, rate - step)[0]) / (2 * step), rel=1e-4, abs=1e-6)
+    assert by_phi == pytest.approx(
+        (at(phi + step, rate)[0] - at(phi - step, rate)[0]) / (2 * step), rel=1e-4, abs=1e-6
+    )
+    assert by_rate == pytest.approx(
+        (at(phi, rate + step)[0] - at(phi, rate - step)[0]) / (2 * step), rel=1e-4, abs=1e-6
+    )
 
 
 def test_the_torque_is_read_by_straight_lines_and_held_at_the_ends():
     row = load_row(0.3)
-    assert [torque_at(t, row) for t in (-1.0, 0.0, 0.05, 0.1, 0.15, 0.2, 9.0)] == pytest.approx([1.0, 1.0, -0.5, -2.0, -0.75, 0.5, 0.5])
+    assert [torque_at(t, row) for t in (-1.0, 0.0, 0.05, 0.1, 0.15, 0.2, 9.0)] == pytest.approx(
+        [1.0, 1.0, -0.5, -2.0, -0.75, 0.5, 0.5]
+    )
 
 
 def test_friction_of_one_joint_acts_on_that_joint():
@@ -170,7 +223,9 @@ def test_friction_of_one_joint_acts_on_that_joint():
     def slowed(joint):
         effect = (PresentEffect("joint_friction_of_one", (("joint", joint), ("torque_Nm", 0.1))),)
         t = np.array([2e-3])
-        return simulate_pendulum(double, TorqueTrace(1.0, still), np.zeros(2), np.array([0.0, 1.0]), t, effect).speed_rad_s[0, 1]
+        return simulate_pendulum(
+            double, TorqueTrace(1.0, still), np.zeros(2), np.array([0.0, 1.0]), t, effect
+        ).speed_rad_s[0, 1]
 
     assert slowed(1.0) == pytest.approx(1.0, abs=3e-2)
     assert slowed(2.0) < slowed(1.0) - 1e-3
@@ -178,7 +233,9 @@ def test_friction_of_one_joint_acts_on_that_joint():
         slowed(3.0)
 
 
-@pytest.mark.parametrize("id_", ["torque_delay", "torque_lag", "joint_load_friction", "angle_lag", "speed_lag"])
+@pytest.mark.parametrize(
+    "id_", ["torque_delay", "torque_lag", "joint_load_friction", "angle_lag", "speed_lag"]
+)
 def test_an_effect_of_joint_torques_or_angles_is_refused_for_a_leg(id_):
     with pytest.raises(BadInput, match=rf"{id_}: .*leave it out"):
         paper_stroke(**{id_: {name: value or 0.01 for name, value in NEUTRAL[id_].items()}})

@@ -1,4 +1,6 @@
-"""Effects that do what a nominal value does where it is wrong: not nearly, but to the last digit that counts."""
+"""Effects that do what a nominal value does where it is wrong: not nearly, but to the last digit
+that counts.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,10 @@ HARD = replace(PAPER, ground=replace(PAPER.ground, stiffness_N_per_m1p5=1e5))
 VALUES = {
     "ground_compliance": ({"stiffness_N_per_m1p5": 2e4}, IN_SERIES),
     "height_offset": ({"offset_mm": 1.5}, 1.5),
-    "hinge_viscous_damping": ({"coefficient_Nm_s_per_rad": 0.05}, PAPER.leg.hinge_damping_Nm_s_per_rad + 0.05),
+    "hinge_viscous_damping": (
+        {"coefficient_Nm_s_per_rad": 0.05},
+        PAPER.leg.hinge_damping_Nm_s_per_rad + 0.05,
+    ),
 }
 
 

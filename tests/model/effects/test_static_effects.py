@@ -44,8 +44,12 @@ def spring(phi):
 
 
 def loads(torque_Nm):
-    """A loop shows where shaft angles come twice: going up, and turning back on a floor without friction."""
-    up, _, back = (state.fz_N for state in stages(SMOOTH, np.radians([100.0, 120.0, 100.0]), **torque_Nm))
+    """A loop shows where shaft angles come twice: going up, and turning back on a floor without
+    friction.
+    """
+    up, _, back = (
+        state.fz_N for state in stages(SMOOTH, np.radians([100.0, 120.0, 100.0]), **torque_Nm)
+    )
     return up, back
 
 
@@ -56,7 +60,10 @@ def test_a_plain_leg_on_a_smooth_floor_forgets_which_way_it_came():
 
 @pytest.mark.parametrize(
     "effect",
-    [{"hinge_coulomb_friction": {"torque_Nm": 0.1}}, {"spring_hysteresis": {"strength_relative": 0.3, "saturation_deg": 3.0}}],
+    [
+        {"hinge_coulomb_friction": {"torque_Nm": 0.1}},
+        {"spring_hysteresis": {"strength_relative": 0.3, "saturation_deg": 3.0}},
+    ],
     ids=lambda effect: next(iter(effect)),
 )
 def test_dry_friction_and_hysteresis_press_harder_on_the_way_up_than_on_the_way_back(effect):
@@ -70,7 +77,9 @@ def test_a_loop_in_the_hinges_carries_what_the_spring_does_not():
     for state in stages(SMOOTH, hinge_coulomb_friction={"torque_Nm": 0.1}):
         left = carried(state) - spring(state.hinge_angles_rad)
         assert (np.abs(left) <= 0.1 + 1e-4).all()
-        assert np.abs(left).max() > 0.09  # the stop throws the pins back a little, within their sticking
+        assert (
+            np.abs(left).max() > 0.09
+        )  # the stop throws the pins back a little, within their sticking
 
 
 def test_with_play_the_leg_presses_less_and_the_spring_begins_beyond_the_gap(plain):
@@ -78,7 +87,9 @@ def test_with_play_the_leg_presses_less_and_the_spring_begins_beyond_the_gap(pla
     for state, without in zip(stages(hinge_backlash={"half_gap_deg": 1.0}), plain, strict=True):
         assert state.fz_N > without.fz_N + 0.5
         phi = state.hinge_angles_rad
-        assert spring(np.sign(phi) * np.maximum(np.abs(phi) - gap, 0.0)) == pytest.approx(carried(state), abs=2e-3)
+        assert spring(np.sign(phi) * np.maximum(np.abs(phi) - gap, 0.0)) == pytest.approx(
+            carried(state), abs=2e-3
+        )
 
 
 def test_a_stop_does_nothing_until_a_hinge_comes_to_it_and_then_carries_the_rest(plain):
@@ -93,13 +104,19 @@ def test_a_stop_does_nothing_until_a_hinge_comes_to_it_and_then_carries_the_rest
 
 
 def test_a_stage_that_is_held_creeps_as_slowly_as_its_arm_relaxes():
-    """Read at every hold of one angle. The arm is soft, so that the spring beside it slows the creep by its share at most."""
+    """Read at every hold of one angle. The arm is soft, so that the spring beside it slows the
+    creep by its share at most.
+    """
     strength, tau, apart = 0.1, 2.0, MOVES.hold_s + STILL_AFTER_S
     arm = {"spring_relaxation": {"strength_relative": strength, "time_constant_s": tau}}
     first, second, third = (state.fz_N for state in stages(SMOOTH, np.radians([100.0] * 3), **arm))
     without, later, _ = (state.fz_N for state in stages(SMOOTH, np.radians([100.0] * 3)))
     assert first < second - 0.1 and later == pytest.approx(without, abs=5e-3)
-    assert np.exp(-apart / tau) - 1e-3 < (third - second) / (second - first) < np.exp(-apart / (tau * (1.0 + strength))) + 1e-3
+    assert (
+        np.exp(-apart / tau) - 1e-3
+        < (third - second) / (second - first)
+        < np.exp(-apart / (tau * (1.0 + strength))) + 1e-3
+    )
 
 
 def test_a_higher_rack_is_a_height_offset(plain):
@@ -110,26 +127,40 @@ def test_a_higher_rack_is_a_height_offset(plain):
 
 def test_another_hardening_is_a_leg_with_that_hardening(plain):
     harder = readings(stages(stiffness_hardening={"k2_per_rad2": 9.0}))
-    assert harder == pytest.approx(readings(stages(replace(PAPER, leg=replace(PAPER.leg, k2_per_rad2=9.0)))), abs=1e-9)
+    assert harder == pytest.approx(
+        readings(stages(replace(PAPER, leg=replace(PAPER.leg, k2_per_rad2=9.0)))), abs=1e-9
+    )
     assert (harder[1:, 1] < readings(plain)[1:, 1] - 1.0).all()
 
 
 def test_a_twisting_shaft_leaves_the_leg_behind_the_motor(plain):
-    for motor_rad, state, without in zip(STAGES, stages(shaft_compliance={"stiffness_Nm_per_rad": 50.0}), plain, strict=True):
-        assert state.shaft_torque_Nm == pytest.approx(50.0 * (motor_rad - state.shaft_angle_rad), abs=2e-3)
+    for motor_rad, state, without in zip(
+        STAGES, stages(shaft_compliance={"stiffness_Nm_per_rad": 50.0}), plain, strict=True
+    ):
+        assert state.shaft_torque_Nm == pytest.approx(
+            50.0 * (motor_rad - state.shaft_angle_rad), abs=2e-3
+        )
         assert state.shaft_angle_rad < motor_rad - 0.01
         assert state.fz_N > without.fz_N + 0.2
 
 
 def test_crosstalk_and_gain_act_on_the_readings_alone(plain):
     fy, fz, tx = readings(plain).T
-    assert readings(stages(sensor_crosstalk={"fz_per_fy": 0.1})) == pytest.approx(np.column_stack([fy, fz + 0.1 * fy, tx]), abs=1e-9)
-    assert readings(stages(sensor_gain={"factor": 1.1})) == pytest.approx(1.1 * readings(plain), abs=1e-9)
+    assert readings(stages(sensor_crosstalk={"fz_per_fy": 0.1})) == pytest.approx(
+        np.column_stack([fy, fz + 0.1 * fy, tx]), abs=1e-9
+    )
+    assert readings(stages(sensor_gain={"factor": 1.1})) == pytest.approx(
+        1.1 * readings(plain), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize(
     "effect",
-    [{"sensor_lag": {"time_constant_s": 0.05}}, {"clock_offset": {"offset_s": -0.05}}, {"clock_offset": {"offset_s": 0.05}}],
+    [
+        {"sensor_lag": {"time_constant_s": 0.05}},
+        {"clock_offset": {"offset_s": -0.05}},
+        {"clock_offset": {"offset_s": 0.05}},
+    ],
     ids=["lag", "early", "late"],
 )
 def test_lag_and_shifted_clocks_leave_no_trace_at_rest(plain, effect):
@@ -137,7 +168,9 @@ def test_lag_and_shifted_clocks_leave_no_trace_at_rest(plain, effect):
 
 
 def test_a_leg_in_the_air_is_heavier_by_the_mass_at_its_tip():
-    (state,) = simulate_static_stages(having(PAPER, tip_mass={"mass_g": 50.0}), NO_GROUND_M, [1.0], StageMoves(0.5, 0.05, 4.0))
+    (state,) = simulate_static_stages(
+        having(PAPER, tip_mass={"mass_g": 50.0}), NO_GROUND_M, [1.0], StageMoves(0.5, 0.05, 4.0)
+    )
     assert state.fz_N == pytest.approx(0.37 * 9.81, abs=1e-3)
     assert set(state.touch) == {Touch.AIR}
 

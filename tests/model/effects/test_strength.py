@@ -1,4 +1,6 @@
-"""Every effect at no strength leaves the stroke alone, at a plausible one it does not; in any combination it runs."""
+"""Every effect at no strength leaves the stroke alone, at a plausible one it does not; in any
+combination it runs.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +23,14 @@ OTHER_STEPS = {  # other equations, other steps: their error, rms of fz
     "motor_speed_ripple": 2e-4,
 }
 
-OF_PENDULUMS = {"torque_scale", "torque_delay", "torque_lag", "joint_load_friction", "angle_lag", "speed_lag"}  # see their tests
+OF_PENDULUMS = {
+    "torque_scale",
+    "torque_delay",
+    "torque_lag",
+    "joint_load_friction",
+    "angle_lag",
+    "speed_lag",
+}  # see their tests
 
 NEUTRAL = {
     "hinge_coulomb_friction": {"torque_Nm": 0.0},
@@ -65,7 +74,12 @@ NEUTRAL = {
     "clock_offset": {"offset_s": 0.0},
     "sensor_clock_rate": {"rate_relative": 0.0},
     "sensor_crosstalk": {"fz_per_fy": 0.0},
-    "sensor_crosstalk_matrix": {"fz_per_fy": 0.0, "fy_per_fz": 0.0, "tx_per_fy_mm": 0.0, "tx_per_fz_mm": 0.0},
+    "sensor_crosstalk_matrix": {
+        "fz_per_fy": 0.0,
+        "fy_per_fz": 0.0,
+        "tx_per_fy_mm": 0.0,
+        "tx_per_fz_mm": 0.0,
+    },
     "sensor_saturation": {"limit_N": 1e9},
     "sensor_drift": {"rate_N_per_s": 0.0},
     "sensor_gain": {"factor": 1.0},
@@ -113,7 +127,12 @@ SMALL = {
     "clock_offset": {"offset_s": 0.003},
     "sensor_clock_rate": {"rate_relative": 0.003},
     "sensor_crosstalk": {"fz_per_fy": 0.02},
-    "sensor_crosstalk_matrix": {"fz_per_fy": 0.01, "fy_per_fz": -0.01, "tx_per_fy_mm": 1.0, "tx_per_fz_mm": -1.0},
+    "sensor_crosstalk_matrix": {
+        "fz_per_fy": 0.01,
+        "fy_per_fz": -0.01,
+        "tx_per_fy_mm": 1.0,
+        "tx_per_fz_mm": -1.0,
+    },
     "sensor_saturation": {"limit_N": 45.0},
     "sensor_drift": {"rate_N_per_s": 0.2},
     "sensor_gain": {"factor": 1.02},
@@ -133,7 +152,9 @@ def test_the_tables_of_this_test_miss_no_effect():
 def test_at_no_strength_an_effect_leaves_the_stroke_alone(id_, plain):
     stroke = paper_stroke(FINE, **{id_: NEUTRAL[id_]})
     for name in ("fy_N", "fz_N", "tx_Nm", "q_rad"):
-        assert np.sqrt(np.mean((getattr(stroke, name) - getattr(plain, name)) ** 2)) < OTHER_STEPS.get(id_, 1e-6), name
+        assert np.sqrt(
+            np.mean((getattr(stroke, name) - getattr(plain, name)) ** 2)
+        ) < OTHER_STEPS.get(id_, 1e-6), name
 
 
 @pytest.mark.parametrize("id_", sorted(SMALL))
@@ -145,7 +166,12 @@ def test_at_a_plausible_strength_an_effect_shows_in_the_force(id_, plain):
         assert 0.01 < np.sqrt(np.mean((stroke.fz_N - plain.fz_N) ** 2)) < 10.0
 
 
-SOFT_DRIVES = ("motor_cogging", "motor_torque_limit", "shaft_compliance", "shaft_play")  # beside motor_speed_droop
+SOFT_DRIVES = (
+    "motor_cogging",
+    "motor_torque_limit",
+    "shaft_compliance",
+    "shaft_play",
+)  # beside motor_speed_droop
 TOGETHER = {name: values for name, values in SMALL.items() if name not in SOFT_DRIVES}
 
 

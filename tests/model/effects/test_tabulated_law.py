@@ -1,4 +1,6 @@
-"""A law given by its values does what the catalogue's formula with the same values does, and a bad table is one clear line."""
+"""A law given by its values does what the catalogue's formula with the same values does, and a
+bad table is one clear line.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +25,10 @@ TWIN = Path(__file__).parents[3] / "calibration" / "twin.toml"
 
 
 def table(place, argument, knots, values):
-    return PresentEffect("tabulated_law", table=LawTable(place, argument, tuple(map(float, knots)), tuple(map(float, values))))
+    return PresentEffect(
+        "tabulated_law",
+        table=LawTable(place, argument, tuple(map(float, knots)), tuple(map(float, values))),
+    )
 
 
 def formula(name, **values):
@@ -37,14 +42,26 @@ def stroke(*effects, rig=PAPER):
 @pytest.mark.parametrize(
     ("by_values", "by_formula", "within"),
     [
-        (table("hinges", "rate_rad_s", RATES, 0.02 * RATES), formula("hinge_viscous_damping", coefficient_Nm_s_per_rad=0.02), 0.02),
+        (
+            table("hinges", "rate_rad_s", RATES, 0.02 * RATES),
+            formula("hinge_viscous_damping", coefficient_Nm_s_per_rad=0.02),
+            0.02,
+        ),
         (
             table("floor_friction", "slip_m_s", SLIPS, 0.5 * np.exp(-np.abs(SLIPS) / 0.3)),
             formula("ground_stribeck", rise_relative=0.5, speed_m_s=0.3),
             0.02,
         ),
-        (table("floor_normal", "depth_m", [0.0, 1.0], [-5.0, -5.0]), formula("ground_adhesion", force_N=5.0), 0.001),
-        (table("fz_N", "time_s", [0.0, 2.0], [0.0, 4.0]), formula("sensor_drift", rate_N_per_s=2.0), 0.02),
+        (
+            table("floor_normal", "depth_m", [0.0, 1.0], [-5.0, -5.0]),
+            formula("ground_adhesion", force_N=5.0),
+            0.001,
+        ),
+        (
+            table("fz_N", "time_s", [0.0, 2.0], [0.0, 4.0]),
+            formula("sensor_drift", rate_N_per_s=2.0),
+            0.02,
+        ),
     ],
 )
 def test_it_does_what_the_formula_does(by_values, by_formula, within):
@@ -56,7 +73,10 @@ def test_it_does_what_the_formula_does(by_values, by_formula, within):
 
 
 def test_friction_by_load_is_the_coefficient_where_it_depends_on_nothing():
-    rougher = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=1.2 * PAPER.ground.friction_coefficient))
+    rougher = replace(
+        PAPER,
+        ground=replace(PAPER.ground, friction_coefficient=1.2 * PAPER.ground.friction_coefficient),
+    )
     by_load = stroke(table("floor_friction", "load_N", [0.0, 100.0], [0.2, 0.2]))
     assert by_load.fz_N == pytest.approx(stroke(rig=rougher).fz_N, abs=2e-3)
 
@@ -81,17 +101,31 @@ def test_a_single_hinge_is_the_one_that_people_count():
 def test_a_pendulum_has_it_in_its_joints_beside_its_drive():
     link = PendulumLink(0.2, 0.5, 0.1, 0.01)
     damped = Pendulum((replace(link, joint_damping_Nm_s_per_rad=0.05),))
-    trace, t_s = torque_trace(np.array([0.0, 1.0]), np.array([[0.1], [0.3]])), np.arange(0.01, 1.0, 0.01)
+    trace, t_s = (
+        torque_trace(np.array([0.0, 1.0]), np.array([[0.1], [0.3]])),
+        np.arange(0.01, 1.0, 0.01),
+    )
     start = (np.array([0.5]), np.zeros(1))
     law = table("joint1", "rate_rad_s", [-40.0, 0.0, 40.0], [-2.0, 0.0, 2.0])
     found = simulate_pendulum(Pendulum((link,)), trace, *start, t_s, [law])
-    assert found.angle_rad == pytest.approx(simulate_pendulum(damped, trace, *start, t_s).angle_rad, abs=1e-4)
+    assert found.angle_rad == pytest.approx(
+        simulate_pendulum(damped, trace, *start, t_s).angle_rad, abs=1e-4
+    )
     with pytest.raises(BadInput, match="joint2 is not there; this rig has 1 to 1"):
-        simulate_pendulum(Pendulum((link,)), trace, *start, t_s, [table("joint2", "rate_rad_s", [0.0, 1.0], [0.0, 1.0])])
+        simulate_pendulum(
+            Pendulum((link,)),
+            trace,
+            *start,
+            t_s,
+            [table("joint2", "rate_rad_s", [0.0, 1.0], [0.0, 1.0])],
+        )
 
 
 KNOTS = "knots = [-1.0, 0.0, 2.5]\n"
-LAW = f'\n[[effects]]\nid = "tabulated_law"\nplace = "hinges"\nargument = "rate_rad_s"\n{KNOTS}values = [-0.02, 0.0, 0.08]\n'
+LAW = (
+    '\n[[effects]]\nid = "tabulated_law"\nplace = "hinges"\nargument = '
+    f'"rate_rad_s"\n{KNOTS}values = [-0.02, 0.0, 0.08]\n'
+)
 
 
 def rig_with(tmp_path, text):
@@ -103,18 +137,35 @@ def rig_with(tmp_path, text):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (LAW.replace(KNOTS, "knots = [-1.0, 0.0]\n"), "2 knots, but 3 values; give one value per knot"),
-        (LAW.replace(KNOTS, "knots = [-1.0, 2.5, 0.0]\n"), r"knot 3 \(0\) is not above the one before \(2.5\); sort them"),
+        (
+            LAW.replace(KNOTS, "knots = [-1.0, 0.0]\n"),
+            "2 knots, but 3 values; give one value per knot",
+        ),
+        (
+            LAW.replace(KNOTS, "knots = [-1.0, 2.5, 0.0]\n"),
+            r"knot 3 \(0\) is not above the one before \(2.5\); sort them",
+        ),
         (LAW.replace(KNOTS, ""), "knots missing; it takes place, argument, knots, values"),
         (LAW.replace("hinges", "knee"), "place 'knee' is not known; there are hinges"),
-        (LAW.replace("rate_rad_s", "slip_m_s"), "at hinges a law cannot depend on 'slip_m_s'; it can on rate_rad_s, angle_rad"),
+        (
+            LAW.replace("rate_rad_s", "slip_m_s"),
+            "at hinges a law cannot depend on 'slip_m_s'; it can on rate_rad_s, angle_rad",
+        ),
         (LAW.replace("0.08", "nan"), "finite number"),
-        (LAW.replace(KNOTS, "knots = [0.0]\n").replace("[-0.02, 0.0, 0.08]", "[0.1]"), "1 knots; give 2 to 200"),
-        (LAW.replace("hinges", "floor_friction").replace("rate_rad_s", "slip_m_s").replace("-0.02", "-1.5"), "-1.5 would turn friction"),
+        (
+            LAW.replace(KNOTS, "knots = [0.0]\n").replace("[-0.02, 0.0, 0.08]", "[0.1]"),
+            "1 knots; give 2 to 200",
+        ),
+        (
+            LAW.replace("hinges", "floor_friction")
+            .replace("rate_rad_s", "slip_m_s")
+            .replace("-0.02", "-1.5"),
+            "-1.5 would turn friction",
+        ),
         (LAW.replace('place = "hinges"', "parameters = { x = 1.0 }"), "leave parameters out"),
         (LAW.replace("tabulated_law", "tip_mass"), "place belongs to a tabulated_law"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_table_is_one_clear_line(tmp_path, text, said):
     with pytest.raises(BadInput, match=said) as raised:
         rig_with(tmp_path, text).model()
@@ -133,7 +184,13 @@ def test_it_comes_back_from_a_model_file_as_it_went_in(tmp_path):
     assert nominal_model(rig.nominal()) == rig.model()
     sections = make_fitted_sections(rig.nominal(), rig.model())
     law = LawTable("floor_friction", "slip_m_s", (0.0, 1.0), (0.3, 0.0))
-    write_model(tmp_path / "model.toml", sections, {}, ["two laws"], [FoundEffect("tabulated_law", {}, {"the value at 0": 0.1}, law)])
+    write_model(
+        tmp_path / "model.toml",
+        sections,
+        {},
+        ["two laws"],
+        [FoundEffect("tabulated_law", {}, {"the value at 0": 0.1}, law)],
+    )
     again = read_model_file(tmp_path / "model.toml").model()
     assert again.effects == (effect, PresentEffect("tabulated_law", table=law))
     assert "the value at 0 is known to 0.1" in (tmp_path / "model.toml").read_text()

@@ -31,7 +31,10 @@ if TYPE_CHECKING:
     from rfca_rig.description.protocol_file import DynamicFile
     from rfca_rig.protocol.plan import Stage
 
-app = typer.Typer(help="The dynamic experiment: flap against the ground, record force and shaft over time.", no_args_is_help=True)
+app = typer.Typer(
+    help="The dynamic experiment: flap against the ground, record force and shaft over time.",
+    no_args_is_help=True,
+)
 
 
 @app.callback()
@@ -41,14 +44,27 @@ def _group() -> None:
 
 @app.command(cls=Command)
 def run(
-    height: Annotated[float | None, typer.Option("--height", metavar="MM", help="Height of the shaft above the ground.")] = None,
-    speed: Annotated[float | None, typer.Option("--speed", metavar="RAD/S", help="Speed of the shaft.")] = None,
-    repeats: Annotated[int | None, typer.Option("--repeats", metavar="N", min=1, help="Strokes per condition.")] = None,
+    height: Annotated[
+        float | None,
+        typer.Option("--height", metavar="MM", help="Height of the shaft above the ground."),
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option("--speed", metavar="RAD/S", help="Speed of the shaft.")
+    ] = None,
+    repeats: Annotated[
+        int | None, typer.Option("--repeats", metavar="N", min=1, help="Strokes per condition.")
+    ] = None,
     protocol: Protocol = "flapping",
     rig: Rig = "twin",
     model: Model = None,
     report: Annotated[
-        Path | None, typer.Option("--report", metavar="DIR", callback=out_folder, help="Write the report of this run there as well.")
+        Path | None,
+        typer.Option(
+            "--report",
+            metavar="DIR",
+            callback=out_folder,
+            help="Write the report of this run there as well.",
+        ),
     ] = None,
     runs: Runs = Path("runs"),
     seed: Seed = None,
@@ -61,7 +77,8 @@ def run(
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
-    """Flap at one condition (--height and --speed) or at those of a protocol, and record every stroke.
+    """Flap at one condition (--height and --speed) or at those of a protocol, and record every
+    stroke.
 
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
@@ -73,10 +90,23 @@ def run(
 
     viewing = parse_viewing(view, view_port, pace)
     asked = RunOptions(
-        rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ()
+        rig,
+        protocol,
+        model,
+        runs,
+        seed,
+        operator,
+        sample,
+        is_dry=dry_run,
+        is_quiet=as_json,
+        viewing=viewing,
+        faults=fault or (),
     )
     config = make_run_config(
-        asked, lambda path, facts: flapping_plan(replace_conditions(read_dynamic(path), height, speed, repeats).flapping(), facts)
+        asked,
+        lambda path, facts: flapping_plan(
+            replace_conditions(read_dynamic(path), height, speed, repeats).flapping(), facts
+        ),
     )
     valleys = Valleys()
     folder, _ = run_and_record(config, valleys.say_stage)
@@ -84,8 +114,12 @@ def run(
         _close(config.mark, folder, valleys.rows, report, as_json)
 
 
-def replace_conditions(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
-    """The protocol with these values in place of its conditions and repeats. Raises BadInput where the file's format forbids them."""
+def replace_conditions(
+    protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None
+) -> "DynamicFile":
+    """The protocol with these values in place of its conditions and repeats. Raises BadInput
+    where the file's format forbids them.
+    """
     from rfca_rig.description.protocol_file import ConditionSection, DynamicFile
     from rfca_rig.errors import BadInput
     from rfca_rig.toml import validate
@@ -94,8 +128,15 @@ def replace_conditions(protocol: "DynamicFile", height_mm: float | None, speed_r
         raise BadInput("give --height and --speed together; alone, each leaves the other to chance")
     changes: dict[str, Any] = {} if repeats is None else {"repeats": repeats}
     if height_mm is not None and speed_rad_s is not None:
-        condition = validate({"height_mm": height_mm, "speed_rad_s": speed_rad_s}, ConditionSection, "--height, --speed")
-        changes |= {"conditions": (condition,), "title": f"{protocol.title} {height_mm:g} mm {speed_rad_s:g} rad per s"}
+        condition = validate(
+            {"height_mm": height_mm, "speed_rad_s": speed_rad_s},
+            ConditionSection,
+            "--height, --speed",
+        )
+        changes |= {
+            "conditions": (condition,),
+            "title": f"{protocol.title} {height_mm:g} mm {speed_rad_s:g} rad per s",
+        }
     # Checked again as a whole: a copy alone would take values that the file's format forbids.
     return validate(protocol.model_copy(update=changes).model_dump(), DynamicFile, "--repeats")
 
@@ -110,7 +151,9 @@ def say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
 
 
 class Valleys:
-    """Prints a line for every stroke and keeps a row of numbers for the end; the strokes themselves stay on disk."""
+    """Prints a line for every stroke and keeps a row of numbers for the end; the strokes
+    themselves stay on disk.
+    """
 
     def __init__(self) -> None:
         self.rows: list[dict[str, float | None]] = []
@@ -132,10 +175,16 @@ def valley_text(valley: "Valley | Undetermined") -> str:
     """A valley, or why there is none, for a line of output."""
     from rfca_rig.analysis.phases import Valley
 
-    return f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)" if isinstance(valley, Valley) else f"no valley: {valley.reason}"
+    return (
+        f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)"
+        if isinstance(valley, Valley)
+        else f"no valley: {valley.reason}"
+    )
 
 
-def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report: Path | None, as_json: bool) -> None:
+def _close(
+    mark: str, folder: Path, rows: list[dict[str, float | None]], report: Path | None, as_json: bool
+) -> None:
     """Prints the last lines: where the recording is, and what to type next."""
     import json
 
@@ -146,5 +195,9 @@ def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report:
     if as_json:
         echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
         return
-    following = f"open {report / 'report.html'}" if report else f"next: rfca-rig report {folder} --out report"
+    following = (
+        f"open {report / 'report.html'}"
+        if report
+        else f"next: rfca-rig report {folder} --out report"
+    )
     echo(f"{mark} recorded {len(rows)} strokes in {folder}; {following}", err=True)

@@ -7,7 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Command, Dry, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
+from rfca_rig.cli.options import (
+    Command,
+    Dry,
+    Json,
+    Model,
+    Operator,
+    Pace,
+    Protocol,
+    Rig,
+    Runs,
+    Sample,
+    Seed,
+    View,
+    ViewPort,
+)
 from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
@@ -20,7 +34,10 @@ if TYPE_CHECKING:
     from rfca_rig.protocol.plan import Stage, StiffnessCheck
     from rfca_rig.recording.model import StaticStage
 
-app = typer.Typer(help="Fatigue: bend the leg again and again, and look now and then how stiff it still is.", no_args_is_help=True)
+app = typer.Typer(
+    help="Fatigue: bend the leg again and again, and look now and then how stiff it still is.",
+    no_args_is_help=True,
+)
 
 
 @app.callback()
@@ -31,7 +48,12 @@ def _group() -> None:
 @app.command(cls=Command)
 def run(
     protocol: Protocol = "fatigue",
-    cycles: Annotated[int | None, typer.Option("--cycles", min=1, metavar="N", help="Cycles, in place of the protocol's number.")] = None,
+    cycles: Annotated[
+        int | None,
+        typer.Option(
+            "--cycles", min=1, metavar="N", help="Cycles, in place of the protocol's number."
+        ),
+    ] = None,
     rig: Rig = "twin",
     model: Model = None,
     runs: Runs = Path("runs"),
@@ -44,7 +66,8 @@ def run(
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
-    """Turn the shaft on and on, count every cycle on disk, check the stiffness now and then, and stop where it drifts too far.
+    """Turn the shaft on and on, count every cycle on disk, check the stiffness now and then, and
+    stop where it drifts too far.
 
     A run that was stopped goes on with rfca-rig resume RUN.
 
@@ -57,8 +80,22 @@ def run(
     from rfca_rig.protocol.experiments import fatigue_plan
 
     viewing = parse_viewing(view, view_port, pace)
-    asked = RunOptions(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)
-    config = make_run_config(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
+    asked = RunOptions(
+        rig,
+        protocol,
+        model,
+        runs,
+        seed,
+        operator,
+        sample,
+        is_dry=dry_run,
+        is_quiet=as_json,
+        viewing=viewing,
+    )
+    config = make_run_config(
+        asked,
+        lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts),
+    )
     say_bending(config)
     folder, _ = run_and_record(config, Watcher().say_stage)
     if folder is not None:
@@ -69,7 +106,11 @@ def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
     """The protocol with the values that the command line replaces."""
     from rfca_rig.toml import validate
 
-    return protocol if cycles is None else validate({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
+    return (
+        protocol
+        if cycles is None
+        else validate({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
+    )
 
 
 def say_bending(config: "RunConfig") -> None:
@@ -78,14 +119,20 @@ def say_bending(config: "RunConfig") -> None:
     from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.protocol.plan import cycles_in
 
-    for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(config.plan)}):
+    for height_m, speed_rad_s in sorted(
+        {(stage.height_m, stage.speed_rad_s) for stage in cycles_in(config.plan)}
+    ):
         bending = predict_bending(config.nominal_source.model(), height_m, speed_rad_s)
-        make_marked_say(config.mark, config.quiet)(f"a cycle at {1e3 * height_m:.1f} mm bends the leg by {bending.text()}, says the model")
+        make_marked_say(config.mark, config.quiet)(
+            f"a cycle at {1e3 * height_m:.1f} mm bends the leg by {bending.text()}, says the model"
+        )
 
 
 @dataclass(frozen=True)
 class Watcher:
-    """Prints what each stage gave, and ends the run where the leg is worn. `begun` is set for a continued run."""
+    """Prints what each stage gave, and ends the run where the leg is worn. `begun` is set for a
+    continued run.
+    """
 
     begun: "InterruptedRun | None" = None
 
@@ -111,8 +158,12 @@ class Watcher:
             return
         message = f"{stage.label}: the forces are {drift.text()} off those of the first"
         if not abs(drift.relative) <= stage.drift_limit:
-            # An error of its own, with exit code 4: a worn leg is the result of the test, not a failure of it.
-            raise WornOut(f"{message}, limit {100.0 * stage.drift_limit:g} %; look at the leg before anything else")
+            # An error of its own, with exit code 4: a worn leg is the result of the test, not a
+            # failure of it.
+            raise WornOut(
+                f"{message}, limit {100.0 * stage.drift_limit:g} %; look at the leg "
+                "before anything else"
+            )
         say(message)
 
 
@@ -131,12 +182,27 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
         echo(json.dumps({"source": mark, "run": str(folder), **found}, indent=1))
         return
     last = found["checks"][-1] if found["checks"] else None
-    drift = "" if last is None else f", stiffness drift {last['drift_percent']:+.2f} +- {last['std_percent']:.2f} % since the first check"
-    echo(f"{mark} {found['cycles']} of {found['planned']} cycles done in {folder}{drift}; next: rfca-rig check {folder}", err=True)
+    drift = (
+        ""
+        if last is None
+        else (
+            f", stiffness drift {last['drift_percent']:+.2f} +- {last['std_percent']:.2f} % "
+            "since the first check"
+        )
+    )
+    echo(
+        (
+            f"{mark} {found['cycles']} of {found['planned']} cycles done in {folder}{drift}; "
+            f"next: rfca-rig check {folder}"
+        ),
+        err=True,
+    )
 
 
 def _results(folder: Path) -> dict[str, Any]:
-    """Cycles counted and planned, strokes among them, and the drift at each check after the first."""
+    """Cycles counted and planned, strokes among them, and the drift at each check after the
+    first.
+    """
     from rfca_rig.protocol.plan import StiffnessCheck, cycles_in
     from rfca_rig.protocol.written_plan import parse_plan
     from rfca_rig.recording.run_folder import read_stages
@@ -144,12 +210,23 @@ def _results(folder: Path) -> dict[str, Any]:
 
     recording = read_stages(folder)
     plan = parse_plan(recording.title, recording.provenance)
-    checks = [stage for stage in plan.stages if isinstance(stage, StiffnessCheck) and stage.number > 1]
-    drifts = [(stage.number, drift) for stage in checks if (drift := _drift(stage, recording.static)) is not None]
+    checks = [
+        stage for stage in plan.stages if isinstance(stage, StiffnessCheck) and stage.number > 1
+    ]
+    drifts = [
+        (stage.number, drift)
+        for stage in checks
+        if (drift := _drift(stage, recording.static)) is not None
+    ]
     return {
         "cycles": len(cycle_table(recording).numbers) + len(recording.strokes),
         "planned": sum(stage.count for stage in cycles_in(plan)) + len(plan.flaps),
         "checks": [
-            {"check": number, "drift_percent": 100.0 * drift.relative, "std_percent": 100.0 * drift.std} for number, drift in drifts
+            {
+                "check": number,
+                "drift_percent": 100.0 * drift.relative,
+                "std_percent": 100.0 * drift.std,
+            }
+            for number, drift in drifts
         ],
     }

@@ -31,16 +31,29 @@ def _list_names(wanted: bool) -> None:
 
 
 def plan(
-    protocol: Annotated[str, typer.Argument(metavar="PROTOCOL", help="A name in protocols/ (--list), or a .toml file.")],
+    protocol: Annotated[
+        str,
+        typer.Argument(metavar="PROTOCOL", help="A name in protocols/ (--list), or a .toml file."),
+    ],
     rig: Rig = "twin",
     model: Model = None,
     lists: Annotated[  # noqa: ARG001
-        bool, typer.Option("--list", callback=_list_names, is_eager=True, help="Print the names of protocols and rigs, and leave.")
+        bool,
+        typer.Option(
+            "--list",
+            callback=_list_names,
+            is_eager=True,
+            help="Print the names of protocols and rigs, and leave.",
+        ),
     ] = False,
-    every: Annotated[bool, typer.Option("--all", help=f"Print every stage, also of a plan of more than {MOST_LINES}.")] = False,
+    every: Annotated[
+        bool,
+        typer.Option("--all", help=f"Print every stage, also of a plan of more than {MOST_LINES}."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Print every stage of a plan with its time, size and expected load, and check it against the rig's limits. Nothing moves.
+    """Print every stage of a plan with its time, size and expected load, and check it against the
+    rig's limits. Nothing moves.
 
     It is the very list that a run walks.
 
@@ -57,14 +70,19 @@ def plan(
         echo(json.dumps(_as_data(config.plan, expected), indent=1))
         return
     lines = _lines(config, expected, None if every else MOST_LINES)
-    print_lines((f"{config.mark} {line}" for line in lines), indent=f"{config.mark} " + " " * LABEL_AT)
+    print_lines(
+        (f"{config.mark} {line}" for line in lines), indent=f"{config.mark} " + " " * LABEL_AT
+    )
 
 
 def _names() -> Iterator[str]:
     """Names in protocols/ and calibration/, each with its kind and title."""
     from rfca_rig.cli.names import file_names, rig_names
 
-    for heading, kind, known in (("protocols", "protocols", file_names("protocols")), ("rigs", "calibration", rig_names())):
+    for heading, kind, known in (
+        ("protocols", "protocols", file_names("protocols")),
+        ("rigs", "calibration", rig_names()),
+    ):
         yield f"{heading}:"
         for name in known:
             yield f"  {name:<18}{_kind_and_title(kind, name)}"
@@ -82,20 +100,38 @@ def _kind_and_title(folder: str, name: str) -> str:
     except BadInput as error:
         return in_one_line(str(error))
     head = data["rig"] if isinstance(data.get("rig"), dict) else data
-    kind, title = (str(head.get(key, "")) for key in ("kind" if folder == "calibration" else "experiment", "title"))
+    kind, title = (
+        str(head.get(key, ""))
+        for key in ("kind" if folder == "calibration" else "experiment", "title")
+    )
     return f"{in_one_line(kind):<8}{in_one_line(title)}"
 
 
 def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:
     plan = config.plan
-    head = [f"{config.rig.rig.title}: {plan.title}", f"{'stage':>5} {'until':>9}  {'MB':>5} {'N':>5} {'N m':>5}  what"]
+    head = [
+        f"{config.rig.rig.title}: {plan.title}",
+        f"{'stage':>5} {'until':>9}  {'MB':>5} {'N':>5} {'N m':>5}  what",
+    ]
     rows = _rows(plan, expected)
-    shown = rows if most is None or len(rows) <= most else [*rows[:most], f"... {len(rows) - most} stages more; --all prints them"]
+    shown = (
+        rows
+        if most is None or len(rows) <= most
+        else [*rows[:most], f"... {len(rows) - most} stages more; --all prints them"]
+    )
     limits = plan.limits
-    counted = f"{len(plan.stages)} stages: {len(plan.flaps)} strokes, {len(plan.holds)} static stages"
-    at_most = f"at most {_clock(plan.duration_s)} on the rig, {plan.recorded_bytes / 1e6:.1f} MB before compression and photos"
+    counted = (
+        f"{len(plan.stages)} stages: {len(plan.flaps)} strokes, {len(plan.holds)} static stages"
+    )
+    at_most = (
+        f"at most {_clock(plan.duration_s)} on the rig, {plan.recorded_bytes / 1e6:.1f} MB "
+        "before compression and photos"
+    )
     expects = "until: at most so long; N, N m: the most that the model expects"
-    within = f"within the limits: {limits.force_N:g} N, {limits.torque_Nm:g} N m, {limits.speed_rad_s:g} rad/s"
+    within = (
+        f"within the limits: {limits.force_N:g} N, {limits.torque_Nm:g} N m, "
+        f"{limits.speed_rad_s:g} rad/s"
+    )
     return [*head, *shown, expects, counted, at_most, within]
 
 
@@ -106,7 +142,10 @@ def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
         until_s += stage.duration_s
         size_MB = plan.rates.bytes_in(stage.recorded_s) / 1e6
         size = f"{size_MB:.1f}" if size_MB else ""
-        rows.append(f"{number:5d} {_clock(until_s):>9}  {size:>5} {_load(expected.get(stage))}  {stage.label}")
+        rows.append(
+            f"{number:5d} {_clock(until_s):>9}  {size:>5} {_load(expected.get(stage))}  "
+            f"{stage.label}"
+        )
     return rows
 
 
@@ -133,4 +172,9 @@ def _as_data(plan: "Plan", expected: "Mapping[Stage, Load]") -> dict[str, Any]:
         }
         for stage in plan.stages
     ]
-    return {"title": plan.title, "experiment": plan.experiment, "at_most_s": plan.duration_s, "stages": stages}
+    return {
+        "title": plan.title,
+        "experiment": plan.experiment,
+        "at_most_s": plan.duration_s,
+        "stages": stages,
+    }

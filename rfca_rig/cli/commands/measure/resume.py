@@ -17,10 +17,18 @@ def resume(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of the run.")],
     rig: Annotated[
         str | None,
-        typer.Option("--rig", metavar="NAME|FILE", help="Go on with this rig file, though it is not the one that the run began with."),
+        typer.Option(
+            "--rig",
+            metavar="NAME|FILE",
+            help="Go on with this rig file, though it is not the one that the run began with.",
+        ),
     ] = None,
     after_trip: Annotated[
-        bool, typer.Option("--after-trip", help="Go on although a limit had stopped the motion; look at the rig first.")
+        bool,
+        typer.Option(
+            "--after-trip",
+            help="Go on although a limit had stopped the motion; look at the rig first.",
+        ),
     ] = False,
     operator: Operator = "",
     view: View = False,
@@ -29,9 +37,11 @@ def resume(
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
-    """Go on with a run that was stopped, by ^C, a trip, a crash or a power cut: the stages that are not recorded, into the same folder.
+    """Go on with a run that was stopped, by ^C, a trip, a crash or a power cut: the stages that are
+    not recorded, into the same folder.
 
-    A real rig is armed again. From wherever the shaft stands it first turns forwards to the start angle.
+    A real rig is armed again. From wherever the shaft stands it first turns forwards to the start
+    angle.
 
     Example: rfca-rig resume runs/REAL-table-ii-001
     """
@@ -47,14 +57,25 @@ def resume(
     from rfca_rig.errors import BadInput
 
     begun = read_interrupted_run(run.parent if run.suffix == ".h5" else run)
-    config = replace(_order(begun, rig, as_json, dry_run), viewing=parse_viewing(view, view_port, pace), operator=operator)
+    config = replace(
+        _order(begun, rig, as_json, dry_run),
+        viewing=parse_viewing(view, view_port, pace),
+        operator=operator,
+    )
     if begun.has_tripped and not after_trip:
         # Nothing resumes by itself after a trip: a person must have looked at the rig.
-        raise BadInput(f"{begun.folder}: was stopped by {begun.why}; look at the rig, then say --after-trip to go on")
-    make_marked_say(config.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
+        raise BadInput(
+            f"{begun.folder}: was stopped by {begun.why}; look at the rig, then say "
+            "--after-trip to go on"
+        )
+    make_marked_say(config.mark, as_json)(
+        f"{begun.folder} stopped: {begun.why}; what remains of its plan:"
+    )
     if config.plan.experiment == "fatigue":
         say_bending(config)
-    on_stage = {"dynamic": say_valley, "static": say_stage, "fatigue": Watcher(begun).say_stage}[begun.plan.experiment]
+    on_stage = {"dynamic": say_valley, "static": say_stage, "fatigue": Watcher(begun).say_stage}[
+        begun.plan.experiment
+    ]
     folder, _ = run_and_record(config, on_stage)
     if folder is not None:
         _close(config, begun, as_json)
@@ -72,13 +93,17 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
 
     stored, remaining_plan = begun.header.provenance, make_remaining_plan(begun.plan, begun.done)
     if not remaining_plan.stages:
-        raise BadInput(f"{begun.folder}: every stage is recorded; to bring it to its end, type rfca-rig recover {begun.folder}")
+        raise BadInput(
+            f"{begun.folder}: every stage is recorded; to bring it to its end, type "
+            f"rfca-rig recover {begun.folder}"
+        )
     name = rig or stored.get("rig")
     if name is None:
         raise BadInput(f"{begun.folder}: does not say where its rig file is; say so with --rig")
     path = find_rig(name)
     if rig is None:
-        # The recording names this file; a recording from elsewhere must not choose what is executed here.
+        # The recording names this file; a recording from elsewhere must not choose what is executed
+        # here.
         check_trusted(path, f"--rig {name}")
     now = read_compatible_rig(begun, path, deliberately=rig is not None)
     model, model_text = nominal_model_of(now.rig, begun.header)
@@ -115,10 +140,17 @@ def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:
         fatigue.close(config.mark, begun.folder, as_json)
     elif as_json:
         summary = summarize(begun.folder / RECORDING, thorough=False)
-        count = {"strokes": summary.strokes, "static_stages": summary.static, "resumed": begun.resumed + 1}
+        count = {
+            "strokes": summary.strokes,
+            "static_stages": summary.static,
+            "resumed": begun.resumed + 1,
+        }
         echo(json.dumps({"source": config.mark, "run": str(begun.folder), **count}, indent=1))
     else:
         echo(
-            f"{config.mark} {describe_contents(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report",
+            (
+                f"{config.mark} {describe_contents(begun.folder)} in {begun.folder}; next: "
+                f"rfca-rig report {begun.folder} --out report"
+            ),
             err=True,
         )

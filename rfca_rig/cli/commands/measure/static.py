@@ -43,36 +43,76 @@ if TYPE_CHECKING:
 
 
 Angles = Annotated[
-    str | None, typer.Option("--angles", metavar="DEG,DEG,...", help="The shaft from the horizontal, then each hinge, instead of a run.")
+    str | None,
+    typer.Option(
+        "--angles",
+        metavar="DEG,DEG,...",
+        help="The shaft from the horizontal, then each hinge, instead of a run.",
+    ),
 ]
 
-app = typer.Typer(help="The static experiment: turn the shaft in stages, let the leg settle, measure.", no_args_is_help=True)
+app = typer.Typer(
+    help="The static experiment: turn the shaft in stages, let the leg settle, measure.",
+    no_args_is_help=True,
+)
 
 HINGE_STD = typer.Option(
-    "--hinge-std-deg", metavar="DEG", min=1e-4, max=10, help="One standard deviation of a hinge angle, where the stages do not say."
+    "--hinge-std-deg",
+    metavar="DEG",
+    min=1e-4,
+    max=10,
+    help="One standard deviation of a hinge angle, where the stages do not say.",
 )
 MARKS = typer.Option(
-    "--marks-deg", metavar="DEG", min=0, max=5, help="How far a hinge's zero may be off because a mark sits beside its axis."
+    "--marks-deg",
+    metavar="DEG",
+    min=0,
+    max=5,
+    help="How far a hinge's zero may be off because a mark sits beside its axis.",
 )
 # Defaults of options, which the command in the report's footer leaves out.
 USUAL = {"--marks-deg": 0.1, "--force-gain-pct": 0.0}
 GAIN = typer.Option(
-    "--force-gain-pct", metavar="PERCENT", min=0, max=20, help="One standard deviation of the force sensor's gain; 0 counts as exact."
+    "--force-gain-pct",
+    metavar="PERCENT",
+    min=0,
+    max=20,
+    help="One standard deviation of the force sensor's gain; 0 counts as exact.",
 )
 
 
 def load(
-    down: Annotated[float, typer.Option("--down", metavar="N", min=-1e4, max=1e4, help="Force on the tip, downwards.")] = 0.0,
-    along: Annotated[float, typer.Option("--along", metavar="N", min=-1e4, max=1e4, help="Force on the tip, away from the shaft.")] = 0.0,
-    shaft: Annotated[float, typer.Option("--shaft", metavar="DEG", min=-360, max=360, help="Shaft below the horizontal.")] = 0.0,
+    down: Annotated[
+        float,
+        typer.Option("--down", metavar="N", min=-1e4, max=1e4, help="Force on the tip, downwards."),
+    ] = 0.0,
+    along: Annotated[
+        float,
+        typer.Option(
+            "--along", metavar="N", min=-1e4, max=1e4, help="Force on the tip, away from the shaft."
+        ),
+    ] = 0.0,
+    shaft: Annotated[
+        float,
+        typer.Option(
+            "--shaft", metavar="DEG", min=-360, max=360, help="Shaft below the horizontal."
+        ),
+    ] = 0.0,
     rig: Rig = "twin",
     model: Model = None,
     picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", callback=out_file, help="Draw the shape: .svg, .png or .pdf.")
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE",
+            callback=out_file,
+            help="Draw the shape: .svg, .png or .pdf.",
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """The leg's shape and the torques of its hinges under a force at the tip, the shaft held; no floor, the weight counts.
+    """The leg's shape and the torques of its hinges under a force at the tip, the shaft held; no
+    floor, the weight counts.
 
     Example: rfca-rig static load --shaft 30 --down -20 --picture load.svg
     """
@@ -97,18 +137,32 @@ def load(
 
 
 def force(
-    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="A run or campaign folder with photographed static stages.")] = None,
+    run: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="RUN", help="A run or campaign folder with photographed static stages."
+        ),
+    ] = None,
     angles: Angles = None,
     angle_std: Annotated[
-        float, typer.Option("--angle-std", metavar="DEG", min=1e-4, max=10, help="One standard deviation of an angle that says none.")
+        float,
+        typer.Option(
+            "--angle-std",
+            metavar="DEG",
+            min=1e-4,
+            max=10,
+            help="One standard deviation of an angle that says none.",
+        ),
     ] = 0.1,
     rig: Rig = "twin",
     model: Model = None,
     as_json: Json = False,
 ) -> None:
-    """The force at the tip from the leg's shape, as a photo gives it; beside what the sensor felt, where a run has both.
+    """The force at the tip from the leg's shape, as a photo gives it; beside what the sensor felt,
+    where a run has both.
 
-    Only the tip may touch anything. A run's own leg counts, or that of --model; for --angles that of --rig.
+    Only the tip may touch anything. A run's own leg counts, or that of --model; for --angles that
+    of --rig.
 
     Example: rfca-rig static force --angles 30,-4.1,-4.9,-5.1,-4.6,-3.4,-1.8
     """
@@ -124,7 +178,13 @@ def force(
     found: list[tuple[str, FoundTipForce, tuple[float, float] | None]] = []
     if angles is not None:
         shape = [np.radians(angle) for angle in _numbers(angles)]
-        found.append(("these angles", find_tip_force(_leg(rig, model), shape, float(np.radians(angle_std))), None))
+        found.append(
+            (
+                "these angles",
+                find_tip_force(_leg(rig, model), shape, float(np.radians(angle_std))),
+                None,
+            )
+        )
     else:
         from rfca_rig.campaign.opening import open_recordings
         from rfca_rig.description.model_file import nominal_model
@@ -141,13 +201,21 @@ def force(
             stds = [std for std in stage.hinge_std_deg if np.isfinite(std)]
             # `find_tip_force` takes one standard deviation for all angles: their root mean square.
             std = float(np.radians(np.sqrt(np.mean(np.square(stds))) if stds else angle_std))
-            label = f"stage {stage.stage}, {1e3 * stage.height_m:.0f} mm, shaft {np.degrees(stage.shaft_angle_rad):.1f} deg"
+            label = (
+                f"stage {stage.stage}, {1e3 * stage.height_m:.0f} mm, shaft "
+                f"{np.degrees(stage.shaft_angle_rad):.1f} deg"
+            )
             shape = [stage.shaft_angle_rad, *np.radians(stage.hinge_deg)]
-            # From the sensor's force to that at the tip: reversed along the ground, and without the leg's weight,
-            # which the sensor carries too.
-            found.append((label, find_tip_force(leg, shape, std), (-stage.fy_N, stage.fz_N - weight_N)))
+            # From the sensor's force to that at the tip: reversed along the ground, and without the
+            # leg's weight, which the sensor carries too.
+            found.append(
+                (label, find_tip_force(leg, shape, std), (-stage.fy_N, stage.fz_N - weight_N))
+            )
         if not found:
-            raise BadInput(f"{run}: has no static stage with all hinge angles; give --angles, or record with a camera")
+            raise BadInput(
+                f"{run}: has no static stage with all hinge angles; give --angles, or "
+                "record with a camera"
+            )
     if as_json:
         echo(json.dumps([_summary(*one) for one in found], indent=1))
     else:
@@ -170,7 +238,10 @@ def _numbers(text: str) -> list[float]:
     except ValueError:
         angles = [float("nan")]
     if not all(math.isfinite(angle) for angle in angles):
-        raise BadInput(f"--angles {text!r}: takes numbers in degrees with commas between them, as 30,-4,-5,-5,-5,-3,-2")
+        raise BadInput(
+            f"--angles {text!r}: takes numbers in degrees with commas between them, as "
+            "30,-4,-5,-5,-5,-3,-2"
+        )
     if any(abs(angle) > 360.0 for angle in angles):
         raise BadInput(f"--angles {text!r}: an angle is beyond a whole turn, 360 degrees")
     return angles
@@ -182,10 +253,15 @@ def _line(label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | Non
     each = zip(found.force_N, found.std_N, ("along", "down"), strict=True)
     parts = [f"{force:+.2f} +- {STDS_90 * std:.2f} N {way}" for force, std, way in each]
     felt = "" if felt_N is None else f"; the sensor felt {felt_N[0]:+.2f} and {felt_N[1]:+.2f} N"
-    return f"{label}: {', '.join(parts)} (90 %){felt}; hinge moments are left open by {found.residual_Nm:.2g} N m at most"
+    return (
+        f"{label}: {', '.join(parts)} (90 %){felt}; hinge moments are left open by "
+        f"{found.residual_Nm:.2g} N m at most"
+    )
 
 
-def _summary(label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | None") -> dict[str, object]:
+def _summary(
+    label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | None"
+) -> dict[str, object]:
     return {
         "of": label,
         "force_N": found.force_N.tolist(),
@@ -196,18 +272,41 @@ def _summary(label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | 
 
 
 def photos(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The recording whose stages they are of: a run, or a campaign's folder.")],
-    folder: Annotated[Path, typer.Argument(metavar="PHOTOS", help="A folder with one photo for each stage, named in their order.")],
+    run: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN",
+            help="The recording whose stages they are of: a run, or a campaign's folder.",
+        ),
+    ],
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PHOTOS", help="A folder with one photo for each stage, named in their order."
+        ),
+    ],
     camera: Annotated[
-        Path, typer.Option("--camera", metavar="FILE", help="The camera they were taken with, as calibrate camera wrote it.")
+        Path,
+        typer.Option(
+            "--camera",
+            metavar="FILE",
+            help="The camera they were taken with, as calibrate camera wrote it.",
+        ),
     ] = Path("calibration/camera.toml"),
     mark_diameter: Annotated[
         float | None,
-        typer.Option("--mark-diameter", metavar="MM", min=1, max=100, help="Diameter of the red marks, where the run does not say."),
+        typer.Option(
+            "--mark-diameter",
+            metavar="MM",
+            min=1,
+            max=100,
+            help="Diameter of the red marks, where the run does not say.",
+        ),
     ] = None,
     runs: Runs = Path("runs"),
 ) -> None:
-    """Read hinge angles off photos taken by hand, or again with a better calibration; the recording with them goes into a new folder.
+    """Read hinge angles off photos taken by hand, or again with a better calibration; the recording
+    with them goes into a new folder.
 
     Example: rfca-rig static photos runs/REAL-static-001 card/ --camera lab.toml
     """
@@ -227,9 +326,14 @@ def photos(
     target = make_run_folder(runs, recording.source, recording.title)
     try:
         with progress(quiet=False) as bars:
-            with_angles = with_hand_photos(recording, files, eye, target, bars.counting("reading photos"))
+            with_angles = with_hand_photos(
+                recording, files, eye, target, bars.counting("reading photos")
+            )
         sources = {"camera_file": read_text(camera), "photos_from": folder.resolve().name}
-        write_recording(replace(with_angles, provenance={**with_angles.provenance, **sources}), target / RECORDING_NAME)
+        write_recording(
+            replace(with_angles, provenance={**with_angles.provenance, **sources}),
+            target / RECORDING_NAME,
+        )
     # A folder with photos but without a recording is of no use to any command.
     except BaseException:
         rmtree(target, ignore_errors=True)
@@ -237,7 +341,10 @@ def photos(
     for line in photo_lines(with_angles.static):
         echo(f"{recording.source} {line}", err=True)
     echo(
-        f"{recording.source} {len(with_angles.static)} stages with their photos in {target}; next: rfca-rig static report {target}",
+        (
+            f"{recording.source} {len(with_angles.static)} stages with their photos in "
+            f"{target}; next: rfca-rig static report {target}"
+        ),
         err=True,
     )
 
@@ -246,9 +353,14 @@ def photo_lines(stages: "Sequence[StaticStage]") -> "Iterator[str]":
     """A line for each photo: its hinge angles and doubts."""
     for stage in stages:
         if stage.photo:
-            angles = " ".join(_with_std(*one) for one in zip(stage.hinge_deg, stage.hinge_std_deg, strict=True))
+            angles = " ".join(
+                _with_std(*one) for one in zip(stage.hinge_deg, stage.hinge_std_deg, strict=True)
+            )
             doubts = f"; {stage.photo_doubts}" if stage.photo_doubts else ""
-            yield f"{stage.photo}, stage {stage.stage} at {1e3 * stage.height_m:g} mm: hinges {angles} deg{doubts}"
+            yield (
+                f"{stage.photo}, stage {stage.stage} at {1e3 * stage.height_m:g} mm: hinges "
+                f"{angles} deg{doubts}"
+            )
 
 
 def _with_std(angle_deg: float, std_deg: float) -> str:
@@ -259,9 +371,20 @@ def _with_std(angle_deg: float, std_deg: float) -> str:
 
 @app.command(cls=Command)
 def report(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, or .h5 files.")],
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PATH", help="Campaign folders, imported or run folders, or .h5 files."
+        ),
+    ],
     out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for static.html, the tables and model.toml.")
+        Path,
+        typer.Option(
+            "--out",
+            metavar="DIR",
+            callback=out_folder,
+            help="Folder for static.html, the tables and model.toml.",
+        ),
     ] = Path("static-report"),
     model: Model = None,
     hinge_std_deg: Annotated[float | None, HINGE_STD] = None,
@@ -272,7 +395,8 @@ def report(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """The hinges' torque over rotation from photographed static stages: curve, stiffness, errors, checks, and a model file with them.
+    """The hinges' torque over rotation from photographed static stages: curve, stiffness, errors,
+    checks, and a model file with them.
 
     Example: rfca-rig static report runs/REAL-static-001 --out static-report
     """
@@ -289,13 +413,26 @@ def report(
 
     printing = Printing(pdf)
     recordings = open_recordings(paths, as_is, allow_outside)
-    instrument = {"--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
+    instrument = {
+        "--hinge-std-deg": hinge_std_deg,
+        "--marks-deg": marks_deg,
+        "--force-gain-pct": force_gain_pct,
+    }
     options: dict[str, object] = {"--model": model, **instrument, "--as-is": as_is}
-    command = command_line("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
+    command = command_line(
+        "static",
+        "report",
+        *paths,
+        options={name: value for name, value in options.items() if value != USUAL.get(name)},
+    )
     nominal, known_to = read_nominal_values(recordings, model)
     instruments = Instruments(0.01 * force_gain_pct, marks_deg)
     with progress(as_json) as bars:
-        result = evaluate(recordings, StageAssumptions(nominal, known_to, instruments, hinge_std_deg), bars.counting("solving"))
+        result = evaluate(
+            recordings,
+            StageAssumptions(nominal, known_to, instruments, hinge_std_deg),
+            bars.counting("solving"),
+        )
     write_static_report(
         result,
         static_sources(paths, recordings),
@@ -312,8 +449,12 @@ def report(
     printing.print([out / "static.html"], as_json)
 
 
-def read_nominal_values(recordings: "Sequence[Recording]", model: Path | None) -> "tuple[Mapping[str, Any], Mapping[str, Any]]":
-    """Nominal model and known_to of the recordings, or of the model file. Raises BadInput where the recordings differ."""
+def read_nominal_values(
+    recordings: "Sequence[Recording]", model: Path | None
+) -> "tuple[Mapping[str, Any], Mapping[str, Any]]":
+    """Nominal model and known_to of the recordings, or of the model file. Raises BadInput where
+    the recordings differ.
+    """
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.errors import BadInput
 
@@ -324,7 +465,10 @@ def read_nominal_values(recordings: "Sequence[Recording]", model: Path | None) -
     for other in recordings[1:]:
         # One evaluation has one nominal model.
         if other.nominal != first.nominal or other.known_to != first.known_to:
-            raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; give one model for both with --model")
+            raise BadInput(
+                f"{other.title!r} believes other values of the rig than {first.title!r}; "
+                "give one model for both with --model"
+            )
     if not first.nominal:
         raise BadInput(f"{first.title!r} does not say what leg it is of; give a model with --model")
     return first.nominal, first.known_to
@@ -339,7 +483,8 @@ def _say(result: "StaticResult", out: Path) -> None:
         echo(line, err=True)
     echo(bend_sentence(result), err=True)
     echo(
-        f"{out / 'static.html'}: k0 {values.k0_Nm_per_rad:.3f} +- {values.reach * values.k0_std:.3f} N m/rad, "
+        f"{out / 'static.html'}: k0 {values.k0_Nm_per_rad:.3f} +- "
+        f"{values.reach * values.k0_std:.3f} N m/rad, "
         f"k2 {values.k2_per_rad2:.3f} +- {values.reach * values.k2_std:.3f} 1/rad2 (95 %)",
         err=True,
     )
@@ -370,7 +515,8 @@ def run(
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
-    """Go through the stages of a protocol at each of its heights; record force, shaft and hinge angles once they have settled.
+    """Go through the stages of a protocol at each of its heights; record force, shaft and hinge
+    angles once they have settled.
 
     Example: rfca-rig static run --protocol bending
     """
@@ -382,9 +528,21 @@ def run(
 
     viewing = parse_viewing(view, view_port, pace)
     asked = RunOptions(
-        rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ()
+        rig,
+        protocol,
+        model,
+        runs,
+        seed,
+        operator,
+        sample,
+        is_dry=dry_run,
+        is_quiet=as_json,
+        viewing=viewing,
+        faults=fault or (),
     )
-    config = make_run_config(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
+    config = make_run_config(
+        asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts)
+    )
     folder, recorder = run_and_record(config, say_stage)
     if folder is None or recorder is None:
         return
@@ -393,8 +551,18 @@ def run(
     else:
         for line in photo_lines(recorder.stages):
             echo(f"{config.mark} {line}", err=True)
-        following = f"static report {folder}" if any(stage.overlay for stage in recorder.stages) else f"report {folder} --out report"
-        echo(f"{config.mark} recorded {len(recorder.stages)} stages in {folder}; next: rfca-rig {following}", err=True)
+        following = (
+            f"static report {folder}"
+            if any(stage.overlay for stage in recorder.stages)
+            else f"report {folder} --out report"
+        )
+        echo(
+            (
+                f"{config.mark} recorded {len(recorder.stages)} stages in {folder}; next: "
+                f"rfca-rig {following}"
+            ),
+            err=True,
+        )
 
 
 def say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
@@ -405,7 +573,10 @@ def say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
         row = recorder.stages[-1]
         unsettled = "" if row.settled else f", NOT SETTLED within {stage.settle.limit_s:g} s"
         no_photo = f", NO PHOTO: {row.photo_doubts}" if row.photo_doubts else ""
-        say(f"{stage.label}: fy {row.fy_N:.2f} N, fz {row.fz_N:.2f} N, tx {row.tx_Nm:.3f} N m{unsettled}{no_photo}")
+        say(
+            f"{stage.label}: fy {row.fy_N:.2f} N, fz {row.fz_N:.2f} N, tx {row.tx_Nm:.3f} "
+            f"N m{unsettled}{no_photo}"
+        )
 
 
 def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:

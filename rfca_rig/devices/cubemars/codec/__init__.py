@@ -1,18 +1,23 @@
-"""Facts on CubeMars / T-Motor AK drives: ranges of the fields of the MIT mode of each model, meanings of the error byte, CAN databases.
+"""Facts on CubeMars / T-Motor AK drives: ranges of the fields of the MIT mode of each model,
+meanings of the error byte, CAN databases.
 
-The frame carries fractions of a range that is not transmitted: with another drive's range every value is scaled wrongly, without an error.
-So a row is chosen by model, and by model and firmware where a firmware differs from the manual.
+The frame carries fractions of a range that is not transmitted: with another drive's range every
+value is scaled wrongly, without an error. So a row is chosen by model, and by model and firmware
+where a firmware differs from the manual.
 
-The manufacturer provides no CAN databases (DBC) for bus monitors. The files in `dbc/` are the texts made here. A DBC holds one message per
-arbitration id. The one for MIT mode therefore has the replies under id 0, where drives with a master id of 0 send them. For a drive that
-replies under its own id, set `reply_id` to None; the database then has no command.
+The manufacturer provides no CAN databases (DBC) for bus monitors. The files in `dbc/` are the texts
+made here. A DBC holds one message per arbitration id. The one for MIT mode therefore has the
+replies under id 0, where drives with a master id of 0 send them. For a drive that replies under its
+own id, set `reply_id` to None; the database then has no command.
 
-Sources: for names without a version, CubeMars AK Series Module Driver Manual V1.0.18, MIT mode, table of parameter ranges. For names
-with a version, the table of DFKI's mini-cheetah-tmotor-python-can (src/motor_driver/canmotorlib.py), measured on drives of that firmware.
+Sources: for names without a version, CubeMars AK Series Module Driver Manual V1.0.18, MIT mode,
+table of parameter ranges. For names with a version, the table of DFKI's
+mini-cheetah-tmotor-python-can (src/motor_driver/canmotorlib.py), measured on drives of that
+firmware.
 
-Source: AK Series Module Driver Manual V1.0.18, fault codes over CAN. Earlier manuals give 6 as unbalanced phase currents and have no 7.
-The long list of the serial port (over-voltage = 1 ...) is a different one and is never sent over CAN.
-"""
+Source: AK Series Module Driver Manual V1.0.18, fault codes over CAN. Earlier manuals give 6 as
+unbalanced phase currents and have no 7. The long list of the serial port (over-voltage = 1 ...) is
+a different one and is never sent over CAN."""
 
 from dataclasses import dataclass
 
@@ -25,7 +30,10 @@ ERRORS = {
     3: "supply voltage above its limit",
     4: "supply voltage below its limit; check the power supply",
     5: "encoder fault",
-    6: "power stage too hot (older firmware: unbalanced phase currents, the hardware may be damaged)",
+    6: (
+        "power stage too hot (older firmware: unbalanced phase currents, the hardware may be "
+        "damaged)"
+    ),
     7: "motor stalled",
 }
 
@@ -41,7 +49,9 @@ def error_text(code: int) -> str:
 
 @dataclass(frozen=True)
 class MitRanges:
-    """Ranges at the output shaft, each from minus to plus its value. Temperatures are sent with `temperature_offset_degC` added."""
+    """Ranges at the output shaft, each from minus to plus its value. Temperatures are sent with
+    `temperature_offset_degC` added.
+    """
 
     model: str
     speed_rad_s: float
@@ -73,7 +83,9 @@ MIT_RANGES = {
 
 
 def mit_ranges(model: str) -> MitRanges:
-    """The ranges of a model. Raises BadInput, with the known models, for one that is not in the table."""
+    """The ranges of a model. Raises BadInput, with the known models, for one that is not in the
+    table.
+    """
     if model not in MIT_RANGES:
         raise BadInput(f"drive: model {model!r} is not known, known are {', '.join(MIT_RANGES)}")
     return MIT_RANGES[model]
@@ -85,7 +97,9 @@ _HEAD = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: host drive\n'
 
 
 def mit_dbc(ranges: MitRanges, drive_id: int = 1, reply_id: int | None = 0) -> str:
-    """The database of one drive in MIT mode: command and reply. With `reply_id` None it has the reply only, under the drive's own id."""
+    """The database of one drive in MIT mode: command and reply. With `reply_id` None it has the
+    reply only, under the drive's own id.
+    """
     command = _message(
         drive_id,
         "MIT_Command",
@@ -110,7 +124,11 @@ def mit_dbc(ranges: MitRanges, drive_id: int = 1, reply_id: int | None = 0) -> s
         _signal("Error", 63, 8, "+", 1.0, 0.0, ""),
     )
     messages = [reply] if reply_id is None else [command, reply]
-    return _HEAD + "".join(messages) + _values(drive_id if reply_id is None else reply_id, "Error", {0: "none", **ERRORS})
+    return (
+        _HEAD
+        + "".join(messages)
+        + _values(drive_id if reply_id is None else reply_id, "Error", {0: "none", **ERRORS})
+    )
 
 
 def servo_dbc(drive_id: int = 1) -> str:
@@ -139,10 +157,22 @@ def servo_dbc(drive_id: int = 1) -> str:
         _signal("Temperature", 55, 8, "-", 1.0, 0.0, "degC"),
         _signal("Error", 63, 8, "+", 1.0, 0.0, ""),
     ]
-    messages = [_message(_servo_id(p, drive_id), f"Set_{p.name}", size, "host", *s) for p, (size, s) in commands.items()]
+    messages = [
+        _message(_servo_id(p, drive_id), f"Set_{p.name}", size, "host", *s)
+        for p, (size, s) in commands.items()
+    ]
     messages.append(_message(_servo_id(Packet.STATUS, drive_id), "Status", 8, "drive", *status))
-    meanings = _values(_servo_id(Packet.ORIGIN, drive_id), "Origin", {origin.value: origin.name.lower() for origin in OriginMode})
-    return _HEAD + "".join(messages) + meanings + _values(_servo_id(Packet.STATUS, drive_id), "Error", {0: "none", **ERRORS})
+    meanings = _values(
+        _servo_id(Packet.ORIGIN, drive_id),
+        "Origin",
+        {origin.value: origin.name.lower() for origin in OriginMode},
+    )
+    return (
+        _HEAD
+        + "".join(messages)
+        + meanings
+        + _values(_servo_id(Packet.STATUS, drive_id), "Error", {0: "none", **ERRORS})
+    )
 
 
 def _servo_id(packet: Packet, drive_id: int) -> int:
@@ -151,17 +181,34 @@ def _servo_id(packet: Packet, drive_id: int) -> int:
 
 def _message(can_id: int, name: str, size: int, sender: str, *signals: str) -> str:
     receiver = "drive" if sender == "host" else "host"
-    return f"\nBO_ {can_id} {name}: {size} {sender}\n" + "".join(f" {signal} {receiver}\n" for signal in signals)
+    return f"\nBO_ {can_id} {name}: {size} {sender}\n" + "".join(
+        f" {signal} {receiver}\n" for signal in signals
+    )
 
 
 def _range_signal(name: str, start: int, bits: int, low: float, high: float, unit: str) -> str:
-    return _signal(name, start, bits, "+", (high - low) / ((1 << bits) - 1), low, unit, f"[{low:g}|{high:g}]")
+    return _signal(
+        name, start, bits, "+", (high - low) / ((1 << bits) - 1), low, unit, f"[{low:g}|{high:g}]"
+    )
 
 
-def _signal(name: str, start: int, bits: int, sign: str, factor: float, offset: float, unit: str, limits: str = "[0|0]") -> str:
+def _signal(
+    name: str,
+    start: int,
+    bits: int,
+    sign: str,
+    factor: float,
+    offset: float,
+    unit: str,
+    limits: str = "[0|0]",
+) -> str:
     """One signal line; `start` is the position of the highest bit, in Motorola order."""
     return f'SG_ {name} : {start}|{bits}@0{sign} ({factor!r},{offset!r}) {limits} "{unit}"'
 
 
 def _values(can_id: int, signal: str, meanings: dict[int, str]) -> str:
-    return f"\nVAL_ {can_id} {signal} " + " ".join(f'{code} "{text}"' for code, text in meanings.items()) + " ;\n"
+    return (
+        f"\nVAL_ {can_id} {signal} "
+        + " ".join(f'{code} "{text}"' for code, text in meanings.items())
+        + " ;\n"
+    )

@@ -1,7 +1,8 @@
 """Servo mode of a CubeMars / T-Motor AK drive, both directions; pure.
 
-Layout: AK Series Module Driver Manual V1.0.8 (p. 32-40) and V1.0.18 (p. 35-45). Extended frames, big-endian, id = packet << 8 |
-drive id. Speeds are electrical: revolutions per minute of the motor times its pole pairs (ERPM). Three traps of older drivers:
+Layout: AK Series Module Driver Manual V1.0.8 (p. 32-40) and V1.0.18 (p. 35-45). Extended frames,
+big-endian, id = packet << 8 | drive id. Speeds are electrical: revolutions per minute of the motor
+times its pole pairs (ERPM). Three traps of older drivers:
 
 - Positions are in steps of 1e-4 degrees (an older printing has 1e-6).
 - Speed and acceleration of the position-speed packet are in steps of 10, its position is not.
@@ -41,7 +42,9 @@ class Packet(IntEnum):
 
 
 class OriginMode(IntEnum):
-    """Lifetime of a new origin: until power-off; permanent (drives with two encoders); back to the factory's."""
+    """Lifetime of a new origin: until power-off; permanent (drives with two encoders); back to
+    the factory's.
+    """
 
     TEMPORARY = 0
     PERMANENT = 1
@@ -93,7 +96,9 @@ class SetPositionSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Sent by the drive on its own. `position_count` is in steps of 0.1 degrees, 16 bits: it wraps after nine turns either way."""
+    """Sent by the drive on its own. `position_count` is in steps of 0.1 degrees, 16 bits: it
+    wraps after nine turns either way.
+    """
 
     position_count: int
     speed_erpm: float
@@ -102,7 +107,16 @@ class Status:
     error: int
 
 
-Message = SetDuty | SetCurrent | SetCurrentBrake | SetSpeed | SetPosition | SetOrigin | SetPositionSpeed | Status
+Message = (
+    SetDuty
+    | SetCurrent
+    | SetCurrentBrake
+    | SetSpeed
+    | SetPosition
+    | SetOrigin
+    | SetPositionSpeed
+    | Status
+)
 
 _LONG = struct.Struct(">i")
 _BYTE = struct.Struct(">B")
@@ -116,13 +130,23 @@ _LAYOUTS: dict[int, tuple[struct.Struct, Callable[..., Message]]] = {
     Packet.SPEED: (_LONG, SetSpeed),
     Packet.POSITION: (_LONG, lambda position: SetPosition(1e-4 * position)),
     Packet.ORIGIN: (_BYTE, SetOrigin),
-    Packet.POSITION_SPEED: (_LONG_SHORTS, lambda position, speed, rate: SetPositionSpeed(1e-4 * position, 10 * speed, 10 * rate)),
-    Packet.STATUS: (_STATUS, lambda count, speed, current, *rest: Status(count, STATUS_ERPM * speed, STATUS_A * current, *rest)),
+    Packet.POSITION_SPEED: (
+        _LONG_SHORTS,
+        lambda position, speed, rate: SetPositionSpeed(1e-4 * position, 10 * speed, 10 * rate),
+    ),
+    Packet.STATUS: (
+        _STATUS,
+        lambda count, speed, current, *rest: Status(
+            count, STATUS_ERPM * speed, STATUS_A * current, *rest
+        ),
+    ),
 }
 
 
 def decode(arbitration_id: int, data: bytes | bytearray) -> Message | None:
-    """The message in one extended frame; None for a packet that is not used here. Raises MalformedFrame for a wrong length."""
+    """The message in one extended frame; None for a packet that is not used here. Raises
+    MalformedFrame for a wrong length.
+    """
     layout = _LAYOUTS.get(arbitration_id >> 8)
     if layout is None:
         return None
@@ -130,7 +154,8 @@ def decode(arbitration_id: int, data: bytes | bytearray) -> Message | None:
     if len(data) != fields.size:
         name = Packet(arbitration_id >> 8).name
         raise MalformedFrame(
-            f"CAN frame 0x{arbitration_id:08x} ({name}) has {len(data)} bytes, expected {fields.size}; does the drive speak servo mode?"
+            f"CAN frame 0x{arbitration_id:08x} ({name}) has {len(data)} bytes, expected "
+            f"{fields.size}; does the drive speak servo mode?"
         )
     return message(*fields.unpack(data))
 
@@ -149,7 +174,9 @@ def set_current(drive: int, current_A: float) -> Frame:
 
 
 def set_current_brake(drive: int, current_A: float) -> Frame:
-    return _frame(drive, Packet.CURRENT_BRAKE, _LONG, _steps(current_A, 1e-3, MAX_A, "current in A"))
+    return _frame(
+        drive, Packet.CURRENT_BRAKE, _LONG, _steps(current_A, 1e-3, MAX_A, "current in A")
+    )
 
 
 def set_speed(drive: int, speed_erpm: float) -> Frame:
@@ -157,14 +184,18 @@ def set_speed(drive: int, speed_erpm: float) -> Frame:
 
 
 def set_position(drive: int, position_deg: float) -> Frame:
-    return _frame(drive, Packet.POSITION, _LONG, _steps(position_deg, 1e-4, MAX_DEG, "position in degrees"))
+    return _frame(
+        drive, Packet.POSITION, _LONG, _steps(position_deg, 1e-4, MAX_DEG, "position in degrees")
+    )
 
 
 def set_origin(drive: int, origin: OriginMode) -> Frame:
     return _frame(drive, Packet.ORIGIN, _BYTE, origin)
 
 
-def set_position_speed(drive: int, position_deg: float, speed_erpm: float, acceleration_erpm_s: float) -> Frame:
+def set_position_speed(
+    drive: int, position_deg: float, speed_erpm: float, acceleration_erpm_s: float
+) -> Frame:
     """A position with limits of speed and acceleration, both in steps of 10 and at most 327 670."""
     # 16-bit fields: 32 767 steps of 10.
     steps = (
@@ -178,7 +209,16 @@ def set_position_speed(drive: int, position_deg: float, speed_erpm: float, accel
 def status(drive: int, report: Status) -> Frame:
     speed = _steps(report.speed_erpm, STATUS_ERPM, 327_670.0, "speed in ERPM")
     current = _steps(report.current_A, STATUS_A, 327.67, "current in A")
-    return _frame(drive, Packet.STATUS, _STATUS, report.position_count, speed, current, report.temperature_degC, report.error)
+    return _frame(
+        drive,
+        Packet.STATUS,
+        _STATUS,
+        report.position_count,
+        speed,
+        current,
+        report.temperature_degC,
+        report.error,
+    )
 
 
 def _frame(drive: int, packet: Packet, fields: struct.Struct, *values: int) -> Frame:
@@ -187,7 +227,9 @@ def _frame(drive: int, packet: Packet, fields: struct.Struct, *values: int) -> F
     try:
         return packet << 8 | drive, fields.pack(*values)
     except struct.error as error:
-        raise NotEncodable(f"CAN {packet.name} to drive {drive} cannot carry {values}: {error}") from error
+        raise NotEncodable(
+            f"CAN {packet.name} to drive {drive} cannot carry {values}: {error}"
+        ) from error
 
 
 def _steps(value: float, step: float, limit: float, name: str) -> int:

@@ -1,7 +1,7 @@
 """What the drivers of CubeMars AK drives share, in MIT and in servo mode.
 
-Settings, torque-off frames, unwrapping of positions, a check of speed against angle, and one of standstill before energising.
-"""
+Settings, torque-off frames, unwrapping of positions, a check of speed against angle, and one of
+standstill before energising."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,17 +11,33 @@ import can
 
 from rfca_rig.clock import Clock
 from rfca_rig.devices.cubemars.codec import GAIN_Nm_S_PER_RAD, MitRanges, mit_ranges
-from rfca_rig.devices.cubemars.codec.mit import MitCommand, Special, decode_reply, encode_command, encode_special
-from rfca_rig.devices.cubemars.codec.servo import STATUS_A, STATUS_DEG, Status, decode, drive_of, set_current
+from rfca_rig.devices.cubemars.codec.mit import (
+    MitCommand,
+    Special,
+    decode_reply,
+    encode_command,
+    encode_special,
+)
+from rfca_rig.devices.cubemars.codec.servo import (
+    STATUS_A,
+    STATUS_DEG,
+    Status,
+    decode,
+    drive_of,
+    set_current,
+)
 from rfca_rig.errors import BadInput, DeviceError, MalformedFrame
 
-# From 127 on the drive id could equal the first byte of a command, and an echoed command would pass for a reply.
+# From 127 on the drive id could equal the first byte of a command, and an echoed command would pass
+# for a reply.
 MAX_MIT_ID = 126
 
-# In steps of the reported torque or current: below ten steps a torque is not distinguished from zero.
+# In steps of the reported torque or current: below ten steps a torque is not distinguished from
+# zero.
 MIN_LOAD_COUNTS = 10
 
-# Length of a window, and the longest gap between two reports over which the trapezoidal rule is used, in s.
+# Length of a window, and the longest gap between two reports over which the trapezoidal rule is
+# used, in s.
 WINDOW_S = 0.2
 MAX_GAP_S = 0.02
 # Least rotation in a window. With less, the resolution of the speed field dominates.
@@ -31,7 +47,8 @@ MAX_RELATIVE_DIFFERENCE = 0.25
 WINDOWS = 3
 
 CODES = 1 << 16
-# A code at the end of its range for longer than STUCK_S, at a reported speed above MIN_SPEED_RAD_S, is stuck.
+# A code at the end of its range for longer than STUCK_S, at a reported speed above MIN_SPEED_RAD_S,
+# is stuck.
 STUCK_S = 0.05
 MIN_SPEED_RAD_S = 0.5
 
@@ -43,11 +60,12 @@ WAIT_S = 3.0
 
 @dataclass(frozen=True)
 class MitSettings:
-    """Settings of a drive in MIT mode. Raises BadInput for invalid values, and for a model that is not in the table.
+    """Settings of a drive in MIT mode. Raises BadInput for invalid values, and for a model that is
+    not in the table.
 
-    `zero_rad` is the reported position with the leg horizontal. `speed_gain_Nm_s_per_rad` (kd, up to 5) belongs to the drive's loop.
-    `angle_gain_per_s` belongs to the driver: it converts an angle error to a speed.
-    """
+    `zero_rad` is the reported position with the leg horizontal. `speed_gain_Nm_s_per_rad` (kd, up
+    to 5) belongs to the drive's loop. `angle_gain_per_s` belongs to the driver: it converts an
+    angle error to a speed."""
 
     drive_id: int
     model: str
@@ -65,11 +83,19 @@ class MitSettings:
             raise BadInput(f"drive: drive_id is {self.drive_id}, must be 1..{MAX_MIT_ID}")
         _check_direction(self.direction)
         _check_finite("zero_rad", self.zero_rad)
-        for name in ("speed_gain_Nm_s_per_rad", "angle_gain_per_s", "reply_timeout_s", "enable_timeout_s"):
+        for name in (
+            "speed_gain_Nm_s_per_rad",
+            "angle_gain_per_s",
+            "reply_timeout_s",
+            "enable_timeout_s",
+        ):
             _check_positive(name, getattr(self, name))
         # The upper end of the kd field in the MIT frame.
         if self.speed_gain_Nm_s_per_rad > GAIN_Nm_S_PER_RAD:
-            raise BadInput(f"drive: speed_gain_Nm_s_per_rad is {self.speed_gain_Nm_s_per_rad:g}, limit {GAIN_Nm_S_PER_RAD:g}")
+            raise BadInput(
+                f"drive: speed_gain_Nm_s_per_rad is {self.speed_gain_Nm_s_per_rad:g}, "
+                f"limit {GAIN_Nm_S_PER_RAD:g}"
+            )
 
     @property
     def ranges(self) -> MitRanges:
@@ -86,9 +112,9 @@ class MitSettings:
 class ServoSettings:
     """Settings of a drive in servo mode. Raises BadInput for invalid values.
 
-    `gear_ratio` is motor turns per shaft turn, `pole_pairs` the motor's (CubeMarsTool shows both). `torque_constant_Nm_per_A` is the
-    motor's before the gear, `zero_deg` the reported position with the leg horizontal, `status_period_s` the upload period.
-    """
+    `gear_ratio` is motor turns per shaft turn, `pole_pairs` the motor's (CubeMarsTool shows both).
+    `torque_constant_Nm_per_A` is the motor's before the gear, `zero_deg` the reported position with
+    the leg horizontal, `status_period_s` the upload period."""
 
     drive_id: int
     gear_ratio: float
@@ -105,7 +131,14 @@ class ServoSettings:
             raise BadInput(f"drive: drive_id is {self.drive_id}, must be 0..255")
         _check_direction(self.direction)
         _check_finite("zero_deg", self.zero_deg)
-        for name in ("gear_ratio", "pole_pairs", "torque_constant_Nm_per_A", "status_period_s", "status_timeout_s", "enable_timeout_s"):
+        for name in (
+            "gear_ratio",
+            "pole_pairs",
+            "torque_constant_Nm_per_A",
+            "status_period_s",
+            "status_timeout_s",
+            "enable_timeout_s",
+        ):
             _check_positive(name, getattr(self, name))
 
     def angle_rad(self, position_count: int) -> float:
@@ -119,7 +152,8 @@ class ServoSettings:
     @property
     def erpm_s_per_rad(self) -> float:
         """Electrical revolutions per minute (ERPM) at a shaft speed of 1 rad/s, signed."""
-        # ERPM = motor revolutions per minute times pole pairs; the motor turns `gear_ratio` times as fast as the shaft.
+        # ERPM = motor revolutions per minute times pole pairs; the motor turns `gear_ratio` times
+        # as fast as the shaft.
         return self.direction * self.gear_ratio * self.pole_pairs * 60.0 / tau
 
     @property
@@ -145,13 +179,19 @@ def _check_positive(name: str, value: float) -> None:
 
 @dataclass(frozen=True)
 class MitTorqueOffFrames:
-    """Torque off in MIT mode: a command with zero gains, as the drive remembers the last one, then EXIT. The drive answers both."""
+    """Torque off in MIT mode: a command with zero gains, as the drive remembers the last one,
+    then EXIT. The drive answers both.
+    """
 
     settings: MitSettings
 
     def zero_gain_command(self) -> can.Message:
-        """Command with zero gains. Zero torque has no code; the nearest one is under 0.001 of the range, and acts only while enabled."""
-        return self._to_drive(encode_command(self.settings.ranges, MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)))
+        """Command with zero gains. Zero torque has no code; the nearest one is under 0.001 of
+        the range, and acts only while enabled.
+        """
+        return self._to_drive(
+            encode_command(self.settings.ranges, MitCommand(0.0, 0.0, 0.0, 0.0, 0.0))
+        )
 
     def frames(self) -> tuple[can.Message, ...]:
         return self.zero_gain_command(), self._to_drive(encode_special(Special.EXIT))
@@ -161,8 +201,14 @@ class MitTorqueOffFrames:
 
     def torque_Nm(self, message: can.Message) -> float | None:
         drive = self.settings.drive_id
-        # Replies come under id 0 or the drive's own, depending on firmware; the first byte names the drive.
-        if message.is_extended_id or message.arbitration_id not in {0, drive} or not message.data or message.data[0] != drive:
+        # Replies come under id 0 or the drive's own, depending on firmware; the first byte names
+        # the drive.
+        if (
+            message.is_extended_id
+            or message.arbitration_id not in {0, drive}
+            or not message.data
+            or message.data[0] != drive
+        ):
             return None
         try:
             return decode_reply(self.settings.ranges, message.data).torque_Nm
@@ -191,18 +237,22 @@ class ServoTorqueOffFrames:
             report = decode(message.arbitration_id, message.data)
         except MalformedFrame:
             return None
-        return report.current_A * self.settings.shaft_torque_per_A if isinstance(report, Status) else None
+        return (
+            report.current_A * self.settings.shaft_torque_per_A
+            if isinstance(report, Status)
+            else None
+        )
 
     def min_visible_torque_Nm(self) -> float:
         return MIN_LOAD_COUNTS * STATUS_A * abs(self.settings.shaft_torque_per_A)
 
 
 class SpeedCheck:
-    """Compares the integral of the reported speed with the change of the reported angle, window by window.
+    """Compares the integral of the reported speed with the change of the reported angle, window by
+    window.
 
-    `fault` gives the factor between them, once three windows in a row with motion differ by more than a quarter. `scales` names the
-    settings to check.
-    """
+    `fault` gives the factor between them, once three windows in a row with motion differ by more
+    than a quarter. `scales` names the settings to check."""
 
     def __init__(self, scales: str) -> None:
         self._scales = scales
@@ -237,20 +287,28 @@ class SpeedCheck:
         most_rad = max(abs(self._turned_rad), abs(self._integral_rad))
         if most_rad < MIN_ROTATION_RAD:
             return
-        self._apart = self._apart + 1 if abs(self._turned_rad - self._integral_rad) > MAX_RELATIVE_DIFFERENCE * most_rad else 0
+        self._apart = (
+            self._apart + 1
+            if abs(self._turned_rad - self._integral_rad) > MAX_RELATIVE_DIFFERENCE * most_rad
+            else 0
+        )
         if self._apart >= WINDOWS:
             factor = self._integral_rad / self._turned_rad if self._turned_rad else float("inf")
-            self.fault = f"the speed that the drive reports is {factor:.2g} times that of its angle; check {self._scales}"
+            self.fault = (
+                f"the speed that the drive reports is {factor:.2g} times that of its angle; "
+                f"check {self._scales}"
+            )
 
 
 class WrappedPosition:
-    """Unwraps a code that wraps every 65 536 counts: between two codes the shaft took the shorter way.
+    """Unwraps a code that wraps every 65 536 counts: between two codes the shaft took the shorter
+    way.
 
-    This holds while it turns less than half the span between two reports. Some firmware stops the code at the end of its range
-    instead. The code then stands still although the drive reports a speed, and the angle is lost. `ends` are the codes where this
-    can happen. `fault` reports this, or a jump larger than any motion: a restart, a new zero, or an encoder slip. A jump is never
-    cleared, as the zero is lost with it.
-    """
+    This holds while it turns less than half the span between two reports. Some firmware stops the
+    code at the end of its range instead. The code then stands still although the drive reports a
+    speed, and the angle is lost. `ends` are the codes where this can happen. `fault` reports this,
+    or a jump larger than any motion: a restart, a new zero, or an encoder slip. A jump is never
+    cleared, as the zero is lost with it."""
 
     def __init__(self, ends: frozenset[int], most_counts_s: float, margin_counts: float) -> None:
         self._ends = ends
@@ -272,7 +330,9 @@ class WrappedPosition:
         self._last = self._stuck_from_s = None
 
     def follow(self, code: int, t_s: float, speed_rad_s: float, judged: bool = True) -> int:
-        """The unwrapped code, counted from the first one. With `judged` False no jump is looked for at this step."""
+        """The unwrapped code, counted from the first one. With `judged` False no jump is looked
+        for at this step.
+        """
         before = code if self._count is None else self._count
         # Signed difference in -32768..32767, the shorter way around.
         step = (code - before + CODES // 2) % CODES - CODES // 2
@@ -285,21 +345,28 @@ class WrappedPosition:
 
     def _look_for_leap(self, step: int, elapsed_s: float) -> None:
         farthest = self._most_counts_s * elapsed_s + self._margin_counts
-        # After a long gap the shaft could have gone half the span, so a jump cannot be distinguished from motion.
+        # After a long gap the shaft could have gone half the span, so a jump cannot be
+        # distinguished from motion.
         if farthest < CODES // 2 and abs(step) > farthest:
             self.leap = (
-                f"position leapt by {step} counts within {1e3 * elapsed_s:.1f} ms, more than the drive can turn; "
+                f"position leapt by {step} counts within {1e3 * elapsed_s:.1f} ms, more "
+                "than the drive can turn; "
                 "it restarted, was zeroed, or its encoder slipped: find its zero again"
             )
 
     def _look_for_end(self, code: int, t_s: float, speed_rad_s: float) -> None:
-        if code not in self._ends or abs(speed_rad_s) < MIN_SPEED_RAD_S or (self._last is not None and self._last[1] != code):
+        if (
+            code not in self._ends
+            or abs(speed_rad_s) < MIN_SPEED_RAD_S
+            or (self._last is not None and self._last[1] != code)
+        ):
             self._stuck_from_s = None
         elif self._stuck_from_s is None:
             self._stuck_from_s = t_s
         elif t_s - self._stuck_from_s > STUCK_S:
             self._stuck = (
-                f"position stands at the end of its range (code {code}) while the shaft turns: this firmware does not count on; "
+                f"position stands at the end of its range (code {code}) while the shaft "
+                "turns: this firmware does not count on; "
                 "turn the shaft back, and restart the drive near its zero"
             )
 
@@ -307,8 +374,8 @@ class WrappedPosition:
 def await_standstill(clock: Clock, speed_rad_s: Callable[[], float]) -> None:
     """Waits until the shaft has been at rest for 50 ms.
 
-    `speed_rad_s` waits one poll interval and returns the shaft speed after it. Raises DeviceError if the shaft still turns after 3 s.
-    """
+    `speed_rad_s` waits one poll interval and returns the shaft speed after it. Raises DeviceError
+    if the shaft still turns after 3 s."""
     began_s = swung_s = clock.now_s()
     while (now_s := clock.now_s()) - swung_s < STANDSTILL_S:
         now_rad_s = speed_rad_s()
@@ -317,6 +384,7 @@ def await_standstill(clock: Clock, speed_rad_s: Callable[[], float]) -> None:
             swung_s = clock.now_s()
         if now_s - began_s > WAIT_S:
             raise DeviceError(
-                f"drive not enabled: without torque the shaft turns at {now_rad_s:.2g} rad/s, and does not come to rest within "
+                f"drive not enabled: without torque the shaft turns at {now_rad_s:.2g} "
+                "rad/s, and does not come to rest within "
                 f"{WAIT_S:g} s (limit {MAX_SPEED_RAD_S:g} rad/s); steady the leg, and start again"
             )

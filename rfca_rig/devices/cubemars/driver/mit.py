@@ -1,4 +1,6 @@
-"""Driver for a CubeMars / T-Motor AK drive in MIT mode on a CAN bus. Each reply is stamped with the time of its request."""
+"""Driver for a CubeMars / T-Motor AK drive in MIT mode on a CAN bus. Each reply is stamped with
+the time of its request.
+"""
 
 from collections import deque
 from collections.abc import Sequence
@@ -18,7 +20,14 @@ from rfca_rig.devices.cubemars.codec.mit import (
     nearest_speed,
     position_of,
 )
-from rfca_rig.devices.cubemars.driver import CODES, MitSettings, MitTorqueOffFrames, SpeedCheck, WrappedPosition, await_standstill
+from rfca_rig.devices.cubemars.driver import (
+    CODES,
+    MitSettings,
+    MitTorqueOffFrames,
+    SpeedCheck,
+    WrappedPosition,
+    await_standstill,
+)
 from rfca_rig.devices.cubemars.section import CubemarsMitSection
 from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send, send_stop
 from rfca_rig.drivers.drive_report import check_command
@@ -30,7 +39,8 @@ from rfca_rig.guardian.guarded_bus import GuardedBus
 __all__ = ["CubemarsMitMotor", "MitSettings"]
 
 POLL_S = 2e-3
-# Watch time after energising, and the motion in that time from which the scale or sign must be wrong.
+# Watch time after energising, and the motion in that time from which the scale or sign must be
+# wrong.
 WATCH_S = 0.05
 MAX_MOTION_RAD = 0.1
 # A request open for longer than this counts as lost: a drive answers each frame at once.
@@ -42,10 +52,11 @@ JUMP_MARGIN_RAD = 0.3
 
 
 class MitReplies:
-    """Receives the replies of one drive. The drive answers each frame once and at once, so a reply shows the shaft at its request.
+    """Receives the replies of one drive. The drive answers each frame once and at once, so a reply
+    shows the shaft at its request.
 
-    `angle_rad` (continuous over turns), `speed_rad_s` and `torque_Nm` are those of the shaft at time `at_s`; `reply` is the last reply.
-    """
+    `angle_rad` (continuous over turns), `speed_rad_s` and `torque_Nm` are those of the shaft at
+    time `at_s`; `reply` is the last reply."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MitSettings) -> None:
         self._bus = bus
@@ -54,7 +65,9 @@ class MitReplies:
         # 16 bits over the range -position_rad..position_rad.
         counts_per_rad = (CODES - 1) / (2.0 * settings.ranges.position_rad)
         fastest = settings.ranges.speed_rad_s * counts_per_rad
-        self._position = WrappedPosition(frozenset({0, CODES - 1}), fastest, JUMP_MARGIN_RAD * counts_per_rad)
+        self._position = WrappedPosition(
+            frozenset({0, CODES - 1}), fastest, JUMP_MARGIN_RAD * counts_per_rad
+        )
         self._speed = SpeedCheck("model: it decides the scale of the speed")
         self._asked_s: deque[float] = deque(maxlen=MAX_OPEN_REQUESTS)
         self._unanswered_s: float | None = None
@@ -91,7 +104,9 @@ class MitReplies:
             self._unanswered_s = self._clock.now_s()
 
     def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
+        a frame cannot be decoded.
+        """
         self.drained_s = self._clock.now_s()
         replies: list[MitReply] = []
         try:
@@ -102,7 +117,8 @@ class MitReplies:
 
     def _take(self, message: can.Message, replies: list[MitReply]) -> None:
         identifier, data, drive = message.arbitration_id, message.data, self._settings.drive_id
-        # Status frames of servo mode show that the drive is in the wrong mode, which `missing` reports.
+        # Status frames of servo mode show that the drive is in the wrong mode, which `missing`
+        # reports.
         if message.is_extended_id:
             if identifier >> 8 == servo.Packet.STATUS:
                 self._servo.add(servo.drive_of(identifier))
@@ -123,13 +139,16 @@ class MitReplies:
             self._follow(reply, t_s)
 
     def _assign_requests(self, count: int) -> list[float]:
-        """Request times of `count` replies. They are matched in order, as a bus keeps it and a slow adapter may only delay replies.
+        """Request times of `count` replies. They are matched in order, as a bus keeps it and a slow
+        adapter may only delay replies.
 
-        If a request has stayed open for `RESYNC_S`, a reply was lost; the newest replies then belong to the newest requests.
-        """
+        If a request has stayed open for `RESYNC_S`, a reply was lost; the newest replies then
+        belong to the newest requests."""
         requests_s = list(self._asked_s)
         is_lost = 0 < count < len(requests_s) and self.drained_s - self._whole_s > RESYNC_S
-        answered_s, open_s = (requests_s[-count:], []) if is_lost else (requests_s[:count], requests_s[count:])
+        answered_s, open_s = (
+            (requests_s[-count:], []) if is_lost else (requests_s[:count], requests_s[count:])
+        )
         self.lost += len(requests_s) - count if is_lost else 0
         if count:
             self._asked_s = deque(open_s, MAX_OPEN_REQUESTS)
@@ -149,11 +168,15 @@ class MitReplies:
         count = self._position.follow(reply.position_code, t_s, reply.speed_rad_s)
         self._first_s = t_s if self._first_s is None else self._first_s
         self.at_s = t_s
-        self.angle_rad = settings.direction * (position_of(settings.ranges, count) - settings.zero_rad)
+        self.angle_rad = settings.direction * (
+            position_of(settings.ranges, count) - settings.zero_rad
+        )
         self.speed_rad_s = settings.direction * reply.speed_rad_s
         self.torque_Nm = settings.direction * reply.torque_Nm
         self._speed.follow(t_s, self.angle_rad, self.speed_rad_s)
-        self._rows.append((self.drained_s, t_s - self._first_s, self.angle_rad, self.speed_rad_s, self.torque_Nm))
+        self._rows.append(
+            (self.drained_s, t_s - self._first_s, self.angle_rad, self.speed_rad_s, self.torque_Nm)
+        )
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
@@ -181,9 +204,16 @@ class MitReplies:
 
     @property
     def form_fault(self) -> str | None:
-        """Set if replies have lost the error byte that they carried since `reset_counters`: an error would stay hidden."""
+        """Set if replies have lost the error byte that they carried since `reset_counters`: an
+        error would stay hidden.
+        """
         return (
-            "replies lost their bytes for temperature and error; check the CAN wiring and what else talks on it" if self._is_cut else None
+            (
+                "replies lost their bytes for temperature and error; check the CAN wiring "
+                "and what else talks on it"
+            )
+            if self._is_cut
+            else None
         )
 
     def missing(self) -> str | None:
@@ -193,13 +223,23 @@ class MitReplies:
             return None
         if drive in self._servo:
             return (
-                f"drive {drive} sends status frames of servo mode; check that it is set to MIT mode (CubeMarsTool), or use cubemars-servo"
+                f"drive {drive} sends status frames of servo mode; check that it is set to "
+                "MIT mode (CubeMarsTool), or use cubemars-servo"
             )
         if self._masters:
-            return f"drive {drive} replies under id {_join_numbers(self._masters)}; check its master id, which must be 0 or its own"
+            return (
+                f"drive {drive} replies under id {_join_numbers(self._masters)}; check its "
+                "master id, which must be 0 or its own"
+            )
         if self._foreign or self._servo:
-            return f"frames of {_join_numbers(self._foreign | self._servo)} but no reply from drive {drive}; check drive_id"
-        return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate (1 Mbit/s)"
+            return (
+                f"frames of {_join_numbers(self._foreign | self._servo)} but no reply from "
+                f"drive {drive}; check drive_id"
+            )
+        return (
+            "no frames at all on the CAN bus; check the drive's power, the wiring, the "
+            "termination and the bit rate (1 Mbit/s)"
+        )
 
 
 def _join_numbers(numbers: set[int]) -> str:
@@ -207,45 +247,62 @@ def _join_numbers(numbers: set[int]) -> str:
 
 
 class MovingTarget:
-    """Outer loop that converts angle errors to speed: demanded speed = commanded speed + gain * (target - angle).
+    """Outer loop that converts angle errors to speed: demanded speed = commanded speed + gain *
+    (target - angle).
 
-    Under a commanded speed the target moves at that speed, so the lag that a load causes is made up later. Together with a drive
-    whose torque is proportional to the speed error, this is a speed loop with an integrator. The target stays within
-    `max_lag_rad` of the shaft, where the drive gives its largest torque; this is the anti-windup.
-    """
+    Under a commanded speed the target moves at that speed, so the lag that a load causes is made up
+    later. Together with a drive whose torque is proportional to the speed error, this is a speed
+    loop with an integrator. The target stays within `max_lag_rad` of the shaft, where the drive
+    gives its largest torque; this is the anti-windup."""
 
-    def __init__(self, gain_per_s: float, most_behind_rad: float, angle_rad: float, now_s: float) -> None:
+    def __init__(
+        self, gain_per_s: float, most_behind_rad: float, angle_rad: float, now_s: float
+    ) -> None:
         self._gain_per_s = gain_per_s
         self._most_behind_rad = most_behind_rad
         self._target_rad = angle_rad
         self._speed_rad_s = 0.0
         self._since_s = now_s
 
-    def speed_to_angle(self, target_rad: float, speed_rad_s: float, angle_rad: float, now_s: float) -> float:
-        """Speed in rad/s towards a target that moves at `speed_rad_s`, with the shaft at `angle_rad` now."""
+    def speed_to_angle(
+        self, target_rad: float, speed_rad_s: float, angle_rad: float, now_s: float
+    ) -> float:
+        """Speed in rad/s towards a target that moves at `speed_rad_s`, with the shaft at
+        `angle_rad` now.
+        """
         self._target_rad, self._speed_rad_s, self._since_s = target_rad, speed_rad_s, now_s
         return speed_rad_s + self._gain_per_s * (target_rad - angle_rad)
 
     def speed_for(self, speed_rad_s: float, angle_rad: float, now_s: float) -> float:
-        """Speed in rad/s that makes the shaft keep up with a commanded speed, with the shaft at `angle_rad` now."""
+        """Speed in rad/s that makes the shaft keep up with a commanded speed, with the shaft at
+        `angle_rad` now.
+        """
         moved_rad = self._target_rad + self._speed_rad_s * (now_s - self._since_s)
-        # Anti-windup: beyond this error the torque is saturated, and a larger one would only cause overshoot later.
-        nearest_rad = min(max(moved_rad, angle_rad - self._most_behind_rad), angle_rad + self._most_behind_rad)
+        # Anti-windup: beyond this error the torque is saturated, and a larger one would only cause
+        # overshoot later.
+        nearest_rad = min(
+            max(moved_rad, angle_rad - self._most_behind_rad), angle_rad + self._most_behind_rad
+        )
         return self.speed_to_angle(nearest_rad, speed_rad_s, angle_rad, now_s)
 
 
 class CubemarsMitMotor:
-    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and `prove_watchdog`.
+    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and
+    `prove_watchdog`.
 
-    The drive's position field is not used (kp = 0). It covers only +-12.5 rad while the shaft turns further, and firmware differs
-    in how it treats a target beyond. With kp = 0 a position wrong by a turn cannot become a torque. The drive controls speed (kd);
-    the driver computes that speed from the angle error at each call. The rounding error of the speed field goes into the torque
-    field. The drive sends nothing unasked and does not report whether it is in MIT mode: missing torque shows as a shaft that does
-    not follow.
-    """
+    The drive's position field is not used (kp = 0). It covers only +-12.5 rad while the shaft turns
+    further, and firmware differs in how it treats a target beyond. With kp = 0 a position wrong by
+    a turn cannot become a torque. The drive controls speed (kd); the driver computes that speed
+    from the angle error at each call. The rounding error of the speed field goes into the torque
+    field. The drive sends nothing unasked and does not report whether it is in MIT mode: missing
+    torque shows as a shaft that does not follow."""
 
-    def __init__(self, bus: can.BusABC, clock: Clock, settings: MitSettings, guard: Guard | None = None) -> None:
-        """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog of its own."""
+    def __init__(
+        self, bus: can.BusABC, clock: Clock, settings: MitSettings, guard: Guard | None = None
+    ) -> None:
+        """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog
+        of its own.
+        """
         self._bus = bus
         self._clock = clock
         self._settings = settings
@@ -256,7 +313,8 @@ class CubemarsMitMotor:
         self._target: MovingTarget | None = None
 
     def enable(self) -> None:
-        """Energises the motor and holds the shaft. A command with zero gains first overwrites the one that the drive remembers.
+        """Energises the motor and holds the shaft. A command with zero gains first overwrites the
+        one that the drive remembers.
 
         Raises DeviceError, and leaves the motor off, if
 
@@ -270,13 +328,17 @@ class CubemarsMitMotor:
         self._await_replies()
         await_standstill(self._clock, self._limp_speed_rad_s)
         self._target = MovingTarget(
-            self._settings.angle_gain_per_s, self._settings.max_lag_rad, self._replies.angle_rad, self._clock.now_s()
+            self._settings.angle_gain_per_s,
+            self._settings.max_lag_rad,
+            self._replies.angle_rad,
+            self._clock.now_s(),
         )
         began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + WATCH_S
         # The guardian is armed before the frame that energises, so that no gap is left unguarded.
         if self._guard is not None:
             arm(self._guard)
-        # ENTER puts the last command into force; the commands without gains sent before make it harmless.
+        # ENTER puts the last command into force; the commands without gains sent before make it
+        # harmless.
         self._send(encode_special(Special.ENTER))
         while self._clock.now_s() < until_s:
             self._command_angle(began_rad, 0.0)
@@ -292,7 +354,10 @@ class CubemarsMitMotor:
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._replies.missing() is not None:
             if self._clock.now_s() > deadline_s:
-                raise DeviceError(f"drive not enabled: within {self._settings.enable_timeout_s:g} s {self._replies.missing()}")
+                raise DeviceError(
+                    f"drive not enabled: within {self._settings.enable_timeout_s:g} s "
+                    f"{self._replies.missing()}"
+                )
             self._ask_limp()
 
     def _ask_limp(self) -> None:
@@ -307,46 +372,73 @@ class CubemarsMitMotor:
         moved_rad = self._replies.angle_rad - began_rad
         if abs(moved_rad) > MAX_MOTION_RAD:
             self.disable()
-            raise DeviceError(f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when energised; check direction and model")
+            raise DeviceError(
+                f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when "
+                "energised; check direction and model"
+            )
 
     def _refuse_if_error(self) -> None:
         reply = self._replies.reply
         if reply is not None and reply.error:
             self.disable()
-            raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} refuses with {error_text(reply.error)}")
+            raise DeviceError(
+                f"drive not enabled: drive {self._settings.drive_id} refuses with "
+                f"{error_text(reply.error)}"
+            )
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond the drive's speed range."""
-        target, now_s = self._require_enabled(check_command(speed_rad_s, "speed")), self._clock.now_s()
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond the
+        drive's speed range.
+        """
+        target, now_s = (
+            self._require_enabled(check_command(speed_rad_s, "speed")),
+            self._clock.now_s(),
+        )
         self._send_speed(target.speed_for(speed_rad_s, self._replies.angle_at(now_s), now_s))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Commands a shaft angle. Raises DeviceError if the frame cannot be sent, or beyond the drive's speed range."""
+        """Commands a shaft angle. Raises DeviceError if the frame cannot be sent, or beyond the
+        drive's speed range.
+        """
         self._command_angle(check_command(angle_rad, "angle"), check_command(speed_rad_s, "speed"))
 
     def _command_angle(self, angle_rad: float, speed_rad_s: float) -> None:
         target, now_s = self._require_enabled(speed_rad_s), self._clock.now_s()
-        self._send_speed(target.speed_to_angle(angle_rad, speed_rad_s, self._replies.angle_at(now_s), now_s))
+        self._send_speed(
+            target.speed_to_angle(angle_rad, speed_rad_s, self._replies.angle_at(now_s), now_s)
+        )
 
     def _require_enabled(self, speed_rad_s: float) -> MovingTarget:
         limit_rad_s = self._settings.ranges.speed_rad_s
         if self._target is None:
             raise DeviceError("drive is not enabled; nothing was sent to it")
         if abs(speed_rad_s) > limit_rad_s:
-            raise DeviceError(f"commanded speed {speed_rad_s:g} rad/s, limit {limit_rad_s:g} ({self._settings.model}); nothing was sent")
+            raise DeviceError(
+                f"commanded speed {speed_rad_s:g} rad/s, limit {limit_rad_s:g} "
+                f"({self._settings.model}); nothing was sent"
+            )
         self._replies.drain()
         return self._target
 
     def _send_speed(self, speed_rad_s: float) -> None:
-        ranges, gain, direction = self._settings.ranges, self._settings.speed_gain_Nm_s_per_rad, self._settings.direction
+        ranges, gain, direction = (
+            self._settings.ranges,
+            self._settings.speed_gain_Nm_s_per_rad,
+            self._settings.direction,
+        )
         clipped_rad_s = direction * min(max(speed_rad_s, -ranges.speed_rad_s), ranges.speed_rad_s)
         encoded_rad_s = nearest_speed(ranges, clipped_rad_s)
-        # The 12 bit speed field is coarse; kd times its rounding error as feed-forward torque makes up for it.
+        # The 12 bit speed field is coarse; kd times its rounding error as feed-forward torque makes
+        # up for it.
         compensation_Nm = gain * (clipped_rad_s - encoded_rad_s)
-        self._send(encode_command(ranges, MitCommand(0.0, encoded_rad_s, 0.0, gain, compensation_Nm)))
+        self._send(
+            encode_command(ranges, MitCommand(0.0, encoded_rad_s, 0.0, gain, compensation_Nm))
+        )
 
     def disable(self) -> None:
-        """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; then only a guardian can stop it."""
+        """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; then
+        only a guardian can stop it.
+        """
         self._target = None
         try:
             # The drive answers both torque-off frames, so two requests are noted afterwards.
@@ -356,15 +448,17 @@ class CubemarsMitMotor:
             self._replies.note_query()
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Sends nothing for `limit_s`, then asks once; returns the time in s, within which the motor was disabled.
+        """Sends nothing for `limit_s`, then asks once; returns the time in s, within which the
+        motor was disabled.
 
-        With a guardian, it sends nothing until the guardian has acted and the drive has answered it. It then returns the time until
-        the reports showed no torque; `identity` records the evidence.
+        With a guardian, it sends nothing until the guardian has acted and the drive has answered
+        it. It then returns the time until the reports showed no torque; `identity` records the
+        evidence.
 
-        A drive in MIT mode does not report its state, and not every firmware has a watchdog. The evidence is a load, the leg's
-        weight, that the motor held before and no longer holds. A drive that does not answer, because its supply was cut, is evidence
-        too. The motor is off afterwards. Raises DeviceError if it still holds, or held too little to decide.
-        """
+        A drive in MIT mode does not report its state, and not every firmware has a watchdog. The
+        evidence is a load, the leg's weight, that the motor held before and no longer holds. A
+        drive that does not answer, because its supply was cut, is evidence too. The motor is off
+        afterwards. Raises DeviceError if it still holds, or held too little to decide."""
         self._replies.drain()
         held_Nm = self._replies.torque_Nm
         if self._guard is not None:
@@ -381,14 +475,18 @@ class CubemarsMitMotor:
 
     def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
         try:
-            proof = prove_guard(guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=True)
+            proof = prove_guard(
+                guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=True
+            )
         finally:
             self.disable()
         self._proof = proof.seen
         return proof.took_s
 
     def _ask_once(self) -> bool:
-        """Requests one reply by ENTER, which changes neither set-points nor the watchdog count; returns whether it came."""
+        """Requests one reply by ENTER, which changes neither set-points nor the watchdog count;
+        returns whether it came.
+        """
         self._replies.drain()
         self._replies.reset_counters()
         self._send(encode_special(Special.ENTER))
@@ -399,38 +497,62 @@ class CubemarsMitMotor:
 
     def _refuse_proof(self, held_Nm: float, is_off: bool, limit_s: float) -> None:
         least_Nm = self._last_word.min_visible_torque_Nm()
-        remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
+        remedy = (
+            "let a guardian hold its bus (guardian = true), or put a relay into its supply "
+            "that opens when this computer falls silent"
+        )
         if abs(held_Nm) < least_Nm:
             raise DeviceError(
-                f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it let go (at least "
+                f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too "
+                "little to see it let go (at least "
                 f"{least_Nm:.3f}); park the leg off the vertical, or {remedy}"
             )
         if not is_off:
             raise DeviceError(
-                f"drive has no watchdog that stopped it within {limit_s:g} s of silence, as many AK drives in MIT mode; {remedy}"
+                f"drive has no watchdog that stopped it within {limit_s:g} s of silence, "
+                f"as many AK drives in MIT mode; {remedy}"
             )
 
     def read(self) -> ShaftSamples:
-        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
+        cannot be decoded.
+        """
         self._replies.drain()
         return self._replies.samples()
 
     def status(self) -> MotorStatus:
-        """State of the drive. The state text is what was commanded: the drive reports errors only."""
+        """State of the drive. The state text is what was commanded: the drive reports errors
+        only.
+        """
         state = "off" if self._target is None else "MIT mode"
         reply = self._replies.reply
-        temperature_C = None if reply is None or reply.temperature_degC is None else float(reply.temperature_degC)
+        temperature_C = (
+            None
+            if reply is None or reply.temperature_degC is None
+            else float(reply.temperature_degC)
+        )
         return MotorStatus(state, self._fault(), self._replies.silent_s, temperature_C)
 
     def _fault(self) -> str | None:
-        reply, silent_s, limit_s = self._replies.reply, self._replies.silent_s, self._settings.reply_timeout_s
+        reply, silent_s, limit_s = (
+            self._replies.reply,
+            self._replies.silent_s,
+            self._settings.reply_timeout_s,
+        )
         if reply is not None and reply.error:
             return error_text(reply.error)
-        # Motion faults count only while enabled: before, the drive is asked rarely and the shaft may be moved by hand.
-        if self._target is not None and (fault := self._replies.form_fault or self._replies.motion_fault) is not None:
+        # Motion faults count only while enabled: before, the drive is asked rarely and the shaft
+        # may be moved by hand.
+        if (
+            self._target is not None
+            and (fault := self._replies.form_fault or self._replies.motion_fault) is not None
+        ):
             return fault
         if silent_s > limit_s:
-            return f"no reply for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
+            return (
+                f"no reply for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power "
+                "and the CAN wiring"
+            )
         return self._replies.health.fault
 
     def identity(self) -> dict[str, str]:
@@ -446,7 +568,9 @@ class CubemarsMitMotor:
             "speed_gain_Nm_s_per_rad": repr(settings.speed_gain_Nm_s_per_rad),
             "angle_gain_per_s": repr(settings.angle_gain_per_s),
             "errors_told": "unknown" if reply is None else "no" if reply.error is None else "yes",
-            "temperature_degC": "unknown" if reply is None or reply.temperature_degC is None else str(reply.temperature_degC),
+            "temperature_degC": "unknown"
+            if reply is None or reply.temperature_degC is None
+            else str(reply.temperature_degC),
             "replies_lost": str(self._replies.lost),
             "guardian": "none" if self._guard is None else self._guard.describe(),
             "guardian_proof": self._proof,
@@ -465,10 +589,15 @@ class CubemarsMitMotor:
         self._replies.drain()
 
 
-def make_driver(keys: CubemarsMitSection, bus: can.BusABC, clock: Clock, silent_s: float) -> CubemarsMitMotor:
+def make_driver(
+    keys: CubemarsMitSection, bus: can.BusABC, clock: Clock, silent_s: float
+) -> CubemarsMitMotor:
     """The driver of the drive that [motor] names."""
     return CubemarsMitMotor(
-        bus, clock, keys.to_dataclass(MitSettings, reply_timeout_s=silent_s), bus if isinstance(bus, GuardedBus) else None
+        bus,
+        clock,
+        keys.to_dataclass(MitSettings, reply_timeout_s=silent_s),
+        bus if isinstance(bus, GuardedBus) else None,
     )
 
 

@@ -6,7 +6,13 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.devices.cubemars.codec import error_text, servo
 from rfca_rig.devices.cubemars.codec.servo import MAX_ERPM, STATUS_DEG, Packet, Status
-from rfca_rig.devices.cubemars.driver import ServoSettings, ServoTorqueOffFrames, SpeedCheck, WrappedPosition, await_standstill
+from rfca_rig.devices.cubemars.driver import (
+    ServoSettings,
+    ServoTorqueOffFrames,
+    SpeedCheck,
+    WrappedPosition,
+    await_standstill,
+)
 from rfca_rig.devices.cubemars.section import CubemarsServoSection
 from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames, send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, FrameCount, find_wrong_period
@@ -22,7 +28,8 @@ RANGE_ENDS = frozenset({-32768, -32000, 32000, 32767})
 # Margin in rad at the shaft, on top of the fastest possible motion, before a step counts as a jump.
 JUMP_MARGIN_RAD = 0.3
 
-# The ranges that the manual states for the integer fields of the status frame. The position wraps instead.
+# The ranges that the manual states for the integer fields of the status frame. The position wraps
+# instead.
 STATUS_SIGNALS = (
     Signal("speed", "ERPM", -320_000.0, 320_000.0),
     Signal("current", "A", -60.0, 60.0),
@@ -33,7 +40,8 @@ __all__ = ["CubemarsServoMotor", "ServoSettings"]
 
 # Poll interval in s while waiting.
 POLL_S = 2e-3
-# Speed and acceleration limits while the drive is energised. A wrong turn counter then shows as slow motion.
+# Speed and acceleration limits while the drive is energised. A wrong turn counter then shows as
+# slow motion.
 HOLD_SPEED_RAD_S = 0.3
 HOLD_ACCELERATION_RAD_S2 = 10.0
 # Watch time and allowed motion: 0.3 rad/s over 0.4 s is 0.12 rad, more than the limit of 0.08 rad.
@@ -46,8 +54,8 @@ TORQUE_OFF_S = 0.05
 class ServoReports:
     """Receives the status of one drive.
 
-    `status` is its last frame, received at host time `heard_s`. Angle (continuous over turns), speed and torque are those of the shaft.
-    """
+    `status` is its last frame, received at host time `heard_s`. Angle (continuous over turns),
+    speed and torque are those of the shaft."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings) -> None:
         self._bus = bus
@@ -57,7 +65,9 @@ class ServoReports:
         self._count = FrameCount(settings.status_period_s)
         rad_per_count = abs(settings.angle_rad(1) - settings.angle_rad(0))
         fastest_rad_s = MAX_ERPM / abs(settings.erpm_s_per_rad)
-        self._position = WrappedPosition(RANGE_ENDS, fastest_rad_s / rad_per_count, JUMP_MARGIN_RAD / rad_per_count)
+        self._position = WrappedPosition(
+            RANGE_ENDS, fastest_rad_s / rad_per_count, JUMP_MARGIN_RAD / rad_per_count
+        )
         self._speed = SpeedCheck("gear_ratio and pole_pairs")
         self._check = ReadingCheck("the drive", *STATUS_SIGNALS)
         self._rows: list[tuple[float, ...]] = []
@@ -76,7 +86,9 @@ class ServoReports:
         self.heard = 0
 
     def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
+        a frame cannot be decoded.
+        """
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         reports: list[Status] = []
         try:
@@ -84,8 +96,12 @@ class ServoReports:
                 self._take(message, reports)
         # Frames decoded before a failure are still stamped and handed out.
         finally:
-            for report, device_s in zip(reports, self._count.list_stamps(len(reports), self.drained_s), strict=True):
-                self._follow(report, device_s, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
+            for report, device_s in zip(
+                reports, self._count.list_stamps(len(reports), self.drained_s), strict=True
+            ):
+                self._follow(
+                    report, device_s, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S
+                )
 
     def _take(self, message: can.Message, reports: list[Status]) -> None:
         if not message.is_extended_id:
@@ -93,14 +109,20 @@ class ServoReports:
             self._standard = True
         elif message.arbitration_id >> 8 == Packet.STATUS:
             drive = servo.drive_of(message.arbitration_id)
-            report = servo.decode(message.arbitration_id, message.data) if drive == self._settings.drive_id else None
+            report = (
+                servo.decode(message.arbitration_id, message.data)
+                if drive == self._settings.drive_id
+                else None
+            )
             if isinstance(report, Status):
                 reports.append(report)
             else:
                 self._foreign.add(drive)
 
     def _follow(self, report: Status, device_s: float, is_whole: bool) -> None:
-        """Takes in one status. After a long pause (`is_whole` False) frames may be missing anywhere, so no jump is looked for."""
+        """Takes in one status. After a long pause (`is_whole` False) frames may be missing
+        anywhere, so no jump is looked for.
+        """
         settings = self._settings
         self.heard_s = self.drained_s
         self.heard += 1
@@ -111,12 +133,16 @@ class ServoReports:
             return
         self.status = report
         self.speed_rad_s = report.speed_erpm / settings.erpm_s_per_rad
-        count = self._position.follow(report.position_count, device_s, self.speed_rad_s, judged=is_whole)
+        count = self._position.follow(
+            report.position_count, device_s, self.speed_rad_s, judged=is_whole
+        )
         self.position_deg = STATUS_DEG * count
         self.angle_rad = settings.angle_rad(count)
         self.torque_Nm = report.current_A * settings.shaft_torque_per_A
         self._speed.follow(device_s, self.angle_rad, self.speed_rad_s)
-        self._rows.append((self.drained_s, device_s, self.angle_rad, self.speed_rad_s, self.torque_Nm))
+        self._rows.append(
+            (self.drained_s, device_s, self.angle_rad, self.speed_rad_s, self.torque_Nm)
+        )
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
@@ -157,24 +183,32 @@ class ServoReports:
             return f"status frames of drive {others} but none of drive {drive}; check drive_id"
         if self._standard:
             return (
-                f"no status frame of drive {drive}, but frames of MIT mode or of others; check that it is set to servo mode (CubeMarsTool)"
+                f"no status frame of drive {drive}, but frames of MIT mode or of others; "
+                "check that it is set to servo mode (CubeMarsTool)"
             )
         return (
-            "no frames at all on the CAN bus; check the drive's power, the wiring, the bit rate (1 Mbit/s), "
+            "no frames at all on the CAN bus; check the drive's power, the wiring, the "
+            "bit rate (1 Mbit/s), "
             "and that it uploads its status over CAN (CubeMarsTool)"
         )
 
 
 class CubemarsServoMotor:
-    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and `prove_watchdog`.
+    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and
+    `prove_watchdog`.
 
-    The control loops run in the drive, with gains set by CubeMarsTool. It accepts commands at any time: there is no enable frame, and
-    a current of zero disables the motor. Commanded positions are absolute over many turns, but the status frame reports them in
-    16 bits. After more than nine turns in an earlier session the reported position is off by 6553.6 degrees; `enable` detects this.
-    """
+    The control loops run in the drive, with gains set by CubeMarsTool. It accepts commands at any
+    time: there is no enable frame, and a current of zero disables the motor. Commanded positions
+    are absolute over many turns, but the status frame reports them in 16 bits. After more than nine
+    turns in an earlier session the reported position is off by 6553.6 degrees; `enable` detects
+    this."""
 
-    def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings, guard: Guard | None = None) -> None:
-        """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog of its own."""
+    def __init__(
+        self, bus: can.BusABC, clock: Clock, settings: ServoSettings, guard: Guard | None = None
+    ) -> None:
+        """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog
+        of its own.
+        """
         self._bus = bus
         self._clock = clock
         self._settings = settings
@@ -185,20 +219,23 @@ class CubemarsServoMotor:
         self._armed = False
 
     def enable(self) -> None:
-        """Energises the motor and holds the shaft, first by a position command with a low speed limit, so that nothing can jump.
+        """Energises the motor and holds the shaft, first by a position command with a low speed
+        limit, so that nothing can jump.
 
         Raises DeviceError, and leaves the motor off, if
 
         - no frame, or no status of this drive at the configured rate, arrives;
         - the drive refuses with an error;
         - the shaft does not come to rest before;
-        - the shaft starts to turn, because the drive's turn counter differs from the position that it reports.
+        - the shaft starts to turn, because the drive's turn counter differs from the position that
+          it reports.
         """
         self.disable()
         if self._reports.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
         self._await_status()
-        # Motion while energising is the sign of a wrong turn counter, so the shaft must be at rest before.
+        # Motion while energising is the sign of a wrong turn counter, so the shaft must be at rest
+        # before.
         await_standstill(self._clock, self._limp_speed_rad_s)
         if self._guard is not None:
             # Before the first frame that energises: from here on a silence must disable the motor.
@@ -214,7 +251,8 @@ class CubemarsServoMotor:
         measured_s = find_wrong_period(self._measure_period_s, configured_s)
         if measured_s is not None:
             raise DeviceError(
-                f"drive not enabled: status frames come every {1e3 * measured_s:.2g} ms, the settings say "
+                f"drive not enabled: status frames come every {1e3 * measured_s:.2g} ms, "
+                "the settings say "
                 f"{1e3 * configured_s:g} ms; set the drive's upload rate or status_period_s"
             )
 
@@ -224,7 +262,9 @@ class CubemarsServoMotor:
         look_s = PERIODS_PER_ATTEMPT * self._settings.status_period_s
         while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
             if self._clock.now_s() - started_s > max(timeout_s, look_s):
-                raise DeviceError(f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}")
+                raise DeviceError(
+                    f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}"
+                )
             self._wait_and_drain()
         return (self._clock.now_s() - started_s) / self._reports.heard
 
@@ -234,7 +274,12 @@ class CubemarsServoMotor:
 
     def _hold_gently(self, position_deg: float, angle_rad: float) -> None:
         erpm = abs(self._settings.erpm_s_per_rad)
-        order = servo.set_position_speed(self._settings.drive_id, position_deg, HOLD_SPEED_RAD_S * erpm, HOLD_ACCELERATION_RAD_S2 * erpm)
+        order = servo.set_position_speed(
+            self._settings.drive_id,
+            position_deg,
+            HOLD_SPEED_RAD_S * erpm,
+            HOLD_ACCELERATION_RAD_S2 * erpm,
+        )
         until_s = self._clock.now_s() + WATCH_S
         while self._clock.now_s() < until_s:
             self._send(order)
@@ -249,7 +294,8 @@ class CubemarsServoMotor:
         if abs(moved_rad) > MAX_MOTION_RAD:
             self.disable()
             raise DeviceError(
-                f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when commanded to stay; the drive counts its turns otherwise "
+                f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when "
+                "commanded to stay; the drive counts its turns otherwise "
                 "than it shows: switch it off and on near its zero, or set its origin"
             )
 
@@ -257,10 +303,14 @@ class CubemarsServoMotor:
         status = self._reports.status
         if status is not None and status.error:
             self.disable()
-            raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} refuses with {error_text(status.error)}")
+            raise DeviceError(
+                f"drive not enabled: drive {self._settings.drive_id} refuses with "
+                f"{error_text(status.error)}"
+            )
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond 100 000 ERPM.
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond 100 000
+        ERPM.
 
         Some firmware disables the motor near a speed of zero; to hold the shaft, command an angle.
         """
@@ -268,7 +318,8 @@ class CubemarsServoMotor:
         self._send(servo.set_speed(self._check_armed(), erpm))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Commands a shaft angle. The drive has no field for the speed of a moving target, so it lags by the error of its loop.
+        """Commands a shaft angle. The drive has no field for the speed of a moving target, so it
+        lags by the error of its loop.
 
         Raises DeviceError if the frame cannot be sent, or beyond 100 turns.
         """
@@ -277,24 +328,29 @@ class CubemarsServoMotor:
         self._send(servo.set_position(self._check_armed(), position_deg))
 
     def _check_armed(self) -> int:
-        """The drive id, once enabled. Only `enable` verifies that commanded and reported positions agree."""
+        """The drive id, once enabled. Only `enable` verifies that commanded and reported
+        positions agree.
+        """
         if not self._armed:
             raise DeviceError("drive is not enabled; nothing was sent to it")
         return self._settings.drive_id
 
     def disable(self) -> None:
-        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; then only a guardian can stop it."""
+        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; then
+        only a guardian can stop it.
+        """
         self._armed = False
         send_stop(self._bus, self._clock, self._last_word.frames())
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Sends nothing until the motor is disabled, by the drive itself or by its guardian; returns the time in s that this took.
+        """Sends nothing until the motor is disabled, by the drive itself or by its guardian;
+        returns the time in s that this took.
 
-        The status does not report torque off, and not every firmware has a watchdog. The evidence is a load, the leg's weight, that
-        the motor held before and no longer holds. A status that ends, because a relay cut the supply, is evidence too. The motor is
-        off afterwards. Raises DeviceError if the motor still holds, or held too little to decide. With a guardian and no load, it is enough
-        that the bus took the guardian's frames; `identity` records this.
-        """
+        The status does not report torque off, and not every firmware has a watchdog. The evidence
+        is a load, the leg's weight, that the motor held before and no longer holds. A status that
+        ends, because a relay cut the supply, is evidence too. The motor is off afterwards. Raises
+        DeviceError if the motor still holds, or held too little to decide. With a guardian and no
+        load, it is enough that the bus took the guardian's frames; `identity` records this."""
         self._reports.drain()
         held_Nm, started_s = self._reports.torque_Nm, self._clock.now_s()
         if self._guard is not None:
@@ -302,10 +358,15 @@ class CubemarsServoMotor:
         holding_s = started_s
         while self._clock.now_s() - started_s <= limit_s:
             self._wait_and_drain()
-            if abs(self._reports.torque_Nm) >= TORQUE_OFF_SHARE * abs(held_Nm) and self._reports.silent_s < TORQUE_OFF_S:
+            if (
+                abs(self._reports.torque_Nm) >= TORQUE_OFF_SHARE * abs(held_Nm)
+                and self._reports.silent_s < TORQUE_OFF_S
+            ):
                 # Still holding: a good share of the torque, reported recently.
                 holding_s = self._clock.now_s()
-            if self._clock.now_s() - holding_s > TORQUE_OFF_S and (self._is_loaded(held_Nm) or self._reports.silent_s > TORQUE_OFF_S):
+            if self._clock.now_s() - holding_s > TORQUE_OFF_S and (
+                self._is_loaded(held_Nm) or self._reports.silent_s > TORQUE_OFF_S
+            ):
                 self.disable()
                 # The torque disappeared within one poll after the last time that it was seen.
                 return holding_s - started_s + POLL_S
@@ -314,7 +375,9 @@ class CubemarsServoMotor:
 
     def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
         try:
-            proof = prove_guard(guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=False)
+            proof = prove_guard(
+                guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=False
+            )
         finally:
             self.disable()
         self._proof = proof.seen
@@ -324,34 +387,58 @@ class CubemarsServoMotor:
         return abs(held_Nm) >= self._last_word.min_visible_torque_Nm()
 
     def _refusal(self, held_Nm: float, limit_s: float) -> str:
-        remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
+        remedy = (
+            "let a guardian hold its bus (guardian = true), or put a relay into its supply "
+            "that opens when this computer falls silent"
+        )
         if self._is_loaded(held_Nm):
-            return f"drive has no watchdog that stopped it within {limit_s:g} s of silence; set its CAN timeout if it has one, or {remedy}"
+            return (
+                f"drive has no watchdog that stopped it within {limit_s:g} s of silence; set "
+                f"its CAN timeout if it has one, or {remedy}"
+            )
         return (
-            f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it let go (at least "
-            f"{self._last_word.min_visible_torque_Nm():.3f}); park the leg off the vertical, or {remedy}"
+            f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too "
+            "little to see it let go (at least "
+            f"{self._last_word.min_visible_torque_Nm():.3f}); park the leg off the "
+            f"vertical, or {remedy}"
         )
 
     def read(self) -> ShaftSamples:
-        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
+        cannot be decoded.
+        """
         self._reports.drain()
         return self._reports.samples()
 
     def status(self) -> MotorStatus:
-        """State of the drive. The state text is what was commanded: the drive reports errors only."""
+        """State of the drive. The state text is what was commanded: the drive reports errors
+        only.
+        """
         status = self._reports.status
         temperature_C = None if status is None else float(status.temperature_degC)
-        return MotorStatus("servo mode" if self._armed else "off", self._fault(), self._reports.silent_s, temperature_C)
+        return MotorStatus(
+            "servo mode" if self._armed else "off",
+            self._fault(),
+            self._reports.silent_s,
+            temperature_C,
+        )
 
     def _fault(self) -> str | None:
-        status, silent_s, limit_s = self._reports.status, self._reports.silent_s, self._settings.status_timeout_s
+        status, silent_s, limit_s = (
+            self._reports.status,
+            self._reports.silent_s,
+            self._settings.status_timeout_s,
+        )
         if status is not None and status.error:
             return error_text(status.error)
         # Before enabling, a position that jumps does no harm, and `enable` checks it again.
         if self._armed and self._reports.motion_fault is not None:
             return self._reports.motion_fault
         if silent_s > limit_s:
-            return f"no status frame for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
+            return (
+                f"no status frame for {silent_s:.2f} s, limit {limit_s:g} s; check the "
+                "drive's power and the CAN wiring"
+            )
         return self._reports.health.fault
 
     def identity(self) -> dict[str, str]:
@@ -387,16 +474,24 @@ def _message(frame: servo.Frame) -> can.Message:
     return can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=True)
 
 
-def make_driver(keys: CubemarsServoSection, bus: can.BusABC, clock: Clock, silent_s: float) -> CubemarsServoMotor:
+def make_driver(
+    keys: CubemarsServoSection, bus: can.BusABC, clock: Clock, silent_s: float
+) -> CubemarsServoMotor:
     """The driver of the drive that [motor] names."""
     return CubemarsServoMotor(
         bus,
         clock,
-        keys.to_dataclass(ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s),
+        keys.to_dataclass(
+            ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s
+        ),
         bus if isinstance(bus, GuardedBus) else None,
     )
 
 
 def make_torque_off(keys: CubemarsServoSection, silent_s: float) -> ServoTorqueOffFrames:
     """What a guardian sends to that drive."""
-    return ServoTorqueOffFrames(keys.to_dataclass(ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s))
+    return ServoTorqueOffFrames(
+        keys.to_dataclass(
+            ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s
+        )
+    )
