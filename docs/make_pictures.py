@@ -19,13 +19,16 @@ from PIL import Image, PngImagePlugin
 from playwright.sync_api import Browser, sync_playwright
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-WIDTH_PX, HEIGHT_PX = 1280, 800
+WIDTH_PX = 1280
+HEIGHT_PX = 800
 STROKE = ("dynamic", "run", "--height", "215", "--speed", "2.433", "--repeats")
 # The animation: smaller, so that it loads at once, and one frame of so many milliseconds of the
 # stroke.
-ANIMATED_PX, FRAME_MS = 960, 80
+ANIMATED_PX = 960
+FRAME_MS = 80
 # Of the diagnosis, the first screen: the verdict and the figure beside it.
-MARGIN_PX, FIRST_SCREEN_PX = 30, 650
+MARGIN_PX = 30
+FIRST_SCREEN_PX = 650
 # In the third stroke, when the leg is bent most.
 MID_STROKE_S = 8.6
 TEXT_WIDTH = (

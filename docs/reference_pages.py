@@ -77,7 +77,10 @@ def setup(app: Sphinx) -> ExtensionMetadata:
 
 def fill_page(_: Sphinx, page: str, source: list[str]) -> None:
     """Replaces the marks of a page, whose text is `source[0]`."""
-    source[0] = list_terms(source[0]) if page == "glossary" else MARK.sub(_fill_mark, source[0])
+    if page == "glossary":
+        source[0] = list_terms(source[0])
+    else:
+        source[0] = MARK.sub(_fill_mark, source[0])
 
 
 def _fill_mark(mark: re.Match[str]) -> str:
@@ -255,7 +258,9 @@ def _default(value: Schema, required: bool) -> str:
     default = value.get("default")
     if default == sys.executable:
         return "the Python that runs rfca-rig"
-    return "optional" if default is None else f"`{json.dumps(default)}`"
+    if default is None:
+        return "optional"
+    return f"`{json.dumps(default)}`"
 
 
 def write_schemas(app: Sphinx, failure: Exception | None) -> None:
@@ -319,7 +324,10 @@ def _describe_effect(effect: Effect) -> Iterator[str]:
 
 
 def _describe_parameter(parameter: Parameter, role: str) -> tuple[str, ...]:
-    neutral = f", {parameter.neutral:.3g} if not given" if role != "size" else ""
+    if role != "size":
+        neutral = f", {parameter.neutral:.3g} if not given"
+    else:
+        neutral = ""
     return (
         f"`{parameter.name}`",
         words_and_unit(parameter.name)[1],

@@ -52,7 +52,9 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module rfca_rig has no name {name!r}; it has {', '.join(__all__)}")
     module, _, own = _PLACES[name].partition(":")
     found = import_module(module)
-    return found if _PLACES[name].endswith(":") else getattr(found, own or name)
+    if _PLACES[name].endswith(":"):
+        return found
+    return getattr(found, own or name)
 
 
 def __dir__() -> list[str]:

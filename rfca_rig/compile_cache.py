@@ -61,11 +61,9 @@ class CodeCache(NullCache):
         cast(Any, rtsys).initialize(target_context)
         path, purpose = self._entry_of(sig, target_context.codegen())
         content = _read_entry(path, purpose)
-        return (
-            None
-            if content is None
-            else cast(Any, CompileResult)._rebuild(target_context, *pickle.loads(content))
-        )
+        if content is None:
+            return None
+        return cast(Any, CompileResult)._rebuild(target_context, *pickle.loads(content))
 
     def save_overload(self, sig: Any, cres: Any) -> None:
         # Such code refers to addresses of this process.

@@ -66,7 +66,9 @@ def toml_string(text: str) -> str:
 
 def toml_key(text: str) -> str:
     """A key of TOML, in quotes where it needs them."""
-    return text if _BARE_KEY.fullmatch(text) else toml_string(text)
+    if _BARE_KEY.fullmatch(text):
+        return text
+    return toml_string(text)
 
 
 def toml_comment(text: str) -> str:
@@ -111,13 +113,22 @@ def _is_control(sign: str) -> bool:
 
 
 def _python_escape(sign: str) -> str:
-    return f"\\x{ord(sign):02x}" if ord(sign) < 0x100 else f"\\U{ord(sign):08x}"
+    if ord(sign) < 0x100:
+        return f"\\x{ord(sign):02x}"
+    return f"\\U{ord(sign):08x}"
 
 
 def _json_escape(sign: str) -> str:
-    return json.dumps(sign)[1:-1] if ord(sign) >= 0x80 else f"\\u{ord(sign):04x}"
+    if ord(sign) >= 0x80:
+        return json.dumps(sign)[1:-1]
+    return f"\\u{ord(sign):04x}"
 
 
 def _toml_escape(sign: str) -> str:
-    code = ord("\N{REPLACEMENT CHARACTER}") if category(sign) == "Cs" else ord(sign)
-    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+    if category(sign) == "Cs":
+        code = ord("\N{REPLACEMENT CHARACTER}")
+    else:
+        code = ord(sign)
+    if code < 0x10000:
+        return f"\\u{code:04x}"
+    return f"\\U{code:08x}"

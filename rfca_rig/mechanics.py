@@ -276,7 +276,8 @@ def second_difference(
     Equations (5), (6) and (8), which prints U(0) in the middle where (5) has U(phi_i).
     """
     phi = np.asarray(phi_rad, dtype=np.float64)
-    middle, steps = energy_J(phi), step_rad * np.eye(phi.size)
+    middle = energy_J(phi)
+    steps = step_rad * np.eye(phi.size)
     # One hinge at a time: the diagonal of the stiffness matrix, as the paper defines K_i.
     return (
         np.array([energy_J(phi + step) - 2.0 * middle + energy_J(phi - step) for step in steps])
@@ -306,8 +307,10 @@ def solve_held_contact(
     ----------
     Equations (14) and (15), whose lower right side lacks the dot over J_y in print.
     """
-    M, J = np.asarray(mass, dtype=np.float64), np.atleast_2d(np.asarray(jacobian, dtype=np.float64))
-    n, held = M.shape[0], J.shape[0]
+    M = np.asarray(mass, dtype=np.float64)
+    J = np.atleast_2d(np.asarray(jacobian, dtype=np.float64))
+    n = M.shape[0]
+    held = J.shape[0]
     # The saddle-point matrix is symmetric but not definite, so a general solver is needed.
     matrix = np.block([[M, J.T], [J, np.zeros((held, held))]])
     z = np.linalg.solve(
@@ -516,7 +519,9 @@ def stick_friction_N(
     # integrator.
     if speed_m_s != 0.0:
         return float(kinetic_N * np.sign(speed_m_s))
-    return applied_N if abs(applied_N) < static_N else float(static_N * np.sign(applied_N))
+    if abs(applied_N) < static_N:
+        return applied_N
+    return float(static_N * np.sign(applied_N))
 
 
 def _check_positive(name: str, value: float) -> None:

@@ -21,25 +21,28 @@ def in_one_line(text: str) -> str:
         for word in printable(text).split()
     )
     line = " ".join(words)
-    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 3]}..."
+    if len(line) <= LONGEST_LINE:
+        return line
+    return f"{line[: LONGEST_LINE - 3]}..."
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
     """`did you mean x?` where something known is near, else all there is: `there are x, y, z`."""
     listed = list(known)
     near = _near(name, listed)
-    return f"did you mean {near}?" if near else f"there are {', '.join(listed)}"
+    if near:
+        return f"did you mean {near}?"
+    return f"there are {', '.join(listed)}"
 
 
 def not_there(path: Path) -> str:
     """That there is no such file or folder, and what is called nearly so; else the command that
     lists runs.
     """
-    siblings = (
-        [one.name for one in path.absolute().parent.iterdir()]
-        if path.absolute().parent.is_dir()
-        else []
-    )
+    if path.absolute().parent.is_dir():
+        siblings = [one.name for one in path.absolute().parent.iterdir()]
+    else:
+        siblings = []
     near = _near(path.name, siblings)
     return f"{path}: is not there; " + (
         f"did you mean {path.parent / near}?" if near else "rfca-rig runs lists what was recorded"
@@ -50,4 +53,6 @@ def _near(name: str, known: Iterable[str]) -> str:
     """The nearest, "" where none is near."""
     by_lower = {one.casefold(): one for one in known}
     found = get_close_matches(name.casefold(), by_lower, n=1, cutoff=0.6)
-    return by_lower[found[0]] if found else ""
+    if found:
+        return by_lower[found[0]]
+    return ""

@@ -65,7 +65,8 @@ DECIMALS = 7
 # In the unit of the key. The largest of a rig is a contact stiffness, 1e5 to 1e10 N/m^1.5. The
 # smallest that must be above 0 is an inertia, 1e-9 kg m^2 of a needle. Squares, products and
 # quotients of a few such numbers stay finite.
-SMALLEST, LARGEST = 1e-30, 1e15
+SMALLEST = 1e-30
+LARGEST = 1e15
 
 
 def _check_size(value: float) -> float:
@@ -128,7 +129,9 @@ def degrees_key(key: str) -> str | None:
     """
     stem = key.removesuffix("_rad")
     # N m/rad and the like are no angles.
-    return None if stem == key or stem.endswith("_per") else f"{stem}_deg"
+    if stem == key or stem.endswith("_per"):
+        return None
+    return f"{stem}_deg"
 
 
 def degrees_keys(model: type[BaseModel]) -> dict[str, str]:
@@ -264,7 +267,10 @@ def section_of(text: str, name: str, model: type[Model], path: Path) -> Model:
         return model.model_validate(data)
     except ValidationError as error:
         fault, more = _first_fault(error, model, data)
-        shown = f"{name}.{fault.text}" if fault.key else f"{name}: {fault.text}"
+        if fault.key:
+            shown = f"{name}.{fault.text}"
+        else:
+            shown = f"{name}: {fault.text}"
         raise BadInput(
             f"{_place(path, line_of(text, (name, *fault.key)))}: {shown}{more}"
         ) from None
@@ -345,7 +351,9 @@ def _parse(text: str, path: Path) -> dict[str, Any]:
 
 
 def _place(path: Path, line: int | None) -> str:
-    return f"{path}:{line}" if line else str(path)
+    if line:
+        return f"{path}:{line}"
+    return str(path)
 
 
 class _Fault:
@@ -361,12 +369,14 @@ class _Fault:
             known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]}, data)
             close = difflib.get_close_matches(str(self.key[-1]), known, n=1, cutoff=0.7)
             self.likely = close[0] if close else None
-            message = (
-                f"unknown key; did you mean {self.likely}?"
-                if self.likely
-                else f"unknown key; known are {', '.join(known) or 'none'}"
-            )
-        self.text = f"{_format_key(self.key)}: {message}" if self.key else message
+            if self.likely:
+                message = f"unknown key; did you mean {self.likely}?"
+            else:
+                message = f"unknown key; known are {', '.join(known) or 'none'}"
+        if self.key:
+            self.text = f"{_format_key(self.key)}: {message}"
+        else:
+            self.text = message
 
 
 # Pydantic's messages in the words of somebody who edits a file, by pydantic's type of the error.
@@ -435,11 +445,9 @@ def _plain(error: ErrorDetails) -> str:
         message = _lower(
             error["msg"].removeprefix("Value error, ").replace("Input should be", "should be")
         )
-    return (
-        f"{message}, not {error['input']!r}"
-        if isinstance(error["input"], str | int | float)
-        else message
-    )
+    if isinstance(error["input"], str | int | float):
+        return f"{message}, not {error['input']!r}"
+    return message
 
 
 def _to_degrees(error: ErrorDetails) -> ErrorDetails:
@@ -541,10 +549,14 @@ def format_value(value: Any) -> str:
         return "[" + ", ".join(format_value(inner) for inner in value) + "]"
     # Before int: a bool is an int in Python.
     if isinstance(value, bool):
-        return "true" if value else "false"
+        if value:
+            return "true"
+        return "false"
     if isinstance(value, str):
         return toml_string(value)
-    return str(value) if isinstance(value, int) else _number(float(value))
+    if isinstance(value, int):
+        return str(value)
+    return _number(float(value))
 
 
 def _number(value: float) -> str:

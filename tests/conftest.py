@@ -162,10 +162,8 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 # Files with slow tests of up to a minute each. At the end of all tests such a test leaves the other
 # workers idle. Pictures need the README's job, so that they follow it in the same worker, which
 # otherwise waits for it.
-FIRST_OF_ONE, FIRST_OF_OTHER = (
-    ("test_readme.py", "test_pictures.py"),
-    ("test_notebooks.py", "test_pendulum.py", "test_whole_diagnosis.py"),
-)
+FIRST_OF_ONE = ("test_readme.py", "test_pictures.py")
+FIRST_OF_OTHER = ("test_notebooks.py", "test_pendulum.py", "test_whole_diagnosis.py")
 
 
 @pytest.hookimpl(wrapper=True, optionalhook=True)
@@ -174,7 +172,9 @@ def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
     process, and leave their core to others.
     """
     workers = yield
-    return workers if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else workers + 1
+    if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS"):
+        return workers
+    return workers + 1
 
 
 @pytest.hookimpl(trylast=True)
@@ -198,13 +198,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         ]
         return sorted(slow, key=lambda item: names.index(item.path.name))
 
-    one, other = take(FIRST_OF_ONE), take(FIRST_OF_OTHER)
+    one = take(FIRST_OF_ONE)
+    other = take(FIRST_OF_OTHER)
     first = {*one, *other}
     rest = [item for item in items if item not in first]
-    without, others = (
-        [item for item in rest if is_without(item.path)],
-        [item for item in rest if not is_without(item.path)],
-    )
+    without = [item for item in rest if is_without(item.path)]
+    others = [item for item in rest if not is_without(item.path)]
     workers = max(int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "2")), 2)
     step = -(-len(without) // (workers - 1))
     begins = [one, *(without[step * number : step * (number + 1)] for number in range(workers - 1))]

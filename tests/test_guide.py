@@ -13,7 +13,8 @@ from tests.cli.typed import typed
 from tests.trip_pages import form
 
 ROOT = Path(__file__).parents[1]
-RIG, MECHANISM = "from-your-rig-to-a-diagnosis", "from-a-model-file-to-a-diagnosis"
+RIG = "from-your-rig-to-a-diagnosis"
+MECHANISM = "from-a-model-file-to-a-diagnosis"
 GUIDES = {
     name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in (RIG, MECHANISM)
 }

@@ -50,7 +50,8 @@ def equations_of(docstring):
 
 def test_the_small_slope_error_is_that_of_the_curvature():
     angle = 0.3
-    y, rise = np.tan(angle), 5.0
+    y = np.tan(angle)
+    rise = 5.0
     exact = mechanics.curvature_per_m(y, rise)
     assert mechanics.small_slope_error(angle) == pytest.approx((rise - exact) / exact)
     assert mechanics.small_slope_error(mechanics.small_slope_limit_rad(0.1)) == pytest.approx(0.1)
@@ -63,7 +64,9 @@ def test_a_shape_under_a_tip_force_has_the_least_energy():
     """Springs, weight and the force's potential, minimised by scipy without the statics' own
     equations.
     """
-    chain, shaft, force = mechanics.tip_chain_of(PAPER.leg), 0.4, np.array([3.0, -25.0])
+    chain = mechanics.tip_chain_of(PAPER.leg)
+    shaft = 0.4
+    force = np.array([3.0, -25.0])
     found = mechanics.equilibrium_under_tip_force(chain, shaft, force)
 
     def potential(hinges):
@@ -98,10 +101,8 @@ def test_a_held_contact_is_that_of_the_rigid_floor():
     drift = (
         -(300.0**2) * floor.depths(phi)[-1]
     )  # Baumgarte's term, which the equation does not have
-    M, F = (
-        mechanics.mass_matrix(links, phi),
-        mechanics.right_side_Nm(links, phi, np.zeros(7), np.zeros(7), mechanics.no_loads(7)),
-    )
+    M = mechanics.mass_matrix(links, phi)
+    F = mechanics.right_side_Nm(links, phi, np.zeros(7), np.zeros(7), mechanics.no_loads(7))
     mine, contact = mechanics.solve_held_contact(M, F, floor.J_y(phi), [-drift])
     assert mine == pytest.approx(accelerations, rel=1e-9)
     assert contact[0] == pytest.approx(normal, rel=1e-9)
@@ -109,10 +110,8 @@ def test_a_held_contact_is_that_of_the_rigid_floor():
 
 @pytest.mark.parametrize("depth", [1e-5, 1e-4])
 def test_the_pressure_carries_the_normal_force(depth):
-    E, R = (
-        mechanics.effective_modulus_Pa(2.75e9, 0.38, 3.2e9, 0.37),
-        mechanics.effective_radius_m(3e-3, 0.02),
-    )
+    E = mechanics.effective_modulus_Pa(2.75e9, 0.38, 3.2e9, 0.37)
+    R = mechanics.effective_radius_m(3e-3, 0.02)
     r = np.linspace(0.0, 2.0 * mechanics.contact_radius_m(R, depth), 40001)
     carried = np.trapezoid(2.0 * np.pi * r * mechanics.contact_pressure_Pa(r, E, R, depth), r)
     stiffness = mechanics.contact_stiffness_N_per_m1p5(E, R)

@@ -23,7 +23,8 @@ PICTURES = ROOT / "docs" / "pictures"
 # Squares of 8 pixels, about a letter, are compared by their mean grey of 0 to 255. Edges of letters
 # and lines that a browser smooths otherwise change a square by less than 10. A word, a curve or a
 # panel elsewhere changes it by 30 and more.
-SQUARE_PX, DIFFERENT = 8, 25.0
+SQUARE_PX = 8
+DIFFERENT = 25.0
 # Share of the squares that may differ. Twice on one machine, the diagnosis differed by nothing, and
 # a frame of the animation by 0.1 %. A live run is caught at a time that differs by a tick of the
 # view: its curves move by a pixel, which is 1 %. Another stroke is 7 %.
@@ -82,7 +83,8 @@ def test_a_picture_is_as_committed(made, name):
             f"other fonts than those of the committed pictures: a headline is {widths[1]} "
             f"wide, not {widths[0]}"
         )
-    old, new = frames(PICTURES / name)[:: EVERY.get(name, 1)], frames(made / name)
+    old = frames(PICTURES / name)[:: EVERY.get(name, 1)]
+    new = frames(made / name)
     assert len(new) == len(old)
     assert (
         max(share_that_differs(one, other) for one, other in zip(old, new, strict=True))
@@ -98,7 +100,8 @@ def test_another_curve_is_another_picture():
 
 def frames(path: Path) -> list[Image.Image]:
     """The frames of an animation, or the one picture, in grey."""
-    picture, found = Image.open(path), []
+    picture = Image.open(path)
+    found = []
     for number in range(getattr(picture, "n_frames", 1)):
         picture.seek(number)
         found.append(picture.convert("L"))

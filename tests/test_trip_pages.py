@@ -75,7 +75,8 @@ class LosingItsMind(Sensor):
 
 def said_of_a_sensor_without_numbers(_tmp_path):
     clock = TwinClock()
-    motor, plan = Motor(clock), one_condition(twin_rig())
+    motor = Motor(clock)
+    plan = one_condition(twin_rig())
     run_plan(
         plan,
         Bench(motor, LosingItsMind(clock), motor, clock, is_real=False),

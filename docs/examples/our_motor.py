@@ -50,7 +50,8 @@ class OurKeys(MotorKeys):
 
 class OurMotor(SpeedDrive[OurKeys]):
     make = "CANopen drive, CiA 402"
-    speed, error = 0, 0
+    speed = 0
+    error = 0
 
     def to_clear(self):
         return [self.frame(0x000, "BB", 1, self.keys.node_id), *self.control(0x80)]
@@ -77,7 +78,8 @@ class OurMotor(SpeedDrive[OurKeys]):
         )
 
     def hear(self, message):
-        kind, node = message.arbitration_id & 0x780, message.arbitration_id & 0x7F
+        kind = message.arbitration_id & 0x780
+        node = message.arbitration_id & 0x7F
         if node != self.keys.node_id or message.is_extended_id:
             return None
         if kind == 0x700 and message.data == b"\0":
@@ -89,16 +91,14 @@ class OurMotor(SpeedDrive[OurKeys]):
         return None
 
     def report(self, status, position, per_mille):
-        fault = (
-            f"error 0x{self.error:04X} ({ERRORS.get(self.error, 'see its manual')})"
-            if status & 0x08
-            else None
-        )
-        state = (
-            "fault"
-            if fault
-            else STATES.get(status & 0x6F if status & 0x20 else status & 0x4F, f"0x{status:04x}")
-        )
+        if status & 0x08:
+            fault = f"error 0x{self.error:04X} ({ERRORS.get(self.error, 'see its manual')})"
+        else:
+            fault = None
+        if fault:
+            state = "fault"
+        else:
+            state = STATES.get(status & 0x6F if status & 0x20 else status & 0x4F, f"0x{status:04x}")
         torque_Nm = 1e-3 * per_mille * self.keys.rated_torque_Nm
         return Report(
             position / self.keys.counts_per_turn,

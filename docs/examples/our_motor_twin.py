@@ -6,14 +6,20 @@ import can
 
 from rfca_rig.own import SpeedDriveTwin
 
-DISABLED, READY, SWITCHED_ON, ENABLED, FAULT = 0x40, 0x21, 0x23, 0x27, 0x08
+DISABLED = 0x40
+READY = 0x21
+SWITCHED_ON = 0x23
+ENABLED = 0x27
+FAULT = 0x08
 TRANSITIONS = {(DISABLED, 0x06): READY, (READY, 0x07): SWITCHED_ON, (SWITCHED_ON, 0x0F): ENABLED}
 
 
 class OurTwin(SpeedDriveTwin):
     def __init__(self, bus, keys, gains, watchdog_s):
         super().__init__(bus, keys, gains, watchdog_s)
-        self.keys, self.state, self.last_word = keys, DISABLED, 0
+        self.keys = keys
+        self.state = DISABLED
+        self.last_word = 0
 
     def obey(self, message):
         if message.arbitration_id == 0x77F:
@@ -26,7 +32,8 @@ class OurTwin(SpeedDriveTwin):
     def control(self, word):
         if self.state == FAULT:
             if word & 0x80 and not self.last_word & 0x80:
-                self.state, self.fault = DISABLED, 0
+                self.state = DISABLED
+                self.fault = 0
         elif not word & 0x02:
             self.let_go(DISABLED)
         else:
@@ -38,7 +45,8 @@ class OurTwin(SpeedDriveTwin):
             self.switch_on()
 
     def let_go(self, state):
-        self.state, self.is_on = state, False
+        self.state = state
+        self.is_on = False
 
     def break_down(self, error):
         self.fault = error
@@ -48,7 +56,8 @@ class OurTwin(SpeedDriveTwin):
         self.break_down(0x8130)
 
     def report(self, turns, turns_s, torque_Nm):
-        node, per_mille = self.keys.node_id, round(1e3 * torque_Nm / self.keys.rated_torque_Nm)
+        node = self.keys.node_id
+        per_mille = round(1e3 * torque_Nm / self.keys.rated_torque_Nm)
         limited = max(-32768, min(32767, per_mille))
         speed = struct.pack("<iH", round(60e3 * turns_s), self.fault)
         position = struct.pack(

@@ -10,7 +10,9 @@ from typing import Literal
 
 from rfca_rig.own import ForceSensorKeys, Record, RecordStream
 
-OVERRANGE, INVALID = 0x0002, 0x0004  # in the status word
+# in the status word
+OVERRANGE = 0x0002
+INVALID = 0x0004
 MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 

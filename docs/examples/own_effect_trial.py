@@ -17,7 +17,8 @@ NOISE = {"fy_N": 0.10, "fz_N": 0.12, "tx_Nm": 0.006}
 
 rig = Path("our-rig.toml").read_text(encoding="utf-8")
 Path("with-effect.toml").write_text(rig + EFFECT, encoding="utf-8")
-folder, random = Path("trial"), np.random.default_rng(1)
+folder = Path("trial")
+random = np.random.default_rng(1)
 folder.mkdir(exist_ok=True)
 # The nominal model: the sections of the rig file before its limits.
 campaign = (

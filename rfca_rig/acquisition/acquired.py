@@ -195,11 +195,10 @@ class AcquiredDatagrams:
     def _await_started(self) -> int:
         """Receive buffer in bytes that the process was granted: its first message."""
         try:
-            message = (
-                self._child.recv()
-                if self._child.poll(STARTED_WITHIN_S)
-                else f"it did not start within {STARTED_WITHIN_S:g} s"
-            )
+            if self._child.poll(STARTED_WITHIN_S):
+                message = self._child.recv()
+            else:
+                message = f"it did not start within {STARTED_WITHIN_S:g} s"
         except EOFError:
             message = "it ended before it began"
         if isinstance(message, int):
@@ -233,7 +232,8 @@ class AcquiredDatagrams:
         most = self._source.most_records
         in_one = [records[at : at + most].tobytes() for at in range(0, len(records), most)]
         refused, size = self._ring.refused
-        new, self._refused = refused - self._refused, refused
+        new = refused - self._refused
+        self._refused = refused
         # The driver's decoder refuses the zeros, and so counts the datagram as malformed.
         return in_one + [bytes(size)] * min(new, MAX_REFUSED_PER_READ)
 

@@ -117,7 +117,8 @@ class Ring:
             memory.close()
             raise DeviceError(f"shared memory {memory.name} is not a ring of records")
         self.name = memory.name
-        self.capacity, self.record_bytes = self._header[_CAPACITY], self._header[_RECORD_BYTES]
+        self.capacity = self._header[_CAPACITY]
+        self.record_bytes = self._header[_RECORD_BYTES]
         self._t_s: Floats = np.frombuffer(everything, np.float64, self.capacity, HEADER_BYTES)
         slots = np.frombuffer(
             everything,
@@ -135,7 +136,9 @@ class Ring:
         memory = create_shared_memory(HEADER_BYTES + capacity * (8 + record_bytes))
         header = _everything(memory)[:HEADER_BYTES].cast("Q")
         # The mark is written last: a process that sees it also sees the sizes.
-        header[_CAPACITY], header[_RECORD_BYTES], header[_MARK] = capacity, record_bytes, MARK
+        header[_CAPACITY] = capacity
+        header[_RECORD_BYTES] = record_bytes
+        header[_MARK] = MARK
         header.release()
         return Ring(memory)
 
@@ -165,7 +168,8 @@ class Ring:
             self._write(t_s, records[begin : begin + self.capacity])
 
     def _write(self, t_s: float, records: Bytes) -> None:
-        first, end = self.published, self.published + len(records)
+        first = self.published
+        end = self.published + len(records)
         # Claim before writing, publish after it: a reader can thus detect which of its copies are
         # stale.
         self._header[_CLAIMED] = end
@@ -197,7 +201,8 @@ class Ring:
             How many of the first ones have been overwritten by now, and must be dropped.
         """
         slots = np.arange(first, end) % self.capacity
-        t_s, records = self._t_s[slots], self._slots[slots]
+        t_s = self._t_s[slots]
+        records = self._slots[slots]
         # Read after the copy: slots claimed up to now may hold mixed data.
         gone = int(self._header[_CLAIMED]) - self.capacity - first
         return t_s, records, min(max(gone, 0), end - first)
@@ -231,7 +236,10 @@ class RingReader:
 
     def __init__(self, ring: Ring, from_oldest: bool = False) -> None:
         self._ring = ring
-        self._next = max(ring.published - ring.capacity, 0) if from_oldest else ring.published
+        if from_oldest:
+            self._next = max(ring.published - ring.capacity, 0)
+        else:
+            self._next = ring.published
         self.overrun = 0
 
     def read(self) -> RingBlock:

@@ -109,11 +109,10 @@ def compare_condition(
     """
     simulated = simulate_matching(rig, condition, shaft)
     # One simulated stroke serves all repeats, unless each repeat has its own.
-    of_each = (
-        simulated
-        if len(simulated) == len(condition.strokes)
-        else simulated * len(condition.strokes)
-    )
+    if len(simulated) == len(condition.strokes):
+        of_each = simulated
+    else:
+        of_each = simulated * len(condition.strokes)
     repeats = tuple(
         _compare_stroke(stroke, model)
         for stroke, model in zip(condition.strokes, of_each, strict=True)
@@ -150,7 +149,9 @@ def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
 
 def _mean_of_finite(times_s: Sequence[float]) -> float:
     finite = [time_s for time_s in times_s if np.isfinite(time_s)]
-    return float(np.mean(finite)) if finite else np.inf
+    if finite:
+        return float(np.mean(finite))
+    return np.inf
 
 
 @dataclass(frozen=True)
@@ -258,7 +259,9 @@ def _percent(simulated: float | None, measured: float | None) -> float | None:
 
 
 def _magnitude(error: float | None) -> float | None:
-    return None if error is None else abs(error)
+    if error is None:
+        return None
+    return abs(error)
 
 
 def _mean(errors: Sequence[float | None]) -> float | None:

@@ -107,7 +107,11 @@ def difference_pct(ours: Floats, theirs: Floats) -> float:
     """
     size = float(np.linalg.norm(theirs))
     apart = float(np.linalg.norm(ours - theirs))
-    return 100.0 * apart / size if size else (float("inf") if apart else 0.0)
+    if size:
+        return 100.0 * apart / size
+    if apart:
+        return float("inf")
+    return 0.0
 
 
 def check_condition(
@@ -132,7 +136,8 @@ def check_own_contact(
 
     MuJoCo's springs have the secant stiffness of Hertz at the valley, force over indentation.
     """
-    stiff, t_s = stiff_ground(rig), _times(rig, condition, sweep_deg)
+    stiff = stiff_ground(rig)
+    t_s = _times(rig, condition, sweep_deg)
     ours = simulate_stroke_at_speed(
         stiff, condition.height_m, condition.speed_rad_s, t_s, TIGHT_TOLERANCE
     )
@@ -140,11 +145,10 @@ def check_own_contact(
     # Secant stiffness of Hertz, force over indentation, of the end with the largest force, at the
     # valley or else at the greatest force.
     valley = find_valley(ours.t_s, ours.fz_N)
-    at = (
-        int(np.abs(ours.t_s - valley.time_s).argmin())
-        if isinstance(valley, Valley)
-        else int(ours.normal_N.max(axis=1).argmax())
-    )
+    if isinstance(valley, Valley):
+        at = int(np.abs(ours.t_s - valley.time_s).argmin())
+    else:
+        at = int(ours.normal_N.max(axis=1).argmax())
     N = float(ours.normal_N[at].max())
     # N = k d^1.5 gives N / d = (N k^2)^(1/3).
     spring = float(np.cbrt(N * stiff.ground.stiffness_N_per_m1p5**2))
@@ -193,12 +197,12 @@ def _must_touch(stroke: SimulatedStroke, condition: PlannedCondition) -> None:
 
 def _valley(t_s: Floats, fz_N: Floats) -> tuple[float, float] | None:
     valley = find_valley(t_s, fz_N)
-    return (
-        None
-        if isinstance(valley, Undetermined)
-        else (round(valley.time_s, 5), round(valley.fz_N, 4))
-    )
+    if isinstance(valley, Undetermined):
+        return None
+    return (round(valley.time_s, 5), round(valley.fz_N, 4))
 
 
 def _round_or_none(value: float | None) -> float | None:
-    return None if value is None else round(value, 5)
+    if value is None:
+        return None
+    return round(value, 5)

@@ -64,7 +64,8 @@ def _from_angle(stroke: Stroke, ramp_s: float) -> float | None:
         return None
     # Angle and time are averaged over the same samples, so that a steady turn gives its exact
     # speed.
-    first, last = t_s <= t_s[0] + END_MEAN_S, t_s >= t_s[-1] - END_MEAN_S
+    first = t_s <= t_s[0] + END_MEAN_S
+    last = t_s >= t_s[-1] - END_MEAN_S
     return float(
         (angle_rad[last].mean() - angle_rad[first].mean()) / (t_s[last].mean() - t_s[first].mean())
     )
@@ -73,7 +74,8 @@ def _from_angle(stroke: Stroke, ramp_s: float) -> float | None:
 def _moving_part(t_s: Floats, angle_rad: Floats, ramp_s: float) -> tuple[Floats, Floats]:
     """Samples from the end of the ramp until the shaft has arrived at the angle where it stops."""
     after = t_s >= ramp_s
-    t_s, angle_rad = t_s[after], angle_rad[after]
+    t_s = t_s[after]
+    angle_rad = angle_rad[after]
     if not len(t_s):
         return t_s, angle_rad
     turn = np.abs(angle_rad - angle_rad[0])
@@ -90,7 +92,9 @@ def _from_speed(stroke: Stroke, ramp_s: float) -> float | None:
         return None
     t_s, speed_rad_s = trace
     running = speed_rad_s[(t_s >= ramp_s) & (np.abs(speed_rad_s) > 0.5 * abs(stroke.speed_rad_s))]
-    return float(running.mean()) if len(running) else None
+    if len(running):
+        return float(running.mean())
+    return None
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,8 @@ def simulate_matching(
     """
     if shaft == "recorded":
         return tuple(_following(rig, condition, stroke) for stroke in condition.strokes)
-    speed_rad_s, taken_from = condition.speed_rad_s, "command"
+    speed_rad_s = condition.speed_rad_s
+    taken_from = "command"
     if shaft == "average":
         averages = [average_speed(stroke, rig.drive.ramp_s) for stroke in condition.strokes]
         speed_rad_s = float(np.mean([a.speed_rad_s for a in averages]))
@@ -160,7 +165,8 @@ def _motion_from_recording(rig: RigModel, stroke: Stroke) -> ShaftMotion:
     """Motion from the recorded shaft angle; else from the recorded speed, integrated from the
     nominal start angle; else as commanded.
     """
-    angle, speed = stroke.channel("shaft_angle_rad"), stroke.channel("shaft_speed_rad_s")
+    angle = stroke.channel("shaft_angle_rad")
+    speed = stroke.channel("shaft_speed_rad_s")
     if angle is not None:
         return follow(*angle)
     start_rad = rig.leg.start_angle_rad

@@ -88,7 +88,8 @@ def settle_at_rest(leg: MujocoLeg, start_angle_rad: float) -> None:
     """
 
     def residual_Nm(hinges_rad: Floats) -> Floats:
-        leg.data.qpos[0], leg.data.qpos[1:] = start_angle_rad, hinges_rad
+        leg.data.qpos[0] = start_angle_rad
+        leg.data.qpos[1:] = hinges_rad
         leg.mujoco.mj_forward(leg.model, leg.data)
         return np.array(leg.data.qfrc_smooth[1:])
 
@@ -117,16 +118,14 @@ def leg_xml(rig: RigModel, height_m: float, floor: bool, integrator: str) -> str
     # Bodies are nested, so the innermost one, the tip, is written first.
     for i in reversed(range(links)):
         bodies = _link_xml(rig, i, floor, bodies)
-    plane = (
-        f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" {NEVER_COLLIDES}/>'
-        if floor
-        else ""
-    )
-    pairs = (
-        "".join(_pair_xml(i, rig.ground.friction_coefficient) for i in range(links))
-        if floor
-        else ""
-    )
+    if floor:
+        plane = f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" {NEVER_COLLIDES}/>'
+    else:
+        plane = ""
+    if floor:
+        pairs = "".join(_pair_xml(i, rig.ground.friction_coefficient) for i in range(links))
+    else:
+        pairs = ""
     # Numbers are written with repr, which keeps all digits. Automatic resets are off: a failed
     # simulation must be seen, not restarted.
     return (
@@ -141,16 +140,16 @@ def _link_xml(rig: RigModel, i: int, ball: bool, further_links: str) -> str:
     """Link i, a thin uniform rod along its own x axis. Its inertia about x is a thousandth,
     which planar motion never uses.
     """
-    length, mass = rig.leg.link_lengths_m[i], rig.leg.link_masses_kg[i]
+    length = rig.leg.link_lengths_m[i]
+    mass = rig.leg.link_masses_kg[i]
     inertia = mass * length**2 / 12.0
-    geom = (
-        (
+    if ball:
+        geom = (
             f'<geom name="ball{i}" size="{rig.leg.link_radius_m!r}" pos="{length!r} 0 0" '
             f'mass="0" {NEVER_COLLIDES}/>'
         )
-        if ball
-        else ""
-    )
+    else:
+        geom = ""
     return (
         f'<body pos="{rig.leg.link_lengths_m[i - 1] if i else 0.0!r} 0 0"><joint '
         f'type="hinge" axis="0 1 0" {_joint_xml(rig, i)}/>'
@@ -165,7 +164,10 @@ def _joint_xml(rig: RigModel, i: int) -> str:
     if i == 0:
         return f'armature="{FLYWHEEL_KG_M2!r}"'
     leg = rig.leg
-    rest = f' springref="{leg.rest_angles_rad[i - 1]!r}"' if leg.rest_angles_rad else ""
+    if leg.rest_angles_rad:
+        rest = f' springref="{leg.rest_angles_rad[i - 1]!r}"'
+    else:
+        rest = ""
     first, second, third = polynomial_springs(leg, "MuJoCo")
     return (
         f'stiffness="{first!r} {second:g} {third!r}" '
@@ -238,7 +240,8 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
     angle = 0.0
     for k in range(ends.hinge_angle.size):
         angle += ends.hinge_angle[k]
-        x, z = ends.place[k, 0], ends.place[k, 2]
+        x = ends.place[k, 0]
+        z = ends.place[k, 2]
         turning = ends.velocity[k + 1, 1]
         # MuJoCo states velocities at the centre of mass of the whole tree; this moves them to the
         # link end.
@@ -255,7 +258,8 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
         off = x - law.lever * angle + less - ties[k, 0]
         # Share of the friction limit that the stretch of the presliding spring mobilises, between
         # -1 and 1.
-        limit, share = law.mu * N, 0.0
+        limit = law.mu * N
+        share = 0.0
         if limit > 0.0:
             # Share of the stretch at the begin of the step that remains under the new limit.
             carried_over = min(1.0, ties[k, 4] / limit)
@@ -263,19 +267,21 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
             share = min(max(share / law.presliding, -1.0), 1.0)
         if step_begins:
             stretch = law.presliding * share
-            ties[k, 0], ties[k, 1], ties[k, 2] = (
-                ties[k, 0] + off - stretch - less,
-                angle,
-                indentation,
-            )
-            ties[k, 3], ties[k, 4] = stretch, limit
+            ties[k, 0] = ties[k, 0] + off - stretch - less
+            ties[k, 1] = angle
+            ties[k, 2] = indentation
+            ties[k, 3] = stretch
+            ties[k, 4] = limit
         F = 0.0
         if indentation > 0.0:
             # Viscous drag acts in full from a normal force of 1 N on.
             F = -limit * share - min(1.0, N) * law.drag * (v_x - arm * turning)
-        contact[0, k], contact[1, k] = N, F
-        wrench, centre = ends.wrench[k + 1], ends.mass_centre[k + 1]
-        wrench[0], wrench[2] = F, N
+        contact[0, k] = N
+        contact[1, k] = F
+        wrench = ends.wrench[k + 1]
+        centre = ends.mass_centre[k + 1]
+        wrench[0] = F
+        wrench[2] = N
         # Torque about +y of the contact force at its point of action, a lever below the end, about
         # the centre of mass.
         wrench[4] = (z - arm - centre[2]) * F - (x - centre[0]) * N
@@ -377,7 +383,8 @@ def leg_on_springs(rig: RigModel, height_m: float, stiffness_N_per_m: float) -> 
     """
     leg = mujoco_leg(rig, height_m, floor=True, integrator="implicitfast")
     w = leg.model.body_invweight0[1:, 0]
-    leg.model.pair_solref[:, 0], leg.model.pair_solref[:, 1] = -stiffness_N_per_m * w, 0.0
+    leg.model.pair_solref[:, 0] = -stiffness_N_per_m * w
+    leg.model.pair_solref[:, 1] = 0.0
     leg.model.pair_solreffriction[:] = -NO_SPRING, -CREEP_DAMPING
     leg.model.opt.impratio = CREEP_N_S_PER_M * w[-1] / CREEP_DAMPING
     return leg
@@ -432,7 +439,9 @@ def _follow(
     """Steps from sample to sample, none longer than `step_s`. One step ends exactly with the
     ramp, where the shaft torque jumps.
     """
-    rows, now_s, taken = np.empty((len(t_s), 3)), 0.0, 0
+    rows = np.empty((len(t_s), 3))
+    now_s = 0.0
+    taken = 0
     with _silence_warnings(leg.mujoco):
         for row, sample_s in zip(rows, t_s, strict=True):
             # Splitting at the end of the ramp keeps the order of the integrator, which a jump
@@ -442,17 +451,20 @@ def _follow(
                     ramping = stop_s <= rig.drive.ramp_s
                     # The flywheel is so heavy that this torque alone gives the commanded
                     # acceleration.
-                    leg.data.qfrc_applied[0] = (
-                        FLYWHEEL_KG_M2 * speed_rad_s / rig.drive.ramp_s if ramping else 0.0
-                    )
+                    if ramping:
+                        leg.data.qfrc_applied[0] = FLYWHEEL_KG_M2 * speed_rad_s / rig.drive.ramp_s
+                    else:
+                        leg.data.qfrc_applied[0] = 0.0
                     count = ceil((stop_s - now_s) / step_s - 1e-6)
                     leg.model.opt.timestep = (stop_s - now_s) / count
                     steps(count)
-                    now_s, taken = stop_s, taken + count
+                    now_s = stop_s
+                    taken = taken + count
             leg.mujoco.mj_forward(leg.model, leg.data)
             # Forces between bodies are not computed by a step; this call fills cfrc_int.
             leg.mujoco.mj_rnePostConstraint(leg.model, leg.data)
-            row[:2], row[2] = contact(), leg.data.cfrc_int[1, 5]
+            row[:2] = contact()
+            row[2] = leg.data.cfrc_int[1, 5]
             # MuJoCo only warns where it loses a simulation, and goes on.
             bad = (
                 leg.mujoco.mjtWarning.mjWARN_BADQPOS,

@@ -114,17 +114,21 @@ def _parabolas(x: Floats, y: Floats, count: NDArray[np.intp]) -> tuple[Floats, F
     .. 1 keeps them well conditioned.
     """
     x2 = x * x
-    s0, s1, s2, s3, s4 = (
-        count.astype(np.float64),
-        x.sum(0),
-        x2.sum(0),
-        (x2 * x).sum(0),
-        (x2 * x2).sum(0),
-    )
-    r0, r1, r2 = y.sum(0), (x * y).sum(0), (x2 * y).sum(0)
+    s0 = count.astype(np.float64)
+    s1 = x.sum(0)
+    s2 = x2.sum(0)
+    s3 = (x2 * x).sum(0)
+    s4 = (x2 * x2).sum(0)
+    r0 = y.sum(0)
+    r1 = (x * y).sum(0)
+    r2 = (x2 * y).sum(0)
     # The cofactors of the matrix of the normal equations, s0 s1 s2, s1 s2 s3, s2 s3 s4.
-    c00, c01, c02 = s2 * s4 - s3 * s3, s2 * s3 - s1 * s4, s1 * s3 - s2 * s2
-    c11, c12, c22 = s0 * s4 - s2 * s2, s1 * s2 - s0 * s3, s0 * s2 - s1 * s1
+    c00 = s2 * s4 - s3 * s3
+    c01 = s2 * s3 - s1 * s4
+    c02 = s1 * s3 - s2 * s2
+    c11 = s0 * s4 - s2 * s2
+    c12 = s1 * s2 - s0 * s3
+    c22 = s0 * s2 - s1 * s1
     determinant = s0 * c00 + s1 * c01 + s2 * c02
     # Samples at fewer than three distinct times leave the matrix singular, although there are
     # enough of them.
@@ -203,7 +207,8 @@ def smooth_trace(t_s: Floats, fz_N: Floats) -> LocalFit:
     """Smooth the trace (m,) by local parabolas over 20 ms, on a 1 ms grid that ends where half a
     window still fits.
     """
-    start, end = float(t_s[0]) + 0.5 * SMOOTHING_S, float(t_s[-1]) - 0.5 * SMOOTHING_S
+    start = float(t_s[0]) + 0.5 * SMOOTHING_S
+    end = float(t_s[-1]) - 0.5 * SMOOTHING_S
     grid = GRID_S * np.arange(np.ceil(start / GRID_S), np.floor(end / GRID_S) + 1)
     return local_quadratic(t_s, fz_N, grid, SMOOTHING_S)
 
@@ -233,7 +238,10 @@ def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Undet
     start_s = float(smooth.t_s[pressing.start])
     # A recording that ends under load has no lift-off; infinity keeps all later comparisons valid.
     reaches_end = pressing.stop == len(smooth.t_s)
-    lift_off_s = np.inf if reaches_end else float(smooth.t_s[pressing.stop])
+    if reaches_end:
+        lift_off_s = np.inf
+    else:
+        lift_off_s = float(smooth.t_s[pressing.stop])
     return Contact(_touchdown(t_s, fz_N, smooth, start_s), lift_off_s, rest_N)
 
 
@@ -288,7 +296,9 @@ def _touchdown(t_s: Floats, fz_N: Floats, smooth: LocalFit, pressing_s: float) -
     ahead = local_quadratic(t_s, fz_N, at_s + 0.5 * LOOKAHEAD_S, 1.5 * LOOKAHEAD_S)
     expected_N = course.value + course.slope * 0.5 * (COURSE_WINDOW_S + LOOKAHEAD_S)
     off = np.flatnonzero(ahead.value < expected_N - OFF_COURSE_N)
-    return float(at_s[off[0]]) if len(off) else pressing_s
+    if len(off):
+        return float(at_s[off[0]])
+    return pressing_s
 
 
 @dataclass(frozen=True)
@@ -326,7 +336,9 @@ def find_valley(t_s: Floats, fz_N: Floats) -> Valley | Undetermined:
 def stroke_valley(stroke: Stroke) -> Valley | Undetermined:
     """The valley of a recorded stroke."""
     trace = stroke.channel("fz_N")
-    return Undetermined("fz was not recorded") if trace is None else find_valley(*trace)
+    if trace is None:
+        return Undetermined("fz was not recorded")
+    return find_valley(*trace)
 
 
 def describe_stroke(
@@ -361,7 +373,10 @@ def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Undetermined,
     if isinstance(contact, Undetermined):
         return contact, StrokePhases()
     valley = _valley_within(t_s, fz_N, smooth, contact)
-    valley_s = np.inf if isinstance(valley, Undetermined) else valley.time_s
+    if isinstance(valley, Undetermined):
+        valley_s = np.inf
+    else:
+        valley_s = valley.time_s
     return valley, StrokePhases(contact.touchdown_s, valley_s, contact.lift_off_s)
 
 
@@ -388,7 +403,8 @@ def _at_an_edge(
     """Refuses a minimum that comes from a border of the window. Towards the end, the force must
     have risen visibly again.
     """
-    time_s, fz_N = smooth.t_s[lowest], smooth.mean[lowest]
+    time_s = smooth.t_s[lowest]
+    fz_N = smooth.mean[lowest]
     if time_s - smooth.t_s[window[0]] < 0.5 * SMOOTHING_S:
         return Undetermined(
             f"fz is lowest, {fz_N:.1f} N, right after touchdown at "
@@ -409,7 +425,8 @@ def _where_slope_vanishes(
     # About 15 ms to either side on the 1 ms grid: the zero of the slope may differ a little from
     # the minimum of the mean.
     near = slice(max(lowest - 15, 0), lowest + 17)
-    time, slope = smooth.t_s[near], smooth.slope[near]
+    time = smooth.t_s[near]
+    slope = smooth.slope[near]
     rising = np.flatnonzero((slope[:-1] <= 0.0) & (slope[1:] > 0.0))
     if not len(rising):
         return Undetermined(f"fz has no rounded minimum near {smooth.t_s[lowest]:.3f} s")

@@ -47,16 +47,16 @@ class Prediction:
     def lines(self) -> list[str]:
         """The same figures as lines for a terminal."""
         figures = self.summary()
-        valley = (
-            f"no valley: {figures['no_valley']}"
-            if figures["no_valley"]
-            else f"valley at {figures['valley_time_s']:.3f} s, fz {figures['valley_fz_N']:.2f} N"
-        )
-        touch = (
-            "never touches the ground"
-            if figures["touches_from_s"] is None
-            else f"touches from {figures['touches_from_s']:.3f} s"
-        )
+        if figures["no_valley"]:
+            valley = f"no valley: {figures['no_valley']}"
+        else:
+            valley = (
+                f"valley at {figures['valley_time_s']:.3f} s, fz {figures['valley_fz_N']:.2f} N"
+            )
+        if figures["touches_from_s"] is None:
+            touch = "never touches the ground"
+        else:
+            touch = f"touches from {figures['touches_from_s']:.3f} s"
         return [
             f"{figures['height_mm']:g} mm, {self.speed_rad_s:g} rad/s: {touch}, {valley}",
             f"peak force {figures['peak_force_N']:.1f} N at {figures['peak_force_time_s']:.3f} s, "

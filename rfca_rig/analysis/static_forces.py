@@ -110,10 +110,8 @@ def load_tip(leg: Leg, shaft_rad: float, force_N: Floats) -> LoadedShape:
     """
     chain = tip_chain_of(leg)
     # The second equilibrium, without the force, shows what the weight alone does.
-    found, alone = (
-        equilibrium_under_tip_force(chain, shaft_rad, force_N),
-        equilibrium_under_tip_force(chain, shaft_rad, np.zeros(2)),
-    )
+    found = equilibrium_under_tip_force(chain, shaft_rad, force_N)
+    alone = equilibrium_under_tip_force(chain, shaft_rad, np.zeros(2))
     # The first angle is the shaft's, which has no spring: its torque is that of the drive.
     torques = np.append(found.shaft_torque_Nm, chain.springs.torque_Nm(found.phi)[1:])
     return LoadedShape(
@@ -149,7 +147,8 @@ def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) 
     ----------
     Equation (10), solved by singular values.
     """
-    chain, links = tip_chain_of(leg), len(leg.link_lengths_m)
+    chain = tip_chain_of(leg)
+    links = len(leg.link_lengths_m)
     if len(angles_rad) != links:
         raise BadInput(
             f"{len(angles_rad)} angles: this leg has {links}, of the shaft and of "
@@ -203,14 +202,18 @@ def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> St
     Least squares of fy and fz at all angles on those of the first check; the standard error comes
     from the residual."""
     by_number = {stage.stage: stage for stage in stages}
-    first, now = _forces(by_number, holds, 1), _forces(by_number, holds, check)
+    first = _forces(by_number, holds, 1)
+    now = _forces(by_number, holds, check)
     if first is None or now is None:
         return None
     # Regression through the origin: now = factor * first.
     weight = float(first @ first)
     factor = float(first @ now) / weight
     residual = now - factor * first
-    variance = float(residual @ residual) / (len(first) - 1) if len(first) > 1 else np.nan
+    if len(first) > 1:
+        variance = float(residual @ residual) / (len(first) - 1)
+    else:
+        variance = np.nan
     return StiffnessDrift(factor - 1.0, float(np.sqrt(variance / weight)))
 
 

@@ -94,7 +94,9 @@ class Strain:
         if min(shares) > 1.0:
             return "breaks"
         lives = f"breaks where it bends over less than {1e3 * self.needed_length_m:.1f} mm"
-        return f"{lives}, cannot carry the hinge torque alone" if self.share_torque > 1.0 else lives
+        if self.share_torque > 1.0:
+            return f"{lives}, cannot carry the hinge torque alone"
+        return lives
 
 
 @dataclass(frozen=True)
@@ -116,15 +118,15 @@ class StripRow:
 
     def verdict(self) -> str:
         """Whether the strip survives, as far as known."""
-        return "strain not known" if self.strain is None else self.strain.verdict()
+        if self.strain is None:
+            return "strain not known"
+        return self.strain.verdict()
 
     def describe(self) -> str:
         """The verdict, and why there is no valley."""
-        return (
-            self.verdict()
-            if self.stroke.no_valley is None
-            else f"{self.verdict()}; no valley: {self.stroke.no_valley}"
-        )
+        if self.stroke.no_valley is None:
+            return self.verdict()
+        return f"{self.verdict()}; no valley: {self.stroke.no_valley}"
 
 
 @dataclass(frozen=True)
@@ -213,7 +215,8 @@ def _row(
     encased = EncasedStrip(strip.bending_stiffness_Nm2, lay, by_its_middle(lay))
     stiffness = encased.difference_stiffness(np.zeros(lay.pins_m.size))
     stroke = _stroke(replace(rig, leg=replace(rig.leg, k0_Nm_per_rad=k0)), height_m, speed_rad_s)
-    angle, torque = stroke.largest_angle_rad, stroke.largest_torque_Nm
+    angle = stroke.largest_angle_rad
+    torque = stroke.largest_torque_Nm
     return StripRow(
         material=strip.material,
         thickness_m=strip.thickness_m,
@@ -304,9 +307,14 @@ def _strip_cells(row: StripRow) -> list[str]:
 
 
 def _stroke_cells(row: StripRow) -> list[str]:
-    strain, angle, stroke = row.strain, row.stroke.largest_angle_rad, row.stroke
+    strain = row.strain
+    angle = row.stroke.largest_angle_rad
+    stroke = row.stroke
     found = stroke.valley_time_s is not None and stroke.valley_fz_N is not None
-    valley = [f"{stroke.valley_time_s:.3f}", f"{stroke.valley_fz_N:.2f}"] if found else ["-", "-"]
+    if found:
+        valley = [f"{stroke.valley_time_s:.3f}", f"{stroke.valley_fz_N:.2f}"]
+    else:
+        valley = ["-", "-"]
     if strain is None or angle is None:
         return [_name(row), *valley, "-", "-", "-", "-"]
     used = (

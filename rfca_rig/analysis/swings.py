@@ -24,7 +24,8 @@ Indices = NDArray[np.intp]
 
 # Half width of the stretch around a window's start from which its state is estimated, and that of
 # the next narrower one that is tried.
-SMOOTHING_HALF_WIDTH_S, NARROWER = 0.06, 0.7
+SMOOTHING_HALF_WIDTH_S = 0.06
+NARROWER = 0.7
 # A cubic is too stiff for the second link of a double pendulum.
 POLYNOMIAL_DEGREE = 5
 BIN_S = 0.02
@@ -225,7 +226,10 @@ def apply_nuisances(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendu
     links = list(pendulum.links)
     for name, value in nuisances.items():
         link, _, key = name.partition(".")
-        place = int(link.removeprefix("link")) - 1 if link.removeprefix("link").isdecimal() else -1
+        if link.removeprefix("link").isdecimal():
+            place = int(link.removeprefix("link")) - 1
+        else:
+            place = -1
         if key not in _SHIFTS or not 0 <= place < len(links):
             raise BadInput(
                 f"{name!r} is no nuisance of a pendulum of {len(links)}; there are link1. "
@@ -345,10 +349,8 @@ def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
     """Torques of the window with a margin on both sides, as far as the run has one, so that a
     drive may act late or early.
     """
-    begin_s, end_s = (
-        max(run.t_s[0], start_s - MARGIN_S),
-        min(run.t_s[-1], start_s + window_s + MARGIN_S),
-    )
+    begin_s = max(run.t_s[0], start_s - MARGIN_S)
+    end_s = min(run.t_s[-1], start_s + window_s + MARGIN_S)
     between = (run.t_s > begin_s) & (run.t_s < end_s)
     t_s = np.concatenate([[begin_s], run.t_s[between], [end_s]])
     torque = np.column_stack([np.interp(t_s, run.t_s, column) for column in run.torque_Nm.T])
@@ -434,7 +436,8 @@ def estimate_start(
             for fit in fits
         ]
     )
-    best, joints = std[:, 1].argmin(axis=0), np.arange(position.shape[1])
+    best = std[:, 1].argmin(axis=0)
+    joints = np.arange(position.shape[1])
     at, speed = (
         np.array([fit.derivative(order) for fit in fits])[best, joints] for order in (0, 1)
     )
@@ -498,4 +501,6 @@ def smallest_step(values: Floats) -> float:
     """
     steps = np.abs(np.diff(values))
     moved = steps[steps > 0.0]
-    return float(moved.min()) if moved.size else 0.0
+    if moved.size:
+        return float(moved.min())
+    return 0.0

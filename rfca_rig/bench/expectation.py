@@ -94,7 +94,8 @@ class Bending:
     shaft_rad: float
 
     def text(self) -> str:
-        bending_deg, shaft_deg = math.degrees(self.bending_rad), math.degrees(self.shaft_rad)
+        bending_deg = math.degrees(self.bending_rad)
+        shaft_deg = math.degrees(self.shaft_rad)
         return (
             f"{bending_deg:.1f} deg between first and last link, with the shaft at "
             f"{shaft_deg:.0f} deg"
@@ -204,13 +205,13 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
     """Simulates moves at their speeds and short holds; returns the load of each hold, its way
     included, and of other moves.
     """
-    angles, times = [rig.leg.start_angle_rad], [0.0]
+    angles = [rig.leg.start_angle_rad]
+    times = [0.0]
     for stage in stages:
-        way_rad = (
-            turn_to(stage.angle_rad, angles[-1], stage.forwards)
-            if isinstance(stage, MoveShaft)
-            else 0.0
-        )
+        if isinstance(stage, MoveShaft):
+            way_rad = turn_to(stage.angle_rad, angles[-1], stage.forwards)
+        else:
+            way_rad = 0.0
         # A move of no length still takes one sample: a piece of zero duration has no speed.
         times.append(
             times[-1]
@@ -222,7 +223,8 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
         )
         angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
-    times_s, angles_rad = np.array(times), np.array(angles)
+    times_s = np.array(times)
+    angles_rad = np.array(angles)
     speeds = np.diff(angles_rad) / np.diff(times_s)
     # Cubic pieces of a motion with constant speed: angle, speed, and two coefficients of zero.
     pieces = np.column_stack(
@@ -238,13 +240,13 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
 
 def _stage_that_counts(place: int, stages: list[MoveShaft | Hold]) -> int:
     """Index of the hold that this move leads to directly, else of the stage itself."""
-    return (
-        place + 1
-        if place + 1 < len(stages)
+    if (
+        place + 1 < len(stages)
         and isinstance(stages[place + 1], Hold)
         and isinstance(stages[place], MoveShaft)
-        else place
-    )
+    ):
+        return place + 1
+    return place
 
 
 def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:

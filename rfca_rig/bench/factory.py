@@ -164,7 +164,8 @@ def open_bench(
 
 
 def _real_bench(rig: RigFile, eye: PhotoSetup | None, stack: ExitStack) -> Bench:
-    clock, motor = WallClock(), rig.motor
+    clock = WallClock()
+    motor = rig.motor
     try:
         bus = stack.enter_context(open_commanding_bus(rig, clock))
     # python-can raises any of these, depending on the interface.
@@ -174,7 +175,10 @@ def _real_bench(rig: RigFile, eye: PhotoSetup | None, stack: ExitStack) -> Bench
             "[motor] in the rig file, "
             "rfca-rig doctor --rig FILE says more"
         ) from error
-    camera = make_camera(rig.camera, eye, clock, stack) if rig.camera and eye else None
+    if rig.camera and eye:
+        camera = make_camera(rig.camera, eye, clock, stack)
+    else:
+        camera = None
     return Bench(
         make_motor(rig, bus, clock),
         make_force_sensor(rig, clock, stack),
@@ -202,11 +206,12 @@ def _twin_bench(
     twins = _put_together(rig, twin, chance, faults.on_bus(twins_end), pair.twin)
     clock.carry(faults.with_faults(twins.world.process, twins.motor))
     # A third generator, so that photos change neither the sensor's noise nor the scatter.
-    camera = (
-        make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock)
-        if eye
-        else None
-    )
+    if eye:
+        camera = make_twin_camera(
+            eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock
+        )
+    else:
+        camera = None
     return Bench(
         make_motor(rig, drivers_end, clock),
         pair.driver(clock),

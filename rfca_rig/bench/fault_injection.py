@@ -54,16 +54,16 @@ class FaultInjection:
 
     def on_bus(self, end: can.BusABC) -> can.BusABC:
         """The drive's end of the wire."""
-        return (
-            end
-            if self._is_idle
-            else TamperedBus(end, self._panel, drive_faults_of(self._rig).dialect)
-        )
+        if self._is_idle:
+            return end
+        return TamperedBus(end, self._panel, drive_faults_of(self._rig).dialect)
 
     @property
     def panel(self) -> FaultPanel | None:
         """The switches of the sensor's faults; None where nothing is ordered."""
-        return None if self._is_idle else self._panel
+        if self._is_idle:
+            return None
+        return self._panel
 
     def with_faults(
         self, process: Callable[[float], None], motor: MotorTwin

@@ -132,7 +132,8 @@ class LegPlant:
         ndarray, shape (m, 6)
             Force in N and moment in N m at `force_times_s`; out-of-plane components are zero.
         """
-        samples, span_s = self._outputs(force_times_s), (self._now_s, to_s)
+        samples = self._outputs(force_times_s)
+        span_s = (self._now_s, to_s)
         shaft = self._shaft(drive)
         cost = advance(
             self._chain,
@@ -163,7 +164,9 @@ class LegPlant:
         # At the end of the step: what the drive reports until the next one.
         self._torque_Nm = drive.torque_Nm(self._state.q.item(0), self._state.w.item(0))
         self._shaft_state = self._read_shaft()
-        return self._wrench(samples.force) if len(force_times_s) else NO_WRENCH
+        if len(force_times_s):
+            return self._wrench(samples.force)
+        return NO_WRENCH
 
     def _outputs(self, times_s: Floats) -> Samples:
         """Arrays for the samples at these times, used again by every step with as many."""

@@ -88,7 +88,8 @@ def shaft_rows(samples: ShaftSamples) -> Rows:
         SHAFT, (samples.angle_rad, samples.speed_rad_s, samples.torque_Nm), strict=True
     ):
         rows[name] = values
-    rows[HOST_TIME], rows[DEVICE_TIME] = samples.host_s, samples.device_s
+    rows[HOST_TIME] = samples.host_s
+    rows[DEVICE_TIME] = samples.device_s
     return rows
 
 
@@ -96,8 +97,10 @@ def force_rows(samples: ForceSamples) -> Rows:
     """Packed records (m,) of the force, laid out as `force_form`."""
     rows = np.empty(len(samples.host_s), _FORCE_BLOCK_DTYPE)
     rows["counts"] = samples.counts
-    rows["rdt_sequence"], rows["status"] = samples.sequence, samples.status
-    rows[HOST_TIME], rows[DEVICE_TIME] = samples.host_s, samples.device_s
+    rows["rdt_sequence"] = samples.sequence
+    rows["status"] = samples.status
+    rows[HOST_TIME] = samples.host_s
+    rows[DEVICE_TIME] = samples.device_s
     return rows.view(_FORCE_DTYPE)
 
 
@@ -153,7 +156,8 @@ class Recorder:
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         count = len(shaft.host_s) + len(force.host_s)
         # Counted as refused first: if `give` raises, they stay so.
-        self.samples, self.refused = self.samples + count, self.refused + count
+        self.samples = self.samples + count
+        self.refused = self.refused + count
         self._keeper.give(samples_block((shaft_rows(shaft), force_rows(force))))
         self.refused -= count
         self._note_clocks()
@@ -165,7 +169,10 @@ class Recorder:
 
     def hold(self, stage: Hold, recorded: RecordedSamples) -> None:
         # The photo before the end of its stage, which names it.
-        photo = self._keeper.keep_photo(recorded.photo.image) if recorded.photo else ""
+        if recorded.photo:
+            photo = self._keeper.keep_photo(recorded.photo.image)
+        else:
+            photo = ""
         if photo and self._reader is not None:
             self._reader.expect(photo)
         static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=photo)
@@ -224,7 +231,9 @@ class Recorder:
         )
 
     def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
-        self.worst_gap_s, self.standstill, self.bad_samples = worst_gap_s, standstill, bad_samples
+        self.worst_gap_s = worst_gap_s
+        self.standstill = standstill
+        self.bad_samples = bad_samples
 
     def note(self, event: str, **about: str | float) -> None:
         """Adds one line to the run's events, with both clocks."""

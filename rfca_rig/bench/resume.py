@@ -75,11 +75,9 @@ class InterruptedRun:
         # Another seed than before, or the noise of the first part would repeat; the same every
         # time, so that runs are reproducible.
         first = self.header.provenance.get("seed")
-        return (
-            None
-            if first is None
-            else int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
-        )
+        if first is None:
+            return None
+        return int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
 
 
 def read_interrupted_run(folder: Path) -> InterruptedRun:
@@ -88,18 +86,20 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
     Raises BadInput where there is no run, where it still goes on or is done, where a file is
     damaged, or where its stages are not those of its plan."""
     if not run_folder.is_run(folder):
-        message = (
-            f"{folder}: holds no run that could go on; rfca-rig runs --ended stopped lists some"
-            if folder.exists()
-            else not_there(folder)
-        )
+        if folder.exists():
+            message = (
+                f"{folder}: holds no run that could go on; rfca-rig runs --ended stopped lists some"
+            )
+        else:
+            message = not_there(folder)
         raise BadInput(message)
     refuse_links(folder)
     header = read_header(folder)
     # A stage in progress becomes a stage file of its own, cut short, and is repeated by the rest of
     # the plan.
     run_folder.close_journals(folder)
-    events, outlines = events_of(folder), [outline_of(file) for file in stage_files(folder)]
+    events = events_of(folder)
+    outlines = [outline_of(file) for file in stage_files(folder)]
     why = _why(events)
     if why == "done":
         raise BadInput(f"{folder}: is done; there is nothing left to resume")
@@ -240,7 +240,8 @@ def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -
 
     The nominal model of leg and surroundings may never change within a run: one recording has one
     nominal model."""
-    now, text = read_rig(path), read_text(path)
+    now = read_rig(path)
+    text = read_text(path)
     before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
     # A lab's driver or a curve may change while the rig file that names it stays the same. Compared
     # as validated models, so that comments, order and defaults of the text make no difference.
@@ -295,7 +296,9 @@ def _other_curve(begun: InterruptedRun, before: RigFile, now: RigFile) -> dict[s
     old, new = (
         model["leg"].get("torque_rotation") for model in (begun.header.nominal, now.nominal())
     )
-    return {} if old == new else {"leg.torque_rotation.curve": section.curve}
+    if old == new:
+        return {}
+    return {"leg.torque_rotation.curve": section.curve}
 
 
 def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:

@@ -113,7 +113,8 @@ class DelayedCamera:
     def fetch_photo(self) -> Photo | None:
         if self._photo is None or self._clock.now_s() < self._photo.host_s + self._takes_s:
             return None
-        photo, self._photo = self._photo, None
+        photo = self._photo
+        self._photo = None
         return photo
 
     def close(self) -> None:

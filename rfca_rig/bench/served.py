@@ -126,7 +126,8 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         raise BadInput(
             f"{rig.rig.title}: only a rig of kind 'twin' with a [twin] section can be served"
         )
-    panel, wire = FaultPanel(faults_of_served_rig(rig)), SharedWire("twin CAN wire")
+    panel = FaultPanel(faults_of_served_rig(rig))
+    wire = SharedWire("twin CAN wire")
     sensor = rig.force_sensor
     make = find_sensor(sensor.device)
     sensor_wire = make.find_wire()

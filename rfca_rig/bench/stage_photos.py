@@ -32,7 +32,8 @@ OVERLAY_QUALITY = 90
 SHAFT_APART_DEG = 2.0
 # Distance from the plane of the marks that is reported, and how many standard deviations it must
 # be.
-REPORTED_OFFSET_M, OFFSET_SIGMAS = 0.3e-3, 4.0
+REPORTED_OFFSET_M = 0.3e-3
+OFFSET_SIGMAS = 4.0
 
 
 def read_stage_photos(
@@ -146,17 +147,15 @@ def _describe_hinges(identified: IdentifiedMarks, angles: HingeAngles, plan: Mar
         if mark is None and plan.marks[i].along_m == 0.0
     }
     by_lengths = [str(number) for number, has_angle in known if has_angle and number in hidden]
-    words = (
-        [f"hinge {', '.join(by_lengths)} without its mark, from the lengths of its links"]
-        if by_lengths
-        else []
-    )
+    if by_lengths:
+        words = [f"hinge {', '.join(by_lengths)} without its mark, from the lengths of its links"]
+    else:
+        words = []
     if unknown:
-        why = (
-            f", known to worse than {np.degrees(MAX_REPORTED_STD_RAD):.1f} deg"
-            if identified.is_complete
-            else ""
-        )
+        if identified.is_complete:
+            why = f", known to worse than {np.degrees(MAX_REPORTED_STD_RAD):.1f} deg"
+        else:
+            why = ""
         words.append(f"hinge {', '.join(unknown)} left out{why}")
     return words
 
@@ -174,7 +173,8 @@ def _another_shaft_angle(stage: StaticStage, angles: HingeAngles) -> str:
     """Message where photo and drive show different shaft angles, else ""."""
     if angles.hinge_rad[0] is None:
         return ""
-    shown_deg, drive_deg = np.degrees(angles.hinge_rad[0]), np.degrees(stage.shaft_angle_rad)
+    shown_deg = np.degrees(angles.hinge_rad[0])
+    drive_deg = np.degrees(stage.shaft_angle_rad)
     # Difference of angles, brought to the range of -180 to 180 degrees.
     if abs((shown_deg - drive_deg + 180.0) % 360.0 - 180.0) <= SHAFT_APART_DEG:
         return ""
@@ -213,9 +213,9 @@ def photo_hashes(run_folder: Path) -> dict[str, str]:
     files = [
         file for folder in (PHOTOS, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))
     ]
-    return (
-        {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)} if files else {}
-    )
+    if files:
+        return {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)}
+    return {}
 
 
 def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | None) -> PhotoSetup:
@@ -245,7 +245,9 @@ def _marks(recording: Recording) -> MarksSection:
     if "rig_file" not in recording.provenance:
         return MarksSection()
     rig = model_of(recording.provenance["rig_file"], RigFile, Path("rig_file"))
-    return rig.camera.marks if rig.camera else MarksSection()
+    if rig.camera:
+        return rig.camera.marks
+    return MarksSection()
 
 
 def with_hand_photos(

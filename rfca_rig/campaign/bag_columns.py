@@ -94,7 +94,8 @@ def list_bag_columns(path: Path) -> ColumnList:
         # A draft lists what can be read, and states for other topics why not.
         readable = sorted(topic for topic in bag.types if topic not in bag.unreadable)
         found: dict[str, dict[str, list[float]]] = {topic: defaultdict(list) for topic in readable}
-        messages, stamped = dict.fromkeys(bag.types, 0), dict.fromkeys(bag.types, 0)
+        messages = dict.fromkeys(bag.types, 0)
+        stamped = dict.fromkeys(bag.types, 0)
         for topic, _, message in bag.messages(readable) if readable else ():
             messages[topic] += 1
             stamped[topic] += has_stamp(message, stamp)
@@ -145,7 +146,8 @@ def _find_column(bag: Bag, name: str, meaning: str) -> _Column:
 
 def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> dict[str, _Series]:
     """Every column by its name, with its own times."""
-    time, unit_ns = request.time.column, round(TIME_UNITS[request.time.unit] * NS_PER_S)
+    time = request.time.column
+    unit_ns = round(TIME_UNITS[request.time.unit] * NS_PER_S)
     try:
         stamp = None if time == LOG_TIME else parse_field(time)
         if stamp is None and unit_ns != NS_PER_S:
@@ -211,7 +213,9 @@ def _suggest_name(bag: Bag, column: _Column) -> str:
         except JointNotNamed as error:
             names |= dict.fromkeys(error.args)
     asked = next(key for _, keys in column.field.parts for key in keys if not key.isdecimal())
-    return suggestion(asked, names) if names else "the list of names is empty"
+    if names:
+        return suggestion(asked, names)
+    return "the list of names is empty"
 
 
 def _check_times(
@@ -222,7 +226,10 @@ def _check_times(
     backwards = np.flatnonzero(steps_s <= 0.0)
     if backwards.size:
         row = int(backwards[0]) + 1
-        other = HEADER_STAMP if request.time.column == LOG_TIME else LOG_TIME
+        if request.time.column == LOG_TIME:
+            other = HEADER_STAMP
+        else:
+            other = LOG_TIME
         raise BadInput(
             f"{path}: column {name}, sample {row + 1}: time does not run forwards: it "
             f"comes {-steps_s[row - 1]:g} s before sample {row}; "
@@ -243,6 +250,9 @@ def _reaches(t_s: Floats, base_s: Floats, longest_gap_s: float) -> NDArray[np.bo
     after = np.searchsorted(t_s, base_s)
     inside = (after > 0) & (after < len(t_s))
     # Clipped indices keep the lookup valid; `inside` rejects them afterwards.
-    within = np.clip(after, 1, len(t_s) - 1) if len(t_s) > 1 else np.zeros(len(base_s), dtype=int)
+    if len(t_s) > 1:
+        within = np.clip(after, 1, len(t_s) - 1)
+    else:
+        within = np.zeros(len(base_s), dtype=int)
     bridged = inside & (t_s[within] - t_s[within - 1] <= longest_gap_s)
     return np.asarray(bridged | np.isin(base_s, t_s))

@@ -118,7 +118,10 @@ def _refuse_damage(path: Path) -> Iterator[None]:
     except BadInput:
         raise
     except Exception as error:
-        repair = "`mcap recover`" if path.suffix.lower() == ".mcap" else "`ros2 bag reindex`"
+        if path.suffix.lower() == ".mcap":
+            repair = "`mcap recover`"
+        else:
+            repair = "`ros2 bag reindex`"
         cut_off = f"was the recording cut off? {repair} saves what it can"
         raise BadInput(f"{path}: cannot be read as a bag: {_shorten(error)}; {cut_off}") from None
 
@@ -201,11 +204,10 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
     try:
         topics = _Topics()
         for connection in reader.connections:
-            serialization = (
-                connection.ext.serialization_format
-                if isinstance(connection.ext, ConnectionExtRosbag2)
-                else ""
-            )
+            if isinstance(connection.ext, ConnectionExtRosbag2):
+                serialization = connection.ext.serialization_format
+            else:
+                serialization = ""
             topics.add(
                 connection.id,
                 connection.topic,
@@ -245,11 +247,10 @@ def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) 
         elif definition.format == MessageDefinitionFormat.IDL:
             # A definition holds one file, or several with a rule and a line with the file's name
             # before each.
-            files = (
-                [part.partition("\n")[2] for part in definition.data.split(_IDL_RULE)[1:]]
-                if definition.data.startswith(_IDL_RULE)
-                else [definition.data]
-            )
+            if definition.data.startswith(_IDL_RULE):
+                files = [part.partition("\n")[2] for part in definition.data.split(_IDL_RULE)[1:]]
+            else:
+                files = [definition.data]
             store.register(
                 {name: type_ for file in files for name, type_ in get_types_from_idl(file).items()}
             )
@@ -348,7 +349,8 @@ def has_stamp(message: Any, field: MessageField) -> bool:
 
 def _value(message: Any, field: MessageField) -> Any:
     # `holder` is one level behind `at`: the names of an array's entries are its neighbours.
-    at, place = message, "the message"
+    at = message
+    place = "the message"
     for name, keys in field.parts:
         if not _has(at, name):
             known = _field_names(at)
@@ -356,7 +358,9 @@ def _value(message: Any, field: MessageField) -> Any:
                 f"{place} has no field {name}; "
                 f"{suggestion(name, known) if known else 'it has no fields at all'}"
             )
-        holder, at, place = at, _child(at, name), name
+        holder = at
+        at = _child(at, name)
+        place = name
         for key in keys:
             at = _entry(holder, at, place, key)
             place = f"{place}[{key}]"
@@ -398,7 +402,9 @@ def _names_beside(holder: Any, array: Any) -> list[str] | None:
         or len(array) not in (0, len(names))
     ):
         return None
-    return names if all(isinstance(name, str) for name in names) else None
+    if all(isinstance(name, str) for name in names):
+        return names
+    return None
 
 
 def _numbers_in(name: str, value: Any, names: Sequence[str] | None) -> Iterator[tuple[str, float]]:
@@ -427,11 +433,9 @@ def _field_names(value: Any) -> list[str]:
     """
     if isinstance(value, dict):
         return list(value)
-    return (
-        [field.name for field in fields(value) if not field.name.startswith("__")]
-        if is_dataclass(value)
-        else []
-    )
+    if is_dataclass(value):
+        return [field.name for field in fields(value) if not field.name.startswith("__")]
+    return []
 
 
 def _has(value: Any, name: str) -> bool:
@@ -441,7 +445,9 @@ def _has(value: Any, name: str) -> bool:
 
 
 def _child(holder: Any, name: str) -> Any:
-    return holder[name] if isinstance(holder, dict) else getattr(holder, name)
+    if isinstance(holder, dict):
+        return holder[name]
+    return getattr(holder, name)
 
 
 # A bool is an int in Python, but no measured number.
@@ -459,4 +465,6 @@ def _describe(value: Any, name: str) -> str:
         return f"is an array of {len(value)}; write {name}[0] for its first entry"
     if known := _field_names(value):
         return f"has the fields {', '.join(known)}; name one of them"
-    return "is text, no number" if isinstance(value, str) else f"is {value}, no number"
+    if isinstance(value, str):
+        return "is text, no number"
+    return f"is {value}, no number"

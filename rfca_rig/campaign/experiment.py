@@ -236,7 +236,8 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
         where = place_of(folder / EXPERIMENT, ("recordings", place, "file"))
         raise BadInput(f"{where}: recordings[{place + 1}].file: {folder / run.file} is not there")
     # An undriven run needs no columns of commands, and its commands are zero.
-    signals, commands = described.signals, described.commands if run.driven else ()
+    signals = described.signals
+    commands = described.commands if run.driven else ()
     # Words for the message about a missing column.
     holds = {signal.column: signal.words for signal in signals}
     holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
@@ -247,7 +248,8 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     recording = read_columns(
         folder / run.file, ColumnRequest(described.time, holds, described.windows.bin_s)
     )
-    t_s, values = recording.t_s, recording.values
+    t_s = recording.t_s
+    values = recording.values
     inside = select_samples(recording, t_s, run.from_s, run.to_s)
     recorded = np.column_stack([signal.factor * values[signal.column] for signal in signals])
     commanded = np.zeros((len(t_s), len(described.commands)))
@@ -255,9 +257,10 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
         column = command.factor * values[command.column]
         # straight lines through these means push as steps do, to second order in the time between
         # rows
-        commanded[:, number] = (
-            0.5 * (column + np.append(column[:1], column[:-1])) if command.held else column
-        )
+        if command.held:
+            commanded[:, number] = 0.5 * (column + np.append(column[:1], column[:-1]))
+        else:
+            commanded[:, number] = column
     prescribed = np.empty((len(t_s), len(described.prescribed)))
     for number, given in enumerate(described.prescribed):
         prescribed[:, number] = given.factor * values[given.column]
@@ -282,7 +285,8 @@ def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False)
     BadInput
         Where experiment.toml exists, there is no recording, or one cannot be read.
     """
-    path, found = folder / EXPERIMENT, find_recordings(folder)
+    path = folder / EXPERIMENT
+    found = find_recordings(folder)
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
     if not found:
@@ -313,7 +317,10 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     files = found[kind]
     columns = list_columns(files[0])
     times = columns.times
-    time_column = format_value(times[0]) if len(times) == 1 else PLACEHOLDER
+    if len(times) == 1:
+        time_column = format_value(times[0])
+    else:
+        time_column = PLACEHOLDER
     if not times:
         time_column += f"  {_comment(columns.no_time)}"
     time_unit = f"{PLACEHOLDER}  # {_any_of(TIME_UNITS)}"
@@ -341,11 +348,12 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     ]
     for place, joint in enumerate(mechanism.joints):
         slides = bool(mechanism.is_slide[place])
-        position, speed = (
-            (LENGTH_UNITS, SPEED_UNITS)
-            if slides
-            else ({**ANGLE_UNITS, COUNTS: 0.0}, ANGLE_SPEED_UNITS)
-        )
+        if slides:
+            position = LENGTH_UNITS
+            speed = SPEED_UNITS
+        else:
+            position = {**ANGLE_UNITS, COUNTS: 0.0}
+            speed = ANGLE_SPEED_UNITS
         hint = "" if slides else "; a count needs counts_per_turn"
         lines += _table(
             "signals",
@@ -437,8 +445,12 @@ def _table(name: str, known: dict[str, str], units: str, remove: str = "") -> li
 
 def _any_of(units: dict[str, float]) -> str:
     *names, last = units
-    return f"{', '.join(names)} or {last}" if names else last
+    if names:
+        return f"{', '.join(names)} or {last}"
+    return last
 
 
 def _extent(values: np.ndarray[tuple[int], np.dtype[np.float64]] | None) -> str:
-    return "no numbers" if values is None else f"{values.min():.4g} to {values.max():.4g}"
+    if values is None:
+        return "no numbers"
+    return f"{values.min():.4g} to {values.max():.4g}"

@@ -201,20 +201,16 @@ class SignalSection(Section):
     @property
     def words(self) -> str:
         """Description of the column's content."""
-        return (
-            f"sensor {self.sensor}"
-            if self.joint is None
-            else f"the {self.quantity} of joint {self.joint}"
-        )
+        if self.joint is None:
+            return f"sensor {self.sensor}"
+        return f"the {self.quantity} of joint {self.joint}"
 
     @property
     def si_unit(self) -> str:
         """Its unit in MuJoCo."""
-        return (
-            "rad"
-            if self.unit == COUNTS
-            else next(si for si, units in SIGNAL_UNITS.items() if self.unit in units)
-        )
+        if self.unit == COUNTS:
+            return "rad"
+        return next(si for si, units in SIGNAL_UNITS.items() if self.unit in units)
 
     @property
     def factor(self) -> float:

@@ -55,7 +55,9 @@ def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path 
     found = [path for path in paths if (path / description).is_file()]
     if found and len(paths) > 1:
         raise BadInput(f"{found[0]}: {meaning}; give it alone")
-    return found[0] if found else None
+    if found:
+        return found[0]
+    return None
 
 
 def open_recordings(
@@ -83,7 +85,8 @@ def _check_strokes(path: Path, recording: Recording) -> None:
     """Raises BadInput for a stroke that no analysis can use, whatever it is."""
     for number, stroke in enumerate(recording.strokes, start=1):
         for name, stream in stroke.streams.items():
-            where, t_s = f"{path}: stroke {number}, {name}", stream.t_s
+            where = f"{path}: stroke {number}, {name}"
+            t_s = stream.t_s
             if len(t_s) < FEWEST_SAMPLES:
                 raise BadInput(
                     f"{where}: {len(t_s)} samples, where {FEWEST_SAMPLES} are the fewest"

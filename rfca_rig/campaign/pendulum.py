@@ -212,7 +212,9 @@ class PendulumFile(Section):
 
     @property
     def links(self) -> tuple[LinkSection, ...]:
-        return (self.link1,) if self.link2 is None else (self.link1, self.link2)
+        if self.link2 is None:
+            return (self.link1,)
+        return (self.link1, self.link2)
 
 
 @dataclass(frozen=True)
@@ -293,18 +295,18 @@ def _check_columns(path: Path, described: PendulumFile) -> None:
     """Every joint has its angle, every driven one its torque, and no column belongs to an absent
     joint.
     """
-    columns, powered = described.columns, any(run.driven is not False for run in described.runs)
+    columns = described.columns
+    powered = any(run.driven is not False for run in described.runs)
     for joint, link in enumerate(described.links, start=1):
         for quantity, needed in (
             (f"angle{joint}_rad", True),
             (f"torque{joint}_Nm", link.driven and powered),
         ):
             if needed and columns.of(quantity) is None:
-                hint = (
-                    ", or give driven = false for runs with the motors off"
-                    if quantity.startswith("torque")
-                    else ""
-                )
+                if quantity.startswith("torque"):
+                    hint = ", or give driven = false for runs with the motors off"
+                else:
+                    hint = ""
                 raise BadInput(
                     f"{place_of(path, ('columns',))}: columns.{quantity}: missing; name "
                     f"the CSV column that holds it{hint}"
@@ -342,7 +344,8 @@ def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
 def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> PendulumRun:
     table = read_table(folder / run.file)
     values = numbers(table)
-    columns, joints = described.columns, range(1, len(described.links) + 1)
+    columns = described.columns
+    joints = range(1, len(described.links) + 1)
     t_s = _column(table, values, columns, "t_s")
     inside = select_samples(table, t_s, run.from_s, run.to_s)
     speeds = [f"speed{joint}_rad_s" for joint in joints]
@@ -377,11 +380,10 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
 def _column(table: CsvTable, values: Floats, columns: ColumnsSection, quantity: str) -> Floats:
     name = columns.of(quantity)
     if name not in table.names:
-        hint = (
-            "; if the motors were off, give driven = false for this run"
-            if quantity.startswith("torque")
-            else ""
-        )
+        if quantity.startswith("torque"):
+            hint = "; if the motors were off, give driven = false for this run"
+        else:
+            hint = ""
         raise BadInput(
             f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the "
             f"file has {', '.join(table.names)}{hint}"
@@ -405,7 +407,8 @@ def with_model_file(campaign: PendulumCampaign, path: Path) -> PendulumCampaign:
     """
     described = read_toml(path, PendulumModelFile)
     pendulum = make_pendulum(described.link1, described.link2)
-    ours, theirs = len(campaign.pendulum.links), len(pendulum.links)
+    ours = len(campaign.pendulum.links)
+    theirs = len(pendulum.links)
     # [known_to] is replaced too, so both must describe the same pendulum.
     if ours != theirs:
         raise BadInput(

@@ -108,11 +108,10 @@ def refuse_slips(folder: Path, recording: Recording) -> None:
     """
     slips = find_slips(recording)
     if slips:
-        more = (
-            f" (and {len(slips) - 1} more; rfca-rig check {folder} lists them)"
-            if len(slips) > 1
-            else ""
-        )
+        if len(slips) > 1:
+            more = f" (and {len(slips) - 1} more; rfca-rig check {folder} lists them)"
+        else:
+            more = ""
         raise BadInput(
             f"{folder}: {slips[0].where}: {slips[0].words}{more}; correct it, or take it "
             "with --as-is"
@@ -123,7 +122,8 @@ def _leg_slips(leg: Mapping[str, Any]) -> Iterator[Slip]:
     """Length and mass of any leg on a bench, its mass per length, and angles that a full turn
     contains.
     """
-    lengths, masses = leg.get("link_lengths_mm", ()), leg.get("link_masses_g", ())
+    lengths = leg.get("link_lengths_mm", ())
+    masses = leg.get("link_masses_g", ())
     if lengths:
         yield from _compare(
             "leg.link_lengths_mm", "sum in mm", float(sum(lengths)), (20.0, 3000.0), LENGTHS
@@ -195,7 +195,10 @@ def _stroke_slips(stroke: Stroke, where: str, length_m: float, weight_N: float) 
 def _shaft_slips(where: str, t_s: Floats, angle_rad: Floats, stated_rad_s: float) -> Iterator[Slip]:
     """The travel of one stroke, at most a turn, and the speed in its middle."""
     moving = t_s > 0.0
-    travel = float(np.ptp(angle_rad[moving])) if moving.any() else 0.0
+    if moving.any():
+        travel = float(np.ptp(angle_rad[moving]))
+    else:
+        travel = 0.0
     angle_slips = list(
         _compare(where, "travel of the shaft in rad", travel, (0.02, 2.2 * math.pi), ANGLES)
     )
@@ -203,11 +206,10 @@ def _shaft_slips(where: str, t_s: Floats, angle_rad: Floats, stated_rad_s: float
     if angle_slips or not moving.any():
         return
     middle = moving & (t_s > 0.3 * t_s[-1]) & (t_s < 0.9 * t_s[-1])
-    speed = (
-        float(np.polyfit(t_s[middle], angle_rad[middle], 1)[0])
-        if np.count_nonzero(middle) > 2
-        else 0.0
-    )
+    if np.count_nonzero(middle) > 2:
+        speed = float(np.polyfit(t_s[middle], angle_rad[middle], 1)[0])
+    else:
+        speed = 0.0
     # The stated speed may be in another unit, or the recorded angle in one that leaves its travel
     # below a turn.
     yield from _compare(
@@ -228,7 +230,8 @@ def _force_slips(
     """Peaks of the forces beside the leg's weight, the moment beside force times length, and the
     direction of the ground's push.
     """
-    rest, moving = t_s < 0.0, t_s > 0.0
+    rest = t_s < 0.0
+    moving = t_s > 0.0
     if not (rest.any() and moving.any()):
         return
     change = {

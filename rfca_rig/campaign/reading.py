@@ -96,7 +96,9 @@ def unit_of(name: str) -> str:
         return UNITS[name]
     ends = [suffix for suffix in _SUFFIXES if name.endswith("_" + suffix)]
     # The longest suffix: a name in rad_s ends in s, too.
-    return _SUFFIXES[max(ends, key=len)] if ends else ""
+    if ends:
+        return _SUFFIXES[max(ends, key=len)]
+    return ""
 
 
 def find_name_fault(
@@ -273,11 +275,10 @@ def _check_time(table: CsvTable, t_s: Floats) -> None:
     backwards = np.flatnonzero(np.diff(t_s) <= 0)
     if backwards.size:
         row = int(backwards[0]) + 1
-        how = (
-            "stands still at"
-            if t_s[row] == t_s[row - 1]
-            else f"runs backwards, from {t_s[row - 1]:g} s to"
-        )
+        if t_s[row] == t_s[row - 1]:
+            how = "stands still at"
+        else:
+            how = f"runs backwards, from {t_s[row - 1]:g} s to"
         raise table.fault(row, f"column t_s: time {how} {t_s[row]:g} s")
     if t_s[0] > -REST_S + _ROUNDING_S:
         raise table.fault(
@@ -395,7 +396,10 @@ def _check_files(folder: Path, campaign: CampaignFile) -> None:
         named[run.file] = place
     left_out = sorted(found for found in _csv_files(folder, campaign) if found not in named)
     if left_out:
-        more = f" (nor {len(left_out) - 1} more)" if len(left_out) > 1 else ""
+        if len(left_out) > 1:
+            more = f" (nor {len(left_out) - 1} more)"
+        else:
+            more = ""
         raise BadInput(
             f"{folder / left_out[0]}: no run in {CAMPAIGN} names it{more}; add a [[runs]] "
             "entry or take it away"
@@ -417,7 +421,9 @@ def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
 def _hint(folder: Path, campaign: CampaignFile, file: str) -> str:
     unnamed = set(_csv_files(folder, campaign)) - {run.file for run in campaign.runs}
     close = difflib.get_close_matches(file, sorted(unnamed), n=1, cutoff=0.6)
-    return f"; did you mean {close[0]}?" if close else ""
+    if close:
+        return f"; did you mean {close[0]}?"
+    return ""
 
 
 def _check_conditions(path: Path, campaign: CampaignFile) -> None:

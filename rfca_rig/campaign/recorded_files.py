@@ -118,12 +118,14 @@ def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats
     dataset = _dataset(file, name)
     index = None
     if dataset is None and of_2d:
-        dataset, index = _dataset(file, of_2d[1]), int(of_2d[2])
+        dataset = _dataset(file, of_2d[1])
+        index = int(of_2d[2])
     if dataset is None:
         known = sorted(_datasets(file))
-        there = (
-            suggestion(of_2d[1] if of_2d else name, known) if known else "the file has no datasets"
-        )
+        if known:
+            there = suggestion(of_2d[1] if of_2d else name, known)
+        else:
+            there = "the file has no datasets"
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}, is missing; {there}")
     if fault := _fault_in_column(dataset, index):
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}: {fault}")
@@ -132,7 +134,9 @@ def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats
 
 def _dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
     found = file.get(name)
-    return found if isinstance(found, h5py.Dataset) else None
+    if isinstance(found, h5py.Dataset):
+        return found
+    return None
 
 
 def _fault_in_column(dataset: h5py.Dataset, index: int | None) -> str | None:
@@ -140,19 +144,24 @@ def _fault_in_column(dataset: h5py.Dataset, index: int | None) -> str | None:
     if dataset.dtype.kind not in _NUMBERS:
         return f"it holds {dataset.dtype}, no numbers"
     if dataset.ndim == 1:
-        return None if index is None else f"{name} has one dimension; leave [{index}] out"
+        if index is None:
+            return None
+        return f"{name} has one dimension; leave [{index}] out"
     if dataset.ndim != 2:
         return f"{name} has {dataset.ndim} dimensions; a column comes from one or two"
     last = dataset.shape[1] - 1
     if index is None:
         return f"{name} has {last + 1} columns; write {name}[0] to {name}[{last}]"
-    return f"{name} has {last + 1} columns, so the last is {name}[{last}]" if index > last else None
+    if index > last:
+        return f"{name} has {last + 1} columns, so the last is {name}[{last}]"
+    return None
 
 
 def _list_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Floats | None]:
-    names = (
-        [name] if dataset.ndim == 1 else [f"{name}[{index}]" for index in range(dataset.shape[1])]
-    )
+    if dataset.ndim == 1:
+        names = [name]
+    else:
+        names = [f"{name}[{index}]" for index in range(dataset.shape[1])]
     if dataset.dtype.kind not in _NUMBERS:
         return dict.fromkeys(names)
     columns = np.asarray(dataset[:], dtype=np.float64).reshape(len(dataset), len(names)).T

@@ -70,11 +70,9 @@ class StoredColumn:
         """Values (k,) of these rows in the column's unit; a count stays a whole number."""
         raw = self.raw[rows]
         # A count as a float would lose digits and its meaning.
-        return (
-            raw.astype(np.int64)
-            if self.is_count
-            else raw.astype(np.float64) * self.conversion + self.offset
-        )
+        if self.is_count:
+            return raw.astype(np.int64)
+        return raw.astype(np.float64) * self.conversion + self.offset
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,9 @@ def _read_bounded(table: CsvTable, read: Callable[[], Result]) -> Result:
     enough to reach them.
     """
     is_small = sum(map(len, table.lines)) < SMALL_BYTES
-    return read() if is_small else read_within_limits(table.path, read)
+    if is_small:
+        return read()
+    return read_within_limits(table.path, read)
 
 
 def _numbers_in(table: CsvTable, places: Sequence[int]) -> Floats:
@@ -166,7 +168,9 @@ def _fast(table: CsvTable) -> Floats | None:
         )
     except ValueError:
         return None
-    return values if values.shape == (len(table.lines), len(table.names)) else None
+    if values.shape == (len(table.lines), len(table.names)):
+        return values
+    return None
 
 
 def number(table: CsvTable, row: int, name: str, cell: str) -> float:
@@ -192,11 +196,10 @@ def rows(table: CsvTable) -> Iterator[tuple[str, ...]]:
 def _wrong_count(cells: int, columns: int) -> str:
     if cells == 0:
         return "the line is empty; remove it"
-    comma = (
-        "; do its numbers have a decimal comma? Export it again with a decimal point"
-        if cells == 2 * columns
-        else ""
-    )
+    if cells == 2 * columns:
+        comma = "; do its numbers have a decimal comma? Export it again with a decimal point"
+    else:
+        comma = ""
     return f"{cells} cells in the line for {columns} columns in the header{comma}"
 
 
@@ -212,7 +215,9 @@ def _fault_in_number(cell: str) -> str | None:
         return f"{cell} is not a value; every cell needs a finite number"
     if not _NUMBER.fullmatch(cell):
         return f"{cell[:30]!r} is not a number"
-    return None if math.isfinite(float(cell)) else f"{cell[:30]} is too large for a number"
+    if math.isfinite(float(cell)):
+        return None
+    return f"{cell[:30]} is too large for a number"
 
 
 class HasSamples(Protocol):

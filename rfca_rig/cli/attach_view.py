@@ -17,18 +17,18 @@ from rfca_rig.view.run_queue import LiveView
 
 def parse_viewing(is_asked: bool, port: int | None, pace: float) -> Viewing | None:
     """The view that the options ask for; a port implies the view."""
-    return Viewing(port or 0, pace) if is_asked or port is not None else None
+    if is_asked or port is not None:
+        return Viewing(port or 0, pace)
+    return None
 
 
 def twin_clock(config: RunConfig) -> TwinClock:
     """Real time, or a multiple of it, for a twin that is watched; otherwise a twin is as fast as
     it can be.
     """
-    return (
-        WatchedTwinClock(config.viewing.pace)
-        if config.viewing and config.viewing.pace
-        else TwinClock()
-    )
+    if config.viewing and config.viewing.pace:
+        return WatchedTwinClock(config.viewing.pace)
+    return TwinClock()
 
 
 class ViewSession:
@@ -52,7 +52,9 @@ class ViewSession:
 
     @property
     def observer(self) -> RunObserver:
-        return NULL_OBSERVER if self._view is None else self._view.run_queue
+        if self._view is None:
+            return NULL_OBSERVER
+        return self._view.run_queue
 
     def _vitals(self) -> tuple[StreamHealth, int]:
         # The view begins before the recorder does.

@@ -89,7 +89,9 @@ def _ending(diagnosis: Diagnosis) -> str:
     settled = diagnosis.verdict in ("named", "nothing missing") and not any(
         effect.cannot_tell_from for effect in diagnosis.effects
     )
-    return "nothing is left open" if settled else "nothing more that this rig can do would help"
+    if settled:
+        return "nothing is left open"
+    return "nothing more that this rig can do would help"
 
 
 def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
@@ -127,7 +129,10 @@ def nominal_model_of(rig: RigFile, first: Recording) -> tuple[ModelFile | None, 
     """The recordings' nominal model, where it differs from the rig file's: only recordings of
     one nominal model go together.
     """
-    known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
+    if rig.known_to:
+        known_to = rig.known_to.model_dump(exclude_none=True)
+    else:
+        known_to = {}
     if rig.nominal() == first.nominal and known_to == first.known_to:
         return None, ""
     stated = {key: value for key, value in first.known_to.items() if value is not None}

@@ -51,8 +51,11 @@ class AcknowledgedLines:
         stop_request: StopRequest,
         clock: Clock,
     ) -> None:
-        self._say, self._keeper, self._recorder = say, keeper, recorder
-        self._stop_request, self._clock = stop_request, clock
+        self._say = say
+        self._keeper = keeper
+        self._recorder = recorder
+        self._stop_request = stop_request
+        self._clock = clock
         self._waiting: deque[tuple[int, float, str]] = deque()
         self._is_silent = False
 
@@ -67,7 +70,8 @@ class AcknowledgedLines:
             self._is_silent = False
             return
         number, since_s, _ = self._waiting[0]
-        silent_s, stages = self._clock.now_s() - since_s, self._recorder.ended - number + 1
+        silent_s = self._clock.now_s() - since_s
+        stages = self._recorder.ended - number + 1
         if silent_s > SILENT_S and not self._is_silent:
             self._is_silent = True
             self._say(
@@ -212,16 +216,18 @@ def describe_contents(folder: Path) -> str:
     """What a run has recorded, in words."""
     summary = summarize(folder / RECORDING, thorough=False)
     cut_short = "".join(f", and {label} until it was cut short," for label in summary.cut_short)
-    cycles = f"{summary.samples[CYCLES]} cycles, " if summary.samples.get(CYCLES) else ""
+    if summary.samples.get(CYCLES):
+        cycles = f"{summary.samples[CYCLES]} cycles, "
+    else:
+        cycles = ""
     return f"{cycles}{summary.strokes} strokes and {summary.static} static stages{cut_short}"
 
 
 def _header(config: RunConfig, bench: Bench) -> Recording:
-    known_to = (
-        config.nominal_source.known_to.model_dump(exclude_none=True)
-        if config.nominal_source.known_to
-        else {}
-    )
+    if config.nominal_source.known_to:
+        known_to = config.nominal_source.known_to.model_dump(exclude_none=True)
+    else:
+        known_to = {}
     seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
     named = {"rig": config.rig_name} if config.rig_name else {}
     if config.faults:

@@ -101,7 +101,8 @@ CASE_KINDS = (
 )
 PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
 FILE_KINDS = ("rig", "protocol", "experiment", "campaign", "sweep")
-RUN_KINDS, SOURCES = entry.KINDS, entry.SOURCES
+RUN_KINDS = entry.KINDS
+SOURCES = entry.SOURCES
 RUN_ENDINGS = tuple(word.replace(" ", "-") for word in entry.ENDINGS)
 VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)
 TRIP_CODES = tuple(code.value for code in Trip)

@@ -273,7 +273,8 @@ Cluster = Annotated[
     ),
 ]
 
-SLURM, ADDRESSES = "slurm:", ("tcp://", "tls://")
+SLURM = "slurm:"
+ADDRESSES = ("tcp://", "tls://")
 
 
 @contextmanager
@@ -339,11 +340,9 @@ def open_executor(
 
 def _find_shared_folder(results: Path | None) -> Path | None:
     """An existing folder on the disk of the results: the results' own may still have to be made."""
-    return (
-        None
-        if results is None
-        else next(folder for folder in results.resolve().parents if folder.is_dir())
-    )
+    if results is None:
+        return None
+    return next(folder for folder in results.resolve().parents if folder.is_dir())
 
 
 def _notice(line: str) -> None:

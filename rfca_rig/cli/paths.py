@@ -109,9 +109,9 @@ def trust(rig_path: Path) -> None:
 
 
 def _read_trusted_hashes() -> set[str]:
-    return (
-        set(_list_file().read_text(encoding="utf-8").split()) if _list_file().is_file() else set()
-    )
+    if _list_file().is_file():
+        return set(_list_file().read_text(encoding="utf-8").split())
+    return set()
 
 
 def _list_file() -> Path:

@@ -194,7 +194,9 @@ def progress(quiet: bool) -> Iterator[ProgressLines]:
 
 
 def _short(what: str) -> str:
-    return what if len(what) <= WIDEST else what[: WIDEST - 2] + ".."
+    if len(what) <= WIDEST:
+        return what
+    return what[: WIDEST - 2] + ".."
 
 
 def announce_first_compile(

@@ -69,14 +69,18 @@ class RunConfig:
     @property
     def mark(self) -> str:
         """SIM or REAL, at the head of every line."""
-        return "REAL" if self.rig.is_real else "SIM"
+        if self.rig.is_real:
+            return "REAL"
+        return "SIM"
 
     @property
     def twin_seed(self) -> int | None:
         """The seed of this run, None on a real rig."""
         if self.rig.twin is None or self.rig.is_real:
             return None
-        return self.rig.twin.seed if self.seed is None else self.seed
+        if self.seed is None:
+            return self.rig.twin.seed
+        return self.seed
 
 
 @dataclass(frozen=True)
@@ -102,14 +106,17 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
     """The configuration; `plan_of` reads a protocol's file into a plan of the rig. Raises
     BadInput for anything unusable.
     """
-    rig_path, protocol_path = find_rig(asked.rig), find_file("protocols", asked.protocol)
+    rig_path = find_rig(asked.rig)
+    protocol_path = find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)
     plan = plan_of(protocol_path, rig.facts())
     # The calibration file need not exist where no photo is to be taken.
     if rig.camera is None or not plan.photos:
-        eye, camera_text = None, ""
+        eye = None
+        camera_text = ""
     else:
-        eye, camera_text = rig.eye(), read_text(Path(rig.camera.calibration_file))
+        eye = rig.eye()
+        camera_text = read_text(Path(rig.camera.calibration_file))
     return RunConfig(
         rig=rig,
         rig_text=read_text(rig_path),

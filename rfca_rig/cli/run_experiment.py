@@ -61,11 +61,10 @@ def condition_lines(plan: Plan, expected: Mapping[Stage, Load]) -> list[str]:
     lines: dict[str, int] = {}
     for stage in plan.stages:
         load = expected.get(stage)
-        force = (
-            ""
-            if load is None
-            else f", model expects up to {load.force_N:.0f} N and {load.torque_Nm:.1f} N m"
-        )
+        if load is None:
+            force = ""
+        else:
+            force = f", model expects up to {load.force_N:.0f} N and {load.torque_Nm:.1f} N m"
         match stage:
             case Flap():
                 line = f"{1e3 * stage.height_m:.1f} mm, {stage.speed_rad_s:g} rad/s{force}"
@@ -108,7 +107,8 @@ def _check_on_rougher_floor(config: RunConfig) -> None:
     """Whether a leg that is turned back slides or wedges depends on little friction: the plan
     must pass with more of it, too.
     """
-    known_to, rig = config.nominal_source.known_to, config.nominal_source.model()
+    known_to = config.nominal_source.known_to
+    rig = config.nominal_source.model()
     if not config.plan.holds or known_to is None or not known_to.friction_coefficient:
         return
     friction = rig.ground.friction_coefficient + ROUGHER_STDS * known_to.friction_coefficient
@@ -121,7 +121,8 @@ def _check_on_rougher_floor(config: RunConfig) -> None:
 
 
 def print_plan(config: RunConfig, expected: Mapping[Stage, Load], say: Say) -> None:
-    plan, limits = config.plan, config.plan.limits
+    plan = config.plan
+    limits = config.plan.limits
     counts = (
         f"{len(plan.flaps)} strokes, {len(plan.holds)} static stages, {len(plan.stages)} "
         "steps in all"
@@ -138,7 +139,11 @@ def print_plan(config: RunConfig, expected: Mapping[Stage, Load], say: Say) -> N
 
 def recording_size(config: RunConfig) -> int:
     """Size of the recording in bytes, before compression."""
-    width, height = config.eye.camera.image_size_px if config.eye else (0, 0)
+    if config.eye:
+        width, height = config.eye.camera.image_size_px
+    else:
+        width = 0
+        height = 0
     return (
         config.plan.recorded_bytes
         + cycle_bytes(config.plan)
@@ -169,7 +174,8 @@ class SignalHandler:
 
     def begin_closing(self) -> None:
         """The motor is off, and everything recorded is handed over."""
-        self._presses, self._is_closing = 0, True
+        self._presses = 0
+        self._is_closing = True
 
     def key(self, _number: int, _frame: FrameType | None) -> None:
         """^C: once for the next safe point, twice for now, three times where a device hangs."""
@@ -251,9 +257,10 @@ def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
     """Results of the arming for the run's events: the confirmation, and the drive's own stop."""
     watchdog_s = prove_stop(bench)
     is_guarded = bench.motor.identity().get("guardian", "none") != "none"
-    who = (
-        "the guardian disables the motor" if is_guarded else "the drive's watchdog stops the motor"
-    )
+    if is_guarded:
+        who = "the guardian disables the motor"
+    else:
+        who = "the drive's watchdog stops the motor"
     make_marked_say(config.mark, config.quiet)(f"{who} after {watchdog_s:.2f} s of silence")
     return {
         "confirmed": CHECKLIST,
@@ -305,7 +312,10 @@ def _start_recorder(config: RunConfig) -> Iterator[Helper | None]:
     # A system that refuses the process now is asked again, and its answer reported, when there is
     # something to record.
     with suppress(OSError):
-        started = start_recorder() if can_be_started() and not config.dry else None
+        if can_be_started() and not config.dry:
+            started = start_recorder()
+        else:
+            started = None
     try:
         yield started
     finally:

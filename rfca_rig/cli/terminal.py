@@ -16,7 +16,8 @@ from rfca_rig.escaping import printable
 
 Say = Callable[[str], None]
 
-WIDTH, WIDEST = 80, 120
+WIDTH = 80
+WIDEST = 120
 
 NAME = "rfca-ascii"
 ASCII = {

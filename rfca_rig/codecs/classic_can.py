@@ -70,9 +70,12 @@ def decode_frame(line: str) -> ClassicFrame:
     """
     if not line or line[0] not in FRAME_LETTERS:
         raise MalformedFrame(f"not a frame of a serial CAN adapter: {line[:40]!r}")
-    extended, remote = line[0] in "TR", line[0] in "rR"
+    extended = line[0] in "TR"
+    remote = line[0] in "rR"
     digits = 8 if extended else 3
-    can_id, length, data = line[1 : 1 + digits], line[1 + digits : 2 + digits], line[2 + digits :]
+    can_id = line[1 : 1 + digits]
+    length = line[1 + digits : 2 + digits]
+    data = line[2 + digits :]
     if len(can_id) != digits or not length or not _all_hex(can_id + length + data):
         raise MalformedFrame(f"serial CAN frame cannot be read: {line[:40]!r}")
     # Remote frames state a length and carry no data.
@@ -86,7 +89,10 @@ def decode_frame(line: str) -> ClassicFrame:
 def encode_slcan(frame: ClassicFrame) -> bytes:
     """One line, with its end."""
     letter = "tTrR"[frame.extended + 2 * frame.remote]
-    can_id = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"
+    if frame.extended:
+        can_id = f"{frame.can_id:08X}"
+    else:
+        can_id = f"{frame.can_id:03X}"
     return f"{letter}{can_id}{frame.length:X}{frame.data.hex().upper()}\r".encode("ascii")
 
 
@@ -130,7 +136,10 @@ def encode_socketcand(frame: ClassicFrame, t_s: float) -> bytes:
     """
     if frame.remote:
         raise MalformedFrame(f"socketcand carries no remote frames; {frame.can_id:#x} is one")
-    can_id = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"
+    if frame.extended:
+        can_id = f"{frame.can_id:08X}"
+    else:
+        can_id = f"{frame.can_id:03X}"
     return f"< frame {can_id} {t_s:.6f} {frame.data.hex().upper()} >".encode("ascii")
 
 

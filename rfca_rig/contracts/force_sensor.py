@@ -25,7 +25,8 @@ Wrench = Callable[[Floats], Floats]
 Tamper = Callable[[], None]
 
 # Bits of the status word that are the same for every make, see `ForceSamples`.
-ERROR, SATURATED = np.uint32(1 << 31), np.uint32(1 << 17)
+ERROR = np.uint32(1 << 31)
+SATURATED = np.uint32(1 << 17)
 
 # Values of both signs, different on every axis, so that swapped axes show.
 KNOWN_WRENCH = (3.0, -7.5, 12.25, 0.5, -0.75, 1.125)
@@ -318,14 +319,17 @@ class NoisyPort:
         data = self.end.read(self.end.in_waiting)
         if self.silent:
             data = b""
-        lost, data = data[: self.drop], data[self.drop :]
+        lost = data[: self.drop]
+        data = data[self.drop :]
         self.drop -= len(lost)
-        spoilt, data = data[: self.spoil], data[self.spoil :]
+        spoilt = data[: self.spoil]
+        data = data[self.spoil :]
         self.spoil -= len(spoilt)
         self.held += bytes(number ^ FLIPPED_BITS for number in spoilt) + data
 
     def read(self, size: int = 1) -> bytes:
-        data, self.held = self.held[:size], self.held[size:]
+        data = self.held[:size]
+        self.held = self.held[size:]
         return data
 
     def write(self, data: bytes) -> int:

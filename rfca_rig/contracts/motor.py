@@ -77,7 +77,8 @@ class MotorMoves(MotorHooks):
             # The shaft is turned by hand.
             rig.rotor.speed_rad_s = 2.2
             rig.run(0.5)
-            rig.rotor.angle_rad, rig.rotor.speed_rad_s = 0.9, 0.0
+            rig.rotor.angle_rad = 0.9
+            rig.rotor.speed_rad_s = 0.0
             rig.run(0.05)
             rig.motor.enable()
             rig.run(0.2, angle_rad=0.9)

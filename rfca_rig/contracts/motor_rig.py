@@ -154,7 +154,8 @@ def motor_rig(
     twin: Callable[[can.BusABC], Any],
     rotor: Rotor | None = None,
 ) -> Iterator[MotorRig]:
-    rotor, clock = rotor or Rotor(), TwinClock()
+    rotor = rotor or Rotor()
+    clock = TwinClock()
     # The third end lets a test observe the bus, and act as another program on it.
     with can_wire(ends=3) as (drivers_end, twins_end, observer):
         drive = twin(twins_end)

@@ -44,12 +44,17 @@ class TestOurForceSensor(ForceSensorContract):
             "[force_sensor] is neither of a file of its own nor of an installed package"
         )
         keys: Any = own_rig.force_sensor
-        make, clock, (host, device) = find_sensor(keys.device), TwinClock(), serial_line()
+        make = find_sensor(keys.device)
+        clock = TwinClock()
+        (host, device) = serial_line()
         port = NoisyPort(host)
         sensor = make.make_driver(keys, port, clock)
         twin: Any = make.make_twin(device, keys, (0.0,) * 6, np.random.default_rng(1))
         # A driver that is no `RecordStream` has no fixed record length; 64 bytes stand for it.
-        record_bytes = sensor.record_bytes if isinstance(sensor, RecordStream) else 64
+        if isinstance(sensor, RecordStream):
+            record_bytes = sensor.record_bytes
+        else:
+            record_bytes = 64
         rig = ForceSensorRig(
             clock=clock,
             sensor=sensor,

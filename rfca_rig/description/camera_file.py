@@ -115,7 +115,8 @@ class CameraFile(Section):
 
     def matrix(self) -> Floats:
         """Camera matrix (3, 3), in px."""
-        (across, down), (centre_x, centre_y) = self.camera.focal_px, self.camera.centre_px
+        (across, down) = self.camera.focal_px
+        (centre_x, centre_y) = self.camera.centre_px
         return np.array([[across, 0.0, centre_x], [0.0, down, centre_y], [0.0, 0.0, 1.0]])
 
     def distortion(self) -> Floats:

@@ -108,11 +108,9 @@ def replace_by_curve(leg: Mapping[str, Any], curve: Mapping[str, Any]) -> dict[s
 
 
 def _times(factor: float, value: Any) -> Any:
-    return (
-        [_times(factor, each) for each in value]
-        if isinstance(value, list | tuple)
-        else factor * value
-    )
+    if isinstance(value, list | tuple):
+        return [_times(factor, each) for each in value]
+    return factor * value
 
 
 def read_named_curve(file: File, folder: Path) -> File:
@@ -143,7 +141,9 @@ def relative_std(section: TorqueRotationSection) -> float | None:
         row[i] for i, row in enumerate(section.covariance_Nm2 or ())
     ]
     square = sum(torque**2 for torque in section.torques_Nm or ())
-    return math.sqrt(sum(variance) / square) or None if variance and square else None
+    if variance and square:
+        return math.sqrt(sum(variance) / square) or None
+    return None
 
 
 def read_curve(path: Path) -> TorqueRotationSection:
@@ -178,7 +178,10 @@ def _number(path: Path, line: int, row: list[str], place: int) -> float:
     try:
         return float(row[place])
     except (ValueError, IndexError):
-        cell = repr(row[place].strip()) if place < len(row) else "nothing"
+        if place < len(row):
+            cell = repr(row[place].strip())
+        else:
+            cell = "nothing"
         raise BadInput(
             f"{path}:{line}: column {place + 1} should hold a number, not {cell}"
         ) from None
@@ -211,7 +214,8 @@ def _leg(leg: LegSection) -> Leg:
     if leg.torque_rotation is None:
         assert leg.k0_Nm_per_rad is not None
         assert leg.k2_per_rad2 is not None
-        k0_Nm_per_rad, k2_per_rad2 = leg.k0_Nm_per_rad, leg.k2_per_rad2
+        k0_Nm_per_rad = leg.k0_Nm_per_rad
+        k2_per_rad2 = leg.k2_per_rad2
         splines: tuple[TorqueSpline, ...] = ()
     else:
         # The hardening is part of the measured curve; k0 only scales it.

@@ -14,7 +14,8 @@ from rfca_rig.devices import find_motor, find_sensor, load_object
 from rfca_rig.escaping import toml_comment
 from rfca_rig.toml import degrees_key, format_value
 
-COMMENT_COLUMN, WIDTH = 44, 130
+COMMENT_COLUMN = 44
+WIDTH = 130
 USUAL = "usual value: check"
 LIMITS = {"exclusiveMinimum": "> ", "minimum": ">= ", "exclusiveMaximum": "< ", "maximum": "<= "}
 # The calibrated camera of the twin sees a leg of this length in all its poses, mm.
@@ -71,7 +72,8 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     usual
         The tables of the shipped twin, from which all other values come.
     """
-    make, sensor_make = find_motor(answers.drive), find_sensor(answers.sensor)
+    make = find_motor(answers.drive)
+    sensor_make = find_sensor(answers.sensor)
     number_key, _ = make.number
     address_key, *_ = sensor_make.address
     # A make that the shipped twin does not have takes nothing of it.
@@ -234,7 +236,9 @@ def _holds_table(schema: Mapping[str, Any]) -> bool:
 def _line(start: str, schema: Mapping[str, Any], notes: list[str]) -> str:
     pieces = [schema.get("description", ""), ", ".join(list_limits(schema)), *notes]
     text = "; ".join(piece for piece in pieces if piece)
-    return f"{start:<{COMMENT_COLUMN - 1}} {toml_comment(text)}" if text else f"{start}\n"
+    if text:
+        return f"{start:<{COMMENT_COLUMN - 1}} {toml_comment(text)}"
+    return f"{start}\n"
 
 
 def list_limits(schema: Mapping[str, Any]) -> list[str]:

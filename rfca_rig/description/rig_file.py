@@ -200,11 +200,9 @@ class RigFile(Section):
     def _first_strokes(self) -> tuple[float, ...]:
         default = FIRST_STROKES if self.is_real else ()
         # Ascending, so that each stroke is the next small step towards full speed.
-        return (
-            default
-            if self.limits.first_strokes is None
-            else tuple(sorted(self.limits.first_strokes))
-        )
+        if self.limits.first_strokes is None:
+            return default
+        return tuple(sorted(self.limits.first_strokes))
 
     def eye(self) -> PhotoSetup | None:
         """Evaluates the camera's photos; None without [camera]. Raises BadInput where its
@@ -268,7 +266,8 @@ def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
 
 def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
     """The rig, with its paths resolved from its own folder."""
-    sensor, camera = rig.force_sensor, rig.camera
+    sensor = rig.force_sensor
+    camera = rig.camera
     if sensor.file_keys:
         rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, *sensor.file_keys)})
     if camera is not None:

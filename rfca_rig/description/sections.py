@@ -76,11 +76,9 @@ class TorqueRotationSection(Section):
 
     @model_validator(mode="after")
     def _errors_fit(self) -> "TorqueRotationSection":
-        std, covariance, angles = (
-            self.standard_deviations_Nm,
-            self.covariance_Nm2,
-            len(self.angles_deg or ()),
-        )
+        std = self.standard_deviations_Nm
+        covariance = self.covariance_Nm2
+        angles = len(self.angles_deg or ())
         if (std is not None or covariance is not None) and self.torques_Nm is None:
             raise ValueError(
                 "standard_deviations_Nm and covariance_Nm2 belong to torques_Nm, one "
@@ -151,7 +149,9 @@ class AboutSection(Section):
     @classmethod
     def _as_text(cls, value: Any) -> Any:
         # TOML has dates of its own; both ways of writing mean the same.
-        return value.isoformat() if isinstance(value, date) else value
+        if isinstance(value, date):
+            return value.isoformat()
+        return value
 
 
 class LegSection(Section):
@@ -232,7 +232,8 @@ class LegSection(Section):
 
     @model_validator(mode="after")
     def _as_many_masses_as_lengths(self) -> "LegSection":
-        lengths, masses = len(self.link_lengths_mm), len(self.link_masses_g)
+        lengths = len(self.link_lengths_mm)
+        masses = len(self.link_masses_g)
         if lengths != masses:
             raise ValueError(
                 f"link_lengths_mm names {lengths} links and link_masses_g {masses}; give "
@@ -422,7 +423,8 @@ class EffectSection(Section):
         if not isinstance(data, Mapping):
             return data
         # Before validation of the fields, so that the message can name the effect.
-        id_, given = data.get("id"), [key for key in _TABLE_KEYS if data.get(key) is not None]
+        id_ = data.get("id")
+        given = [key for key in _TABLE_KEYS if data.get(key) is not None]
         if id_ != TABULATED_LAW and given:
             raise ValueError(
                 f"effect {id_}: {given[0]} belongs to a {TABULATED_LAW}; give its numbers "

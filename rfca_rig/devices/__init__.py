@@ -100,11 +100,10 @@ class MotorMake:
     ) -> "ShaftMotor":
         """The driver on that bus; no report for `silent_s` is a fault."""
         driver: ShaftMotor
-        driver = (
-            keys.driver(bus, clock, silent_s)
-            if self.driver is None
-            else load_object(self.driver)(keys, bus, clock, silent_s)
-        )
+        if self.driver is None:
+            driver = keys.driver(bus, clock, silent_s)
+        else:
+            driver = load_object(self.driver)(keys, bus, clock, silent_s)
         return driver
 
     def make_twin(
@@ -165,16 +164,17 @@ class SensorMake:
 
     def open_way(self, keys: Any, clock: "Clock") -> Any:
         """The way to the real sensor, to be closed by the caller. Raises DeviceError."""
-        return keys.open() if self.open is None else load_object(self.open)(keys, clock)
+        if self.open is None:
+            return keys.open()
+        return load_object(self.open)(keys, clock)
 
     def make_driver(self, keys: Any, way: Any, clock: "Clock") -> "ForceSensor":
         """The driver on that way."""
         driver: ForceSensor
-        driver = (
-            keys.driver(way, clock)
-            if self.driver is None
-            else load_object(self.driver)(keys, way, clock)
-        )
+        if self.driver is None:
+            driver = keys.driver(way, clock)
+        else:
+            driver = load_object(self.driver)(keys, way, clock)
         return driver
 
     def make_twin(
@@ -281,8 +281,6 @@ def package_of(kind: str) -> str | None:
 
 def _points_of(kind: str) -> tuple[EntryPoint, ...]:
     # The word of a built-in kind is taken in both tables.
-    return (
-        ()
-        if kind in MOTORS or kind in FORCE_SENSORS
-        else tuple(entry_points(group=GROUP, name=kind))
-    )
+    if kind in MOTORS or kind in FORCE_SENSORS:
+        return ()
+    return tuple(entry_points(group=GROUP, name=kind))

@@ -117,7 +117,8 @@ class Listener:
 
     def listen(self, seconds: float) -> list[ReceivedFrame]:
         """Listens for `seconds`; returns the frames of that time."""
-        first, until_s = len(self.frames), self._clock.now_s() + seconds
+        first = len(self.frames)
+        until_s = self._clock.now_s() + seconds
         while self.failed is None and self._clock.now_s() < until_s:
             self._clock.wait_until(self._clock.now_s() + POLL_S)
             self._drain()
@@ -185,11 +186,10 @@ class SerialPortSeen:
 def judge_serial_port(seen: SerialPortSeen, section: str) -> Finding:
     """Finding on a port that the rig file names under `section`."""
     if not seen.exists:
-        existing = (
-            f"there is {', '.join(seen.others)}"
-            if seen.others
-            else "there is no serial port at all"
-        )
+        if seen.others:
+            existing = f"there is {', '.join(seen.others)}"
+        else:
+            existing = "there is no serial port at all"
         return red(
             PORT_SUBJECT,
             f"there is no {seen.path}; {existing}",
@@ -214,7 +214,9 @@ def judge_found_port(seen: SerialPortSeen) -> Finding:
 
 
 def _owner_text(seen: SerialPortSeen) -> str:
-    return "" if seen.group is None else f", it belongs to the group {seen.group}"
+    if seen.group is None:
+        return ""
+    return f", it belongs to the group {seen.group}"
 
 
 def _permission(seen: SerialPortSeen) -> tuple[str, ...]:

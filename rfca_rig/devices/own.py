@@ -94,12 +94,15 @@ def _load(path: Path, text: str) -> ModuleType:
 
 def _line(error: BaseException, path: Path) -> str:
     """`:LINE` of the last step of the traceback in the file, "" without one."""
-    lines, step = [], error.__traceback__
+    lines = []
+    step = error.__traceback__
     while step is not None:
         if step.tb_frame.f_code.co_filename == str(path):
             lines.append(step.tb_lineno)
         step = step.tb_next
-    return f":{lines[-1]}" if lines else ""
+    if lines:
+        return f":{lines[-1]}"
+    return ""
 
 
 def load_own(
@@ -116,15 +119,19 @@ def load_own(
     if not issubclass(found, base):
         raise BadInput(f"{path}: {name} does not inherit {base.__name__}; see docs/{page}")
     keys = section_of(rig_text, table, found, rig_path)
-    twin = (
-        {"twin_file": str((rig_path.parent / keys.twin_file).resolve())} if keys.twin_file else {}
-    )
+    if keys.twin_file:
+        twin = {"twin_file": str((rig_path.parent / keys.twin_file).resolve())}
+    else:
+        twin = {}
     return keys.model_copy(update={"file": str(path), **twin})
 
 
 def twin_of(keys: OwnMotorSection | OwnForceSensorSection) -> type:
     """The class TWIN in the lab's twin file. Raises BadInput where the rig file names none."""
-    table = "motor" if isinstance(keys, OwnMotorSection) else "force_sensor"
+    if isinstance(keys, OwnMotorSection):
+        table = "motor"
+    else:
+        table = "force_sensor"
     *_, page = OWN_CLASSES[table]
     if keys.twin_file is None:
         raise BadInput(

@@ -80,7 +80,9 @@ class MotorSection(Section):
     def is_guarded(self) -> bool:
         """Whether a guardian owns the bus on a real rig."""
         # A drive without a watchdog is guarded unless the file says otherwise.
-        return self.needs_guardian if self.guardian is None else self.guardian
+        if self.guardian is None:
+            return self.needs_guardian
+        return self.guardian
 
     @property
     def reports_Hz(self) -> float:
@@ -139,7 +141,9 @@ class SpeedDriveKeys(MotorSection):
 
     @property
     def reports_Hz(self) -> float:
-        return LOOP_RATE_HZ if self.report_period_ms is None else 1e3 / self.report_period_ms
+        if self.report_period_ms is None:
+            return LOOP_RATE_HZ
+        return 1e3 / self.report_period_ms
 
 
 class MotorKeys(SpeedDriveKeys, OwnMotorSection):

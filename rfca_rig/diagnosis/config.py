@@ -37,21 +37,19 @@ UNKNOWN_ERRORS = (
     0.6,
 )  # share of the signal, log-uniform: something unlisted
 GOOD_FIT = 0.011  # share of the signal: a model error that leaves next to nothing to be explained
-STRAINED, IMPLAUSIBLE = (
-    2.5,
-    3.5,
-)  # prior deviations of a nuisance parameter: an effect may do its work; no credible value
+# prior deviations of a nuisance parameter: an effect may do its work; no credible value
+STRAINED = 2.5
+IMPLAUSIBLE = 3.5
 CONDITION_CORRELATION = 0.5  # correlation of the discrepancy between conditions
 ROUGH_VARIANCE_SHARE = 1e-3  # share of the discrepancy's variance that is not smooth
 # Of a set of that size. Within a size the prior is spread evenly over all sets, see
 # `hypotheses.log_prior_of_set`.
-PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = (
-    0.5,
-    0.1,
-    0.3,
-    0.1,
-    0.02,
-)  # probabilities
+# probabilities
+PRIOR_NOTHING = 0.5
+PRIOR_UNKNOWN = 0.1
+PRIOR_ONE = 0.3
+PRIOR_TWO = 0.1
+PRIOR_THREE = 0.02
 PRIOR_FOUR = 0.004  # a fifth of three, as three is a fifth of two
 
 # Parameters
@@ -67,16 +65,17 @@ WIDE_STEP = 0.3
 # deviations of all rows together by which a difference should move them: touchdown, stick and slip
 # make the model rough
 DIFFERENCE_SIZE = 4.0
-NARROWEST_STEP, WIDEST_STEP = 0.03, 0.7  # prior deviations: limits of a difference
+# prior deviations: limits of a difference
+NARROWEST_STEP = 0.03
+WIDEST_STEP = 0.7
 JACOBIAN_ERROR = 0.3  # share of its size by which a slope errs after some steps
 MODEL_ROUGHNESS = (
     1.0  # deviations of all rows together by which the model jumps from one place to the next
 )
-ROUNDS, LEVELS, CONVERGENCE_ROUNDS = (
-    8,
-    5,
-    4,
-)  # steps at one discrepancy scale, scales, and rounds with fresh Jacobians, at most
+# steps at one discrepancy scale, scales, and rounds with fresh Jacobians, at most
+ROUNDS = 8
+LEVELS = 5
+CONVERGENCE_ROUNDS = 4
 STEP_REDUCTION = 0.4  # share of the way after a step that did not help
 # Steps in a row that did not help, after which the Jacobian is recomputed: of 12 poor starts 6
 # arrive with 2, none without
@@ -181,10 +180,9 @@ DEFAULT_SEARCH = SearchConfig()
 # Decision
 
 FEWEST_CONDITIONS = 3  # for a verdict: with two, one is held out and one is left
-IDENTIFIED_PROBABILITY, STATED_PROBABILITY = (
-    0.9,
-    0.8,
-)  # calibrated probabilities of an effect that is identified, and of one that is stated
+# calibrated probabilities of an effect that is identified, and of one that is stated
+IDENTIFIED_PROBABILITY = 0.9
+STATED_PROBABILITY = 0.8
 # share of the removable held-out misfit that an omission which is "most of it" explains: more than
 # all others together
 DOMINANT_SHARE = 0.5
@@ -212,7 +210,8 @@ LAW_ERROR = 0.2
 # Least standard deviation by which a real cause departs from its law in the catalogue, of its size
 # and of what shapes it, as a share: with them 90 % intervals of 58 parameters hold 54 truths, where
 # a simulator with other laws concealed the effects
-LAW_SIZE_ERROR, LAW_SHAPE_ERROR = 0.01, 0.05
+LAW_SIZE_ERROR = 0.01
+LAW_SHAPE_ERROR = 0.05
 LAW_MISFIT_SHARE = (
     0.6  # of the remaining misfit over the removed one that counts as error of the size
 )
@@ -248,4 +247,6 @@ def check_known(ids: Collection[str]) -> None:
 
 def describe_exclusions(without: Collection[str]) -> tuple[str, ...]:
     """The excluded ids as a remark beside the answer; none where nothing was excluded."""
-    return (f"{EXCLUDED}: {', '.join(without)}",) if without else ()
+    if without:
+        return (f"{EXCLUDED}: {', '.join(without)}",)
+    return ()

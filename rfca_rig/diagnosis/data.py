@@ -130,7 +130,9 @@ def stack_observations(parts: list[Observations]) -> Observations:
     are shifted to stay unique.
     """
     labels: list[Label] = []
-    label, condition, conditions = [], [], 0
+    label = []
+    condition = []
+    conditions = 0
     for part in parts:
         label.append(part.label + len(labels))
         condition.append(part.condition + conditions)
@@ -182,10 +184,14 @@ def group_windows(windows: Sequence[W], length_s: float) -> list[Sequence[W]]:
     """The windows of one run in groups of about CONDITION_S, in their order; `length_s` is the
     length of a window.
     """
-    of_condition = (
-        min(max(round(CONDITION_S / length_s), 1), WINDOWS_OF_CONDITION) if windows else 1
-    )
-    count = max(1, round(len(windows) / of_condition)) if windows else 0
+    if windows:
+        of_condition = min(max(round(CONDITION_S / length_s), 1), WINDOWS_OF_CONDITION)
+    else:
+        of_condition = 1
+    if windows:
+        count = max(1, round(len(windows) / of_condition))
+    else:
+        count = 0
     bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
     return [windows[a:b] for a, b in pairwise(bounds)]
 

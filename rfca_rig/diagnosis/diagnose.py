@@ -80,18 +80,15 @@ def find_excluded_sizes(
         effect for effect in effects if effect.id not in {present.id for present in rig.effects}
     ]
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
-    dataset, coordinates = (
-        make_leg_dataset(shafts),
-        Parameterization(nuisances_of_drive(rig, ModelPoint(rig), {})),
-    )
+    dataset = make_leg_dataset(shafts)
+    coordinates = Parameterization(nuisances_of_drive(rig, ModelPoint(rig), {}))
     base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
-    probes = (
-        []
-        if base is None
-        else probe_effects(
+    if base is None:
+        probes = []
+    else:
+        probes = probe_effects(
             dataset, base, grid_points(term for effect in candidates for term in terms_of(effect))
         )
-    )
     ends = np.cumsum([shaft.deviation_rad.size for shaft in shafts])[:-1]
 
     def power_of(signature: NDArray[np.float64]) -> float:
@@ -182,7 +179,10 @@ def find_omissions(
     of_drive = select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without)
     leg = search_models(dataset, body.coordinates, effects, progress)
     # Where the shaft follows its command, the drive needs no search of its own.
-    drive = search_drive(body, leg, of_drive, progress) if not body.as_commanded else None
+    if not body.as_commanded:
+        drive = search_drive(body, leg, of_drive, progress)
+    else:
+        drive = None
     return body, Findings(
         effects, of_drive, leg, decide(leg), drive, None if drive is None else decide(drive)
     )
@@ -269,7 +269,9 @@ def _strokes_made(recordings: Sequence[Recording]) -> int | None:
     (recording,) = recordings
     before = collect_strokes_before((*recording.strokes, *recording.static))
     strokes = len(recording.strokes)
-    return max([*(count + 1 for count in before[:strokes]), *before[strokes:]]) if before else None
+    if before:
+        return max([*(count + 1 for count in before[:strokes]), *before[strokes:]])
+    return None
 
 
 def _before_start_s(conditions: Iterable[Condition]) -> float:
@@ -278,7 +280,9 @@ def _before_start_s(conditions: Iterable[Condition]) -> float:
     """
     begins = [_first_s(stroke) for condition in conditions for stroke in condition.strokes]
     # Rounded down, so that every recording covers the whole interval.
-    return max(0.0, float(np.floor(-1e3 * max(begins)) / 1e3)) if begins else 0.0
+    if begins:
+        return max(0.0, float(np.floor(-1e3 * max(begins)) / 1e3))
+    return 0.0
 
 
 def _first_s(stroke: Stroke) -> float:
@@ -332,7 +336,9 @@ def search_drive(
         optimizer = without_scatter(dataset)
         nominal = optimizer.at(way, np.zeros(way.size))
         found = None if nominal is None else fit_most_promising(optimizer, nominal, points, 1)
-        return -np.inf if found is None else optimizer.log_evidence(found)
+        if found is None:
+            return -np.inf
+        return optimizer.log_evidence(found)
 
     sagging, holding = map_in_processes(fit_compliant, ways)
     first, second = ways if sagging >= holding else reversed(ways)
@@ -348,12 +354,15 @@ def search_drive(
     found = search(first)
     if not found.named:
         return found
-    optimizer, one = GaussNewton(dataset, found.likelihood), found.named[0].fitted
+    optimizer = GaussNewton(dataset, found.likelihood)
+    one = found.named[0].fitted
     other = optimizer.at(second.with_terms(one.coordinates.choices), one.x, one.jacobian)
     suits = other is not None and optimizer.log_evidence(
         optimizer.refine(other)
     ) > optimizer.log_evidence(one)
-    return search(second) if suits else found
+    if suits:
+        return search(second)
+    return found
 
 
 def _space_of_drive(

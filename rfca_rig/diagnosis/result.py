@@ -290,11 +290,9 @@ class Diagnosis:
 
 def name_parts(text: str, of_stretches: bool) -> str:
     """A text on conditions; where these are stretches of a recording, it says so."""
-    return (
-        text.replace("conditions", "stretches").replace("condition", "stretch")
-        if of_stretches
-        else text
-    )
+    if of_stretches:
+        return text.replace("conditions", "stretches").replace("condition", "stretch")
+    return text
 
 
 def describe_probability(probability: float) -> str:

@@ -62,13 +62,19 @@ def describe(decision: Decision) -> str:
     )
     if decision.grade == "identified":
         others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})
-        tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""
+        if others:
+            tail = f"; these data cannot tell it from {', '.join(others)}"
+        else:
+            tail = ""
         return f"The model lacks: {stated}{tail}.{beside}"
     if decision.grade == "mostly":
         is_exact = all(
             criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT
         )
-        caution = "other causes are possible" if is_exact else "the law is only approximate"
+        if is_exact:
+            caution = "other causes are possible"
+        else:
+            caution = "the law is only approximate"
         return f"Mostly missing: {stated}. It {explains}; {caution}.{beside}"
     if decision.grade == "family" and decision.family is not None:
         best = " with ".join(decision.explanation.ids)
@@ -98,11 +104,12 @@ def describe_open(decision: Decision) -> str:
             "Something is missing, and no cause is sure enough to be stated: "
             f"{describe_alternatives(decision.alternatives)}."
         )
-    closest = (
-        f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated."
-        if decision.closest
-        else ""
-    )
+    if decision.closest:
+        closest = (
+            f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated."
+        )
+    else:
+        closest = ""
     return f"Something is missing that no entry of the catalogue explains.{closest}"
 
 
@@ -159,7 +166,10 @@ def build_result(
     """
     explanation = decision.explanation
     # no effect is added to the model while only its family is clear
-    used = explanation if decision.effects or not explanation.ids else found.nothing
+    if decision.effects or not explanation.ids:
+        used = explanation
+    else:
+        used = found.nothing
     cells, places = locate_mismatch(found.dataset.rows, found.nominal, found.likelihood)
     is_open = decision.grade in ("mostly", "family", "unexplained")
     # Where recordings and explanation still differ, worst first.
@@ -225,7 +235,8 @@ def not_enough_data(found: ModelSelectionResult, why: str) -> Decision:
 
 def present_effects(hypothesis: Hypothesis) -> tuple[PresentEffect, ...]:
     """The effects of a hypothesis with the values found."""
-    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
+    coordinates = hypothesis.fitted.coordinates
+    mean = hypothesis.marginal.posterior.mean
     return tuple(
         choice.present(mean[coordinates.part(number)])
         for number, choice in enumerate(coordinates.choices)
@@ -246,11 +257,10 @@ def _find_not_seen(
     that its prior does not hold here. What acts much as it does is not excluded at all, because the
     fit may have found one of two optima. Nor is an effect that is the same as a nuisance parameter.
     """
-    fit, rows = explanation.fitted, found.in_coarse
-    fitted, measured = (
-        replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]),
-        found.dataset.rows.measured[rows],
-    )
+    fit = explanation.fitted
+    rows = found.in_coarse
+    fitted = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows])
+    measured = found.dataset.rows.measured[rows]
     moved = np.flatnonzero(
         np.abs(explanation.marginal.posterior.mean[: fit.coordinates.nuisances]) > MOVED_PRIOR_STD
     )
@@ -274,8 +284,10 @@ def _find_not_seen(
 
 def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     """Nuisance parameters beyond MOVED_PRIOR_STD prior standard deviations, farthest first."""
-    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
-    priors, values = nuisance_priors(hypothesis), nuisance_values(hypothesis)
+    space = hypothesis.fitted.coordinates.space
+    posterior = hypothesis.marginal.posterior
+    priors = nuisance_priors(hypothesis)
+    values = nuisance_values(hypothesis)
     found = [
         # In the posterior the effects follow the nuisance parameters, so the zip is not strict.
         MovedPrior(p.name, p.unit, priors[p.name], values[p.name], float(z))
@@ -310,14 +322,16 @@ def nuisance_keys(hypothesis: Hypothesis) -> Mapping[str, str]:
 
 def _possible_mean(hypothesis: Hypothesis) -> Floats:
     """Posterior mean (p,) with every nuisance parameter raised to its lowest possible value."""
-    space, mean = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior.mean
+    space = hypothesis.fitted.coordinates.space
+    mean = hypothesis.marginal.posterior.mean
     count = len(space.std)
     return np.concatenate([space.clip(mean[:count]), mean[count:]])
 
 
 def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
     """Posterior means and standard deviations of the nuisance parameters, in their units."""
-    space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
+    space = hypothesis.fitted.coordinates.space
+    posterior = hypothesis.marginal.posterior
     x = _possible_mean(hypothesis)[: len(space.std)]
     std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])
     return {
@@ -424,7 +438,8 @@ def make_overlays(
     """Measured means (m,) with both models, recording by recording and signal by signal; of all
     experiments without a name of one.
     """
-    rows, nominal = found.dataset.rows, found.nominal.predicted
+    rows = found.dataset.rows
+    nominal = found.nominal.predicted
     return tuple(
         SignalOverlay(
             name,

@@ -228,7 +228,9 @@ class Dataset:
         """The same simulator with other conditions; the very same dataset where these are its
         own.
         """
-        return self if parts is self.parts else make_dataset(parts, self.simulator)
+        if parts is self.parts:
+            return self
+        return make_dataset(parts, self.simulator)
 
     def predicted(self, at: Any) -> Floats | None:
         """The model's rows (m,) at an input of the simulator, conditions in parallel; None where
@@ -264,14 +266,13 @@ class Dataset:
         many = self._is_long(inputs)
         # Each block of inputs is simulated beside `at`, so blocks should not be smaller than what
         # is simulated at once.
-        blocks = (
-            [
+        if many:
+            blocks = [
                 inputs[first : first + INPUTS_AT_ONCE]
                 for first in range(0, len(inputs), INPUTS_AT_ONCE)
             ]
-            if many
-            else [inputs]
-        )
+        else:
+            blocks = [inputs]
 
         def change(task: tuple[Sequence[Any], int]) -> list[Floats | None]:
             block, number = task

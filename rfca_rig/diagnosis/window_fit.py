@@ -147,7 +147,10 @@ class WindowFit:
 
 def _size_line(size: FittedSize) -> str:
     std = "" if size.std is None else f"{size.std:.2g}"
-    bound = "  at the end of its plausible range" if size.at_bound else ""
+    if size.at_bound:
+        bound = "  at the end of its plausible range"
+    else:
+        bound = ""
     return f"{f'{size.effect}.{size.name}':<46}{size.value:>11.4g}{std:>10}{bound}"
 
 
@@ -180,7 +183,8 @@ def fit_effects(
     """
     if not effects:
         return found.nothing
-    optimizer, here = GaussNewton(found.dataset, found.likelihood), found.nothing.fitted
+    optimizer = GaussNewton(found.dataset, found.likelihood)
+    here = found.nothing.fitted
     for number, effect in enumerate(effects):
         progress(f"fitting {effect.id}", 0.5 + 0.4 * number / len(effects))
         more = fit_most_promising(optimizer, here, grid_points(terms_of(effect)), STARTS)
@@ -232,7 +236,8 @@ def summarize(found: ModelSelectionResult, fitted: Hypothesis) -> WindowFit:
 
 
 def _list_shifts(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedShift]:
-    space, mean = fitted.fitted.coordinates.space, fitted.marginal.posterior.mean
+    space = fitted.fitted.coordinates.space
+    mean = fitted.marginal.posterior.mean
     at = space.at(mean[: len(space.std)])
     for place, parameter in enumerate(space.parameters):
         prior_std = float(space.std[place])
@@ -242,7 +247,8 @@ def _list_shifts(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedShift]:
 
 
 def _list_sizes(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedSize]:
-    coordinates, mean = fitted.fitted.coordinates, fitted.marginal.posterior.mean
+    coordinates = fitted.fitted.coordinates
+    mean = fitted.marginal.posterior.mean
     for number, term in enumerate(coordinates.choices):
         part = coordinates.part(number)
         yield from (
@@ -265,7 +271,9 @@ def _compare(
     """Errors and overlays of each signal of each recording, rows in order of time, and errors of
     each signal of all.
     """
-    rows, nominal, after = found.dataset.rows, found.nominal.predicted, fitted.rows
+    rows = found.dataset.rows
+    nominal = found.nominal.predicted
+    after = fitted.rows
     held_out = None
     conditions = len(found.dataset.parts)
     if conditions > 1:

@@ -37,7 +37,8 @@ Floats = NDArray[np.float64]
 # of the signals in a recording.
 MAX_START_SHARE = 0.25
 MAX_MISFIT_SHARE = 0.5
-SHORTEST_S, LONGEST_S = 0.25, 2.0
+SHORTEST_S = 0.25
+LONGEST_S = 2.0
 FEWEST_STRETCHES = 4  # conditions that must remain: held-out prediction with fewer says little
 LEAST_ROWS = 0.8  # share of the rows on shorter windows that must remain
 # sets of effects whose fits go on to longer windows: on short ones a wrong law may be as good as
@@ -200,7 +201,10 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
     while growing:
         lengths_s = _double_lengths(problem, growing)
         growing = {place for place in growing if lengths_s[place] > problem.lengths_s[place]}
-        longer = _cut_and_fit(problem, lengths_s, fits or begun) if growing else None
+        if growing:
+            longer = _cut_and_fit(problem, lengths_s, fits or begun)
+        else:
+            longer = None
         if longer is None:
             break
         errors = measure_window_errors(longer[0], longer[1][0])
@@ -216,7 +220,8 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
             for place, long_s in enumerate(lengths_s)
         ]
         # Where some recordings keep their former windows, those are fitted beside the longer ones.
-        longer = longer if kept_s == lengths_s else _cut_and_fit(problem, kept_s, fits or begun)
+        if kept_s != lengths_s:
+            longer = _cut_and_fit(problem, kept_s, fits or begun)
         if longer is None:
             break
         problem, fits = longer
@@ -254,21 +259,17 @@ def _cut_and_fit(
     optimizer = without_scatter(longer.dataset)
     at_former = [optimizer.at(fit.coordinates, fit.x) for fit in begun]
     fits = [optimizer.refine(fit) for fit in at_former if fit is not None]
-    return (
-        (longer, tuple(sorted(fits, key=optimizer.free_log_evidence, reverse=True)))
-        if fits
-        else None
-    )
+    if fits:
+        return (longer, tuple(sorted(fits, key=optimizer.free_log_evidence, reverse=True)))
+    return None
 
 
 def measure_window_errors(problem: WindowedProblem, fit: MapFit) -> dict[str, WindowErrors]:
     """Errors in the windows of each recording by its name, with this fit; shares as of
     `measure_start_errors`.
     """
-    starts, misfits = (
-        measure_start_errors(problem),
-        _share_of_change(problem.dataset, problem.dataset.rows.measured - fit.predicted),
-    )
+    starts = measure_start_errors(problem)
+    misfits = _share_of_change(problem.dataset, problem.dataset.rows.measured - fit.predicted)
     return {recording: WindowErrors(starts[recording], misfits[recording]) for recording in starts}
 
 
@@ -284,10 +285,8 @@ def measure_start_errors(problem: WindowedProblem) -> dict[str, float]:
 
 def _share_of_change(dataset: Dataset, errors: Floats) -> dict[str, float]:
     rows = dataset.rows
-    signals, recordings = (
-        rows.signal,
-        np.array([label.recording for label in rows.labels])[rows.label],
-    )
+    signals = rows.signal
+    recordings = np.array([label.recording for label in rows.labels])[rows.label]
     found = {}
     for recording in dict.fromkeys(recordings.tolist()):
         shares = []

@@ -263,7 +263,9 @@ def _step_s(clock: Clock) -> float:
 
 def cores() -> int:
     """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def look_at_disk(runs: Path, clock: Clock) -> DiskSeen:

@@ -74,7 +74,10 @@ def judge_can_bus(
         commands = (COMMANDS[interface],) if interface in COMMANDS else ()
         return red(BUS_SUBJECT, f"{name} cannot be opened: {seen.error}", remedy, *commands)
     if seen.went_off or seen.failed is not None:
-        problem = "went off after too many errors" if seen.went_off else f"failed: {seen.failed}"
+        if seen.went_off:
+            problem = "went off after too many errors"
+        else:
+            problem = f"failed: {seen.failed}"
         return red(
             BUS_SUBJECT,
             f"{name} {problem}",
@@ -199,9 +202,10 @@ def _absent(seen: CanInterfaceObservation, bitrate: int) -> Finding:
 def _wrong_rate(
     seen: CanInterfaceObservation, bitrate: int, data_bitrate: int | None
 ) -> Finding | None:
-    name, restart = (
-        seen.channel,
-        (make_down_command(seen.channel), make_up_command(seen.channel, bitrate, data_bitrate)),
+    name = seen.channel
+    restart = (
+        make_down_command(seen.channel),
+        make_up_command(seen.channel, bitrate, data_bitrate),
     )
     if seen.bitrate is not None and seen.bitrate != bitrate:
         return red(
@@ -243,7 +247,9 @@ def _rates(seen: CanInterfaceObservation) -> str:
 
 
 def _others(seen: CanInterfaceObservation) -> str:
-    return f"; there is {', '.join(seen.others)}" if seen.others else "; no CAN interface at all"
+    if seen.others:
+        return f"; there is {', '.join(seen.others)}"
+    return "; no CAN interface at all"
 
 
 def _show(name: str) -> str:
@@ -300,7 +306,9 @@ def _query_ip(channel: str) -> dict[str, Any]:
         links = json.loads(output)
     except (OSError, subprocess.SubprocessError, ValueError):
         return {}
-    return links[0] if links and isinstance(links[0], dict) else {}
+    if links and isinstance(links[0], dict):
+        return links[0]
+    return {}
 
 
 def look_for_adapters() -> tuple[tuple[str, str], ...]:

@@ -56,8 +56,11 @@ from rfca_rig.errors import BadInput, DeviceError, RigError
 from rfca_rig.vision.leg_photo import PhotoSetup, read_leg_photo
 
 # Observation time and poll interval, and the silence that the driver treats as a fault, in s.
-OWN_LISTEN_S, POLL_S, SILENT_S = 1.5, 5e-3, 0.5
-DRIVE, SENSOR = "drive", "force sensor"
+OWN_LISTEN_S = 1.5
+POLL_S = 5e-3
+SILENT_S = 0.5
+DRIVE = "drive"
+SENSOR = "force sensor"
 NEXT = "try the driver without the device first:"
 KNOWN = tuple(sorted(can.VALID_INTERFACES))
 SHAFT = "shaft"
@@ -65,13 +68,15 @@ LISTEN_S = 0.3
 
 Way = TypeVar("Way")
 
-CAMERA, CALIBRATION = "camera", "camera file"
+CAMERA = "camera"
+CALIBRATION = "camera file"
 # Reprojection error from which a new calibration is advised.
 MAX_REPROJECTION_ERROR_PX = 1.0
 
 LOOK_EVERY_S = 0.02
 
-ADAPTERS, PORTS = "CAN adapters", "serial port"
+ADAPTERS = "CAN adapters"
+PORTS = "serial port"
 # Bit rate for the proposed command if the interface has none yet, in bit/s.
 USUAL_BITRATE = 1_000_000
 
@@ -93,13 +98,16 @@ def check_own_motor(keys: MotorSection, clock: Clock) -> Iterator[Finding]:
 
 def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
     """Finding from 1.5 s of data, as decoded by the driver."""
-    began_s, reports, last_rad = clock.now_s(), 0, 0.0
+    began_s = clock.now_s()
+    reports = 0
+    last_rad = 0.0
     try:
         for _ in _poll(clock):
             shaft = motor.read()
             reports += len(shaft.angle_rad)
             # Most reads return nothing; the last known angle is kept.
-            last_rad = float(shaft.angle_rad[-1]) if len(shaft.angle_rad) else last_rad
+            if len(shaft.angle_rad):
+                last_rad = float(shaft.angle_rad[-1])
     except RigError as error:
         return red(DRIVE, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
     status = motor.status()
@@ -273,7 +281,8 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
     """
     try:
         with rig.motor.open() as bus:
-            motor, angles_rad = make_motor(rig, bus, clock), list[float]()
+            motor = make_motor(rig, bus, clock)
+            angles_rad = list[float]()
             until_s = clock.now_s() + LISTEN_S
             while clock.now_s() < until_s:
                 clock.wait_until(clock.now_s() + POLL_S)
@@ -295,7 +304,8 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
 def _encoder(rig: RigFile, angle_rad: float) -> str:
     """Encoder reading of the drive, if the rig file gives its zero in turns."""
     motor = rig.motor
-    zero, gear = getattr(motor, "zero_turns", None), getattr(motor, "gear_ratio", None)
+    zero = getattr(motor, "zero_turns", None)
+    gear = getattr(motor, "gear_ratio", None)
     if zero is None or gear is None:
         return ""
     return f", encoder at {zero + motor.direction * gear * angle_rad / tau:.3f} turns"
@@ -335,7 +345,9 @@ def _watchdog_s(rig: RigFile) -> float:
     key = (
         "guardian_silence_ms" if rig.motor.is_guarded else find_motor(rig.motor.device).watchdog_key
     )
-    return USUAL_WATCHDOG_S if key is None else float(getattr(rig.motor, key)) / 1e3
+    if key is None:
+        return USUAL_WATCHDOG_S
+    return float(getattr(rig.motor, key)) / 1e3
 
 
 @dataclass(frozen=True)

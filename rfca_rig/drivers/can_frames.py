@@ -16,9 +16,14 @@ from rfca_rig.drivers.guard import GuardianTorqueOff
 from rfca_rig.errors import DeviceError
 
 # Error classes, in the arbitration id.
-CONTROLLER, BUS_OFF, RESTARTED, COUNTERS = 0x004, 0x040, 0x100, 0x200
+CONTROLLER = 0x004
+BUS_OFF = 0x040
+RESTARTED = 0x100
+COUNTERS = 0x200
 # Bits of data byte 1 of an error frame of class CONTROLLER.
-OVERFLOW, PASSIVE, ACTIVE = 0x01 | 0x02, 0x10 | 0x20, 0x40
+OVERFLOW = 0x01 | 0x02
+PASSIVE = 0x10 | 0x20
+ACTIVE = 0x40
 # Below this error count a controller is error-active.
 ACTIVE_AGAIN = 128
 
@@ -51,7 +56,8 @@ class BusHealth:
         """Takes in one error frame. Raises DeviceError if it reports bus-off."""
         self.error_frames += 1
         # Some adapters send shorter error frames than the eight bytes that the format has.
-        classes, data = message.arbitration_id, bytes(message.data).ljust(8, b"\0")
+        classes = message.arbitration_id
+        data = bytes(message.data).ljust(8, b"\0")
         if classes & BUS_OFF:
             raise DeviceError(_OFF)
         if classes & COUNTERS:
@@ -76,11 +82,12 @@ class BusHealth:
         """Warning in one line; None while the controller is error-active."""
         if not self._passive:
             return None
-        counters = (
-            ""
-            if self.counters is None
-            else f", transmit and receive error counters {self.counters[0]} and {self.counters[1]}"
-        )
+        if self.counters is None:
+            counters = ""
+        else:
+            counters = (
+                f", transmit and receive error counters {self.counters[0]} and {self.counters[1]}"
+            )
         return (
             f"CAN controller is error-passive{counters}; check wiring, termination and bit "
             "rate, and that the drive has power"
@@ -125,11 +132,10 @@ def send(bus: can.BusABC, message: can.Message, remedy: str = EMERGENCY_STOP_REM
     except GuardianTorqueOff as error:
         raise DeviceError(str(error)) from error
     except (can.CanError, OSError) as error:
-        identifier = (
-            f"{message.arbitration_id:08x}"
-            if message.is_extended_id
-            else f"{message.arbitration_id:03x}"
-        )
+        if message.is_extended_id:
+            identifier = f"{message.arbitration_id:08x}"
+        else:
+            identifier = f"{message.arbitration_id:03x}"
         raise DeviceError(
             f"CAN frame 0x{identifier} to the drive not sent: {error}; {remedy}"
         ) from error

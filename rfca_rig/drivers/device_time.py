@@ -82,10 +82,8 @@ class FrameCount:
             return
         self._window = now_s, 0
         # 0.1 s on top allows for frames that an adapter holds back and delivers late.
-        had_too_many, self._had_too_many = (
-            self._had_too_many,
-            (counted + frames) * self._period_s > self.TOO_MANY * elapsed_s + 0.1,
-        )
+        had_too_many = self._had_too_many
+        self._had_too_many = (counted + frames) * self._period_s > self.TOO_MANY * elapsed_s + 0.1
         if had_too_many and self._had_too_many:
             rate_Hz = (counted + frames) / elapsed_s
             self.fault = (

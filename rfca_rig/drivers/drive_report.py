@@ -151,7 +151,8 @@ class EncoderJumpMonitor:
         """Takes in one report, later than the last, that the host read at `host_s`. With
         `judged` False this step is not checked.
         """
-        last, self._last = self._last, (host_s, device_s, angle_rad, abs(speed_rad_s))
+        last = self._last
+        self._last = (host_s, device_s, angle_rad, abs(speed_rad_s))
         if last is None or self.fault is not None or not judged:
             return
         elapsed_s = max(host_s - last[0], device_s - last[1])
@@ -238,7 +239,8 @@ class DriveReports:
         """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
         a frame cannot be decoded.
         """
-        before_s, self.drained_s = self.drained_s, self._clock.now_s()
+        before_s = self.drained_s
+        self.drained_s = self._clock.now_s()
         reports: list[Report] = []
         try:
             for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
@@ -267,7 +269,8 @@ class DriveReports:
     def _stamp(self, reports: list[Report], is_whole: bool) -> None:
         if not reports:
             return
-        self.heard_s, self._open_s = self.drained_s, np.nan
+        self.heard_s = self.drained_s
+        self._open_s = np.nan
         self.heard += len(reports)
         # Without a period only the newest of several answers has a known time, so the others are
         # dropped.
@@ -279,10 +282,8 @@ class DriveReports:
         if not is_good.any():
             return
         accepted = [report for report, good in zip(timed, is_good, strict=True) if good]
-        gear, rows = (
-            self._gear,
-            np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted]),
-        )
+        gear = self._gear
+        rows = np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted])
         samples = ShaftSamples(
             host_s=np.full(len(rows), self.drained_s),
             device_s=device_s[is_good],
@@ -300,10 +301,8 @@ class DriveReports:
                 float(speed_rad_s),
                 judged=is_whole,
             )
-        self.angle_rad, self.speed_rad_s = (
-            float(samples.angle_rad[-1]),
-            float(samples.speed_rad_s[-1]),
-        )
+        self.angle_rad = float(samples.angle_rad[-1])
+        self.speed_rad_s = float(samples.speed_rad_s[-1])
         # Time must increase strictly in a recording; a second answer to the same request is
         # dropped.
         is_new = (
@@ -320,11 +319,12 @@ class DriveReports:
         """
         # Also that of a refused report: what the drive says of its state and error is true all the
         # same.
-        self.last = (
-            report
-            if self.last is None
-            else replace(self.last, is_on=report.is_on, state=report.state, fault=report.fault)
-        )
+        if self.last is None:
+            self.last = report
+        else:
+            self.last = replace(
+                self.last, is_on=report.is_on, state=report.state, fault=report.fault
+            )
         # An error of the drive is reported as such, whatever its numbers are.
         if report.fault is not None and not isfinite(
             report.turns + report.turns_s + report.torque_Nm
@@ -334,7 +334,10 @@ class DriveReports:
             return False
         if report.temperature_C is not None:
             self._temperature.take(report.temperature_C)
-        warmest_C = None if isnan(self._temperature.value) else self._temperature.value
+        if isnan(self._temperature.value):
+            warmest_C = None
+        else:
+            warmest_C = self._temperature.value
         self.last = replace(report, temperature_C=warmest_C)
         return True
 
@@ -346,30 +349,36 @@ class DriveReports:
     def _device_s(self, reports: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         if self._count is not None:
             return np.asarray(self._count.stamp(reports, self.drained_s)).reshape(reports)
-        moment_s = self.drained_s if np.isnan(self._asked_s) else self._asked_s
-        self._first_s = moment_s if np.isnan(self._first_s) else self._first_s
+        if np.isnan(self._asked_s):
+            moment_s = self.drained_s
+        else:
+            moment_s = self._asked_s
+        if np.isnan(self._first_s):
+            self._first_s = moment_s
         return np.full(reports, moment_s - self._first_s)
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
-        blocks, self._samples = self._samples, []
+        blocks = self._samples
+        self._samples = []
         return concatenate_blocks(blocks or [NO_SAMPLES])
 
     @property
     def silent_s(self) -> float:
         """Time in s for which a due report has been missing, at the last `drain`."""
-        since_s = (
-            self.heard_s
-            if self._count is not None
-            else self.drained_s
-            if np.isnan(self._open_s)
-            else self._open_s
-        )
+        if self._count is not None:
+            since_s = self.heard_s
+        elif np.isnan(self._open_s):
+            since_s = self.drained_s
+        else:
+            since_s = self._open_s
         return self.drained_s - since_s
 
     @property
     def lost(self) -> int:
-        return 0 if self._count is None else self._count.lost
+        if self._count is None:
+            return 0
+        return self._count.lost
 
     @property
     def zero_lost(self) -> str | None:

@@ -154,5 +154,8 @@ def _evidence(held_Nm: float, least_Nm: float, answers: bool) -> str:
         return f"the {abs(held_Nm):.2f} N m that the motor held were gone"
     # Without a load the torque cannot be seen to disappear: only the delivery of the frames is
     # shown.
-    reached = "the drive answered the guardian" if answers else "the bus took the guardian's frames"
+    if answers:
+        reached = "the drive answered the guardian"
+    else:
+        reached = "the bus took the guardian's frames"
     return f"{reached}; the motor held nothing that could be seen to go"

@@ -26,7 +26,8 @@ OFFSET_TIME_ORIGINAL = 0x9011
 SUBSEC_TIME_ORIGINAL = 0x9291
 
 # Types of directory entries.
-TEXT, LONG = 2, 4
+TEXT = 2
+LONG = 4
 EXIF_MARK = b"Exif\0\0"
 # Limit against damaged counts; no real directory has so many entries.
 MAX_ENTRIES = 512
@@ -119,7 +120,10 @@ def _moment(texts: dict[int, str]) -> datetime | None:
     if match is None:
         return None
     fraction = texts.get(SUBSEC_TIME_ORIGINAL, "")
-    micros = int(fraction[:6].ljust(6, "0")) if fraction.isascii() and fraction.isdigit() else 0
+    if fraction.isascii() and fraction.isdigit():
+        micros = int(fraction[:6].ljust(6, "0"))
+    else:
+        micros = 0
     year, month, day, hour, minute, second = (int(part) for part in match.groups())
     zone = _zone(texts.get(OFFSET_TIME_ORIGINAL, ""))
     return datetime(year, month, day, hour, minute, second, micros, zone)
@@ -144,7 +148,9 @@ HEAD_BYTES = 1 << 18
 MOST_PIXELS = 160_000_000
 MOST_BYTES = 3 * MOST_PIXELS
 
-_PNG, _JPEG, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8\xff"
+_TIFF = (b"II*\0", b"MM\0*")
 
 
 @dataclass(frozen=True)
@@ -219,7 +225,9 @@ def _decode(content: bytes) -> Image | None:
             )
     except cv2.error:
         return None
-    return None if image is None else np.asarray(image, np.uint8)
+    if image is None:
+        return None
+    return np.asarray(image, np.uint8)
 
 
 def read_picture_bytes(path: Path) -> bytes:
@@ -257,11 +265,11 @@ def _fault(content: bytes) -> str | None:
         return "neither JPEG, PNG nor TIFF"
     # A picture of one colour packs a thousand times: the decoder would fill the memory.
     columns, rows = _size(content)
-    return (
-        f"claims {columns} x {rows} pixels, where {MOST_PIXELS / 1e6:.0f} million are the most"
-        if columns * rows > MOST_PIXELS
-        else None
-    )
+    if columns * rows > MOST_PIXELS:
+        return (
+            f"claims {columns} x {rows} pixels, where {MOST_PIXELS / 1e6:.0f} million are the most"
+        )
+    return None
 
 
 def _size(content: bytes) -> tuple[int, int]:
@@ -300,7 +308,8 @@ def _size_of_jpeg(content: bytes) -> tuple[int, int]:
             # Padding before a mark.
             at += 1
             continue
-        kind, length = content[at + 1], struct.unpack_from(">H", content, at + 2)[0]
+        kind = content[at + 1]
+        length = struct.unpack_from(">H", content, at + 2)[0]
         # 0xC0 to 0xCF begin frames, but for three tables among them.
         if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
             rows, columns = struct.unpack_from(">HH", content, at + 5)
@@ -314,20 +323,17 @@ def read_picture_time(path: Path) -> PictureTime:
     try:
         with path.open("rb") as file:
             # A TIFF may have its Exif directory anywhere, so the whole file is read.
-            head = (
-                file.read(HEAD_BYTES)
-                if path.suffix.lower() not in (".tif", ".tiff")
-                else file.read()
-            )
+            if path.suffix.lower() not in (".tif", ".tiff"):
+                head = file.read(HEAD_BYTES)
+            else:
+                head = file.read()
         changed_s = path.stat().st_mtime
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
     taken = read_time_taken(head)
-    return (
-        PictureTime(taken, True)
-        if taken
-        else PictureTime(datetime.fromtimestamp(changed_s, UTC), False)
-    )
+    if taken:
+        return PictureTime(taken, True)
+    return PictureTime(datetime.fromtimestamp(changed_s, UTC), False)
 
 
 def list_photos(folder: Path) -> list[Path]:

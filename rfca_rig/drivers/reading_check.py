@@ -69,11 +69,10 @@ class ReadingCheck:
         self.bad[signal.name] += 1
         self._bad_in_a_row += 1
         if self._bad_in_a_row >= MAX_BAD_IN_A_ROW:
-            possible = (
-                f"possible are {signal.low:g} to {signal.high:g}"
-                if isfinite(signal.high)
-                else "it must be a number"
-            )
+            if isfinite(signal.high):
+                possible = f"possible are {signal.low:g} to {signal.high:g}"
+            else:
+                possible = "it must be a number"
             value_text = f"{value:g} {signal.unit}".rstrip()
             raise BadReading(
                 f"{self._device} reports {signal.name} {value_text}, {self._bad_in_a_row} "

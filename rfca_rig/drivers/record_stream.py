@@ -257,25 +257,31 @@ class RecordStream(ABC, Generic[Keys]):
     # ----------------------------------------------------------------------------------------------
 
     def _reset_stream(self, buffer: bytes) -> None:
-        self._buffer, self._in_garbage = bytearray(buffer), False
+        self._buffer = bytearray(buffer)
+        self._in_garbage = False
         self._sequence, self._count = RecordSequence(), FrameCount(1.0 / self.keys.rate_Hz)
-        self._number, self._elapsed_s = 0, 0.0
+        self._number = 0
+        self._elapsed_s = 0.0
         self._last_s: float | None = None
-        self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
+        self._status = StatusCounter()
+        self._frozen = FrozenRecordCounter()
         self._check = ReadingCheck("the force sensor", *COUNT_SIGNALS, TIME_SIGNAL)
-        self._malformed, self._received = 0, 0
+        self._malformed = 0
+        self._received = 0
         self._rate_from: tuple[float, int] | None = None
         self._rate_checked = False
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
         """Starts the stream. Raises DeviceError if the device does not answer."""
-        self._running, remainder = False, b""
+        self._running = False
+        remainder = b""
         self._receive_bytes()
         for command, answer in self.to_start():
             # Records of an old stream may precede the answer.
             self._send(command)
-            received, until_s = b"", self._clock.now_s() + ANSWER_S
+            received = b""
+            until_s = self._clock.now_s() + ANSWER_S
             while answer not in received:
                 if self._clock.now_s() > until_s:
                     raise DeviceError(
@@ -308,7 +314,9 @@ class RecordStream(ABC, Generic[Keys]):
     def _receive_bytes(self) -> bytes:
         try:
             waiting = self._port.in_waiting
-            return self._port.read(waiting) if waiting else b""
+            if waiting:
+                return self._port.read(waiting)
+            return b""
         except OSError as error:
             raise DeviceError(
                 f"nothing to be received on {self.keys.port}: {error}; check the cable"
@@ -350,7 +358,10 @@ class RecordStream(ABC, Generic[Keys]):
         """Skips to the next possible start of a record; one stretch of garbage counts once."""
         self._malformed += not self._in_garbage
         self._in_garbage = True
-        next_header = self._buffer.find(self.header, 1) if self.header else 1
+        if self.header:
+            next_header = self._buffer.find(self.header, 1)
+        else:
+            next_header = 1
         # Without a further header, the tail that could be the start of one is kept.
         del self._buffer[
             : next_header if next_header > 0 else max(1, len(self._buffer) - len(self.header) + 1)
@@ -415,18 +426,20 @@ class RecordStream(ABC, Generic[Keys]):
         to be right from one to the next.
         """
         if time_s is None or self._last_s is None:
-            self._last_s, self._number = time_s, 1
+            self._last_s = time_s
+            self._number = 1
             return 1, 0.0
-        since_s, wraps_s = time_s - self._last_s, self.clock_wraps_s
+        since_s = time_s - self._last_s
+        wraps_s = self.clock_wraps_s
         if wraps_s is not None:
             # The shorter way around the wrap; a small negative step is a record that came late.
             since_s = (since_s + 0.5 * wraps_s) % wraps_s - 0.5 * wraps_s
-        number, elapsed_s = (
-            self._number + round(since_s * self.keys.rate_Hz),
-            self._elapsed_s + since_s,
-        )
+        number = self._number + round(since_s * self.keys.rate_Hz)
+        elapsed_s = self._elapsed_s + since_s
         if number > self._number:
-            self._number, self._elapsed_s, self._last_s = number, elapsed_s, time_s
+            self._number = number
+            self._elapsed_s = elapsed_s
+            self._last_s = time_s
         return number, elapsed_s
 
     def _check_rate(self) -> None:
@@ -435,11 +448,13 @@ class RecordStream(ABC, Generic[Keys]):
         """
         if self._rate_from is None:
             self._rate_from = self._read_s, self._received
-        elapsed_s, first = self._read_s - self._rate_from[0], self._rate_from[1]
+        elapsed_s = self._read_s - self._rate_from[0]
+        first = self._rate_from[1]
         if self._rate_checked or elapsed_s < RATE_CHECK_S:
             return
         self._rate_checked = True
-        real_Hz, set_Hz = (self._received - first) / elapsed_s, self.keys.rate_Hz
+        real_Hz = (self._received - first) / elapsed_s
+        set_Hz = self.keys.rate_Hz
         # One record more or less in the window is allowed on top of the tolerance.
         if abs(real_Hz - set_Hz) > RATE_TOLERANCE * set_Hz + 1.0 / RATE_CHECK_S:
             raise DeviceError(
@@ -467,14 +482,14 @@ class RecordStream(ABC, Generic[Keys]):
         )
 
     def _notes(self) -> list[str]:
-        notes, silent_s = [], self._read_s - self._heard_s
+        notes = []
+        silent_s = self._read_s - self._heard_s
         # Two record periods on top of 0.1 s, so that a slow sensor does not count as silent.
         if self._running and silent_s > 0.1 + 2.0 / self.keys.rate_Hz:
-            reason = (
-                "bytes come, but none are records; check what it is set to send"
-                if self._malformed and not self._received
-                else None
-            )
+            if self._malformed and not self._received:
+                reason = "bytes come, but none are records; check what it is set to send"
+            else:
+                reason = None
             notes.append(
                 f"no record for {silent_s:.2f} s: {reason or 'check its power and the cable'}"
             )

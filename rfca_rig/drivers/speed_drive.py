@@ -56,11 +56,9 @@ Keys = TypeVar("Keys", bound=DriveKeys)
 
 class _Gear(ShaftGear):
     def __init__(self, keys: DriveKeys) -> None:
-        self.gear_ratio, self.direction, self.zero_turns = (
-            keys.gear_ratio,
-            keys.direction,
-            keys.zero_turns,
-        )
+        self.gear_ratio = keys.gear_ratio
+        self.direction = keys.direction
+        self.zero_turns = keys.zero_turns
         self.check_gear()
 
 
@@ -205,10 +203,8 @@ class SpeedDrive(ABC, Generic[Keys]):
         """Commands the speed towards an angle that moves at `speed_rad_s`. Raises DeviceError if
         the frame cannot be sent.
         """
-        angle_rad, speed_rad_s = (
-            check_command(angle_rad, "angle"),
-            check_command(speed_rad_s, "speed"),
-        )
+        angle_rad = check_command(angle_rad, "angle")
+        speed_rad_s = check_command(speed_rad_s, "speed")
         # The last report is extrapolated to now, since the angle may be several milliseconds old.
         now_rad = self._reports.angle_rad + self._reports.speed_rad_s * (
             self._clock.now_s() - self._reports.heard_s
@@ -292,9 +288,12 @@ class SpeedDrive(ABC, Generic[Keys]):
         reports no error.
         """
         last = self._reports.last
-        state, temperature_C = (
-            ("unknown", None) if last is None else (last.state, last.temperature_C)
-        )
+        if last is None:
+            state = "unknown"
+            temperature_C = None
+        else:
+            state = last.state
+            temperature_C = last.temperature_C
         return MotorStatus(state, self._fault(last), self._reports.silent_s, temperature_C)
 
     def _fault(self, last: Report | None) -> str | None:

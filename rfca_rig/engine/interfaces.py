@@ -114,7 +114,8 @@ class StopRequest:
     def ask(self, level: StopLevel, why: str) -> None:
         """Requests a stop; a request is only ever replaced by a more urgent one."""
         if level > self.level:
-            self.level, self.why = level, why
+            self.level = level
+            self.why = why
 
     def raise_if_urgent(self) -> None:
         """Raises Stopped where the stop cannot wait for the next safe point, and is not under

@@ -222,13 +222,15 @@ class LoadMonitor:
         prediction.
         """
         # Without a prediction the ceiling is infinite: only the absolute limits hold then.
-        limits, unknown = self._limits, Load(np.inf, np.inf)
+        limits = self._limits
+        unknown = Load(np.inf, np.inf)
         load = expected or unknown
         self._ceiling = Load(
             max(limits.above_expected * load.force_N, MIN_CEILING_SHARE * limits.force_N),
             max(limits.above_expected * load.torque_Nm, MIN_CEILING_SHARE * limits.torque_Nm),
         )
-        self._force, self._torque = ExceedanceTimer(), ExceedanceTimer()
+        self._force = ExceedanceTimer()
+        self._torque = ExceedanceTimer()
         self.peak = Load(0.0, 0.0)
 
     def check(self, samples: ForceSamples) -> None:
@@ -239,10 +241,8 @@ class LoadMonitor:
         squares = np.multiply(counts, counts, out=counts)
         # Reductions of ufuncs, as this runs at every tick: the methods of arrays take twice as long
         # for so few records.
-        forces, torques = (
-            np.add.reduce(squares[:, :3], axis=1),
-            np.add.reduce(squares[:, 3:], axis=1),
-        )
+        forces = np.add.reduce(squares[:, :3], axis=1)
+        torques = np.add.reduce(squares[:, 3:], axis=1)
         force_N = math.sqrt(np.maximum.reduce(forces)) / self._scale.counts_per_N
         torque_Nm = math.sqrt(np.maximum.reduce(torques)) / self._scale.counts_per_Nm
         if force_N > self.peak.force_N or torque_Nm > self.peak.torque_Nm:
@@ -263,7 +263,8 @@ class LoadMonitor:
             )
         # Squares of counts are compared with the square of the ceiling: a root of every record
         # would be for nothing.
-        per_N, per_Nm = self._scale.counts_per_N, self._scale.counts_per_Nm
+        per_N = self._scale.counts_per_N
+        per_Nm = self._scale.counts_per_Nm
         lasts_s = self._force.seconds(
             samples.device_s, forces, (self._ceiling.force_N * per_N) ** 2
         )
@@ -324,7 +325,8 @@ class ShaftMonitor:
         self._torque_Nm = float(shaft.torque_Nm[-1])
         # Plain numbers: a tick brings a few reports, for which numpy takes longer. The last report
         # of the tick before belongs to the block, because a jump may lie between two ticks.
-        last, worst_rad = self._last, -1.0
+        last = self._last
+        worst_rad = -1.0
         for time_s, angle_rad in zip(
             shaft.device_s.tolist(), shaft.angle_rad.tolist(), strict=True
         ):

@@ -184,7 +184,8 @@ class Loop:
         # The time since the last wake-up is the time between commands that the drive's watchdog
         # sees.
         now_s = self._bench.clock.now_s()
-        gap_s, self._woke_s = now_s - self._woke_s, now_s
+        gap_s = now_s - self._woke_s
+        self._woke_s = now_s
         self._late_s = gap_s - period_s
         self.worst_gap_s = max(self.worst_gap_s, gap_s)
         self._monitor.gap(gap_s, period_s)
@@ -195,7 +196,8 @@ class Loop:
             raise DeviceError("the run has stopped; nothing moves before it is begun again")
 
     def _check(self, target_rad: float, target_speed_rad_s: float) -> None:
-        self.target_rad, self._target_speed_rad_s = target_rad, target_speed_rad_s
+        self.target_rad = target_rad
+        self._target_speed_rad_s = target_speed_rad_s
         self._read()
         now = Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s)
         try:
@@ -226,10 +228,8 @@ class Loop:
         if len(force.counts):
             self._force = force
         if len(shaft.angle_rad):
-            self.angle_rad, self.speed_rad_s = (
-                float(shaft.angle_rad[-1]),
-                float(shaft.speed_rad_s[-1]),
-            )
+            self.angle_rad = float(shaft.angle_rad[-1])
+            self.speed_rad_s = float(shaft.speed_rad_s[-1])
         return len(shaft.angle_rad) > 0
 
     def _hear(self) -> tuple[ShaftSamples, ForceSamples]:

@@ -49,7 +49,10 @@ def stages_to_safe_point(done: Sequence[Stage], to_come: Sequence[Stage]) -> Seq
         for stage in takewhile(lambda stage: not isinstance(stage, SetHeight), to_come)
         if isinstance(stage, MoveShaft)
     ]
-    out_of_ground = [] if _is_in_the_air(done) else [move for move in moves if move.forwards][:1]
+    if _is_in_the_air(done):
+        out_of_ground = []
+    else:
+        out_of_ground = [move for move in moves if move.forwards][:1]
     to_parking = [move for move in moves[-1:] if not move.forwards]
     return (*out_of_ground, *to_parking)
 
@@ -61,7 +64,8 @@ def _is_in_the_air(done: Sequence[Stage]) -> bool:
     moved = [stage for stage in done if not isinstance(stage, Rest | StiffnessCheck)]
     if not moved or isinstance(moved[-1], SetHeight):
         return True
-    last, before = moved[-1], moved[-2:-1]
+    last = moved[-1]
+    before = moved[-2:-1]
     return isinstance(last, MoveShaft) and (
         last.forwards or not before or isinstance(before[0], SetHeight)
     )
@@ -126,7 +130,8 @@ class RampUp:
         )
 
     def _largest(self, stage: Approach, peaks: list[tuple[float, float]], ratio: float) -> float:
-        full, (speed, value) = stage.full_speed_rad_s, peaks[-1]
+        full = stage.full_speed_rad_s
+        (speed, value) = peaks[-1]
         # The peak itself is among them: a prediction for a higher speed must never be below what
         # was measured.
         estimates = [value, ratio * value]
@@ -140,10 +145,8 @@ class RampUp:
         return max(estimates)
 
     def _model_ratio(self, stage: Approach, of: str) -> float:
-        here, there = (
-            self._expected.get(stage),
-            self._at_full.get((stage.height_m, stage.full_speed_rad_s)),
-        )
+        here = self._expected.get(stage)
+        there = self._at_full.get((stage.height_m, stage.full_speed_rad_s))
         if here is None or there is None or not getattr(here, of):
             # Without a prediction of the model, or with one of zero load, the ratio is not defined:
             # the other two ways remain.
@@ -279,7 +282,8 @@ class _Run:
             yield stage
 
     def _carry_out(self, stage: Stage) -> None:
-        loop, sink = self._loop, self._sink
+        loop = self._loop
+        sink = self._sink
         match stage:
             case SetHeight():
                 self._change_height(stage)

@@ -36,7 +36,9 @@ def sum_force(force: ForceSamples) -> float:
     """The same for a force sensor; counts that are integers, as they should be, are always
     finite.
     """
-    return 0.0 if force.counts.dtype.kind == "i" else float(force.counts.sum())
+    if force.counts.dtype.kind == "i":
+        return 0.0
+    return float(force.counts.sum())
 
 
 class SampleCheck(Generic[Block]):

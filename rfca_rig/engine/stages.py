@@ -140,7 +140,8 @@ class PhotoCapture:
 def move(loop: Loop, stage: MoveShaft) -> None:
     """Moves along a trapezoidal speed profile to the angle, the nearest way or forwards."""
     way_rad = turn_to(stage.angle_rad, loop.target_rad, stage.forwards)
-    start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
+    start_rad = loop.target_rad
+    goal_rad = loop.target_rad + way_rad
     duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
     # Angles are commanded, not speeds: the move ends exactly at the goal even where the drive lags
     # on the way.
@@ -235,7 +236,9 @@ def hold(
     Recorded
         Samples, the photo or why there is none, and how long the shaft had stood before.
     """
-    target_rad, timing, stopped_s = loop.target_rad, stage.timing, loop.now_s
+    target_rad = loop.target_rad
+    timing = stage.timing
+    stopped_s = loop.now_s
     settled = settle(loop, target_rad, stage.settle)
     _stand(loop, target_rad, timing.dwell_s)
     start_s = loop.now_s
@@ -295,7 +298,8 @@ def run_cycles(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> Non
     scale : SensorScale
         Counts of the force sensor per N and per N m.
     """
-    tally, turning = CycleTally(scale), CycleProfile(loop.target_rad, stage)
+    tally = CycleTally(scale)
+    turning = CycleProfile(loop.target_rad, stage)
     sink.begin(stage)
     sink.start(loop.now_s, 0.0)
     with loop.listen(tally.take):
@@ -368,11 +372,10 @@ class CycleProfile:
         MOVE_RAMP_S; at most the stage's speed."""
         # The same profile serves both ends: the shorter distance decides. Rounding may make it
         # slightly negative, hence the 0.
-        top, both_ramps = self._stage.speed_rad_s, 2.0 * self._stage.speed_rad_s / MOVE_RAMP_S
-        from_start_rad, to_end_rad = (
-            target_rad - self._start_rad,
-            self._end_rad(self._count) - target_rad,
-        )
+        top = self._stage.speed_rad_s
+        both_ramps = 2.0 * self._stage.speed_rad_s / MOVE_RAMP_S
+        from_start_rad = target_rad - self._start_rad
+        to_end_rad = self._end_rad(self._count) - target_rad
         return max(
             min(top, math.sqrt(both_ramps * max(min(from_start_rad, to_end_rad), 0.0))),
             CREEP_SHARE * top,
@@ -424,7 +427,10 @@ class CycleTally:
         host_s, device_s, angle_rad = self._last
         began_s, began_rad = self._began or (math.nan, math.nan)
         elapsed_s = device_s - began_s
-        mean_speed_rad_s = (angle_rad - began_rad) / elapsed_s if elapsed_s > 0.0 else math.nan
+        if elapsed_s > 0.0:
+            mean_speed_rad_s = (angle_rad - began_rad) / elapsed_s
+        else:
+            mean_speed_rad_s = math.nan
         done = Cycle(
             number,
             host_s,

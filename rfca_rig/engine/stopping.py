@@ -116,7 +116,9 @@ def _watch_shaft(bench: Bench) -> Standstill:
         if angles and now_s - stood_s > STANDS_FOR_S:
             return Standstill(stood_s - began_s, _largest_turn(angles))
         bench.clock.wait_until(now_s + POLL_S)
-    return Standstill(np.nan, _largest_turn(angles)) if angles else UNKNOWN_STANDSTILL
+    if angles:
+        return Standstill(np.nan, _largest_turn(angles))
+    return UNKNOWN_STANDSTILL
 
 
 def _largest_turn(angles_rad: list[float]) -> float:

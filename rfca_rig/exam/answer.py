@@ -80,12 +80,16 @@ class ParsedDiagnosis:
     @property
     def named(self) -> tuple[Claim, ...]:
         """The claims of a diagnosis with the verdict "named"."""
-        return self.claims if self.verdict == NAMED else ()
+        if self.verdict == NAMED:
+            return self.claims
+        return ()
 
     @property
     def stated(self) -> tuple[Claim, ...]:
         """The effects that are stated at any grade; files of format 1 have no grade."""
-        return self.claims if self.grade in ("identified", "mostly") else self.named
+        if self.grade in ("identified", "mostly"):
+            return self.claims
+        return self.named
 
 
 def parse_diagnosis(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> ParsedDiagnosis:
@@ -245,14 +249,22 @@ def outcome(truth: Truth, answer: ParsedDiagnosis) -> str:
     if answer.named:
         return _of_names(truth, answer)
     if truth.nameless:
-        return SILENT if answer.verdict == NOTHING and not truth.silence_is_right else RIGHT
+        if answer.verdict == NOTHING and not truth.silence_is_right:
+            return SILENT
+        return RIGHT
     if answer.verdict == NOTHING:
-        return SILENT if truth.effects else RIGHT
+        if truth.effects:
+            return SILENT
+        return RIGHT
     # What remains is no statement: that is right only where the data do not allow one, or where no
     # effect describes the deviation.
     if answer.verdict in (NOT_ENOUGH, REFUSED):
-        return RIGHT if truth.poor else CAUTIOUS
-    return RIGHT if truth.lawless or (truth.model_error and not truth.effects) else CAUTIOUS
+        if truth.poor:
+            return RIGHT
+        return CAUTIOUS
+    if truth.lawless or (truth.model_error and not truth.effects):
+        return RIGHT
+    return CAUTIOUS
 
 
 def _of_names(truth: Truth, answer: ParsedDiagnosis) -> str:
@@ -260,10 +272,16 @@ def _of_names(truth: Truth, answer: ParsedDiagnosis) -> str:
     ids = {claim.id for claim in answer.named}
     covered = frozenset().union(*(claim.members for claim in answer.named))
     if truth.nameless and not truth.effects:
-        return WRONG if wrong or not truth.accepted else RIGHT
+        if wrong or not truth.accepted:
+            return WRONG
+        return RIGHT
     missed = set(truth.effects) - covered
     if wrong:
-        return WRONG if missed or not truth.effects else EXTRA
+        if missed or not truth.effects:
+            return WRONG
+        return EXTRA
     if missed:
         return PARTIAL
-    return RIGHT if ids == set(truth.effects) else CLASS
+    if ids == set(truth.effects):
+        return RIGHT
+    return CLASS

@@ -39,7 +39,8 @@ Floats = NDArray[np.float64]
 # Prior standard deviation of a weight, per standard deviation of its feature.
 RIDGE = 1.0
 STATEMENTS = "rfca-statements/1"
-LEG, PENDULUM = "leg", "pendulum"
+LEG = "leg"
+PENDULUM = "pendulum"
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,9 @@ def read_statements(source: Path) -> tuple[str, list[Statement]]:
     BadInput
         Where a file is not of the format, or the folder is no benchmark.
     """
-    return _read_file(source) if source.is_file() else _read_benchmark(source)
+    if source.is_file():
+        return _read_file(source)
+    return _read_benchmark(source)
 
 
 def _read_file(path: Path) -> tuple[str, list[Statement]]:
@@ -112,7 +115,8 @@ def _read_file(path: Path) -> tuple[str, list[Statement]]:
 
 
 def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
-    found, diagnosed = [], 0
+    found = []
+    diagnosed = 0
     for truth in open_all(folder):
         path = folder / DIAGNOSES / truth["case"] / "diagnosis.json"
         if not path.is_file():

@@ -341,21 +341,35 @@ def split_numbers(total: int) -> dict[str, int]:
 def _draw(kind: str, i: int, random: np.random.Generator) -> Case | PendulumCase:
     if kind in PENDULUM_KINDS:
         return draw_pendulum(kind, i, random)
-    design = PAPER_CONDITIONS if random.random() < 0.2 else THREE_BY_THREE
+    if random.random() < 0.2:
+        design = PAPER_CONDITIONS
+    else:
+        design = THREE_BY_THREE
     # In half of these negative controls all nominal values are right and the drive is not late.
     at_prior_means = kind == NOTHING and i % 2 == 0
     # A spawned generator does not consume the main stream, so this draw does not shift the others.
-    late_s = 0.0 if at_prior_means else float(random.spawn(1)[0].uniform(0.0, MAX_DELAY_S))
-    off = NominalErrors() if at_prior_means else draw_nominal_errors(random)
+    if at_prior_means:
+        late_s = 0.0
+    else:
+        late_s = float(random.spawn(1)[0].uniform(0.0, MAX_DELAY_S))
+    if at_prior_means:
+        off = NominalErrors()
+    else:
+        off = draw_nominal_errors(random)
     case = Case(
         id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off, late_s=late_s
     )
     # Half of the other cases have a small model error too, cases of that kind a larger one.
     if kind not in (NOTHING, POOR_DATA) and (kind == MODEL_ERROR or random.random() < 0.5):
-        share = float(random.uniform(0.005, 0.02)) if kind == MODEL_ERROR else 0.005
+        if kind == MODEL_ERROR:
+            share = float(random.uniform(0.005, 0.02))
+        else:
+            share = 0.005
         case = replace(case, model_error=share, structured=draw_structured_error(share, random))
     filled = FILLERS[kind](case, i, random)
-    return replace(filled, law=draw_law(random.spawn(1)[0])) if filled.effects else filled
+    if filled.effects:
+        return replace(filled, law=draw_law(random.spawn(1)[0]))
+    return filled
 
 
 def _fill_nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
@@ -385,7 +399,8 @@ def _fill_pair(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa
 
 
 def _fill_stranger(case: Case, i: int, random: np.random.Generator) -> Case:
-    name, strength = NAMES[7 * i % len(NAMES)], float(random.uniform(0.2, 1.0))
+    name = NAMES[7 * i % len(NAMES)]
+    strength = float(random.uniform(0.2, 1.0))
     return replace(
         case, strangers={name: sample_unknown_fault(name, strength, random)}, strength=strength
     )
@@ -430,11 +445,9 @@ def _fill_triple(case: Case, i: int, random: np.random.Generator) -> Case:  # no
 def _fill_poor_data(case: Case, i: int, random: np.random.Generator) -> Case:
     """A campaign of one stroke; half of these have no hidden effect."""
     single = replace(case, design=ONE_STROKE)
-    return (
-        single
-        if i % 2 == 0
-        else _fill_single(single, int(random.integers(len(SIZE_RANGES) * LEVELS)), random)
-    )
+    if i % 2 == 0:
+        return single
+    return _fill_single(single, int(random.integers(len(SIZE_RANGES) * LEVELS)), random)
 
 
 def _fill_mislabelled(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001

@@ -18,7 +18,10 @@ from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, TaskFail
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic import atomic_directory, refresh_nfs_cache, remove_leftovers
 
-DIAGNOSES, CRASHES, REFUSAL, SECONDS = "diagnoses", "crashed", "refused.txt", "seconds.txt"
+DIAGNOSES = "diagnoses"
+CRASHES = "crashed"
+REFUSAL = "refused.txt"
+SECONDS = "seconds.txt"
 
 Diagnose = Callable[[Path, Path], object]
 """Reads the campaign in the first folder, writes diagnosis.json into the second, which is new."""

@@ -45,11 +45,14 @@ from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers, write_atomically
 
-FOLDER, RESULT = "follow-ups", "follow-up.json"
+FOLDER = "follow-ups"
+RESULT = "follow-up.json"
 PROPOSED, RANDOM = ARMS = ("proposed", "by lot")
 # Number of experiments after which a case counts as not settled.
 MAX_EXPERIMENTS = 4
-HEIGHTS_MM, SPEEDS_RAD_S, REPEATS = tuple(np.arange(195.0, 236.0, 5.0)), (1.0, 1.5, 2.0, 2.4), 3
+HEIGHTS_MM = tuple(np.arange(195.0, 236.0, 5.0))
+SPEEDS_RAD_S = (1.0, 1.5, 2.0, 2.4)
+REPEATS = 3
 # Share of static tables among the random experiments.
 RANDOM_STATIC_SHARE = 0.3
 RANDOM_STAGES = tuple(
@@ -133,7 +136,10 @@ def _rounds(
     random = np.random.default_rng([case.seed, 77])
     latest = first
     for number in range(1, MAX_EXPERIMENTS + 1):
-        proposal = _read_proposal(latest) if arm == PROPOSED else draw_experiment(random)
+        if arm == PROPOSED:
+            proposal = _read_proposal(latest)
+        else:
+            proposal = draw_experiment(random)
         if proposal is None:
             break
         add_experiment(case, place / "campaign", proposal, number)
@@ -153,11 +159,10 @@ def _read_proposal(diagnosis: Path) -> Proposal | None:
     """The proposed experiment; None where there is none, or where it needs a person instead of
     the rig.
     """
-    proposal = (
-        json.loads(diagnosis.read_text(encoding="utf-8"))["next_experiment"]
-        if diagnosis.is_file()
-        else None
-    )
+    if diagnosis.is_file():
+        proposal = json.loads(diagnosis.read_text(encoding="utf-8"))["next_experiment"]
+    else:
+        proposal = None
     return proposal if proposal and proposal["protocol"] else None
 
 
@@ -204,15 +209,14 @@ def ways(folder: Path) -> tuple[ArmResult, ...]:
         FollowUp(**json.loads(path.read_text(encoding="utf-8")))
         for path in sorted((folder / FOLDER).glob(f"*/{RESULT}"))
     ]
-    faint = (
-        {
+    if found:
+        faint = {
             truth.case
             for truth in map(parse_truth, open_all(folder))
             if truth.effects and truth.left < DETECTABLE
         }
-        if found
-        else set()
-    )
+    else:
+        faint = set()
     shown = [each for each in found if each.case not in faint]
     return tuple(
         way for arm in ARMS if (way := _way(arm, [each for each in shown if each.arm == arm])).of
@@ -220,7 +224,10 @@ def ways(folder: Path) -> tuple[ArmResult, ...]:
 
 
 def _way(arm: str, found: Sequence[FollowUp]) -> ArmResult:
-    mean = float(np.mean([each.experiments for each in found])) if found else np.nan
+    if found:
+        mean = float(np.mean([each.experiments for each in found]))
+    else:
+        mean = np.nan
     return ArmResult(arm, sum(each.settled for each in found), len(found), mean)
 
 
@@ -299,7 +306,8 @@ class AblationResult:
 
     @property
     def words(self) -> str:
-        wrong, unexplained = self.confident_wrong, self.unexplained
+        wrong = self.confident_wrong
+        unexplained = self.unexplained
         return (
             f"each effect removed from the catalogue in turn: {wrong.hits} of {wrong.of} "
             f"identified as another at {100.0 * CONFIDENT:g} % "

@@ -163,7 +163,8 @@ def draw_uneven(i: int, random: np.random.Generator) -> LawDeviation:
 def draw_approximate(i: int, random: np.random.Generator) -> LawDeviation:
     """Draw the deviation of case `i`, a law that is wrong by 20 to 40 %; the effects take turns."""
     every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
-    effect, departure = every[4 * i % len(every)], float(random.uniform(0.2, 0.4))
+    effect = every[4 * i % len(every)]
+    departure = float(random.uniform(0.2, 0.4))
     if effect in HINGE_EFFECTS:
         # Uniform factors with the departure as their standard deviation: that of a uniform on -1 to
         # 1 is 1 / sqrt(3).
@@ -185,11 +186,15 @@ def deform_law(world: World, uneven: LawDeviation, nominal_damping: tuple[float,
     world = scale_hinges(world, uneven.of_hinge, nominal_damping)
     if uneven.stribeck_power is not None:
         world = replace(world, floor=replace(world.floor, stribeck_power=uneven.stribeck_power))
-    return _change_shape(world, uneven.effect) if uneven.bent else world
+    if uneven.bent:
+        return _change_shape(world, uneven.effect)
+    return world
 
 
 def _change_shape(world: World, effect: str) -> World:
-    floor, sensing, hinges = world.floor, world.sensing, world.hinges
+    floor = world.floor
+    sensing = world.sensing
+    hinges = world.hinges
     if effect == "ground_compliance":
         depth = (TYPICAL_N / floor.stiffness) ** (1.0 / floor.exponent)
         # The same force at that depth.
@@ -275,7 +280,8 @@ def coarse_digits(world: World, values: Values) -> World:
 
 def hinge_detents(world: World, values: Values) -> World:
     """Hinges that snap to even angles, as between magnets."""
-    detent, per_rad = for_each_hinge(values["torque_Nm"]), for_each_hinge(values["per_turn"])
+    detent = for_each_hinge(values["torque_Nm"])
+    per_rad = for_each_hinge(values["per_turn"])
     return replace(world, hinges=replace(world.hinges, detent_Nm=detent, detents_per_rad=per_rad))
 
 
@@ -293,7 +299,8 @@ def tendon(world: World, values: Values) -> World:
 
 def slick_patch(world: World, values: Values) -> World:
     """A patch of the floor with less friction, as where oil has dripped."""
-    at, width = 1e-3 * values["at_mm"], 1e-3 * values["width_mm"]
+    at = 1e-3 * values["at_mm"]
+    width = 1e-3 * values["width_mm"]
     return replace(
         world,
         floor=replace(
@@ -307,7 +314,8 @@ def slick_patch(world: World, values: Values) -> World:
 
 def soft_patch(world: World, values: Values) -> World:
     """A patch of the floor that is softer, as over a hole under the mat."""
-    at, width = 1e-3 * values["at_mm"], 1e-3 * values["width_mm"]
+    at = 1e-3 * values["at_mm"]
+    width = 1e-3 * values["width_mm"]
     return replace(
         world,
         floor=replace(
@@ -400,5 +408,6 @@ def speed_as_written(speed: float, speeds: tuple[float, ...], mislabelled: str |
     """
     if mislabelled != "speeds of two conditions swapped":
         return speed
-    low, high = min(speeds), max(speeds)
+    low = min(speeds)
+    high = max(speeds)
     return {low: high, high: low}.get(speed, speed)

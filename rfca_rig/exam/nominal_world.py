@@ -30,15 +30,13 @@ BELOW_SHAFT_M = 0.045
 WITHIN_SIGMA = 2.0
 
 # Prior standard deviations, as `[known_to]` in the campaign files states them.
-HEIGHT_MM, START_DEG, FRICTION, K0_SHARE, MASS_SHARE, DAMPING_SHARE, CONTACT_SHARE = (
-    0.2,
-    0.3,
-    0.05,
-    0.03,
-    0.01,
-    0.5,
-    0.5,
-)
+HEIGHT_MM = 0.2
+START_DEG = 0.3
+FRICTION = 0.05
+K0_SHARE = 0.03
+MASS_SHARE = 0.01
+DAMPING_SHARE = 0.5
+CONTACT_SHARE = 0.5
 
 # Largest power of the depth in the reduction of friction's lever; the smallest is one over it.
 MAX_LEVER_POWER = 1.25
@@ -88,7 +86,9 @@ def draw_nominal_errors(random: np.random.Generator) -> NominalErrors:
 
 def apply_nominal_errors(world: World, off: NominalErrors) -> World:
     """The world with the true values in place of the nominal ones."""
-    hinges, links, floor = world.hinges, world.links, world.floor
+    hinges = world.hinges
+    links = world.links
+    floor = world.floor
     return replace(
         world,
         links=replace(links, mass_kg=_times(links.mass_kg, off.mass_factor)),
@@ -151,7 +151,8 @@ def draw_structured_error(share: float, random: np.random.Generator) -> Structur
 
 def apply_structured_error(world: World, error: StructuredError) -> World:
     """The world with these errors."""
-    links, hinges = world.links, world.hinges
+    links = world.links
+    hinges = world.hinges
     # The stiffness keeps the force at a typical depth: only the shape of the law changes.
     return replace(
         world,

@@ -25,7 +25,9 @@ STIFF_SHAFT_NM_PER_RAD = 2000.0
 SHAFT_RELAXATION_S = 1e-3
 
 # Standard deviations between repeats.
-HEIGHT_M, FRICTION, START_RAD = 1e-4, 5e-3, float(np.radians(0.15))
+HEIGHT_M = 1e-4
+FRICTION = 5e-3
+START_RAD = float(np.radians(0.15))
 
 
 def with_effect(world: World, effect_id: str, values: Values) -> World:
@@ -149,7 +151,8 @@ def ground_adhesion(world: World, values: Values) -> World:
 
 
 def motor_speed_droop(world: World, values: Values) -> World:
-    kp, ki = values["kp_Nm_s_per_rad"], values["ki_Nm_per_rad"]
+    kp = values["kp_Nm_s_per_rad"]
+    ki = values["ki_Nm_per_rad"]
     return replace(world, drive=replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki))
 
 
@@ -171,9 +174,11 @@ def shaft_compliance(world: World, values: Values) -> World:
 
 
 def frame_compliance(world: World, values: Values) -> World:
-    mass, rate = values["moving_mass_kg"], 2.0 * np.pi * values["frequency_Hz"]
+    mass = values["moving_mass_kg"]
+    rate = 2.0 * np.pi * values["frequency_Hz"]
     damping = 2.0 * values["damping_ratio"] * mass * rate
-    lean, felt = np.radians(values.get("lean_deg", 0.0)), values.get("mass_on_sensor_share", 0.0)
+    lean = np.radians(values.get("lean_deg", 0.0))
+    felt = values.get("mass_on_sensor_share", 0.0)
     mount = replace(
         world.mount,
         frame_kg=mass,
@@ -230,7 +235,8 @@ def heavier_link(world: World, values: Values) -> World:
 
 def ground_exponent(world: World, values: Values) -> World:
     """Another exponent; the stiffness keeps the force at the depth where it is 20 N."""
-    floor, exponent = world.floor, values["exponent"]
+    floor = world.floor
+    exponent = values["exponent"]
     depth_m = (20.0 / floor.stiffness) ** (1.0 / floor.exponent)
     return replace(
         world, floor=replace(floor, exponent=exponent, stiffness=20.0 / depth_m**exponent)
@@ -256,7 +262,8 @@ def sensor_clock_rate(world: World, values: Values) -> World:
 
 def sensor_crosstalk_matrix(world: World, values: Values) -> World:
     sensing = replace(world.sensing, fz_per_fy=values["fz_per_fy"], fy_per_fz=values["fy_per_fz"])
-    along, down = 1e-3 * values["tx_per_fy_mm"], 1e-3 * values["tx_per_fz_mm"]
+    along = 1e-3 * values["tx_per_fy_mm"]
+    down = 1e-3 * values["tx_per_fz_mm"]
     return replace(world, sensing=replace(sensing, tx_per_fy_m=along, tx_per_fz_m=down))
 
 
@@ -279,7 +286,8 @@ def shaft_play(world: World, values: Values) -> World:
 def motor_torque_limit(world: World, values: Values) -> World:
     # A torque limit acts only in a controlled motor, so the drive gets a controller where the
     # values name none.
-    kp, ki = values.get("kp_Nm_s_per_rad", 50.0), values.get("ki_Nm_per_rad", 1000.0)
+    kp = values.get("kp_Nm_s_per_rad", 50.0)
+    ki = values.get("ki_Nm_per_rad", 1000.0)
     return replace(
         world,
         drive=replace(
@@ -290,7 +298,8 @@ def motor_torque_limit(world: World, values: Values) -> World:
 
 def motor_cogging(world: World, values: Values) -> World:
     # Cogging moves the shaft only against a controller of finite stiffness.
-    kp, ki = values.get("kp_Nm_s_per_rad", 15.0), values.get("ki_Nm_per_rad", 300.0)
+    kp = values.get("kp_Nm_s_per_rad", 15.0)
+    ki = values.get("ki_Nm_per_rad", 300.0)
     drive = replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki)
     return replace(
         world,

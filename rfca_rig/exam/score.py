@@ -143,25 +143,27 @@ class Share:
 
     @property
     def value(self) -> float:
-        return self.hits / self.of if self.of else np.nan
+        if self.of:
+            return self.hits / self.of
+        return np.nan
 
     @property
     def lower(self) -> float:
         """Lower bound of the true share, at 95 % confidence."""
         from scipy.stats import beta  # noqa: PLC0415  (slow to import, and used in reports only)
 
-        return float(beta.ppf(0.05, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
+        if self.hits:
+            return float(beta.ppf(0.05, self.hits, self.of - self.hits + 1))
+        return 0.0
 
     @property
     def upper(self) -> float:
         """Upper bound of the true share, at 95 % confidence."""
         from scipy.stats import beta  # noqa: PLC0415
 
-        return (
-            float(beta.ppf(0.95, self.hits + 1, self.of - self.hits))
-            if self.hits < self.of
-            else 1.0
-        )
+        if self.hits < self.of:
+            return float(beta.ppf(0.95, self.hits + 1, self.of - self.hits))
+        return 1.0
 
 
 @dataclass(frozen=True)
@@ -228,7 +230,9 @@ def score(
     ]
     by_kind = {kind: [pair for pair in everything if pair[0].kind == kind] for kind in cases.KINDS}
     judged = [pair for kind in cases.LEG_KINDS for pair in by_kind[kind]]
-    single, pairs, strangers = by_kind[cases.SINGLE], by_kind[cases.PAIR], by_kind[cases.STRANGER]
+    single = by_kind[cases.SINGLE]
+    pairs = by_kind[cases.PAIR]
+    strangers = by_kind[cases.STRANGER]
     detectable = [(truth, answer) for truth, answer in single if truth.left >= DETECTABLE]
     null = [pair for kind in _NULL_KINDS for pair in by_kind[kind]]
     all_null = [*null, *by_kind[PENDULUM_NOTHING]]
@@ -371,7 +375,9 @@ def _truth_in_class(named: Judged) -> Share:
 
 def _class_size(named: Judged) -> float:
     sizes = [len(claim.members) for _, answer in named for claim in answer.named]
-    return float(np.mean(sizes)) if sizes else np.nan
+    if sizes:
+        return float(np.mean(sizes))
+    return np.nan
 
 
 def gap_closed(answer: ParsedDiagnosis) -> float | None:
@@ -383,7 +389,9 @@ def gap_closed(answer: ParsedDiagnosis) -> float | None:
     if answer.held_out_fz_N is None:
         return None
     before, after, floor = answer.held_out_fz_N
-    return (before - after) / (before - floor) if before > floor else None
+    if before > floor:
+        return (before - after) / (before - floor)
+    return None
 
 
 def _gaps(right: Judged) -> list[float]:
@@ -392,4 +400,6 @@ def _gaps(right: Judged) -> list[float]:
 
 def _gap(right: Judged) -> float:
     gaps = _gaps(right)
-    return float(np.median(gaps)) if gaps else np.nan
+    if gaps:
+        return float(np.median(gaps))
+    return np.nan

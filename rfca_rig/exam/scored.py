@@ -72,11 +72,9 @@ class ExamResult:
     def words(self) -> str:
         """As in "seed 1, 500 cases"."""
         planned = sum(self.plan.numbers.values())
-        return (
-            self.plan.words
-            if len(self.cases) == planned
-            else f"{self.plan.words}, {len(self.cases)} of them so far"
-        )
+        if len(self.cases) == planned:
+            return self.plan.words
+        return f"{self.plan.words}, {len(self.cases)} of them so far"
 
 
 def score_exam(folder: Path) -> ExamResult:
@@ -95,10 +93,12 @@ def score_exam_so_far(folder: Path) -> ExamResult:
     """Score the cases that are diagnosed already; all other truths stay sealed. Raises BadInput
     where nothing is diagnosed yet.
     """
-    plan, answers = read_plan(folder), folder / DIAGNOSES
-    answered = (
-        {path.name for path in answers.iterdir() if path.is_dir()} if answers.is_dir() else set()
-    )
+    plan = read_plan(folder)
+    answers = folder / DIAGNOSES
+    if answers.is_dir():
+        answered = {path.name for path in answers.iterdir() if path.is_dir()}
+    else:
+        answered = set()
     # Only these are opened: a truth that is known before its diagnosis would spoil the rest of the
     # exam.
     truths = open_all(folder, answered)

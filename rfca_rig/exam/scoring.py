@@ -44,12 +44,10 @@ class ScoreGoal:
 
 def bars(marks: ExamScores) -> Sequence[ScoreGoal]:
     """All goals with their scores, the most important first."""
-    claims, values, statements, pendulums = (
-        marks.calibration,
-        marks.values,
-        marks.statements,
-        marks.pendulums,
-    )
+    claims = marks.calibration
+    values = marks.values
+    statements = marks.statements
+    pendulums = marks.pendulums
     return (
         _most(
             "nothing missing: effects or families stated", Share(*statements.claims_on_nothing), 0.0

@@ -19,9 +19,12 @@ from rfca_rig.recording.atomic import write_atomically
 
 Truth = Mapping[str, Any]
 
-SEALS, FOLDER, ENDING = "seals.txt", "sealed", ".sealed"
+SEALS = "seals.txt"
+FOLDER = "sealed"
+ENDING = ".sealed"
 
-FILE, FORMAT = "plan.json", "rfca-exam-plan/1"
+FILE = "plan.json"
+FORMAT = "rfca-exam-plan/1"
 
 
 def seal_all(truths: Sequence[Truth], out: Path) -> None:

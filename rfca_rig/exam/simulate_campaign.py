@@ -102,7 +102,8 @@ def add_experiment(case: Case, folder: Path, proposal: Mapping[str, Any], number
     written = path.read_text(encoding="utf-8")
     # Effects that grow with the number of strokes continue where the campaign ended.
     before = written.count(DYNAMIC)
-    height_mm, name = float(proposal["height_mm"]), f"next-{number:02d}"
+    height_mm = float(proposal["height_mm"])
+    name = f"next-{number:02d}"
     if "speed_rad_s" in proposal:
         design = ExamDesign(
             ((height_mm, float(proposal["speed_rad_s"])),), int(proposal["repeats"]), ()

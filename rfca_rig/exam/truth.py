@@ -37,7 +37,8 @@ MODEL_ERROR = 0.01
 # Limit of each nominal value's change, in its prior standard deviations.
 MAX_SIGMAS = 4.0
 # Step in sigmas below which the fit has converged, and step of the finite differences.
-CONVERGED_SIGMAS, DIFFERENCE_SIGMAS = 0.3, 0.3
+CONVERGED_SIGMAS = 0.3
+DIFFERENCE_SIGMAS = 0.3
 # Gauss-Newton steps.
 STEPS = 4
 # Number of nominal values that are fitted.
@@ -84,13 +85,15 @@ def measure_visibility(case: Case) -> EffectVisibility:
     """
     if case.mislabelled and true_world(nominal_world(1.0), case.mislabelled) == nominal_world(1.0):
         return EffectVisibility(np.inf, np.inf, np.inf)
-    first, last = 0, len(case.design.conditions) - 1
+    first = 0
+    last = len(case.design.conditions) - 1
     conditions = [_simulate_condition(case, number) for number in sorted({first, last})]
     shift, moves, forces = (
         np.concatenate(parts, axis=1)
         for parts in zip(*((s.shift, s.moves, s.forces) for s in conditions), strict=True)
     )
-    noise, both = np.ones_like(forces), np.hypot(1.0, MODEL_ERROR * forces)
+    noise = np.ones_like(forces)
+    both = np.hypot(1.0, MODEL_ERROR * forces)
     return EffectVisibility(
         _largest_rms(shift),
         _remainder(conditions, shift, moves, noise),
@@ -118,7 +121,8 @@ def _simulate_condition(case: Case, number: int) -> _Condition:
     """Simulate the last repeat of a condition, in which effects that grow with the repeats are
     largest.
     """
-    (height_mm, speed), repeats = case.design.conditions[number], case.design.repeats
+    (height_mm, speed) = case.design.conditions[number]
+    repeats = case.design.repeats
     before = (number + 1) * repeats - 1
     plain = replace(case, effects={}, strangers={}, uneven=None, mislabelled=None)
     world = build_world(plain, 1e-3 * height_mm, ExamScatter(), 1)
@@ -146,7 +150,9 @@ def _remainder(
 
     `shift` and `units` are (3, m), `moves` (3, m, p). The Jacobian is computed again after each
     large step, because far from the prior means the model is not linear."""
-    there, rest, least = np.zeros(NOMINAL_VALUES), shift, np.inf
+    there = np.zeros(NOMINAL_VALUES)
+    rest = shift
+    least = np.inf
     for _ in range(STEPS):
         # Gauss-Newton steps need not descend, so the smallest value of all steps counts.
         # The identity is the prior: the unknowns are in units of their prior standard deviations.
@@ -203,11 +209,10 @@ def truth_of(case: Case) -> dict[str, Any]:
     - `left_of_each`: the same for each effect alone, as far as nominal values cannot explain it.
     - `above_of_each`: as `left_of_each`, in units of noise and of the usual model error.
     """
-    size = (
-        measure_visibility(case)
-        if case.effects or case.strangers or case.mislabelled
-        else EffectVisibility(0.0, 0.0, 0.0)
-    )
+    if case.effects or case.strangers or case.mislabelled:
+        size = measure_visibility(case)
+    else:
+        size = EffectVisibility(0.0, 0.0, 0.0)
     each = _sizes_alone(case, size)
     return {
         "format": FORMAT,
@@ -251,4 +256,6 @@ def _sizes_alone(case: Case, whole: EffectVisibility) -> dict[str, EffectVisibil
 
 def _round(size: float) -> float | None:
     # JSON has no infinity: null stands for it, see `answer.parse_truth`.
-    return float(f"{size:.3g}") if math.isfinite(size) else None
+    if math.isfinite(size):
+        return float(f"{size:.3g}")
+    return None

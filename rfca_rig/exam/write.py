@@ -107,7 +107,10 @@ def write_all(
     # Seal all truths, or complete an interrupted sealing. Hashes are written once. After an
     # interruption only contents are added, which must match their hashes when they are opened.
     sealed = is_sealed(folder)
-    missing = set(list_unwritten(folder)) if sealed else {case.id for case in cases}
+    if sealed:
+        missing = set(list_unwritten(folder))
+    else:
+        missing = {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
     truths = run_jobs(
         executor,
@@ -140,7 +143,9 @@ def _id(case: Case | PendulumCase) -> str:
 
 
 def _truth_of(case: Case | PendulumCase) -> dict[str, Any]:
-    return truth_of_pendulum(case) if isinstance(case, PendulumCase) else truth_of(case)
+    if isinstance(case, PendulumCase):
+        return truth_of_pendulum(case)
+    return truth_of(case)
 
 
 def _write_whole(campaigns: Path, case: Case | PendulumCase) -> None:
@@ -170,9 +175,10 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1, help="processes that share the work")
     parser.add_argument("--kind", choices=KINDS, help="cases of this kind only")
     arguments = parser.parse_args()
-    numbers = (
-        {arguments.kind: arguments.cases} if arguments.kind else split_numbers(arguments.cases)
-    )
+    if arguments.kind:
+        numbers = {arguments.kind: arguments.cases}
+    else:
+        numbers = split_numbers(arguments.cases)
     try:
         folders = write_cases(arguments.out, arguments.seed, numbers, arguments.workers)
     except RigError as error:

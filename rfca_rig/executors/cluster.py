@@ -81,16 +81,15 @@ class DaskExecutor(TaskExecutor):
         hiring: WorkerStartup,
         clock: Clock,
     ) -> None:
-        self._client, self._terms, self._facts, self._hiring, self._clock = (
-            client,
-            terms,
-            facts,
-            hiring,
-            clock,
-        )
+        self._client = client
+        self._terms = terms
+        self._facts = facts
+        self._hiring = hiring
+        self._clock = clock
         # Not pure: Dask would otherwise return one result for two tasks with equal arguments.
         self._executor = client.get_executor(pure=False)
-        self._counted_s, self._count = -inf, 0
+        self._counted_s = -inf
+        self._count = 0
 
     @property
     def workers(self) -> int:

@@ -35,11 +35,10 @@ def use_one_thread_if_processes_are_few() -> None:
         return
     import resource  # noqa: PLC0415 - not on Windows
 
-    limit = (
-        resource.getrlimit(resource.RLIMIT_NPROC)[0]
-        if hasattr(resource, "RLIMIT_NPROC")
-        else resource.RLIM_INFINITY
-    )
+    if hasattr(resource, "RLIMIT_NPROC"):
+        limit = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+    else:
+        limit = resource.RLIM_INFINITY
     if limit != resource.RLIM_INFINITY and limit < FEW_PROCESSES:
         for name, value in ONE_THREAD.items():
             os.environ.setdefault(name, value)
@@ -71,7 +70,9 @@ def machine_cores() -> int:
     """Number of cores that this process and its children may use; in a batch job only those of
     the job.
     """
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @contextmanager

@@ -200,7 +200,8 @@ class _PendingTasks:
     """Tasks still to submit, by number: fresh ones, and lost ones that are submitted alone."""
 
     def __init__(self, count: int, batch_s: float, calm_s: float) -> None:
-        self._batch_s, self._calm_s = batch_s, calm_s
+        self._batch_s = batch_s
+        self._calm_s = calm_s
         self._fresh = deque(range(count))
         # Time from which a lost task may be submitted again, and its number.
         self._alone: deque[tuple[float, int]] = deque()

@@ -75,7 +75,8 @@ def map_in_processes(
     copies = min(cores(), len(items)) - 1
     if copies < 1 or not CAN_COPY:
         return map_in_threads(work, items)
-    context, running = get_context("fork"), []
+    context = get_context("fork")
+    running = []
     # All processes share the position in this file. Who moves it on by one takes the item that was
     # passed: no lock can be left behind.
     position = os.memfd_create("items")
@@ -99,7 +100,8 @@ def map_in_processes(
             # this process.
             with suppress(EOFError, OSError):
                 done, failed = _Reader(io.BytesIO(ours.recv_bytes()), shared).load()
-                results, errors = results | done, errors | failed
+                results = results | done
+                errors = errors | failed
     except BaseException:
         for copy, _ in running:
             copy.terminate()

@@ -37,7 +37,8 @@ from rfca_rig.toml import Section, read_toml
 DEATH_TIMEOUT_S = 60
 # Memory of the process that supervises the workers of a job.
 SUPERVISOR_MEMORY_MB = 500
-SCRIPT, KEYS = "workers.sbatch", "keys.pem"
+SCRIPT = "workers.sbatch"
+KEYS = "keys.pem"
 
 # These values go into a batch script: no blanks, separators or line breaks may change its meaning.
 Word = Annotated[str, Field(pattern=r"^[^\s,;]+$")]
@@ -255,9 +256,10 @@ def _check_job_alive(job: str, folder: Path) -> None:
             for line in log.read_text(encoding="utf-8", errors="replace").splitlines()
         ]
         errors = [line for line in lines if "rror" in line] or lines
-        last_error = (
-            f"as {errors[-1].strip()!r} in {folder}" if errors else f"without a word in {folder}"
-        )
+        if errors:
+            last_error = f"as {errors[-1].strip()!r} in {folder}"
+        else:
+            last_error = f"without a word in {folder}"
         raise RigError(
             f"all jobs of SLURM's job {job} have ended, {last_error}; the same command "
             "goes on where it stood"

@@ -121,14 +121,16 @@ class _Files:
 
     def write(self, folder: Path) -> None:
         (folder / MODEL).write_text(write_leg_mjcf(self.prepared.rig), encoding="utf-8")
-        entries, repeats = "", dict.fromkeys((flap.label for flap, _ in self.strokes), 0)
+        entries = ""
+        repeats = dict.fromkeys((flap.label for flap, _ in self.strokes), 0)
         for number, (flap, stroke) in enumerate(self.strokes, start=1):
             name = f"stroke-{number:02d}.csv"
             (folder / name).write_text(self._csv(flap, stroke), encoding="utf-8")
             repeats[flap.label] += 1
             # The file holds the whole stroke; from_s and to_s mark the stretch that the diagnosis
             # of the leg compares.
-            begin_s, end_s = float(flap.t_s[0]), float(flap.t_s[-1])
+            begin_s = float(flap.t_s[0])
+            end_s = float(flap.t_s[-1])
             entries += (
                 f"\n[[recordings]]\nfile = {format_value(name)}\ncondition = "
                 f"{format_value(flap.label)}\nrepeat = {repeats[flap.label]}\n"
@@ -159,7 +161,9 @@ class _Files:
         return text.getvalue()
 
     def _description(self) -> str:
-        prepared, leg, ground = self.prepared, self.prepared.rig.leg, self.prepared.rig.ground
+        prepared = self.prepared
+        leg = self.prepared.rig.leg
+        ground = self.prepared.rig.ground
         text = toml_comment(
             f"{prepared.title}: the leg as a mechanism. Its force sensor counts the other "
             "way round than MuJoCo's."
@@ -217,7 +221,8 @@ def _priors(rig: RigModel, known_to: Mapping[str, float]) -> dict[str, float]:
     """Prior standard deviations ([known_to]) of the leg under the names that a mechanism has for
     them.
     """
-    leg, ground = rig.leg, rig.ground
+    leg = rig.leg
+    ground = rig.ground
     keys = {
         "height_mm": ("zero_offset_m", 1e-3),
         "start_angle_deg": ("zero_offset_rad", float(np.radians(1.0))),

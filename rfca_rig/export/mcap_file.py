@@ -280,11 +280,9 @@ def match_static_stages(
     Empty where the two numbers differ: then it is not known which samples belong to which means.
     """
     whole = [stage for stage in stages if not stage.cut_short and stage.label.startswith("hold")]
-    return (
-        {id(stage): means for stage, means in zip(whole, static, strict=True)}
-        if len(whole) == len(static)
-        else {}
-    )
+    if len(whole) == len(static):
+        return {id(stage): means for stage, means in zip(whole, static, strict=True)}
+    return {}
 
 
 def event_text(event: Mapping[str, Any]) -> str:
@@ -295,9 +293,9 @@ def event_text(event: Mapping[str, Any]) -> str:
         if name not in ("event", "t_s", "utc", "sha256")
     }
     values = ", ".join(f"{name} {value}" for name, value in shown.items())
-    return (
-        f"{event.get('event', 'event')}: {values}" if values else str(event.get("event", "event"))
-    )
+    if values:
+        return f"{event.get('event', 'event')}: {values}"
+    return str(event.get("event", "event"))
 
 
 @dataclass(frozen=True)
@@ -367,11 +365,10 @@ def order_by_time(
     for stage in stages:
         zero_s = host_time_of_zero(stage)
         first_s, last_s = stage.samples.span_s
-        zero_ns = (
-            free_ns - round(first_s * NS)
-            if zero_s is None
-            else _clock_of(stage, zero_s + first_s, beginnings).ns(zero_s)
-        )
+        if zero_s is None:
+            zero_ns = free_ns - round(first_s * NS)
+        else:
+            zero_ns = _clock_of(stage, zero_s + first_s, beginnings).ns(zero_s)
         timed_stages.append((zero_ns, stage))
         free_ns = zero_ns + round((last_s + APART_S) * NS)
     return sorted(timed_stages, key=lambda pair: pair[0])
@@ -398,11 +395,9 @@ def _clock_of(stage: StoredStage, first_s: float, beginnings: list[StageBeginnin
     # A stage that was cut short and repeated has two beginnings of one label, perhaps in different
     # parts of the run.
     same_label = [one for one in beginnings if one.label == stage.label] or beginnings
-    return (
-        min(same_label, key=lambda one: abs(one.at_s - first_s)).clock
-        if same_label
-        else HostClock()
-    )
+    if same_label:
+        return min(same_label, key=lambda one: abs(one.at_s - first_s)).clock
+    return HostClock()
 
 
 def _stage_beginnings(events: Iterable[Event]) -> Iterator[StageBeginning]:

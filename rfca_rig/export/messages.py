@@ -146,9 +146,10 @@ class Layout:
         )
         message = DescriptorProto(name=self._message)
         for number, (name, is_count) in enumerate(self.fields, start=1):
-            kind = (
-                FieldDescriptorProto.TYPE_SFIXED64 if is_count else FieldDescriptorProto.TYPE_DOUBLE
-            )
+            if is_count:
+                kind = FieldDescriptorProto.TYPE_SFIXED64
+            else:
+                kind = FieldDescriptorProto.TYPE_DOUBLE
             message.field.append(
                 FieldDescriptorProto(
                     name=name, number=number, type=kind, label=FieldDescriptorProto.LABEL_OPTIONAL
@@ -194,7 +195,8 @@ def field_names(names: Sequence[str]) -> list[str]:
     fields: list[str] = []
     for name in names:
         plain = re.sub(r"[^0-9A-Za-z_]", "_", name)
-        plain = f"_{plain}" if not plain or plain[0].isdigit() else plain
+        if not plain or plain[0].isdigit():
+            plain = f"_{plain}"
         fields.append(plain if plain not in fields else f"{plain}_{len(fields)}")
     return fields
 
@@ -222,7 +224,9 @@ def _tag(number: int) -> bytes:
     """Field number and wire type as a varint: seven bits a byte, the lowest first, the top bit
     set on all but the last.
     """
-    rest, tag = number << 3 | FIXED_64, b""
+    rest = number << 3 | FIXED_64
+    tag = b""
     while rest > 0x7F:
-        tag, rest = tag + bytes([rest & 0x7F | 0x80]), rest >> 7
+        tag = tag + bytes([rest & 0x7F | 0x80])
+        rest = rest >> 7
     return tag + bytes([rest])

@@ -95,12 +95,10 @@ class GuardedBus(can.BusABC):
         """Starts the guardian. Raises can.CanInitializationError if it does not start, or cannot
         open the bus.
         """
-        self._settings, self._last_word, self._silence_s, self._clock = (
-            settings,
-            last_word,
-            silence_s,
-            clock,
-        )
+        self._settings = settings
+        self._last_word = last_word
+        self._silence_s = silence_s
+        self._clock = clock
         self._always = {signature(message) for message in last_word.frames()}
         self._closing = signature(last_word.frames()[-1])
         # For the case that the guardian ends and this process takes over.
@@ -130,7 +128,9 @@ class GuardedBus(can.BusABC):
     @property
     def state(self) -> can.BusState:
         """State of the real bus, as last reported by the guardian."""
-        return can.BusState.ERROR if self._is_off else can.BusState.ACTIVE
+        if self._is_off:
+            return can.BusState.ERROR
+        return can.BusState.ACTIVE
 
     @state.setter
     def state(self, new_state: can.BusState) -> None:
@@ -152,7 +152,9 @@ class GuardedBus(can.BusABC):
         self._raise_pending_error()
         # The number separates reports about this arming from late ones about an earlier one.
         self._arming += 1
-        self._is_armed, self._let_go, self._silenced = True, "", None
+        self._is_armed = True
+        self._let_go = ""
+        self._silenced = None
         self._link.put(GuardianRecord(RecordKind.ARM, self._clock.now_s(), number=self._arming))
         self._link.flush()
 
@@ -253,13 +255,16 @@ class GuardedBus(can.BusABC):
             case RecordKind.FRAME:
                 self._arrived.append(to_frame(record))
             case RecordKind.ALIVE:
-                self._heard_s, self._is_off = max(self._heard_s, record.t_s), bool(record.number)
+                self._heard_s = max(self._heard_s, record.t_s)
+                self._is_off = bool(record.number)
             case RecordKind.CONFIRMED:
-                self._confirmed, self._refusal = record.number, record.text
+                self._confirmed = record.number
+                self._refusal = record.text
             case RecordKind.BUS_ERROR:
                 self._pending_error = can.CanOperationError(record.text)
             case RecordKind.LET_GO if record.number == self._arming:
-                self._is_armed, self._let_go = False, record.text
+                self._is_armed = False
+                self._let_go = record.text
                 self._pending_error = self._pending_error or GuardianTorqueOff(record.text)
             case RecordKind.SILENCED if record.number == self._arming:
                 self._silenced = decode_result(record)
@@ -268,7 +273,8 @@ class GuardedBus(can.BusABC):
         """Raises a pending error once: to stop a rig, later reports of the drive must still be
         readable.
         """
-        untold, self._pending_error = self._pending_error, None
+        untold = self._pending_error
+        self._pending_error = None
         if untold is not None:
             raise untold
 

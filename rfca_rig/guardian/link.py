@@ -87,7 +87,8 @@ def encode(record: GuardianRecord) -> bytes:
 
 def split_records(received: bytes | bytearray) -> tuple[list[GuardianRecord], int]:
     """Decodes all complete records; returns them and the number of bytes that they took."""
-    records, at = [], 0
+    records = []
+    at = 0
     while at + HEAD.size <= len(received):
         kind, flags, dlc, size, number, arbitration_id, t_s = HEAD.unpack_from(received, at)
         end = at + HEAD.size + size

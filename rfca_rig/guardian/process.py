@@ -45,7 +45,8 @@ READ_RETRY_S = 0.02
 NICENESS = -11
 # Frames read in one cycle: a flooded bus must not hide a silence.
 MAX_FRAMES_PER_CYCLE = 256
-READY, FAILED = "ready", "failed"
+READY = "ready"
+FAILED = "failed"
 
 
 class TorqueOffSequence:
@@ -157,7 +158,9 @@ class CommandTimeout:
 
     def remaining_s(self, now_s: float) -> float:
         """Time in s until the timeout expires; infinite if it is not armed."""
-        return self._since_s + self._limit_s - now_s if self.is_armed else float("inf")
+        if self.is_armed:
+            return self._since_s + self._limit_s - now_s
+        return float("inf")
 
 
 @dataclass(frozen=True)
@@ -214,7 +217,9 @@ class EndSignals:
         self.names.append(signal.Signals(number).name)
 
     def signal_name(self) -> str:
-        return self.names[0] if self.names else ""
+        if self.names:
+            return self.names[0]
+        return ""
 
 
 class Guardian:
@@ -319,7 +324,8 @@ class Guardian:
                 case RecordKind.FRAME_TO_CONFIRM:
                     self._forward_and_confirm(record)
                 case RecordKind.ARM:
-                    self._arming, self._torque_off = record.number, None
+                    self._arming = record.number
+                    self._torque_off = None
                     self._silence.arm(record.t_s)
                 case RecordKind.CLOSE:
                     self._is_done = True
@@ -327,11 +333,10 @@ class Guardian:
     def _forward_and_confirm(self, record: GuardianRecord) -> None:
         """Sends a torque-off frame and confirms it. No other frame is accepted this way."""
         message = to_frame(record)
-        failure = (
-            self._send(record)
-            if signature(message) in self._always
-            else "no frame that lets the drive go"
-        )
+        if signature(message) in self._always:
+            failure = self._send(record)
+        else:
+            failure = "no frame that lets the drive go"
         # The last torque-off frame ends the driver's session, so no further commands are expected.
         if not failure and signature(message) == self._closing:
             self._silence.disarm()
@@ -354,7 +359,10 @@ class Guardian:
             return
         try:
             for _ in range(MAX_FRAMES_PER_CYCLE):
-                message = self._bus.recv(timeout=0) if self._may_hold_a_frame(now_s) else None
+                if self._may_hold_a_frame(now_s):
+                    message = self._bus.recv(timeout=0)
+                else:
+                    message = None
                 if message is None:
                     break
                 # Each frame is passed on at once, since the parent may be waiting for it.
@@ -434,4 +442,6 @@ def _fileno(bus: can.BusABC) -> int | None:
         number = bus.fileno()
     except NotImplementedError:
         return None
-    return number if isinstance(number, int) and number >= 0 else None
+    if isinstance(number, int) and number >= 0:
+        return number
+    return None

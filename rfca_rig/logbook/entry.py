@@ -211,7 +211,10 @@ def since_until(since: str, until: str) -> Span:
     """From days as 2026-11-01, or moments as 2026-11-01T14:30, in local time. The day of `until`
     is included.
     """
-    low = _moment(since, "--since").timestamp() if since else -math.inf
+    if since:
+        low = _moment(since, "--since").timestamp()
+    else:
+        low = -math.inf
     if not until:
         return Span(low)
     end = _moment(until, "--until")
@@ -244,11 +247,15 @@ def one_of(text: str, known: Iterable[str], option: str) -> str:
 
 
 def kind_of(text: str) -> str:
-    return one_of(text, KINDS, "--kind") if text else ""
+    if text:
+        return one_of(text, KINDS, "--kind")
+    return ""
 
 
 def source_of(text: str) -> str:
-    return one_of(text, SOURCES, "--source") if text else ""
+    if text:
+        return one_of(text, SOURCES, "--source")
+    return ""
 
 
 def ending_of(text: str) -> str:
@@ -256,9 +263,13 @@ def ending_of(text: str) -> str:
     # Codes first: no ending looks like one.
     if text.upper() in {code.value for code in Trip}:
         return text.upper()
-    return one_of(text, ENDINGS, "--ended") if text else ""
+    if text:
+        return one_of(text, ENDINGS, "--ended")
+    return ""
 
 
 def verdict_of(text: str, effects: Iterable[str]) -> str:
     """A verdict, or the id of an effect."""
-    return one_of(text, (*VERDICTS, *effects), "--verdict") if text else ""
+    if text:
+        return one_of(text, (*VERDICTS, *effects), "--verdict")
+    return ""

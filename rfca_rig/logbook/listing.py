@@ -215,7 +215,9 @@ def _stat(file: Path) -> os.stat_result | None:
         stat = file.stat()
     except OSError:
         return None
-    return stat if S_ISREG(stat.st_mode) else None
+    if S_ISREG(stat.st_mode):
+        return stat
+    return None
 
 
 def stamp_of(stat: os.stat_result) -> str:
@@ -240,7 +242,10 @@ def read_verdict(file: Path) -> dict[str, Any]:
             for effect in content["effects"]
             if effect["probability"] is not None
         ]
-        words = content["grade"] if content.get("grade") in GRADED else content["verdict"]
+        if content.get("grade") in GRADED:
+            words = content["grade"]
+        else:
+            words = content["verdict"]
         return {
             "identities": identities,
             "words": str(words),
@@ -331,17 +336,21 @@ def _verdicts(
     runs: Path, found: list[FoundRun], known: dict[str, IndexRow]
 ) -> tuple[dict[str, Verdict], dict[str, IndexRow]]:
     """The verdict on each recording, and the rows of the diagnoses that they come from."""
-    rows, verdicts_of_files = {}, []
+    rows = {}
+    verdicts_of_files = []
     for file, stat in find_diagnoses(runs, found):
-        stamp, path = stamp_of(stat), f"{OF_DIAGNOSIS}{file}"
-        row = (
-            known[path]
-            if path in known and known[path].stamp == stamp
-            else IndexRow(stamp, read_verdict(file))
-        )
+        stamp = stamp_of(stat)
+        path = f"{OF_DIAGNOSIS}{file}"
+        if path in known and known[path].stamp == stamp:
+            row = known[path]
+        else:
+            row = IndexRow(stamp, read_verdict(file))
         rows[path] = row
         # Relative to the working directory, if it lies below.
-        shown = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
+        if file.is_relative_to(Path.cwd()):
+            shown = file.relative_to(Path.cwd())
+        else:
+            shown = file
         verdicts_of_files.append((str(shown), stat.st_mtime, row.content))
     return verdicts_by_identity(verdicts_of_files), rows
 

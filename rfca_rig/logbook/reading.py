@@ -44,11 +44,9 @@ def read_entry(
             return _of_run(path, folder)
         if (path / RECORDING).is_file():
             return _of_recording(path, folder)
-        return (
-            _of_pendulum(path, folder)
-            if (path / PENDULUM).is_file()
-            else _of_experiment(path, folder, measure_s(path))
-        )
+        if (path / PENDULUM).is_file():
+            return _of_pendulum(path, folder)
+        return _of_experiment(path, folder, measure_s(path))
     # One damaged run must not keep the others from being listed.
     except (
         BadInput,
@@ -59,7 +57,10 @@ def read_entry(
         AttributeError,
         RecursionError,
     ) as error:
-        why = str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}"
+        if isinstance(error, BadInput):
+            why = str(error)
+        else:
+            why = f"{type(error).__name__}: {error}"
         return Entry(
             folder, path.name, "", "", _modification_time_s(path), ended="damaged", why=why
         )
@@ -68,18 +69,22 @@ def read_entry(
 def _of_run(path: Path, folder: str) -> Entry:
     header = json.loads(_read_bytes(path / HEADER))
     events_text = _whole_lines(path / EVENTS)
-    ending = (
-        json.loads(_read_bytes(path / ENDING))["provenance"] if (path / ENDING).is_file() else None
-    )
+    if (path / ENDING).is_file():
+        ending = json.loads(_read_bytes(path / ENDING))["provenance"]
+    else:
+        ending = None
     known: Mapping[str, str] = header["provenance"]
     done = _count_recorded(events_text.splitlines(), json.loads(known["plan"]))
     # The same texts, in the same shape, as `run.h5` has: the identity must agree with that of the
     # recording.
     provenance = {**known, "events": events_text, **(ending or {})}
     # Without `end.json` the two cases look the same from outside.
-    ended, code, why = (
-        ("unfinished", "", "it goes on, or was cut off") if ending is None else _end(ending)
-    )
+    if ending is None:
+        ended = "unfinished"
+        code = ""
+        why = "it goes on, or was cut off"
+    else:
+        ended, code, why = _end(ending)
     return Entry(
         folder,
         header["title"],
@@ -135,7 +140,8 @@ def _count_recorded(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> 
     """
     # Events name stages by label only; the plan has the rest.
     by_label = {stage["label"]: stage for stage in plan}
-    done, begun = _Done(), deque[Mapping[str, Any]]()
+    done = _Done()
+    begun = deque[Mapping[str, Any]]()
     for line in lines:
         event = json.loads(line)
         match event["event"]:
@@ -184,8 +190,16 @@ def _of_recording(path: Path, folder: str) -> Entry:
     conditions = [LoggedCondition(height, speed) for height, speed, _repeat in outline.strokes]
     conditions += [LoggedCondition(round(1e3 * stage.height_m, 6)) for stage in outline.static]
     # Imported recordings have neither text: how they ended is unknown.
-    ended, code, why = _end(known) if {"ended", "interrupted"} & set(known) else ("", "", "")
-    guessed = "static" if outline.static and not outline.strokes else "dynamic"
+    if {"ended", "interrupted"} & set(known):
+        ended, code, why = _end(known)
+    else:
+        ended = ""
+        code = ""
+        why = ""
+    if outline.static and not outline.strokes:
+        guessed = "static"
+    else:
+        guessed = "dynamic"
     return Entry(
         folder,
         outline.title,
@@ -225,7 +239,8 @@ def _of_pendulum(path: Path, folder: str) -> Entry:
 def _of_experiment(path: Path, folder: str, seconds: float | None) -> Entry:
     """Recordings of a mechanism; whether they are usable is for the commands that read them."""
     description = tomllib.loads(_read_bytes(path / EXPERIMENT).decode())
-    title, recordings = str(description["title"]), description["recordings"]
+    title = str(description["title"])
+    recordings = description["recordings"]
     return Entry(
         folder,
         title,

@@ -140,8 +140,11 @@ def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) ->
     """Writes the velocity of a point (3,) that moves with a body into `out` (3,)."""
     # MuJoCo gives each body's velocity, first rotational then linear, at the centre of mass of its
     # kinematic tree.
-    twist, origin = arrays.cvel[body], arrays.subtree_com[arrays.root[body]]
-    x, y, z = point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]
+    twist = arrays.cvel[body]
+    origin = arrays.subtree_com[arrays.root[body]]
+    x = point[0] - origin[0]
+    y = point[1] - origin[1]
+    z = point[2] - origin[2]
     out[0] = twist[3] + twist[1] * z - twist[2] * y
     out[1] = twist[4] + twist[2] * x - twist[0] * z
     out[2] = twist[5] + twist[0] * y - twist[1] * x
@@ -151,8 +154,11 @@ def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) ->
 def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) -> None:
     """Adds a force (3,) at a point (3,) to the external wrench on a body."""
     # MuJoCo applies `xfrc_applied`, first force then torque, at the body's centre of mass.
-    wrench, centre = arrays.xfrc_applied[body], arrays.xipos[body]
-    x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    wrench = arrays.xfrc_applied[body]
+    centre = arrays.xipos[body]
+    x = point[0] - centre[0]
+    y = point[1] - centre[1]
+    z = point[2] - centre[2]
     for i in range(3):
         wrench[i] += force[i]
     wrench[3] += y * force[2] - z * force[1]
@@ -166,18 +172,22 @@ def apply_contact_forces(arrays: ContactArrays, h: float) -> None:
     points over a step of `h` [s].
     """
     # Several contacts may share a body, so all wrenches are cleared first.
-    point, normal, slip = arrays.work[0], arrays.work[1], arrays.work[2]
+    point = arrays.work[0]
+    normal = arrays.work[1]
+    slip = arrays.work[2]
     for c in range(arrays.radius.size):
         arrays.xfrc_applied[arrays.body[c], :] = 0.0
         arrays.xfrc_applied[arrays.plane_body[c], :] = 0.0
     for c in range(arrays.radius.size):
-        sphere, plane = arrays.sphere[c], arrays.plane[c]
+        sphere = arrays.sphere[c]
+        plane = arrays.plane[c]
         height = 0.0
         for i in range(3):
             # The plane's normal is the third column of its rotation matrix.
             normal[i] = arrays.geom_xmat[plane, 3 * i + 2]
             height += normal[i] * (arrays.geom_xpos[sphere, i] - arrays.geom_xpos[plane, i])
-        depth, before_N = arrays.radius[c] - height, arrays.normal[c]
+        depth = arrays.radius[c] - height
+        before_N = arrays.normal[c]
         arrays.normal[c] = 0.0
         if depth <= 0.0:
             arrays.stretch[c, :] = 0.0
@@ -203,7 +213,10 @@ def apply_contact_forces(arrays: ContactArrays, h: float) -> None:
             length += arrays.stretch[c, i] ** 2
         drag = law[DRAG] * min(1.0, N / FULL_DRAG_N)
         # A stretch beyond the presliding has slipped: the sticking point follows.
-        reach = law[PRESLIDING] / np.sqrt(length) if length > law[PRESLIDING] ** 2 else 1.0
+        if length > law[PRESLIDING] ** 2:
+            reach = law[PRESLIDING] / np.sqrt(length)
+        else:
+            reach = 1.0
         for i in range(3):
             arrays.stretch[c, i] *= reach
             slip[i] = (

@@ -87,7 +87,8 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
-    joints, moving = mechanism.joints, mechanism.simulated
+    joints = mechanism.joints
+    moving = mechanism.simulated
     sprung = tuple(joint for joint in moving if mechanism.has_spring(joint))
 
     def per_joint(
@@ -102,8 +103,11 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
         source: str = "MuJoCo, XML reference",
         places: tuple[int, ...] = moving,
     ) -> PlaceLaw:
-        names, low, high = joint_units(mechanism, *units), SMALLEST * size, LARGEST * size
-        chosen, at = list(places), tuple(joints[place] for place in places)
+        names = joint_units(mechanism, *units)
+        low = SMALLEST * size
+        high = LARGEST * size
+        chosen = list(places)
+        at = tuple(joints[place] for place in places)
         return PlaceLaw(
             id_,
             words,
@@ -120,7 +124,8 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
             groups=group_places(mechanism, at),
         )
 
-    torque, speed = usual.torque, usual.speed
+    torque = usual.torque
+    speed = usual.speed
     yield per_joint(
         "joint_friction",
         "dry friction of the joints and their gears",
@@ -224,8 +229,10 @@ def _laws_of_gears(
     """Compliance and play between encoders on the motors' side and the joints; sizes are shares
     of the usual travel.
     """
-    joints, at = tuple(mechanism.joints[joint] for joint in driven), list(driven)
-    travel, torque = usual.travel[at], usual.torque[at]
+    joints = tuple(mechanism.joints[joint] for joint in driven)
+    at = list(driven)
+    travel = usual.travel[at]
+    torque = usual.torque[at]
 
     def units(of_hinge: str, of_slide: str) -> tuple[str, ...]:
         return tuple(np.array(joint_units(mechanism, of_hinge, of_slide))[at].tolist())
@@ -279,15 +286,14 @@ def _scale_command(plant: Plant, actuator: int, value: float) -> None:
 
 def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[tuple[Parameter, list[int]]]:
     """A torque of each joint, or of all of one make, and the joints' places."""
-    moving, units = mechanism.simulated, joint_units(mechanism, "Nm", "N")
+    moving = mechanism.simulated
+    units = joint_units(mechanism, "Nm", "N")
     groups = group_places(mechanism, tuple(mechanism.joints[place] for place in moving))
     parameters = []
     for group, members in groups:
         places = [moving[member] for member in members]
-        name, torque = (
-            join_name(group if len(groups) > 1 else "", "torque", units[places[0]]),
-            usual.torque[places],
-        )
+        name = join_name(group if len(groups) > 1 else "", "torque", units[places[0]])
+        torque = usual.torque[places]
         parameters.append(
             (
                 Parameter(
@@ -359,13 +365,18 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
 def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     """A stop within the recorded range of one joint; MuJoCo's limit, with its default stiffness."""
-    middle, half = usual.middle, usual.half_range
+    middle = usual.middle
+    half = usual.half_range
 
     def apply(plant: Plant, values: Values) -> Plant:
-        joint, share = mechanism.simulated[int(values["joint"]) - 1], values["position_relative"]
+        joint = mechanism.simulated[int(values["joint"]) - 1]
+        share = values["position_relative"]
         at = middle[joint] + share * half[joint]
         plant.model.jnt_limited[joint] = 1
-        plant.model.jnt_range[joint] = (-FAR, at) if share > 0.0 else (at, FAR)
+        if share > 0.0:
+            plant.model.jnt_range[joint] = (-FAR, at)
+        else:
+            plant.model.jnt_range[joint] = (at, FAR)
         return plant
 
     # A model with limits states its stops already.
@@ -579,7 +590,8 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
 
     def tilt(plant: Plant, values: Values) -> Plant:
         x, y, z = plant.model.opt.gravity
-        about_x, about_y = values["about_x_rad"], values["about_y_rad"]
+        about_x = values["about_x_rad"]
+        about_y = values["about_y_rad"]
         # Rotation about the world's x axis, then about its y axis.
         y, z = y * np.cos(about_x) - z * np.sin(about_x), y * np.sin(about_x) + z * np.cos(about_x)
         x, z = x * np.cos(about_y) + z * np.sin(about_y), z * np.cos(about_y) - x * np.sin(about_y)

@@ -32,7 +32,8 @@ Floats = NDArray[np.float64]
 
 # Half of the span over which a start is smoothed, and the degree of the polynomial: the diagnosis
 # estimates recorded states in this way.
-SMOOTHED_S, DEGREE = 0.06, 5
+SMOOTHED_S = 0.06
+DEGREE = 5
 # The span is divided into parts with mean commands: twice as many as the polynomial has
 # coefficients.
 PARTS = 12
@@ -125,21 +126,28 @@ def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
     """
     import mujoco  # noqa: PLC0415  (optional)
 
-    position, speed, acceleration = data.qpos.copy(), data.qvel.copy(), data.qacc.copy()
+    position = data.qpos.copy()
+    speed = data.qvel.copy()
+    acceleration = data.qacc.copy()
     times = ((np.arange(PARTS) + 0.5) / PARTS * 2.0 - 1.0) * SMOOTHED_S
     torque = np.empty((PARTS, len(position)))
     # The motion near the start is a parabola through its state; only the torque along it is needed.
     for part, t in enumerate(times):
         data.qpos[:] = position + speed * t + 0.5 * acceleration * t**2
-        data.qvel[:], data.ctrl[:] = speed + acceleration * t, commands[part]
+        data.qvel[:] = speed + acceleration * t
+        data.ctrl[:] = commands[part]
         mujoco.mj_forward(plant.model, data)
         torque[part] = data.qfrc_actuator - plant.model.dof_armature * data.qacc
-    data.qpos[:], data.qvel[:] = position, speed
+    data.qpos[:] = position
+    data.qvel[:] = speed
     # At the beginning of the span each rotor is assumed at the flank that its torque presses on.
-    lead, rate = 0.5 * plant.gear_play[0] * np.sign(torque[0]), np.zeros(len(position))
-    fine, h = np.repeat(torque, FINER, axis=0), 2.0 * SMOOTHED_S / PARTS / FINER
+    lead = 0.5 * plant.gear_play[0] * np.sign(torque[0])
+    rate = np.zeros(len(position))
+    fine = np.repeat(torque, FINER, axis=0)
+    h = 2.0 * SMOOTHED_S / PARTS / FINER
     before = _cross(plant, fine[: len(fine) // 2], h, lead, rate)
-    lead_at_start, rate_at_start = lead.copy(), rate.copy()
+    lead_at_start = lead.copy()
+    rate_at_start = rate.copy()
     leads = np.vstack([before, _cross(plant, fine[len(fine) // 2 :], h, lead, rate)])
     ahead = plant.gear_compliance * torque + leads.reshape(PARTS, FINER, -1).mean(axis=1)
     polynomial = np.polynomial.polynomial.polyfit(times / SMOOTHED_S, ahead, DEGREE)

@@ -74,10 +74,8 @@ class TorqueBalance:
         needed = self.remainder + own
         acts = own.any(axis=0)
         product = float(np.sum(needed[:, acts] * own[:, acts]))
-        own_square, needed_square = (
-            float(np.sum(own[:, acts] ** 2)),
-            float(np.sum(needed[:, acts] ** 2)),
-        )
+        own_square = float(np.sum(own[:, acts] ** 2))
+        needed_square = float(np.sum(needed[:, acts] ** 2))
         if own_square == 0.0 or needed_square == 0.0:
             return np.nan, np.nan
         return product / own_square, product / float(np.sqrt(own_square * needed_square))
@@ -95,20 +93,17 @@ def balance_torques(mechanism: Mechanism, states: States) -> TorqueBalance:
     """
     import mujoco  # noqa: PLC0415  (optional)
 
-    model, data = mechanism.model, mujoco.MjData(mechanism.model)
+    model = mechanism.model
+    data = mujoco.MjData(mechanism.model)
     shape = states.position.shape
-    inertial, other, by_actuator = (
-        np.empty(shape),
-        np.empty(shape),
-        np.empty((shape[0], model.nu, shape[1])),
-    )
+    inertial = np.empty(shape)
+    other = np.empty(shape)
+    by_actuator = np.empty((shape[0], model.nu, shape[1]))
     for k in range(shape[0]):
-        data.qpos[:], data.qvel[:], data.qacc[:], data.ctrl[:] = (
-            states.position[k],
-            states.speed[k],
-            0.0,
-            0.0,
-        )
+        data.qpos[:] = states.position[k]
+        data.qvel[:] = states.speed[k]
+        data.qacc[:] = 0.0
+        data.ctrl[:] = 0.0
         # Without acceleration the inverse dynamics give all torques but the inertial ones; the
         # difference is the inertial part.
         mujoco.mj_inverse(model, data)
@@ -166,17 +161,16 @@ def compute_feed_forward(
     """
     import mujoco  # noqa: PLC0415  (optional)
 
-    model, data = plant.model, mujoco.MjData(plant.model)
+    model = plant.model
+    data = mujoco.MjData(plant.model)
     joints = model.actuator_trnid[:, 0]
     per_command = model.actuator_gear[:, 0] * model.actuator_gainprm[:, 0] * plant.command_gain
     dry = plant.friction + plant.stribeck[0] + plant.hysteresis[0]
     commands = np.empty((len(position), model.nu))
     for k in range(len(position)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = (
-            position[k] - plant.zero_offset,
-            speed[k],
-            acceleration[k],
-        )
+        data.qpos[:] = position[k] - plant.zero_offset
+        data.qvel[:] = speed[k]
+        data.qacc[:] = acceleration[k]
         mujoco.mj_inverse(model, data)
         torque = data.qfrc_inverse + dry * np.sign(speed[k]) - plant.torque_offset
         # Friction that grows with the load takes its share of the torque without friction.

@@ -28,7 +28,8 @@ JOINTS = "joints"
 # Shares of the usual magnitude on the rig. A smaller effect is lost in the usual model error of 1
 # %; with a larger one the joint would hardly move. With a tenth and ten times these bounds the log
 # evidence of friction of a pendulum changes by less than 1.
-SMALLEST, LARGEST = 0.002, 0.8
+SMALLEST = 0.002
+LARGEST = 0.8
 
 QUANTITIES = ("speed", "position")
 
@@ -94,7 +95,8 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
     """The effect of the law in all its joints; with several joints, the effect in one of them,
     too.
     """
-    places, many = law.places, len(law.places) > 1
+    places = law.places
+    many = len(law.places) > 1
     groups = law.groups or tuple((one, (place,)) for place, one in enumerate(law.objects))
     names = [
         join_name(one if len(groups) > 1 else "", law.quantity, law.units[members[0]])
@@ -114,7 +116,10 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
     # A grid has all combinations of the starts, so that several sizes begin from the two in the
     # middle only.
     middle = len(law.starts) // 2
-    starts = law.starts if len(groups) == 1 else law.starts[middle - 1 : middle + 1]
+    if len(groups) == 1:
+        starts = law.starts
+    else:
+        starts = law.starts[middle - 1 : middle + 1]
     parameters = tuple(
         Parameter(name, low, high, may_be_zero=False, starts=starts)
         for name, (low, high) in zip(names, ranges, strict=True)
@@ -167,15 +172,19 @@ def name_argument(mechanism: Mechanism, joint: int, quantity: str) -> str:
     unit.
     """
     unit = "m" if mechanism.is_slide[joint] else "rad"
-    return f"{quantity}_{unit}_s" if quantity == "speed" else f"{quantity}_{unit}"
+    if quantity == "speed":
+        return f"{quantity}_{unit}_s"
+    return f"{quantity}_{unit}"
 
 
 def make_tabulated_effect(mechanism: Mechanism, table: LawTable) -> Effect:
     """The effect that puts a table into a plant; its place is a joint's name, its argument as of
     `name_argument`.
     """
-    joint, count = mechanism.joints.index(table.place), len(table.knots)
-    knots, values = np.array(table.knots), np.array(table.values)
+    joint = mechanism.joints.index(table.place)
+    count = len(table.knots)
+    knots = np.array(table.knots)
+    values = np.array(table.values)
     law = JointLaw(joint, table.argument.startswith("speed"), knots, values, np.zeros(count))
 
     def apply(plant: Plant, values: Values) -> Plant:  # noqa: ARG001
@@ -217,7 +226,9 @@ def compute_own_law(plant: Plant, joint: int, by_speed: bool, u: Floats) -> Floa
             + plant.hysteresis[0, joint]
         )
         torque = torque + dry * np.sign(u)
-    return torque if torque.any() else None
+    if torque.any():
+        return torque
+    return None
 
 
 def pack_laws(laws: tuple[JointLaw, ...]) -> tuple[Floats, Floats]:

@@ -111,11 +111,10 @@ class _Part:
 
 
 def _example(module: str, model_file: str, shapes_commands: bool) -> list[str]:
-    shaped = (
-        [f"    ctrl = {module}.shape_commands(t_s, recorded, model.opt.timestep, steps)"]
-        if shapes_commands
-        else []
-    )
+    if shapes_commands:
+        shaped = [f"    ctrl = {module}.shape_commands(t_s, recorded, model.opt.timestep, steps)"]
+    else:
+        shaped = []
     return [
         "",
         "    import mujoco",
@@ -182,11 +181,15 @@ def _per_joint(plant: Plant, line: Callable[[int], str], acts: NDArray[np.bool_]
 
 
 def _speed_unit(plant: Plant, joint: int) -> str:
-    return "m/s" if plant.mechanism.is_slide[joint] else "rad/s"
+    if plant.mechanism.is_slide[joint]:
+        return "m/s"
+    return "rad/s"
 
 
 def _unit(plant: Plant, joint: int) -> str:
-    return "N" if plant.mechanism.is_slide[joint] else "N m"
+    if plant.mechanism.is_slide[joint]:
+        return "N"
+    return "N m"
 
 
 def _stribeck(plant: Plant) -> _Part:
@@ -282,16 +285,18 @@ def _tables(plant: Plant) -> _Part:
     code: list[str] = []
     act: list[str] = []
     for number, law in enumerate(plant.laws, start=1):
-        name = "measured_law" if len(plant.laws) == 1 else f"measured_law_{number}"
-        joint, slides = (
-            python_docstring(plant.mechanism.joints[law.joint]),
-            bool(plant.mechanism.is_slide[law.joint]),
-        )
-        quantity, unit = (
-            ("speed", _speed_unit(plant, law.joint))
-            if law.by_speed
-            else ("position", "m" if slides else "rad")
-        )
+        if len(plant.laws) == 1:
+            name = "measured_law"
+        else:
+            name = f"measured_law_{number}"
+        joint = python_docstring(plant.mechanism.joints[law.joint])
+        slides = bool(plant.mechanism.is_slide[law.joint])
+        if law.by_speed:
+            quantity = "speed"
+            unit = _speed_unit(plant, law.joint)
+        else:
+            quantity = "position"
+            unit = "m" if slides else "rad"
         code.append(
             f'''
 def {name}({quantity}):

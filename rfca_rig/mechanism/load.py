@@ -38,7 +38,8 @@ ARENA_BYTES = 1 << 20
 MOST_PARTS = 2000
 # MuJoCo's own step is 2 ms by default. Below and above these no model is stable or finished in a
 # lifetime.
-SHORTEST_STEP_S, LONGEST_STEP_S = 1e-6, 1.0
+SHORTEST_STEP_S = 1e-6
+LONGEST_STEP_S = 1.0
 # Of a model that is compiled in some milliseconds.
 PLAIN_BYTES = 100_000
 # Others name further files, make copies of what is within them, or state how much memory to take.
@@ -257,7 +258,9 @@ def load_mechanism(
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
     load = partial(_load, path, None if allow_outside else (path.parent, *beside))
-    return load() if _is_plain(path) else read_within_limits(path, load)
+    if _is_plain(path):
+        return load()
+    return read_within_limits(path, load)
 
 
 def _is_plain(path: Path) -> bool:
@@ -390,7 +393,10 @@ def read_spec(path: Path) -> Any:
     }
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
-            use = "contacts depend" if geom.contype or geom.conaffinity else "the mass depends"
+            if geom.contype or geom.conaffinity:
+                use = "contacts depend"
+            else:
+                use = "the mass depends"
             raise BadInput(
                 f"{path}: mesh {missing[geom.meshname]} of body {geom.parent.name!r} is "
                 f"not there, and {use} on it; "

@@ -16,7 +16,10 @@ from rfca_rig.model.hinge_springs import polynomial_springs
 from rfca_rig.model.parameters import GRAVITY_M_S2, Leg, RigModel
 from rfca_rig.recording.atomic import write_atomically
 
-RACK, SHAFT, FLOOR, SENSOR = "rack", "shaft", "floor", "mount"
+RACK = "rack"
+SHAFT = "shaft"
+FLOOR = "floor"
+SENSOR = "mount"
 RACK_KG = 1e-6  # MuJoCo wants a mass; its weight in the sensor is 1e-5 N
 
 
@@ -37,7 +40,8 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     """
     import mujoco  # noqa: PLC0415  (optional)
 
-    spec, model = read_spec(plant.mechanism.path), plant.model
+    spec = read_spec(plant.mechanism.path)
+    model = plant.model
     # Compiling gives every geom its index.
     spec.compile()
     for place, joint in enumerate(spec.joints):
@@ -60,11 +64,9 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
         if place > 0 and model.body_mass[place] > 0.0:
             # Inertia along principal axes; NaN marks the full tensor as not given.
             body.explicitinertial = True
-            body.mass, body.ipos, body.iquat = (
-                model.body_mass[place],
-                model.body_ipos[place],
-                model.body_iquat[place],
-            )
+            body.mass = model.body_mass[place]
+            body.ipos = model.body_ipos[place]
+            body.iquat = model.body_iquat[place]
             body.inertia, body.fullinertia = model.body_inertia[place], np.full(6, np.nan)
     for place, actuator in enumerate(spec.actuators):
         gain = plant.command_gain[place]
@@ -165,10 +167,13 @@ def _link(rig: RigModel, i: int, further: str) -> str:
     """Link i, a thin uniform rod along its own y. Its inertia about y, which planar motion does
     not involve, is a thousandth.
     """
-    leg, length, mass = rig.leg, rig.leg.link_lengths_m[i], rig.leg.link_masses_kg[i]
+    leg = rig.leg
+    length = rig.leg.link_lengths_m[i]
+    mass = rig.leg.link_masses_kg[i]
     inertia = mass * length**2 / 12.0
     name = SHAFT if i == 0 else hinge_names(leg)[i - 1]
-    spring, at = "", leg.link_lengths_m[i - 1] if i else 0.0
+    spring = ""
+    at = leg.link_lengths_m[i - 1] if i else 0.0
     if i:
         first, second, third = polynomial_springs(leg, "a mechanism of MuJoCo")
         stiffness = f"{first!r} {second:g} {third!r}"

@@ -91,11 +91,10 @@ def _refuse_non_finite_attributes(path: Path, content: bytes) -> None:
                 continue
             line = content.count(b"\n", 0, element.start(2) + attribute.start()) + 1
             name = attribute[1].decode()
-            remedy = (
-                "rename it"
-                if name in ("name", "class")
-                else "give a finite number, or remove the attribute"
-            )
+            if name in ("name", "class"):
+                remedy = "rename it"
+            else:
+                remedy = "give a finite number, or remove the attribute"
             raise BadInput(
                 f"{path}:{line}: {element[1].decode()}: {name} is {text!r}, which is no "
                 f"finite number; {remedy}"

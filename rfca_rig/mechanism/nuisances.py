@@ -59,7 +59,9 @@ def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
         "contact laws": bool(mechanism.contacts),
     }
     if objects in of_all:
-        return {"": 0} if of_all[objects] else {}
+        if of_all[objects]:
+            return {"": 0}
+        return {}
     if objects in SENSORS:
         return {
             name: place
@@ -79,7 +81,8 @@ def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
     if objects == "springs":
         return {names[place]: place for place in mechanism.simulated if mechanism.has_spring(place)}
     # The remaining kinds are joints: "hinges", "moving slides", "hinge motors" and so on.
-    slides, driven = "slide" in objects, objects.endswith("motors")
+    slides = "slide" in objects
+    driven = objects.endswith("motors")
     read = [place for place in range(len(names)) if place not in mechanism.unmeasured]
     joints = read if objects in ("hinges", "slides") else mechanism.simulated
     return {
@@ -91,7 +94,8 @@ def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
 
 def find_groups(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]]:
     """The same, with objects of the same type together under the name of their group."""
-    single, groups = find_places(mechanism, objects), {}
+    single = find_places(mechanism, objects)
+    groups = {}
     for name, members in mechanism.alike.items():
         if places := tuple(single.pop(member) for member in members if member in single):
             groups[name] = places

@@ -56,7 +56,8 @@ def fit_trajectory(t_s: Floats, position: Floats, smoothed_s: Sequence[float]) -
     """
     if position.shape[1] == 0:
         return PrescribedMotion(PPoly(np.zeros((4, 1, 0)), np.array([t_s[0], t_s[-1]])))
-    breaks, pieces = t_s, []
+    breaks = t_s
+    pieces = []
     for column, apart_s in zip(position.T, smoothed_s, strict=True):
         if apart_s > 0.0:
             inner = np.linspace(t_s[0], t_s[-1], max(int((t_s[-1] - t_s[0]) / apart_s), 1) + 1)[
@@ -94,6 +95,7 @@ def prescribe(
     # After the last step there is no next speed, and no force is needed.
     for i in range(arrays.joints.size):
         joint = arrays.joints[i]
-        q[joint], w[joint] = arrays.position[k, i], arrays.speed[k, i]
+        q[joint] = arrays.position[k, i]
+        w[joint] = arrays.speed[k, i]
         if k + 1 < arrays.speed.shape[0]:
             applied[joint] = ARMATURE * (arrays.speed[k + 1, i] - arrays.speed[k, i]) / h

@@ -56,7 +56,9 @@ def add_spring_play(arrays: PlayArrays, q: Floats, w: Floats, applied: Floats) -
         if arrays.half_gap[i] > 0.0:
             full = q[i] + arrays.ahead_s * w[i] - arrays.rest[i]
             engaged = np.sign(full) * max(abs(full) - arrays.half_gap[i], 0.0)
-            one, two, three = arrays.spring[0, i], arrays.spring[1, i], arrays.spring[2, i]
+            one = arrays.spring[0, i]
+            two = arrays.spring[1, i]
+            three = arrays.spring[2, i]
             applied[i] += full * (one + abs(full) * two + full * full * three)
             applied[i] -= engaged * (one + abs(engaged) * two + engaged * engaged * three)
 
@@ -109,7 +111,9 @@ def find_rest_pose(
             _balance(model, data, simulated, steady, contacts, play)
     finally:
         model.dof_frictionloss[:] = friction
-    contacts.clock[:], contacts.touch_s[:], contacts.stretch[:] = 0.0, np.inf, 0.0
+    contacts.clock[:] = 0.0
+    contacts.touch_s[:] = np.inf
+    contacts.stretch[:] = 0.0
 
 
 def _balance(
@@ -215,7 +219,9 @@ def act_tables(
     A braking torque becomes dry friction, which cannot reverse the motion within a step. As an
     explicit torque, a steep law would need steps shorter than inertia over slope."""
     for m in range(numbers.shape[0]):
-        i, by_speed, count = int(numbers[m, 0]), numbers[m, 1] > 0.0, int(numbers[m, 2])
+        i = int(numbers[m, 0])
+        by_speed = numbers[m, 1] > 0.0
+        count = int(numbers[m, 2])
         # Positions are taken in the middle of the step, or a spring would gain energy.
         u = w[i] if by_speed else q[i] + 0.5 * h * w[i]
         value = look_up(tables[m], 1, count, u)
@@ -283,11 +289,10 @@ def run_steps(
         add_spring_play(play, q, w, applied)
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
-            rise = (
-                friction[2, i] * np.exp(-abs(w[i]) / friction[3, i])
-                if friction[1, i] > 0.0
-                else 0.0
-            )
+            if friction[1, i] > 0.0:
+                rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i])
+            else:
+                rise = 0.0
             # The load is that of the step before, which MuJoCo has computed already.
             frictionloss[i] = (
                 friction[0, i]
@@ -366,11 +371,15 @@ def simulate_plant(
     SimulationFailed
         Where the simulation diverges, or there is no equilibrium to start in.
     """
-    h, sample_s = plant.step_s, float(t_s[-1]) / len(t_s)
+    h = plant.step_s
+    sample_s = float(t_s[-1]) / len(t_s)
     # The speed of a gear's deflection is a difference over a sample, also at the last time.
     beyond_s = sample_s if plant.has_yielding_gears else 0.0
     steps = int(np.ceil((t_s[-1] + beyond_s) / h - 1e-9))
-    start = None if position is None or speed is None else (position - plant.zero_offset, speed)
+    if position is None or speed is None:
+        start = None
+    else:
+        start = (position - plant.zero_offset, speed)
     path_q, path_w, path_s, touch_s = _integrate(
         plant, trace, steps, start, since_s, sample_s, _prescribe(plant, prescribed, steps)
     )
@@ -405,7 +414,8 @@ def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> Pre
 
 
 def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
-    model, laws = plant.model, plant.mechanism.contacts
+    model = plant.model
+    laws = plant.mechanism.contacts
     sphere = np.array([model.geom(law.sphere).id for law in laws], dtype=np.intp)
     plane = np.array([model.geom(law.plane).id for law in laws], dtype=np.intp)
     return ContactArrays(
@@ -432,7 +442,10 @@ def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
 
 def _stage_arrays(plant: Plant, data: Any) -> StageArrays:
     laws = len(plant.mechanism.contacts)
-    n = 0 if plant.mechanism.is_implicit or laws == 0 else plant.model.nv
+    if plant.mechanism.is_implicit or laws == 0:
+        n = 0
+    else:
+        n = plant.model.nv
     return StageArrays(
         np.empty(n),
         np.empty(n),
@@ -448,7 +461,10 @@ def _play_arrays(plant: Plant) -> PlayArrays:
     model = plant.model
     # Under Runge-Kutta the torque in the middle of the step is its mean; an implicit step takes its
     # springs at the beginning.
-    ahead_s = 0.0 if plant.mechanism.is_implicit else 0.5 * plant.step_s
+    if plant.mechanism.is_implicit:
+        ahead_s = 0.0
+    else:
+        ahead_s = 0.5 * plant.step_s
     # Joints of a number other than one would come in the order of Fortran, for which the compiler
     # would compile the rollout once more.
     spring = np.ascontiguousarray(np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]))
@@ -473,15 +489,14 @@ def _integrate(
 
     model = plant.model
     commands = _commands(plant, trace, steps, since_s)
-    path_q, path_w = np.empty((steps + 1, model.nv)), np.empty((steps + 1, model.nv))
+    path_q = np.empty((steps + 1, model.nv))
+    path_w = np.empty((steps + 1, model.nv))
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
     with plant.mechanism.borrow_data(model) as data:
-        contacts, stages, play = (
-            _contact_arrays(plant, data),
-            _stage_arrays(plant, data),
-            _play_arrays(plant),
-        )
+        contacts = _contact_arrays(plant, data)
+        stages = _stage_arrays(plant, data)
+        play = _play_arrays(plant)
         data.ctrl[:] = commands[0]
         if start is None:
             _start_at_rest(plant, data, driven, contacts, play)
@@ -549,7 +564,8 @@ def _start_at_rest(
     plant: Plant, data: Any, driven: PrescribedArrays, contacts: ContactArrays, play: PlayArrays
 ) -> None:
     """Puts the plant into equilibrium, or off it where the plant has an initial swing."""
-    model, moving = plant.model, plant.mechanism.simulated
+    model = plant.model
+    moving = plant.mechanism.simulated
     data.qpos[driven.joints] = driven.position[0]
     find_rest_pose(
         model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play
@@ -609,14 +625,16 @@ def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> 
     """
     if trace.command.shape[1] == 0:
         return np.empty((steps, 0))
-    h, before = (
-        plant.step_s,
-        int(max(0.0, -trace.t_s[0] / plant.step_s)) if plant.command_lag_s > 0.0 else 0,
-    )
+    h = plant.step_s
+    if plant.command_lag_s > 0.0:
+        before = int(max(0.0, -trace.t_s[0] / plant.step_s))
+    else:
+        before = 0
     edges = np.arange(-before, steps + 1) * h
     edges = edges - plant.command_delay_s - plant.command_clock_rate * (since_s + edges)
     # Outside of the trace its end values continue, so the integral grows linearly there.
-    first, last = trace.t_s[0], trace.t_s[-1]
+    first = trace.t_s[0]
+    last = trace.t_s[-1]
     beyond = (
         np.minimum(edges - first, 0.0)[:, None] * trace.command[0]
         + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]

@@ -88,10 +88,15 @@ def measure_usual_motion(
     """
     import mujoco  # noqa: PLC0415  (optional)
 
-    model, data = mechanism.model, mujoco.MjData(mechanism.model)
-    square, inertia, column = np.zeros(model.nv), np.zeros(model.nv), np.empty(model.nv)
+    model = mechanism.model
+    data = mujoco.MjData(mechanism.model)
+    square = np.zeros(model.nv)
+    inertia = np.zeros(model.nv)
+    column = np.empty(model.nv)
     for at, command in zip(position, commands, strict=True):
-        data.qpos[:], data.qvel[:], data.ctrl[:] = at, 0.0, 0.0
+        data.qpos[:] = at
+        data.qvel[:] = 0.0
+        data.ctrl[:] = 0.0
         mujoco.mj_forward(model, data)
         # At zero speed the bias is the weight. Squares add up, as if weight, springs and drive were
         # uncorrelated.
@@ -105,8 +110,10 @@ def measure_usual_motion(
             data.ctrl[:] = now
             mujoco.mj_forward(model, data)
             square += data.qfrc_actuator**2 / len(looked_at)
-    torque, inertia = np.sqrt(square / len(position)), inertia / len(position)
-    usual_speed, travel = np.sqrt(np.mean(speed**2, axis=0)), np.std(position, axis=0)
+    torque = np.sqrt(square / len(position))
+    inertia = inertia / len(position)
+    usual_speed = np.sqrt(np.mean(speed**2, axis=0))
+    travel = np.std(position, axis=0)
     # Without weight, springs and drive, the torque that would stop the motion within a window sets
     # the scale.
     if not torque.any():
@@ -115,7 +122,8 @@ def measure_usual_motion(
     torque, usual_speed, travel, inertia = (
         _not_small(v, mechanism) for v in (torque, usual_speed, travel, inertia)
     )
-    lowest, highest = position.min(axis=0), position.max(axis=0)
+    lowest = position.min(axis=0)
+    highest = position.max(axis=0)
     return UsualMotion(
         torque, usual_speed, travel, inertia, lowest, highest, largest, has_speeds, sensors
     )
@@ -127,6 +135,7 @@ def _not_small(values: Floats, mechanism: Mechanism) -> Floats:
 
     Joints that are prescribed set no scale for the others.
     """
-    slides, moving = mechanism.is_slide, np.isin(np.arange(len(values)), mechanism.simulated)
+    slides = mechanism.is_slide
+    moving = np.isin(np.arange(len(values)), mechanism.simulated)
     largest = [float(values[(slides == kind) & moving].max(initial=0.0)) for kind in slides]
     return np.maximum(values, np.maximum(0.1 * np.array(largest), 1e-12))

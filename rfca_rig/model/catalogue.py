@@ -126,11 +126,10 @@ def set_up(
         # By identity, since a motion holds arrays. The function stands for a lab's own effect,
         # which may change under the same id.
         kept = all(getattr(changed, name) is getattr(setup, name) for name in _MOVING)
-        setup = (
-            changed
-            if kept
-            else replace(changed, moved_by=(*setup.moved_by, (effect.apply, present)))
-        )
+        if kept:
+            setup = changed
+        else:
+            setup = replace(changed, moved_by=(*setup.moved_by, (effect.apply, present)))
     return setup
 
 
@@ -147,7 +146,8 @@ def resolve_effect(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
         raise BadInput(
             f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(effects))}"
         )
-    effect, values = effects[present.id], dict(present.values)
+    effect = effects[present.id]
+    values = dict(present.values)
     required = {parameter.name for parameter in effect.parameters}
     neutral = {parameter.name: parameter.neutral for parameter in (*effect.shape, *effect.begins)}
     # Shape parameters and initial states are optional in a file; all others are required.

@@ -71,7 +71,9 @@ def settle(
     For an equilibrium, `chain` must be without friction: the force of a stuck end depends on its
     path, which a rest pose does not contain. Loops, because assignments of whole arrays make the
     compiler include the texts of their errors, which takes some seconds."""
-    q, still, change = state.q, work.base_w, np.inf
+    q = state.q
+    still = work.base_w
+    change = np.inf
     for i in range(q.size):
         still[i] = 0.0
     iterations = 0
@@ -138,7 +140,8 @@ class Steps:
 
 def make_chain(rig: RigModel, height_m: float) -> Chain:
     """The chain of `rig` with its shaft `height_m` above the ground, without effects."""
-    leg, ground = rig.leg, rig.ground
+    leg = rig.leg
+    ground = rig.ground
     # The cached arrays serve every chain of this leg, and callers may change their own copy.
     length, first_moment, moment = (
         array.copy() for array in _inertia(leg.link_lengths_m, leg.link_masses_kg)
@@ -191,7 +194,8 @@ def _inertia(
     """Lengths, first moments (n,) and moments (n, n) of a leg; cached, because a fit asks for
     the same leg many times.
     """
-    length, mass = np.array(lengths_m), np.array(masses_kg)
+    length = np.array(lengths_m)
+    mass = np.array(masses_kg)
     # Row k: how far the mass centre of link k moves per radian of each absolute angle, all links
     # stretched out in line.
     reach = np.tril(np.broadcast_to(length, (length.size, length.size)), -1) + np.diag(length / 2.0)
@@ -394,11 +398,10 @@ def advance(
         samples,
     )
     if status != DONE:
-        why = (
-            f"no step above {SHORTEST_STEP_S:g} s converges"
-            if status == STEP_TOO_SHORT
-            else f"steps are down to {next_s:.1g} s"
-        )
+        if status == STEP_TOO_SHORT:
+            why = f"no step above {SHORTEST_STEP_S:g} s converges"
+        else:
+            why = f"steps are down to {next_s:.1g} s"
         raise SimulationFailed(
             f"the model stopped after {accepted + rejected} steps between {span_s[0]:.3f} "
             f"s and {span_s[1]:.3f} s, "

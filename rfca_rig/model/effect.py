@@ -37,10 +37,14 @@ class Parameter:
         if not isfinite(value):
             return "must be a finite number"
         if value < 0.0 <= self.low or (value == 0.0 and not self.may_be_zero):
-            return "must be 0 or more" if self.may_be_zero else "must be above 0"
+            if self.may_be_zero:
+                return "must be 0 or more"
+            return "must be above 0"
         if self.whole and not value.is_integer():
             return "must be a whole number"
-        return f"must stay below {self.below:g} in magnitude" if abs(value) >= self.below else None
+        if abs(value) >= self.below:
+            return f"must stay below {self.below:g} in magnitude"
+        return None
 
 
 @dataclass(frozen=True)

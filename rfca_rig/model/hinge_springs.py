@@ -89,11 +89,17 @@ def spring(chain: Chain, i: int, phi: float) -> tuple[float, float]:
     if chain.spring_origin.shape[1] == 0:
         k2 = chain.k2[i]
         return k0 * phi * (1.0 + k2 * phi * phi), 1.0 + 3.0 * k2 * phi * phi
-    u, c0, c1, c2, c3 = phi, phi, phi, phi, phi
+    u = phi
+    c0 = phi
+    c1 = phi
+    c2 = phi
+    c3 = phi
     for lane in range(count_lanes(phi)):
         # Bisection for the last piece that begins at or below phi; unused pieces begin at infinity
         # and are never chosen.
-        x, low, high = lane_of(phi, lane), 0, chain.spring_origin.shape[1]
+        x = lane_of(phi, lane)
+        low = 0
+        high = chain.spring_origin.shape[1]
         while high - low > 1:
             middle = (low + high) // 2
             if lane_of(chain.spring_origin[i, middle], lane) <= x:
@@ -112,7 +118,9 @@ def table_of(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
     """Table of a leg's joints, the first of which is the shaft; `splines` holds none, one for
     all hinges, or one for each.
     """
-    return _table(splines, joints) if splines else NO_SPLINE
+    if splines:
+        return _table(splines, joints)
+    return NO_SPLINE
 
 
 @lru_cache(maxsize=64)
@@ -120,7 +128,8 @@ def _table(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
     each = splines * (joints - 1) if len(splines) == 1 else splines
     polynomials = [polynomial(spline.angles_rad, np.array(spline.torques_rad)) for spline in each]
     p = max(len(one.x) - 1 for one in polynomials)
-    origin, cubic = np.full((joints, p), np.inf), np.zeros((joints, p, 5))
+    origin = np.full((joints, p), np.inf)
+    cubic = np.zeros((joints, p, 5))
     origin[0, 0] = 0.0
     for joint, one in enumerate(polynomials, start=1):
         pieces = len(one.x) - 1
@@ -141,15 +150,18 @@ def polynomial(angles_rad: Sequence[float], torques: Floats) -> "PPoly":
     """
     from scipy.interpolate import CubicSpline, PPoly  # noqa: PLC0415  (takes 0.4 s, and legs with a spline only need it)
 
-    x, y = np.array(angles_rad), torques
+    x = np.array(angles_rad)
+    y = torques
     if x[0] == 0.0:
-        x, y = np.concatenate((-x[:0:-1], x)), np.concatenate((-y[:0:-1], y))
+        x = np.concatenate((-x[:0:-1], x))
+        y = np.concatenate((-y[:0:-1], y))
     inner: Any = CubicSpline(x, y, bc_type="not-a-knot")
     c = np.zeros((4, len(x) + 1, *y.shape[1:]))
     c[:, 1:-1] = inner.c
     c[2, 0], c[2, -1] = inner(x[0], 1), inner(x[-1], 1)
     # The first piece counts from one radian before the first knot.
-    c[3, 0], c[3, -1] = y[0] - c[2, 0], y[-1]
+    c[3, 0] = y[0] - c[2, 0]
+    c[3, -1] = y[-1]
     return PPoly(c, np.concatenate(([x[0] - 1.0], x, [x[-1] + 1.0])))
 
 
@@ -264,7 +276,10 @@ def springs_of(leg: Leg) -> HingeSprings:
     n = len(leg.link_lengths_m)
     k0 = np.full(n, leg.k0_Nm_per_rad)
     k0[0] = 0.0
-    rest = np.array([0.0, *leg.rest_angles_rad]) if leg.rest_angles_rad else np.zeros(n)
+    if leg.rest_angles_rad:
+        rest = np.array([0.0, *leg.rest_angles_rad])
+    else:
+        rest = np.zeros(n)
     return HingeSprings(k0, np.full(n, leg.k2_per_rad2), rest, table_of(leg.torque_splines, n))
 
 

@@ -36,7 +36,8 @@ class ShaftMotion:
         """The angle at t = 0."""
         # As `angle_rad`, with Python's numbers: arrays of one element take five times as long.
         i = min(max(int(self.breaks_s.searchsorted(0.0)) - 1, 0), len(self.coefficients) - 1)
-        x, (c0, c1, c2, c3) = 0.0 - float(self.breaks_s[i]), self.coefficients[i].tolist()
+        x = 0.0 - float(self.breaks_s[i])
+        (c0, c1, c2, c3) = self.coefficients[i].tolist()
         return float(c0 + x * (c1 + x * (c2 + x * c3)))
 
     def later(self, by_s: float) -> "ShaftMotion":

@@ -148,4 +148,6 @@ class RigModel:
     def friction_lever_m(self) -> float:
         """The lever of friction about the end of a link."""
         lever_m = self.ground.friction_lever_m
-        return self.leg.link_radius_m if lever_m is None else lever_m
+        if lever_m is None:
+            return self.leg.link_radius_m
+        return lever_m

@@ -162,10 +162,8 @@ class DrivenPendulum:
     def _simulate(
         self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance
     ) -> PendulumMotion:
-        state, samples = (
-            self._begin(laws, angle_rad, speed_rad_s),
-            allocate_samples(t_s, len(angle_rad) + 1),
-        )
+        state = self._begin(laws, angle_rad, speed_rad_s)
+        samples = allocate_samples(t_s, len(angle_rad) + 1)
         advance(
             self.chain,
             FIXED.shaft(),
@@ -186,8 +184,10 @@ class DrivenPendulum:
         """
         # The true state at the start follows from the readings only with its derivatives, which
         # come from a short simulation.
-        lag_s, more_s = self.readings.angle_lag_s, self.readings.speed_lag_s
-        angle, speed = angle_rad + lag_s * speed_rad_s, speed_rad_s
+        lag_s = self.readings.angle_lag_s
+        more_s = self.readings.speed_lag_s
+        angle = angle_rad + lag_s * speed_rad_s
+        speed = speed_rad_s
         # Acceleration and jerk belong to the true state, which depends on them: two rounds. Without
         # a lag of the angle it is known.
         for _ in range(2 if lag_s > 0.0 else 1):
@@ -214,10 +214,8 @@ class DrivenPendulum:
         a moving joint has its full friction.
         """
         links = len(self.chain.length)
-        q, w = (
-            HANGING_RAD + np.append(0.0, np.cumsum(angle_rad)),
-            np.append(0.0, np.cumsum(speed_rad_s)),
-        )
+        q = HANGING_RAD + np.append(0.0, np.cumsum(angle_rad))
+        w = np.append(0.0, np.cumsum(speed_rad_s))
         state = State(q, w, np.zeros(links), np.zeros(links), np.zeros((len(self.uses), links, 4)))
         # The laws that read the torque count the time of the assumed rotation too, which ends where
         # the trace begins.
@@ -361,11 +359,14 @@ def _set_masses(chain: Chain, pendulum: Pendulum) -> Chain:
 
     M_ij = L_i S_j for links i before j, with S_j the first moment of link j and of all mass beyond
     it at its end; see `state`."""
-    links, n = pendulum.links, len(chain.length)
+    links = pendulum.links
+    n = len(chain.length)
     mass_beyond = np.append(np.cumsum([link.mass_kg for link in links[::-1]])[::-1][1:], 0.0)
     own = np.array([link.mass_kg * link.centre_of_mass_m for link in links])
     first = own + mass_beyond * chain.length[1:]
-    moment, first_moment, damping = np.zeros((n, n)), np.zeros(n), chain.hinge_damping.copy()
+    moment = np.zeros((n, n))
+    first_moment = np.zeros(n)
+    damping = chain.hinge_damping.copy()
     moment[1:, 1:] = np.tril(np.outer(first, chain.length[1:]), -1)
     moment += moment.T
     for i, link in enumerate(links):

@@ -124,19 +124,23 @@ class Setup:
         """Start time of the simulation [s]: 0, where the motion begins, or earlier where the leg
         swings already.
         """
-        return -self.rig.swing.before_s if self.rig.swing else 0.0
+        if self.rig.swing:
+            return -self.rig.swing.before_s
+        return 0.0
 
     def begin(self, chain: Chain, laws: Laws, work: Work) -> tuple[Shaft, State]:
         """The shaft, and the chain as it is at `begins_s`: at rest, or swinging. `work` is
         unused memory of this chain.
         """
-        motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
+        if self.rig.swing:
+            motion = self.motion.standing_since(self.begins_s)
+        else:
+            motion = self.motion
         start_rad = motion.start_rad
-        shaft = (
-            motion.shaft()
-            if self.drive is None
-            else add_drive(motion.shaft(), self.drive, start_rad)
-        )
+        if self.drive is None:
+            shaft = motion.shaft()
+        else:
+            shaft = add_drive(motion.shaft(), self.drive, start_rad)
         # A drive without an integrator sags: its spring carries the weight only where the shaft is
         # away from its command.
         sags = self.drive is not None and not self.drive.holds_start

@@ -118,9 +118,14 @@ def allocate_samples_of_leg(t_s: Floats, leg: State, only_sensed: bool) -> Sampl
 
 def _shapes_of_samples(t_s: Floats, leg: State, only_sensed: bool) -> list[tuple[int, ...]]:
     """Of all samples but their times `t_s` (m,)."""
-    coordinates, speeds, links = (
-        (1, 0, 0) if only_sensed else (leg.q.size, leg.w.size, leg.anchor.size)
-    )
+    if only_sensed:
+        coordinates = 1
+        speeds = 0
+        links = 0
+    else:
+        coordinates = leg.q.size
+        speeds = leg.w.size
+        links = leg.anchor.size
     return [(len(t_s), *shape) for shape in ((coordinates,), (speeds,), (3,), (2, links))]
 
 
@@ -179,7 +184,9 @@ def _divide(shapes: Sequence[tuple[int, ...]]) -> list[Floats]:
     vector instructions need.
     """
     sizes = [prod(shape) for shape in shapes]
-    whole, begin, parts = allocate_aligned(sum(sizes), LANES), 0, []
+    whole = allocate_aligned(sum(sizes), LANES)
+    begin = 0
+    parts = []
     for shape, size in zip(shapes, sizes, strict=True):
         parts.append(whole[begin : begin + size].reshape(*shape, LANES))
         begin += size

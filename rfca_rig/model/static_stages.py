@@ -109,7 +109,9 @@ def touches(mu: float, normal_N: Floats, tangential_N: Floats) -> tuple[Touch, .
 def _touch(mu: float, normal: float, tangential: float) -> Touch:
     if normal == 0.0:
         return Touch.AIR
-    return Touch.SLIDING if abs(tangential) >= AT_THE_LIMIT * mu * abs(normal) else Touch.STUCK
+    if abs(tangential) >= AT_THE_LIMIT * mu * abs(normal):
+        return Touch.SLIDING
+    return Touch.STUCK
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,8 @@ def friction_at_rest(rig: RigModel, height_m: float, motion: ShaftMotion) -> flo
 
 
 def _state(simulated: SimulatedStroke, row: int, mu: float) -> StaticState:
-    normal, tangential = simulated.normal_N[row], simulated.tangential_N[row]
+    normal = simulated.normal_N[row]
+    tangential = simulated.tangential_N[row]
     return StaticState(
         q_rad=simulated.q_rad[row],
         fy_N=float(simulated.fy_N[row]),
@@ -217,12 +220,14 @@ def make_stage_motion(
 
 def _move(here: float, there: float, moves: StageMoves) -> list[tuple[float, list[float]]]:
     """(seconds, coefficients) of the pieces of one move."""
-    distance, ramp_s = there - here, moves.ramp_s
+    distance = there - here
+    ramp_s = moves.ramp_s
     if distance == 0.0:
         return []
     # Trapezoidal speed over time; a short move is a triangle with a lower peak.
     speed = np.sign(distance) * min(moves.speed_rad_s, abs(distance) / ramp_s)
-    even_s, ramped = distance / speed - ramp_s, 0.5 * speed * ramp_s
+    even_s = distance / speed - ramp_s
+    ramped = 0.5 * speed * ramp_s
     half_acceleration = 0.5 * speed / ramp_s
     return [
         (ramp_s, [here, 0.0, half_acceleration, 0.0]),

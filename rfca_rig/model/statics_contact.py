@@ -79,14 +79,18 @@ def turn_shaft(
     A step that finds no equilibrium nearby is repeated at half the length. After each step the
     anchors follow slipping ends, so that friction depends on the path."""
     q = state.q
-    step, trial = STEP_RAD, q.copy()
+    step = STEP_RAD
+    trial = q.copy()
     # An infinite limit: at the beginning the force of each tie follows from its stretch alone.
     work.limit[2] = np.inf
     assemble_stiffness(chain, laws, state, 0.0, q, nothing, nothing, work)
     work.ends[:], work.limit[2] = work.place, work.limit[0]
     while q[0] != angle:
         remaining = angle - q[0]
-        goal = angle if abs(remaining) <= step else q[0] + np.sign(remaining) * step
+        if abs(remaining) <= step:
+            goal = angle
+        else:
+            goal = q[0] + np.sign(remaining) * step
         trial[:] = q
         if balance(chain, laws, state, trial, goal, nothing, work):
             # Exactly the goal, so that the loop can end by equality.
@@ -154,7 +158,8 @@ def follow_static_path(
 
 
 def _go_to(chain: Chain, state: State, angle: float) -> bool:
-    work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
+    work = allocate_workspace(state.q.size, state.q.size)
+    zeros = np.zeros(state.q.size)
     jumped = False
     while not turn_shaft(chain, NO_LAWS, state, angle, zeros, work):
         _jump(chain, state, angle)
@@ -176,7 +181,8 @@ def _jump(chain: Chain, state: State, angle: float) -> None:
     # q and the anchors are shared with `state`, so that the motion carries them along.
     moving = state._replace(w=np.zeros_like(state.q), a=np.zeros_like(state.q))
     _wait_for_rest(chain, motion, moving)
-    work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
+    work = allocate_workspace(state.q.size, state.q.size)
+    zeros = np.zeros(state.q.size)
     # The leg still moves a little; Newton finds the equilibrium itself, with the anchors that the
     # motion has left.
     if not balance(chain, NO_LAWS, state, state.q, after, zeros, work):
@@ -185,7 +191,9 @@ def _jump(chain: Chain, state: State, angle: float) -> None:
 
 
 def _wait_for_rest(chain: Chain, motion: ShaftMotion, state: State) -> None:
-    no_samples, step_s, t = allocate_samples(np.empty(0), state.q.size), FIRST_STEP_S, 0.0
+    no_samples = allocate_samples(np.empty(0), state.q.size)
+    step_s = FIRST_STEP_S
+    t = 0.0
     while t < LONGEST_JUMP_S:
         step_s = advance(
             chain, motion.shaft(), state, (t, t + LOOK_S), step_s, Tolerance(), no_samples
@@ -205,7 +213,8 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
 
 
 def _measure(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
-    work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
+    work = allocate_workspace(state.q.size, state.q.size)
+    zeros = np.zeros(state.q.size)
     assemble_once(chain, NO_LAWS, state, 0.0, state.q, zeros, zeros, None, work)
     return make_static_state(
         rig,

@@ -165,7 +165,8 @@ class StrokeRequest:
         """Requests with the same value move the leg in the same way, whatever the sensor makes
         of it.
         """
-        setup, turn = self.setup, self.setup.motion
+        setup = self.setup
+        turn = self.setup.motion
         legs = (
             *(getattr(setup.rig, name) for name in _ALL_BUT_EFFECTS),
             setup.moved_by,
@@ -238,7 +239,8 @@ def _move(
 
 def _begin(setup: Setup) -> Start:
     chain = setup.chain()
-    laws, work = setup.compile_laws(chain), allocate_workspace_of(chain)
+    laws = setup.compile_laws(chain)
+    work = allocate_workspace_of(chain)
     return Start(chain, laws, *setup.begin(chain, laws, work), work)
 
 
@@ -251,7 +253,8 @@ def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
         return out
     force = measure_at_rest(leg.chain, leg.laws, leg.state, leg.work)
     # There may be fewer columns than coordinates and links.
-    out.q[:resting], out.w[:resting] = leg.state.q[: out.q.shape[1]], 0.0
+    out.q[:resting] = leg.state.q[: out.q.shape[1]]
+    out.w[:resting] = 0.0
     out.force[:resting], out.contact[:resting] = force, leg.work.contact[:, : out.contact.shape[2]]
     return Samples(*(column[resting:] for column in out))
 
@@ -259,7 +262,8 @@ def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
 def _sense(setup: Setup, everything: Samples, cost: Steps) -> SimulatedStroke:
     """The stroke as the sensor shows it."""
     # The first link turns with the shaft, whose angle is always there.
-    t_s, links = everything.t, max(everything.contact.shape[2], 1)
+    t_s = everything.t
+    links = max(everything.contact.shape[2], 1)
     fy, fz, torque = everything.force.T
     # The sensor sits below the shaft, so fy adds a moment to the shaft's torque.
     felt = setup.apply_sensor_changes(
@@ -322,9 +326,10 @@ def simulate_strokes(
         for number, one in zip(
             block, _move_block([requests[number] for number in block], only_sensed), strict=True
         ):
-            results[number] = (
-                one if isinstance(one, SimulationFailed) else _sense(requests[number].setup, *one)
-            )
+            if isinstance(one, SimulationFailed):
+                results[number] = one
+            else:
+                results[number] = _sense(requests[number].setup, *one)
 
     with ThreadPoolExecutor(max(1, min(threads or cores(), len(blocks) or 1))) as pool:
         list(pool.map(simulate, blocks))
@@ -392,7 +397,10 @@ def simulate_variations(
 
     def store(reference: Moved, block: Sequence[int], moved: Sequence[Moved]) -> None:
         # Sensed once for all variations beside it.
-        stroke = None if isinstance(reference, SimulationFailed) else _sense(here.setup, *reference)
+        if isinstance(reference, SimulationFailed):
+            stroke = None
+        else:
+            stroke = _sense(here.setup, *reference)
         found.update((number, (one, stroke)) for number, one in zip(block, moved, strict=True))
         # Any of the blocks will do for what shares the motion of `here`, as long as both come from
         # it.
@@ -476,7 +484,8 @@ def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Mo
 
     If `only_sensed`, their samples hold no more than the shaft's angle and the forces.
     """
-    setups, t_s = [request.setup for request in requests], requests[0].t_s
+    setups = [request.setup for request in requests]
+    t_s = requests[0].t_s
     try:
         legs = [_begin(setup) for setup in setups]
         if len(legs) > 1 and len({leg.kind for leg in legs}) == 1:

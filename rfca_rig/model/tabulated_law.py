@@ -33,7 +33,9 @@ from rfca_rig.model.setup import SensorOutput, Setup
 Floats = NDArray[np.float64]
 
 TABULATED_LAW = "tabulated_law"
-FEWEST_KNOTS, MOST_KNOTS = 2, 200  # the compiled law searches them one by one
+# the compiled law searches them one by one
+FEWEST_KNOTS = 2
+MOST_KNOTS = 200
 SURE_OF_SIGN_RAD_S = (
     0.05  # below this rate its sign is smoothed, or no step of the integrator would converge
 )
@@ -154,10 +156,8 @@ def check_table(table: LawTable) -> LawKind:
     """Checks a table and returns its kind. Raises BadInput, in one line, for one that cannot be
     simulated.
     """
-    kind, of = (
-        kind_of(table.place, table.argument),
-        f"{TABULATED_LAW} of {table.argument} at {table.place}",
-    )
+    kind = kind_of(table.place, table.argument)
+    of = f"{TABULATED_LAW} of {table.argument} at {table.place}"
     if len(table.knots) != len(table.values):
         raise BadInput(
             f"{of}: {len(table.knots)} knots, but {len(table.values)} values; give one "
@@ -225,7 +225,8 @@ def _in_hinges(law: Law, first: int, setup: Setup, table: LawTable) -> Setup:
             "the hinges of this leg follow a measured curve "
             "(leg.torque_rotation); take the argument angle_rad"
         )
-    number, last = table.place.lstrip("hingejot"), len(setup.rig.leg.link_lengths_m) - 2 + first
+    number = table.place.lstrip("hingejot")
+    last = len(setup.rig.leg.link_lengths_m) - 2 + first
     if number.isdecimal() and not first <= int(number) <= last:
         raise BadInput(
             f"{TABULATED_LAW}: {table.place} is not there; this rig has {first} to {last}"

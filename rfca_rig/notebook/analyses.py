@@ -112,7 +112,8 @@ class DiagnosisResult:
             raise BadInput(
                 f"there are {len(overlays)} signals to draw, numbered from 0; there is no {number}"
             )
-        ax, shown = make_axes(ax), overlays[number]
+        ax = make_axes(ax)
+        shown = overlays[number]
         for label, values in (
             ("measured", shown.measured),
             ("nominal model", shown.before),
@@ -371,7 +372,9 @@ def _with_own_model(sources: Sequence[Source]) -> PendulumCampaign | Experiment 
     content = (
         sources[0] if isinstance(sources[0], OpenedRecordings) else open_path(sources[0])
     ).content
-    return None if isinstance(content, Recording) else content
+    if isinstance(content, Recording):
+        return None
+    return content
 
 
 def _recordings(sources: Sequence[Source], as_is: bool) -> list[Recording]:

@@ -66,7 +66,11 @@ def html_table(title: str, rows: Sequence[Row]) -> str:
 
 
 def _text(value: object) -> str:
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
 
 
 def make_axes(ax: "Axes | None") -> "Axes":
@@ -138,7 +142,9 @@ class OpenedRecordings:
     @property
     def strokes(self) -> Sequence[Stroke | PendulumRun | MechanismRun]:
         """The recorded motions: strokes of a leg, else runs."""
-        return self.content.strokes if isinstance(self.content, Recording) else self.content.runs
+        if isinstance(self.content, Recording):
+            return self.content.strokes
+        return self.content.runs
 
     def __len__(self) -> int:
         return len(self.strokes)
@@ -148,7 +154,8 @@ class OpenedRecordings:
 
         A leg's devices have time bases of their own, so each has a dimension of its own:
         `force_t_s`, `shaft_t_s`."""
-        motion, dataset = self._motion(number), require("xarray").Dataset
+        motion = self._motion(number)
+        dataset = require("xarray").Dataset
         if isinstance(motion, Stroke):
             found: xarray.Dataset = dataset(*_stroke_data(motion))
             return found
@@ -181,7 +188,8 @@ class OpenedRecordings:
         """Draw the forces of a stroke, or the signals of a run, over time into `ax`, or into a
         new figure.
         """
-        motion, ax = self._motion(number), make_axes(ax)
+        motion = self._motion(number)
+        ax = make_axes(ax)
         if isinstance(motion, Stroke):
             shown = [
                 (name, *found)

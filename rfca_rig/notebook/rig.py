@@ -117,7 +117,8 @@ class SimulatedResult:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw fy and fz over time into `ax`, or into a new figure."""
-        ax, stroke = make_axes(ax), self.prediction.stroke
+        ax = make_axes(ax)
+        stroke = self.prediction.stroke
         for name, values in (("fz", stroke.fz_N), ("fy", stroke.fy_N)):
             ax.plot(stroke.t_s, values, label=name)
         ax.set(xlabel="time in s", ylabel="force on the sensor in N", title=_title(self.prediction))
@@ -176,5 +177,8 @@ def simulate(
     ):
         if not low <= value <= high:
             raise BadInput(f"{name} = {value!r}: should be a number from {low:g} to {high:g}")
-    model = rig.model if isinstance(rig, Rig) else Rig.from_file(rig).model
+    if isinstance(rig, Rig):
+        model = rig.model
+    else:
+        model = Rig.from_file(rig).model
     return SimulatedResult(predict_stroke(model, height_mm / 1e3, speed_rad_s, sweep_deg))

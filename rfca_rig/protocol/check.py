@@ -58,17 +58,17 @@ def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") 
                 "beyond, the leg leaves the ground"
             )
         if stage in expected:
-            load, limits = expected[stage], plan.limits
+            load = expected[stage]
+            limits = plan.limits
             # Written so that a load that is no number passes the limit.
             if not (load.force_N <= limits.force_N and load.torque_Nm <= limits.torque_Nm):
                 turns = isinstance(stage, Approach | Cycles | Flap)
                 # Slower helps only where speed makes the load; in static moves it is a bent leg
                 # that is pushed back and wedges.
-                way_out = (
-                    "go slower"
-                    if turns
-                    else "turn the shaft back less: a bent leg that is pushed back wedges"
-                )
+                if turns:
+                    way_out = "go slower"
+                else:
+                    way_out = "turn the shaft back less: a bent leg that is pushed back wedges"
                 raise BadInput(
                     f"{stage.label}: the model expects {load.force_N:.0f} N and "
                     f"{load.torque_Nm:.1f} N m{supposing}, the rig's limits "

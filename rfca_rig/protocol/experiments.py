@@ -190,7 +190,8 @@ def _stages(experiment: Fatigue, rig: RigFacts) -> Iterator[Stage]:
     back = MoveShaft(rig.start_angle_rad, experiment.return_speed_rad_s, forwards=True)
     yield SetHeight(experiment.height_m)
     yield MoveShaft(rig.start_angle_rad, experiment.return_speed_rad_s)
-    checks, number = 0, 1
+    checks = 0
+    number = 1
     while number <= experiment.cycles:
         # Before the cycle of that number, so that the first check sees a leg that has not been
         # bent.
@@ -239,7 +240,8 @@ def _first_strokes(experiment: Fatigue, rig: RigFacts, back: MoveShaft) -> Itera
 
 def _check(experiment: Fatigue, number: int, back: MoveShaft) -> Iterator[Stage]:
     check = experiment.check
-    angles, timing = check.angles_rad, HoldTiming(check.dwell_s, check.average_s)
+    angles = check.angles_rad
+    timing = HoldTiming(check.dwell_s, check.average_s)
     # Holds are numbered over the whole run: resuming identifies static stages by height and number.
     for place, angle_rad in enumerate(angles, start=(number - 1) * len(angles) + 1):
         yield MoveShaft(angle_rad, check.move_speed_rad_s)

@@ -97,7 +97,9 @@ def turn_to(angle_rad: float, from_rad: float, forwards: bool) -> float:
     """
     # IEEE remainder: within half a turn either way, hence the nearest.
     way_rad = math.remainder(angle_rad - from_rad, TURN_RAD)
-    return way_rad + TURN_RAD if forwards and way_rad < 0.0 else way_rad
+    if forwards and way_rad < 0.0:
+        return way_rad + TURN_RAD
+    return way_rad
 
 
 @dataclass(frozen=True)

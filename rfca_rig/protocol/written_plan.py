@@ -125,7 +125,8 @@ def make_remaining_plan(plan: Plan, done: PlanProgress) -> Plan:
     rack = max(
         number for number, stage in enumerate(stages[:first_open]) if isinstance(stage, SetHeight)
     )
-    on_the_way, part = stages[rack + 1 : first_open], _open_part(stages[first_open], done)
+    on_the_way = stages[rack + 1 : first_open]
+    part = _open_part(stages[first_open], done)
     return replace(
         plan, stages=(stages[rack], *_way_there(on_the_way, part), part, *stages[first_open + 1 :])
     )
@@ -133,7 +134,9 @@ def make_remaining_plan(plan: Plan, done: PlanProgress) -> Plan:
 
 def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
     """Index of the first stage to be recorded that is not; None where all are."""
-    strokes_left, holds_left, cycle = done.strokes, done.holds, 0
+    strokes_left = done.strokes
+    holds_left = done.holds
+    cycle = 0
     found = None
     for place, stage in enumerate(stages):
         match stage:
@@ -146,9 +149,8 @@ def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
                 cycle = stage.last
             case Flap() | Hold() | Cycles():
                 found = place
-                cycle = (
-                    done.cycle if isinstance(stage, Cycles) and stage.first <= done.cycle else cycle
-                )
+                if isinstance(stage, Cycles) and stage.first <= done.cycle:
+                    cycle = done.cycle
                 break
     # More is recorded than the plan has before this stage: it is another plan's recording.
     if strokes_left or holds_left or cycle != done.cycle:

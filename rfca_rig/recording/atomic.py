@@ -187,7 +187,8 @@ class ErrorDeferringFile:
         return self._at
 
     def write(self, content: memoryview) -> int:
-        at, self._at = self._at, self._at + len(content)
+        at = self._at
+        self._at = self._at + len(content)
         self._size = max(self._size, self._at)
         if self._refused is None:
             self._attempt(at, content)
@@ -213,14 +214,19 @@ class ErrorDeferringFile:
         """Reads from the current position; shorter at the end of the file. Sees refused writes
         too.
         """
-        at, end = self._at, self._size if length < 0 else min(self._at + length, self._size)
+        at = self._at
+        if length < 0:
+            end = self._size
+        else:
+            end = min(self._at + length, self._size)
         os.lseek(self._handle, at, os.SEEK_SET)
         # Bytes that HDF5 never wrote, or that only stand in memory, are not in the file: they read
         # as zeros.
         found = bytearray(os.read(self._handle, end - at).ljust(end - at, b"\0"))
         # In the order of writing: a later write to the same place wins.
         for start, content in self._unwritten:
-            first, last = max(start, at), min(start + len(content), end)
+            first = max(start, at)
+            last = min(start + len(content), end)
             if first < last:
                 found[first - at : last - at] = content[first - start : last - start]
         self._at = end
@@ -265,7 +271,8 @@ class ErrorDeferringFile:
             remove(self.partial)
 
     def _close(self) -> None:
-        handle, self._handle = self._handle, -1
+        handle = self._handle
+        self._handle = -1
         os.close(handle)
 
 

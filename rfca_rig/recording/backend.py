@@ -169,12 +169,16 @@ class RecorderClient:
 
     @property
     def acknowledged(self) -> int:
-        return self._acknowledged if self._child.closed else self._queue.acknowledged
+        if self._child.closed:
+            return self._acknowledged
+        return self._queue.acknowledged
 
     @property
     def backlog_bytes(self) -> int:
         """Handed over and not taken yet."""
-        return 0 if self._child.closed else self._queue.waiting
+        if self._child.closed:
+            return 0
+        return self._queue.waiting
 
     def give(self, block: JournalBlock) -> None:
         content = frame_block(block)
@@ -280,7 +284,9 @@ class RecorderClient:
             )
         kind, message = self._receive(FINISHED_WITHIN_S)
         # A complaint may still be on its way; the answer to the end follows it.
-        return self._receive(FINISHED_WITHIN_S)[1] if kind == COMPLAINT else message
+        if kind == COMPLAINT:
+            return self._receive(FINISHED_WITHIN_S)[1]
+        return message
 
     def _let_go(self) -> None:
         # Read now: the shared memory is gone afterwards.

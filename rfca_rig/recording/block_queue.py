@@ -43,7 +43,8 @@ class BlockQueue:
             with memory.buf[:HEADER_BYTES].cast("Q") as header:
                 # The mark last: a process that attaches earlier sees no queue, and not one without
                 # a size.
-                header[_SIZE], header[_MARK] = size, MARK
+                header[_SIZE] = size
+                header[_MARK] = MARK
         return BlockQueue(memory)
 
     @staticmethod
@@ -83,7 +84,8 @@ class BlockQueue:
 
     def look(self) -> bytes:
         """All waiting bytes, which go on waiting. For the one taker only."""
-        at, length = self._header[_TAKEN] % self.size, self.waiting
+        at = self._header[_TAKEN] % self.size
+        length = self.waiting
         before_wrap = min(length, self.size - at)
         return bytes(self._bytes[at : at + before_wrap]) + bytes(
             self._bytes[: length - before_wrap]
@@ -95,7 +97,8 @@ class BlockQueue:
 
     def tell(self, acknowledged: int, complained: bool) -> None:
         """Publishes both words for the putter. For the one taker only."""
-        self._header[_ACKNOWLEDGED], self._header[_COMPLAINED] = acknowledged, complained
+        self._header[_ACKNOWLEDGED] = acknowledged
+        self._header[_COMPLAINED] = complained
 
     def close(self) -> None:
         """Detaches from the memory, which stays for the other process. May be called any number

@@ -75,7 +75,9 @@ def describe_damage(folder: Path, findings: Sequence[FileFinding]) -> str:
 
 
 def _them(names: Sequence[str]) -> str:
-    return "it" if len(names) == 1 else "them"
+    if len(names) == 1:
+        return "it"
+    return "them"
 
 
 def can_recover(folder: Path, findings: Sequence[FileFinding]) -> bool:
@@ -121,7 +123,8 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     if not is_run_folder(folder):
         yield from _check_older_run(folder)
         return
-    sums, recorded = _Sums(folder), _Recorded(folder)
+    sums = _Sums(folder)
+    recorded = _Recorded(folder)
     texts = recorded.texts
     yield sums.finding(HEADER, partial(_title, folder, texts))
     if _is_unbegun(folder):
@@ -135,11 +138,9 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     happened = events_of(folder) if events.is_sound else []
     yield from stages.check(sums, happened)
     yield from (_check_journal(folder, journal) for journal in journals(folder))
-    has_ending, has_recording, ending = (
-        (folder / ENDING).is_file(),
-        (folder / RECORDING).is_file(),
-        _read_whole_ending(folder),
-    )
+    has_ending = (folder / ENDING).is_file()
+    has_recording = (folder / RECORDING).is_file()
+    ending = _read_whole_ending(folder)
     closed = _is_closed(ending)
     if has_ending or ENDING in sums or _has_ended(folder, texts):
         yield sums.finding_of_end(ending, partial(_ending, folder, texts))
@@ -203,7 +204,9 @@ def _read_whole_ending(folder: Path) -> Ending | None:
 
 def _is_closed(ending: Ending | None) -> bool | None:
     """Whether the run's end says that the run was closed; None where it says nothing."""
-    return None if ending is None else ending.is_closed
+    if ending is None:
+        return None
+    return ending.is_closed
 
 
 class _Sums:
@@ -215,7 +218,8 @@ class _Sums:
         try:
             self._sums = read_sums(folder)
         except BadInput as error:
-            self._sums, self._damage = {}, FileFinding(SUMS, str(error), False)
+            self._sums = {}
+            self._damage = FileFinding(SUMS, str(error), False)
         self._is_summed_up = bool(self._sums)
         self._listed = set(self._sums)
         self._unlisted: list[str] = []
@@ -313,12 +317,11 @@ class _Stages:
         """All stages together, after `check`; None where some are damaged."""
         if self._has_damage:
             return None
-        stages, ending = add_up(self._summaries.values()), read_ending(self._folder)
-        return (
-            stages
-            if ending is None or ending.static is None
-            else replace(stages, static=len(ending.static))
-        )
+        stages = add_up(self._summaries.values())
+        ending = read_ending(self._folder)
+        if ending is None or ending.static is None:
+            return stages
+        return replace(stages, static=len(ending.static))
 
 
 def _check_journal(folder: Path, journal: Path) -> FileFinding:
@@ -385,7 +388,9 @@ def _provenance_of_ending(folder: Path) -> Mapping[str, str]:
         ending = read_ending(folder)
     except BadInput:
         return {}
-    return {} if ending is None else ending.provenance
+    if ending is None:
+        return {}
+    return ending.provenance
 
 
 def _has_ended(folder: Path, texts: Recording | None) -> bool:

@@ -20,7 +20,9 @@ from rfca_rig.recording.model import Column, Floats, Stream
 
 Rows = NDArray[Any]
 
-HOST_TIME, DEVICE_TIME = "host_s", "device_s"  # every device has both
+# every device has both
+HOST_TIME = "host_s"
+DEVICE_TIME = "device_s"
 _COUNT = struct.Struct("<I")
 
 # Rows that are compressed, written and copied at a time.
@@ -153,7 +155,10 @@ def make_stream_from_rows(form: StreamForm, rows: Rows, start: CommandedStart) -
         )
         for column in apply_start(form, start).columns
     }
-    offset_s = host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]) if len(rows) else 0.0
+    if len(rows):
+        offset_s = host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME])
+    else:
+        offset_s = 0.0
     return Stream(rows[DEVICE_TIME] + (offset_s - start.start_s), columns)
 
 
@@ -290,4 +295,6 @@ def read_column(group: h5py.Group, name: str) -> Column:
 def link_name(name: str) -> str:
     """The name as an HDF5 link, in which "/" and a lone "." would be read as a path."""
     escaped = re.sub("[%/]", lambda found: urllib.parse.quote(found[0], safe=""), name)
-    return escaped.replace(".", "%2E") if set(escaped) == {"."} else escaped
+    if set(escaped) == {"."}:
+        return escaped.replace(".", "%2E")
+    return escaped

@@ -63,7 +63,9 @@ def frame_block(block: JournalBlock) -> bytes:
 
 def parse_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
     """The blocks up to the first that is torn or damaged, and how many bytes they take."""
-    blocks, view, used = list[JournalBlock](), memoryview(content), 0
+    blocks = list[JournalBlock]()
+    view = memoryview(content)
+    used = 0
     while len(view) - used >= _HEAD.size:
         mark, kind, length, checksum = _HEAD.unpack_from(view, used)
         payload = bytes(view[used + _HEAD.size : used + _HEAD.size + length])
@@ -166,13 +168,12 @@ class End:
     @staticmethod
     def of(block: JournalBlock) -> "End":
         content = json.loads(block.payload)
-        stroke = (
-            StrokeCondition(
+        if content["stroke"]:
+            stroke = StrokeCondition(
                 float(content["stroke"]["speed_rad_s"]), int(content["stroke"]["repeat"])
             )
-            if content["stroke"]
-            else None
-        )
+        else:
+            stroke = None
         return End(
             stroke,
             static_stage_of(content["static"]) if content["static"] else None,

@@ -111,7 +111,9 @@ class StaticStage:
         """Angle between the first link and the last, without sign: the sum of the hinge angles.
         NaN where one of them is unknown.
         """
-        return abs(math.fsum(self.hinge_deg)) if self.hinge_deg else math.nan
+        if self.hinge_deg:
+            return abs(math.fsum(self.hinge_deg))
+        return math.nan
 
 
 def collect_strokes_before(recorded: Iterable[Stroke | StaticStage]) -> tuple[int, ...]:
@@ -121,7 +123,9 @@ def collect_strokes_before(recorded: Iterable[Stroke | StaticStage]) -> tuple[in
     counts = [each.strokes_before for each in recorded]
     # All or none: a sequence with gaps is of no use as an order.
     known = tuple(count for count in counts if count is not None)
-    return known if len(known) == len(counts) else ()
+    if len(known) == len(counts):
+        return known
+    return ()
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,9 @@ MODULE = "rfca_rig.recording.recorder_process"
 PAUSE_S = 0.005
 # Together with what is under way, a power cut costs half a second at most.
 FORCED_EVERY_S = 0.4
-READY, COMPLAINT, DONE = "ready", "complaint", "done"
+READY = "ready"
+COMPLAINT = "complaint"
+DONE = "done"
 CONTROL_GONE = "the control process ended"
 
 
@@ -64,7 +66,8 @@ def record_run(parent: Connection) -> None:
     except EOFError:
         return  # the parent started it in advance, and then had nothing to record
     try:
-        queue, writer = BlockQueue.attach(assignment.queue_name), RunWriter(assignment.folder)
+        queue = BlockQueue.attach(assignment.queue_name)
+        writer = RunWriter(assignment.folder)
     except RigError as error:
         _say(parent, DONE, str(error))
         return
@@ -101,7 +104,8 @@ class DiskRecorder:
 
     def run(self) -> str:
         """Runs until the parent sends the end; returns why the run ends."""
-        forced_s, is_busy = self._clock.now_s(), False
+        forced_s = self._clock.now_s()
+        is_busy = False
         while True:
             # With work to do it does not wait, but still takes messages between two steps of that
             # work.

@@ -54,7 +54,8 @@ def write_run(folder: Path, report_progress: ProgressCount = ignore_progress) ->
 
     Raises BadInput, naming the file, where a stage is damaged; RigError, DiskFull.
     """
-    header, ending = read_header(folder), read_ending(folder)
+    header = read_header(folder)
+    ending = read_ending(folder)
     with new_hdf5_file(folder / RECORDING) as made:
         static = yield from _copy_stages(
             made, iterate_with_progress(stage_files(folder), report_progress), header.source
@@ -78,7 +79,8 @@ def _copy_stages(
             for kind in (STROKES, RAW):
                 # By number, not by name: "1000" sorts before "999".
                 for number in sorted(stage.get(kind, ()), key=int):
-                    part, target = stage[kind][number], _place(made.root, kind)
+                    part = stage[kind][number]
+                    target = _place(made.root, kind)
                     for name, value in part.attrs.items():
                         target.attrs[name] = value
                     yield from copy_streams(part, target, source)
@@ -94,7 +96,8 @@ def _place(root: h5py.Group, kind: str) -> h5py.Group:
 
 
 def _finish(made: NewHdf5File, folder: Path, known: Recording, ending: Ending | None) -> None:
-    strokes, static = len(made.root[STROKES]), known.static
+    strokes = len(made.root[STROKES])
+    static = known.static
     provenance = run_provenance(folder, known, ending, strokes)
     mark_recording(
         made.root,
@@ -152,7 +155,8 @@ def read_stages(folder: Path) -> Recording:
 
 def read_without_samples(folder: Path) -> Recording:
     """The same as `read_stages` without strokes and raw stages, which need memory."""
-    ending, strokes = read_ending(folder), 0
+    ending = read_ending(folder)
+    strokes = 0
     static: list[StaticStage] = []
     for path in stage_files(folder):
         with open_sealed(path) as (file, _):
@@ -170,7 +174,9 @@ def with_photo_angles(
     recorded: tuple[StaticStage, ...], ending: Ending | None
 ) -> tuple[StaticStage, ...]:
     """The static stages with the angles read from their photos, where the run's end has them."""
-    return recorded if ending is None or ending.static is None else ending.static
+    if ending is None or ending.static is None:
+        return recorded
+    return ending.static
 
 
 def merge_stages(header: Recording, stages: Iterable[Recording]) -> Recording:
@@ -211,7 +217,8 @@ def close_journals(folder: Path) -> int:
     Returns the number of journals. Raises BadInput where the run is still going on.
     """
     check_not_running(folder)
-    header, found = read_header(folder), journals(folder)
+    header = read_header(folder)
+    found = journals(folder)
     for journal in found:
         path = journal.with_suffix(STAGE)
         # The crash may have come after the stage file was put in place and before its journal was

@@ -91,11 +91,10 @@ def read_ending(folder: Path) -> Ending | None:
         return None
     content = _read(path)
     try:
-        static = (
-            None
-            if content["static"] is None
-            else tuple(static_stage_of(stage) for stage in content["static"])
-        )
+        if content["static"] is None:
+            static = None
+        else:
+            static = tuple(static_stage_of(stage) for stage in content["static"])
         return Ending(check_texts(content["provenance"]), static, content.get("closed"))
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{path}: is not the end of a run: {error}") from None
@@ -119,7 +118,10 @@ def run_provenance(
 
 def events_text(folder: Path) -> str:
     """The complete lines of `events.jsonl`; part of a line, from a crash, is ignored."""
-    content = read_bounded(folder / EVENTS) if (folder / EVENTS).is_file() else b""
+    if (folder / EVENTS).is_file():
+        content = read_bounded(folder / EVENTS)
+    else:
+        content = b""
     # Damaged bytes must not keep the other events from being read.
     return content[: complete_lines_length(content)].decode(errors="replace")
 
@@ -145,7 +147,8 @@ def parse_events(text: str, where: str) -> list[dict[str, Any]]:
             if not (isinstance(event, dict) and isinstance(event.get("event"), str)):
                 raise ValueError("it has no name")
             if "file" in event:
-                file, samples = event["file"], event.get("samples")
+                file = event["file"]
+                samples = event.get("samples")
                 if not (
                     isinstance(file, str)
                     and is_inside(file)

@@ -129,7 +129,8 @@ def check_room(folder: Path, plan_bytes: int) -> None:
     need not exist yet.
     """
     existing = next(above for above in (folder, *folder.absolute().parents) if above.is_dir())
-    needed, free = ROOM_FACTOR * plan_bytes + RESERVE_BYTES, shutil.disk_usage(existing).free
+    needed = ROOM_FACTOR * plan_bytes + RESERVE_BYTES
+    free = shutil.disk_usage(existing).free
     if free < needed:
         raise BadInput(
             f"{existing}: {1e-6 * free:.0f} MB free, the run may need {1e-6 * needed:.0f} "
@@ -208,7 +209,8 @@ class RunWriter:
         """Hands everything taken to the system: it then survives this process, though not yet a
         power cut.
         """
-        waiting, self._waiting = b"".join(self._waiting), []
+        waiting = b"".join(self._waiting)
+        self._waiting = []
         if self._journal is not None and waiting:
             journal = self._journal
             self._write_or_use_reserve(lambda: journal.append(waiting))
@@ -220,7 +222,8 @@ class RunWriter:
         if not self._ended:
             return False
         number = self._ended[0]
-        journal, path = journal_path(self._folder, number), stage_path(self._folder, number)
+        journal = journal_path(self._folder, number)
+        path = stage_path(self._folder, number)
         self._making = self._making or write_stage(journal, path, self._header)
         try:
             next(self._making)
@@ -284,7 +287,8 @@ class RunWriter:
             return
         self._journal.close()
         self._journal = None
-        number, self._number = self._number, self._number + 1
+        number = self._number
+        self._number = self._number + 1
         self._ended.append(number)
 
     def _acknowledge(self, journal: Path, path: Path, written: StageOnDisk | None) -> None:

@@ -70,7 +70,10 @@ class StageOnDisk:
     def event(self, name: str, **about: str) -> bytes:
         """The stage's line for `events.jsonl`."""
         why = self.end.cut_short
-        outcome = {"event": "stage cut short", "why": why} if why else {"event": "stage recorded"}
+        if why:
+            outcome = {"event": "stage cut short", "why": why}
+        else:
+            outcome = {"event": "stage recorded"}
         event = {**outcome, "file": name, "sha256": self.sha256, "samples": self.samples, **about}
         return (json.dumps(event, ensure_ascii=False) + "\n").encode()
 
@@ -126,7 +129,8 @@ def _survey(journal: Path) -> Steps[Survey | None]:
     # A journal whose first block never reached the disk whole names no stage and no columns.
     if first is None or first.kind is not BlockKind.BEGIN:
         return None
-    begin, found = Begin.of(first), _Found()
+    begin = Begin.of(first)
+    found = _Found()
     counts = [_Count() for _ in begin.forms]
     for stream, rows in found.batches(begin, journal):
         counts[stream].add(rows)
@@ -134,10 +138,8 @@ def _survey(journal: Path) -> Steps[Survey | None]:
     # Without a commanded start the stage was cut short before it; times then count from the first
     # sample.
     first_s = min((count.first_s for count in counts if count.length), default=0.0)
-    lengths, offsets_s = (
-        tuple(count.length for count in counts),
-        tuple(count.offset_s for count in counts),
-    )
+    lengths = tuple(count.length for count in counts)
+    offsets_s = tuple(count.offset_s for count in counts)
     return Survey(begin, found.start or CommandedStart(first_s), found.end, lengths, offsets_s)
 
 
@@ -169,18 +171,22 @@ class _Count:
     """Length, first host time and clock offset of one stream."""
 
     def __init__(self) -> None:
-        self.length, self.first_s, self.offset_s = 0, 0.0, np.inf
+        self.length = 0
+        self.first_s = 0.0
+        self.offset_s = np.inf
 
     def add(self, rows: Rows) -> None:
         if len(rows):
-            self.first_s = self.first_s if self.length else float(rows[HOST_TIME][0])
+            if not self.length:
+                self.first_s = float(rows[HOST_TIME][0])
             self.length += len(rows)
             # The least delay of all samples is nearest to none; see `columns.host_offset_s`.
             self.offset_s = min(self.offset_s, host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]))
 
 
 def _fill(made: NewHdf5File, survey: Survey, journal: Path, header: Recording) -> Steps[None]:
-    begin, end = survey.begin, survey.end
+    begin = survey.begin
+    end = survey.end
     source = header.source
     mark_recording(made.root, stage_header(header), has_strokes=bool(end.stroke))
     strokes = make_strokes(made.root)

@@ -144,11 +144,10 @@ def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py
                 )
             found = file.attrs.get("format")
             if not isinstance(found, str) or found != FORMAT:
-                description = (
-                    f"format {str(found)[:60]!r}"
-                    if isinstance(found, str)
-                    else "an HDF5 file without format attribute"
-                )
+                if isinstance(found, str):
+                    description = f"format {str(found)[:60]!r}"
+                else:
+                    description = "an HDF5 file without format attribute"
                 raise BadInput(
                     f"{path}: {description}, where a recording of format {FORMAT!r} is needed"
                 )
@@ -235,7 +234,8 @@ def summarize(path: Path, thorough: bool = True, has_right_seal: bool = False) -
     Raises BadInput for a file that is damaged or of another kind.
     """
     with open_sealed(path, has_right_seal) as (file, source):
-        strokes, raw = _in_order(file[STROKES]), _in_order(file[RAW]) if RAW in file else []
+        strokes = _in_order(file[STROKES])
+        raw = _in_order(file[RAW]) if RAW in file else []
         for stroke in strokes:
             read_condition(stroke)
         samples: Counter[str] = Counter()

@@ -43,12 +43,14 @@ RAW = "raw"
 
 def mark_root(file: h5py.Group, default: str) -> None:
     """`default` names the entry that is shown first."""
-    file.attrs["NX_class"], file.attrs["default"] = "NXroot", default
+    file.attrs["NX_class"] = "NXroot"
+    file.attrs["default"] = default
 
 
 def mark_entry(group: h5py.Group) -> None:
     """A group of numbered stages, of which the first is shown."""
-    group.attrs["NX_class"], group.attrs["default"] = "NXentry", "001"
+    group.attrs["NX_class"] = "NXentry"
+    group.attrs["default"] = "001"
 
 
 def mark_stage(group: h5py.Group, streams: Sequence[str]) -> None:
@@ -62,10 +64,8 @@ def mark_stream(group: h5py.Group, columns: Sequence[str], time: str) -> None:
     """Columns over a time; the vertical force is shown where there is one."""
     group.attrs["NX_class"] = "NXdata"
     if columns:
-        group.attrs["signal"], group.attrs["axes"] = (
-            link_name(PLOTTED if PLOTTED in columns else columns[0]),
-            time,
-        )
+        group.attrs["signal"] = link_name(PLOTTED if PLOTTED in columns else columns[0])
+        group.attrs["axes"] = time
 
 
 def write_strokes(parent: h5py.Group, strokes: Iterable[Stroke], source: Source) -> None:
@@ -161,7 +161,10 @@ def read_stroke(group: h5py.Group, source: Source) -> Stroke:
     recording's source.
     """
     height_mm, speed_rad_s, repeat = read_condition(group)
-    before = int(group.attrs[BEFORE]) if BEFORE in group.attrs else None
+    if BEFORE in group.attrs:
+        before = int(group.attrs[BEFORE])
+    else:
+        before = None
     return Stroke(height_mm / 1e3, speed_rad_s, repeat, read_streams(group, source), before)
 
 
@@ -169,7 +172,8 @@ def read_condition(stroke: h5py.Group) -> tuple[float, float, int]:
     """Height in mm, speed in rad/s, and repeat. Raises ValueError for a height or speed that no
     stroke has.
     """
-    height, speed_rad_s = read_height_mm(stroke), float(stroke.attrs["speed_rad_s"])
+    height = read_height_mm(stroke)
+    speed_rad_s = float(stroke.attrs["speed_rad_s"])
     if not 0.0 < speed_rad_s < MOST_SPEED_RAD_S:
         raise ValueError(f"{stroke.name} has the speed {speed_rad_s:g} rad/s")
     return height, speed_rad_s, int(stroke.attrs["repeat"])
@@ -256,7 +260,9 @@ def height_mm(height_m: float) -> float:
     clean = round(1e3 * height_m, 9)
     # Rounded only where reading gives back the very same number: the height is a key that plans are
     # compared by.
-    return clean if clean / 1e3 == height_m else 1e3 * height_m
+    if clean / 1e3 == height_m:
+        return clean
+    return 1e3 * height_m
 
 
 def write_raw_stages(parent: h5py.Group, stages: Sequence[RawStage], source: Source) -> None:

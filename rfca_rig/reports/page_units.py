@@ -37,7 +37,9 @@ def page_name(name: str) -> tuple[str, float]:
     """
     unit = words_and_unit(name)[1]
     ending, factor = SHOWN.get(unit, (unit, 1.0))
-    return (f"{name.removesuffix(unit)}{ending}", factor) if factor != 1.0 else (name, 1.0)
+    if factor != 1.0:
+        return (f"{name.removesuffix(unit)}{ending}", factor)
+    return (name, 1.0)
 
 
 def text_in_degrees(text: str) -> str:
@@ -52,7 +54,9 @@ def _angle(found: re.Match[str]) -> str:
     digits = max(2, len(re.sub(r"^[-\u22120.]+|\.", "", half or value)))
     places = max(0, decimals(degrees(given[-1]), digits))
     text = f"{(joint or '').join(f'{degrees(one):.{places}f}' for one in given)}{space}{DEGREES}"
-    return text.replace("-", MINUS) if MINUS in value else text
+    if MINUS in value:
+        return text.replace("-", MINUS)
+    return text
 
 
 def _scale(one: Value, factor: float) -> Value:
@@ -91,11 +95,9 @@ def _limits(one: NotSeen) -> NotSeen:
 
 def _place(place: Located) -> Located:
     signal, factor = page_name(place.signal)
-    return (
-        replace(place, signal=signal, size=factor * place.size, unit=DEGREES)
-        if factor != 1.0
-        else place
-    )
+    if factor != 1.0:
+        return replace(place, signal=signal, size=factor * place.size, unit=DEGREES)
+    return place
 
 
 def _cell(cell: MapCell) -> MapCell:

@@ -57,17 +57,15 @@ LINK = re.compile(r'<a href="(?!#)[^"]*">')
 def find_browser() -> Path:
     """A browser that can print. Raises BadInput with advice where there is none."""
     chosen = os.environ.get(VARIABLE)
-    found = (
-        shutil.which(chosen)
-        if chosen
-        else next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
-    )
+    if chosen:
+        found = shutil.which(chosen)
+    else:
+        found = next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
     if found is None:
-        missing = (
-            f"{chosen!r}, which {VARIABLE} names, is not there"
-            if chosen
-            else "no Chromium, Chrome, Edge or Brave is there to print with"
-        )
+        if chosen:
+            missing = f"{chosen!r}, which {VARIABLE} names, is not there"
+        else:
+            missing = "no Chromium, Chrome, Edge or Brave is there to print with"
         raise BadInput(
             f"--pdf: {missing}; install one, name it with {VARIABLE}, or open the page in "
             "any browser and print it to a file"
@@ -85,12 +83,16 @@ def print_pdfs(browser: Path, pages: Iterable[Path]) -> list[Path]:
 def _print(browser: Path, page: Path) -> Path:
     target = page.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(prefix="rfca-rig-") as folder:
-        copy, printed = Path(folder) / page.name, Path(folder) / target.name
+        copy = Path(folder) / page.name
+        printed = Path(folder) / target.name
         # The browser would write the absolute path of every linked file into the PDF.
         copy.write_text(LINK.sub("<a>", page.read_text("utf-8")), "utf-8")
         # A profile in the temporary folder: the user's own profile is neither read nor changed.
         # Option for running as root, as in a container: Chromium refuses its sandbox there.
-        root = ["--no-sandbox"] if sys.platform != "win32" and os.geteuid() == 0 else []
+        if sys.platform != "win32" and os.geteuid() == 0:
+            root = ["--no-sandbox"]
+        else:
+            root = []
         message = _run(
             [
                 str(browser),

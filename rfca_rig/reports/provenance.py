@@ -93,11 +93,10 @@ class Origin:
         """What the head of every page states: when, who, on which specimen and rig, and the
         version. Several recordings are joined.
         """
-        names = (
-            {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"}
-            if self.recordings
-            else {}
-        )
+        if self.recordings:
+            names = {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"}
+        else:
+            names = {}
         each = {
             name: list(dict.fromkeys(getattr(one, field) for one in self.recordings))
             for name, field in names.items()
@@ -180,7 +179,9 @@ def command_line(*words: str | PurePath, options: Mapping[str, object] | None = 
 
 def path_text(path: PurePath) -> str:
     """A path as a page shows it: only the last part of an absolute one."""
-    return path.name if path.is_absolute() else path.as_posix()
+    if path.is_absolute():
+        return path.name
+    return path.as_posix()
 
 
 def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recording]) -> Origin:
@@ -247,7 +248,9 @@ def recording_source(recording: Recording, path: Path | None = None) -> Recordin
         specimen=known.get("sample", ""),
         rig=known.get("rig", ""),
     )
-    return source if path is None else _with_hash(source, path)
+    if path is None:
+        return source
+    return _with_hash(source, path)
 
 
 def _with_hash(source: RecordingSource, path: Path) -> RecordingSource:

@@ -78,7 +78,11 @@ WIDTH_IN = 8.6
 # On a phone a wide figure is replaced by one of this width, whose letters are as large as the
 # page's.
 NARROW_IN = 4.4
-PANEL_IN, LEFT_IN, BOTTOM_IN, TOP_IN, RIGHT_IN = (4.2, 1.95), 0.68, 0.46, 0.24, 0.1
+PANEL_IN = (4.2, 1.95)
+LEFT_IN = 0.68
+BOTTOM_IN = 0.46
+TOP_IN = 0.24
+RIGHT_IN = 0.1
 # Values that a pointer finds along one panel.
 HOVERS = 24
 
@@ -135,7 +139,8 @@ def save_picture(figure: Figure, path: Path) -> None:
         raise BadInput(
             f"{path}: cannot be written: {path.parent} is no folder; make it, or name another one"
         )
-    drawn, kind = io.BytesIO(), path.suffix.lower()
+    drawn = io.BytesIO()
+    kind = path.suffix.lower()
     # Without its date, an SVG has the same bytes each time.
     figure.savefig(
         drawn, format=kind.lstrip("."), dpi=200, metadata={"Date": None} if kind == ".svg" else None
@@ -241,7 +246,8 @@ def hover_values(
     """
     if len(x) < 2:
         return []
-    found, edges = [], np.linspace(x[0], x[-1], count + 1)
+    found = []
+    edges = np.linspace(x[0], x[-1], count + 1)
     # Rounding errors of a line that is zero are zero to a reader.
     least = 1e-6 * max(
         (np.abs(values[np.isfinite(values)]).max(initial=0.0) for values in series.values()),
@@ -284,7 +290,9 @@ def _piece(piece: str) -> str:
     # In whole tenths: sums of steps are then exact, however long the line is.
     points = [(round(10.0 * float(x)), round(10.0 * float(y))) for x, y in POINT.findall(piece)]
     steps = [(x - x0, y - y0) for (x0, y0), (x, y) in pairwise(points)]
-    return f"M{_tenths(points[0])}l{' '.join(_tenths(step) for step in steps)}" if steps else ""
+    if steps:
+        return f"M{_tenths(points[0])}l{' '.join(_tenths(step) for step in steps)}"
+    return ""
 
 
 def _tenths(pair: tuple[int, int]) -> str:
@@ -294,7 +302,9 @@ def _tenths(pair: tuple[int, int]) -> str:
 def _number(tenths: int) -> str:
     whole, tenth = divmod(abs(tenths), 10)
     text = (str(whole) if whole or not tenth else "") + (f".{tenth}" if tenth else "")
-    return f"-{text}" if tenths < 0 else text
+    if tenths < 0:
+        return f"-{text}"
+    return text
 
 
 def inline_svg(figure: Figure, salt: str, label: str, hovers: Sequence[Hover] = ()) -> str:
@@ -358,11 +368,10 @@ def _hover_area(hover: Hover, figure: Figure) -> str:
     corner.
     """
     points = 72.0 / figure.dpi
-    (left, right), box = (
-        hover.axes.transData.transform([[x, 0.0] for x in (hover.left, hover.right)])[:, 0]
-        * points,
-        hover.axes.bbox,
+    (left, right) = (
+        hover.axes.transData.transform([[x, 0.0] for x in (hover.left, hover.right)])[:, 0] * points
     )
+    box = hover.axes.bbox
     top = 72.0 * figure.get_figheight() - box.y1 * points
     place = (
         f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" '

@@ -163,7 +163,9 @@ class Table:
             (str(name), tuple(rows))
             for name, rows in groupby(self.rows, lambda row: row.values.get(key) or "")
         ]
-        return groups if len(groups) > 1 else [("", self.rows)]
+        if len(groups) > 1:
+            return groups
+        return [("", self.rows)]
 
     def notes(self, row: TableRow) -> list[str]:
         """Notes below a row, a line each."""
@@ -178,7 +180,9 @@ class Table:
             (over, len(list(columns)))
             for over, columns in groupby(self.shown, lambda column: column.over)
         ]
-        return spans if any(over for over, _ in spans) else []
+        if any(over for over, _ in spans):
+            return spans
+        return []
 
 
 @dataclass(frozen=True)
@@ -194,14 +198,18 @@ class TableCell:
 
 def cell(column: TableColumn, row: TableRow) -> TableCell:
     """The value of a column in a row as text, with its uncertainty where there is one."""
-    value, half = row.values.get(column.key), row.values.get(column.half) if column.half else None
+    value = row.values.get(column.key)
+    half = row.values.get(column.half) if column.half else None
     if value is None or (isinstance(value, float) and not isfinite(value)):
         return TableCell("")
     if isinstance(value, bool | str):
         return TableCell(value if isinstance(value, str) else ("yes" if value else "no"))
     if column.set_value:
         return TableCell(f"{value:.6g}", is_number=True)
-    known = float(half) if isinstance(half, int | float) and isfinite(half) and half > 0 else None
+    if isinstance(half, int | float) and isfinite(half) and half > 0:
+        known = float(half)
+    else:
+        known = None
     digits = _digits(value, known, column.digits if row.digits is None else row.digits)
     if known is None and 0.0 < value < 0.5 * 10.0**-digits:
         # Rounded to zero, a small value would look like none.
@@ -239,7 +247,9 @@ def _digits(value: float, half: float | None, asked: int | None) -> int:
         return asked
     if isinstance(value, int):
         return 0
-    return places(half, 2) if half is not None else places(value, 4)
+    if half is not None:
+        return places(half, 2)
+    return places(value, 4)
 
 
 def places(size: float, digits: int) -> int:
@@ -265,7 +275,9 @@ def with_common_decimals(column: TableColumn, rows: Sequence[TableRow]) -> Table
         for half in halves
         if isinstance(half, int | float) and isfinite(half) and half > 0
     )
-    return replace(column, digits=max(places(known[len(known) // 2], 2), 0)) if known else column
+    if known:
+        return replace(column, digits=max(places(known[len(known) // 2], 2), 0))
+    return column
 
 
 def tex_head(text: str) -> str:
@@ -286,14 +298,18 @@ def tex_unit(unit: str) -> str:
     """A unit in LaTeX: N m/rad with thin spaces, N/m^1.5 with an exponent."""
     base, _, power = unit.partition("^")
     text = tex_text(base).replace(" ", r"\,")
-    return f"{text}$^{{{power}}}$" if power else text
+    if power:
+        return f"{text}$^{{{power}}}$"
+    return text
 
 
 def tex_number(text: str, half: str = "") -> str:
     r"""A number in math mode, which sets a proper minus sign; with $\pm$ where there is an
     uncertainty.
     """
-    return rf"${text} \pm {half}$" if half else f"${text}$"
+    if half:
+        return rf"${text} \pm {half}$"
+    return f"${text}$"
 
 
 def as_csv(table: Table) -> str:
@@ -312,7 +328,9 @@ def _plain(value: Value) -> Value:
     errors of machines do not show.
     """
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        if value:
+            return "yes"
+        return "no"
     return (
         (float(f"{value:.12g}") + 0.0 if isfinite(value) else "")
         if isinstance(value, float)
@@ -325,7 +343,10 @@ def as_tex(table: Table) -> str:
     comment above it.
     """
     alignment = "".join("r" if column.key in table.numeric else "l" for column in table.shown)
-    packages = "booktabs,graphicx" if any(column.upright for column in table.shown) else "booktabs"
+    if any(column.upright for column in table.shown):
+        packages = "booktabs,graphicx"
+    else:
+        packages = "booktabs"
     lines = [
         rf"% needs \usepackage{{{packages}}}; {printable(' '.join(table.caption.split()))}",
         rf"\begin{{tabular}}{{{alignment}}}",
@@ -361,7 +382,8 @@ def _tex_heads(table: Table) -> list[str]:
         rf"\multicolumn{{{span}}}{{c}}{{{tex_text(over)}}}" if over else " & ".join([""] * span)
         for over, span in overs
     ]
-    rules, at = [], 1
+    rules = []
+    at = 1
     for over, span in overs:
         rules += [rf"\cmidrule(lr){{{at}-{at + span - 1}}}"] if over else []
         at += span
@@ -373,7 +395,9 @@ def _tex_head(column: TableColumn, is_number: bool) -> str:
     text = f"{tex_head(column.title)}{unit}"
     if column.upright:
         return rf"\rotatebox{{90}}{{{text}~}}"
-    return rf"\multicolumn{{1}}{{r}}{{{text}}}" if is_number else text
+    if is_number:
+        return rf"\multicolumn{{1}}{{r}}{{{text}}}"
+    return text
 
 
 def _tex_foot(table: Table, foot: Foot) -> str:
@@ -392,10 +416,14 @@ def _tex_line(cells: Sequence[str]) -> str:
 def _tex_cell(column: TableColumn, found: TableCell, is_number: bool) -> str:
     if not found.text:
         # An upright table is a matrix of counts, where an empty cell means none.
-        return UNKNOWN_TEX if is_number and not column.upright else ""
+        if is_number and not column.upright:
+            return UNKNOWN_TEX
+        return ""
     if column.key == "unit":
         return tex_unit(found.text)
-    return tex_number(found.text, found.half) if found.is_number else tex_head(found.text)
+    if found.is_number:
+        return tex_number(found.text, found.half)
+    return tex_head(found.text)
 
 
 def as_text(table: Table) -> str:
@@ -423,11 +451,15 @@ def _align(table: Table, line: Sequence[str], widths: Sequence[int]) -> str:
 
 def _head_text(column: TableColumn) -> str:
     over = f"{column.over}: " if column.over else ""
-    return f"{over}{column.title} ({column.unit})" if column.unit else f"{over}{column.title}"
+    if column.unit:
+        return f"{over}{column.title} ({column.unit})"
+    return f"{over}{column.title}"
 
 
 def _text(found: TableCell) -> str:
-    return f"{found.text} +- {found.half}" if found.half else found.text
+    if found.half:
+        return f"{found.text} +- {found.half}"
+    return found.text
 
 
 def write_all(out: Path, contents: Mapping[str, str]) -> None:

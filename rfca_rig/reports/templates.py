@@ -24,7 +24,9 @@ from rfca_rig.reports.table import (
 from rfca_rig.reports.text import MARK_MEANINGS, MINUS, NO_BREAK, NOTHING, in_thousands
 
 # Width of a phone of 390 px in characters of a table, and of the gap between two columns.
-PHONE_CHARACTERS, GAP_CHARACTERS, WORD_CHARACTERS = 50, 3, 14
+PHONE_CHARACTERS = 50
+GAP_CHARACTERS = 3
+WORD_CHARACTERS = 14
 # Longer texts of a cell are broken over lines.
 MOST_UNBROKEN = 44
 
@@ -111,16 +113,16 @@ def cells_as_text(table: Table) -> ShownTable:
 
 def _card_head(column: TableColumn) -> str:
     over = f"{column.over}, " if column.over else ""
-    return (
-        f"{over}{column.title} ({column.unit.replace(' ', NO_BREAK)})"
-        if column.unit
-        else f"{over}{column.title}"
-    )
+    if column.unit:
+        return f"{over}{column.title} ({column.unit.replace(' ', NO_BREAK)})"
+    return f"{over}{column.title}"
 
 
 def _characters(cell: ShownCell) -> int:
     # Words are broken over lines, numbers are not.
-    return len(cell.text) if cell.right else min(len(cell.text), WORD_CHARACTERS)
+    if cell.right:
+        return len(cell.text)
+    return min(len(cell.text), WORD_CHARACTERS)
 
 
 def _row(table: Table, row: TableRow) -> ShownRow:
@@ -135,7 +137,10 @@ def _foot(table: Table, foot: Foot) -> ShownFoot:
 
 
 def _to_cell(table: Table, column: TableColumn, found: TableCell) -> ShownCell:
-    text = in_thousands(found.text).replace("-", MINUS) if found.is_number else found.text
+    if found.is_number:
+        text = in_thousands(found.text).replace("-", MINUS)
+    else:
+        text = found.text
     if found.half:
         text += f"{NO_BREAK}±{NO_BREAK}{found.half}"
     return ShownCell(

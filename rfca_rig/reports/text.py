@@ -98,12 +98,16 @@ def decimals(size: float, digits: int) -> int:
     """Decimals that show `size` with so many significant digits; negative where it is rounded to
     tens or hundreds.
     """
-    return digits - 1 - floor(log10(abs(size))) if size and isfinite(size) else 0
+    if size and isfinite(size):
+        return digits - 1 - floor(log10(abs(size)))
+    return 0
 
 
 def format_decimals(value: float, places: int) -> str:
     """A value with `places` decimals; negative ones round to tens or hundreds."""
-    return number(round(value, places), max(places, 0)) if isfinite(value) else NOTHING
+    if isfinite(value):
+        return number(round(value, places), max(places, 0))
+    return NOTHING
 
 
 def in_thousands(text: str) -> str:
@@ -118,7 +122,9 @@ def in_thousands(text: str) -> str:
 
 def spread(mean: float | None, std: float | None, digits: int) -> str:
     """Mean ± standard deviation; the mean alone where there is one value."""
-    return number(mean, digits) if std is None else f"{number(mean, digits)} ± {std:.{digits}f}"
+    if std is None:
+        return number(mean, digits)
+    return f"{number(mean, digits)} ± {std:.{digits}f}"
 
 
 def keep_units_together(text: str) -> str:
@@ -157,11 +163,10 @@ def regions_sentence(compared: ComparedCondition, overlay: OverlayDrawing) -> st
         return "No regions II and III: neither a repeat nor the model touches the ground."
     first, *others = overlay.regions
     later = ", ".join(f"{region.name} to {region.end_s:.3f} s" for region in others)
-    whose = (
-        "mean over the repeats"
-        if compared.contact_is_measured
-        else "by the simulated stroke, for no repeat shows its contact"
-    )
+    if compared.contact_is_measured:
+        whose = "mean over the repeats"
+    else:
+        whose = "by the simulated stroke, for no repeat shows its contact"
     return f"Regions: {first.name} to {first.end_s:.3f} s, {later} ({whose})."
 
 
@@ -181,7 +186,8 @@ def scales_sentence(overlay: OverlayDrawing) -> str:
     """Sentence on the two scales, which a reader might otherwise compare, and on what exceeds
     the residual's.
     """
-    wide, narrow = overlay.force_span_N, 2.0 * overlay.residual_limit_N
+    wide = overlay.force_span_N
+    narrow = 2.0 * overlay.residual_limit_N
     sentence = (
         f"The axis of the residual spans ±{overlay.residual_limit_N:g} N, {wide / narrow:.0f} "
         "times finer than the force axis."
@@ -220,12 +226,16 @@ def signal_words(signal: str) -> str:
 def name_with_unit(name: str) -> str:
     """The name in words with its unit, as in "half gap, deg"."""
     words, unit = words_and_unit(name)
-    return f"{words}, {unit}" if unit else words
+    if unit:
+        return f"{words}, {unit}"
+    return words
 
 
 def _unit(token: str) -> str | None:
     found = re.fullmatch(r"([A-Za-z]+)(2|3|1p5|)", token)
-    return UNIT_WORDS[found[1]] + POWERS[found[2]] if found and found[1] in UNIT_WORDS else None
+    if found and found[1] in UNIT_WORDS:
+        return UNIT_WORDS[found[1]] + POWERS[found[2]]
+    return None
 
 
 def _join_units(tokens: list[str]) -> str:
@@ -233,4 +243,6 @@ def _join_units(tokens: list[str]) -> str:
         return "/".join(tokens)
     words = [token if token == "per" else str(_unit(token)) for token in tokens]
     above, _, below = " ".join(words).partition("per")
-    return f"{above.strip() or '1'}/{below.strip()}" if below else above.strip()
+    if below:
+        return f"{above.strip() or '1'}/{below.strip()}"
+    return above.strip()

@@ -34,7 +34,8 @@ from rfca_rig.sweep.result import (
     write_result,
 )
 
-FOLDER, LOCK = "shards", "lock"
+FOLDER = "shards"
+LOCK = "lock"
 # UTF-8 needs up to four bytes per character.
 TEXT = f"S{4 * LONGEST_REMARK}"
 
@@ -54,7 +55,8 @@ class Shards:
     """The shards of one plan, known by its digest, in `folder`/shards."""
 
     def __init__(self, folder: Path, digest: str) -> None:
-        self.folder, self._digest = folder / FOLDER, digest
+        self.folder = folder / FOLDER
+        self._digest = digest
 
     @contextmanager
     def lock(self) -> Iterator[None]:
@@ -99,10 +101,8 @@ class Shards:
         path = self._path(span)
         try:
             with open_plain(path) as file:
-                digest, values = (
-                    file.attrs["plan"],
-                    np.asarray(file["values"][()], dtype=np.float64),
-                )
+                digest = file.attrs["plan"]
+                values = np.asarray(file["values"][()], dtype=np.float64)
                 remarks = tuple(remark.decode() for remark in file["remarks"][()])
         except (OSError, KeyError, ValueError) as error:
             reason = " ".join(str(error).split())
@@ -128,12 +128,15 @@ class Shards:
 
 def find_gaps(count: int, there: Iterable[CaseRange]) -> list[CaseRange]:
     """Ranges of the `count` cases that `there`, in order, does not cover."""
-    gaps, at = [], 0
+    gaps = []
+    at = 0
     for span in there:
         if span.first > at:
             gaps.append(CaseRange(at, span.first))
         at = max(at, span.last)
-    return [*gaps, CaseRange(at, count)] if at < count else gaps
+    if at < count:
+        return [*gaps, CaseRange(at, count)]
+    return gaps
 
 
 def split_gaps(gaps: Iterable[CaseRange], size: int) -> list[CaseRange]:
@@ -163,7 +166,8 @@ def measure_pace(plan: SweepPlan, clock: Clock) -> Pace:
     """
     count = min(MAX_PILOT_CASES, plan.count)
     case_row(plan, 0)
-    start_s, done = clock.now_s(), 0
+    start_s = clock.now_s()
+    done = 0
     while done < count and clock.now_s() - start_s < MAX_PILOT_S:
         # Cases are taken at the middle of equal parts: time differs along the axes.
         case_row(plan, ((2 * done + 1) * plan.count) // (2 * count))
@@ -261,7 +265,9 @@ def _compute_missing(
 
 def _rows(plan: SweepPlan, span: CaseRange, found: CaseRows | TaskFailure) -> CaseRows:
     """Rows of one case; a case that ends its worker counts as failed."""
-    return make_failed_rows(plan, span, found.reason) if isinstance(found, TaskFailure) else found
+    if isinstance(found, TaskFailure):
+        return make_failed_rows(plan, span, found.reason)
+    return found
 
 
 def merge_shards(plan: SweepPlan, shards: Shards) -> SweepResult:

@@ -120,7 +120,9 @@ class CaseResults:
         if self.normal_N[0] > 0.0:
             return Undetermined("the leg lies on the ground before it starts")
         found = find_valley(self.stroke.t_s[::VALLEY_EVERY], self.stroke.fz_N[::VALLEY_EVERY])
-        return found if isinstance(found, Valley) else Undetermined(f"no valley: {found.reason}")
+        if isinstance(found, Valley):
+            return found
+        return Undetermined(f"no valley: {found.reason}")
 
     @cached_property
     def touchdown(self) -> int:
@@ -150,7 +152,8 @@ class CaseResults:
 
         It is a plain sum, because the rounding of a dot product may depend on the number of
         threads."""
-        moving, t_s = values[self.moving], self.stroke.t_s[self.moving]
+        moving = values[self.moving]
+        t_s = self.stroke.t_s[self.moving]
         return float(np.sum(0.5 * (moving[1:] + moving[:-1]) * np.diff(t_s)))
 
 
@@ -447,9 +450,9 @@ class RequestedOutput:
     @property
     def header(self) -> str:
         """The column's name."""
-        return (
-            self.name if self.at_deg is None else f"{self.name}{ANGLE_SEPARATOR}{self.at_deg:g}deg"
-        )
+        if self.at_deg is None:
+            return self.name
+        return f"{self.name}{ANGLE_SEPARATOR}{self.at_deg:g}deg"
 
     @property
     def output(self) -> Output:
@@ -457,16 +460,16 @@ class RequestedOutput:
 
     @property
     def words(self) -> str:
-        return (
-            self.output.words
-            if self.at_deg is None
-            else f"{self.output.words} at {self.at_deg:g} degrees of {self.output.at}"
-        )
+        if self.at_deg is None:
+            return self.output.words
+        return f"{self.output.words} at {self.at_deg:g} degrees of {self.output.at}"
 
     def of(self, case: CaseResults) -> float:
         """The value. Raises OutputMissing, SimulationFailed, BadInput."""
         value = self.output.value
-        return value(case) if self.at_deg is None else value(case, self.at_deg)
+        if self.at_deg is None:
+            return value(case)
+        return value(case, self.at_deg)
 
 
 def parse_outputs(names: Sequence[str]) -> tuple[RequestedOutput, ...]:

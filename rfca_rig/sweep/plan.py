@@ -107,9 +107,13 @@ def shares(samples: SweepSamples) -> Floats:
     """Sample points (n, ranges) as shares of each range, from 0 to 1, as they are drawn."""
     from scipy.stats import qmc  # noqa: PLC0415 - grids need not pay for it
 
-    dimensions, rng = len(samples.ranges), np.random.default_rng(samples.seed)
+    dimensions = len(samples.ranges)
+    rng = np.random.default_rng(samples.seed)
     # Both kinds are randomised by the seeded generator; scipy scrambles Sobol points by default.
-    kind = qmc.Sobol if samples.method == "sobol" else qmc.LatinHypercube
+    if samples.method == "sobol":
+        kind = qmc.Sobol
+    else:
+        kind = qmc.LatinHypercube
     return np.asarray(kind(dimensions, seed=rng).random(samples.n))
 
 
@@ -137,7 +141,8 @@ def first_order(share: Floats, y: Floats, rng: np.random.Generator) -> FirstOrde
     rng : random numbers of the bootstrap
     """
     known = np.isfinite(y)
-    share, y = share[known], y[known]
+    share = share[known]
+    y = y[known]
     if y.size < MIN_VALUES or np.ptp(y) <= 1e-12 * np.abs(y).max():
         return None
     B = spline_basis(share, min(max(1, y.size // PER_SEGMENT), MOST_SEGMENTS))
@@ -151,13 +156,15 @@ def first_order(share: Floats, y: Floats, rng: np.random.Generator) -> FirstOrde
 
 
 def _r2_adjusted(B: Floats, y: Floats, weights: Floats) -> float:
-    n, p = y.size, B.shape[1]
+    n = y.size
+    p = B.shape[1]
     # The total sum of squares is about the weighted mean; the fit does not change, because the
     # splines contain the constant.
     y = y - weights @ y / n
     weighted = B.T * weights
     coefficients, *_ = np.linalg.lstsq(weighted @ B, weighted @ y, rcond=1e-10)
-    left, total = weights @ (y - B @ coefficients) ** 2, weights @ y**2
+    left = weights @ (y - B @ coefficients) ** 2
+    total = weights @ y**2
     return float(1.0 - (left / (n - p)) / (total / (n - 1)))
 
 
@@ -182,7 +189,10 @@ def make_grid(low: float, high: float, steps: int, log: bool) -> tuple[float, ..
     """`steps` values from `low` to `high`, both included, rounded to 12 digits so that a step of
     0.1 gives 0.3, not 0.30000000000000004.
     """
-    values = np.geomspace(low, high, steps) if log else np.linspace(low, high, steps)
+    if log:
+        values = np.geomspace(low, high, steps)
+    else:
+        values = np.linspace(low, high, steps)
     return tuple(float(f"{value:.12g}") for value in values)
 
 
@@ -339,7 +349,8 @@ def claim_folder(plan: SweepPlan, folder: Path) -> str:
     """
     with translate_os_errors(folder, "the folder cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)
-    path, text = folder / PLAN_FILE, as_text(plan)
+    path = folder / PLAN_FILE
+    text = as_text(plan)
     if not path.exists():
         # A folder with other content was most likely named by mistake; nothing may be mixed into
         # it.

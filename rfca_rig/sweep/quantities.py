@@ -94,7 +94,9 @@ class SweepCase:
     def _leg(self) -> Leg:
         """With its strip and first link, before it is divided into other links."""
         leg = replace_strip(self.rig, self.strip).leg
-        return leg if self.first_link_m is None else with_first_link(leg, self.first_link_m)
+        if self.first_link_m is None:
+            return leg
+        return with_first_link(leg, self.first_link_m)
 
 
 def replace_strip(rig: RigModel, strip: Strip) -> RigModel:
@@ -103,7 +105,8 @@ def replace_strip(rig: RigModel, strip: Strip) -> RigModel:
 
     Hardening and hinge damping are unchanged, as in `analysis.strips`.
     """
-    fitted, leg = FITTED_STRIP, rig.leg
+    fitted = FITTED_STRIP
+    leg = rig.leg
     # The paper's strip leaves the rig bitwise as it is.
     if strip == fitted:
         return rig
@@ -290,7 +293,9 @@ def _limits_of(parameter: ModelParameter[ModelPoint]) -> Callable[[Value], str |
         return _is_monotone
     if parameter.name in ("hinge_damping", "contact_damping", "tangential_damping"):
         return _not_negative
-    return _above_zero if parameter.relative else _finite
+    if parameter.relative:
+        return _above_zero
+    return _finite
 
 
 def _of_effect(id_: str, parameter: OfEffect) -> Quantity:
@@ -308,7 +313,9 @@ def _with_unit(parameter: ModelParameter[ModelPoint]) -> str:
     unit = parameter.unit.replace("m1.5", "m1p5")
     for written, named in KEY_OF_UNIT.items():
         unit = unit.replace(written, named)
-    return f"{parameter.name}_{unit}" if unit else parameter.name
+    if unit:
+        return f"{parameter.name}_{unit}"
+    return parameter.name
 
 
 def _material(at: SweepCase, value: Value) -> SweepCase:
@@ -334,7 +341,9 @@ def _number(value: Value) -> float:
 def _finite(value: Value) -> str | None:
     if isinstance(value, str):
         return "must be a number"
-    return None if np.isfinite(value) else "must be a finite number"
+    if np.isfinite(value):
+        return None
+    return "must be a finite number"
 
 
 # Each of the following returns why a value is not allowed, or None.
@@ -365,8 +374,12 @@ def _whole_links(value: Value) -> str | None:
     fits = (
         _finite(value) is None and _number(value).is_integer() and 2 <= _number(value) <= MOST_LINKS
     )
-    return None if fits else f"must be a whole number of 2 to {MOST_LINKS}"
+    if fits:
+        return None
+    return f"must be a whole number of 2 to {MOST_LINKS}"
 
 
 def _one_of(choices: tuple[str, ...], value: Value) -> str | None:
-    return None if value in choices else f"must be one of {', '.join(choices)}"
+    if value in choices:
+        return None
+    return f"must be one of {', '.join(choices)}"

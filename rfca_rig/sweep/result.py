@@ -25,8 +25,10 @@ LONGEST_REMARK = 200
 INTERNAL_ERROR = "mistake in rfca-rig"
 Strings = NDArray[np.bytes_]
 
-H5, CSV = "sweep.h5", "sweep.csv"
-CASE, REMARK = "case", "remark"
+H5 = "sweep.h5"
+CSV = "sweep.csv"
+CASE = "case"
+REMARK = "remark"
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
     case.
     """
     computed = CaseResults(plan.design(case))
-    values, reasons = [], []
+    values = []
+    reasons = []
     for asked in plan.outputs:
         value = float("nan")
         try:
@@ -90,7 +93,9 @@ def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
 
 def _short(text: str) -> str:
     line = " ".join(text.split())
-    return line if len(line) <= LONGEST_REMARK else line[: LONGEST_REMARK - 2] + ".."
+    if len(line) <= LONGEST_REMARK:
+        return line
+    return line[: LONGEST_REMARK - 2] + ".."
 
 
 @dataclass(frozen=True)
@@ -152,7 +157,8 @@ def write_result(result: SweepResult, folder: Path) -> None:
     """
     write_atomically(folder / CSV, _csv(result).encode())
     with new_hdf5_file(folder / H5) as file:
-        root, plan = file.root, result.plan
+        root = file.root
+        plan = result.plan
         root.attrs.update({"format": FORMAT, "title": plan.title, "plan": as_text(plan)})
         columns: list[tuple[str, str, Any]] = [
             (name, find_quantity(name).words, result.values_of(name)) for name in plan.varied
@@ -164,9 +170,10 @@ def write_result(result: SweepResult, folder: Path) -> None:
         columns.append((REMARK, "why an output is missing", np.array(result.remarks)))
         for name, words, values in columns:
             # HDF5 stores text as bytes.
-            data = (
-                np.array([each.encode() for each in values]) if values.dtype.kind == "U" else values
-            )
+            if values.dtype.kind == "U":
+                data = np.array([each.encode() for each in values])
+            else:
+                data = values
             dataset = root.create_dataset(name, data=data, compression=1, shuffle=True)
             dataset.attrs["long_name"] = words
         # Raises here what the disk refused while the content was written.
@@ -209,4 +216,6 @@ def _csv(result: SweepResult) -> str:
 
 
 def _format_value(value: float | str) -> str:
-    return value if isinstance(value, str) else repr(float(value)).removesuffix(".0")
+    if isinstance(value, str):
+        return value
+    return repr(float(value)).removesuffix(".0")

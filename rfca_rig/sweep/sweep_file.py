@@ -220,11 +220,10 @@ def plan_from_options(
             else f"--samples {samples}: name the ranges to draw from, --vary {RANGE_SYNTAX}"
         )
     axes = tuple(_axis(varied, text) for varied, text in parts if (varied, text) not in ranges)
-    drawn = (
-        None
-        if samples is None
-        else _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
-    )
+    if samples is None:
+        drawn = None
+    else:
+        drawn = _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
     names = parse_outputs(outputs.split(",") if outputs else DEFAULT_OUTPUTS)
     set_ = tuple(
         (varied.name, _value(varied, text))
@@ -286,7 +285,9 @@ def _samples(ranges: Sequence[Range], n: int, method: str, seed: int) -> SweepSa
 
 
 def _value(varied: Quantity, text: str) -> Value:
-    return text.strip() if varied.choices else _number(varied, text)
+    if varied.choices:
+        return text.strip()
+    return _number(varied, text)
 
 
 def _number(varied: Quantity, text: str) -> float:

@@ -24,7 +24,8 @@ FRAME_DELAY_S = 0.05
 
 # Limit of the send queue in bytes.
 MAX_QUEUED_BYTES = 1 << 18
-VERSION, SERIAL_NUMBER = b"V1013", b"NTWIN"
+VERSION = b"V1013"
+SERIAL_NUMBER = b"NTWIN"
 
 
 class SharedWire:
@@ -140,7 +141,10 @@ class SocketcandPort:
             member.client.send(classic_can.OK)
         elif command in {"rawmode", "bcmmode"} and member.is_open:
             # Only raw mode receives frames; `bcmmode` switches them off again.
-            member.frames_from_s = now_s + FRAME_DELAY_S if command == "rawmode" else NEVER
+            if command == "rawmode":
+                member.frames_from_s = now_s + FRAME_DELAY_S
+            else:
+                member.frames_from_s = NEVER
             member.client.send(classic_can.OK)
         elif command == "echo":
             member.client.send(b"< echo >")
@@ -280,14 +284,17 @@ class SlcanPort(_SerialAdapter):
         if letter in classic_can.FRAME_LETTERS:
             return self._send(line)
         if letter in "OLC":
-            self._channel_open, self._listen_only = letter != "C", letter == "L"
+            self._channel_open = letter != "C"
+            self._listen_only = letter == "L"
             # Frames from before the channel was opened are not delivered.
             self._waiting.clear()
             return classic_can.END
         answer = {"V": VERSION, "N": SERIAL_NUMBER, "F": b"F00"}.get(
             letter, b"" if letter in "SsZMmXW" else None
         )
-        return classic_can.REFUSED if answer is None else answer + classic_can.END
+        if answer is None:
+            return classic_can.REFUSED
+        return answer + classic_can.END
 
     def _send(self, line: str) -> bytes:
         if not self._channel_open or self._listen_only:
@@ -297,7 +304,9 @@ class SlcanPort(_SerialAdapter):
         except MalformedFrame:
             return classic_can.REFUSED
         self._end.send(message_of(frame))
-        return b"Z\r" if frame.extended else b"z\r"
+        if frame.extended:
+            return b"Z\r"
+        return b"z\r"
 
     def _queue_frames(self) -> None:
         while (message := self._end.recv(timeout=0)) is not None:
@@ -323,7 +332,8 @@ class FdcanusbPort(_SerialAdapter):
         try:
             lines, self._rest = fdcanusb.split(self._rest + self._terminal.read())
         except MalformedFrame as error:
-            lines, self._rest = [], b""
+            lines = []
+            self._rest = b""
             self._waiting += fdcanusb.encode_line(f"ERR {error}")
         for received in lines:
             self._waiting += fdcanusb.encode_line(self._answer(received))

@@ -230,7 +230,9 @@ class ControlPort:
 
     def _answer(self, words: list[str]) -> list[str]:
         try:
-            return [*self._execute(words), "ok"] if words else []
+            if words:
+                return [*self._execute(words), "ok"]
+            return []
         # Also of the simulation: where the leg has no rest pose at a height, the server goes on at
         # the height before.
         except RigError as error:

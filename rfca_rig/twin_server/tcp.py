@@ -123,7 +123,8 @@ class TcpClient:
         """
         self._send_waiting()
         if self._has_moved or self._active_s is None:
-            self._has_moved, self._active_s = False, now_s
+            self._has_moved = False
+            self._active_s = now_s
         elif now_s - self._active_s > IDLE_S:
             self.open = False
 

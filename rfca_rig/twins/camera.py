@@ -28,7 +28,8 @@ Colour = tuple[float, float, float]
 # The leg of the paper is 15 mm thick.
 HALF_THICKNESS_M = 0.0075
 # Reflectances in linear light, 1 is white; colours are blue, green, red.
-CLOTH, FOLDS = 0.012, 0.003
+CLOTH = 0.012
+FOLDS = 0.003
 # Darkest and lightest shell.
 SHELL = (0.015, 0.03)
 PLATE: Colour = (0.05, 0.05, 0.045)
@@ -191,7 +192,8 @@ def _paint_glint(
 ) -> None:
     """Paints a streak along a link where its rounded edge reflects the lamp."""
     link = int(random.integers(len(hinges_m) - 1))
-    first_m, last_m = hinges_m[link], hinges_m[link + 1]
+    first_m = hinges_m[link]
+    last_m = hinges_m[link + 1]
     along = (last_m - first_m) / np.hypot(*(last_m - first_m))
     across = (
         np.array([-along[1], along[0]])
@@ -200,7 +202,8 @@ def _paint_glint(
         * HALF_THICKNESS_M
     )
     middle_m = first_m + random.uniform(0.0, 1.0) * (last_m - first_m) + across
-    half_length_m, half_width_m = random.uniform(0.002, 0.010), random.uniform(0.0003, 0.001)
+    half_length_m = random.uniform(0.002, 0.010)
+    half_width_m = random.uniform(0.0003, 0.001)
     brightness = random.uniform(0.3, 1.5)
     outline = _capsule(
         middle_m - half_length_m * along, middle_m + half_length_m * along, half_width_m
@@ -214,7 +217,8 @@ def _paint_red_thing(
     """Paints a button or a piece of tape behind the leg. The button may be as large and as red
     as a mark.
     """
-    lowest, highest = hinges_m.min(axis=0) - 0.08, hinges_m.max(axis=0) + 0.08
+    lowest = hinges_m.min(axis=0) - 0.08
+    highest = hinges_m.max(axis=0) + 0.08
     middle_m = random.uniform(lowest, highest)
     red = (RED[0], RED[1], RED[2] * random.uniform(0.6, 1.3))
     size_m = plan.diameter_m * random.uniform(0.4, 2.5)
@@ -283,10 +287,8 @@ def _paint_frame(
         + random.choice([0.0, np.pi])
         + np.radians(random.uniform(-20.0, 20.0))
     )
-    beyond, sideways = (
-        np.array([np.cos(turn), np.sin(turn)]),
-        np.array([-np.sin(turn), np.cos(turn)]),
-    )
+    beyond = np.array([np.cos(turn), np.sin(turn)])
+    sideways = np.array([-np.sin(turn), np.cos(turn)])
     edge_m = centre_m + (0.5 - hidden_share) * plan.diameter_m * beyond
     far_m = edge_m + FRAME_WIDTH_M * beyond
     reach = np.linspace(-0.25, 0.25, 60)[:, None]
@@ -336,11 +338,9 @@ class CameraTwin:
         configuration.
         """
         leg = self._leg
-        angles_rad, lengths_m, ground_m = (
-            leg.link_angles_rad(),
-            leg.link_lengths_m(),
-            leg.ground_depth_m(),
-        )
+        angles_rad = leg.link_angles_rad()
+        lengths_m = leg.link_lengths_m()
+        ground_m = leg.ground_depth_m()
         return render_leg(
             angles_rad,
             lengths_m,

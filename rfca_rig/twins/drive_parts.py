@@ -83,7 +83,9 @@ class MotorThermalModel:
 
     @property
     def reported_degC(self) -> float:
-        return self._degC if self._stuck_degC is None else self._stuck_degC
+        if self._stuck_degC is None:
+            return self._degC
+        return self._stuck_degC
 
 
 class DriveTwin(ABC):
@@ -160,18 +162,19 @@ class SpeedLoop:
         free = self._law_without_limit(wanted)
         torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
         self._limited = torque_Nm > self._gains.torque_limit_Nm
-        return free.scale(self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
+        if self._limited:
+            return free.scale(self._gains.torque_limit_Nm / torque_Nm)
+        return free
 
     def _law_without_limit(self, wanted: MotorSetPoint) -> ShaftDrive:
         gains = self._gains
         if wanted.mode == LoopMode.TORQUE:
             return ShaftDrive(feed_Nm=wanted.torque_Nm)
         # The angle error times the angle gain is a speed, which the speed gain turns into torque.
-        angle_gain = (
-            gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad
-            if wanted.mode == LoopMode.POSITION
-            else 0.0
-        )
+        if wanted.mode == LoopMode.POSITION:
+            angle_gain = gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad
+        else:
+            angle_gain = 0.0
         feed_Nm = wanted.torque_Nm + self._integral_Nm
         return ShaftDrive(
             feed_Nm, angle_gain, wanted.angle_rad, gains.speed_gain_Nm_s_per_rad, wanted.speed_rad_s

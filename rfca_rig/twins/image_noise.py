@@ -14,7 +14,8 @@ Floats = NDArray[np.float64]
 Light = NDArray[np.float32]
 
 # Supersampling factor per axis: fine for small shapes, coarse from LARGE_PX pixels on.
-FINE, COARSE = 8, 2
+FINE = 8
+COARSE = 2
 LARGE_PX = 400_000
 # Fractional bits of OpenCV's fixed-point outlines.
 SHIFT = 6
@@ -165,7 +166,8 @@ def _disc(radius_px: float) -> Light:
     1.
     """
     # Nine points per pixel and axis give the covered share of edge pixels.
-    reach, finer = int(np.ceil(radius_px)), 9
+    reach = int(np.ceil(radius_px))
+    finer = 9
     steps = (np.arange((2 * reach + 1) * finer) + 0.5) / finer - 0.5 - reach
     inside = (steps[:, None] ** 2 + steps[None, :] ** 2 <= radius_px**2).astype(np.float32)
     kernel = cv2.resize(inside, (2 * reach + 1, 2 * reach + 1), interpolation=cv2.INTER_AREA)
@@ -220,9 +222,11 @@ def _make_count_table() -> tuple[NDArray[np.uint8], Light]:
         << TABLE_SHIFT
     )
     # Bisection of the bits, whose order is that of the numbers they stand for.
-    low, high = ends - (1 << TABLE_SHIFT), ends
+    low = ends - (1 << TABLE_SHIFT)
+    high = ends
     least = _round_to_count(low.view(np.float32))
     while (middle := low + (high - low) // 2)[0] > low[0]:
         is_more = _round_to_count(middle.view(np.float32)) > least
-        low, high = np.where(is_more, low, middle), np.where(is_more, middle, high)
+        low = np.where(is_more, low, middle)
+        high = np.where(is_more, middle, high)
     return least, high.view(np.float32)

@@ -58,12 +58,14 @@ class SpeedDriveTwin(DriveTwin):
         self._wanted = MotorSetPoint(LoopMode.VELOCITY)
         self._watchdog_s = watchdog_s
         self._fed_s = self.now_s = 0.0
-        self._ticks = (
-            None if keys.report_period_ms is None else SampleGrid(1e-3 * keys.report_period_ms)
-        )
+        if keys.report_period_ms is None:
+            self._ticks = None
+        else:
+            self._ticks = SampleGrid(1e-3 * keys.report_period_ms)
         self._asked = self._restarts = False
         self._counted_from_rad = 0.0
-        self.encoder, self.warmth = Encoder(), MotorThermalModel(ThermalParameters())
+        self.encoder = Encoder()
+        self.warmth = MotorThermalModel(ThermalParameters())
         self.is_on = False
         self.fault = self.refuses_with = 0
 
@@ -93,7 +95,10 @@ class SpeedDriveTwin(DriveTwin):
         ratio, direction, _ = self._gear
         speed_rad_s = direction * tau / ratio * turns_s
         # A set-point that is not finite is taken as zero.
-        self._wanted.speed_rad_s = speed_rad_s if isfinite(speed_rad_s) else 0.0
+        if isfinite(speed_rad_s):
+            self._wanted.speed_rad_s = speed_rad_s
+        else:
+            self._wanted.speed_rad_s = 0.0
 
     def feed(self) -> None:
         """Restarts the watchdog."""
@@ -117,7 +122,9 @@ class SpeedDriveTwin(DriveTwin):
         """Power cycle: no torque, no error; the encoder counts from zero at its present
         position.
         """
-        self.is_on, self.fault, self._restarts = False, 0, True
+        self.is_on = False
+        self.fault = 0
+        self._restarts = True
         self._wanted = MotorSetPoint(LoopMode.VELOCITY)
         self._send(self.reboot())
 
@@ -136,11 +143,12 @@ class SpeedDriveTwin(DriveTwin):
         if self._restarts:
             # Where the shaft is known only here: after a restart the encoder starts to count from
             # zero at this angle.
-            self._restarts, self._counted_from_rad = (
-                False,
-                shaft.angle_rad + zero_turns * direction * tau / ratio,
-            )
-        law = self._loop.law(self._wanted, shaft) if self.is_on else ShaftDrive()
+            self._restarts = False
+            self._counted_from_rad = shaft.angle_rad + zero_turns * direction * tau / ratio
+        if self.is_on:
+            law = self._loop.law(self._wanted, shaft)
+        else:
+            law = ShaftDrive()
         if self._asked:
             self._asked = False
             self._send_shaft_report(shaft.angle_rad, shaft.speed_rad_s, law)

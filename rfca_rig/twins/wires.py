@@ -49,11 +49,9 @@ class CanEnd(can.BusABC):
         """As every bus. A look without waiting skips the clock and the log of the base class,
         which cost more than the message.
         """
-        return (
-            super().recv(timeout)
-            if timeout != 0 or self._filters
-            else self._recv_internal(timeout)[0]
-        )
+        if timeout != 0 or self._filters:
+            return super().recv(timeout)
+        return self._recv_internal(timeout)[0]
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002 (nothing can arrive meanwhile)
         self._check_open()
@@ -195,7 +193,8 @@ class HostEnd:
 
 def serial_line() -> tuple[HostEnd, DeviceEnd]:
     """Creates both ends: the driver's and the twin's."""
-    to_twin, to_driver = bytearray(), bytearray()
+    to_twin = bytearray()
+    to_driver = bytearray()
     return HostEnd(to_twin, to_driver), DeviceEnd(to_driver, to_twin)
 
 
@@ -215,7 +214,8 @@ class SampleGrid:
 
     def until(self, to_s: float) -> Floats:
         """Times (m,) in s not yet returned, none later than `to_s`."""
-        first, count = self._taken + 1, self.count_until(to_s)
+        first = self._taken + 1
+        count = self.count_until(to_s)
         if not count:
             return NO_TIMES
         times: Floats = np.arange(first, first + count, dtype=np.float64)
@@ -226,7 +226,8 @@ class SampleGrid:
 
     def list_until(self, to_s: float) -> list[float]:
         """The same times as plain numbers: for one or two, an array takes longer."""
-        first, count = self._taken + 1, self.count_until(to_s)
+        first = self._taken + 1
+        count = self.count_until(to_s)
         return [min(number * self._period_s, to_s) for number in range(first, first + count)]
 
     def count_until(self, to_s: float) -> int:

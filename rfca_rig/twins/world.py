@@ -123,12 +123,11 @@ def interpolate_motion(
     Cubic Hermite interpolation through angle and speed at both ends of the step.
     """
     turned_rad = after.angle_rad - before.angle_rad
-    left_rad, right_rad = before.speed_rad_s * elapsed_s, after.speed_rad_s * elapsed_s
+    left_rad = before.speed_rad_s * elapsed_s
+    right_rad = after.speed_rad_s * elapsed_s
     # Coefficients in x = 0..1 over the step; speeds are scaled by its length.
-    square, cube = (
-        3.0 * turned_rad - 2.0 * left_rad - right_rad,
-        left_rad + right_rad - 2.0 * turned_rad,
-    )
+    square = 3.0 * turned_rad - 2.0 * left_rad - right_rad
+    cube = left_rad + right_rad - 2.0 * turned_rad
     for moment_s in due_s:
         x = 1.0 + (moment_s - now_s) / elapsed_s
         yield (
@@ -162,7 +161,10 @@ class TwinWorld:
         """Advances everything to `to_s`."""
         began_s = self._now_s
         resting = abs(self._plant.shaft().speed_rad_s) < MAX_RESTING_SPEED_RAD_S
-        longest_s = RESTING_STEP_FACTOR * self._longest_step_s if resting else self._longest_step_s
+        if resting:
+            longest_s = RESTING_STEP_FACTOR * self._longest_step_s
+        else:
+            longest_s = self._longest_step_s
         # The tolerance keeps rounding from adding a step of almost zero length.
         steps = ceil((to_s - began_s) / longest_s - 1e-6)
         for step in range(1, steps + 1):

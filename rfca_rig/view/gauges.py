@@ -43,7 +43,10 @@ class Gauge:
         share = value / limit if limit > 0.0 else 0.0
         # The page is updated a few times a second: of the values in between, the worst is kept.
         if self.is_reported or share >= self.share:
-            self.value, self.share, self.limit, self.is_reported = value, share, limit, False
+            self.value = value
+            self.share = share
+            self.limit = limit
+            self.is_reported = False
         self.peak_share = max(self.peak_share, share)
 
     def read_values(self) -> dict[str, float]:
@@ -85,10 +88,8 @@ class Gauges:
         self._drive = Gauge("drive silent", "ms", Trip.DRIVE_SILENT, 1e3 * limits.drive_silent_s)
         self._warmth = Gauge("drive temperature", "degC", Trip.DRIVE_HOT, limits.temperature_C)
         self._late = Gauge("loop late", "ms", Trip.LATE, 1e3 * limits.late_s)
-        load, motion = (
-            (self._force, self._moment, self._force_lasts, self._moment_lasts),
-            (self._speed, self._following),
-        )
+        load = (self._force, self._moment, self._force_lasts, self._moment_lasts)
+        motion = (self._speed, self._following)
         self._all = (*load, *motion, self._sensor, self._drive, self._warmth, self._late)
         self.stage(None)
 
@@ -108,7 +109,8 @@ class Gauges:
         """A stage begins with the load that the model expects; None where that is unknown."""
         # The same ceilings as in `engine.limit_monitor`, so that the page shows what the run is
         # stopped by.
-        load, factor = expected or Load(np.inf, np.inf), self._limits.above_expected
+        load = expected or Load(np.inf, np.inf)
+        factor = self._limits.above_expected
         self._ceilings = (
             max(factor * load.force_N, MIN_CEILING_SHARE * self._limits.force_N),
             max(factor * load.torque_Nm, MIN_CEILING_SHARE * self._limits.torque_Nm),
@@ -153,7 +155,10 @@ class Gauges:
         """
         # Last time below the ceiling before these records. Where unknown, or after a restart of the
         # device, counting starts here.
-        before_s = self._below_s[axis] if self._below_s[axis] <= device_s[0] else float(device_s[0])
+        if self._below_s[axis] <= device_s[0]:
+            before_s = self._below_s[axis]
+        else:
+            before_s = float(device_s[0])
         below_s = np.maximum.accumulate(np.where(sizes <= self._ceilings[axis], device_s, before_s))
         self._below_s[axis] = float(below_s[-1])
         return float((device_s - below_s).max())
@@ -237,31 +242,26 @@ class LiveHealth:
     def list_lines(self) -> list[Health]:
         """All lines for the page; none before the first tick."""
         ticks = self._last
-        return (
-            []
-            if ticks is None
-            else [self._rate(), *self._stream(), *self._loop(ticks), *self._view(ticks.lost)]
-        )
+        if ticks is None:
+            return []
+        return [self._rate(), *self._stream(), *self._loop(ticks), *self._view(ticks.lost)]
 
     def _rate(self) -> Health:
         elapsed_s = self._counted[-1][0] - self._counted[0][0]
         # The first block's records came before the interval that its time begins, so it does not
         # count.
-        rate_Hz = (
-            sum(count for _, count in list(self._counted)[1:]) / elapsed_s
-            if elapsed_s > 0.0
-            else 0.0
-        )
+        if elapsed_s > 0.0:
+            rate_Hz = sum(count for _, count in list(self._counted)[1:]) / elapsed_s
+        else:
+            rate_Hz = 0.0
         return Health(
             "force records", f"{rate_Hz:.0f}/s", rate_Hz >= LEAST_OF_RATE * self._scale.rate_Hz
         )
 
     def _stream(self) -> list[Health]:
         health = self._vitals.get("health", {})
-        lost, faulty = (
-            health.get("lost", 0),
-            health.get("malformed", 0) + health.get("faulty_status", 0),
-        )
+        lost = health.get("lost", 0)
+        faulty = health.get("malformed", 0) + health.get("faulty_status", 0)
         notes = "; ".join(health.get("notes", ()))
         status = notes or ("healthy" if not faulty else f"{faulty} bad records")
         return [
@@ -270,11 +270,9 @@ class LiveHealth:
         ]
 
     def _loop(self, ticks: SeenTicks) -> list[Health]:
-        limits, gap_s, warmth_C = (
-            self._limits,
-            float(ticks.worst_gap_s[-1]),
-            float(ticks.temperature_C[-1]),
-        )
+        limits = self._limits
+        gap_s = float(ticks.worst_gap_s[-1])
+        warmth_C = float(ticks.temperature_C[-1])
         backlog_MB = 1e-6 * self._vitals.get("backlog_bytes", 0)
         warm = [] if isnan(warmth_C) else [warmth_C]
         return [

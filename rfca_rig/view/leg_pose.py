@@ -29,7 +29,9 @@ ROWS_PER_S = 2000.0
 # of its own.
 IN_THE_AIR_M = 1e3
 
-BY_MODEL, BY_PHOTO, STRAIGHT = "model at measured shaft angle", "photo", "shaft only"
+BY_MODEL = "model at measured shaft angle"
+BY_PHOTO = "photo"
+STRAIGHT = "shaft only"
 # Decimals of a metre: micrometres.
 UM = 6
 
@@ -49,7 +51,8 @@ class StrokeShapes:
     def at(self, shaft_rad: float) -> Floats:
         """Link angles (n,) rad at a shaft angle, linearly interpolated."""
         row = int(np.clip(np.searchsorted(self.shaft_rad, shaft_rad), 1, len(self.shaft_rad) - 1))
-        before, after = self.shaft_rad[row - 1], self.shaft_rad[row]
+        before = self.shaft_rad[row - 1]
+        after = self.shaft_rad[row]
         weight = (shaft_rad - before) / (after - before)
         return np.asarray((1.0 - weight) * self.q_rad[row - 1] + weight * self.q_rad[row])
 
@@ -207,12 +210,16 @@ class Legs:
     @property
     def start_rad(self) -> float | None:
         """Start angle of strokes in the nominal model; None without a model."""
-        return None if self._rig is None else self._rig.leg.start_angle_rad
+        if self._rig is None:
+            return None
+        return self._rig.leg.start_angle_rad
 
     @property
     def ramp_s(self) -> float:
         """Time in s in which the drive of the nominal model comes to speed; 0 without a model."""
-        return 0.0 if self._rig is None else self._rig.drive.ramp_s
+        if self._rig is None:
+            return 0.0
+        return self._rig.drive.ramp_s
 
     def prepare(self, scenes: Iterable[Scene]) -> None:
         """Computes the shapes of all strokes, which takes seconds. Where the model fails for a
@@ -241,11 +248,10 @@ class Legs:
         if self._rig is None or moment.scene.height_m is None:
             return None
         leg, source = self._leg(self._rig, moment)
-        ghost = (
-            None
-            if moment.planned_rad is None or self._shapes is None
-            else self._at(self._shapes, moment.scene, moment.planned_rad)
-        )
+        if moment.planned_rad is None or self._shapes is None:
+            ghost = None
+        else:
+            ghost = self._at(self._shapes, moment.scene, moment.planned_rad)
         return {
             "kind": "leg",
             "height_m": round(moment.scene.height_m, UM),

@@ -163,8 +163,6 @@ def number_in(message: Mapping[str, Any], name: str) -> float | None:
     value = message.get(name)
     # bool is a subclass of int in Python. The bound keeps infinity and NaN out, which Python's JSON
     # parser accepts.
-    return (
-        float(value)
-        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9
-        else None
-    )
+    if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9:
+        return float(value)
+    return None

@@ -62,7 +62,8 @@ LINES = 12
 STOP_LEVELS = {"safe point": StopLevel.SAFE_POINT, "now": StopLevel.TORQUE_OFF}
 DONE = "done"
 SILENT_END = "the run's process ended without a word"
-FORCE, SHAFT = slice(0, len(WRENCH)), slice(len(WRENCH), len(CHANNELS))
+FORCE = slice(0, len(WRENCH))
+SHAFT = slice(len(WRENCH), len(CHANNELS))
 
 LONGEST_SPAN_S = 7 * 86400.0
 STATE_EVERY = round(BEATS_HZ / STATES_HZ)
@@ -90,7 +91,8 @@ class LiveSource:
         self._shaft_rad: float | None = None
         self._target_rad = 0.0
         self._force_N: tuple[float, float] | None = None
-        self._scene, self._stage_label = UNKNOWN_SCENE, "not begun"
+        self._scene = UNKNOWN_SCENE
+        self._stage_label = "not begun"
         self._lines: deque[str] = deque(maxlen=LINES)
         self._ended: str | None = None
         self._code = ""
@@ -187,7 +189,9 @@ class LiveSource:
             self._scene = self._facts.scenes[number]
 
     def _end(self, why: str, code: str, wall_s: float) -> None:
-        self._ended, self._code, self._stage_label = why, code, "over"
+        self._ended = why
+        self._code = code
+        self._stage_label = "over"
         self._progress.end(wall_s, is_whole=why == DONE)
         self.pyramid.close_before(self._end_of_data_s())
 
@@ -195,10 +199,8 @@ class LiveSource:
         self._target_rad = float(ticks.target_rad[-1])
         # The page's time starts with the first tick, not with the rig's clock.
         self._began_s = float(ticks.now_s[0]) if self._began_s is None else self._began_s
-        self._now_s, self._ticked_s = (
-            float(ticks.now_s[-1]) - self._began_s,
-            float(ticks.wall_s[-1]),
-        )
+        self._now_s = float(ticks.now_s[-1]) - self._began_s
+        self._ticked_s = float(ticks.wall_s[-1])
         self._gauges.take(ticks)
         self._health.take(ticks)
         if ticks.shaft.shape[1]:
@@ -306,13 +308,17 @@ class LiveFeed:
         self._sent: int | None = None
 
     def hear(self, message: Mapping[str, Any]) -> None:
-        span_s = number_in(message, "span_s") if message.get("kind") == "span" else None
+        if message.get("kind") == "span":
+            span_s = number_in(message, "span_s")
+        else:
+            span_s = None
         if span_s is not None:
             self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
             self._begin()
 
     def new_messages(self) -> Sequence[Message]:
-        shown, self._shown = self._shown, (self._run.state, self._run.leg)
+        shown = self._shown
+        self._shown = (self._run.state, self._run.leg)
         # States and legs are shared by all pages: identity tells whether this page has had the
         # current one.
         changed = [
@@ -321,7 +327,9 @@ class LiveFeed:
             if now is not None and now is not before
         ]
         traced = self._trace()
-        return [*changed] if traced is None else [traced, *changed]
+        if traced is None:
+            return [*changed]
+        return [traced, *changed]
 
     def _trace(self) -> Message | None:
         pyramid = self._run.source.pyramid

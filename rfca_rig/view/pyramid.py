@@ -110,7 +110,8 @@ def decimate(t_s: Floats, values: Floats, dt_s: float, first: int, count: int) -
     inside = (buckets >= 0) & (buckets < count)
     if inside.any():
         inside_buckets, extrema = extrema_by_bucket(buckets[inside], values[inside])
-        found.low[inside_buckets], found.high[inside_buckets] = extrema.low, extrema.high
+        found.low[inside_buckets] = extrema.low
+        found.high[inside_buckets] = extrema.high
     return found
 
 
@@ -141,12 +142,14 @@ class Pyramid:
         while len(places):
             now = places < self._closed[0] + AHEAD
             self._add(places[now], Extrema(extrema.low[now], extrema.high[now]), channels)
-            places, extrema = places[~now], Extrema(extrema.low[~now], extrema.high[~now])
+            places = places[~now]
+            extrema = Extrema(extrema.low[~now], extrema.high[~now])
             if len(places):
                 self._close_to(int(places[0]) + 1 - AHEAD // 2)
 
     def _add(self, places: np.ndarray, extrema: Extrema, channels: slice) -> None:
-        base, slots = self._levels[0], places % CAPACITY
+        base = self._levels[0]
+        slots = places % CAPACITY
         # fmin and fmax take the number where one side is NaN, which an empty bucket is.
         base.low[slots, channels] = np.fmin(base.low[slots, channels], extrema.low)
         base.high[slots, channels] = np.fmax(base.high[slots, channels], extrema.high)
@@ -164,18 +167,18 @@ class Pyramid:
             self._step_to(self._closed[0] + AHEAD)
             # A long time without samples is skipped when level 0 holds nothing open. What coarser
             # open buckets hold so far stays in them.
-            open_buckets, base = self._open_buckets(), self._levels[0]
+            open_buckets = self._open_buckets()
+            base = self._levels[0]
             base.low[:] = base.high[:] = np.nan
             for level in range(LEVELS):
-                first, end = self._closed[level], bucket >> level
+                first = self._closed[level]
+                end = bucket >> level
                 slots = np.arange(max(first, end - CAPACITY), end) % CAPACITY
                 here = self._levels[level]
                 here.low[slots] = here.high[slots] = np.nan
                 if end - CAPACITY <= first < end:
-                    here.low[first % CAPACITY], here.high[first % CAPACITY] = (
-                        open_buckets[level].low[0],
-                        open_buckets[level].high[0],
-                    )
+                    here.low[first % CAPACITY] = open_buckets[level].low[0]
+                    here.high[first % CAPACITY] = open_buckets[level].high[0]
                 self._closed[level] = end
         self._step_to(bucket)
 
@@ -183,7 +186,8 @@ class Pyramid:
         while self._closed[0] < bucket:
             # At most half of AHEAD at once, so that slots are not cleared before the level above
             # has read them.
-            begin, end = self._closed[0], min(bucket, self._closed[0] + AHEAD // 2)
+            begin = self._closed[0]
+            end = min(bucket, self._closed[0] + AHEAD // 2)
             # Empties slots of level 0 for buckets that are now open; their old content was CAPACITY
             # buckets earlier.
             slots = np.arange(begin + AHEAD, end + AHEAD) % CAPACITY
@@ -199,10 +203,8 @@ class Pyramid:
         open_buckets = [Extrema.none(1, self._levels[0].low.shape[1])]
         for level in range(1, LEVELS):
             first = 2 * self._closed[level]
-            half, rest = (
-                self._read_slots(level - 1, first, min(first + 1, self._closed[level - 1])),
-                open_buckets[-1],
-            )
+            half = self._read_slots(level - 1, first, min(first + 1, self._closed[level - 1]))
+            rest = open_buckets[-1]
             both = Extrema(
                 np.concatenate([half.low, rest.low]), np.concatenate([half.high, rest.high])
             )
@@ -216,13 +218,15 @@ class Pyramid:
 
     def _merge_upwards(self) -> None:
         for level in range(1, LEVELS):
-            begin, end = self._closed[level], self._closed[level - 1] // 2
+            begin = self._closed[level]
+            end = self._closed[level - 1] // 2
             # A level changes only where the one below did: all coarser ones are up to date then.
             if begin == end:
                 return
             pairs = self._read_slots(level - 1, 2 * begin, 2 * end).merge_pairs()
             slots = np.arange(begin, end) % CAPACITY
-            self._levels[level].low[slots], self._levels[level].high[slots] = pairs.low, pairs.high
+            self._levels[level].low[slots] = pairs.low
+            self._levels[level].high[slots] = pairs.high
             self._closed[level] = end
 
     def _read_slots(self, level: int, begin: int, end: int) -> Extrema:
@@ -239,10 +243,8 @@ class Pyramid:
         longer held are NaN.
         """
         begin_known = min(max(begin, self.oldest(level)), end)
-        known, older = (
-            self._read_slots(level, begin_known, end),
-            Extrema.none(begin_known - begin, self._levels[level].low.shape[1]),
-        )
+        known = self._read_slots(level, begin_known, end)
+        older = Extrema.none(begin_known - begin, self._levels[level].low.shape[1])
         return Extrema(
             np.concatenate([older.low, known.low]), np.concatenate([older.high, known.high])
         )

@@ -90,7 +90,8 @@ class Replay:
 
     def _health(self) -> list[Health]:
         """Health of the run from the recording's provenance."""
-        known, why = self._stored.provenance, self._end_reason()
+        known = self._stored.provenance
+        why = self._end_reason()
         lines = [_health_line(shown, known[name]) for name, shown in TOLD.items() if name in known]
         return [*lines, *([] if why is None else [Health("ended", why, why == "done")])]
 
@@ -101,7 +102,8 @@ class Replay:
         return known.get("ended", known.get("interrupted"))
 
     def _ending(self) -> Mapping[str, Any]:
-        why, reason = self._end_reason(), self._stored.provenance.get("reason", "")
+        why = self._end_reason()
+        reason = self._stored.provenance.get("reason", "")
         tripped = reason in set(Trip)
         return {
             "ended": why or "the recording ends here",
@@ -177,8 +179,11 @@ class ReplayFeed:
     def new_messages(self) -> Sequence[Message]:
         self._play()
         if not self._player.clips:
-            return [self._state()] if self._is_due() else []
-        traced, leg = self._trace(), self._player.leg(self._at_s)
+            if self._is_due():
+                return [self._state()]
+            return []
+        traced = self._trace()
+        leg = self._player.leg(self._at_s)
         return [
             *([traced] if traced else []),
             *([leg] if leg else []),
@@ -193,11 +198,17 @@ class ReplayFeed:
     def _trace(self) -> Message | None:
         # Number of buckets that are complete; at the end of the recording also the last one.
         is_at_end = self._at_s >= self._player.duration_s
-        end = floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
+        if is_at_end:
+            end = floor(self._at_s / self._dt_s) + 1
+        else:
+            end = floor(self._at_s / self._dt_s)
         # At high speed a beat may skip more than a window: then nothing of what was sent is visible
         # any more.
         is_reset = self._sent is None or end - self._sent > ACROSS
-        begin = max(end - ACROSS, 0) if self._sent is None or is_reset else self._sent
+        if self._sent is None or is_reset:
+            begin = max(end - ACROSS, 0)
+        else:
+            begin = self._sent
         if begin == end and not is_reset:
             return None
         self._sent = end
@@ -207,9 +218,15 @@ class ReplayFeed:
 
     def _state(self) -> Message:
         player = self._player
-        done = self._at_s / player.duration_s if player.duration_s else 1.0
+        if player.duration_s:
+            done = self._at_s / player.duration_s
+        else:
+            done = 1.0
         is_at_end = self._at_s >= player.duration_s
-        left_s = (player.duration_s - self._at_s) / self._speed if self._speed else None
+        if self._speed:
+            left_s = (player.duration_s - self._at_s) / self._speed
+        else:
+            left_s = None
         about = {"ended": None, "trip": None} if not is_at_end else self._ending
         return {
             "kind": "state",
@@ -230,7 +247,10 @@ class ReplayFeed:
             return {"stage": -1, "stage_label": "nothing was recorded", "stage_done": 0.0}
         place = self._player.place_at(self._at_s)
         clip = self._player.clips[place]
-        done = min((self._at_s - clip.begin_s) / clip.duration_s, 1.0) if clip.duration_s else 1.0
+        if clip.duration_s:
+            done = min((self._at_s - clip.begin_s) / clip.duration_s, 1.0)
+        else:
+            done = 1.0
         return {"stage": place, "stage_label": clip.label, "stage_done": round(done, 4)}
 
     def _limit_state(self) -> dict[str, Any]:
@@ -273,7 +293,8 @@ def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
         raise BadInput(
             f"{path}: holds neither strokes nor static stages, so there is nothing to view"
         )
-    listening, token = listen_on(port), new_token()
+    listening = listen_on(port)
+    token = new_token()
     ready(url_of(port_of(listening), token))
     # Shapes take seconds to compute; until then the page shows a straight leg.
     threading.Thread(

@@ -45,7 +45,8 @@ STATIC_SWEEP_DEG = 180.0
 CYCLE_SWEEP_DEG = 250.0
 
 MODULE = "rfca_rig.view.process"
-READY, FAILED = "ready", "failed"
+READY = "ready"
+FAILED = "failed"
 
 # 192 random bits, 32 characters in the address, all of which may stand in a header.
 BYTES = 24
@@ -106,7 +107,8 @@ class Progress:
             stage = self._stages[self._now]
             took_s, planned_s = self._took[stage.kind]
             self._took[stage.kind] = took_s + wall_s - self._began_s, planned_s + stage.duration_s
-        self._now, self._began_s = number, wall_s
+        self._now = number
+        self._began_s = wall_s
 
     def end(self, wall_s: float, is_whole: bool) -> None:
         """The run is over; `is_whole` where the whole plan was done."""
@@ -119,12 +121,19 @@ class Progress:
             return Position(-1, 0.0, self._over or 0.0, None)
         needs_s = self._needs_s(self._stages[self._now])
         elapsed_s = wall_s - self._began_s
-        stage_done = min(elapsed_s / needs_s, 1.0) if needs_s > 0.0 else 0.0
+        if needs_s > 0.0:
+            stage_done = min(elapsed_s / needs_s, 1.0)
+        else:
+            stage_done = 0.0
         # Progress of the whole plan counts planned times, not estimates: it must never run
         # backwards when an estimate changes.
-        all_s, after_s = self._planned_from_s[0], self._planned_from_s[self._now + 1]
+        all_s = self._planned_from_s[0]
+        after_s = self._planned_from_s[self._now + 1]
         planned_s = self._stages[self._now].duration_s
-        done = 1.0 - (after_s + (1.0 - stage_done) * planned_s) / all_s if all_s else 0.0
+        if all_s:
+            done = 1.0 - (after_s + (1.0 - stage_done) * planned_s) / all_s
+        else:
+            done = 0.0
         remaining_s = max(needs_s - elapsed_s, 0.0) + sum(
             self._needs_s(stage) for stage in self._stages[self._now + 1 :]
         )
@@ -170,10 +179,13 @@ def _scenes(stages: Sequence[Stage]) -> Iterator[Scene]:
     """Between static stages the leg stays bent, so that moves next to a hold count as strokes;
     other moves go through the air.
     """
-    height_m, speed_rad_s = None, 0.0
+    height_m = None
+    speed_rad_s = 0.0
     for stage, *neighbours in zip(stages, (None, *stages), (*stages[1:], None), strict=False):
-        height_m = stage.height_m if isinstance(stage, SetHeight) else height_m
-        speed_rad_s = stage.speed_rad_s if isinstance(stage, MoveShaft) else speed_rad_s
+        if isinstance(stage, SetHeight):
+            height_m = stage.height_m
+        if isinstance(stage, MoveShaft):
+            speed_rad_s = stage.speed_rad_s
         match stage:
             case Flap() | Approach():
                 yield Scene(

@@ -30,7 +30,9 @@ from rfca_rig.view.run_facts import MODULE, READY, RunFacts, ViewAssignment, new
 # Little-endian without padding: eight doubles, the lost records, the numbers of shaft samples and
 # of force records.
 _HEAD = struct.Struct("<8dQII")
-SHAFT_COLUMNS, FORCE_TIMES, AXES = 5, 2, 6
+SHAFT_COLUMNS = 5
+FORCE_TIMES = 2
+AXES = 6
 
 VITALS_EVERY_S = 0.25
 # Events that wait for space in the queue; the limit bounds memory where the view is gone for good.
@@ -83,10 +85,13 @@ class SeenTicks:
 
 def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
     """A tick as one block. It takes microseconds, because it is called within the control loop."""
-    shaft, force, status = tick.shaft, tick.force, tick.status
-    temperature_C = (
-        np.nan if status is None or status.temperature_C is None else status.temperature_C
-    )
+    shaft = tick.shaft
+    force = tick.force
+    status = tick.status
+    if status is None or status.temperature_C is None:
+        temperature_C = np.nan
+    else:
+        temperature_C = status.temperature_C
     head = _HEAD.pack(
         stamp.wall_s,
         tick.now_s,
@@ -117,7 +122,10 @@ def ticks_of(blocks: Sequence[JournalBlock]) -> SeenTicks:
     """Decodes one or more blocks. Raises ValueError or struct.error where a block does not hold
     a tick.
     """
-    heads, shafts, times, counts = [], [], [], []
+    heads = []
+    shafts = []
+    times = []
+    counts = []
     for block in blocks:
         *head, m, n = _HEAD.unpack_from(block.payload)
         heads.append((*head, m, n))
@@ -145,10 +153,8 @@ def ticks_of(blocks: Sequence[JournalBlock]) -> SeenTicks:
         m,
         n,
     ) = np.array(heads).T
-    motion, sizes = (
-        (target_rad, target_speed_rad_s, late_s, gap_s),
-        (int(lost[-1]), m.astype(np.int64), n.astype(np.int64)),
-    )
+    motion = (target_rad, target_speed_rad_s, late_s, gap_s)
+    sizes = (int(lost[-1]), m.astype(np.int64), n.astype(np.int64))
     both = np.concatenate(times, axis=1)
     samples = np.concatenate(shafts, axis=1), both[0], both[1], np.concatenate(counts)
     return SeenTicks(wall_s, now_s, *motion, temperature_C, silent_s, *sizes, *samples)
@@ -346,7 +352,8 @@ class LiveView:
         RigError
             Where the view cannot be started.
         """
-        clock, token = WallClock(), new_token()
+        clock = WallClock()
+        token = new_token()
         self._queue = BlockQueue.create(QUEUE_BYTES)
         self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, announce)
         try:
@@ -360,14 +367,15 @@ class LiveView:
 
     def _receive_port(self) -> int:
         try:
-            what, answer = (
-                self._child.recv()
-                if self._child.poll(STARTED_WITHIN_S)
-                else ("", f"no word within {STARTED_WITHIN_S:g} s")
-            )
+            if self._child.poll(STARTED_WITHIN_S):
+                what, answer = self._child.recv()
+            else:
+                what = ""
+                answer = f"no word within {STARTED_WITHIN_S:g} s"
         # The socket closes when the child ends before it has answered.
         except (EOFError, OSError):
-            what, answer = "", "it ended by itself"
+            what = ""
+            answer = "it ended by itself"
         if what == READY:
             return int(answer)
         self._process.kill()

@@ -98,7 +98,8 @@ class Beats:
         """Wakes all waiting pages."""
         # A new event for each beat: a page that is slow simply waits for the next one, and misses
         # nothing.
-        struck, self._next = self._next, asyncio.Event()
+        struck = self._next
+        self._next = asyncio.Event()
         struck.set()
 
     async def wait(self) -> None:
@@ -199,7 +200,10 @@ async def _trip(request: Request) -> Response:
     """HTTP handler for the documentation of a trip code."""
     # Only known codes become a file name, so that no path can leave the folder.
     code = request.path_params["code"]
-    files = [folder / f"{code}.md" for folder in TRIPS] if code in set(Trip) else []
+    if code in set(Trip):
+        files = [folder / f"{code}.md" for folder in TRIPS]
+    else:
+        files = []
     for file in files:
         if file.is_file():
             return PlainTextResponse(file.read_text(encoding="utf-8"))
@@ -387,7 +391,8 @@ class Admission:
         if scope["type"] == "lifespan":
             await self._application(scope, receive, send)
             return
-        refusal, send = self._refusal(scope), _with_policy(send)
+        refusal = self._refusal(scope)
+        send = _with_policy(send)
         if not refusal:
             await self._application(scope, receive, send)
         elif scope["type"] == "websocket":
@@ -400,7 +405,8 @@ class Admission:
     def _refusal(self, scope: Scope) -> str:
         """Reason for a refusal, "" where the request is admitted."""
         headers = Headers(scope=scope)
-        hosts, origins = headers.getlist("host"), headers.getlist("origin")
+        hosts = headers.getlist("host")
+        origins = headers.getlist("origin")
         # Exactly one Host: with two, this check and the server could go by different ones.
         if len(hosts) != 1 or not is_loopback(f"//{hosts[0]}"):
             return "only for this machine"
@@ -410,18 +416,15 @@ class Admission:
             return "only for pages from here"
         if scope["type"] == "http" and (scope["path"] == PAGE or scope["path"].startswith(FOR_ALL)):
             return ""
-        return (
-            ""
-            if self._has_token(scope, headers)
-            else "the token is missing or wrong; open the address that was printed"
-        )
+        if self._has_token(scope, headers):
+            return ""
+        return "the token is missing or wrong; open the address that was printed"
 
     def _has_token(self, scope: Scope, headers: Headers) -> bool:
-        given = (
-            scope["subprotocols"]
-            if scope["type"] == "websocket"
-            else " ".join(headers.getlist("authorization")).split()
-        )
+        if scope["type"] == "websocket":
+            given = scope["subprotocols"]
+        else:
+            given = " ".join(headers.getlist("authorization")).split()
         return (
             len(given) == 2
             and given[0] == (PROTOCOL if scope["type"] == "websocket" else BEARER)

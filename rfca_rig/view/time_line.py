@@ -25,7 +25,8 @@ from rfca_rig.view.run_facts import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
 
 _PLACES = {channel.name: place for place, channel in enumerate(CHANNELS)}
 _SHOWN_AS = {"shaft_angle_rad": "shaft_angle_deg"}
-FORCE, MOMENT = ("fx_N", "fy_N", "fz_N"), ("tx_Nm", "ty_Nm", "tz_Nm")
+FORCE = ("fx_N", "fy_N", "fz_N")
+MOMENT = ("tx_Nm", "ty_Nm", "tz_Nm")
 
 PAUSE_S = 0.25
 # A static stage is shown for at least this long.
@@ -45,7 +46,9 @@ RECENT_S = 0.2
 def channel_of(column: str) -> str | None:
     """Channel of the page that shows a recorded column; None for a column that is not shown."""
     name = _SHOWN_AS.get(column, column)
-    return name if name in _PLACES else None
+    if name in _PLACES:
+        return name
+    return None
 
 
 @dataclass(frozen=True)
@@ -86,18 +89,17 @@ class StageSamples:
         found = Extrema.none(count, len(CHANNELS))
         for track in self.tracks:
             part = decimate(track.t_s + begin_s, track.values, dt_s, first, count)
-            found.low[:, track.places], found.high[:, track.places] = part.low, part.high
+            found.low[:, track.places] = part.low
+            found.high[:, track.places] = part.high
         return found
 
     def shaft_at(self, t_s: float) -> float | None:
         """Shaft angle at a time from the stage's first sample, linearly interpolated; None where
         none was recorded.
         """
-        return (
-            float(np.interp(t_s, self.shaft_rad[:, 0], self.shaft_rad[:, 1]))
-            if len(self.shaft_rad)
-            else None
-        )
+        if len(self.shaft_rad):
+            return float(np.interp(t_s, self.shaft_rad[:, 0], self.shaft_rad[:, 1]))
+        return None
 
     def value_at(self, channel: str, t_s: float) -> float | None:
         """Last value up to a time; None where the channel was not recorded, or began later."""
@@ -158,7 +160,9 @@ def _track(stream: Stream, zero_s: float) -> Track | None:
 
 def _in_page_units(stream: Stream, column: str) -> Floats:
     values = stream.columns[column].values
-    return hanging_deg(values) if column == "shaft_angle_rad" else values
+    if column == "shaft_angle_rad":
+        return hanging_deg(values)
+    return values
 
 
 def _order(stream: Stream) -> np.ndarray:
@@ -193,7 +197,9 @@ def _norm(stream: Stream, names: Sequence[str]) -> Floats:
 def plan_in(stored: StoredRecording) -> Plan | None:
     """Plan of a recorded run; None for an imported campaign, and for plans of other versions."""
     try:
-        return parse_plan(stored.title, stored.provenance) if "plan" in stored.provenance else None
+        if "plan" in stored.provenance:
+            return parse_plan(stored.title, stored.provenance)
+        return None
     except BadInput:
         return None
 
@@ -210,7 +216,8 @@ def time_line(stored: StoredRecording, start_rad: float | None, ramp_s: float) -
     ramp_s
         Time in s in which the drive of the nominal model comes to speed.
     """
-    placed, at_s = [], 0.0
+    placed = []
+    at_s = 0.0
     for clip in _in_order(stored, start_rad, ramp_s):
         placed.append(replace(clip, begin_s=at_s))
         at_s += clip.duration_s + PAUSE_S
@@ -244,7 +251,9 @@ def _in_order(stored: StoredRecording, start_rad: float | None, ramp_s: float) -
 
 def _next(clips: Iterator[Clip]) -> Iterable[Clip]:
     clip = next(clips, None)
-    return () if clip is None else (clip,)
+    if clip is None:
+        return ()
+    return (clip,)
 
 
 def _constant(value: float, _t_s: float) -> float:
@@ -281,7 +290,10 @@ def _load_samples(stage: StoredStage) -> StageSamples:
 
 def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
     shaft_rad = stage.shaft_angle_rad
-    hinges = None if any(isnan(angle) for angle in stage.hinge_deg) else np.array(stage.hinge_deg)
+    if any(isnan(angle) for angle in stage.hinge_deg):
+        hinges = None
+    else:
+        hinges = np.array(stage.hinge_deg)
     first_s, last_s = (0.0, 0.0) if raw is None else raw.samples.span_s
     return Clip(
         label=(
@@ -365,7 +377,8 @@ class Player:
         dt_s.
         """
         found = Extrema.none(count, len(CHANNELS))
-        begin_s, end_s = first * dt_s, (first + count) * dt_s
+        begin_s = first * dt_s
+        end_s = (first + count) * dt_s
         for place in range(self.place_at(begin_s), self.place_at(end_s) + 1):
             clip = self.clips[place]
             if clip.begin_s < end_s and clip.end_s >= begin_s:
@@ -380,7 +393,8 @@ class Player:
         if shaft_rad is None:
             return None
         planned_rad = None if clip.planned_rad is None else clip.planned_rad(t_s - clip.rest_s)
-        fy_N, fz_N = samples.value_at("fy_N", t_s), samples.value_at("fz_N", t_s)
+        fy_N = samples.value_at("fy_N", t_s)
+        fz_N = samples.value_at("fz_N", t_s)
         force_N = None if fy_N is None or fz_N is None else (fy_N, fz_N)
         return self._legs.message(
             LegMoment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N)

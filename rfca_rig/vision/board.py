@@ -25,7 +25,8 @@ DICTIONARIES = {
     "6x6": cv2.aruco.DICT_6X6_1000,
 }
 # Limits of the number of squares in each direction.
-MIN_SQUARES, MAX_SQUARES = 4, 40
+MIN_SQUARES = 4
+MAX_SQUARES = 40
 
 _WRITTEN = re.compile(r"(\d+)x(\d+),([0-9.]+),([0-9.]+)(?:,([456]x[456]))?")
 
@@ -97,9 +98,11 @@ def parse_board(text: str) -> Board:
             f"board {text!r}: should be COLUMNSxROWS,SQUARE_MM,MARKER_MM such as "
             "10x7,25,18, and ,5x5 for other markers"
         )
-    columns, rows = int(match[1]), int(match[2])
+    columns = int(match[1])
+    rows = int(match[2])
     try:
-        square_mm, marker_mm = float(match[3]), float(match[4])
+        square_mm = float(match[3])
+        marker_mm = float(match[4])
     except ValueError:
         raise BadInput(
             f"board {text!r}: {match[3]} and {match[4]} should be two lengths in mm"
@@ -207,7 +210,8 @@ def _pdf(width: float, height: float, drawing: bytes) -> bytes:
         b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
         b"<< /Length %d >>\nstream\n" % len(drawing) + drawing + b"endstream",
     ]
-    document, places = b"%PDF-1.4\n", []
+    document = b"%PDF-1.4\n"
+    places = []
     # The cross-reference table holds the byte offset of every object.
     for number, content in enumerate(objects, start=1):
         places.append(len(document))

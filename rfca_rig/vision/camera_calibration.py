@@ -118,7 +118,10 @@ def _split_by_size(photos: list[BoardPhoto]) -> tuple[list[BoardPhoto], list[Ref
 
 def _check_enough(photos: Sequence[BoardPhoto], refused: Sequence[RefusedPhoto]) -> None:
     if len(photos) < MIN_PHOTOS:
-        first = f"; {refused[0].name} {refused[0].why}" if refused else ""
+        if refused:
+            first = f"; {refused[0].name} {refused[0].why}"
+        else:
+            first = ""
         raise BadInput(
             f"{len(photos)} usable photos of the board, {MIN_PHOTOS} are needed, 15 are "
             f"good; {len(refused)} refused{first}"
@@ -187,12 +190,10 @@ def _solve(photos: Sequence[BoardPhoto], flags: int) -> _Fit:
             f"no camera fits the {len(photos)} photos ({error.err}); take new ones with "
             "the board at more tilts"
         ) from None
-    error_px, matrix, std, errors_px = (
-        float(solved[0]),
-        _numbers(solved[1]),
-        _numbers(solved[5]),
-        _numbers(solved[7]),
-    )
+    error_px = float(solved[0])
+    matrix = _numbers(solved[1])
+    std = _numbers(solved[5])
+    errors_px = _numbers(solved[7])
     if not np.isfinite(error_px) or not np.all(np.isfinite(matrix)):
         raise BadInput(
             f"no camera fits the {len(photos)} photos; take new ones with the board at more tilts"
@@ -298,10 +299,8 @@ def _board_pose(
     rotation, translation = cv2.solvePnPRefineLM(
         on_board, px, matrix, distortion, start[1], start[2]
     )
-    turn, shift = (
-        np.asarray(cv2.Rodrigues(rotation)[0], np.float64),
-        np.asarray(translation, np.float64).ravel(),
-    )
+    turn = np.asarray(cv2.Rodrigues(rotation)[0], np.float64)
+    shift = np.asarray(translation, np.float64).ravel()
     in_camera = on_board @ turn.T + shift
     middle = in_camera.mean(axis=0)
     # Derivatives are taken at a zero turn about the board's middle: there turns and shifts hardly
@@ -318,7 +317,8 @@ def _plane_on_board(place: BoardPlacement) -> tuple[Floats, Floats]:
     """The plane's axes x, y, z as columns (3, 3) in the board's frame (right, down, away from
     the camera), and its origin (3,) there.
     """
-    cosine, sine = np.cos(place.turned_rad), np.sin(place.turned_rad)
+    cosine = np.cos(place.turned_rad)
+    sine = np.sin(place.turned_rad)
     # In the frame of a board that is turned clockwise, the horizontal is turned the other way.
     level = np.array([cosine, -sine, 0.0])
     up = np.array([-sine, -cosine, 0.0])

@@ -160,7 +160,8 @@ def _to_space(points_m: ArrayLike) -> Floats:
 
 def _distort(ideal: Floats, distortion: Floats) -> Floats:
     k1, k2, p1, p2, k3 = distortion
-    x, y = ideal[..., 0], ideal[..., 1]
+    x = ideal[..., 0]
+    y = ideal[..., 1]
     square = x * x + y * y
     radial = 1.0 + square * (k1 + square * (k2 + square * k3))
     across = x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x)
@@ -170,7 +171,8 @@ def _distort(ideal: Floats, distortion: Floats) -> Floats:
 
 def _distortion_jacobian(ideal: Floats, distortion: Floats) -> Floats:
     k1, k2, p1, p2, k3 = distortion
-    x, y = ideal[..., 0], ideal[..., 1]
+    x = ideal[..., 0]
+    y = ideal[..., 1]
     square = x * x + y * y
     radial = 1.0 + square * (k1 + square * (k2 + square * k3))
     slope = 2.0 * (k1 + square * (2.0 * k2 + square * 3.0 * k3))

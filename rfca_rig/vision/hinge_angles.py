@@ -42,14 +42,16 @@ OFFSET_STD_M = (1.0e-4, 1.0e-3, 3.0e-3)
 MIN_WEIGHT = 0.1
 # Largest distance of a mark from the plane that is corrected, and largest misfit of the distances
 # between marks.
-MAX_OFFSET_M, MAX_MISFIT_M = 5.0e-3, 0.5e-3
+MAX_OFFSET_M = 5.0e-3
+MAX_MISFIT_M = 0.5e-3
 # An angle from lengths may be outside the range of the other photos by so much, and its reflection
 # must be farther outside.
 NEAR_OTHERS_RAD = float(np.radians(4.0))
 # Of 1,777 fits to ray-traced photos 88 % converged within 5 full steps and 97 % within 40. Damped
 # steps took 38 to 120 for the others; two thirds of these were then still moving slowly, along a
 # valley that no mark determines.
-FULL_STEPS, DAMPED_STEPS = 40, 120
+FULL_STEPS = 40
+DAMPED_STEPS = 120
 # Step (rad, m, or a ratio) from which on nothing changes any more.
 CONVERGED = 1e-9
 # Of the scaled information, where a step has made the fit worse.
@@ -220,7 +222,8 @@ def _whiten(identified: IdentifiedMarks, camera: CameraModel, plan: MarkPlan) ->
 
 
 def _nothing(links: int) -> HingeAngles:
-    nothing, unknown = (None,) * links, np.full((links, links), np.nan)
+    nothing = (None,) * links
+    unknown = np.full((links, links), np.nan)
     return HingeAngles(nothing, nothing, unknown, nothing, nothing, unknown)
 
 
@@ -339,7 +342,8 @@ class _NormalEquations:
         reduced = np.linalg.solve(
             own, np.concatenate([self.cross, self.pull_own[..., None]], axis=-1)
         )
-        by_shared, alone = reduced[..., :-1], reduced[..., -1]
+        by_shared = reduced[..., :-1]
+        alone = reduced[..., -1]
         transposed = self.cross.swapaxes(1, 2)
         complement = shared - (transposed @ by_shared).sum(axis=0)
         step = np.linalg.solve(
@@ -379,11 +383,10 @@ def _form_normal_equations(values: Floats, here: _Linearization, prior: _Prior) 
     )
     angles, shared = prior.split(prior.nominal - values)
     precise = prior.of_angles.T @ prior.of_angles
-    own, of_shared = (
-        gram[:, :links, :links] + precise,
-        gram[:, links:, links:].sum(axis=0) + np.diag(prior.of_shared**2),
-    )
-    size_own, size_shared = np.sqrt(np.diagonal(own, axis1=1, axis2=2)), np.sqrt(np.diag(of_shared))
+    own = gram[:, :links, :links] + precise
+    of_shared = gram[:, links:, links:].sum(axis=0) + np.diag(prior.of_shared**2)
+    size_own = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+    size_shared = np.sqrt(np.diag(of_shared))
     return _NormalEquations(
         own / size_own[:, :, None] / size_own[:, None, :],
         gram[:, :links, links:] / size_own[:, :, None] / size_shared,
@@ -404,7 +407,9 @@ def _descend(
     Full steps (Gauss-Newton) follow the curved valley of hidden hinges quickly. Where these leave
     two solutions, full steps may jump between them and end at neither; damped ones
     (Levenberg-Marquardt) only go down."""
-    values, damping, here = prior.nominal.copy(), 0.0, _linearize(prior.nominal, problem)
+    values = prior.nominal.copy()
+    damping = 0.0
+    here = _linearize(prior.nominal, problem)
     equations = _form_normal_equations(values, here, prior)
     for _ in range(DAMPED_STEPS if is_damped else FULL_STEPS):
         step = equations.step(damping)
@@ -412,11 +417,9 @@ def _descend(
         if is_damped and _cost(values + step, there, prior) > _cost(values, here, prior):
             damping = max(FIRST_DAMPING, 10.0 * damping)
         else:
-            values, here, damping = (
-                values + step,
-                there,
-                0.1 * damping if damping > FIRST_DAMPING else 0.0,
-            )
+            values = values + step
+            here = there
+            damping = 0.1 * damping if damping > FIRST_DAMPING else 0.0
             equations = _form_normal_equations(values, here, prior)
         if np.abs(step).max() < CONVERGED:
             return values, here, True
@@ -489,31 +492,36 @@ def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
 
 
 def _linearize(values: Floats, problem: _Problem) -> _Linearization:
-    links, free, plan = len(problem.lengths_m), problem.free, problem.plan
-    shaft, stretch, offsets = (
-        values[free : free + 2],
-        values[free + 2 : free + 2 + links],
-        values[free + 2 + links :],
-    )
+    links = len(problem.lengths_m)
+    free = problem.free
+    plan = problem.plan
+    shaft = values[free : free + 2]
+    stretch = values[free + 2 : free + 2 + links]
+    offsets = values[free + 2 + links :]
     stretched = replace(
         plan,
         marks=tuple(
             replace(mark, along_m=mark.along_m * stretch[mark.link - 1]) for mark in plan.marks
         ),
     )
-    away, foot = abs(float(problem.camera_m[0])), problem.camera_m[1:]
+    away = abs(float(problem.camera_m[0]))
+    foot = problem.camera_m[1:]
     along, across = _compute_lever_arms(plan, problem.lengths_m)
     poses = values[:free].reshape(-1, links)
     positions = shaft + mark_positions(poses, problem.lengths_m * stretch, stretched)
-    residuals, jacobians, misses = [], [], []
+    residuals = []
+    jacobians = []
+    misses = []
     for seen, angles, marks in zip(problem.photos, poses, positions, strict=True):
         planned = seen.planned
-        there, near = marks[planned], offsets[planned]
+        there = marks[planned]
+        near = offsets[planned]
         # A mark nearer to the camera is seen farther from the foot of the camera's normal on the
         # plane.
         wider = (1.0 + near / (away - near))[:, None]
         miss = seen.places_m - foot - (there - foot) * wider
-        cos, sin = np.cos(angles), np.sin(angles)
+        cos = np.cos(angles)
+        sin = np.sin(angles)
         block = np.zeros((len(near), 2, 2 * links + 2 + len(offsets)))
         # By the angles, the shaft's position, the stretches, and the marks' offsets.
         block[:, 0, :links] = -along[planned] * stretch * sin - across[planned] * cos
@@ -555,7 +563,10 @@ def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
         if target is not None:
             mark = plan.marks[seen.planned[target]]
             # A mark beside the link's axis is seen at an angle to it.
-            bearing = np.arctan2(mark.across_m, mark.along_m) if mark.link == link else 0.0
+            if mark.link == link:
+                bearing = np.arctan2(mark.across_m, mark.along_m)
+            else:
+                bearing = 0.0
             towards = seen.places_m[target] - hinge
             turn = float(np.arctan2(-towards[1], towards[0])) - bearing - angle
             # Wrapped to half a turn either way, so that angles stay continuous along the chain.
@@ -590,11 +601,9 @@ def _photo_angles(problem: _Problem, fit: _Solution, place: int) -> HingeAngles:
     """Angles of one photo; a photo that fits badly gets larger deviations (Birge ratio)."""
     links = len(problem.lengths_m)
     here = slice(links * place, links * (place + 1))
-    angles, covariance, bends = (
-        fit.values[here],
-        fit.covariance[here, here] * fit.scale[place],
-        _bends(links),
-    )
+    angles = fit.values[here]
+    covariance = fit.covariance[here, here] * fit.scale[place]
+    bends = _bends(links)
     return HingeAngles(
         *_keep_determined(angles, covariance),
         *_keep_determined(bends @ angles, bends @ covariance @ bends.T),
@@ -614,10 +623,8 @@ def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Flo
     ]
     angles = np.array(rows, np.float64)
     empty = np.atleast_1d(np.isnan(angles).all(axis=0))
-    low, high = (
-        np.where(np.isnan(angles), np.inf, angles).min(axis=0),
-        np.where(np.isnan(angles), -np.inf, angles).max(axis=0),
-    )
+    low = np.where(np.isnan(angles), np.inf, angles).min(axis=0)
+    high = np.where(np.isnan(angles), -np.inf, angles).max(axis=0)
     return np.where(empty[:, None], np.nan, np.column_stack([low, high]))
 
 
@@ -636,7 +643,8 @@ def _only_certain(angles: HingeAngles, direct: HingeAngles, ranges_rad: Floats) 
         [np.nan if angles.hinge_rad[k] is None else angles.hinge_rad[k] for k in middles],
         np.float64,
     )
-    low, high = ranges_rad[middles, 0] - NEAR_OTHERS_RAD, ranges_rad[middles, 1] + NEAR_OTHERS_RAD
+    low = ranges_rad[middles, 0] - NEAR_OTHERS_RAD
+    high = ranges_rad[middles, 1] + NEAR_OTHERS_RAD
     is_usual = (low <= values) & (values <= high)
     is_reflection_usual = (low <= -values) & (-values <= high)
     if bool(np.all(is_usual & ~is_reflection_usual)):
@@ -671,9 +679,7 @@ def _offsets(problem: _Problem, fit: _Solution) -> tuple[Floats, Floats]:
     first = problem.free + 2 + len(problem.lengths_m)
     centring = np.eye(len(seen)) - 1.0 / len(seen)
     covariance = centring @ fit.covariance[np.ix_(first + seen, first + seen)] @ centring.T
-    offsets, std = (
-        np.full(len(problem.plan.marks), np.nan),
-        np.full(len(problem.plan.marks), np.nan),
-    )
+    offsets = np.full(len(problem.plan.marks), np.nan)
+    std = np.full(len(problem.plan.marks), np.nan)
     offsets[seen], std[seen] = centring @ fit.values[first + seen], np.sqrt(np.diag(covariance))
     return offsets, std

@@ -91,7 +91,8 @@ def chain_bounds(
 ) -> ChainBounds:
     """Bounds for all pairs of marks of a leg whose hinges turn by at most the range either way."""
     points = (PlannedMark(1, 0.0), *plan.marks)
-    nearest, farthest = np.zeros((len(points), len(points))), np.zeros((len(points), len(points)))
+    nearest = np.zeros((len(points), len(points)))
+    farthest = np.zeros((len(points), len(points)))
     for a in range(len(points)):
         for b in range(a + 1, len(points)):
             nearest[a, b], farthest[a, b] = _pair_m(
@@ -110,7 +111,10 @@ def _pair_m(
     on_hinge = b.along_m == 0.0 and b.across_m == 0.0
     hinges = max(0, b.link - a.link - int(on_hinge))
     count = POSITIONS_PER_HINGE.get(hinges, 3)
-    grid = np.linspace(-hinge_range_rad, hinge_range_rad, count) if count > 1 else np.zeros(1)
+    if count > 1:
+        grid = np.linspace(-hinge_range_rad, hinge_range_rad, count)
+    else:
+        grid = np.zeros(1)
     poses = np.array(list(product(grid, repeat=hinges))).reshape(len(grid) ** hinges, hinges)
     angles = np.zeros((len(poses), len(lengths_m)))
     angles[:, a.link : a.link + hinges] = np.cumsum(poses, axis=1)
@@ -132,7 +136,9 @@ class Candidates:
     def size_cost(self, found: int) -> float:
         """Squared misfit of a mark's size; infinite where it cannot be a mark of the leg."""
         sigmas = float(self.log_size[found]) / SIZE_STD
-        return np.inf if abs(sigmas) > MAX_SIZE_SIGMAS else sigmas**2
+        if abs(sigmas) > MAX_SIZE_SIGMAS:
+            return np.inf
+        return sigmas**2
 
 
 @dataclass(frozen=True)
@@ -206,7 +212,8 @@ def _misfit(
 
     It is twice the negative log likelihood of the distances, above that of a mark without an error
     of its own: a mark of large deviation, as a reflection has, fits anywhere, and pays for it."""
-    here, own_std = candidates.places_m[found], float(candidates.std_m[found])
+    here = candidates.places_m[found]
+    own_std = float(candidates.std_m[found])
     index = len(chosen) + 1
     seen = [(i + 1, mark) for i, mark in enumerate(chosen) if mark >= 0][-LOOK_BACK:]
     references = [(0, np.zeros(2), tolerances.shaft_m)]
@@ -455,11 +462,10 @@ def _describe_near_misses(
             miss = min(misses, key=abs)
             origin = "the shaft axis" if before is None else f"the {plan.name(before)}"
             side = "farther from" if miss >= 0 else "nearer to"
-            off = (
-                f"{abs(miss) * 1e3:.1f} mm {side} {origin} than the lengths allow"
-                if miss
-                else "where other marks or its size speak against it"
-            )
+            if miss:
+                off = f"{abs(miss) * 1e3:.1f} mm {side} {origin} than the lengths allow"
+            else:
+                off = "where other marks or its size speak against it"
             reports[i] = f"a red mark is there, but {off}"
     return reports
 
@@ -474,22 +480,20 @@ def _describe_rejected(
     """For missing marks, why the red patch at a place that both neighbours allow was not
     measured, in words.
     """
-    places = (
-        camera.on_plane(np.array([patch.px for patch in rejected]))
-        if rejected
-        else np.zeros((0, 2))
-    )
+    if rejected:
+        places = camera.on_plane(np.array([patch.px for patch in rejected]))
+    else:
+        places = np.zeros((0, 2))
     reports = {}
     for i in (i for i, found in enumerate(best.chosen) if found < 0):
         before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
         after = min(
             (j for j in range(i + 1, len(best.chosen)) if best.chosen[j] >= 0), default=None
         )
-        ties = (
-            [(0, np.zeros(2))]
-            if before is None
-            else [(before + 1, candidates.places_m[best.chosen[before]])]
-        )
+        if before is None:
+            ties = [(0, np.zeros(2))]
+        else:
+            ties = [(before + 1, candidates.places_m[best.chosen[before]])]
         ties += [] if after is None else [(after + 1, candidates.places_m[best.chosen[after]])]
         for patch, place in zip(rejected, places, strict=True):
             off = [

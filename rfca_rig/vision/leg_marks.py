@@ -52,7 +52,9 @@ class MarkPlan:
         """Readable name of the mark."""
         mark = self.marks[index]
         if mark.along_m == 0.0 and mark.across_m == 0.0:
-            return "shaft mark" if mark.link == 1 else f"mark at hinge {mark.link}"
+            if mark.link == 1:
+                return "shaft mark"
+            return f"mark at hinge {mark.link}"
         if index == len(self.marks) - 1 and mark.across_m == 0.0:
             return "tip mark"
         return f"mark on link {mark.link}, {mark.along_m * 1e3:.1f} mm from its hinge"
@@ -80,10 +82,8 @@ def mark_positions(link_angles_rad: ArrayLike, link_lengths_m: ArrayLike, plan: 
     BadInput
         Where the plan names a link that the leg does not have.
     """
-    angles, lengths = (
-        np.asarray(link_angles_rad, dtype=np.float64),
-        np.asarray(link_lengths_m, dtype=np.float64),
-    )
+    angles = np.asarray(link_angles_rad, dtype=np.float64)
+    lengths = np.asarray(link_lengths_m, dtype=np.float64)
     links = np.array([mark.link for mark in plan.marks]) - 1
     if links.max() >= lengths.shape[-1]:
         raise BadInput(

@@ -18,7 +18,10 @@ Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 # Colours in OpenCV's order: blue, green, red.
-WHOLE, PARTLY, EXTRA, TEXT = (80, 220, 80), (60, 220, 240), (240, 120, 240), (240, 240, 240)
+WHOLE = (80, 220, 80)
+PARTLY = (60, 220, 240)
+EXTRA = (240, 120, 240)
+TEXT = (240, 240, 240)
 # Fractional bits of OpenCV's drawing coordinates, for rings that are accurate to a part of a pixel.
 FINE_BITS = 4
 # Width of a photo at which lines are one pixel wide; larger photos get thicker lines.
@@ -98,11 +101,10 @@ def _ring(picture: Pixels, mark: Mark, label: str, pen: float) -> None:
             cv2.LINE_AA,
             FINE_BITS,
         )
-    words = (
-        label
-        if mark.whole
-        else f"{label} ({mark.roundness:.0%} seen, +-{mark.std_px.max():.2f} px)"
-    )
+    if mark.whole:
+        words = label
+    else:
+        words = f"{label} ({mark.roundness:.0%} seen, +-{mark.std_px.max():.2f} px)"
     _write(picture, words, mark.px + np.array([0.8, -0.5]) * mark.diameter_px, colour, pen)
 
 
@@ -131,11 +133,9 @@ def _angle_words(angles: HingeAngles | None) -> list[str]:
 
 def _one_angle(number: int, angle: float | None, std: float | None) -> str:
     name = "shaft" if number == 1 else f"hinge {number}"
-    return (
-        f"{name} ?"
-        if angle is None or std is None
-        else f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"
-    )
+    if angle is None or std is None:
+        return f"{name} ?"
+    return f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"
 
 
 def _lines(picture: Pixels, lines: Sequence[str], pen: float) -> None:

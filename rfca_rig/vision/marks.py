@@ -60,7 +60,8 @@ LIGHT_OF_COUNTS = (
 # Whiteness up to which surroundings count as black, as a share of the mark's redness.
 DARK_SHARE = 0.5
 # Limits of a patch's sides, in diameters.
-SMALLEST, LARGEST = 0.25, 2.2
+SMALLEST = 0.25
+LARGEST = 2.2
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,8 @@ def _crop_to_red(
     threshold and `room` pixels around.
     """
     x, y, width, height = cv2.boundingRect((red > threshold).astype(np.uint8))
-    left, top = max(0, x - room), max(0, y - room)
+    left = max(0, x - room)
+    top = max(0, y - room)
     return np.array([left, top], np.float64), red[top : y + height + room, left : x + width + room]
 
 
@@ -208,7 +210,8 @@ WHITE_SMOOTHING = 0.06
 GLARE_SIGMAS = 5.0
 # Share of the rim from which glare is left out, and factors of the limit up to which it is used
 # where less is left.
-ENOUGH_RIM, MORE_GLARE = 0.7, (2.0, 4.0, np.inf)
+ENOUGH_RIM = 0.7
+MORE_GLARE = (2.0, 4.0, np.inf)
 # Error of the centre over the amplitude of the rim's slow deviations: 1.6 to 2.5 in ray-traced
 # photos of six kinds of light and focus.
 WAVE_ERROR = 1.7
@@ -391,14 +394,14 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
     # Room for the rays of a mark anywhere in the patch, and a few pixels for the smoothing.
     reach = 1.3 * diameter_px + max(patch.sides_px) / 2 + 4
     x, y = patch.middle_px
-    left, top = max(0, int(x - reach)), max(0, int(y - reach))
+    left = max(0, int(x - reach))
+    top = max(0, int(y - reach))
     piece = image[top : int(y + reach) + 2, left : int(x + reach) + 2]
     light = LIGHT_OF_COUNTS[piece]
-    seen = (
-        (piece[..., 2].astype(np.float32), light[..., 2])
-        if is_on_black(piece)
-        else (redness(piece), redness(light))
-    )
+    if is_on_black(piece):
+        seen = (piece[..., 2].astype(np.float32), light[..., 2])
+    else:
+        seen = (redness(piece), redness(light))
     # Scaled to the same brightest counts, so that limits in counts hold for both.
     brightest = [max(1.0, float(np.percentile(picture, RED_PEAK_PERCENTILE))) for picture in seen]
     pictures = (
@@ -530,16 +533,14 @@ def _find_rims(
     Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts
     are used as well."""
     view = np.array(list(views), np.int64)
-    level, rays = seen.level, len(seen.rays.directions)
-    inside = (
-        follow_rim(level, seen.rays, seen.radius_px).inside
-        if any(one.local for one in assumptions)
-        else level.inside
-    )
-    is_local, share = (
-        np.array([one.local for one in assumptions]),
-        np.array([one.share for one in assumptions]),
-    )
+    level = seen.level
+    rays = len(seen.rays.directions)
+    if any(one.local for one in assumptions):
+        inside = follow_rim(level, seen.rays, seen.radius_px).inside
+    else:
+        inside = level.inside
+    is_local = np.array([one.local for one in assumptions])
+    share = np.array([one.share for one in assumptions])
     # The level at this share of the way from outside to inside; NaN where no disc is.
     outside = level.outside[view]
     at = outside + share[:, None] * (
@@ -551,8 +552,12 @@ def _find_rims(
     spoilt = np.asarray(((points.px < limits[:, 0]) | (points.px > limits[:, 1])).any(axis=1))
     if square:
         for number in np.unique(of_view):
-            cutout, own = seen.cutouts[number], of_view == number
-            slopes = cutout.linear_slopes if seen.is_linear[number] else cutout.slopes
+            cutout = seen.cutouts[number]
+            own = of_view == number
+            if seen.is_linear[number]:
+                slopes = cutout.linear_slopes
+            else:
+                slopes = cutout.slopes
             spoilt[own] |= is_oblique(points.px[own], seen.rays.middle_px[number], slopes)
     glare = measure_glare(points, view, seen.white, seen.radius_px)
     limit = np.maximum(
@@ -561,12 +566,10 @@ def _find_rims(
     ends = np.searchsorted(points.rim, np.arange(len(view) + 1))
     rims = []
     for first, last in pairwise(ends.tolist()):
-        px, plain, light, most = (
-            points.px[first:last],
-            ~spoilt[first:last],
-            glare[first:last],
-            limit[first:last],
-        )
+        px = points.px[first:last]
+        plain = ~spoilt[first:last]
+        light = glare[first:last]
+        most = limit[first:last]
         kept = plain & (light <= most)
         for factor in MORE_GLARE:
             if kept.sum() >= ENOUGH_RIM * rays:
@@ -628,18 +631,18 @@ def _mark(
     typical_waves_px: float,
 ) -> Mark | str:
     """The measured mark, or why it is none."""
-    outline, rim = measured[0], rims[0]
+    outline = measured[0]
+    rim = rims[0]
     if outline is None:
         return "hardly any of its rim is seen"
     contrast = _contrast(cutout, outline)
     outlines = [one for one in measured if one is not None]
     middles = np.array([one.middle_px for one in outlines])
     middle = middles.mean(axis=0)
-    spread = (
-        float(np.sqrt(((middles - middle) ** 2).sum(axis=1).mean()))
-        if len(outlines) == len(measured)
-        else np.inf
-    )
+    if len(outlines) == len(measured):
+        spread = float(np.sqrt(((middles - middle) ** 2).sum(axis=1).mean()))
+    else:
+        spread = np.inf
     if reason := _find_reason(cutout, outline, contrast, spread):
         return reason
     # Errors that the scatter of the rim points does not show; the second term grows with the hidden
@@ -647,7 +650,10 @@ def _mark(
     systematic = PIXEL_FLOOR_PX + outline.radius_px * (
         COVER_ERROR * (1.0 - outline.seen) / 0.5 + GLARE_ERROR * rim.glare_share
     )
-    own = outline.waves_px if np.isfinite(outline.waves_px) else typical_waves_px
+    if np.isfinite(outline.waves_px):
+        own = outline.waves_px
+    else:
+        own = typical_waves_px
     waves = WAVE_ERROR * np.hypot(own, typical_waves_px) / np.sqrt(2.0)
     std = np.sqrt(
         np.diag(outline.covariance_px2) + systematic**2 + waves**2 + (SPREAD_ERROR * spread) ** 2

@@ -23,10 +23,12 @@ SMOOTHING_PX = 0.7
 REACH = 1.75
 # Spacing of the rays along the rim, and limits of their number.
 RAY_EVERY_PX = 1.5
-MIN_RAYS, MAX_RAYS = 40, 160
+MIN_RAYS = 40
+MAX_RAYS = 160
 # Distance from the rim within which something light distorts it, in pixels and in radii; the larger
 # one counts.
-GLARE_REACH_PX, GLARE_REACH = 2.5, 0.3
+GLARE_REACH_PX = 2.5
+GLARE_REACH = 0.3
 # Low enough that glints over most of a disc do not raise it.
 OWN_WHITE_PERCENTILE = 30.0
 # Share of the contrast; anything lighter than disc or surroundings by more than this is a glint.
@@ -41,7 +43,8 @@ DIRECTION_SMOOTHING_PX = 1.0
 # Share of the rays over which the level of the surroundings is taken, on either side of a ray.
 NEIGHBOUR_SHARE = 0.06
 # The ring in which a mark's surroundings are black, in radii.
-SPILL_FROM, SPILL_TO = 1.35, 1.65
+SPILL_FROM = 1.35
+SPILL_TO = 1.65
 # The ring in which the level just inside each part of the rim is taken, in radii: inside of the
 # blur, outside of most glints.
 NEAR_RIM = (0.55, 0.8)
@@ -64,7 +67,8 @@ MIN_SCATTER_PX = 0.03
 NEIGHBOURS_SHARE_NOISE = 3.0
 # Orders of the rim's slow deviations, and the share of the rim that must be seen to tell them
 # apart.
-WAVE_ORDERS, WAVES_SEEN = (3, 4, 5, 6), 0.8
+WAVE_ORDERS = (3, 4, 5, 6)
+WAVES_SEEN = 0.8
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,8 @@ def percentile(values: Floats, percent: float) -> Floats:
     """
     at = (values.shape[-1] - 1) * (percent / 100.0)
     low = int(at)
-    high, share = min(low + 1, values.shape[-1] - 1), at - low
+    high = min(low + 1, values.shape[-1] - 1)
+    share = at - low
     ordered = np.partition(values, (low, high))
     return np.asarray(ordered[..., low] + share * (ordered[..., high] - ordered[..., low]))
 
@@ -165,7 +170,8 @@ def cast_rays(
     """
     directions, radii, steps_px = _make_ray_grid(radius_px)
     places = (middles_px[:, None, None, :] + steps_px).astype(np.float32)
-    x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+    x = np.ascontiguousarray(places[..., 0])
+    y = np.ascontiguousarray(places[..., 1])
     counts = np.empty(x.shape)
     for view, picture in enumerate(pictures):
         counts[view] = cv2.remap(
@@ -313,7 +319,8 @@ def rim_points(rays: Rays, views: Indices, at: Floats) -> RimPoints:
     above = rays.counts[views] >= at[:, :, None]
     rim, ray, step = np.nonzero(above[:, :, :-1] & ~above[:, :, 1:])
     view = views[rim]
-    before, after = rays.counts[view, ray, step], rays.counts[view, ray, step + 1]
+    before = rays.counts[view, ray, step]
+    after = rays.counts[view, ray, step + 1]
     radius = rays.radii_px[step] + STEP_PX * (before - at[rim, ray]) / (before - after)
     return RimPoints(rays.middle_px[view] + rays.directions[ray] * radius[:, None], rim, ray, step)
 
@@ -475,7 +482,8 @@ def fit_outlines(
     padded = np.zeros((len(points), max(map(len, points)), 2))
     is_point = np.zeros(padded.shape[:2], np.bool_)
     for number, rim in enumerate(points):
-        padded[number, : len(rim)], is_point[number, : len(rim)] = rim, True
+        padded[number, : len(rim)] = rim
+        is_point[number, : len(rim)] = True
     radius = np.array([shape.radius_px for shape in shapes])
     stds = np.array(
         [[shape.radius_std * shape.radius_px, shape.bend_std, shape.bend_std] for shape in shapes]
@@ -495,7 +503,8 @@ def fit_outlines(
         is_on = weights > 0.2
         has_enough = is_on.sum(axis=1) >= 6
         if not has_enough.all():
-            numbers, fit = numbers[has_enough], fit.select(has_enough)
+            numbers = numbers[has_enough]
+            fit = fit.select(has_enough)
             residual, jacobian, weights, is_on = (
                 one[has_enough] for one in (residual, jacobian, weights, is_on)
             )
@@ -557,7 +566,8 @@ class _Fits:
 
 def _median_where(values: Floats, chosen: Flags) -> Floats:
     """Median (rims,) of the chosen values (rims, n) of each rim; every rim has some."""
-    ordered, count = np.sort(np.where(chosen, values, np.inf), axis=1), chosen.sum(axis=1)
+    ordered = np.sort(np.where(chosen, values, np.inf), axis=1)
+    count = chosen.sum(axis=1)
     rows = np.arange(len(values))
     return np.asarray(0.5 * (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2]))
 
@@ -591,8 +601,10 @@ def _residuals(points: Floats, values: Floats) -> tuple[Floats, Floats]:
     from_middle = points - values[:, None, :2]
     radius, bend_cos, bend_sin = (values[:, None, column] for column in (2, 3, 4))
     distance = np.maximum(np.hypot(from_middle[..., 0], from_middle[..., 1]), 1e-9)
-    cos, sin = from_middle[..., 0] / distance, from_middle[..., 1] / distance
-    double_cos, double_sin = cos * cos - sin * sin, 2 * cos * sin
+    cos = from_middle[..., 0] / distance
+    sin = from_middle[..., 1] / distance
+    double_cos = cos * cos - sin * sin
+    double_sin = 2 * cos * sin
     relative = 1.0 + bend_cos * double_cos + bend_sin * double_sin
     # The bend's small change of the direction is neglected, as the outline is nearly round.
     jacobian = np.stack([cos, sin, relative, radius * double_cos, radius * double_sin], axis=-1)

@@ -30,7 +30,8 @@ def send_records(pipe: Connection, rate_Hz: float, in_one: int, seconds: float, 
         request, client = box.recvfrom(100)
         if decode_request(request).command in {RdtCommand.START_SINGLE, RdtCommand.START_BUFFERED}:
             break
-    sent, began = 0, time.monotonic()
+    sent = 0
+    began = time.monotonic()
     while (running_s := time.monotonic() - began) < seconds:
         while sent + in_one <= running_s * rate_Hz:
             box.sendto(made(sent + 1, in_one), client)

@@ -118,7 +118,9 @@ def test_a_view_attached_by_name_sees_the_same_records_on_the_same_clock(box):
     clock = WallClock()
     acquired = AcquiredDatagrams(record_source("127.0.0.1", box.getsockname()[1]), clock)
     view = Ring.attach(acquired.ring_name)
-    client, reader, blocks = told(acquired, box), RingReader(view), []
+    client = told(acquired, box)
+    reader = RingReader(view)
+    blocks = []
     before_s = clock.now_s()
     box.sendto(datagram(1, 40), client)
     until(lambda: blocks.append(reader.read()) or len(blocks[-1].records) == 40)
@@ -159,7 +161,8 @@ def test_a_host_that_cannot_be_is_refused_and_nothing_is_left_running():
 
 def test_closing_ends_the_process_and_takes_the_ring_away(box):
     acquired = AcquiredDatagrams(record_source("127.0.0.1", box.getsockname()[1]), WallClock())
-    process_id, name = acquired.process_id, acquired.ring_name
+    process_id = acquired.process_id
+    name = acquired.ring_name
     acquired.close()
     acquired.close()
     with pytest.raises(ProcessLookupError):

@@ -61,7 +61,9 @@ def test_every_record_is_read_once_in_order_or_counted_as_overrun(
 ) -> None:
     ring = Ring.create(16, BYTES)
     try:
-        reader, written, seen = RingReader(ring), 0, []
+        reader = RingReader(ring)
+        written = 0
+        seen = []
         for count, read in [*steps, (0, True)]:
             ring.write(float(written), numbered(written, count))
             written += count
@@ -114,7 +116,8 @@ def test_a_claim_without_its_publication_is_neither_read_nor_trusted(ring):
 
 
 def test_readers_do_not_disturb_each_other(ring):
-    one, other = RingReader(ring), RingReader(ring)
+    one = RingReader(ring)
+    other = RingReader(ring)
     ring.write(0.0, numbered(0, 3))
     assert numbers(one.read().records) == [0, 1, 2]
     ring.write(0.0, numbered(3, 2))
@@ -163,7 +166,9 @@ def test_no_record_is_ever_half_one_and_half_another():
     """A writer in another process goes round a small ring as fast as it can while this one
     reads.
     """
-    ring, count, seen = Ring.create(256, 8 * BYTES), 21_000, 0
+    ring = Ring.create(256, 8 * BYTES)
+    count = 21_000
+    seen = 0
     reader = RingReader(ring)
     writer = get_context("spawn").Process(target=write_on, args=(ring.name, count))
     writer.start()

@@ -202,7 +202,8 @@ def test_mujocos_own_contact_agrees_in_the_loading_phase():
 
 @needs_mujoco
 def test_mujocos_contact_pushes_back_with_stiffness_times_indentation():
-    height_m, indentation_m = 0.2, 1e-3
+    height_m = 0.2
+    indentation_m = 1e-3
     leg = leg_on_springs(PAPER, height_m, 5e4)
     leg.data.qpos[0] = np.arcsin(
         (height_m + indentation_m - PAPER.leg.link_radius_m) / sum(PAPER.leg.link_lengths_m)

@@ -270,7 +270,8 @@ def test_what_nothing_determines_has_a_wide_error():
 
 
 def test_a_warm_start_begins_where_it_is_told():
-    space, at = make_prior(("k0",), BELIEF, {}), []
+    space = make_prior(("k0",), BELIEF, {})
+    at = []
 
     def watched(s: ModelPoint) -> np.ndarray:
         at.append(k0_of(s))
@@ -301,7 +302,8 @@ def test_correlated_parameters_are_named():
 
 def test_whitening_makes_strokes_that_move_together_independent():
     rng = np.random.default_rng(0)
-    effect, stroke_of_row = rng.normal(0.0, 3.0, (30, 2)), np.repeat([0, 1, 2], 10)
+    effect = rng.normal(0.0, 3.0, (30, 2))
+    stroke_of_row = np.repeat([0, 1, 2], 10)
     white = make_whitening(effect, stroke_of_row)
     for stroke in range(3):
         mine = stroke_of_row == stroke
@@ -314,7 +316,9 @@ def test_whitening_makes_strokes_that_move_together_independent():
 def test_errors_widen_where_strokes_differ_by_more_than_noise(strokes):
     rng = np.random.default_rng(1)
     stroke_of_row = np.repeat(np.arange(strokes), 40)
-    jacobian, has_prior, z = np.ones((40 * strokes, 1)), np.zeros(1, dtype=bool), []
+    jacobian = np.ones((40 * strokes, 1))
+    has_prior = np.zeros(1, dtype=bool)
+    z = []
     for _ in range(200):
         residuals = rng.normal(size=40 * strokes) + np.repeat(rng.normal(0.0, 2.0, strokes), 40)
         off = residuals.mean()
@@ -324,7 +328,8 @@ def test_errors_widen_where_strokes_differ_by_more_than_noise(strokes):
 
 
 def test_only_what_the_window_says_counts():
-    t_s, phases = np.array([-0.05, 0.1, 0.21, 0.35, 0.55, 0.75]), StrokePhases(0.2, 0.7, 0.8)
+    t_s = np.array([-0.05, 0.1, 0.21, 0.35, 0.55, 0.75])
+    phases = StrokePhases(0.2, 0.7, 0.8)
     assert StrokeWindow().inside(t_s, phases).tolist() == [False, False, False, False, True, False]
     everything = StrokeWindow(("rest", "free", "touchdown", "loading", "release"), 0.0)
     assert everything.inside(t_s, phases).tolist() == [False, True, True, True, True, True]

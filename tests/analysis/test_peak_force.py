@@ -73,7 +73,8 @@ def test_the_row_holds_the_scatter_of_the_repeats_beside_the_model():
     factors = (0.9, 1.0, 1.2)
     strokes = tuple(impact(repeat, factor) for repeat, factor in enumerate(factors, start=1))
     row = make_peak_row(compare_condition(PAPER, Condition(0.155, 15.0, strokes), "commanded"), "x")
-    (fy, fz) = row.simulated.fy_N.mean, row.simulated.fz_N.mean
+    fy = row.simulated.fy_N.mean
+    fz = row.simulated.fz_N.mean
     assert (row.repeats, row.refused) == (3, ())
     assert row.measured.force_N.mean == pytest.approx(np.mean(factors) * row.simulated.force_N.mean)
     # The sample standard deviation of 0.9, 1.0, 1.2 is 0.1528; with n in place of n - 1 it would be

@@ -32,7 +32,8 @@ def test_the_four_materials_stand_at_both_thicknesses(rows):
 
 
 def test_the_leg_s_own_strip_gives_the_leg_s_own_stroke(rows):
-    own, expected = rows["CFSP", 0.8], predict_stroke(PAPER, 0.215, 2.433, 200.0)
+    own = rows["CFSP", 0.8]
+    expected = predict_stroke(PAPER, 0.215, 2.433, 200.0)
     assert own.k0_Nm_per_rad == pytest.approx(10.98)
     assert own.stroke.valley_fz_N == pytest.approx(expected.summary()["valley_fz_N"], abs=1e-3)
     assert own.stroke.largest_angle_rad == pytest.approx(
@@ -57,7 +58,8 @@ def test_a_stiffer_strip_presses_harder_in_proportion_nearly(rows):
 
 def test_strain_is_half_the_thickness_times_angle_over_length(rows, comparison):
     row = rows["CFSP", 0.8]
-    angle, strain = row.stroke.largest_angle_rad, row.strain
+    angle = row.stroke.largest_angle_rad
+    strain = row.strain
     assert strain.strain_spread == pytest.approx(0.0004 * angle / 0.039333)
     assert strain.share_spread == pytest.approx(120e9 * strain.strain_spread / 651e6)
     assert strain.share_concentrated == pytest.approx(
@@ -82,7 +84,8 @@ def test_a_strip_that_would_break_is_said_so(rows):
 
 
 def test_a_limp_leg_keeps_its_row_and_says_why(rows):
-    limp, lying = rows["VMQ", 0.8], rows["PA12", 0.8]
+    limp = rows["VMQ", 0.8]
+    lying = rows["PA12", 0.8]
     assert "no rest pose" in limp.stroke.no_valley
     assert limp.verdict() == "strain not known"
     assert "lies on the ground" in lying.stroke.no_valley

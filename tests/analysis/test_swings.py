@@ -25,7 +25,8 @@ DATA = Path(__file__).parents[1] / "data" / "dfki-pendulum"
 BELIEVED = Pendulum(
     (PendulumLink(0.2, 0.6, 0.18, 0.022, 0.004), PendulumLink(0.3, 0.55, 0.25, 0.038, 0.002))
 )
-ANGLE_NOISE, SPEED_NOISE = 1e-3, 0.02
+ANGLE_NOISE = 1e-3
+SPEED_NOISE = 0.02
 MET = 2.5  # rows of a window share the uncertainty of its start, so that their mean square scatters
 
 
@@ -42,10 +43,8 @@ def recorded(
     after = make_driven_pendulum(apply_nuisances(BELIEVED, nuisances), effects).swing(
         torque_trace(t_s, torque), np.array([0.5, 0.2]), np.zeros(2), t_s[1:]
     )
-    angle, speed = (
-        np.vstack([[[0.5, 0.2]], after.angle_rad]),
-        np.vstack([np.zeros((1, 2)), after.speed_rad_s]),
-    )
+    angle = np.vstack([[[0.5, 0.2]], after.angle_rad])
+    speed = np.vstack([np.zeros((1, 2)), after.speed_rad_s])
     noisy = (
         angle + random.normal(0, ANGLE_NOISE, angle.shape),
         speed + random.normal(0, SPEED_NOISE, speed.shape),
@@ -181,7 +180,8 @@ def bounced(at_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Times, positions (m, 2), noise, and the true speed at `at_s`: joint 1 presses on a spring
     of 25 Hz, joint 2 swings at 1 Hz.
     """
-    fast, slow = 2.0 * np.pi * 25.0, 2.0 * np.pi
+    fast = 2.0 * np.pi * 25.0
+    slow = 2.0 * np.pi
     t_s = np.arange(-0.2, 0.2, 0.002)
     # Free before 0, in contact until half a period of the spring has passed, free again with the
     # speed turned.
@@ -224,7 +224,8 @@ def fitted(problem, id_, name, low, high):
     """The effect's value and the mean square of the rows, with nominal values free as far as
     they are known.
     """
-    nuisances, start = problem.nuisances, 0.8 * low + 0.2 * high
+    nuisances = problem.nuisances
+    start = 0.8 * low + 0.2 * high
     expected = np.hypot(
         problem.noise_std, np.where(problem.signal_of_row < len(problem.signals) // 2, *REAL)
     )
@@ -294,9 +295,7 @@ def test_a_real_weight_that_was_added_shows_as_more_mass_or_less_torque_and_as_n
     problem = make_swing_problem(read_pendulum_campaign(DATA / "simple-heavier"))
     mass_kg, with_mass = fitted(problem, "added_mass", "mass_kg", 0.0, 2.0)
     assert 0.3 < mass_kg < 1.2
-    friction, drag, inertia = (
-        fitted(problem, "joint_friction", "torque_Nm", 0.0, 0.5)[1],
-        fitted(problem, "fluid_drag", *OTHERS["fluid_drag"])[1],
-        fitted(problem, "joint_inertia", *OTHERS["joint_inertia"])[1],
-    )
+    friction = fitted(problem, "joint_friction", "torque_Nm", 0.0, 0.5)[1]
+    drag = fitted(problem, "fluid_drag", *OTHERS["fluid_drag"])[1]
+    inertia = fitted(problem, "joint_inertia", *OTHERS["joint_inertia"])[1]
     assert min(friction, drag, inertia) > 1.3 * with_mass

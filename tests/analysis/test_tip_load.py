@@ -14,7 +14,8 @@ FORCE_N = np.array([-4.0, -18.0])
 def test_the_shaft_carries_the_force_and_the_weight():
     """Moments about the shaft, from the places of the ends alone."""
     shape = load_tip(PAPER.leg, 0.5, FORCE_N)
-    ends, masses = 1e-3 * shape.ends_mm, np.array(PAPER.leg.link_masses_kg)
+    ends = 1e-3 * shape.ends_mm
+    masses = np.array(PAPER.leg.link_masses_kg)
     middles = 0.5 * (ends[1:] + ends[:-1])
     touched = ends[-1] + [0.0, PAPER.leg.link_radius_m]
     moment = touched[0] * FORCE_N[1] - touched[1] * FORCE_N[0] + 9.81 * masses @ middles[:, 0]
@@ -48,7 +49,8 @@ def test_a_force_does_the_work_that_springs_and_weight_take_up():
 
 
 def test_the_force_is_found_from_the_shape_within_what_the_angles_allow():
-    shape, std = load_tip(PAPER.leg, 0.5, FORCE_N), np.radians(0.2)
+    shape = load_tip(PAPER.leg, 0.5, FORCE_N)
+    std = np.radians(0.2)
     random = np.random.default_rng(4)
     off = []
     for _ in range(60):

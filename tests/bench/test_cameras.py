@@ -29,7 +29,8 @@ def test_a_photo_folder_s_camera_tells_the_person_and_takes_what_comes(tmp_path,
         threading.Timer(
             0.3, cv2.imwrite, (str(tmp_path / "a.png"), np.full((4, 4, 3), 9, np.uint8))
         ).start()
-        photo, wait = None, threading.Event()
+        photo = None
+        wait = threading.Event()
         for _ in range(1000):
             if photo := camera.fetch_photo():
                 break

@@ -29,11 +29,9 @@ def test_a_twin_that_is_to_fade_is_refused_as_it_counts_no_strokes():
 
 def test_every_hinge_carries_the_weight_beyond_it():
     plant = LegPlant(RIG, 0.5, 0.3, 1e-3, TwinScatter(), np.random.default_rng(1))
-    angles_rad, lengths_m, masses_kg = (
-        plant.link_angles_rad(),
-        plant.link_lengths_m(),
-        RIG.leg.link_masses_kg,
-    )
+    angles_rad = plant.link_angles_rad()
+    lengths_m = plant.link_lengths_m()
+    masses_kg = RIG.leg.link_masses_kg
     assert angles_rad.shape == lengths_m.shape == (7,)
     assert angles_rad[0] == pytest.approx(plant.shaft().angle_rad) == pytest.approx(0.3)
     assert plant.ground_depth_m() == 0.5

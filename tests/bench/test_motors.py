@@ -118,7 +118,8 @@ def test_the_twin_of_a_motor_is_opened_with_its_own_scale(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, motor: str
 ) -> None:
     """The leg falls from where it is parked, and the motor holds it where it then hangs."""
-    rig, plants = rig_with(tmp_path, motor), []
+    rig = rig_with(tmp_path, motor)
+    plants = []
     monkeypatch.setattr(
         factory,
         "LegPlant",

@@ -43,7 +43,8 @@ def test_what_remains_passes_the_check_that_the_whole_plan_passed(name, done):
 
 def test_a_stage_s_expected_load_does_not_depend_on_where_the_run_had_stopped():
     plan = plan_of("static-angle")
-    whole, left = plan, make_remaining_plan(plan, PlanProgress(holds=5))
+    whole = plan
+    left = make_remaining_plan(plan, PlanProgress(holds=5))
     before, after = (predict_loads(some, RIG.model()) for some in (whole, left))
     for hold in left.holds:
         assert after[hold].force_N == pytest.approx(before[hold].force_N, rel=0.05)

@@ -28,7 +28,9 @@ def plant(scatter=NO_SCATTER):
 
 
 def test_behind_a_stiff_drive_the_plant_is_the_model():
-    leg, felt, times = plant(), [], np.arange(1, 1000) * 1e-3
+    leg = plant()
+    felt = []
+    times = np.arange(1, 1000) * 1e-3
     speed = float(np.radians(65.9))
     for t_s in times:
         felt.append(

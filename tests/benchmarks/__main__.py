@@ -29,7 +29,9 @@ from tests.model.lsoda import ICE, fz_by_lsoda
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
 HISTORY = Path(__file__).with_name("history.csv")
-WORSE, LAST_ROWS = 0.15, 5  # share of a ratio; rows of the history that count
+# share of a ratio; rows of the history that count
+WORSE = 0.15
+LAST_ROWS = 5
 STROKES = 20  # in one timed piece, so that it takes about as long as what it is compared with
 T = np.arange(1, 1401) * 1e-3
 
@@ -56,7 +58,9 @@ def compare_s(
     compared."""
     work()
     reference()
-    times, ratios, before = [], [], _time_s(reference)
+    times = []
+    ratios = []
+    before = _time_s(reference)
     for _ in range(rounds):
         times.append(_time_s(work))
         after = _time_s(reference)
@@ -134,7 +138,8 @@ def measure(rounds: int) -> dict[str, float]:
     ice_s, ice_ratio = compare_s(
         lambda: strokes(ICE), lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), 3 * rounds
     )
-    stroke_s, rig_s = median_s(strokes, 5 * rounds) / STROKES, run_on_twin()
+    stroke_s = median_s(strokes, 5 * rounds) / STROKES
+    rig_s = run_on_twin()
     ratios = {
         "stroke_per_lsoda": ice_ratio / STROKES,
         "run_in_strokes": run_ratio * STROKES,

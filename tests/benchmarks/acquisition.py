@@ -70,11 +70,9 @@ def one(rate_Hz: float, in_one: int, seconds: float) -> str:
             datagrams, clock, NetFtSettings(rate_Hz=rate_Hz, internal_rate_Hz=rate_Hz)
         )
         sensor.start()
-        reader_s, loop_s, began_s = (
-            processor_s(datagrams.process_id),
-            time.process_time(),
-            clock.now_s(),
-        )
+        reader_s = processor_s(datagrams.process_id)
+        loop_s = time.process_time()
+        began_s = clock.now_s()
         due_s = began_s
         while not pipe.poll():
             motor.command_speed(1.0)
@@ -82,7 +80,8 @@ def one(rate_Hz: float, in_one: int, seconds: float) -> str:
             due_s = max(due_s + TICK_S, clock.now_s())
             clock.wait_until(due_s)
         elapsed_s = clock.now_s() - began_s
-        reader, loop = processor_s(datagrams.process_id) - reader_s, time.process_time() - loop_s
+        reader = processor_s(datagrams.process_id) - reader_s
+        loop = time.process_time() - loop_s
         sent = pipe.recv()
         clock.wait_until(clock.now_s() + 0.2)
         sensor.read()

@@ -41,7 +41,8 @@ def _elastica() -> None:
         *((90, a) for a in (10, 30, 50, 70, 80)),
         *((135, a) for a in (30, 60, 90, 110)),
     ]:
-        coarse, fine = errors(direction, slope, 50), errors(direction, slope, 100)
+        coarse = errors(direction, slope, 50)
+        fine = errors(direction, slope, 100)
         force, place = loaded(direction, slope)
         tip = cantilever_tip(0.26, 0.226, force)
         best = np.hypot(tip.x_m - place[0], tip.y_m - place[1]) / 0.226
@@ -90,7 +91,8 @@ def _departure(free_m: float) -> None:
         "chain with K = EI / free, and of that with the sliding"
     )
     print("curve, off the tip of the beam without pins, in % of the leg and degrees")
-    laws, beam = _chains(free_m), strip_between_shells(STRIP, LENGTHS, free_m)
+    laws = _chains(free_m)
+    beam = strip_between_shells(STRIP, LENGTHS, free_m)
     for direction in (90, 135):
         for size_N in (0.5, 2.0, 5.0, 10.0, 20.0):
             force = size_N * np.array(
@@ -113,7 +115,8 @@ def _departure(free_m: float) -> None:
 
 
 def _cost() -> None:
-    free_m, force = EI / 10.98, np.array([0.0, 10.0])
+    free_m = EI / 10.98
+    force = np.array([0.0, 10.0])
     plain, slid = _chains(free_m)
     for name, work in (
         ("beam, 290 elements", lambda: strip_between_shells(STRIP, LENGTHS, free_m).bent(force, 5)),

@@ -26,7 +26,8 @@ from rfca_rig.reports.style import FAINT, MEASURED, STYLE
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 from tests.model.test_equations_of_motion import energy_J, free_shaft, released, vector_mechanics
 
-SWING_S, SWING_FROM = 0.2, np.linspace(0.0, 0.9, 7)
+SWING_S = 0.2
+SWING_FROM = np.linspace(0.0, 0.9, 7)
 HELD_S = tuple(1e-3 / 2**k for k in range(7))
 # a held step h has this times h^3 for tolerance: binds while the release rings only, yet keeps
 # Newton going
@@ -35,7 +36,9 @@ FACTORS = tuple(10.0 ** (-k / 2) for k in range(-3, 9))
 VALLEY_FACTORS = tuple(10.0 ** (-k / 2) for k in range(-3, 5))
 VALLEY_AT = (0.215, 2.433)
 REFERENCE_FACTOR = 1e-4
-CHAIN, CHAIN_FROM, CHAIN_S = pendulum(3, 0.2, 0.1, k0=2.0), (0.3, 0.6, 1.0), 2.0
+CHAIN = pendulum(3, 0.2, 0.1, k0=2.0)
+CHAIN_FROM = (0.3, 0.6, 1.0)
+CHAIN_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -71,11 +74,10 @@ def free_motion(
     longest_s: float,
 ) -> tuple[Samples, float]:
     """Samples of a chain let go, and the mean step."""
-    samples, bounds = (
-        allocate_samples(t_s, len(start)),
-        np.array([tolerance.angle_rad, tolerance.speed_rad_s]),
-    )
-    end_s, work = float(t_s[-1]), allocate_workspace(len(start), len(start))
+    samples = allocate_samples(t_s, len(start))
+    bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
+    end_s = float(t_s[-1])
+    work = allocate_workspace(len(start), len(start))
     status, _, accepted, _ = integrate(
         chain,
         NO_LAWS,
@@ -99,7 +101,8 @@ def swing_curves() -> list[Curve]:
     """The paper's leg let go bent, without ground, against DOP853 on equations of its own:
     angles at the end.
     """
-    chain, end = make_chain(PAPER, NO_GROUND_M), np.array([SWING_S])
+    chain = make_chain(PAPER, NO_GROUND_M)
+    end = np.array([SWING_S])
     start = np.concatenate([SWING_FROM, np.zeros(7)])
     true = solve_ivp(
         vector_mechanics(PAPER), (0.0, SWING_S), start, "DOP853", rtol=1e-12, atol=1e-13
@@ -152,10 +155,8 @@ def valley_curves() -> list[Curve]:
 
     true = valley(REFERENCE_FACTOR)
     found = [valley(f) for f in VALLEY_FACTORS]
-    force, time = (
-        tuple(abs(v.fz_N / true.fz_N - 1.0) for v in found),
-        tuple(abs(v.time_s / true.time_s - 1.0) for v in found),
-    )
+    force = tuple(abs(v.fz_N / true.fz_N - 1.0) for v in found)
+    time = tuple(abs(v.time_s / true.time_s - 1.0) for v in found)
     return [
         Curve(
             "valley of a stroke, force",
@@ -180,7 +181,8 @@ def energy_curve() -> Curve:
     """Three links on springs, let go, no damping: change of energy within two seconds over the
     most that weight gave.
     """
-    chain, t_s = make_chain(CHAIN, NO_GROUND_M), np.linspace(0.01, CHAIN_S, 200)
+    chain = make_chain(CHAIN, NO_GROUND_M)
+    t_s = np.linspace(0.01, CHAIN_S, 200)
     lost = []
     for factor in FACTORS:
         samples, _ = free_motion(
@@ -206,7 +208,10 @@ def draw(curves: Sequence[Curve], out: Path) -> None:
     """The swing over its step, then swing, valley and energy over the tolerance; the upright
     line is the default.
     """
-    swing, swing_tolerance, valley, energy = curves[:2], curves[2:3], curves[3:5], curves[5:]
+    swing = curves[:2]
+    swing_tolerance = curves[2:3]
+    valley = curves[3:5]
+    energy = curves[5:]
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update({**STYLE, "svg.hashsalt": "convergence", "svg.fonttype": "none"})
@@ -278,11 +283,12 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     curves = all_curves()
     for curve in curves:
-        at_default = (
-            f", {np.interp(0.0, np.log(curve.x[::-1]), curve.error[::-1]):.1e} at the default"
-            if "tol" in curve.over
-            else ""
-        )
+        if "tol" in curve.over:
+            at_default = (
+                f", {np.interp(0.0, np.log(curve.x[::-1]), curve.error[::-1]):.1e} at the default"
+            )
+        else:
+            at_default = ""
         print(
             f"{curve.name:26} {curve.unit:20} slope {curve.order:5.2f} over "
             f"{curve.over}{at_default}"

@@ -129,7 +129,10 @@ def _slcan(data: bytes) -> object:
 def _slcan_allowed(data: bytes) -> bool:
     for line in (one for one in data.split(b"\r")[:-1] if one):
         head = 9 if line[:1] in b"TR" else 4
-        carried = 0 if line[:1] in b"rR" else 2 * int(line[head : head + 1], 16)
+        if line[:1] in b"rR":
+            carried = 0
+        else:
+            carried = 2 * int(line[head : head + 1], 16)
         if len(line) != head + 1 + carried:
             return False
     return True
@@ -263,7 +266,8 @@ def frames(decoder: Decoder, count: int, random: np.random.Generator) -> Iterato
     places = random.integers(0, (1 << 20) - 2048, count)
     harm = random.integers(0, 5, count)
     for i in range(count):
-        length, place = int(lengths[i]), int(places[i])
+        length = int(lengths[i])
+        place = int(places[i])
         if i % decoder.harmed_every:
             yield decoder.good[0]
         elif (i // decoder.harmed_every) % 2:

@@ -60,7 +60,8 @@ def pause(seconds: float) -> None:
 
 def out_and_back(bus: can.BusABC, far: FarEnd, frames: int) -> tuple[np.ndarray, np.ndarray]:
     """Seconds each way, (frames,)."""
-    out_s, back_s = np.empty(frames), np.empty(frames)
+    out_s = np.empty(frames)
+    back_s = np.empty(frames)
     for at in range(frames):
         pause(1e-3)
         began_s = CLOCK.now_s()

@@ -28,7 +28,8 @@ from rfca_rig.campaign.opening import open_recordings
 
 RUN = ("dynamic", "run", "--height", "235", "--speed", "3.2", "--repeats", "40")
 # Strokes after which the recorder hangs, and for how long it hangs before both are killed.
-STROKES, HANGS_S = (1, 11), (0.5, 6.0)
+STROKES = (1, 11)
+HANGS_S = (0.5, 6.0)
 # A run that begins on a busy machine may take this long to its first stroke.
 BEGINS_WITHIN_S = 120.0
 PAUSE_S = 0.01
@@ -87,13 +88,15 @@ def hang_and_kill(run: Watched, chance: random.Random) -> bool:
     """Whether the run was killed while its recorder hung; a run that has ended before does not
     count.
     """
-    wanted, until_s = chance.randint(*STROKES), time.monotonic() + BEGINS_WITHIN_S
+    wanted = chance.randint(*STROKES)
+    until_s = time.monotonic() + BEGINS_WITHIN_S
     while run.announced < wanted and not run.is_over and time.monotonic() < until_s:
         run.read()
         time.sleep(PAUSE_S)
     # Anywhere within a stroke.
     time.sleep(chance.uniform(0.0, 0.1))
-    hangs_s, recorder = chance.uniform(*HANGS_S), run.recorder()
+    hangs_s = chance.uniform(*HANGS_S)
+    recorder = run.recorder()
     if recorder is not None and not run.is_over:
         os.kill(recorder, signal.SIGSTOP)
         until_s = time.monotonic() + hangs_s
@@ -132,7 +135,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=32)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    chance, total = random.Random(asked.seed), Counter[str]()
+    chance = random.Random(asked.seed)
+    total = Counter[str]()
     print("  run  announced  recovered  lost  disk called silent")
     with tempfile.TemporaryDirectory() as name:
         for number in range(asked.runs):

@@ -18,8 +18,13 @@ from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from tests.model.legs import PAPER
 
-HEIGHT_M, SPEED_RAD_S, RATE_HZ = 0.155, 15.0, 15000  # the paper's test and its sensor's rate
-MEASURED_FZ_N, MEASURED_FY_N = 232.0, 188.0  # of unknown sign
+# the paper's test and its sensor's rate
+HEIGHT_M = 0.155
+SPEED_RAD_S = 15.0
+RATE_HZ = 15000
+# of unknown sign
+MEASURED_FZ_N = 232.0
+MEASURED_FY_N = 188.0
 MEASURED_N = float(np.hypot(MEASURED_FZ_N, MEASURED_FY_N))
 TABLE_2 = (
     (0.215, 2.433, 1.10, -54.97),
@@ -28,7 +33,8 @@ TABLE_2 = (
     (0.235, 3.276, 0.69, -39.19),
 )
 PAPERS_ERROR_PCT = (3.2, 2.7)
-TOUCHDOWN_S, LIFTED_S = 0.03, 0.01
+TOUCHDOWN_S = 0.03
+LIFTED_S = 0.01
 PASSES = 3
 
 
@@ -63,17 +69,16 @@ def peaks(stroke: SimulatedStroke, number: int) -> dict[str, Peak]:
     """Peaks by phase of one pass over the plate, the first being 0; a pass begins with the shaft
     pointing up.
     """
-    shaft_deg, t_s, touching = (
-        np.degrees(stroke.shaft_angle_rad),
-        stroke.t_s,
-        stroke.normal_N.sum(axis=1) > 0.0,
-    )
+    shaft_deg = np.degrees(stroke.shaft_angle_rad)
+    t_s = stroke.t_s
+    touching = stroke.normal_N.sum(axis=1) > 0.0
     begin_deg = 360.0 * number - 90.0
     here = (shaft_deg >= begin_deg) & (shaft_deg < begin_deg + 360.0)
     touch = np.flatnonzero(here & touching)
     late = touch[shaft_deg[touch] > begin_deg + 180.0]
     gaps = np.flatnonzero(np.diff(t_s[late]) > LIFTED_S)
-    lift_s, touch_s = t_s[late[gaps[0]] if len(gaps) else late[-1]], t_s[touch[0]]
+    lift_s = t_s[late[gaps[0]] if len(gaps) else late[-1]]
+    touch_s = t_s[touch[0]]
     phases = {
         "touchdown": (t_s >= touch_s) & (t_s < touch_s + TOUCHDOWN_S),
         "loading": (t_s >= touch_s + TOUCHDOWN_S) & (t_s <= lift_s),
@@ -93,7 +98,8 @@ def _largest(stroke: SimulatedStroke, during: np.ndarray, from_deg: float) -> Pe
 
 def table_2_errors_pct(rig: RigModel) -> np.ndarray:
     """(4, 2) errors of the valley's time and force; NaN where there is no valley."""
-    errors, t_s = np.full((4, 2), np.nan), np.arange(1, 1401) * 1e-3
+    errors = np.full((4, 2), np.nan)
+    t_s = np.arange(1, 1401) * 1e-3
     for row, (height_m, speed_rad_s, time_s, fz_N) in zip(errors, TABLE_2, strict=True):
         valley = find_valley(t_s, simulate_stroke_at_speed(rig, height_m, speed_rad_s, t_s).fz_N)
         row[:] = (
@@ -133,7 +139,10 @@ def refitted(rig: RigModel, with_friction: bool = False) -> RigModel:
     scale = np.array([getattr(PAPER.leg, name) for name in REFITTED])
 
     def tried(x: np.ndarray) -> RigModel:
-        ground = {"friction_coefficient": float(x[4])} if with_friction else {}
+        if with_friction:
+            ground = {"friction_coefficient": float(x[4])}
+        else:
+            ground = {}
         return changed(dict(zip(REFITTED, (x[:4] * scale).tolist(), strict=True)), ground, rig)
 
     def misfit(x: np.ndarray) -> np.ndarray:
@@ -146,7 +155,10 @@ def refitted(rig: RigModel, with_friction: bool = False) -> RigModel:
         :, : 4 + with_friction
     ]
     # With friction, the fit begins at a small one: from 0.41 it stops early.
-    begin = np.array([0.5, 1.9, 10.0, 0.9, 0.1]) if with_friction else np.ones(4)
+    if with_friction:
+        begin = np.array([0.5, 1.9, 10.0, 0.9, 0.1])
+    else:
+        begin = np.ones(4)
     return tried(least_squares(misfit, begin, bounds=bounds, diff_step=3e-3, max_nfev=30).x)
 
 
@@ -193,9 +205,13 @@ def reversed_under_load(turn_deg: float, rig: RigModel = PAPER) -> Peak:
     """The shaft driven to `turn_deg` at 15 rad/s, then back by 60 degrees at the same speed: the
     bent leg is pushed backwards.
     """
-    start, w, ramp_s, back_s = rig.leg.start_angle_rad, SPEED_RAD_S, rig.drive.ramp_s, 0.05
+    start = rig.leg.start_angle_rad
+    w = SPEED_RAD_S
+    ramp_s = rig.drive.ramp_s
+    back_s = 0.05
     turn_s = (np.radians(turn_deg) - start) / w + ramp_s / 2.0
-    end_s, turn_rad = turn_s + back_s + np.radians(60.0) / w, np.radians(turn_deg)
+    end_s = turn_s + back_s + np.radians(60.0) / w
+    turn_rad = np.radians(turn_deg)
     breaks_s = np.array([-1.0, 0.0, ramp_s, turn_s, turn_s + back_s, end_s])
     pieces = [
         [start, 0, 0, 0],
@@ -261,7 +277,10 @@ def one_by_one() -> Iterator[tuple[str, RigModel]]:
 def row(label: str, rig: RigModel, table: bool = True, **at: float) -> str:
     stroke = passes(rig, **at)
     last = " | ".join(str(peak) for peak in peaks(stroke, PASSES - 1).values())
-    errors = np.abs(table_2_errors_pct(rig)).mean(axis=0) if table else None
+    if table:
+        errors = np.abs(table_2_errors_pct(rig)).mean(axis=0)
+    else:
+        errors = None
     told = f"{errors[0]:4.1f} {errors[1]:5.1f}" if errors is not None else ""
     return f"{label:34} | {last} | {told}"
 
@@ -318,7 +337,8 @@ def spikes_at_random(tries: int = 1000) -> None:
     """Second passes whose largest force is of the measured size, wherever ground, friction,
     damping, speed and height may have been.
     """
-    random, found = np.random.default_rng(1), []
+    random = np.random.default_rng(1)
+    found = []
     for _ in range(tries):
         ground = {
             "stiffness_N_per_m1p5": 10.0 ** random.uniform(5.0, 7.5),

@@ -358,7 +358,9 @@ def judge_statement(diagnosis: Diagnosis, right: Sequence[str]) -> str:
             if not {effect.id, *effect.cannot_tell_from} & set(right):
                 return WRONG
         return "right"
-    return "right" if set(diagnosis.family.members) & set(right) else WRONG
+    if set(diagnosis.family.members) & set(right):
+        return "right"
+    return WRONG
 
 
 def answer_size(folder: Path, seed: int, step: tuple[str, int]) -> Answer:
@@ -408,7 +410,10 @@ def find_fall(answers: Sequence[Answer]) -> str:
     before = None
     for answer in answers:
         if answer.rank is None:
-            reason = "wrong statement" if answer.statement == WRONG else answer.grade
+            if answer.statement == WRONG:
+                reason = "wrong statement"
+            else:
+                reason = answer.grade
             return f"{reason} at {answer.size:g}"
         if before is not None and answer.rank < before.rank:
             fall = f"{before.grade} at {before.size:g} to {answer.grade} at {answer.size:g}"

@@ -165,10 +165,12 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
     with open_bench(rig, None) as opened, ExitStack() as things:
         bench = replace(opened, sensor=things.enter_context(restless_sensor(opened.clock)))
         run_folder.create(folder, Recording("live view", "REAL", rig.nominal(), {}, (), ()))
-        keeper, stop_request = RecorderClient(folder, patient=False), StopRequest()
+        keeper = RecorderClient(folder, patient=False)
+        stop_request = StopRequest()
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         processes: dict[str, int | str] = {"loop": "self", "recorder": keeper.process_id}
-        view, file = None, None
+        view = None
+        file = None
         if has_view:
             facts = run_facts(plan, "REAL", bench.sensor.scale(), rig.nominal())
             view = LiveView(
@@ -184,10 +186,8 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
             time.sleep(WARM_S)  # the shapes of the leg
         timed = Timed(NULL_OBSERVER if view is None else view.run_queue)
         zero_s = time.monotonic() - bench.clock.now_s()
-        before_s, began_s = (
-            {name: cpu_s(number) for name, number in processes.items()},
-            time.monotonic(),
-        )
+        before_s = {name: cpu_s(number) for name, number in processes.items()}
+        began_s = time.monotonic()
 
         def progress(_: Stage) -> None:
             if time.monotonic() > began_s + seconds:

@@ -34,7 +34,8 @@ from rfca_rig.recording.run_writer import RunWriter
 from rfca_rig.recording.stage_file import write_stage
 from tests.recording.growing import FORCE, FORMS, SHAFT, WRENCH, header
 
-RATE_HZ, TICKS_HZ = 15_000, 500
+RATE_HZ = 15_000
+TICKS_HZ = 500
 KILOBYTE = 1024
 
 
@@ -42,7 +43,8 @@ def second(number: int, noise: np.ndarray) -> tuple[Rows, Rows]:
     """What the devices report within a second; force with the noise of a resting sensor, 0.2 N
     in counts of 1e-6 N.
     """
-    shaft, force = np.zeros(TICKS_HZ, SHAFT.dtype), np.zeros(RATE_HZ, FORCE.dtype)
+    shaft = np.zeros(TICKS_HZ, SHAFT.dtype)
+    force = np.zeros(RATE_HZ, FORCE.dtype)
     for rows in (shaft, force):
         rows["device_s"] = number + np.arange(len(rows)) / len(rows)
         rows["host_s"] = rows["device_s"] + 100.0 + 1e-4 * noise[: len(rows), 0]
@@ -89,7 +91,9 @@ def take_up(folder: Path) -> None:
 
 def in_this_process(phase: str, folder: Path) -> None:
     """One phase, and what it took, on standard output."""
-    began_MB, began_s, began_cpu_s = peak_MB(), time.perf_counter(), time.process_time()
+    began_MB = peak_MB()
+    began_s = time.perf_counter()
+    began_cpu_s = time.process_time()
     match phase:
         case "stage file":
             take_up(folder)
@@ -132,7 +136,8 @@ def digest(path: Path) -> str:
 def whole(folder: Path, seconds: int) -> None:
     began_s = time.perf_counter()
     make_journal(folder, seconds)
-    journal, stage = journal_path(folder, 1), stage_path(folder, 1)
+    journal = journal_path(folder, 1)
+    stage = stage_path(folder, 1)
     size = journal.stat().st_size
     made_s = time.perf_counter() - began_s
     print(

@@ -75,7 +75,9 @@ def draw_arm(kind, random):
     """An arm whose links are 20 % longer or shorter, and heavier or lighter, than the usual
     ones.
     """
-    mass_relative, zero_rad, usual_Nm = 0.02, 0.002, np.array([6.0, 2.5, 0.7])
+    mass_relative = 0.02
+    zero_rad = 0.002
+    usual_Nm = np.array([6.0, 2.5, 0.7])
     nominal = arm.Arm(
         length_m=tuple(np.array([0.35, 0.3, 0.2]) * random.uniform(0.8, 1.2, 3)),
         mass_kg=tuple(np.array([2.0, 1.4, 0.7]) * random.uniform(0.8, 1.2, 3)),
@@ -88,13 +90,16 @@ def draw_arm(kind, random):
     )
     actual = replace(actual, zero_rad=tuple(zero_rad * random.standard_normal(3)))
     size = random.uniform(0.05, 0.25, 3) * usual_Nm
-    rise, load = random.uniform(0.2, 0.4), random.uniform(0.0, 0.03)
+    rise = random.uniform(0.2, 0.4)
+    load = random.uniform(0.0, 0.03)
     one = np.arange(3) == random.integers(3)
     of_gears = random.spawn(1)[0]  # whose numbers leave those of the other kinds alone
     if kind in GEARS:  # the model file knows the rotors
         rotors = tuple(of_gears.uniform(0.5, 1.5, 3) * (0.06, 0.02, 0.004))
-        nominal, actual = replace(nominal, rotor_kg_m2=rotors), replace(actual, rotor_kg_m2=rotors)
-    yields_rad, losing_s = of_gears.uniform(0.015, 0.04, 3), of_gears.uniform(0.003, 0.01)
+        nominal = replace(nominal, rotor_kg_m2=rotors)
+        actual = replace(actual, rotor_kg_m2=rotors)
+    yields_rad = of_gears.uniform(0.015, 0.04, 3)
+    losing_s = of_gears.uniform(0.003, 0.01)
     changes = {
         "backlash": {
             "gear": arm.Gear(
@@ -161,7 +166,8 @@ def draw_hopper(kind, random, own_contact=False):
         damping_s_per_m=max(0.1, damping) * nominal.damping_s_per_m,
         zero_m=tuple(0.0002 * random.standard_normal(2)),
     )
-    share, sign = random.uniform(0.08, 0.2), random.choice([-1.0, 1.0])
+    share = random.uniform(0.08, 0.2)
+    sign = random.choice([-1.0, 1.0])
     changes = {
         "dry friction of the leg": {
             "dry_N": (0.0, random.uniform(1.5, 4.5)),
@@ -180,7 +186,8 @@ def draw_hopper(kind, random, own_contact=False):
         "late plate": {"plate_lag_s": random.uniform(0.006, 0.015)},
         "plate scale": {"plate_factor": 1.0 + sign * share},
     }
-    actual, seed = replace(actual, **changes.get(kind, {})), int(random.integers(2**31))
+    actual = replace(actual, **changes.get(kind, {}))
+    seed = int(random.integers(2**31))
     of_sole = random.spawn(1)[0]
     if own_contact and kind in SOLES:
         actual = replace(
@@ -220,7 +227,10 @@ def draw(mechanism, seed, number):
     """Case `number` of a seed, whatever the others are. Every third one conceals nothing."""
     random = np.random.default_rng([seed, number])
     kinds = list(mechanism.kinds)
-    kind = NOTHING if number % 3 == 0 else kinds[1 + (number - number // 3 - 1) % (len(kinds) - 1)]
+    if number % 3 == 0:
+        kind = NOTHING
+    else:
+        kind = kinds[1 + (number - number // 3 - 1) % (len(kinds) - 1)]
     return Case(kind, mechanism.draw(kind, random))
 
 
@@ -228,7 +238,8 @@ def answer(name, seed, folder, number):
     """Kind, grade, stated effects with their probabilities, family and seconds of a case, kept
     in a file.
     """
-    path, campaign = folder / f"{name}-{number:04d}.json", folder / f"{name}-{number:04d}"
+    path = folder / f"{name}-{number:04d}.json"
+    campaign = folder / f"{name}-{number:04d}"
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     case = draw(MECHANISMS[name], seed, number)
@@ -269,14 +280,16 @@ def mark(said, kinds):
     if said["effects"]:
         if set(said["effects"]) <= right:
             return "right"
-        return (
-            "family"
-            if all({f.id for f in families_of(name)} & families for name in said["effects"])
-            else "wrong"
-        )
+        if all({f.id for f in families_of(name)} & families for name in said["effects"]):
+            return "family"
+        return "wrong"
     if said["grade"] == "family":
-        return "family" if said["family"] in families else "wrong"
-    return "right" if said["kind"] == NOTHING and said["grade"] == "nothing missing" else "silent"
+        if said["family"] in families:
+            return "family"
+        return "wrong"
+    if said["kind"] == NOTHING and said["grade"] == "nothing missing":
+        return "right"
+    return "silent"
 
 
 def label_statements(name, seed, answers):
@@ -287,11 +300,10 @@ def label_statements(name, seed, answers):
     for number, said in enumerate(answers):
         right = set(MECHANISMS[name].kinds[said["kind"]])
         for one in said["support"]:
-            of_statement = (
-                {one["id"], *one["cannot_tell_from"]}
-                if one["kind"] == "effect"
-                else members_of(one["id"])
-            )
+            if one["kind"] == "effect":
+                of_statement = {one["id"], *one["cannot_tell_from"]}
+            else:
+                of_statement = members_of(one["id"])
             statement = {
                 "case": f"{name}-{number:04d}",
                 "rig": name,
@@ -316,7 +328,8 @@ def main():
     parser.add_argument("--statements", type=Path)
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    answers, work = {}, partial(answer, asked.mechanism, asked.seed, asked.folder)
+    answers = {}
+    work = partial(answer, asked.mechanism, asked.seed, asked.folder)
     with process_executor(cores()) as executor:
         for number, said in map_unordered(executor, work, range(asked.cases)):
             if isinstance(said, TaskFailure):
@@ -326,7 +339,8 @@ def main():
     if asked.statements is not None:
         content = label_statements(asked.mechanism, asked.seed, found)
         write_atomically(asked.statements, (json.dumps(content, indent=1) + "\n").encode())
-    kinds, words = MECHANISMS[asked.mechanism].kinds, ("right", "family", "wrong", "silent")
+    kinds = MECHANISMS[asked.mechanism].kinds
+    words = ("right", "family", "wrong", "silent")
     counts = Counter((said["kind"], mark(said, kinds)) for said in found)
     print(f"{'concealed':<26}" + "".join(f"{word:>8}" for word in words))
     for kind in kinds:

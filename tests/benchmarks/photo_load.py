@@ -22,8 +22,11 @@ from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_writer import write_picture
 from tests.recording.growing import FORCE, FORMS, SHAFT, static_stage
 
-TICK_S, PER_TICK, WATCHDOG_S = 2e-3, 30, 0.1
-ROWS, COLUMNS = 1080, 1920
+TICK_S = 2e-3
+PER_TICK = 30
+WATCHDOG_S = 0.1
+ROWS = 1080
+COLUMNS = 1920
 Photographed = Callable[[np.ndarray], str]
 
 
@@ -31,10 +34,14 @@ def gaps_ms(
     keeper: RecorderClient, seconds: float, every_s: float, photographed: Photographed
 ) -> np.ndarray:
     """Between the ticks of a loop that ends a stage, with its photo, again and again."""
-    clock, random = WallClock(), np.random.default_rng(1)
+    clock = WallClock()
+    random = np.random.default_rng(1)
     pictures = [random.integers(0, 255, (ROWS, COLUMNS, 3), dtype=np.uint8) for _ in range(3)]
-    shaft, force = np.zeros(1, SHAFT.dtype), np.zeros(PER_TICK, FORCE.dtype)
-    due_s, woke, stages = clock.now_s(), [], 0
+    shaft = np.zeros(1, SHAFT.dtype)
+    force = np.zeros(PER_TICK, FORCE.dtype)
+    due_s = clock.now_s()
+    woke = []
+    stages = 0
     keeper.give(Begin("photo load", 0.215, FORMS).block())
     while clock.now_s() < seconds:
         due_s = max(due_s + TICK_S, clock.now_s())

@@ -31,8 +31,10 @@ from tests.vision.ray_scenes import (
 )
 from tests.vision.scenes import LENGTHS_M, PLAN
 
-WIDTH_PX, LARGE_WIDTH_PX = 1632, 4000
-VISIBLE_SHARE, WHOLE_SHARE = 0.6, 0.98
+WIDTH_PX = 1632
+LARGE_WIDTH_PX = 4000
+VISIBLE_SHARE = 0.6
+WHOLE_SHARE = 0.98
 # A mark that is farther from its true place than this share of its diameter is another thing.
 WRONG_SHARE = 0.25
 SILENT_SIGMAS = 3.0
@@ -123,13 +125,10 @@ def labels_of(truth, share):
     yield "all"
     yield "12 MP" if truth["width_px"] == LARGE_WIDTH_PX else "2 MP"
     yield from (f"{key}: {kinds[key]}" for key in ("light", "surface", "blur", "plane"))
-    cable = (
-        "cable at marks"
-        if "at marks" in kinds["clutter"]
-        else "cable"
-        if "cable" in kinds["clutter"]
-        else "no cable"
-    )
+    if "at marks" in kinds["clutter"]:
+        cable = "cable at marks"
+    else:
+        cable = "cable" if "cable" in kinds["clutter"] else "no cable"
     yield f"clutter: {cable}"
     yield "whole" if share > WHOLE_SHARE else "partly covered"
 
@@ -158,7 +157,8 @@ def describe_angles(rows):
     stated = np.isfinite(error)
     if not stated.any():
         return f"none of {len(rows)} stated"
-    error, std = error[stated], std[stated]
+    error = error[stated]
+    std = std[stated]
     silent = error[error > SILENT_SIGMAS * std].max(initial=0.0)
     return (
         f"stated {stated.mean():5.1%} of {len(rows)}, error median "
@@ -171,7 +171,9 @@ def describe_angles(rows):
 
 def print_table(folder, legs, reading):
     """The table over all legs that are read."""
-    counts, sigmas, angles = Counter(), [], {"alone": [], "together": []}
+    counts = Counter()
+    sigmas = []
+    angles = {"alone": [], "together": []}
     for place in (folder / f"leg-{number:03d}" for number in range(legs)):
         if not (place / f"read-{reading}.json").exists():
             continue
@@ -197,7 +199,8 @@ def print_table(folder, legs, reading):
         f"they are not, {counts['refused']} legs refused"
     )
     for label in sorted(key[0] for key in counts if key[1:] == ("visible",)):
-        used, visible = counts[label, "used"], counts[label, "visible"]
+        used = counts[label, "used"]
+        visible = counts[label, "visible"]
         print(
             f"  marks used of visible, {label:22s} {used:5d} of {visible:5d}, {used / visible:6.1%}"
         )

@@ -38,12 +38,15 @@ class MemoryMotor:
 
     def __init__(self, clock: WallClock) -> None:
         self._clock = clock
-        self._angle_rad, self._speed_rad_s, self._read_s = 0.0, 0.0, clock.now_s()
+        self._angle_rad = 0.0
+        self._speed_rad_s = 0.0
+        self._read_s = clock.now_s()
         self.commanded_s: list[float] = []
 
     def command_angle(self, angle_rad: float, _speed_rad_s: float = 0.0) -> None:
         self.commanded_s.append(self._clock.now_s())
-        self._angle_rad, self._speed_rad_s = angle_rad, 0.0
+        self._angle_rad = angle_rad
+        self._speed_rad_s = 0.0
 
     def command_speed(self, speed_rad_s: float) -> None:
         self.commanded_s.append(self._clock.now_s())
@@ -70,7 +73,8 @@ class MemorySensor:
     """As many records as the time that went by asks for, of noise."""
 
     def __init__(self, clock: WallClock, rate_Hz: float) -> None:
-        self._clock, self._rate_Hz = clock, rate_Hz
+        self._clock = clock
+        self._rate_Hz = rate_Hz
         self._counts = np.random.default_rng(1).normal(0.0, 2e5, (1 << 16, 6)).astype(np.int32)
         self._sent = 0
 
@@ -78,7 +82,8 @@ class MemorySensor:
         due = int(self._clock.now_s() * self._rate_Hz)
         numbers = np.arange(self._sent, due)
         self._sent = due
-        device_s, at = numbers / self._rate_Hz, numbers % len(self._counts)
+        device_s = numbers / self._rate_Hz
+        at = numbers % len(self._counts)
         return ForceSamples(
             device_s, device_s, numbers, np.zeros(len(numbers), np.uint32), self._counts[at]
         )
@@ -131,7 +136,8 @@ class ThreadKeeper:
 
 def gaps_ms(make_sink, rate_Hz: float, strokes: int) -> np.ndarray:
     """Between commands, over a plan of so many strokes."""
-    clock, rig = WallClock(), twin_rig()
+    clock = WallClock()
+    rig = twin_rig()
     motor = MemoryMotor(clock)
     bench = Bench(motor, MemorySensor(clock, rate_Hz), FixedRack(), clock, True)
     sink, finish = make_sink(clock)

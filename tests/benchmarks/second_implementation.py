@@ -83,18 +83,23 @@ OF_JOINTS = tuple(
     id_ for id_, effect in catalogue().items() if effect.where == OF_PENDULUMS and id_ in SPANS
 )
 
-HEIGHT_M, SPEED_RAD_S, STROKES_BEFORE = 0.215, 2.433, 30
+HEIGHT_M = 0.215
+SPEED_RAD_S = 2.433
+STROKES_BEFORE = 30
 # Both simulators have passed the jump of the force at the end of the drive's ramp, whatever the
 # clock of the sensor.
 FROM_S = 0.1
-FINE_STEP_S, FINE = 2.5e-5, Tolerance(1e-7, 3e-4)
+FINE_STEP_S = 2.5e-5
+FINE = Tolerance(1e-7, 3e-4)
 # Time for which a leg hangs before its command where both must begin at rest.
 HANGING_S = 3.0
 # Effects whose unloaded leg is bent: the exam releases every leg straight, the model unloaded, so
 # both begin at rest.
 FROM_REST = ("hinge_rest_angle", "hinge_rest_angle_of_one")
 # Presliding of floor, pins and adhesion where it shall not matter.
-SHORT_M, SHORT_RAD, SHORT_DEG = 3e-6, 1e-5, float(np.degrees(1e-5))
+SHORT_M = 3e-6
+SHORT_RAD = 1e-5
+SHORT_DEG = float(np.degrees(1e-5))
 
 # Typical sizes other than the middle of the range.
 TYPICAL: Mapping[str, Values] = {
@@ -111,19 +116,18 @@ def choose_values(id_: str) -> Values:
     """The middle of the range of each parameter: geometric, or half of the largest where both
     signs are possible.
     """
-    return (
-        dict(TYPICAL[id_])
-        if id_ in TYPICAL
-        else {parameter.name: _middle(parameter) for parameter in catalogue()[id_].parameters}
-    )
+    if id_ in TYPICAL:
+        return dict(TYPICAL[id_])
+    return {parameter.name: _middle(parameter) for parameter in catalogue()[id_].parameters}
 
 
 def _middle(parameter: Parameter) -> float:
     if parameter.whole:
         return float(int(0.5 * (parameter.low + parameter.high)))
-    middle = (
-        np.sqrt(parameter.low * parameter.high) if parameter.low > 0.0 else 0.5 * parameter.high
-    )
+    if parameter.low > 0.0:
+        middle = np.sqrt(parameter.low * parameter.high)
+    else:
+        middle = 0.5 * parameter.high
     return float(f"{middle:.3g}")
 
 
@@ -162,9 +166,15 @@ class Forces:
 
 def make_rig(id_: str | None, values: Values) -> RigModel:
     """The model of the exam's nominal rig, released straight, with one effect."""
-    effects = (PresentEffect(id_, tuple(values.items())),) if id_ else ()
+    if id_:
+        effects = (PresentEffect(id_, tuple(values.items())),)
+    else:
+        effects = ()
     leg = Leg(LENGTHS_M, MASSES_KG, 0.003, 11.0, 4.2, 0.05, START_RAD)
-    swing_before = None if id_ in FROM_REST else Swing(-RELEASED_S, 1.0, 0.0)
+    if id_ in FROM_REST:
+        swing_before = None
+    else:
+        swing_before = Swing(-RELEASED_S, 1.0, 0.0)
     return RigModel(
         leg,
         Ground(1e5, 1.0, 0.45, 1e-4, 2.0),
@@ -178,27 +188,31 @@ def make_rig(id_: str | None, values: Values) -> RigModel:
 def make_world(id_: str | None, values: Values) -> World:
     """The exam's nominal rig with one effect."""
     world = replace(nominal_world(HEIGHT_M), strokes_before=STROKES_BEFORE)
-    return with_effect(world, id_, values) if id_ else world
+    if id_:
+        return with_effect(world, id_, values)
+    return world
 
 
 def without_differences(id_: str | None, rig: RigModel, world: World) -> tuple[RigModel, World]:
     """Both rigs without what the simulators treat differently: friction of the floor, or
     presliding where the effect is friction.
     """
-    ground, floor, hinges = rig.ground, world.floor, world.hinges
+    ground = rig.ground
+    floor = world.floor
+    hinges = world.hinges
     if id_ == "ground_stribeck":
-        ground, floor = replace(ground, presliding_m=SHORT_M), replace(floor, presliding_m=SHORT_M)
+        ground = replace(ground, presliding_m=SHORT_M)
+        floor = replace(floor, presliding_m=SHORT_M)
     else:
         ground = replace(ground, friction_coefficient=0.0, drag_N_s_per_m=0.0)
         floor = replace(floor, mu=0.0, drag_N_s_per_m=0.0)
     shape: Values = {}
     if id_ == "hinge_coulomb_friction":
-        shape, hinges = (
-            {"presliding_deg": SHORT_DEG},
-            replace(hinges, pin_creep_rad=for_each_hinge(SHORT_RAD)),
-        )
+        shape = {"presliding_deg": SHORT_DEG}
+        hinges = replace(hinges, pin_creep_rad=for_each_hinge(SHORT_RAD))
     if id_ == "ground_adhesion":
-        shape, floor = {"reach_mm": 1e3 * SHORT_M}, replace(floor, adhesion_hold_m=SHORT_M)
+        shape = {"reach_mm": 1e3 * SHORT_M}
+        floor = replace(floor, adhesion_hold_m=SHORT_M)
     effects = tuple(
         replace(effect, values=(*effect.values, *shape.items())) for effect in rig.effects
     )
@@ -231,15 +245,18 @@ def measure_deviation(one: Forces, other: tuple[Floats, Floats, Floats]) -> Devi
     """Deviation of two strokes, of the channel that deviates most."""
     valley = find_valley(one.t_s, one.down_N)
     # A shaft that stalls has no valley: the whole stroke is loading then.
-    until_s, valley_N = (
-        (valley.time_s, abs(valley.fz_N))
-        if isinstance(valley, Valley)
-        else (one.t_s[-1], np.abs(one.down_N).max())
-    )
+    if isinstance(valley, Valley):
+        until_s = valley.time_s
+        valley_N = abs(valley.fz_N)
+    else:
+        until_s = one.t_s[-1]
+        valley_N = np.abs(one.down_N).max()
     whole = one.t_s >= FROM_S
     loading = whole & (one.t_s <= until_s)
-    largest_N, largest_Nm = np.abs(one.down_N).max(), np.abs(one.channels[2]).max()
-    rms, most = [], []
+    largest_N = np.abs(one.down_N).max()
+    largest_Nm = np.abs(one.channels[2]).max()
+    rms = []
+    most = []
     scales = ((valley_N, largest_N), (valley_N, largest_N), (largest_Nm, largest_Nm))
     for mine, theirs, (usual, largest) in zip(one.channels, other, scales, strict=True):
         off = mine - theirs
@@ -263,12 +280,14 @@ def compare_at_zero(id_: str) -> tuple[float, float]:
     """Largest deviation of fz or fy from the plain stroke [N] at size 0, and of the worst
     channel in percent of the largest value.
     """
-    stroke, plain = paper_stroke(TIGHT, **{id_: NEUTRAL[id_]}), plain_stroke_at_rest()
+    stroke = paper_stroke(TIGHT, **{id_: NEUTRAL[id_]})
+    plain = plain_stroke_at_rest()
     off = [
         float(np.abs(a - b).max())
         for a, b in zip((stroke.fy_N, stroke.fz_N, stroke.tx_Nm), plain, strict=True)
     ]
-    largest_N, largest_Nm = float(np.abs(plain[1]).max()), float(np.abs(plain[2]).max())
+    largest_N = float(np.abs(plain[1]).max())
+    largest_Nm = float(np.abs(plain[2]).max())
     return max(off[:2]), 100.0 * max(max(off[:2]) / largest_N, off[2] / largest_Nm)
 
 
@@ -276,7 +295,8 @@ def compare_in_leg(id_: str) -> Comparison:
     """The line of one effect of the leg."""
     values = choose_values(id_)
     hanging_s = HANGING_S if id_ in FROM_REST else 0.0
-    rig, world = make_rig(id_, values), make_world(id_, values)
+    rig = make_rig(id_, values)
+    world = make_world(id_, values)
     exam = stroke_of_exam(world, STEP_S, hanging_s)
     as_is = measure_deviation(exam, stroke_of_model(rig, exam.t_s, None))
     effect = measure_deviation(
@@ -291,7 +311,8 @@ def compare_in_leg(id_: str) -> Comparison:
 # A double pendulum, its start, and a motion long enough for joints to reverse.
 RIG = PendulumWorld((0.4, 0.3), (0.6, 0.4), (0.3, 0.2), (0.06, 0.018), (0.004, 0.003))
 START = np.array([0.5, -0.4, 2.0, 1.5])
-RUN_S, READ_S = 0.6, 1e-3
+RUN_S = 0.6
+READ_S = 1e-3
 COMMAND = Tones(
     size=np.array([[0.8, 0.3], [0.5, 0.2]]),
     omega=np.array([[5.0, 7.0], [11.0, 9.0]]),
@@ -301,7 +322,8 @@ COMMAND = Tones(
 SIGN_RAD_S = 1e-4
 # Late readings: the model estimates the true start from the readings, to second order in the lag,
 # and a diagnosis fits it.
-READ_LATE, START_STD = ("angle_lag", "speed_lag"), np.array([1e-3, 1e-3, 1e-2, 1e-2])
+READ_LATE = ("angle_lag", "speed_lag")
+START_STD = np.array([1e-3, 1e-3, 1e-2, 1e-2])
 # Neutral sizes of the effects that only a pendulum can have.
 NEUTRAL_OF_JOINTS: Mapping[str, Values] = {
     "torque_scale": {"factor": 1.0},
@@ -330,7 +352,10 @@ def swing_of_model(
     pendulum = Pendulum(tuple(PendulumLink(*link) for link in columns))
     recorded_s = np.arange(-0.2, t_s[-1] + 0.01, READ_S)
     trace = torque_trace(recorded_s, np.array([COMMAND.at(begin_s + t) for t in recorded_s]))
-    effects = [PresentEffect(id_, tuple(values.items()))] if id_ else []
+    if id_:
+        effects = [PresentEffect(id_, tuple(values.items()))]
+    else:
+        effects = []
     motion = simulate_pendulum(pendulum, trace, start[:2], start[2:], t_s, effects, FINE)
     return np.column_stack([motion.angle_rad, motion.speed_rad_s])
 
@@ -363,20 +388,24 @@ def compare_in_pendulum(id_: str) -> Comparison:
     begin = round(FROM_S / READ_S)
     # A model whose speeds alone are late begins from the true speed.
     start = np.concatenate([read[begin, :2], (true if id_ == "speed_lag" else read)[begin, 2:]])
-    theirs, later_s = read[begin + 1 :], t_s[begin + 1 :] - t_s[begin]
+    theirs = read[begin + 1 :]
+    later_s = t_s[begin + 1 :] - t_s[begin]
     largest = np.repeat([np.abs(theirs[:, :2]).max(), np.abs(theirs[:, 2:]).max()], 2)
 
     def differ(from_readings: Floats) -> Floats:
         return (swing_of_model(id_, values, from_readings, t_s[begin], later_s) - theirs) / largest
 
-    off, moved = differ(start), (swing_of_exam(None, {})[1] - read)[begin + 1 :] / largest
+    off = differ(start)
+    moved = (swing_of_exam(None, {})[1] - read)[begin + 1 :] / largest
     turned = np.flatnonzero((np.sign(true[begin:, 2:]) != np.sign(true[begin, 2:])).any(axis=1))
-    alone, until = off, turned[0] - 1 if len(turned) else len(off)
+    alone = off
+    until = turned[0] - 1 if len(turned) else len(off)
     if id_ in READ_LATE:
         fitted = least_squares(
             lambda x: differ(x).ravel(), start, x_scale=START_STD, diff_step=1e-4
         )
-        alone, until = differ(fitted.x), len(off)
+        alone = differ(fitted.x)
+        until = len(off)
     neutral = {**NEUTRAL, **NEUTRAL_OF_JOINTS}[id_]
     plain, at_zero = (
         swing_of_model(*what, START, 0.0, t_s[1:]) for what in ((None, {}), (id_, neutral))
@@ -406,7 +435,8 @@ def print_table(title: str, unit: str, rows: list[Comparison]) -> None:
         f"{'rms':>9} {'most':>8}  values"
     )
     for row in rows:
-        one, other = row.as_is, row.alone
+        one = row.as_is
+        other = row.alone
         print(
             f"{row.id:<26} {row.zero:9.1e} {row.zero_pct:8.4f} {row.effect_pct:8.2f} "
             f"{one.valley_pct:8.4f} {one.rms_pct:8.4f} "

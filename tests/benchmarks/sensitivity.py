@@ -81,9 +81,9 @@ def changes() -> Iterator[str]:
 def _scaled(value: Any, factor: float) -> Any:
     if isinstance(value, tuple):
         return tuple(_scaled(one, factor) for one in value)
-    return (
-        max(1, round(factor * value)) if isinstance(value, int) else float(f"{factor * value:.4g}")
-    )
+    if isinstance(value, int):
+        return max(1, round(factor * value))
+    return float(f"{factor * value:.4g}")
 
 
 def apply_change(change: str) -> None:
@@ -110,7 +110,8 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
     from rfca_rig.diagnosis.diagnose import find_omissions
     from rfca_rig.diagnosis.leg.simulator import LegSimulator
 
-    simulations, simulate = itertools.count(), LegSimulator.simulate
+    simulations = itertools.count()
+    simulate = LegSimulator.simulate
 
     def count_and_simulate(self: LegSimulator, at: Any, condition: Any) -> Any:
         next(simulations)
@@ -120,10 +121,8 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
 
     on_saved = change.partition("=")[0] in OF_THE_DECISION
     for case in cases:
-        path, saved = (
-            _answers(exam, change) / f"{case}.json",
-            _answers(exam, BASE) / f"{case}.search",
-        )
+        path = _answers(exam, change) / f"{case}.json"
+        saved = _answers(exam, BASE) / f"{case}.search"
         if path.exists():
             continue
         before = next(simulations)
@@ -134,7 +133,8 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
             _, findings = find_omissions(
                 open_with_nominal_model([exam / "campaigns" / case]), lambda *_: None
             )
-            search, found = findings.leg, findings.leg_decision
+            search = findings.leg
+            found = findings.leg_decision
         simulated = next(simulations) - before - 1
         if change == BASE:
             saved.write_bytes(cloudpickle.dumps(search))

@@ -189,7 +189,9 @@ def choose_kind(number):
     if number % 10 in UNCHANGED:
         return NOTHING
     changed_before = sum(k % 10 not in UNCHANGED for k in range(number))
-    return WEIGHT if changed_before % 2 == 0 else ARM
+    if changed_before % 2 == 0:
+        return WEIGHT
+    return ARM
 
 
 def change(servo, kind, random):
@@ -444,15 +446,25 @@ def mark(said):
     family = said["family"]
     if said["kind"] == NOTHING:
         if not stated and family is None:
-            return "right" if said["grade"] == "nothing missing" else "silent"
+            if said["grade"] == "nothing missing":
+                return "right"
+            return "silent"
         if stated:
-            return "law of the servo" if stated <= LAWS_OF_SERVO else "wrong"
-        return "law of the servo" if members_of(family["id"]) & LAWS_OF_SERVO else "wrong"
+            if stated <= LAWS_OF_SERVO:
+                return "law of the servo"
+            return "wrong"
+        if members_of(family["id"]) & LAWS_OF_SERVO:
+            return "law of the servo"
+        return "wrong"
     if stated:
         is_right = stated & BODY_EFFECTS and stated <= BODY_EFFECTS | RIGHT_BESIDE_BODY
-        return "right" if is_right else "wrong"
+        if is_right:
+            return "right"
+        return "wrong"
     if family is not None:
-        return "family" if members_of(family["id"]) & BODY_EFFECTS else "wrong"
+        if members_of(family["id"]) & BODY_EFFECTS:
+            return "family"
+        return "wrong"
     return "silent"
 
 
@@ -469,8 +481,10 @@ def implied_change(said):
     """
     mass_kg = said["nominal"]["mass_kg"]
     centre_m = said["nominal"]["centre_m"]
-    added_kg, added_std_kg = 0.0, 0.0
-    shift_m, shift_std_m = 0.0, 0.0
+    added_kg = 0.0
+    added_std_kg = 0.0
+    shift_m = 0.0
+    shift_std_m = 0.0
     if not BODY_EFFECTS & set(said["effects"]):
         return None
     if "added_mass" in said["effects"]:
@@ -494,7 +508,8 @@ def is_in_interval(said):
 
 def excluded_truth(said):
     """The exclusion that the truth contradicts, in words, or an empty text."""
-    before, after = said["truth"]["before"], said["truth"]["after"]
+    before = said["truth"]["before"]
+    after = said["truth"]["after"]
     added_kg = after["mass_kg"] - before["mass_kg"]
     shift_m = after["centre_m"] - before["centre_m"]
     for effect, key, true in (
@@ -571,7 +586,10 @@ def describe_answer(said):
     if said["grade"] == "refused":
         return f"refused: {said['message']}"
     stated = {name: round(effect["probability"], 3) for name, effect in said["effects"].items()}
-    family = said["family"]["id"] if said["family"] else "nothing stated"
+    if said["family"]:
+        family = said["family"]["id"]
+    else:
+        family = "nothing stated"
     ids, probability = said["rivals"][0]
     closest = " + ".join(ids) or NOTHING
     return f"{said['grade']}, {stated or family}, closest {closest} ({probability:.2f})"
@@ -678,7 +696,9 @@ def list_slot(said):
     """All effects that act like what is stated."""
     if said["effects"]:
         return list_related(said["effects"])
-    return members_of(said["family"]["id"]) if said["family"] else frozenset()
+    if said["family"]:
+        return members_of(said["family"]["id"])
+    return frozenset()
 
 
 def mark_own_law(said):
@@ -688,11 +708,18 @@ def mark_own_law(said):
     """
     answer_with = said["with"]
     if OWN_LAW in answer_with["effects"]:
-        return "stated" if set(answer_with["effects"]) <= OWN_LAW_RIGHT else "other slot"
-    slot, slot_without = list_slot(answer_with), list_slot(said["without"])
+        if set(answer_with["effects"]) <= OWN_LAW_RIGHT:
+            return "stated"
+        return "other slot"
+    slot = list_slot(answer_with)
+    slot_without = list_slot(said["without"])
     if not slot:
-        return "silent" if slot_without else "silent as without"
-    return "same slot" if slot & (slot_without or OWN_LAW_RIGHT) else "other slot"
+        if slot_without:
+            return "silent"
+        return "silent as without"
+    if slot & (slot_without or OWN_LAW_RIGHT):
+        return "same slot"
+    return "other slot"
 
 
 def print_own_law(answers):

@@ -90,7 +90,10 @@ class Watched:
             f"{name} {memory[0]:.0f} -> {memory[-1]:.0f} MB ({slope:+.1f} MB/h)"
             for name, memory, slope in zip(("loop", "recorder"), (ours, its), slopes, strict=True)
         )
-        trips = f"{len(self.trips)} trips {sorted(set(self.trips))}" if self.trips else "no trip"
+        if self.trips:
+            trips = f"{len(self.trips)} trips {sorted(set(self.trips))}"
+        else:
+            trips = "no trip"
         return (
             f"{seconds[-1]:6.0f} s, {self.strokes} strokes, {self.received} records, "
             f"{self.lost} lost, "
@@ -130,11 +133,10 @@ def fast_sensor(clock: Clock, rate_Hz: float) -> Iterator[NetFtSensor]:
 def one_run(rig: RigFile, folder: Path, seen: Watched, lenient: bool, rate_Hz: float) -> None:
     """One plan, or as much of it as there is time for."""
     with open_bench(rig, None) as opened, ExitStack() as things:
-        bench = (
-            opened
-            if rate_Hz <= BOX_RATE_HZ
-            else replace(opened, sensor=things.enter_context(fast_sensor(opened.clock, rate_Hz)))
-        )
+        if rate_Hz <= BOX_RATE_HZ:
+            bench = opened
+        else:
+            bench = replace(opened, sensor=things.enter_context(fast_sensor(opened.clock, rate_Hz)))
         run_folder.create(folder, Recording("soak", "REAL", rig.nominal(), {}, (), ()))
         keeper = RecorderClient(folder, patient=False)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)

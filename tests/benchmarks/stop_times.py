@@ -243,11 +243,10 @@ def describe_killed(times_ms: list[float]) -> str:
 
 def describe(name: str, measured: Measured) -> str:
     wanted = CAUSES[name].ends
-    other = (
-        ""
-        if set(measured.ends) == {wanted}
-        else f"; ended as {', '.join(sorted(set(measured.ends)))}, not {wanted}"
-    )
+    if set(measured.ends) == {wanted}:
+        other = ""
+    else:
+        other = f"; ended as {', '.join(sorted(set(measured.ends)))}, not {wanted}"
     if wanted == GOES_ON:
         return f"goes on{other}"
     times_ms = measured.times_ms
@@ -284,7 +283,8 @@ def compare(name: str, wire_ms: float, simulated: float) -> str | None:
 
 
 def print_comparison() -> None:
-    simulated, kept = simulated_ms(), json.loads(STOP_TIMES.read_text(encoding="utf-8"))
+    simulated = simulated_ms()
+    kept = json.loads(STOP_TIMES.read_text(encoding="utf-8"))
     medians = {
         name: statistics.median(states["idle"]["times_ms"])
         for name, states in kept.items()
@@ -337,7 +337,10 @@ def main() -> None:
                 flush=True,
             )
         return
-    kept = json.loads(STOP_TIMES.read_text(encoding="utf-8")) if STOP_TIMES.is_file() else {}
+    if STOP_TIMES.is_file():
+        kept = json.loads(STOP_TIMES.read_text(encoding="utf-8"))
+    else:
+        kept = {}
     for name in arguments.names or BEGINNINGS:
         idle = measure(name, arguments.tries)
         print(f"{name:34s} idle: {describe(name, idle)}", flush=True)

@@ -78,7 +78,8 @@ def test_the_speed_of_the_stroke_hardly_matters_to_the_loading():
 
 
 def test_half_the_step_leaves_an_eighth_of_the_error_or_less():
-    chain, end_s = make_chain(PAPER, NO_GROUND_M), np.array([0.2])
+    chain = make_chain(PAPER, NO_GROUND_M)
+    end_s = np.array([0.2])
 
     def swung(step_s: float) -> np.ndarray:
         tolerance = Tolerance(1e9, SPEED_TOLERANCE_PER_S3 * step_s**3)

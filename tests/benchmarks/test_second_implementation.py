@@ -14,7 +14,9 @@ from tests.benchmarks.second_implementation import (
 )
 
 # Percent of the force: rms over the loading, at size 0, and with the same contacts.
-WITHIN_PCT, ZERO_PCT, ALONE_PCT = 0.1, 1e-4, 0.03
+WITHIN_PCT = 0.1
+ZERO_PCT = 1e-4
+ALONE_PCT = 0.03
 # Percent as in the exam, where its simulator differs on purpose or its step shows: sticking joints,
 # the impact of a play, a sensor that rings on from touchdown, the start of late readings.
 LARGER_PCT = {
@@ -35,7 +37,10 @@ def test_every_effect_of_the_catalogue_is_compared_or_has_a_reason_why_not():
 @pytest.mark.slow
 @pytest.mark.parametrize("id_", [*OF_LEGS, *OF_JOINTS])
 def test_both_implementations_agree_and_do_nothing_at_size_zero(id_):
-    row = compare_in_leg(id_) if id_ in OF_LEGS else compare_in_pendulum(id_)
+    if id_ in OF_LEGS:
+        row = compare_in_leg(id_)
+    else:
+        row = compare_in_pendulum(id_)
     assert row.zero_pct < ZERO_PCT
     assert row.effect_pct > 0.1
     assert row.as_is.rms_pct < LARGER_PCT.get(id_, WITHIN_PCT)

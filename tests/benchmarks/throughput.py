@@ -47,10 +47,12 @@ class Simulated:
 
 
 def simulated(strokes: int) -> Simulated:
-    begin, cpu = time.perf_counter(), time.process_time()
+    begin = time.perf_counter()
+    cpu = time.process_time()
     for _ in range(strokes):
         simulate_stroke_at_speed(PAPER, 0.215, 2.433, T_S)
-    end, at = time.perf_counter(), time.process_time()
+    end = time.perf_counter()
+    at = time.process_time()
     return Simulated(strokes, end - begin, at - cpu, os.getpid(), at)
 
 
@@ -72,12 +74,14 @@ class Round:
 
 def measured(executor: TaskExecutor, strokes: int, cases: int, batch_s: float = BATCH_S) -> Round:
     """`cases` of so many strokes each."""
-    begin, head = time.perf_counter(), time.process_time()
+    begin = time.perf_counter()
+    head = time.process_time()
     results = [
         result
         for _, result in map_unordered(executor, simulated, [strokes] * cases, batch_s=batch_s)
     ]
-    took, head = time.perf_counter() - begin, time.process_time() - head
+    took = time.perf_counter() - begin
+    head = time.process_time() - head
     busy = sum(result.seconds for result in results) / (HANDS * took)
     return Round(strokes * cases / took, busy, _share_of_cpu(results, head), head / cases)
 
@@ -86,7 +90,8 @@ def _share_of_cpu(results: Sequence[Simulated], head_s: float) -> float:
     """Of the processor time from the end of each process's first case to that of its last, and
     of this process's.
     """
-    simulating, all_ = 0.0, head_s
+    simulating = 0.0
+    all_ = head_s
     for process in {result.process for result in results}:
         own = sorted(
             (result for result in results if result.process == process),
@@ -109,7 +114,8 @@ def pieces_per_s(executor: TaskExecutor, count: int) -> tuple[float, float]:
     """Pieces of no work, one at a time: how many a second, and seconds of this process's
     processor for each.
     """
-    begin, head = time.perf_counter(), time.process_time()
+    begin = time.perf_counter()
+    head = time.process_time()
     for _ in map_unordered(executor, nothing, range(count), batch_s=0.0):
         pass
     return count / (time.perf_counter() - begin), (time.process_time() - head) / count
@@ -149,9 +155,16 @@ def main() -> None:
     parser.add_argument("--short", action="store_true", help="one short round: whether it works")
     short = parser.parse_args().short
     # A share of so short a time says nothing; that it comes out at all says that it works.
-    rounds, seconds, pieces, cases_ms = (
-        (1, 0.1, 50, CASE_MS[:2]) if short else (9, 10.0, 5000, CASE_MS)
-    )
+    if short:
+        rounds = 1
+        seconds = 0.1
+        pieces = 50
+        cases_ms = CASE_MS[:2]
+    else:
+        rounds = 9
+        seconds = 10.0
+        pieces = 5000
+        cases_ms = CASE_MS
     simulated(5)
     stroke_s = min(simulated(20).cpu_s / 20 for _ in range(5))
     print(f"one stroke {1e3 * stroke_s:.2f} ms of processor time")
@@ -178,11 +191,9 @@ def _print_share(
     cases = max(2 * HANDS, round(HANDS * 1e3 * seconds / case_ms))
     found: list[tuple[float, Round]] = []
     for _ in range(rounds):
-        before, there, after = (
-            own_rate(hands, strokes * cases),
-            measured(hands, strokes, cases, batch_s),
-            own_rate(hands, strokes * cases),
-        )
+        before = own_rate(hands, strokes * cases)
+        there = measured(hands, strokes, cases, batch_s)
+        after = own_rate(hands, strokes * cases)
         found.append((2.0 * there.rate / (before + after), there))
     share, busy, cpu, head_s = (
         statistics.median(each)
@@ -204,7 +215,8 @@ def _print_limits(name: str, hands: TaskExecutor, count: int) -> None:
     per_s, head_s = max((pieces_per_s(hands, count) for _ in range(3)), key=lambda found: found[0])
     print(f"{name}: {per_s:.0f} pieces of no work a second, head {1e3 * head_s:.2f} ms a piece")
     for cores in (10, 100, 1000):
-        hours, pieces = CASES * CASE_CPU_S / cores / 3600.0, cores / CASE_CPU_S
+        hours = CASES * CASE_CPU_S / cores / 3600.0
+        pieces = cores / CASE_CPU_S
         print(
             f"   {cores:5d} cores: {CASES} cases in {hours:6.1f} h, {pieces:5.1f} a "
             f"second, head busy {100 * head_s * pieces:.1f} %"

@@ -159,7 +159,8 @@ def main() -> None:
         print(f"one tick: {statistics.median(tick_us() for _ in range(ROUNDS)):.1f} us")
         return
     here = Path(__file__).parents[2]
-    times_us, ratios = [], []
+    times_us = []
+    ratios = []
     before_us = tick_of_us(arguments.against)
     for _ in range(ROUNDS):
         times_us.append(tick_of_us(here))

@@ -19,7 +19,8 @@ ROUNDS = 5
 
 
 def main() -> None:
-    random, model = np.random.default_rng(1), camera(WIDTH_PX)
+    random = np.random.default_rng(1)
+    model = camera(WIDTH_PX)
     angles = pose(random)
     photo = draw(
         angles,

@@ -12,12 +12,10 @@ STORE = get_typestore(Stores.LATEST)
 NS = 1_000_000_000
 BEGIN_NS = 1_700_000_000 * NS  # as the clock of a robot says it
 
-JOINT_STATE, WRENCH, NUMBER, TEXT = (
-    "sensor_msgs/msg/JointState",
-    "geometry_msgs/msg/WrenchStamped",
-    "std_msgs/msg/Float64",
-    "std_msgs/msg/String",
-)
+JOINT_STATE = "sensor_msgs/msg/JointState"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+NUMBER = "std_msgs/msg/Float64"
+TEXT = "std_msgs/msg/String"
 
 
 def ns_of(t_s):

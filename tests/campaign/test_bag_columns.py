@@ -68,9 +68,14 @@ def bag(request, tmp_path):
     """Makes the same bag in each form that ROS 2 has."""
 
     def write(content, **options):
-        storage = StoragePlugin.MCAP if request.param.startswith("mcap") else StoragePlugin.SQLITE3
+        if request.param.startswith("mcap"):
+            storage = StoragePlugin.MCAP
+        else:
+            storage = StoragePlugin.SQLITE3
         folder = bags.write_rosbag(tmp_path / "run", content, storage, **options)
-        return next(folder.glob("run*.*")) if request.param.endswith("file") else folder
+        if request.param.endswith("file"):
+            return next(folder.glob("run*.*"))
+        return folder
 
     return write
 
@@ -301,9 +306,10 @@ def test_an_empty_bag_is_one_line(bag):
 @pytest.mark.parametrize("kept", [0.0, 0.5, 0.9, 0.999])
 def test_a_file_that_is_cut_off_is_one_line(bag, kept):
     path = bag(topics())
-    (file,) = (
-        [path] if path.is_file() else [file for file in path.iterdir() if file.suffix != ".yaml"]
-    )
+    if path.is_file():
+        (file,) = [path]
+    else:
+        (file,) = [file for file in path.iterdir() if file.suffix != ".yaml"]
     whole = file.read_bytes()
     file.write_bytes(whole[: round(kept * len(whole))])
     said = refusal(path)

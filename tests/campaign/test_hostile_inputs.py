@@ -45,7 +45,8 @@ def test_a_hostile_input_ends_in_one_line(tmp_path, monkeypatch, name, kind):
     kinds, read = READERS[name]
     path = tmp_path / name
     kinds[kind](path)
-    before_kB, began_s = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    before_kB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began_s = time.process_time()
     try:
         read(path)
     except BadInput as error:

@@ -26,11 +26,10 @@ def times(factor):
 def nominal(section, key, factor):
     def slip(recording):
         values = recording.nominal[section][key]
-        other = (
-            [value * factor for value in values]
-            if isinstance(values, list | tuple)
-            else values * factor
-        )
+        if isinstance(values, list | tuple):
+            other = [value * factor for value in values]
+        else:
+            other = values * factor
         return replace(
             recording,
             nominal={**recording.nominal, section: {**recording.nominal[section], key: other}},

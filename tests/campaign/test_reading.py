@@ -32,7 +32,8 @@ def test_a_campaign_is_read_as_it_stands():
 def test_static_stages_are_read_as_they_stand():
     stages = read_campaign(SMALL).static
     assert len(stages) == 16
-    sixth, seventh = stages[5], stages[6]
+    sixth = stages[5]
+    seventh = stages[6]
     assert (sixth.height_m, sixth.stage, sixth.direction, seventh.direction) == (
         0.215,
         6,
@@ -68,7 +69,8 @@ def test_spreadsheet_habits_change_nothing(tmp_path: Path):
             .replace("\n", "\r\n")
         )
         file.write_bytes(b"\xef\xbb\xbf" + text.encode() + b"\r\n\r\n")
-    plain, dressed = read_campaign(SMALL), read_campaign(campaign)
+    plain = read_campaign(SMALL)
+    dressed = read_campaign(campaign)
     assert plain.provenance["sha256"] != dressed.provenance["sha256"]
     assert_same(_without_provenance(plain), _without_provenance(dressed))
 

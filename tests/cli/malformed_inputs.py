@@ -361,7 +361,10 @@ CURVE = "angle_deg,torque_Nm,torque_std_Nm\n3.0,0.581,0.006\n6.0,1.210,0.008\n10
 def _fill(folder: Path, subject: Subject) -> None:
     """The subject's own files, whole."""
     for source in subject.sources:
-        copy = shutil.copytree if (ROOT / source).is_dir() else shutil.copy
+        if (ROOT / source).is_dir():
+            copy = shutil.copytree
+        else:
+            copy = shutil.copy
         copy(ROOT / source, folder / Path(source).name)
     if subject.path.startswith("cart/"):
         (folder / "cart").mkdir()
@@ -828,7 +831,10 @@ def _file_case(chance: random.Random) -> Case:
         content = text.encode("utf-8", "surrogatepass")
         path.write_bytes(of_bytes[1](inner, content) if of_bytes else content)
 
-    names = [of_bytes[0]] if of_bytes else [name for name, _ in of_text]
+    if of_bytes:
+        names = [of_bytes[0]]
+    else:
+        names = [name for name, _ in of_text]
     return Case(f"{subject.name}: {', '.join(names)}", subject.words, mutate, subject.failures)
 
 

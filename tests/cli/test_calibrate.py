@@ -22,7 +22,8 @@ def photos(tmp_path_factory):
     """Nine of the board, one that shows none, one cut short; and one with the board in the
     plane.
     """
-    folder, random = tmp_path_factory.mktemp("photos"), np.random.default_rng(4)
+    folder = tmp_path_factory.mktemp("photos")
+    random = np.random.default_rng(4)
     for at, pose in enumerate(tilted_all_ways(BOARD)[:9]):
         cv2.imwrite(str(folder / f"board-{at}.png"), board_photo(BOARD, SMALL, *pose, random))
     cv2.imwrite(str(folder / "lens-cap.png"), np.zeros((480, 640, 3), np.uint8))

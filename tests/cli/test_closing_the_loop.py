@@ -52,7 +52,9 @@ class Answers:
     """
 
     def __init__(self, folder, *diagnoses):
-        self.folder, self.left, self.given = folder, list(diagnoses), []
+        self.folder = folder
+        self.left = list(diagnoses)
+        self.given = []
         self.first = self(())
 
     def __call__(self, recordings):

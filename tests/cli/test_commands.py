@@ -30,7 +30,8 @@ REPORT = {
 }
 REPORT |= {"table2.json", "peak-forces.json"}
 FILES = ["SHA256SUMS", "end.json", "events.jsonl", "run.h5", "run.json", "stages"]
-SEED, ONE_STROKE = 7, ("dynamic", "run", "--height", "215", "--speed", "3.249", "--repeats", "1")
+SEED = 7
+ONE_STROKE = ("dynamic", "run", "--height", "215", "--speed", "3.249", "--repeats", "1")
 HEAVY = ("numpy", "scipy", "numba", "h5py", "matplotlib", "cv2", "can", "pydantic", "jinja2")
 
 
@@ -279,7 +280,8 @@ def slippery(here):
 
 @pytest.mark.slow
 def test_a_model_file_takes_the_place_of_the_believed_one(here, monkeypatch, capsys):
-    model, words = slippery(here), ("--height", 215, "--speed", 3.249)
+    model = slippery(here)
+    words = ("--height", 215, "--speed", 3.249)
     plain = json.loads(typed(monkeypatch, capsys, "predict", *words, "--json").out)
     given = json.loads(
         typed(monkeypatch, capsys, "predict", *words, "--model", model, "--json").out
@@ -317,7 +319,8 @@ def test_a_model_file_takes_the_place_of_the_believed_one(here, monkeypatch, cap
 
 
 def test_the_plan_is_held_against_the_given_model(here, monkeypatch, capsys):
-    words, expects = ("--height", 215, "--speed", 3.249, "--dry-run"), r"expects up to (\d+) N"
+    words = ("--height", 215, "--speed", 3.249, "--dry-run")
+    expects = r"expects up to (\d+) N"
     plain = typed(monkeypatch, capsys, "dynamic", "run", *words).err
     given = typed(monkeypatch, capsys, "dynamic", "run", *words, "--model", slippery(here)).err
     assert int(re.search(expects, given)[1]) > int(re.search(expects, plain)[1]) + 10
@@ -328,7 +331,8 @@ def test_the_plan_is_held_against_the_given_model(here, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_a_report_against_a_model_file_says_so(one_stroke, here, monkeypatch, capsys):
-    model, run = slippery(here), shutil.copytree(one_stroke, "run")
+    model = slippery(here)
+    run = shutil.copytree(one_stroke, "run")
     plain = json.loads(typed(monkeypatch, capsys, "report", run, "--json").out)
     given = json.loads(typed(monkeypatch, capsys, "report", run, "--model", model, "--json").out)
     assert given["average"]["force_error_pct"] > plain["average"]["force_error_pct"] + 10.0

@@ -29,7 +29,9 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the shell and t
 
 TYPED = f'"{sys.executable}" -c "from rfca_rig.cli.main import run; run()"'
 # Asks for no model; then one that plans, and one that moves the twin and records.
-TRIP, WRONG, PLAN = "trip S-03", "trip X-99", "plan flapping"
+TRIP = "trip S-03"
+WRONG = "trip X-99"
+PLAN = "plan flapping"
 RUN = "dynamic run --height 235 --speed 3.2 --repeats 1"
 
 

@@ -70,7 +70,8 @@ class Wearing:
         self._carry_out = carry_out
 
     def __call__(self, plan, bench, recorder, *more):
-        plant, done = bench.rack._plant, Recorder.cycles
+        plant = bench.rack._plant
+        done = Recorder.cycles
 
         def worn(stage):
             done(recorder, stage)

@@ -114,14 +114,19 @@ def _environment() -> dict[str, str]:
 def _imported(folder: Path) -> list[str]:
     """Names of the hostile modules that were imported, whose markers are removed."""
     markers = folder / MARKERS
-    names = sorted(marker.name for marker in markers.iterdir()) if markers.is_dir() else []
+    if markers.is_dir():
+        names = sorted(marker.name for marker in markers.iterdir())
+    else:
+        names = []
     shutil.rmtree(markers, ignore_errors=True)
     return names
 
 
 def _first(runs: Path) -> str:
     """The first run in this folder."""
-    return str(min(runs.iterdir(), default="none")) if runs.is_dir() else "none"
+    if runs.is_dir():
+        return str(min(runs.iterdir(), default="none"))
+    return "none"
 
 
 def test_the_folder_is_hostile(hostile_folder: Path):
@@ -222,10 +227,8 @@ def test_python_is_started_in_one_way():
     """What starts an interpreter does so by `python_command`, or within `safe_path`."""
     allowed = {"subprocesses.py", "executors/slurm.py"}
     for path in sorted((ROOT / "rfca_rig").rglob("*.py")):
-        name, tree = (
-            path.relative_to(ROOT / "rfca_rig").as_posix(),
-            ast.parse(path.read_text(encoding="utf-8")),
-        )
+        name = path.relative_to(ROOT / "rfca_rig").as_posix()
+        tree = ast.parse(path.read_text(encoding="utf-8"))
         mentions = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
         assert "sys.executable" not in mentions or name in allowed, (
             f"{name}: take subprocesses.python_command"

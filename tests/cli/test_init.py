@@ -24,7 +24,8 @@ class Computer:
     """A computer without devices, to which a test adds some; `say` types answers."""
 
     def __init__(self, monkeypatch, capsys):
-        self.monkeypatch, self.capsys = monkeypatch, capsys
+        self.monkeypatch = monkeypatch
+        self.capsys = capsys
         self.has(buses=(), adapters=(), ports=(), box=BoxObservation("192.168.1.1", None, "silent"))
 
     def has(self, **devices):

@@ -94,7 +94,8 @@ def test_loops_and_names_that_are_no_text_or_commands_cost_the_list_of_runs_noth
 # Each takes some tens of milliseconds; `python -m tests.benchmarks.malformed` runs as many as one
 # likes.
 def test_malformed_inputs_are_one_line_or_a_normal_result(tmp_path):
-    recordings, found = Recordings(tmp_path), []
+    recordings = Recordings(tmp_path)
+    found = []
     for number, case in enumerate(make_cases(1000, 150, recordings)):
         folder = tmp_path / f"{number}"
         folder.mkdir()

@@ -103,7 +103,8 @@ def test_fit_writes_a_model_file_that_report_takes(say, tmp_path):
 
     reported = say("report", FREE, "--model", "model.toml", "--json", "--out", "report")
     assert reported.exit_code == 0
-    before, after = found["errors"], json.loads(reported.out)["errors"]
+    before = found["errors"]
+    after = json.loads(reported.out)["errors"]
     for one, other in zip(before, after, strict=True):
         assert other["nominal"] == pytest.approx(one["fitted"], rel=0.1)
         assert one["noise"] < one["fitted"] < one["held_out"]
@@ -126,7 +127,8 @@ def test_only_the_parameters_that_are_named_are_fitted():
     found = fit_pendulum(campaign, lambda *_: None, ["link1.torque_delay_s"])
     (shift,) = found.fit.shifts
     assert shift.name == "link1.torque_delay_s" and shift.prior_std == 0.004
-    link, nominal = found.pendulum.links[0], campaign.pendulum.links[0]
+    link = found.pendulum.links[0]
+    nominal = campaign.pendulum.links[0]
     assert link.torque_delay_s == pytest.approx(shift.value) and link.mass_kg == nominal.mass_kg
     assert {error.signal for error in found.fit.errors} == {"angle1_rad", "speed1_rad_s"}
     assert all(

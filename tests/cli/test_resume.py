@@ -64,7 +64,10 @@ def stopped(of_two, here):
             (run / name).unlink()
         lines = (run / "events.jsonl").read_text().splitlines(keepends=True)
         second = [number for number, line in enumerate(lines) if "stage begins" in line][1]
-        last = [json.dumps({"event": "run ends", "why": why}) + "\n"] if why else []
+        if why:
+            last = [json.dumps({"event": "run ends", "why": why}) + "\n"]
+        else:
+            last = []
         if why:
             (run / "end.json").write_text(
                 json.dumps({"provenance": {"ended": why, "lasted_s": "3.5"}, "static": None})

@@ -127,7 +127,8 @@ def test_a_schema_takes_and_refuses_as_the_reader_does(schema_of, changes, takes
 
 
 def test_the_leg_takes_its_start_angle_in_either_unit_and_a_law_or_a_curve(schema_of):
-    schema, rig = schema_of("rig"), tomllib.loads(SHIPPED["rig"][0].read_text(encoding="utf-8"))
+    schema = schema_of("rig")
+    rig = tomllib.loads(SHIPPED["rig"][0].read_text(encoding="utf-8"))
     leg = rig["leg"]
     without = {key: value for key, value in leg.items() if key != "start_angle_rad"}
     no_law = {

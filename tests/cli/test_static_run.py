@@ -299,7 +299,8 @@ def test_photos_taken_by_hand_are_read_afterwards(here, monkeypatch, capsys, run
     assert typed(monkeypatch, capsys, "static", "photos", run, card, *CAMERA).exit_code == 0
     (new,) = set((here / "runs").iterdir()) - {run}
     assert (run / "run.h5").read_bytes() == before
-    read, earlier = read_recording(new / "run.h5"), read_recording(run / "run.h5")
+    read = read_recording(new / "run.h5")
+    earlier = read_recording(run / "run.h5")
     assert [stage.photo for stage in read.static] == ["photos/001.jpg", "photos/002.jpg"]
     assert (new / "photos" / "002.jpg").read_bytes() == (card / "IMG_10.JPG").read_bytes()
     angles, same = (np.array([stage.hinge_deg for stage in one.static]) for one in (read, earlier))

@@ -64,7 +64,9 @@ def missing() -> str | None:
         for name in (*DAEMONS, "sbatch", "scancel", "squeue", "sinfo")
         if which(name, path=PATH) is None
     ]
-    return f"not installed: {', '.join(lacking)} (Debian: slurm-wlm, munge)" if lacking else None
+    if lacking:
+        return f"not installed: {', '.join(lacking)} (Debian: slurm-wlm, munge)"
+    return None
 
 
 @contextmanager

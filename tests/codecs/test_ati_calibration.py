@@ -87,7 +87,8 @@ def test_our_own_file_is_a_calibration_that_carries_its_rated_loads() -> None:
 
 
 def test_volts_and_wrench_are_inverse() -> None:
-    calibration, unloaded = parsed(MADE_UP), np.linspace(-0.5, 0.5, 6)
+    calibration = parsed(MADE_UP)
+    unloaded = np.linspace(-0.5, 0.5, 6)
     wrench = np.random.default_rng(1).normal(0.0, 50.0, (20, 6))
     assert calibration.wrench(calibration.volts(wrench, unloaded), unloaded) == pytest.approx(
         wrench, abs=1e-9

@@ -163,7 +163,8 @@ def test_a_clean_stream_is_read_whole_in_pieces_of_any_length(form: RecordForm, 
 def test_after_noise_the_records_are_found_again_and_the_lost_ones_counted(
     form: RecordForm, data: st.DataObject
 ) -> None:
-    records, size = drift(60, data.draw(st.integers(0, 1000))), form.record_bytes
+    records = drift(60, data.draw(st.integers(0, 1000)))
+    size = form.record_bytes
     clean = wire(records, form)
     at = data.draw(st.integers(10 * size, 40 * size))
     lost = data.draw(st.integers(0, 3 * size))

@@ -73,7 +73,8 @@ def test_messages_come_through_however_the_stream_is_cut(
     stream = b"".join(
         convert_can_message_to_ascii_message(message(frame)).encode() for frame in sent
     )
-    heard, rest = [], b""
+    heard = []
+    rest = b""
     for at in range(0, len(stream), cut):
         messages, rest = classic_can.split_socketcand(rest + stream[at : at + cut])
         heard += [classic_can.decode_send(words) for words in messages]

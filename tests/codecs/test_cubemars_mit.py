@@ -47,15 +47,11 @@ def vendor_packed(p: float, v: float, kp: float, kd: float, t: float, ranges: Mi
     def cut(x: float, low: float, high: float, bits: int) -> int:
         return int((x - low) * ((1 << bits) - 1) / (high - low))
 
-    pi, vi = (
-        cut(p, -ranges.position_rad, ranges.position_rad, 16),
-        cut(v, -ranges.speed_rad_s, ranges.speed_rad_s, 12),
-    )
-    ki, di, ti = (
-        cut(kp, 0.0, 500.0, 12),
-        cut(kd, 0.0, 5.0, 12),
-        cut(t, -ranges.torque_Nm, ranges.torque_Nm, 12),
-    )
+    pi = cut(p, -ranges.position_rad, ranges.position_rad, 16)
+    vi = cut(v, -ranges.speed_rad_s, ranges.speed_rad_s, 12)
+    ki = cut(kp, 0.0, 500.0, 12)
+    di = cut(kd, 0.0, 5.0, 12)
+    ti = cut(t, -ranges.torque_Nm, ranges.torque_Nm, 12)
     return bytes(
         [
             pi >> 8,
@@ -183,7 +179,8 @@ def test_every_eight_bytes_are_a_command_that_packs_to_them_again(
 def test_a_reply_survives_to_one_count(
     ranges: MitRanges, drive: int, code: int, v: float, t: float, warmth: int, error: int
 ) -> None:
-    speed, torque = ranges.speed_rad_s * (2.0 * v - 1.0), ranges.torque_Nm * (2.0 * t - 1.0)
+    speed = ranges.speed_rad_s * (2.0 * v - 1.0)
+    torque = ranges.torque_Nm * (2.0 * t - 1.0)
     sent = MitReply(
         drive,
         code,
@@ -285,7 +282,8 @@ def test_a_bus_monitor_reads_the_same_from_the_shipped_database(
     databases, model: str, data: bytes
 ) -> None:
     ranges = MIT_RANGES[model]
-    command, reply = decode_command(ranges, data), decode_reply(ranges, data)
+    command = decode_command(ranges, data)
+    reply = decode_reply(ranges, data)
     seen = databases[model].get_message_by_name("MIT_Reply").decode(data, decode_choices=False)
     assert seen == pytest.approx(
         {

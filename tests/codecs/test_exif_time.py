@@ -13,13 +13,15 @@ from rfca_rig.drivers.photo_files import read_time_taken
 def tiff(order: str, texts: dict[int, bytes]) -> bytes:
     """First directory with one address, the Exif directory behind it, the texts behind that."""
     mark = b"II" if order == "<" else b"MM"
-    exif_at, texts_at = 26, 26 + 2 + 12 * len(texts) + 4
+    exif_at = 26
+    texts_at = 26 + 2 + 12 * len(texts) + 4
     document = (
         mark
         + struct.pack(order + "HI", 42, 8)
         + struct.pack(order + "HHHIII", 1, 0x8769, 4, 1, exif_at, 0)
     )
-    entries, tail = b"", b""
+    entries = b""
+    tail = b""
     for tag, unended in sorted(texts.items()):
         text = unended + b"\0"
         if len(text) <= 4:

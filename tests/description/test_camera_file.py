@@ -37,7 +37,10 @@ def calibration(focal_px=2345.6789, name="a.jpg") -> CameraCalibration:
 def written(tmp_path, made=None, plane=True):
     path = tmp_path / "camera.toml"
     pose = PlanePose(TURN, np.array([0.01, -0.02, 0.85]), 0.2, np.array([1e-4, 2e-4]), 3e-4)
-    section = plane_section(pose, "p.jpg", "board at 20, -15 mm") if plane else None
+    if plane:
+        section = plane_section(pose, "p.jpg", "board at 20, -15 mm")
+    else:
+        section = None
     write_camera_file(
         path, camera_file(made or calibration(), "10x7,25,18,4x4", section), ["a camera"]
     )

@@ -13,7 +13,8 @@ from rfca_rig.vision.leg_marks import PlannedMark
 
 CALIBRATION = Path(__file__).parents[2] / "calibration"
 TWIN = (CALIBRATION / "twin.toml").read_text()
-BEFORE, CAMERA = TWIN.partition("[camera]\n")[0], TWIN.partition("[camera]\n")[2]
+BEFORE = TWIN.partition("[camera]\n")[0]
+CAMERA = TWIN.partition("[camera]\n")[2]
 
 
 def rig(folder, camera=CAMERA, calibration=True):

@@ -27,7 +27,8 @@ def rig_with(tmp_path, text):
 
 
 def test_an_effect_in_the_file_changes_the_prediction(tmp_path):
-    plain, loaded = rig_with(tmp_path, "").model(), rig_with(tmp_path, STOP).model()
+    plain = rig_with(tmp_path, "").model()
+    loaded = rig_with(tmp_path, STOP).model()
     valleys = [
         predict_stroke(model, 0.215, 3.249, 200.0).summary()["valley_fz_N"]
         for model in (plain, loaded)

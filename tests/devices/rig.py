@@ -38,7 +38,8 @@ class TwinRig:
         """Ticks as a control loop does, commanding what is given; returns everything read,
         joined.
         """
-        shaft, force = [], []
+        shaft = []
+        force = []
         for _ in range(round(seconds / TICK_S)):
             if speed_rad_s is not None:
                 self.motor.command_speed(speed_rad_s)
@@ -72,7 +73,9 @@ class Tampered:
     def receive_all(self) -> list[bytes]:
         received = self.end.receive_all()
         self.seen += received
-        return self.tamper(received) if self.tamper else received
+        if self.tamper:
+            return self.tamper(received)
+        return received
 
     def close(self) -> None:
         self.end.close()

@@ -38,7 +38,8 @@ def test_the_first_that_comes_is_taken_and_what_was_there_is_left(tmp_path):
     cv2.imwrite(str(tmp_path / "old.png"), picture(1))
     clock = Clock(at_1_0=writes(tmp_path / "b.png", 2), at_3_0=writes(tmp_path / "a.png", 3))
     camera = ArrivingPhotos(tmp_path, clock, 10.0)
-    first, second = camera.photo(), camera.photo()
+    first = camera.photo()
+    second = camera.photo()
     assert (first.name, int(first.image[0, 0, 0]), second.name, int(second.image[0, 0, 0])) == (
         "b.png",
         2,

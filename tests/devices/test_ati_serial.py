@@ -44,7 +44,8 @@ def made(
 ) -> tuple[ForceSensorRig, NoisyPort]:
     rate_Hz = rate_Hz or RATES_HZ[form]
     twin_settings = twin or AtiSerialTwinSettings(sampling_Hz=rate_Hz)
-    clock, (host, device) = TwinClock(), serial_line()
+    clock = TwinClock()
+    (host, device) = serial_line()
     port = NoisyPort(host)
     sensor = AtiSerialSensor(
         port, clock, keys(twin_settings.counts_per_N, twin_settings.counts_per_Nm, rate_Hz, form)
@@ -95,7 +96,8 @@ def test_a_controller_that_says_nothing_is_told_with_the_command() -> None:
 
 def test_prompts_of_something_that_does_not_echo_are_not_believed() -> None:
     rig, port = made(RecordForm.ASCII)
-    port.silent, port.held = True, b">>>>>>>>"
+    port.silent = True
+    port.held = b">>>>>>>>"
     with pytest.raises(DeviceError, match=r"gives no prompt to 'CD R'"):
         rig.sensor.start()
 
@@ -192,7 +194,8 @@ def test_one_spoilt_record_is_one_lost_record_at_its_own_place(form: RecordForm)
     rig.sensor.start()
     rig.run(1.2)
     before = np.concatenate([block.sequence for block in rig.blocks])[-1]
-    port.held, port.spoil = b"", form.record_bytes - 1
+    port.held = b""
+    port.spoil = form.record_bytes - 1
     samples = rig.run(0.3)
     assert rig.sensor.health().lost == rig.sensor.health().malformed == 1
     assert samples.sequence[:3].tolist() == [before + 2, before + 3, before + 4]

@@ -140,7 +140,9 @@ class Capture:
     """A camera that numbers its frames, and knows one size only."""
 
     def __init__(self, size=(64, 48), opened=True, dies_at=10**9) -> None:
-        self.size, self.opened, self.dies_at = size, opened, dies_at
+        self.size = size
+        self.opened = opened
+        self.dies_at = dies_at
         self.exposed = 0
         self.asked: dict[int, float] = {}
 
@@ -168,7 +170,8 @@ class Capture:
 
 
 def test_an_opencv_camera_gives_a_fresh_picture_with_focus_held():
-    capture, clock = Capture(), TwinClock()
+    capture = Capture()
+    clock = TwinClock()
     camera = OpenCvCamera(0, (64, 48), clock, lambda _: capture)
     before = capture.exposed
     clock.wait_until(3.0)

@@ -19,7 +19,8 @@ from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark
 LENGTHS_M = np.array([0.054, *[0.03933] * 6])
 ANGLES = np.radians([20.0, 14.0, 6.0, -3.0, -10.0, -20.0, -28.0])
 PLAN = MarkPlan.at_hinges(LENGTHS_M.tolist())
-FOCAL, SIZE = 2000.0, (1024, 768)
+FOCAL = 2000.0
+SIZE = (1024, 768)
 ALL = ImageDisturbance(
     defocus_px=2.0,
     noise_counts=4.0,
@@ -160,7 +161,8 @@ def test_every_disturbance_changes_the_picture(name):
 
 
 def test_out_of_focus_keeps_the_light_and_the_place():
-    sharp, soft = rendered(), rendered(ImageDisturbance(defocus_px=5.0))
+    sharp = rendered()
+    soft = rendered(ImageDisturbance(defocus_px=5.0))
     for px in by_hand():
         (here, light), (there, same) = centre_near(sharp, px), centre_near(soft, px)
         assert there == pytest.approx(here, abs=0.05)
@@ -234,7 +236,8 @@ def test_red_things_stand_behind_the_leg():
 
 
 def test_glints_leave_the_marks_as_they_are():
-    shining, clean = rendered(ImageDisturbance(glints=80)), rendered()
+    shining = rendered(ImageDisturbance(glints=80))
+    clean = rendered()
     assert (shining.min(axis=2) > 200).sum() > 200
     for px in by_hand():
         column, row = np.round(px).astype(int)
@@ -282,7 +285,8 @@ class Leg:
 
 
 def test_the_twin_shows_the_leg_as_it_stands_at_the_time():
-    leg, clock = Leg(ANGLES), TwinClock()
+    leg = Leg(ANGLES)
+    clock = TwinClock()
     camera = TwinCamera(
         CameraTwin(leg, PLAN, straight_on(), ImageDisturbance(), np.random.default_rng(1)), clock
     )

@@ -256,7 +256,10 @@ class Slow(can.BusABC):
     def __init__(self, bus: can.BusABC, clock: TwinClock) -> None:
         super().__init__(channel="slow")
         self.channel_info = "slow"
-        self._bus, self._clock, self._held, self._count = bus, clock, deque(), 0
+        self._bus = bus
+        self._clock = clock
+        self._held = deque()
+        self._count = 0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self._bus.send(msg, timeout)
@@ -287,7 +290,8 @@ def test_replies_that_come_late_keep_the_times_at_which_they_were_asked_for() ->
 
 
 def test_a_reply_that_is_still_on_its_way_is_not_lost() -> None:
-    clock, later = TwinClock(), []
+    clock = TwinClock()
+    later = []
     with can_wire() as (here, there):
         motor = CubemarsMitMotor(here, clock, MitSettings(1, "AK80-9"))
         reply = can.Message(
@@ -463,7 +467,8 @@ def test_settings_that_cannot_be_are_refused_by_name(wrong: dict) -> None:
 
 
 def test_driver_and_twin_also_work_over_python_cans_own_virtual_bus() -> None:
-    clock, rotor = TwinClock(), Rotor()
+    clock = TwinClock()
+    rotor = Rotor()
     with (
         VirtualBus(channel="test of an AK drive") as here,
         VirtualBus(channel="test of an AK drive") as there,

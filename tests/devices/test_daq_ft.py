@@ -58,7 +58,9 @@ class TamperedGages:
 
     def read(self) -> list[GageBlock]:
         blocks = self.twin.read()
-        return self.tamper(blocks) if self.tamper else blocks
+        if self.tamper:
+            return self.tamper(blocks)
+        return blocks
 
     def stop(self) -> None:
         self.twin.stop()
@@ -86,7 +88,8 @@ def made(
     twin: DaqFtTwinSettings | None = None,
     settings: DaqFtSettings | None = None,
 ) -> ForceSensorRig:
-    cal, clock = calibration(), TwinClock()
+    cal = calibration()
+    clock = TwinClock()
     daq_twin = DaqFtTwin(
         cal, twin or DaqFtTwinSettings(rate_Hz, UNLOADED_V), np.random.default_rng(1)
     )
@@ -116,7 +119,8 @@ def made(
 
 
 def halves_swapped(blocks: list[GageBlock]) -> list[GageBlock]:
-    first, volts = blocks[0].first, blocks[0].volts
+    first = blocks[0].first
+    volts = blocks[0].volts
     middle = len(volts) // 2
     return [
         GageBlock(first + middle, volts[middle:]),
@@ -136,17 +140,16 @@ def test_voltages_can_be_had_back_from_counts_matrix_and_unloaded_voltages() -> 
     rig.sensor.start()
     samples = rig.run(0.1)
     identity = rig.sensor.identity()
-    matrix, unloaded_V = (
-        np.array(json.loads(identity["matrix_SI_per_V"])),
-        np.array(json.loads(identity["unloaded_V"])),
-    )
+    matrix = np.array(json.loads(identity["matrix_SI_per_V"]))
+    unloaded_V = np.array(json.loads(identity["unloaded_V"]))
     volts = np.linalg.solve(matrix, (samples.counts / COUNTS_PER_UNIT).T).T + unloaded_V
     codes = (volts + 10.0) / (2.0 * HALF_CODE_V)
     assert np.abs(codes - np.rint(codes)).max() < 0.01
 
 
 def test_values_stay_with_their_samples_when_put_in_order() -> None:
-    plain, swapped = made(), made()
+    plain = made()
+    swapped = made()
     for rig in (plain, swapped):
         rig.sensor.start()
         rig.run(0.1)

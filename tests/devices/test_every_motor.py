@@ -56,7 +56,8 @@ def test_a_drive_has_its_own_watchdog_or_frames_that_a_guardian_sends(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_faults_that_happen_once_have_an_event_and_the_others_none(kind):
-    keys, make = example_of(kind), find_motor(kind)
+    keys = example_of(kind)
+    make = find_motor(kind)
     faults = load_object(make.faults)
     tests = TestEveryMotor()
     tests.keys = keys

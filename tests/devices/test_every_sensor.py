@@ -49,7 +49,10 @@ def test_a_built_in_make_has_every_part_that_a_plug_in_may_lack(kind):
 @pytest.mark.parametrize("with_panel", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_driver_and_twin_understand_each_other_on_their_wire(kind, with_panel):
-    make, keys, clock, rotor = find_sensor(kind), example_of(kind), TwinClock(), Rotor(swing=0.5)
+    make = find_sensor(kind)
+    keys = example_of(kind)
+    clock = TwinClock()
+    rotor = Rotor(swing=0.5)
     wire = make.find_wire()
     faults = () if wire is None else (*wire.faults, *wire.port_faults)
 
@@ -57,9 +60,10 @@ def test_driver_and_twin_understand_each_other_on_their_wire(kind, with_panel):
         return make.make_twin(end, keys, (0.0,) * 6, np.random.default_rng(1))
 
     panel = FaultPanel(faults) if with_panel else None
-    twin, way = (
-        (made := make_twin(None), made) if wire is None else wire.connect(keys, make_twin, panel)
-    )
+    if wire is None:
+        twin, way = (made := make_twin(None), made)
+    else:
+        twin, way = wire.connect(keys, make_twin, panel)
 
     def process(to_s):
         twin.take_requests()

@@ -47,7 +47,8 @@ class AlteredBus(can.BusABC):
     def __init__(self, end: can.BusABC, alter: Alter) -> None:
         super().__init__(channel="altered")
         self.channel_info = "altered"
-        self._end, self._alter = end, alter
+        self._end = end
+        self._alter = alter
         self.left = 0
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -55,7 +56,10 @@ class AlteredBus(can.BusABC):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         message = self._end.recv(timeout)
-        altered = self._alter(message) if message is not None and self.left > 0 else None
+        if message is not None and self.left > 0:
+            altered = self._alter(message)
+        else:
+            altered = None
         if altered is None:
             return message, False
         self.left -= 1
@@ -153,7 +157,8 @@ class Field:
 
 
 def fields_of_drives() -> Iterator[Field]:
-    estimates, temperatures = OdriveCommand.ENCODER_ESTIMATES, OdriveCommand.TEMPERATURES
+    estimates = OdriveCommand.ENCODER_ESTIMATES
+    temperatures = OdriveCommand.TEMPERATURES
     for value in IMPOSSIBLE:
         for place, signal in enumerate(("position", "speed")):
             yield Field(odrive, signal, value, odrive_float(estimates, place, value))
@@ -223,7 +228,9 @@ def test_a_field_of_a_drive(field: Field, speed_rad_s: float) -> None:
 
 
 class Gear(ShaftGear):
-    gear_ratio, direction, zero_turns = 1.0, 1, 0.0
+    gear_ratio = 1.0
+    direction = 1
+    zero_turns = 0.0
 
 
 GOOD = Report(turns=0.0, turns_s=0.0, torque_Nm=0.1, is_on=True, state="on", temperature_C=30.0)
@@ -239,7 +246,8 @@ REPORT_FIELDS = {
 @pytest.mark.parametrize("value", IMPOSSIBLE)
 @pytest.mark.parametrize("name", REPORT_FIELDS)
 def test_a_field_of_a_plugged_in_drive(name: str, value: float, period_s: float | None) -> None:
-    bad, clock = replace(GOOD, **{name: value}), TwinClock()
+    bad = replace(GOOD, **{name: value})
+    clock = TwinClock()
     told: list[Report] = []
     with can_wire() as (here, there):
         reports = DriveReports(here, clock, Gear(), period_s, lambda _: told.pop(0))
@@ -290,7 +298,8 @@ class OwnMotor(Motor):
 
     def __init__(self, clock: TwinClock, name: str, value: float) -> None:
         super().__init__(clock)
-        self._name, self._value = name, value
+        self._name = name
+        self._value = value
         self.left = 0
 
     def read(self) -> ShaftSamples:
@@ -298,23 +307,26 @@ class OwnMotor(Motor):
         if self._name not in vars(samples):
             return samples
         self.left -= 1
-        return (
-            replace(samples, **{self._name: np.array([self._value])}) if self.left >= 0 else samples
-        )
+        if self.left >= 0:
+            return replace(samples, **{self._name: np.array([self._value])})
+        return samples
 
     def status(self) -> MotorStatus:
         status = replace(super().status(), temperature_C=30.0)
         if self._name not in vars(status):
             return status
         self.left -= 1
-        return replace(status, **{self._name: self._value}) if self.left >= 0 else status
+        if self.left >= 0:
+            return replace(status, **{self._name: self._value})
+        return status
 
 
 class OwnSensor(Sensor):
     """The same for a force sensor, in one of its six values."""
 
     left = 0
-    axis, value = 0, nan
+    axis = 0
+    value = nan
 
     def read(self) -> ForceSamples:
         samples = super().read()
@@ -366,7 +378,8 @@ def test_a_number_of_a_drive_that_a_lab_wrote(name: str, value: float, speed_rad
 def test_a_value_of_a_sensor_that_a_lab_wrote(axis: int, value: float) -> None:
     clock = TwinClock()
     sensor = OwnSensor(clock)
-    sensor.axis, sensor.value = axis, value
+    sensor.axis = axis
+    sensor.value = value
     step = stepped(Motor(clock), sensor, clock, 1.0)
     for _ in range(3):
         step(2)
@@ -384,7 +397,8 @@ def test_a_value_of_a_sensor_that_a_lab_wrote(axis: int, value: float) -> None:
 
 class Keys:
     counts_per_N = counts_per_Nm = 1e3
-    rate_Hz, port = 1000.0, "a port"
+    rate_Hz = 1000.0
+    port = "a port"
 
     def model_dump(self) -> dict[str, object]:
         return {}
@@ -408,7 +422,8 @@ class Port:
 
 
 class OwnStream(RecordStream):
-    make, record_bytes = "own", 1
+    make = "own"
+    record_bytes = 1
 
     def __init__(self, port: Port, clock: TwinClock, records: list[Record]) -> None:
         self.records = records
@@ -438,7 +453,9 @@ def with_bad(place: int, value: float, time_s: float | None) -> Record:
 def test_a_field_of_a_plugged_in_sensor(
     place: int, value: float, has_clock: bool, request: pytest.FixtureRequest
 ) -> None:
-    clock, port, records = TwinClock(), Port(), []
+    clock = TwinClock()
+    port = Port()
+    records = []
     stream = OwnStream(port, clock, records)
     stream.start()
 
@@ -456,14 +473,18 @@ def test_a_field_of_a_plugged_in_sensor(
     assert samples.counts.tolist() == [list(range(6))] * 3
     assert samples.device_s == pytest.approx([0.0, 0.002, 0.005])
     assert stream.health().malformed == 3
-    signal = request.node.callspec.id.split("-")[0] if place < 6 else "record time"
+    if place < 6:
+        signal = request.node.callspec.id.split("-")[0]
+    else:
+        signal = "record time"
     with pytest.raises(BadReading, match=f"the force sensor reports {signal} "):
         tell(True, True, True)
 
 
 @pytest.mark.parametrize("value", [nan, inf])
 def test_a_record_with_an_error_is_reported_as_such_whatever_its_counts_are(value: float) -> None:
-    clock, port = TwinClock(), Port()
+    clock = TwinClock()
+    port = Port()
     stream = OwnStream(port, clock, [Record([value] * 6, is_saturated=True)] * 5)
     stream.start()
     port.in_waiting = 5

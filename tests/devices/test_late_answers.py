@@ -32,7 +32,8 @@ class LateBus(can.BusABC):
     def __init__(self, end: can.BusABC, clock: Clock, late_s: float, carries_remote: bool) -> None:
         super().__init__(channel="late")
         self.channel_info = "late"
-        self._end, self._clock = end, clock
+        self._end = end
+        self._clock = clock
         self.late_s = late_s
         self._carries_remote = carries_remote
         self._held: deque[tuple[float, can.Message]] = deque()

@@ -69,7 +69,8 @@ def test_starting_asks_for_a_buffered_stream_without_end_and_sends_no_bias() -> 
 @pytest.mark.parametrize("decimation", [1, 7])
 def test_every_record_arrives_once_on_the_sensors_own_clock(decimation: int) -> None:
     rate_Hz = 7000.0 / decimation
-    settings, twin = NetFtSettings(rate_Hz=rate_Hz), NetFtTwinSettings(decimation=decimation)
+    settings = NetFtSettings(rate_Hz=rate_Hz)
+    twin = NetFtTwinSettings(decimation=decimation)
     with twin_rig(sensor=settings, sensor_twin=twin) as rig:
         rig.sensor.start()
         _, force = rig.run(SECOND)
@@ -448,7 +449,8 @@ class TestNetFt(ForceSensorContract):
     )
     def rig(self, request: pytest.FixtureRequest) -> ForceSensorRig:
         decimation, buffered = request.param
-        clock, (here, there) = TwinClock(), datagram_link()
+        clock = TwinClock()
+        (here, there) = datagram_link()
         link = Tampered(here)
         rate_Hz = 7000.0 / decimation
         sensor = NetFtSensor(link, clock, NetFtSettings(rate_Hz=rate_Hz, buffered=buffered))

@@ -298,10 +298,8 @@ def test_a_message_that_is_not_switched_on_is_named(
 def test_an_encoder_period_other_than_configured_is_refused_with_both(
     true_ms: int, configured_ms: int
 ) -> None:
-    drive, nominal = (
-        OdriveTwinSettings(encoder_period_s=1e-3 * true_ms),
-        OdriveSettings(0, encoder_period_s=1e-3 * configured_ms),
-    )
+    drive = OdriveTwinSettings(encoder_period_s=1e-3 * true_ms)
+    nominal = OdriveSettings(0, encoder_period_s=1e-3 * configured_ms)
     with (
         twin_rig(motor=nominal, motor_twin=drive) as rig,
         pytest.raises(
@@ -313,7 +311,8 @@ def test_an_encoder_period_other_than_configured_is_refused_with_both(
 
 
 def test_a_heartbeat_from_before_the_errors_were_cleared_does_not_count() -> None:
-    clock, errors = TwinClock(), iter([1 << 24, *[0] * 100])
+    clock = TwinClock()
+    errors = iter([1 << 24, *[0] * 100])
     reports = [cansimple.encoder_estimates(0, 0.0, 0.0), cansimple.torques(0, 0.0, 0.0)] * 2
 
     def drive_says(now_s: float) -> None:
@@ -566,7 +565,8 @@ def test_a_set_point_that_is_no_number_stops_the_twin() -> None:
 
 
 def test_driver_and_twin_also_work_over_python_cans_own_virtual_bus() -> None:
-    clock, rotor = TwinClock(), Rotor()
+    clock = TwinClock()
+    rotor = Rotor()
     with (
         VirtualBus(channel="test of odrive") as here,
         VirtualBus(channel="test of odrive") as there,

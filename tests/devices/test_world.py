@@ -95,7 +95,9 @@ def test_encoder_reports_within_a_step_lie_on_the_true_motion() -> None:
 def test_every_moment_of_a_grid_is_handed_out_once_and_never_late(
     waits_s: list[float], period_s: float
 ) -> None:
-    ticks, now_s, handed = SampleGrid(period_s), 0.0, []
+    ticks = SampleGrid(period_s)
+    now_s = 0.0
+    handed = []
     for wait_s in waits_s:
         now_s += wait_s
         due_s = ticks.until(now_s)
@@ -108,7 +110,8 @@ def test_every_moment_of_a_grid_is_handed_out_once_and_never_late(
 
 
 def test_rounding_does_not_lose_a_moment_at_the_end_of_a_step() -> None:
-    ticks, now_s = SampleGrid(1e-3), 0.0
+    ticks = SampleGrid(1e-3)
+    now_s = 0.0
     for n in range(1, 10_001):
         now_s += 1e-3
         assert len(ticks.until(now_s)) == 1, n
@@ -154,7 +157,8 @@ def test_what_is_remembered_of_many_gaps_is_bounded() -> None:
 
 
 def test_clocks_that_creep_apart_are_not_taken_for_a_loss() -> None:
-    count, stamped = FrameCount(1e-3), []
+    count = FrameCount(1e-3)
+    stamped = []
     for n in range(1, 100_000):
         stamped.append(count.stamp(2, n * 2e-3 * (1.0 + 1e-4))[-1])
     assert count.lost == 0
@@ -162,7 +166,8 @@ def test_clocks_that_creep_apart_are_not_taken_for_a_loss() -> None:
 
 
 def test_frames_lost_one_by_one_are_made_up_for() -> None:
-    count, last_s = FrameCount(1e-3), 0.0
+    count = FrameCount(1e-3)
+    last_s = 0.0
     for n in range(1, 5001):
         last_s = count.stamp(2 if n % 50 else 1, n * 2e-3)[-1]
     assert count.lost == pytest.approx(100, abs=12)
@@ -170,7 +175,10 @@ def test_frames_lost_one_by_one_are_made_up_for() -> None:
 
 
 def test_a_hesitant_host_is_not_taken_for_a_loss() -> None:
-    count, random, pending, now = FrameCount(1e-3), np.random.default_rng(3), 0, 0
+    count = FrameCount(1e-3)
+    random = np.random.default_rng(3)
+    pending = 0
+    now = 0
     for _ in range(2000):
         slept = int(random.choice([1, 2, 2, 3, 40]))
         now += slept

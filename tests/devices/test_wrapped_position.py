@@ -16,7 +16,8 @@ def follower() -> WrappedPosition:
 
 @given(st.integers(0, 65535), st.lists(st.integers(-1000, 1000), max_size=300))
 def test_turns_are_counted_on_without_losing_a_count(first: int, steps: list[int]) -> None:
-    position, true = follower(), first
+    position = follower()
+    true = first
     assert position.follow(first, 0.0, 0.0) == first
     for at, step in enumerate(steps, 1):
         true += step

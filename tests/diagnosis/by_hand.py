@@ -93,10 +93,8 @@ def found_among(
     """What a search over these effects alone would leave, "" for nothing missing, all equally
     likely before.
     """
-    dataset, coordinates = (
-        make_leg_dataset(parts),
-        Parameterization(nuisances_of(rig, known_to, 0.0)),
-    )
+    dataset = make_leg_dataset(parts)
+    coordinates = Parameterization(nuisances_of(rig, known_to, 0.0))
     likelihood = make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0)))
     optimizer = GaussNewton(dataset, likelihood)
     base = optimizer.at(coordinates, np.zeros(coordinates.size))

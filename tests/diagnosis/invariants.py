@@ -298,7 +298,9 @@ def _list_same_as() -> Mapping[str, str]:
 def _describe_statement(diagnosis: Diagnosis) -> str:
     if diagnosis.effects:
         return _join(effect.id for effect in diagnosis.effects)
-    return "a family" if diagnosis.family is None else f"the family {diagnosis.family.id}"
+    if diagnosis.family is None:
+        return "a family"
+    return f"the family {diagnosis.family.id}"
 
 
 def _unit_of(figure: BeforeAfter) -> float:

@@ -140,13 +140,15 @@ def test_a_shift_that_the_error_of_an_approximate_law_would_cause_counts_less(ga
     """By dense matrices: the gain of the linear fit times a smooth error of LAW_ERROR of the
     signature.
     """
-    rows, fitted = gained.result.dataset.rows, gained.best.hypothesis.fitted
+    rows = gained.result.dataset.rows
+    fitted = gained.best.hypothesis.fitted
     x = np.concatenate([[3.5, -MAX_COORDINATE], fitted.x[2:]])
     one = replace(
         gained.best, hypothesis=replace(gained.best.hypothesis, fitted=replace(fitted, x=x))
     )
     one.__dict__["signatures"] = gained.best.signatures
-    inverse, jacobian = np.linalg.inv(one.whitening.covariance()), fitted.jacobian
+    inverse = np.linalg.inv(one.whitening.covariance())
+    jacobian = fitted.jacobian
     gain = np.linalg.solve(jacobian.T @ inverse @ jacobian + np.eye(x.size), jacobian.T @ inverse)
     correlation = discrepancy_covariance(rows) / np.outer(rows.scale, rows.scale)
     np.fill_diagonal(correlation, 1.0)
@@ -253,7 +255,8 @@ def graded(comparison, of_effects, of_families=0.5):
 
 
 def test_a_law_that_holds_is_identified_and_one_that_does_not_mostly(gained, uneven):
-    exact, mostly = graded(gained, 0.95), graded(uneven, 0.95)
+    exact = graded(gained, 0.95)
+    mostly = graded(uneven, 0.95)
     assert (exact.grade, mostly.grade) == ("identified", "mostly")
     assert [effect.id for effect in mostly.effects] == [
         "sensor_gain"
@@ -750,7 +753,8 @@ def test_a_quantity_is_judged_in_its_unit_not_in_the_smallest_of_its_usual_error
     far better.
     """
     usual_std = np.sqrt(gained.result.likelihood.usual.variance())
-    before, after = 20.0 * usual_std, 2.0 * usual_std
+    before = 20.0 * usual_std
+    after = 2.0 * usual_std
     smallest = int(np.argmin(usual_std))
     after[smallest] = 20.0 * np.sqrt(usual_std.size) * 1.1 * usual_std[smallest]
     assert np.mean((after / usual_std) ** 2) > np.mean((before / usual_std) ** 2)

@@ -46,7 +46,8 @@ def test_effects_are_supposed_beside_nuisances_in_the_order_of_the_coordinates()
     space = make_prior(
         ["k0", "friction"], ModelPoint(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05}
     )
-    relaxation, tilt = catalogue()["spring_relaxation"], catalogue()["ground_tilt"]
+    relaxation = catalogue()["spring_relaxation"]
+    tilt = catalogue()["ground_tilt"]
     coordinates = Parameterization(space, (EffectTerm(relaxation), EffectTerm(tilt)))
     assert coordinates.size == 5
     assert [coordinates.part(i) for i in range(2)] == [slice(2, 4), slice(4, 5)]

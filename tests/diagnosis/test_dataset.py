@@ -47,11 +47,10 @@ def test_where_one_condition_has_no_answer_there_is_none(dataset):
     "changed", [Swing(0.5, 0.3, 1.0), present("sensor_lag", time_constant_s=0.02)]
 )
 def test_a_table_answers_alike_to_what_only_a_stroke_shows(dataset, changed):
-    rig = (
-        replace(RIG, swing=changed)
-        if isinstance(changed, Swing)
-        else replace(RIG, effects=(changed,))
-    )
+    if isinstance(changed, Swing):
+        rig = replace(RIG, swing=changed)
+    else:
+        rig = replace(RIG, effects=(changed,))
     same = [
         np.array_equal(part.simulated(ModelPoint(rig)), part.simulated(ModelPoint(RIG)))
         for part in dataset.parts

@@ -115,7 +115,8 @@ def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():
 def test_a_leg_behind_a_late_shaft_that_obeys_turns_by_its_command():
     """Along the recorded turn it would be shaken by the encoder's noise."""
     strokes = [late(stroke, LATE_S) for stroke in recorded(RIG, THREE, encoder_rad=3e-4)]
-    conditions, flaps = group_by_condition(strokes), flaps_of(strokes)
+    conditions = group_by_condition(strokes)
+    flaps = flaps_of(strokes)
     shafts = shafts_of(strokes, flaps)
     assert all(tracks_command(shaft, RIG.drive.ramp_s) for shaft in shafts)
 
@@ -185,10 +186,8 @@ def test_a_drive_that_sags_and_is_late_is_given_its_own_gains():
 
 def test_a_drive_that_is_explained_is_told_beside_forces_that_are_not():
     leg = found_among(flaps_of(recorded(RIG, THREE[:1])), ["tip_mass"])
-    why, passed = (
-        Criterion("held-out misfit", False, "3.1"),
-        Criterion("held-out misfit", True, "0.8"),
-    )
+    why = Criterion("held-out misfit", False, "3.1")
+    passed = Criterion("held-out misfit", True, "0.8")
     joint = join_decisions(
         replace(undecided(leg), criteria=(why,)), replace(named(leg), criteria=(passed,))
     )

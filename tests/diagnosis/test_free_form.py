@@ -55,7 +55,8 @@ def test_bumps_add_up_to_a_force_that_is_there_before_the_start():
 @pytest.mark.parametrize("number", [0, 1, 5])
 def test_the_law_follows_its_bump_by_its_own_clock(number):
     row = (-0.3, float(BUMPS.centres_s[number]), BUMPS.spacing_s, float(number == 0), 2.0)
-    memory, rest = [0.0], torque(0.0, 0.0, 1e9, 0.0, 0.0, [0.0], row)[0]
+    memory = [0.0]
+    rest = torque(0.0, 0.0, 1e9, 0.0, 0.0, [0.0], row)[0]
     assert rest == pytest.approx(2.0 * BUMPS.at(np.array([-0.3]))[0, number])
     for _ in range(100):
         t_s = -0.3 + memory[0]
@@ -125,15 +126,14 @@ def test_a_pull_at_the_tip_bends_the_leg_as_a_weight_there_does():
 
 def test_the_series_is_the_terms_it_is_named_after_and_knows_its_slopes():
     values = np.linspace(0.1, 0.8, len(SERIES))
-    angle, rate = -0.3, 0.4
+    angle = -0.3
+    rate = 0.4
     sign = np.tanh(rate / SURE_OF_SIGN_RAD_S)
     named = [1.0, angle, abs(angle), angle**3, sign, rate, rate * abs(rate), abs(angle) * sign]
     found = series(angle, rate, 0.0, 0.0, 0.0, (), values)
     assert found[0] == pytest.approx(values @ named)
-    ahead, beside = (
-        series(angle + 1e-6, rate, 0.0, 0.0, 0.0, (), values)[0],
-        series(angle, rate + 1e-6, 0.0, 0.0, 0.0, (), values)[0],
-    )
+    ahead = series(angle + 1e-6, rate, 0.0, 0.0, 0.0, (), values)[0]
+    beside = series(angle, rate + 1e-6, 0.0, 0.0, 0.0, (), values)[0]
     assert found[1:] == pytest.approx(
         ((ahead - found[0]) * 1e6, (beside - found[0]) * 1e6), rel=1e-4
     )

@@ -46,10 +46,8 @@ def far():
 
 def share_within(optimizer, base):
     """Of nothing missing's posterior, what has a plausible damping."""
-    posterior, place = (
-        optimizer.evaluate(base).posterior,
-        base.coordinates.space.names.index("hinge_damping"),
-    )
+    posterior = optimizer.evaluate(base).posterior
+    place = base.coordinates.space.names.index("hinge_damping")
     assert posterior.mean[place] > IMPLAUSIBLE
     return norm.logcdf(
         IMPLAUSIBLE, posterior.mean[place], np.sqrt(posterior.covariance[place, place])

@@ -44,7 +44,8 @@ def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
     assert np.sqrt(posterior.covariance[contact, contact]) == pytest.approx(1.0, abs=0.1)
     size = best.coordinates.nuisances
     step = np.sqrt(posterior.covariance[size, size]) * (np.arange(len(best.x)) == size)
-    up, down = best.x + step, best.x - step
+    up = best.x + step
+    down = best.x - step
     low, high = (best.coordinates.supposed(x).rig.effects[0].values[0][1] for x in (down, up))
     expected = 0.5 * (20000.0 / RIG.ground.stiffness_N_per_m1p5) ** (2.0 / 3.0)
     assert 0.5 * np.log(high / low) == pytest.approx(expected, rel=0.3)
@@ -65,7 +66,8 @@ def test_many_fits_from_a_poor_start_with_a_poor_jacobian_arrive(found):
 
 
 def arrives_from_a_poor_start(optimizer, best, seed):
-    random, size = np.random.default_rng(seed), best.coordinates.size
+    random = np.random.default_rng(seed)
+    size = best.coordinates.size
     start = optimizer.at(
         best.coordinates, np.clip(best.x + random.normal(0.0, 1.0, size), -3.0, 3.0)
     )
@@ -101,10 +103,8 @@ def test_slopes_that_are_learnt_on_the_way_stay_alike(found):
 def test_an_effect_and_a_nuisance_that_both_move_nothing_have_no_slope(found):
     """Where the model has no answer to either side; the ratio of the two is none."""
     optimizer, best = found
-    contact, size = (
-        best.coordinates.space.names.index("contact_stiffness"),
-        best.coordinates.nuisances,
-    )
+    contact = best.coordinates.space.names.index("contact_stiffness")
+    size = best.coordinates.nuisances
     jacobian = best.jacobian.copy()
     jacobian[:, [contact, size]] = 0.0
     assert not optimizer._align_nuisances(best.coordinates, jacobian)[:, [contact, size]].any()

@@ -280,7 +280,8 @@ def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
 def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_others():
     flaps = flaps_of(recorded(RIG, CONDITIONS[:2]))
     rows = make_leg_dataset(flaps).rows
-    count, random = len(rows.measured), np.random.default_rng(1)
+    count = len(rows.measured)
+    random = np.random.default_rng(1)
     linear = LinearModel(random.standard_normal(count), random.standard_normal((count, 3)))
     whitening = DiscrepancyWhitening(
         make_basis(rows, 0.1 * random.standard_normal((count, 2))), 0.02
@@ -288,7 +289,8 @@ def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_oth
     covariance = whitening.covariance() + linear.jacobian @ linear.jacobian.T
 
     def log_density(kept):
-        block, y = covariance[np.ix_(kept, kept)], linear.target[kept]
+        block = covariance[np.ix_(kept, kept)]
+        y = linear.target[kept]
         return -0.5 * float(
             y @ np.linalg.solve(block, y)
             + np.linalg.slogdet(block)[1]
@@ -296,7 +298,8 @@ def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_oth
         )
 
     for number, found in enumerate(loo_log_densities(linear, whitening, rows.condition, range(2))):
-        everything, others = np.ones(count, dtype=bool), rows.condition != number
+        everything = np.ones(count, dtype=bool)
+        others = rows.condition != number
         assert found == pytest.approx(log_density(everything) - log_density(others), rel=1e-8)
 
 
@@ -304,7 +307,8 @@ def test_knots_of_a_speed_stand_denser_around_zero_which_is_one_of_them():
     knots = place_knots((-2.0, 0.7), is_signed=True)
     assert (knots[0], knots[-1]) == pytest.approx((-2.0, 0.7))
     assert 0.0 in knots
-    steps, near = np.diff(knots), int(np.flatnonzero(knots == 0.0)[0])
+    steps = np.diff(knots)
+    near = int(np.flatnonzero(knots == 0.0)[0])
     assert steps.min() > 0.0
     assert steps[near] < 0.2 * steps[0]
 

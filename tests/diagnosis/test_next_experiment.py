@@ -127,10 +127,8 @@ def test_a_drive_seen_at_one_speed_only_is_asked_at_another():
         make_shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s)
         for c, f in zip(group_by_condition(strokes), flaps, strict=True)
     ]
-    leg, drive = (
-        found_among(flaps, []),
-        found_among(shafts, ["motor_speed_droop", "motor_speed_ripple"]),
-    )
+    leg = found_among(flaps, [])
+    drive = found_among(shafts, ["motor_speed_droop", "motor_speed_ripple"])
     body = body_of(flaps, leg, shafts)
     proposal = propose_experiment(
         body, verdicts_of(leg, nothing_missing(leg), drive, undecided(drive)), True, LIMITS
@@ -164,7 +162,8 @@ def test_too_few_conditions_ask_for_one_that_is_unlike_them(nothing_open):
     ids=["all", "force", "speed"],
 )
 def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
-    case, facts = gain_or_spring, replace(RIG_FILE.facts(), limits=limits)
+    case = gain_or_spring
+    facts = replace(RIG_FILE.facts(), limits=limits)
     contest = list_open_hypotheses(case.found, case.verdicts.leg_decision, True)
     options = [
         o
@@ -174,11 +173,10 @@ def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
     assert options
     for option in options:
         protocol = make_protocol({**option.design.settings, "repeats": option.repeats})
-        plan = (
-            flapping_plan(protocol.flapping(), facts)
-            if option.design.settings["kind"] == "dynamic"
-            else static_plan(protocol.static_stages(), facts)
-        )
+        if option.design.settings["kind"] == "dynamic":
+            plan = flapping_plan(protocol.flapping(), facts)
+        else:
+            plan = static_plan(protocol.static_stages(), facts)
         for hypothesis in contest.open:
             rig = hypothesis.fitted.coordinates.supposed(hypothesis.fitted.x).rig
             check_plan(plan, predict_loads(plan, rig))

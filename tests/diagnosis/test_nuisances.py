@@ -23,10 +23,8 @@ EVERY = {
 def priors(**known_to):
     """The standard deviations of the leg's nuisance parameters and of the drive's, by name."""
     KnownToSection(**known_to)
-    leg, drive = (
-        nuisances_of(RIG, known_to, 0.5),
-        nuisances_of_drive(RIG, ModelPoint(RIG), known_to),
-    )
+    leg = nuisances_of(RIG, known_to, 0.5)
+    drive = nuisances_of_drive(RIG, ModelPoint(RIG), known_to)
     return dict(zip(drive.names, drive.std, strict=True)) | dict(
         zip(leg.names, leg.std, strict=True)
     )

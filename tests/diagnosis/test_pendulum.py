@@ -178,7 +178,8 @@ def test_what_is_not_claimed_says_how_much_of_the_held_out_error_it_would_take_a
 def test_a_closest_effect_that_is_not_stated_comes_with_the_held_out_error_that_it_removes(
     of_dry_friction,
 ):
-    found, decision = of_dry_friction.found, of_dry_friction.decision
+    found = of_dry_friction.found
+    decision = of_dry_friction.decision
     closest = replace(decision, effects=(), closest=found.named[0])
     check_held_out(_describe_closest(found, closest))
     assert _describe_closest(found, replace(closest, closest=None)) == ()
@@ -248,7 +249,8 @@ def test_friction_and_rotors_left_out_of_a_real_double_pendulum_are_what_it_beha
 
 BELIEVED = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, 0.004),))
 KNOWN_TO = {"mass_relative": 0.02, "joint_damping_Nm_s_per_rad": 0.005, "torque_offset_Nm": 0.02}
-ANGLE_NOISE, SPEED_NOISE = 5e-4, 0.02
+ANGLE_NOISE = 5e-4
+SPEED_NOISE = 0.02
 
 
 def simulated(*effects: PresentEffect, pendulum: Pendulum = BELIEVED) -> PendulumCampaign:
@@ -268,10 +270,8 @@ def recorded(seed: int, pendulum: Pendulum, effects: tuple[PresentEffect, ...]) 
     after = make_driven_pendulum(pendulum, effects).swing(
         torque_trace(t_s, torque), np.array([0.8]), np.zeros(1), t_s[1:]
     )
-    angle, speed = (
-        np.append(0.8, after.angle_rad)[:, None],
-        np.append(0.0, after.speed_rad_s)[:, None],
-    )
+    angle = np.append(0.8, after.angle_rad)[:, None]
+    speed = np.append(0.0, after.speed_rad_s)[:, None]
     noisy = (
         angle + random.normal(0, ANGLE_NOISE, angle.shape),
         speed + random.normal(0, SPEED_NOISE, speed.shape),
@@ -356,7 +356,8 @@ def test_every_nuisance_parameter_has_the_unit_of_its_key():
 @pytest.mark.parametrize("which", [0, 1], ids=["angle", "speed"])
 def test_what_an_uncertain_start_does_is_taken_off_as_far_as_it_can_be_told_from_noise(which):
     first = cut_stretches(make_swing_problem(simulated(), 0.5, 0.05))[0].windows[0]
-    ready, effect = make_driven_pendulum(BELIEVED), first.window.start_effect[which]
+    ready = make_driven_pendulum(BELIEVED)
+    effect = first.window.start_effect[which]
     usual = np.hypot(first.window.sensor_std, 0.01 * first.scale)
     told = np.sum((effect / usual) ** 2)
     moved = replace(

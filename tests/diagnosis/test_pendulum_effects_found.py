@@ -45,10 +45,8 @@ def made(seed, friction, late_s, read_s, powered=True):
     start = [2.0 if not powered else 0.8, 0.0, command(0.0), 0.0]
     x = solve_ivp(rhs, (0.0, 5.0), start, "LSODA", t_s, rtol=1e-7, atol=1e-8, max_step=2e-3).y
     random = np.random.default_rng(seed)
-    angle, speed = (
-        x[0] + random.normal(0, NOISE["angle_rad"], t_s.size),
-        x[3] + random.normal(0, NOISE["speed_rad_s"], t_s.size),
-    )
+    angle = x[0] + random.normal(0, NOISE["angle_rad"], t_s.size)
+    speed = x[3] + random.normal(0, NOISE["speed_rad_s"], t_s.size)
     label = f"{'driven' if powered else 'released'} {seed}"
     torque = np.asarray(command(t_s))
     return PendulumRun(

@@ -16,7 +16,8 @@ CONDITIONS = ((215.0, 2.433), (235.0, 3.0))
 
 def shifted(stroke, late_s, repeat, seed):
     """The force as a sensor has it whose clock started elsewhere, with noise of its own."""
-    stream, random = stroke.streams["table"], np.random.default_rng(seed)
+    stream = stroke.streams["table"]
+    random = np.random.default_rng(seed)
     columns = {
         name: Column(
             np.interp(stream.t_s - late_s, stream.t_s, column.values)

@@ -36,10 +36,8 @@ RIVALS = (
 )
 def test_a_rest_angle_is_found_to_a_tenth_of_a_degree(id_, values, std_deg):
     strokes = recorded(replace(RIG, effects=(present(id_, **values),)), FOUR)
-    dataset, nuisances = (
-        make_leg_dataset(flaps_of(strokes)),
-        Parameterization(nuisances_of(RIG, KNOWN_TO, 0.1)),
-    )
+    dataset = make_leg_dataset(flaps_of(strokes))
+    nuisances = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.1))
     (effect,) = decide(
         search_models(dataset, nuisances, [catalogue()[rival] for rival in RIVALS], lambda *_: None)
     ).effects

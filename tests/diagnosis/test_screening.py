@@ -41,7 +41,11 @@ def test_a_size_is_excluded_only_as_far_as_the_residual_speaks_against_it():
     """Whitened rows, no unknowns: chi-square of a residual r with f times a signature w less
     that without it.
     """
-    whitening, w = (lambda values: values), np.array([3.0, 4.0])
+
+    def whitening(values):
+        return values
+
+    w = np.array([3.0, 4.0])
     needed = 12.0
     for part in (0.0, 0.4, -0.4):
         projection = Projection(whitening, np.zeros((2, 0)), np.zeros((0, 0)), part * w)

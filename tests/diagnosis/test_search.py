@@ -25,7 +25,8 @@ from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, read_at_rest, recorded
 
 CONDITIONS = [(205.0, 2.433), (215.0, 2.8), (220.0, 3.249)]
-BRISKLY, SOFTLY = MOVES[0], MOVES[2]
+BRISKLY = MOVES[0]
+SOFTLY = MOVES[2]
 HEAVY = present("tip_mass", mass_g=50.0)
 LEAKING = present("sensor_crosstalk", fz_per_fy=0.2)
 SOFT = present("ground_compliance", stiffness_N_per_m1p5=2e4)
@@ -133,7 +134,8 @@ def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
         )
         return max(screen.projection.gain(probe.signature)[0] for probe in screen.probes)
 
-    names, bases = ("stiffness_hardening", "spring_hysteresis"), (state.nothing, state.nominal)
+    names = ("stiffness_hardening", "spring_hysteresis")
+    bases = (state.nothing, state.nominal)
     of_true, of_other = ([promise(base, name) for base in bases] for name in names)
     assert of_true[0] > 2.0 * of_other[0]
     assert of_true[1] < 1.2 * of_other[1]
@@ -259,7 +261,8 @@ def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(mo
 @pytest.mark.slow
 def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monkeypatch):
     state = begun_with(HEAVY, "tip_mass", KNOWN_TO)
-    fit, starts = model_selection._fit, []
+    fit = model_selection._fit
+    starts = []
     monkeypatch.setattr(
         model_selection,
         "_fit",
@@ -279,7 +282,10 @@ def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkey
     """As if, after the parts of the best set had been fitted, two effects turned out better than
     the one that is missing.
     """
-    learn, nest, nested, pairs = model_selection._learn, model_selection._fit_nested, [], []
+    learn = model_selection._learn
+    nest = model_selection._fit_nested
+    nested = []
+    pairs = []
 
     def fit_nested(state):
         nested.append(state.best.ids)

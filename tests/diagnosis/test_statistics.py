@@ -107,17 +107,14 @@ def test_signals_err_apart_and_static_stages_apart_in_each_direction():
 
 
 def test_block_by_block_the_covariance_is_that_of_all_rows():
-    rows, s = mixed_rows(), 0.05
+    rows = mixed_rows()
+    s = 0.05
     random = np.random.default_rng(8)
-    scatter, values = (
-        random.normal(size=(len(rows.measured), 3)),
-        random.normal(size=(len(rows.measured), 2)),
-    )
+    scatter = random.normal(size=(len(rows.measured), 3))
+    values = random.normal(size=(len(rows.measured), 2))
     covariance = np.diag(rows.noise**2) + scatter @ scatter.T + s**2 * entry_by_entry(rows)
-    whitening, precision = (
-        DiscrepancyWhitening(make_basis(rows, scatter), s),
-        np.linalg.inv(covariance),
-    )
+    whitening = DiscrepancyWhitening(make_basis(rows, scatter), s)
+    precision = np.linalg.inv(covariance)
     assert np.allclose(whitening.covariance(), covariance)
     assert np.allclose(whitening.variance(), np.diag(covariance))
     assert whitening.log_det == pytest.approx(np.linalg.slogdet(covariance)[1])
@@ -145,10 +142,8 @@ def test_one_basis_whitens_at_every_model_error(s):
 def test_evidence_is_the_density_of_the_rows_with_all_unknowns_integrated_out():
     rows = small_rows()
     random = np.random.default_rng(2)
-    jacobian, scatter = (
-        random.normal(size=(len(rows.measured), 3)),
-        np.empty((len(rows.measured), 0)),
-    )
+    jacobian = random.normal(size=(len(rows.measured), 3))
+    scatter = np.empty((len(rows.measured), 0))
     covariance = dense(rows, scatter, 0.05)
     found = laplace_posterior(LinearModel(rows.measured, jacobian), make_whitening(covariance))
     density = multivariate_normal(cov=covariance + jacobian @ jacobian.T).logpdf(rows.measured)
@@ -170,10 +165,8 @@ def test_the_posterior_is_that_of_conditioning_a_joint_normal():
 def test_loose_directions_widen_the_covariance():
     rows = small_rows()
     random = np.random.default_rng(4)
-    jacobian, extra_directions = (
-        random.normal(size=(len(rows.measured), 2)),
-        random.normal(size=(len(rows.measured), 3)),
-    )
+    jacobian = random.normal(size=(len(rows.measured), 2))
+    extra_directions = random.normal(size=(len(rows.measured), 3))
     basis = make_basis(rows, np.empty((len(rows.measured), 0)))
     (found,) = laplace_posteriors(
         LinearModel(rows.measured, jacobian), (DiscrepancyWhitening(basis, 0.02),), extra_directions
@@ -197,13 +190,12 @@ def test_the_discrepancy_is_alike_between_conditions_in_part_and_ringing_is_not(
 
 
 def test_a_condition_is_foretold_as_by_a_fit_to_the_others_alone():
-    rows, random = small_rows(conditions=4), np.random.default_rng(5)
+    rows = small_rows(conditions=4)
+    random = np.random.default_rng(5)
     m = len(rows.measured)
     whitening = DiscrepancyWhitening(make_basis(rows, random.normal(size=(m, 2))), 0.02)
-    linear, covariance = (
-        LinearModel(random.normal(size=m), random.normal(size=(m, 3))),
-        whitening.covariance(),
-    )
+    linear = LinearModel(random.normal(size=m), random.normal(size=(m, 3)))
+    covariance = whitening.covariance()
     assert whitening.variance() == pytest.approx(np.diag(covariance))
     apart = loo_residuals(linear, whitening, rows.condition, [0, 2])
     assert not apart[(rows.condition == 1) | (rows.condition == 3)].any()
@@ -228,11 +220,13 @@ def test_without_unknowns_all_of_a_held_out_condition_remains():
 
 
 def test_products_without_some_rows_are_those_of_the_others_alone():
-    rows, random = mixed_rows(), np.random.default_rng(9)
+    rows = mixed_rows()
+    random = np.random.default_rng(9)
     whitening = DiscrepancyWhitening(
         make_basis(rows, random.normal(size=(len(rows.measured), 2))), 0.03
     )
-    columns, out = random.normal(size=(len(rows.measured), 3)), rows.condition == 1
+    columns = random.normal(size=(len(rows.measured), 3))
+    out = rows.condition == 1
     kept = whitening.covariance()[np.ix_(~out, ~out)]
     products, log_det = products_without(
         columns, whitening.apply_precision(columns), whitening, out

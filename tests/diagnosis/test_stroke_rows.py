@@ -37,7 +37,8 @@ def valley_s(stroke: Stroke) -> float:
 
 def check_rows(*strokes: Stroke) -> None:
     (flap,) = flaps_of(strokes)
-    rows, signals = flap.rows(), len(NOISE)
+    rows = flap.rows()
+    signals = len(NOISE)
     assert flap.counts.min() >= 1
     assert np.all(
         np.isfinite(
@@ -45,7 +46,8 @@ def check_rows(*strokes: Stroke) -> None:
         )
     )
     assert len(rows.measured) == signals * len(flap.first)
-    t_s, stroke = flap.t_s, strokes[0].streams["table"]
+    t_s = flap.t_s
+    stroke = strokes[0].streams["table"]
     for name, part in zip(NOISE, rows.measured.reshape(signals, -1), strict=True):
         values = stroke.columns[name].values[np.isin(stroke.t_s, t_s)]
         assert part == pytest.approx(
@@ -79,7 +81,8 @@ def test_a_fast_sensor_is_simulated_at_fewer_times_and_predicted_the_same():
     )
     assert fast.samples.sum() > 6.5 * slow.samples.sum() and len(fast.t_s) < 2.5 * len(slow.t_s)
     assert np.array_equal(slow.samples, slow.counts)
-    rows, predicted = fast.rows(), fast.simulated(ModelPoint(RIG))
+    rows = fast.rows()
+    predicted = fast.simulated(ModelPoint(RIG))
     for measured, simulated in zip(
         rows.measured.reshape(len(NOISE), -1), predicted.reshape(len(NOISE), -1), strict=True
     ):

@@ -107,13 +107,11 @@ class OscillatorSimulator(Simulator):
         drive = (
             condition.force_N * np.sin(condition.rate_rad_s * STEP_S * np.arange(STEPS))
         ).tolist()
-        m, c, k, friction, drag = (
-            setup.mass_kg,
-            setup.damping_N_s_per_m,
-            setup.stiffness_N_per_m,
-            setup.friction_N,
-            setup.drag_N_s2_per_m2,
-        )
+        m = setup.mass_kg
+        c = setup.damping_N_s_per_m
+        k = setup.stiffness_N_per_m
+        friction = setup.friction_N
+        drag = setup.drag_N_s2_per_m2
         x = v = 0.0
         found = []
         for n, force in enumerate(drive, start=1):

@@ -33,7 +33,8 @@ DATA = st.one_of(
 
 @st.composite
 def heard(draw) -> ReceivedFrame:
-    identifier, data = draw(IDS), draw(DATA)
+    identifier = draw(IDS)
+    data = draw(DATA)
     extended = identifier > 0x7FF or draw(st.booleans())
     message = can.Message(
         arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=len(data) > 8

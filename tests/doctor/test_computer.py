@@ -79,10 +79,8 @@ def test_a_small_receive_buffer_is_told_in_milliseconds_with_the_line_that_raise
 
 def test_packages_that_do_not_fit_are_named_as_pip_takes_them():
     good = PackageSeen("numpy", "numpy>=1.26", "2.1.0", True)
-    missing, old = (
-        PackageSeen("h5py", "h5py>=3.10", None, False),
-        PackageSeen("scipy", "scipy>=1.11", "1.9", False),
-    )
+    missing = PackageSeen("h5py", "h5py>=3.10", None, False)
+    old = PackageSeen("scipy", "scipy>=1.11", "1.9", False)
     finding = judge_packages((good, missing, old), "3.11", "0.1.0")
     assert finding.commands == ('pip install "h5py>=3.10" "scipy>=1.11"',)
     assert "h5py is missing, scipy 1.9" in whole(finding)
@@ -137,7 +135,10 @@ class LateClock(TwinClock):
 
     def wait_until(self, t_s: float) -> None:
         self._waits += 1
-        late_s = 0.0 if self._waits % 50 else 30e-3 if self._waits == 250 else 5e-3
+        if self._waits % 50:
+            late_s = 0.0
+        else:
+            late_s = 30e-3 if self._waits == 250 else 5e-3
         super().wait_until(t_s + late_s)
 
 

@@ -165,7 +165,8 @@ def test_an_error_of_the_drive_is_told_with_its_meaning(told, server):
 def test_a_controller_on_a_serial_line_and_a_drive_in_mit_mode_are_looked_at(
     monkeypatch, capsys, tmp_path
 ):
-    served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
+    served_file = tmp_path / "served.toml"
+    real_file = tmp_path / "real.toml"
     served_file.write_text(rig_text())
     with serving("--rig", str(served_file)) as server:
         monkeypatch.setenv(

@@ -14,8 +14,11 @@ class Obedient:
     """What motor, sensor and rack have in common here."""
 
     def __init__(self, clock: TwinClock) -> None:
-        self._clock, self._read_s = clock, 0.0
-        self._angle_rad, self._speed_rad_s, self._told_rad_s = RIG.parked_angle_rad, 0.0, 0.0
+        self._clock = clock
+        self._read_s = 0.0
+        self._angle_rad = RIG.parked_angle_rad
+        self._speed_rad_s = 0.0
+        self._told_rad_s = 0.0
         self._records = 0
 
     def command_angle(self, angle_rad, speed_rad_s=0.0):

@@ -27,14 +27,17 @@ from rfca_rig.recording.tables import cycle_table
 from tests.engine.rigs import nothing, recorder_on, twin_rig
 
 TURN = 2.0 * math.pi
-HEIGHT_M, SPEED_RAD_S = 0.2228, 6.0
+HEIGHT_M = 0.2228
+SPEED_RAD_S = 6.0
 
 
 def turned(turning, ends_soon_after=None):
     """Follows the commanded speed; the numbers of the cycles, the angle at the end, and the
     largest and the last speed.
     """
-    angle, speeds, numbers = 0.25, [], []
+    angle = 0.25
+    speeds = []
+    numbers = []
     while not turning.is_over:
         speeds.append(turning.speed_rad_s(angle))
         angle += speeds[-1] * MOVE_TICK_S
@@ -80,7 +83,8 @@ def samples(random, count, begin_s):
 
 
 def test_a_tally_is_what_all_samples_of_the_cycle_together_say():
-    random, tally = np.random.default_rng(1), CycleTally(SensorScale(1e6, 2e6, 1e3))
+    random = np.random.default_rng(1)
+    tally = CycleTally(SensorScale(1e6, 2e6, 1e3))
     for cycle in (1, 2):
         ticks = [samples(random, 5, 0.005 * (10 * cycle + tick)) for tick in range(10)]
         for shaft, force in ticks:

@@ -15,7 +15,8 @@ from tests.recording.dying import FullDisk, instead
 def test_the_motor_is_off_and_the_stages_before_are_kept(tmp_path):
     rig = twin_rig()
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, kept):
-        wiretap, disk = tapped(bench), FullDisk(tmp_path / "run", 10**9)
+        wiretap = tapped(bench)
+        disk = FullDisk(tmp_path / "run", 10**9)
 
         def fill_up(_stage):
             if recorder.strokes:

@@ -73,7 +73,8 @@ def test_the_soft_drive_sags_under_load_and_surges_after_it(flapped):
     t, speed = stroke.channel("shaft_speed_rad_s")
     valley = stroke_valley(stroke)
     assert isinstance(valley, Valley)
-    loading, after = (t > 0.4) & (t < 0.7), (t > valley.time_s) & (t < valley.time_s + 0.1)
+    loading = (t > 0.4) & (t < 0.7)
+    after = (t > valley.time_s) & (t < valley.time_s + 0.1)
     assert speed[loading].mean() < 0.97 * 3.249
     assert speed[after].max() > 1.05 * 3.249
 

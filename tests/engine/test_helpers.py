@@ -52,7 +52,8 @@ class KillingMotor(Motor):
 # it is recorded.
 @pytest.mark.parametrize("after", [10, 80, 150, 200])
 def test_no_command_follows_the_end_of_a_helper(helper: Helper, after: int) -> None:
-    clock, helpers = TwinClock(), HelperWatch()
+    clock = TwinClock()
+    helpers = HelperWatch()
     helpers.add(helper[1], "the helper has ended by itself")
     motor = KillingMotor(clock, helper, after)
     plan = static_plan(StaticStages("s", (0.215,), ((1.0, "loading"),), 0.4, SETTLE, 0.3), RIG)

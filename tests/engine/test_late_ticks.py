@@ -42,7 +42,8 @@ def swept(tmp_path, hesitant: bool) -> tuple[float, float]:
 
 @pytest.mark.slow
 def test_a_stroke_is_as_long_and_as_wide_as_on_a_computer_that_is_never_late(tmp_path):
-    in_time, late = swept(tmp_path / "a", False), swept(tmp_path / "b", True)
+    in_time = swept(tmp_path / "a", False)
+    late = swept(tmp_path / "b", True)
     assert late == pytest.approx(in_time, abs=0.03)
 
 

@@ -22,7 +22,8 @@ class Looking:
 
     def __init__(self, stop_request=None):
         self._stop_request = stop_request
-        self.stages, self.ticks = [], []
+        self.stages = []
+        self.ticks = []
 
     def stage(self, stage, expected):
         self.stages.append((stage, expected))
@@ -36,7 +37,8 @@ class Looking:
 
 
 def looked_at(tmp_path, plan, expected=None, stop_request=None):
-    rig, looking = twin_rig(), Looking(stop_request)
+    rig = twin_rig()
+    looking = Looking(stop_request)
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, kept):
         wiretap = tapped(bench)
         try:

@@ -48,14 +48,17 @@ class Later:
     """
 
     def __init__(self, clock, *after_s):
-        self._clock, self._after = clock, iter(after_s)
-        self._due_s, self._number = np.inf, 0
+        self._clock = clock
+        self._after = iter(after_s)
+        self._due_s = np.inf
+        self._number = 0
 
     def begin(self):
         after = next(self._after)
         if isinstance(after, Exception):
             raise after
-        self._due_s, self._number = self._clock.now_s() + after, self._number + 1
+        self._due_s = self._clock.now_s() + after
+        self._number = self._number + 1
 
     def fetch_photo(self):
         if self._clock.now_s() < self._due_s:
@@ -78,7 +81,9 @@ class Watched:
     """The bench's motor, with the time of every command."""
 
     def __init__(self, motor, clock):
-        self._motor, self._clock, self.commanded_s = motor, clock, []
+        self._motor = motor
+        self._clock = clock
+        self.commanded_s = []
 
     def command_angle(self, angle_rad, speed_rad_s=0.0):
         self.commanded_s.append(self._clock.now_s())
@@ -92,7 +97,8 @@ def run(tmp_path, camera_on, *angles_deg, average_s=0.1, dwell_s=0.0):
     """What was recorded, when the motor was commanded, and when each stage was over."""
     over_s = []
     with recorder_on(twin_rig(), tmp_path / "run") as (bench, _, _file):
-        kept, motor = Kept(), Watched(bench.motor, bench.clock)
+        kept = Kept()
+        motor = Watched(bench.motor, bench.clock)
         run_plan(
             plan(*angles_deg, average_s=average_s, dwell_s=dwell_s),
             replace(bench, motor=motor, camera=camera_on(bench.clock)),
@@ -180,7 +186,8 @@ def test_without_a_camera_or_without_the_wish_no_photo_is_asked_for(tmp_path):
 
 @pytest.mark.slow
 def test_the_dwell_comes_between_settling_and_the_mean(tmp_path):
-    starts_s, stood_s = [], []
+    starts_s = []
+    stood_s = []
     for dwell_s in (0.0, 0.7):
         folder = tmp_path / f"{dwell_s}"
         folder.mkdir()

@@ -22,8 +22,10 @@ from tests.protocol.test_plans import RIG
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(plan=PLANS)
 def test_what_is_run_is_what_was_planned_in_no_more_than_the_time_that_was_told(plan):
-    clock, carried_out = TwinClock(), []
-    motor, sensor = Motor(clock), Sensor(clock)
+    clock = TwinClock()
+    carried_out = []
+    motor = Motor(clock)
+    sensor = Sensor(clock)
     run_plan(plan, Bench(motor, sensor, motor, clock, is_real=False), Nowhere(), carried_out.append)
     assert carried_out == list(plan.stages)
     assert len(_rows(plan, {})) == len(carried_out)
@@ -41,11 +43,9 @@ def test_a_stage_in_which_the_shaft_told_nothing_is_no_measurement():
 
         def read(self):
             told = super().read()
-            return (
-                replace(told, **{name: values[:0] for name, values in vars(told).items()})
-                if self.is_mute
-                else told
-            )
+            if self.is_mute:
+                return replace(told, **{name: values[:0] for name, values in vars(told).items()})
+            return told
 
     motor = Mute(clock)
 

@@ -47,7 +47,9 @@ def pressed(tmp_path, level, at_s=IN_THE_FIRST_STROKE_S, repeats=3):
     """What became of a run of three strokes: its stages, frames on the bus after the key, and
     the recorder.
     """
-    rig, stop_request, done = twin_rig(), StopRequest(), []
+    rig = twin_rig()
+    stop_request = StopRequest()
+    done = []
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, _):
         wiretap = tapped(bench)
         before = []
@@ -96,7 +98,8 @@ def test_from_outside_the_shaft_slows_down_first(tmp_path):
 
 
 def test_a_wish_at_the_very_end_leaves_a_run_that_is_done(tmp_path):
-    rig, stop_request = twin_rig(), StopRequest()
+    rig = twin_rig()
+    stop_request = StopRequest()
     plan = one_condition(rig)
 
     def at_the_last(stage):

@@ -16,8 +16,13 @@ class Coasting:
     """A shaft that goes on evenly slower once it is let go; deaf for the first `deaf` times."""
 
     def __init__(self, clock, speed_rad_s=3.0, stands_after_s=0.2, deaf=0, tells=True):
-        self._clock, self._speed, self._stands_s = clock, speed_rad_s, stands_after_s
-        self._deaf, self._tells, self.asked, self._off_s = deaf, tells, 0, np.inf
+        self._clock = clock
+        self._speed = speed_rad_s
+        self._stands_s = stands_after_s
+        self._deaf = deaf
+        self._tells = tells
+        self.asked = 0
+        self._off_s = np.inf
 
     def disable(self):
         self.asked += 1
@@ -29,9 +34,10 @@ class Coasting:
         t_s = min(self._clock.now_s() - self._off_s, self._stands_s)
         angle = self._speed * (t_s - 0.5 * t_s**2 / self._stands_s)
         speed = self._speed * (1.0 - t_s / self._stands_s)
-        values = (
-            [self._clock.now_s(), self._clock.now_s(), angle, speed, 0.0] if self._tells else []
-        )
+        if self._tells:
+            values = [self._clock.now_s(), self._clock.now_s(), angle, speed, 0.0]
+        else:
+            values = []
         return ShaftSamples(*(np.array(values[i : i + 1]) for i in range(5)))
 
 

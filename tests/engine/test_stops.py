@@ -96,7 +96,8 @@ class QuietSensor:
     """Streams until told not to."""
 
     def __init__(self, sensor, quiet_after):
-        self._sensor, self._left = sensor, quiet_after
+        self._sensor = sensor
+        self._left = quiet_after
 
     def read(self):
         samples = self._sensor.read()
@@ -154,11 +155,9 @@ class StatusSensor(QuietSensor):
     def read(self):
         samples = self._sensor.read()
         self._left -= 1
-        return (
-            samples
-            if self._left > 0
-            else replace(samples, status=np.full_like(samples.status, self.word))
-        )
+        if self._left > 0:
+            return samples
+        return replace(samples, status=np.full_like(samples.status, self.word))
 
 
 @pytest.mark.parametrize(

@@ -47,11 +47,10 @@ class Rig:
         self.now_s = 0.0
 
     def force(self, force_N=0.0, torque_Nm=0.0, status=0, noise=5) -> ForceSamples:
-        counts = (
-            self.random.integers(-noise, noise + 1, (PER_TICK, 6))
-            if noise
-            else np.zeros((PER_TICK, 6))
-        )
+        if noise:
+            counts = self.random.integers(-noise, noise + 1, (PER_TICK, 6))
+        else:
+            counts = np.zeros((PER_TICK, 6))
         counts = counts + np.array([0, 0, -1000 * force_N, 1000 * torque_Nm, 0, 0])
         device_s = (self.records + np.arange(PER_TICK)) / RATE_Hz
         self.records += PER_TICK

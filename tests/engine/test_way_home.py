@@ -37,7 +37,8 @@ class Braked:
 
     def read(self):
         samples = self._motor.read()
-        self.angle_rad = samples.angle_rad[-1] if len(samples.angle_rad) else self.angle_rad
+        if len(samples.angle_rad):
+            self.angle_rad = samples.angle_rad[-1]
         return samples
 
     def __getattr__(self, name):
@@ -54,11 +55,9 @@ def home_from_mid_stroke(folder, forwards):
     there = (SetHeight(HEIGHT_M), replace(home, forwards=False), MoveShaft(np.radians(135.0), 0.4))
     with recorder_on(twin_rig(), folder) as (bench, recorder, _):
         run_plan(replace(plan, stages=there[:1]), bench, recorder, nothing)
-        stuck, read, force_N = (
-            replace(bench, rack=Standing(), motor=Braked(bench.motor)),
-            bench.sensor.read,
-            [],
-        )
+        stuck = replace(bench, rack=Standing(), motor=Braked(bench.motor))
+        read = bench.sensor.read
+        force_N = []
 
         def felt():
             samples = read()

@@ -82,7 +82,10 @@ def test_effects_and_parameters_are_those_of_the_catalogue():
         assert set(spans) == {name for name, parameter in parameters.items() if not parameter.whole}
         for name, span in spans.items():
             for size in (span.faint, span.strong):
-                values = {span.around + size, span.around - size} if span.either_sign else {size}
+                if span.either_sign:
+                    values = {span.around + size, span.around - size}
+                else:
+                    values = {size}
                 assert all(
                     parameters[name].low <= value <= parameters[name].high for value in values
                 ), (effect, name)

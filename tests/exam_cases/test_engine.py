@@ -33,7 +33,8 @@ def test_a_leg_at_rest_weighs_what_it_weighs_and_pulls_at_the_shaft():
     traces = simulate(hanging(), AT_REST, np.array([12.0]))
     weight = sum(hanging().links.mass_kg) * GRAVITY_M_S2
     angles = np.cumsum(traces.joint_angles_rad[0])
-    length, mass = np.array(hanging().links.length_m), np.array(hanging().links.mass_kg)
+    length = np.array(hanging().links.length_m)
+    mass = np.array(hanging().links.mass_kg)
     ends = np.cumsum(length * np.cos(angles))
     arm = GRAVITY_M_S2 * np.sum(mass * (ends - 0.5 * length * np.cos(angles)))
     assert -traces.force_d_N[0] == pytest.approx(weight, rel=1e-6)
@@ -42,10 +43,12 @@ def test_a_leg_at_rest_weighs_what_it_weighs_and_pulls_at_the_shaft():
 
 
 def test_a_stiff_leg_on_a_soft_shaft_swings_as_one_rod():
-    k, start = 3.0, 1.2
+    k = 3.0
+    start = 1.2
     world = stiff(hanging())
     world = replace(world, drive=replace(world.drive, start_angle_rad=start, shaft_Nm_per_rad=k))
-    length, mass = np.array(world.links.length_m), np.array(world.links.mass_kg)
+    length = np.array(world.links.length_m)
+    mass = np.array(world.links.mass_kg)
     middle = np.concatenate([[0.0], np.cumsum(length)[:-1]]) + 0.5 * length
     inertia = np.sum(mass * (length**2 / 12.0 + middle**2))
     knots = np.array([[0.0, 0.002, 0.004, 0.006], [0.0, 5.0, 0.0, 0.0]])  # a nudge by 0.6 degrees
@@ -64,7 +67,8 @@ def energy_J(world: World, traces: Traces) -> np.ndarray:
     """Between samples: kinetic from the positions of the rods, of the springs, and of the
     weight.
     """
-    length, mass = np.array(world.links.length_m), np.array(world.links.mass_kg)
+    length = np.array(world.links.length_m)
+    mass = np.array(world.links.mass_kg)
     angle = np.cumsum(traces.joint_angles_rad, axis=1)
     step = np.stack([length * np.cos(angle), length * np.sin(angle)])
     centre = np.cumsum(step, axis=2) - 0.5 * step
@@ -74,7 +78,8 @@ def energy_J(world: World, traces: Traces) -> np.ndarray:
         mass * length**2 / 12.0 * (np.diff(angle, axis=0) / dt) ** 2
     ).sum(axis=1)
     phi = traces.joint_angles_rad[:, 1:]
-    k0, k2 = np.array(world.hinges.k0_Nm_per_rad), np.array(world.hinges.k2_per_rad2)
+    k0 = np.array(world.hinges.k0_Nm_per_rad)
+    k2 = np.array(world.hinges.k2_per_rad2)
     potential = (0.5 * k0 * phi**2 + 0.25 * k0 * k2 * phi**4).sum(axis=1) - GRAVITY_M_S2 * (
         mass * centre[1]
     ).sum(axis=1)
@@ -106,7 +111,8 @@ def test_half_the_step_changes_nothing_that_a_sensor_could_see(effect):
     world = nominal_world(0.215)
     if effect:
         world = with_effect(world, effect, sample_values(effect, 1.0, np.random.default_rng(3)))
-    once, twice = stroke_traces(world, 3.3), stroke_traces(world, 3.3, step_s=0.5 * STEP_S)
+    once = stroke_traces(world, 3.3)
+    twice = stroke_traces(world, 3.3, step_s=0.5 * STEP_S)
     pressed = once.t_s < once.t_s[np.argmin(-once.force_d_N)]
     change = np.abs(once.force_d_N - twice.force_d_N)[pressed]
     assert np.sqrt(np.mean(change**2)) < 0.03
@@ -130,7 +136,8 @@ def test_a_rotor_behind_a_stiff_shaft_sags_as_one_on_a_rigid_shaft():
     twisted = replace(
         rigid, drive=replace(rigid.drive, shaft_Nm_per_rad=3000.0, shaft_Nm_s_per_rad=3.0)
     )
-    one, two = stroke_traces(rigid, 2.4), stroke_traces(twisted, 2.4)
+    one = stroke_traces(rigid, 2.4)
+    two = stroke_traces(twisted, 2.4)
     until = one.t_s < one.t_s[np.argmin(-one.force_d_N)]
     assert np.abs(one.motor_angle_rad - two.motor_angle_rad)[until].max() < 4e-3
     assert np.ptp(one.motor_speed_rad_s[until]) > 1.0

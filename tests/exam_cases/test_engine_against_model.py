@@ -38,7 +38,8 @@ from rfca_rig.model.parameters import (
 from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, make_stage_motion
 from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed
 
-HEIGHT_M, SPEED_RAD_S = 0.215, 2.433
+HEIGHT_M = 0.215
+SPEED_RAD_S = 2.433
 STROKES_BEFORE = 30
 
 VALUES = {
@@ -91,7 +92,10 @@ VALUES = {
 
 
 def rig(effect: str | None) -> RigModel:
-    effects = (PresentEffect(effect, tuple(VALUES[effect].items())),) if effect else ()
+    if effect:
+        effects = (PresentEffect(effect, tuple(VALUES[effect].items())),)
+    else:
+        effects = ()
     leg = Leg(LENGTHS_M, MASSES_KG, 0.003, 11.0, 4.2, 0.05, START_RAD)
     return RigModel(
         leg, Ground(1e5, 1.0, 0.45, 1e-4, 2.0), SensorMount(BELOW_SHAFT_M), Drive(RAMP_S), effects
@@ -118,7 +122,8 @@ def test_every_effect_is_compared():
 @pytest.mark.parametrize("effect", [None, *EFFECTS])
 def test_valley_and_forces_agree(effect):
     t, exam, model = both(effect)
-    mine, theirs = find_valley(t, exam[1]), find_valley(t, model[1])
+    mine = find_valley(t, exam[1])
+    theirs = find_valley(t, model[1])
     if effect == "sensor_saturation":  # its valley is cut off
         assert not isinstance(mine, Valley) and not isinstance(theirs, Valley)
         mine = theirs = find_valley(t, both(None)[1][1])

@@ -38,14 +38,17 @@ def test_dry_friction_does_not_depend_on_the_steps():
 
 
 def test_loop_is_the_exponential_of_bouc_and_wen():
-    z, width = -1.0, 0.1
+    z = -1.0
+    width = 0.1
     for _ in range(20000):
         z = bouc_wen(z, 1e-5, width)
     assert z == pytest.approx(1.0 - 2.0 * np.exp(-0.2 / width), abs=2e-4)
 
 
 def test_dashpot_relaxes_exponentially_after_a_step():
-    x, tau, h = 0.0, 0.2, 1e-3
+    x = 0.0
+    tau = 0.2
+    h = 1e-3
     for _ in range(300):
         x = dashpot_angle(x, 1.0, 1.0, h, tau)
     assert x == pytest.approx(1.0 - np.exp(-0.3 / tau), abs=1e-5)
@@ -62,14 +65,17 @@ def test_normal_force_is_the_campaigns_law():
 @pytest.mark.parametrize("power", [1.0, 0.8, 1.25])
 def test_friction_acts_higher_in_a_deeper_print_by_a_share_of_a_typical_depth(power):
     floor = _floor(nominal_world(0.215))
-    floor[LEVER], floor[LEVER_POWER] = 0.5, power
+    floor[LEVER] = 0.5
+    floor[LEVER_POWER] = power
     assert lever_reduction(floor, 3e-3) == pytest.approx(1.5e-3)
     assert lever_reduction(floor, 12e-3) == pytest.approx(1.5e-3 * 4.0**power)
 
 
 def test_a_bump_has_its_own_slope():
     floor = _floor(nominal_world(0.215))
-    floor[BUMP], floor[BUMP_AT], floor[BUMP_WIDTH] = 2e-3, 0.1, 0.02
+    floor[BUMP] = 2e-3
+    floor[BUMP_AT] = 0.1
+    floor[BUMP_WIDTH] = 0.02
     rise, slope = elevation(floor, 0.11)
     assert slope == pytest.approx(
         (elevation(floor, 0.11 + 1e-6)[0] - elevation(floor, 0.11 - 1e-6)[0]) / 2e-6, rel=1e-6
@@ -83,5 +89,7 @@ def test_command_ramps_and_ripples():
         [0.0, 0.0, 1.0, 2.0, 2.0, 0.0]
     )
     drive = np.zeros(16)
-    drive[START], drive[RIPPLE], drive[CYCLES] = 0.2, 0.1, 4.0
+    drive[START] = 0.2
+    drive[RIPPLE] = 0.1
+    drive[CYCLES] = 4.0
     assert add_ripple(drive, 0.2 + np.pi / 4.0, 2.0) == pytest.approx(1.8)

@@ -133,7 +133,8 @@ def test_what_was_half_done_is_done_again_and_the_rest_stays(exam):
 
 @pytest.mark.slow
 def test_a_sealing_that_was_interrupted_is_completed_against_its_hashes(exam):
-    seals, truths = (exam / "seals.txt").read_bytes(), open_all(exam)
+    seals = (exam / "seals.txt").read_bytes()
+    truths = open_all(exam)
     (exam / "sealed" / "case-0002.sealed").unlink()
     examine(exam, 1, NUMBERS, must_not_be_asked)
     assert (exam / "seals.txt").read_bytes() == seals and open_all(exam) == truths

@@ -83,14 +83,18 @@ def test_both_simulators_agree_on_what_an_effect_does(world, effect):
     start = np.array([0.5, -0.4, 2.0, 1.5]) if world is RIG else np.array([0.5, 2.0])
     values = {} if effect is None else _values(effect, 0.7, world, np.random.default_rng(1))
     case = replace(CASE, world=world, effects={} if effect is None else {effect: values})
-    t_s, command = np.arange(0.0, 0.4, 1e-3), tones(world)
+    t_s = np.arange(0.0, 0.4, 1e-3)
+    command = tones(world)
     ours, plain = (
         swing(each, start, command, t_s)
         for each in (case.concealed, replace(case, effects={}).concealed)
     )
     present = [] if effect is None else [PresentEffect(effect, tuple(values.items()))]
     # the model begins from readings, but from the true speed where speeds alone are late
-    speed = ours.state[:, world.joints :] if effect == "speed_lag" else ours.speed_rad_s
+    if effect == "speed_lag":
+        speed = ours.state[:, world.joints :]
+    else:
+        speed = ours.speed_rad_s
     began = np.concatenate([ours.angle_rad[0], speed[0]])
     model = by_model(world, began, command, t_s, present)
     off = np.abs(
@@ -106,7 +110,8 @@ def test_both_simulators_agree_on_what_an_effect_does(world, effect):
 
 def test_a_delay_and_a_lag_move_the_tones_as_they_move_a_signal():
     command = tones(ONE)
-    late, t_s = command.later(0.01, 0.02), np.arange(0.0, 1.0, 1e-4)
+    late = command.later(0.01, 0.02)
+    t_s = np.arange(0.0, 1.0, 1e-4)
     lagged = np.array([command.at(t) for t in t_s - 0.01])[:, 0]
     slow = np.array([late.at(t) for t in t_s])[:, 0]
     assert np.allclose(slow + 0.02 * np.gradient(slow, t_s), lagged, atol=2e-3)

@@ -204,12 +204,14 @@ def test_a_case_without_diagnosis_counts():
 
 def test_calibration_of_an_honest_and_of_a_boastful_diagnosis():
     def judged(p, right, wrong):
-        hit, miss = parse_truth(truth(effects=PLAY)), parse_truth(truth(kind=cases.NOTHING))
+        hit = parse_truth(truth(effects=PLAY))
+        miss = parse_truth(truth(kind=cases.NOTHING))
         return [(hit, named(claim("hinge_backlash", p)))] * right + [
             (miss, named(claim("tip_mass", p)))
         ] * wrong
 
-    honest, boastful = calibration(judged(0.75, 3, 1)), calibration(judged(0.99, 1, 1))
+    honest = calibration(judged(0.75, 3, 1))
+    boastful = calibration(judged(0.99, 1, 1))
     assert honest.ece == pytest.approx(0.0) and honest.brier == pytest.approx(0.1875)
     assert boastful.ece == pytest.approx(0.49) and boastful.confident_right == 0.5
     assert boastful.log_score > honest.log_score

@@ -34,7 +34,8 @@ def streams(start_s: float, records: int, seed: int) -> dict[str, Stream]:
     themselves.
     """
     rng = np.random.default_rng(seed)
-    fast, slow = np.arange(records) / 7000.0 - 0.1, np.arange(records // 14) / 500.0 - 0.1
+    fast = np.arange(records) / 7000.0 - 0.1
+    slow = np.arange(records // 14) / 500.0 - 0.1
     delay = rng.uniform(0.0, 2e-3, records)
     delay[7] = 0.0  # the record that took no time says where the clocks meet
     counts = rng.integers(-60_000_000, 40_000_000, (2, records)).astype(np.int32)

@@ -33,7 +33,8 @@ from tests.model.legs import PAPER
 SHORT = ExamDesign(
     tuple((height, speed) for height in (205.0, 225.0) for speed in (2.4, 4.0)), 2, (205.0,)
 )
-HEIGHT_M, SPEED_RAD_S = 0.215, 3.25
+HEIGHT_M = 0.215
+SPEED_RAD_S = 3.25
 TIGHT = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
 
 

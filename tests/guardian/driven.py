@@ -38,7 +38,8 @@ class Driving:
         return self.program.communicate(timeout=PATIENCE_S)[1].strip().splitlines()[-1]
 
     def heard(self, seconds: float) -> list[can.Message]:
-        until_s, messages = time.monotonic() + seconds, []
+        until_s = time.monotonic() + seconds
+        messages = []
         while (left_s := until_s - time.monotonic()) > 0.0:
             if (message := self.ear.recv(timeout=left_s)) is not None:
                 messages.append(message)

@@ -38,11 +38,10 @@ class Burdened(Rotor):
 
 
 def main() -> None:
-    clock, wire = WallClock(), SharedWire("far end")
-    port, serial = (
-        SocketcandPort(wire, "127.0.0.1", 0, clock.start_time().timestamp()),
-        SlcanPort(wire),
-    )
+    clock = WallClock()
+    wire = SharedWire("far end")
+    port = SocketcandPort(wire, "127.0.0.1", 0, clock.start_time().timestamp())
+    serial = SlcanPort(wire)
     bus = wire.join()
     if sys.argv[1] == "mit":
         drive = CubemarsMitTwin(

@@ -46,11 +46,9 @@ def open_guarded(kind: str, clock: WallClock) -> GuardedBus:
 
 
 def motor_on(bus: GuardedBus, kind: str, clock: WallClock) -> ShaftMotor:
-    return (
-        CubemarsMitMotor(bus, clock, MIT, bus)
-        if kind == "mit"
-        else CubemarsServoMotor(bus, clock, SERVO, bus)
-    )
+    if kind == "mit":
+        return CubemarsMitMotor(bus, clock, MIT, bus)
+    return CubemarsServoMotor(bus, clock, SERVO, bus)
 
 
 @dataclass(frozen=True)

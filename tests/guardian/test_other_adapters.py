@@ -36,7 +36,8 @@ def multicast() -> Iterator[tuple[CanBusSettings, can.BusABC]]:
 
 
 def heard(ear: can.BusABC, seconds: float) -> list[can.Message]:
-    until_s, messages = time.monotonic() + seconds, []
+    until_s = time.monotonic() + seconds
+    messages = []
     while (left_s := until_s - time.monotonic()) > 0.0:
         if (message := ear.recv(timeout=left_s)) is not None:
             messages.append(message)

@@ -67,7 +67,8 @@ def test_a_silence_that_trips_at_every_tick_or_never_is_refused(tmp_path, silenc
 def test_the_bus_of_a_run_is_the_guardians_and_the_driver_knows_it(
     tmp_path, monkeypatch, more, guarded
 ):
-    rig, clock = rig_with(tmp_path, SECTIONS["mit"] + more), WallClock()
+    rig = rig_with(tmp_path, SECTIONS["mit"] + more)
+    clock = WallClock()
     with far_end("mit") as served:
         monkeypatch.setenv("CAN_CONFIG", served.can_config)
         with open_commanding_bus(rig, clock) as bus:

@@ -255,7 +255,8 @@ class Faulty(CanEnd):
 
     def __init__(self, refused, also_deaf: bool = False) -> None:
         super().__init__("faulty", [])
-        self.refused, self.also_deaf = refused, also_deaf
+        self.refused = refused
+        self.also_deaf = also_deaf
         self.tried: list[bytes] = []
         self.taken: list[bytes] = []
 

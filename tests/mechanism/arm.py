@@ -17,8 +17,10 @@ BRISTLE_RAD = 0.002  # bend of a bristle at the friction torque
 # Computed torque: every joint follows its reference as an oscillator of this stiffness per s2 and
 # damping per s. With a delay of 16 ms the phase margin is 30 deg. Rotors behind gears that yield
 # are ten to twenty times lighter than the links that the controller knows.
-STIFF, DAMPED = 400.0, 40.0
-GEARED_STIFF, GEARED_DAMPED = 64.0, 12.0
+STIFF = 400.0
+DAMPED = 40.0
+GEARED_STIFF = 64.0
+GEARED_DAMPED = 12.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ class Arm:
 
 def mjcf(arm):
     """The rigid part of the arm for MuJoCo, without anything that dissipates."""
-    body, tail = "", ""
+    body = ""
+    tail = ""
     for number, (length, mass, rotor) in enumerate(
         zip(arm.length_m, arm.mass_kg, arm.rotor_kg_m2, strict=False), start=1
     ):
@@ -101,7 +104,8 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
     phases = random.uniform(0.0, 2.0 * np.pi, (n, 3))
     middle = random.uniform(-pose_rad, pose_rad, n)
     t_s = np.arange(0.0, seconds, SAMPLE_S)
-    length, mass = np.array(arm.length_m), np.array(arm.mass_kg)
+    length = np.array(arm.length_m)
+    mass = np.array(arm.mass_kg)
     stiff, damped = (STIFF, DAMPED) if arm.gear is None else (GEARED_STIFF, GEARED_DAMPED)
     # the controller is sampled, and its torque is held: what is recorded is what was told
     state = np.concatenate([middle, np.zeros(n), np.zeros(n)])
@@ -110,11 +114,9 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
             [state, middle + _deflection(arm, _weight(arm, np.cumsum(middle))), np.zeros(n)]
         )
     read = slice(0, 2 * n) if arm.gear is None else slice(3 * n, 5 * n)
-    angles, speeds, torques = (
-        np.empty((t_s.size, n)),
-        np.empty((t_s.size, n)),
-        np.empty((t_s.size, n)),
-    )
+    angles = np.empty((t_s.size, n))
+    speeds = np.empty((t_s.size, n))
+    torques = np.empty((t_s.size, n))
     late = round(arm.torque_delay_s / SAMPLE_S)
     for k, t in enumerate(t_s):
         wave = (size_rad / 3.0) * np.sin(rates * t + phases)
@@ -149,7 +151,8 @@ def _advance(arm, state, torque):
 
 
 def _numbers(arm):
-    law, n = arm.friction, arm.joints
+    law = arm.friction
+    n = arm.joints
     of_joints = (
         arm.length_m,
         arm.mass_kg,
@@ -185,7 +188,8 @@ def _runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, h, steps):
 
 
 def _numbers_of_gear(arm):
-    gear, n = arm.gear, arm.joints
+    gear = arm.gear
+    n = arm.joints
     return tuple(
         np.array(values[:n])
         for values in (gear.stiffness_Nm_per_rad, gear.play_rad, gear.damping_Nm_s_per_rad)
@@ -204,9 +208,11 @@ def _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness
     pulls its teeth together.
     """
     n = length.size
-    passed, rates = np.zeros(n), np.zeros(5 * n)
+    passed = np.zeros(n)
+    rates = np.zeros(5 * n)
     for i in range(n):
-        lead, lead_rate = x[3 * n + i] - x[i], x[4 * n + i] - x[n + i]
+        lead = x[3 * n + i] - x[i]
+        lead_rate = x[4 * n + i] - x[n + i]
         bend = max(abs(lead) - 0.5 * play[i], 0.0) * np.sign(lead)
         if bend != 0.0:
             passed[i] = stiffness[i] * bend + damping[i] * lead_rate
@@ -242,7 +248,8 @@ def _geared_runge_kutta(
 
 def _weight(arm, absolute):
     """The torque (n,) in each joint that holds the arm against its weight."""
-    length, mass = np.array(arm.length_m), np.array(arm.mass_kg)
+    length = np.array(arm.length_m)
+    mass = np.array(arm.mass_kg)
     beyond = np.append(np.cumsum(mass[::-1])[::-1][1:], 0.0)
     own = GRAVITY_M_S2 * (mass * length / 2.0 + beyond * length) * np.sin(absolute)
     return np.cumsum(own[::-1])[::-1]
@@ -255,10 +262,13 @@ def _rate(arm, state, torque):
 @numba.njit(cache=True)
 def _rates(state, torque, length, mass, rotor, dry, viscous, shape):
     n = length.size
-    q, w, bristle = state[:n], state[n : 2 * n], state[2 * n :]
+    q = state[:n]
+    w = state[n : 2 * n]
+    bristle = state[2 * n :]
     friction, bend = _friction(w, bristle, torque, dry, viscous, shape)
     in_joints, moment, heavy = _inertia(q, length, mass)
-    right, rates = np.zeros(n), np.zeros(3 * n)
+    right = np.zeros(n)
+    rates = np.zeros(3 * n)
     angle_i = inner = 0.0
     for i in range(n):
         angle_i += q[i]
@@ -303,7 +313,9 @@ def _inertia(q, length, mass):
     The kinetic energy is that sum, in absolute angles theta.
     """
     n = length.size
-    heavy, moment, inertia = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+    heavy = np.zeros(n)
+    moment = np.zeros((n, n))
+    inertia = np.zeros((n, n))
     beyond = 0.0
     for i in range(n - 1, -1, -1):
         heavy[i] = mass[i] * length[i] / 2.0 + beyond * length[i]
@@ -331,7 +343,8 @@ def _inertia(q, length, mass):
 @numba.njit(cache=True)
 def _friction(w, bristle, torque, dry, viscous, shape):
     rise, falls, of_load = shape
-    friction, bend = np.zeros(w.size), np.zeros(w.size)
+    friction = np.zeros(w.size)
+    bend = np.zeros(w.size)
     for i in range(w.size):
         friction[i] = viscous[i] * w[i]
         full = dry[i] * (1.0 + rise * np.exp(-((w[i] / falls) ** 2))) + of_load * abs(torque[i])

@@ -14,7 +14,8 @@ GRAVITY_M_S2 = 9.81
 SAMPLE_S = 0.002
 STEP_S = 1e-5
 SOLE_M = 0.02
-STIFFNESS_N_PER_M1P5, DAMPING_S_PER_M = 2e5, 0.4
+STIFFNESS_N_PER_M1P5 = 2e5
+DAMPING_S_PER_M = 0.4
 # MuJoCo's contact that follows such a sole under a foot of 0.3 kg to 0.1 mm rms of the leg's
 # length: solref, solimp
 CONTACT = ("-134900 -54", "0.02 0.1 0.0245 0.5 1")
@@ -55,10 +56,8 @@ def mjcf(hopper, own_contact=False):
     floor = f'''type="box" size="0.2 0.2 0.01" pos="0 0 -0.01" mass="1" solref="{solref}" solimp="{solimp}" priority="1" condim="1"'''
     sensor = '<touch name="plate_force" site="sole_site"/>'
     if own_contact:
-        floor, sensor = (
-            'type="plane" size="0.2 0.2 0.01" contype="0" conaffinity="0"',
-            '<force name="plate_force" site="plate"/>',
-        )
+        floor = 'type="plane" size="0.2 0.2 0.01" contype="0" conaffinity="0"'
+        sensor = '<force name="plate_force" site="plate"/>'
     return f"""<mujoco model="hopper"><option gravity="0 0 -9.81"/><worldbody>
 <body name="plate"><site name="plate"/><geom name="floor" {floor}/></body>
 <body name="trunk"><joint name="rail" type="slide" axis="0 0 1"/>
@@ -83,16 +82,16 @@ def _advance(x, force, values, steps):
     pressed = 0.0
     for step in range(steps):
         height, leg, climb, extend = x
-        depth, rate = SOLE_M - (height - leg), extend - climb
+        depth = SOLE_M - (height - leg)
+        rate = extend - climb
         deep = max(depth, 0.0) / usual_depth
-        N = (
-            max(
+        if depth > 0.0:
+            N = max(
                 0.0,
                 k * (usual_depth * deep) ** 1.5 * (deep**power + c * rate * deep**damping_power),
             )
-            if depth > 0.0
-            else 0.0
-        )
+        else:
+            N = 0.0
         pressed = N if step == 0 else pressed
         on_rail = (
             dry_rail * (1.0 + rise * np.exp(-((climb / 0.05) ** 2))) * np.tanh(climb / 0.002)
@@ -116,10 +115,8 @@ def record(hopper, seconds, seed):
     (m,).
     """
     random = np.random.default_rng(seed)
-    rates, phases = (
-        random.uniform((1.6, 2.6), (2.2, 3.4)) * 2.0 * np.pi,
-        random.uniform(0.0, 2.0 * np.pi, 2),
-    )
+    rates = random.uniform((1.6, 2.6), (2.2, 3.4)) * 2.0 * np.pi
+    phases = random.uniform(0.0, 2.0 * np.pi, 2)
     swing_m = np.array([0.03, 0.015]) * random.uniform(0.8, 1.2)
     values = np.array(
         [
@@ -134,10 +131,16 @@ def record(hopper, seconds, seed):
         ]
     )
     t_s = np.arange(0.0, seconds, SAMPLE_S)
-    state, read = np.array([REST_M + SOLE_M, REST_M, 0.0, 0.0]), np.empty((t_s.size, 2))
-    plate, force = np.empty(t_s.size), np.empty(t_s.size)
-    late, filtered = round(hopper.force_delay_s / SAMPLE_S), 0.0
-    share = 1.0 - np.exp(-SAMPLE_S / hopper.plate_lag_s) if hopper.plate_lag_s > 0.0 else 1.0
+    state = np.array([REST_M + SOLE_M, REST_M, 0.0, 0.0])
+    read = np.empty((t_s.size, 2))
+    plate = np.empty(t_s.size)
+    force = np.empty(t_s.size)
+    late = round(hopper.force_delay_s / SAMPLE_S)
+    filtered = 0.0
+    if hopper.plate_lag_s > 0.0:
+        share = 1.0 - np.exp(-SAMPLE_S / hopper.plate_lag_s)
+    else:
+        share = 1.0
     for k, t in enumerate(t_s):
         read[k] = state[:2]
         wanted = REST_M + swing_m @ np.sin(rates * t + phases)

@@ -14,16 +14,17 @@ def record(arm, seed):
     from rest under the weight.
     """
     random = np.random.default_rng(seed)
-    rates, phases, sizes = (
-        random.uniform(3.0, 9.0, 3),
-        random.uniform(0.0, 2.0 * np.pi, 3),
-        random.uniform(2.0, 4.0, 3),
-    )
+    rates = random.uniform(3.0, 9.0, 3)
+    phases = random.uniform(0.0, 2.0 * np.pi, 3)
+    sizes = random.uniform(2.0, 4.0, 3)
     t_s = np.arange(0.0, SECONDS, SAMPLE_S)
     torque = sizes @ (np.sin(rates[:, None] * t_s + phases[:, None]) - np.sin(phases)[:, None])
-    state, angle, speed = np.zeros(6), np.empty(t_s.size), np.empty(t_s.size)
+    state = np.zeros(6)
+    angle = np.empty(t_s.size)
+    speed = np.empty(t_s.size)
     for k in range(t_s.size):
-        angle[k], speed[k] = state[0], state[2]
+        angle[k] = state[0]
+        speed[k] = state[2]
         state = _advance(arm, state, np.array([torque[k], 0.0]))
     noise = np.random.default_rng([seed, 1])
     angle = angle + arm.angle_error_rad * noise.standard_normal(angle.shape)

@@ -398,7 +398,10 @@ def _rates(angle, speed, bend, numbers):
     dry_now_Nm = dry_Nm * (1.0 + rise * np.exp(-((speed / falls_rad_s) ** 2)))
     weight_Nm = gravity_Nm * np.sin(angle)
     right_Nm = driven_Nm - smooth_Nm - dry_now_Nm * pull + rotor / inertia * weight_Nm
-    load_share = driving_share if right_Nm * pull > 0.0 else back_driving_share
+    if right_Nm * pull > 0.0:
+        load_share = driving_share
+    else:
+        load_share = back_driving_share
     load_sign = 1.0 if right_Nm > 0.0 else -1.0
     transmitted_Nm = right_Nm / (1.0 + rotor / inertia + load_share * pull * load_sign)
     return speed, (transmitted_Nm - weight_Nm) / inertia, bend_rate

@@ -25,7 +25,8 @@ from rfca_rig.mechanism.plant import (
 )
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 
-KG, RADIUS_M = 0.4, 0.03
+KG = 0.4
+RADIUS_M = 0.03
 LAW = SphereOnPlane("ball", "floor", 4e4, 0.5, 0.3, 2e-4, 1.5)
 T_S = np.linspace(0.002, 1.0, 500)
 NEVER = 'contype="0" conaffinity="0"'
@@ -190,7 +191,9 @@ def give_back(contact, along, depth, h):
         apply_contact_forces(contact, h)
         after = contact.xfrc_applied[1, 0]
         work = 0.5 * (F + after) * moved
-        F, total, passed = after, total + work, passed + abs(work)
+        F = after
+        total = total + work
+        passed = passed + abs(work)
         most = max(most, total)
     return most, passed
 
@@ -228,7 +231,8 @@ def test_friction_gives_back_no_energy_on_random_closed_paths():
     """The load changes while the ball sticks, and it lifts off in some: sums of sines, gone
     through three times.
     """
-    random, t = np.random.default_rng(1), np.linspace(0.0, 3.0, 1801)
+    random = np.random.default_rng(1)
+    t = np.linspace(0.0, 3.0, 1801)
     for _ in range(300):
         waves = np.sin(
             2.0 * np.pi * np.arange(1, 5)[:, None] * t + random.uniform(0.0, 2.0 * np.pi, (2, 4, 1))

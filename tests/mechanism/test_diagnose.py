@@ -304,11 +304,16 @@ def test_a_draft_names_what_it_cannot_know_and_is_read_once_that_is_filled_in(sh
         read_experiment(folder)
     units = {"time": "s", "position": "deg", "speed": "rad/s", "command": "N m"}
     letters = {"position": "q", "speed": "w", "command": "tau"}
-    filled, kind, number = [], "time", ""
+    filled = []
+    kind = "time"
+    number = ""
     for line in text.splitlines():
         key, _, value = line.partition(" = ")
         number = value[-2] if key in ("joint", "actuator") else number
-        kind = "command" if key == "actuator" else value.strip('"') if key == "quantity" else kind
+        if key == "actuator":
+            kind = "command"
+        else:
+            kind = value.strip('"') if key == "quantity" else kind
         answers = {"column": f'"{letters.get(kind)}{number}"', "unit": f'"{units[kind]}"'}
         filled.append(f"{key} = {answers.get(key, 0.01)}" if value.startswith('"?"') else line)
     path.write_text("\n".join(filled), encoding="utf-8")

@@ -25,7 +25,8 @@ from rfca_rig.mechanism.usual_motion import UsualMotion
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, mjcf
 
-START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
+START_RAD = np.array([0.9, -0.4, 0.7])
+START_RAD_S = np.array([0.5, -1.0, 2.0])
 T_S = np.linspace(0.005, 0.5, 50)
 WAVE_S = np.arange(-0.1, 0.7, 0.002)
 TRACE = CommandTrace(WAVE_S, np.column_stack([np.sin(20.0 * WAVE_S)] * 3) * (4.0, 2.0, 1.0))
@@ -64,7 +65,9 @@ def moved(plant):
 
 def middle(parameter):
     value = 0.5 * (parameter.low + parameter.high) or parameter.high
-    return float(round(value)) if parameter.whole else value
+    if parameter.whole:
+        return float(round(value))
+    return value
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +136,8 @@ def test_every_effect_changes_the_motion_and_leaves_the_mechanism_alone(
 )
 def test_an_effect_of_one_joint_is_the_general_one_with_nothing_elsewhere(mechanism, effect_id):
     effects = effects_of(mechanism)
-    general, single = effects[effect_id], effects[f"{effect_id}_of_one"]
+    general = effects[effect_id]
+    single = effects[f"{effect_id}_of_one"]
     size = middle(general.parameters[1])
     alone = single.apply(
         make_plant(mechanism, 1e-3), {"joint": 2.0, single.parameters[1].name: size}
@@ -360,7 +364,9 @@ def test_stiffness_and_damping_of_a_contact_are_scaled_apart(on_floor, solref):
 
     def both():
         first, second = plant.model.geom_solref[0]
-        return (-first, -second) if first < 0.0 else (1.0 / (first * second) ** 2, 2.0 / first)
+        if first < 0.0:
+            return (-first, -second)
+        return (1.0 / (first * second) ** 2, 2.0 / first)
 
     stiffness, damping = both()
     scale_contact_stiffness(plant, 3.0)
@@ -377,7 +383,8 @@ def test_what_is_never_negative_ends_at_zero(mechanism, plain):
 
 
 def test_the_amended_model_moves_as_the_plant_does(mechanism, plain, tmp_path):
-    effects, plant = effects_of(mechanism), make_plant(mechanism, 1e-3)
+    effects = effects_of(mechanism)
+    plant = make_plant(mechanism, 1e-3)
     for name in (
         "joint_friction",
         "joint_damping",

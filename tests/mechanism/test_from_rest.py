@@ -83,7 +83,8 @@ def test_repeats_of_a_condition_are_averaged(folder, tmp_path):
     )
     problem = problem_of(place)
     assert len(problem.conditions) == 3
-    both, single = problem.conditions[0], problem_of(folder).conditions[0]
+    both = problem.conditions[0]
+    single = problem_of(folder).conditions[0]
     bins = both.windows[0].window.measured.shape[1]
     shift = both.windows[0].window.measured[0] - single.windows[0].window.measured[0, :bins]
     assert shift[:-1] == pytest.approx(0.001, abs=1e-6)

@@ -23,7 +23,8 @@ from rfca_rig.model.parameters import PresentEffect
 from tests.mechanism.arm import Arm, Gear, _rate, mjcf, record, write_campaign
 
 GEARED = Arm(rotor_kg_m2=(0.06, 0.02, 0.004))
-START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
+START_RAD = np.array([0.9, -0.4, 0.7])
+START_RAD_S = np.array([0.5, -1.0, 2.0])
 T_S = np.linspace(0.005, 0.5, 100)
 WAVE_S = np.arange(-0.2, 0.8, 0.002)
 LARGEST_NM = np.array([4.0, 2.0, 1.0])
@@ -107,7 +108,8 @@ def test_an_elastic_gear_is_read_by_what_it_transmits_at_the_start_too(geared):
     """The arm's own equations, with the deflection of a spring that carries the torque less what
     accelerates the rotor.
     """
-    compliance, rotor = np.array([0.004, 0.008, 0.02]), np.array(GEARED.rotor_kg_m2)
+    compliance = np.array([0.004, 0.008, 0.02])
+    rotor = np.array(GEARED.rotor_kg_m2)
     state = np.concatenate([START_RAD, START_RAD_S, np.zeros(3)])
     found = solve_ivp(
         lambda t, x: _rate(GEARED, x, waves(t)),
@@ -126,7 +128,8 @@ def test_an_elastic_gear_is_read_by_what_it_transmits_at_the_start_too(geared):
     grows = compliance * np.array(
         [(transmitted(t + 1e-4) - transmitted(t - 1e-4)) / 2e-4 for t in found.t]
     )
-    position, speed = found.y[:3].T + ahead, found.y[3:6].T + grows
+    position = found.y[:3].T + ahead
+    speed = found.y[3:6].T + grows
     values = {f"joint{j + 1}_compliance_rad_per_Nm": size for j, size in enumerate(compliance)}
     read = moved(with_effect(geared, USUAL, "gear_compliance", values), position[0], speed[0])
     rigid = moved(make_plant(geared, 1e-3), position[0], speed[0])
@@ -177,7 +180,8 @@ def test_the_laws_of_gears_follow_rotors_behind_springs(tmp_path, gear, effect_i
     )
     problem = make_problem(experiment, load_mechanism(experiment.model))
     values = tuple((f"joint{j + 1}_{size}", value) for j, value in enumerate(sizes))
-    rigid, follows = misses(problem), misses(problem, (PresentEffect(effect_id, values),))
+    rigid = misses(problem)
+    follows = misses(problem, (PresentEffect(effect_id, values),))
     assert rigid[0] > 0.7
     assert np.sqrt(np.mean(follows**2)) < 0.4 * np.sqrt(np.mean(rigid**2))
     assert follows[0] < 0.25 * rigid[0]
@@ -187,7 +191,8 @@ def test_a_rotor_crosses_its_play_as_fast_as_its_inertia_lets_it(geared):
     """The joint's equations, and a rotor that falls freely through the play under what the gear
     would transmit, solved with events.
     """
-    play, inertia = 0.05, GEARED.rotor_kg_m2[0]
+    play = 0.05
+    inertia = GEARED.rotor_kg_m2[0]
     torque = CommandTrace(
         np.array([-0.2, 0.1, 0.1001, 0.9]), np.outer([4.0, 4.0, -8.0, -8.0], [1.0, 0.0, 0.0])
     )

@@ -178,10 +178,8 @@ def short(tmp_path_factory):
 
 @pytest.mark.slow
 def test_an_effect_of_all_joints_stays_in_the_others(short):
-    mechanism, place = (
-        short.simulator.mechanism,
-        parse_place("joint2.speed", short.simulator.mechanism),
-    )
+    mechanism = short.simulator.mechanism
+    place = parse_place("joint2.speed", short.simulator.mechanism)
     for name in ("joint_friction", "joint_stribeck", "joint_hysteresis"):
         term = EffectTerm(short.simulator.effects[name])
         left = _leave_out(term, mechanism, place)
@@ -221,10 +219,12 @@ def test_a_steep_table_is_dry_friction_whatever_the_step(tmp_path):
     """Explicit torques of 40 N m s/rad on 0.01 kg m2 would need steps below 0.5 ms."""
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 4e-3)
     without = moved(plant)
-    knots, values = np.array([-5.0, -0.01, 0.0, 0.01, 5.0]), np.array([-0.4, -0.4, 0.0, 0.4, 0.4])
+    knots = np.array([-5.0, -0.01, 0.0, 0.01, 5.0])
+    values = np.array([-0.4, -0.4, 0.0, 0.4, 0.4])
     plant.laws = (JointLaw(2, True, knots, values, np.zeros(5)),)
     with_table = moved(plant)
-    plant.laws, plant.friction[2] = (), 0.4
+    plant.laws = ()
+    plant.friction[2] = 0.4
     assert np.abs(with_table - moved(plant)).max() < 0.02 * np.abs(with_table - without).max()
 
 
@@ -238,7 +238,8 @@ def test_a_table_takes_friction_of_the_model_away_and_drives_beyond_that(tmp_pat
     assert np.abs(moved(plant) - without).max() < 1e-3
     plant.laws = (JointLaw(1, True, KNOTS, -0.1 * KNOTS, NONE),)
     driven = moved(plant)
-    plant.laws, plant.model.dof_damping[1] = (), -0.1
+    plant.laws = ()
+    plant.model.dof_damping[1] = -0.1
     assert np.abs(driven - moved(plant)).max() < 0.05 * np.abs(driven - without).max()
 
 
@@ -248,7 +249,8 @@ def test_branches_act_while_the_argument_rises_and_against_it_while_it_falls(tmp
     without = moved(plant)
     plant.laws = (JointLaw(1, False, KNOTS, NONE, NONE + 0.1, turning=0.01),)
     with_branch = moved(plant)
-    plant.laws, plant.friction[1] = (), 0.1
+    plant.laws = ()
+    plant.friction[1] = 0.1
     assert (
         np.abs(with_branch - moved(plant)).max() < 0.12 * np.abs(with_branch - without).max()
     )  # it does not stick
@@ -262,7 +264,9 @@ def test_what_a_plant_has_already_is_its_damper_friction_and_spring(tmp_path):
     plant = make_plant(
         loaded(tmp_path, text.replace("<option", '<compiler angle="radian"/><option')), 1e-3
     )
-    plant.stribeck[0, 1], plant.stribeck[1, 1], plant.stribeck[2, 1] = 0.1, 1.0, 0.5
+    plant.stribeck[0, 1] = 0.1
+    plant.stribeck[1, 1] = 1.0
+    plant.stribeck[2, 1] = 0.5
     u = np.array([-1.0, 0.0, 2.0])
     dry = 0.2 + 0.1 * (1.0 + np.exp(-np.abs(u) / 0.5))
     assert compute_own_law(plant, 1, True, u) == pytest.approx(0.3 * u + dry * np.sign(u))

@@ -15,8 +15,10 @@ from rfca_rig.mechanism.plant import JointLaw, make_plant
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from tests.mechanism.arm import Arm, mjcf
 
-STEP_S, STEPS = 1e-3, 400
-START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
+STEP_S = 1e-3
+STEPS = 400
+START_RAD = np.array([0.9, -0.4, 0.7])
+START_RAD_S = np.array([0.5, -1.0, 2.0])
 TRACE_S = -0.2 + np.arange(800) * STEP_S
 TRACE = np.column_stack(
     [3.0 * np.sin(9.0 * TRACE_S), 1.5 * np.cos(13.0 * TRACE_S), 0.3 * np.sin(17.0 * TRACE_S + 1.0)]
@@ -42,13 +44,16 @@ def written(plant, tmp_path):
 
 def stepped(model, laws):
     """Positions and speeds (k, n) of MuJoCo's own loop, as the head of the file shows it."""
-    model.opt.timestep, model.opt.integrator = STEP_S, mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.timestep = STEP_S
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     data = mujoco.MjData(model)
     if hasattr(laws, "shape_commands"):
         ctrl = laws.shape_commands(TRACE_S, TRACE, STEP_S, STEPS)
     else:
         ctrl = 0.5 * (TRACE[:-1] + TRACE[1:])[round(-TRACE_S[0] / STEP_S) :][:STEPS]
-    data.qpos[:], data.qvel[:], data.ctrl[:] = START_RAD, START_RAD_S, ctrl[0]
+    data.qpos[:] = START_RAD
+    data.qvel[:] = START_RAD_S
+    data.ctrl[:] = ctrl[0]
     mujoco.mj_forward(model, data)
     state = laws.start(model) if hasattr(laws, "act") else None
     path = [(data.qpos.copy(), data.qvel.copy())]
@@ -96,7 +101,9 @@ def commands(plant):
     plant.command_gain[:] = 1.1, 0.9, 1.0
     plant.command_limit[:] = 2.0, np.inf, 0.25
     plant.command_dead_band[:] = 0.1, 0.05, 0.0
-    plant.command_delay_s, plant.command_lag_s, plant.command_clock_rate = 0.011, 0.013, 0.002
+    plant.command_delay_s = 0.011
+    plant.command_lag_s = 0.013
+    plant.command_clock_rate = 0.002
 
 
 CHANGES = (stribeck, load_loss, hysteresis, steady, tables, commands)
@@ -129,12 +136,12 @@ def test_readings_are_those_of_the_amended_simulation(tmp_path):
     plant = make_plant(load_mechanism(tmp_path / "arm.xml"), STEP_S, reads_sensors=True)
     plain = rolled(plant)
     plant.zero_offset[:] = 0.01, -0.02, 0.03
-    plant.speed_lag_s, plant.sensor_lag_s, plant.sensor_delay_s = 0.01, 0.007, 0.004
-    plant.sensor_gain[:], plant.sensor_offset[:], plant.sensor_drift_per_s[:] = (
-        1.2,
-        0.1,
-        (0.2, 0.0, -0.1),
-    )
+    plant.speed_lag_s = 0.01
+    plant.sensor_lag_s = 0.007
+    plant.sensor_delay_s = 0.004
+    plant.sensor_gain[:] = 1.2
+    plant.sensor_offset[:] = 0.1
+    plant.sensor_drift_per_s[:] = (0.2, 0.0, -0.1)
     plant.sensor_crosstalk[0, 2] = 0.05
     read = rolled(plant)
     _, laws = written(plant, tmp_path)
@@ -152,7 +159,9 @@ def test_every_law_that_mjcf_does_not_hold_has_a_function(tmp_path):
     plant = plant_of(tmp_path)
     for change in CHANGES:
         change(plant)
-    plant.zero_offset[:], plant.speed_lag_s, plant.sensor_lag_s = 0.01, 0.01, 0.01
+    plant.zero_offset[:] = 0.01
+    plant.speed_lag_s = 0.01
+    plant.sensor_lag_s = 0.01
     beyond = write_amended_model(plant, tmp_path / "model.xml")
     assert set(beyond) <= set(PARTS)
     assert set(PARTS) - set(beyond) == {
@@ -172,14 +181,16 @@ def test_what_has_no_function_is_said_in_the_file_and_an_old_file_goes(tmp_path)
 
 
 def test_an_amended_gain_scales_the_command_and_not_what_the_actuator_feeds_back(tmp_path):
-    kp_Nm_per_rad, kv_Nm_s_per_rad = 40.0, 4.0
+    kp_Nm_per_rad = 40.0
+    kv_Nm_s_per_rad = 4.0
     text = mjcf(Arm())
     joints = [f"joint{number}" for number in (1, 2, 3)]
     servos = "".join(
         f'<position name="servo{n}" joint="{joint}" kp="{kp_Nm_per_rad}" kv="{kv_Nm_s_per_rad}"/>'
         for n, joint in enumerate(joints)
     )
-    begin, end = text.index("<actuator>") + len("<actuator>"), text.index("</actuator>")
+    begin = text.index("<actuator>") + len("<actuator>")
+    end = text.index("</actuator>")
     (tmp_path / "arm.xml").write_text(text[:begin] + servos + text[end:], encoding="utf-8")
     plant = make_plant(load_mechanism(tmp_path / "arm.xml"), STEP_S)
     unscaled = rolled(plant).position

@@ -54,9 +54,10 @@ NUMERIC = re.compile(rf'(\w+)="({NUMBER}(?: {NUMBER})*)"')
 
 def numeric_attributes(text: str) -> list[pytest.param]:
     """The place of each last number of an attribute, outside of comments."""
-    comment = (
-        range(*re.search(r"<!--.*-->", text, re.DOTALL).span()) if "<!--" in text else range(0)
-    )
+    if "<!--" in text:
+        comment = range(*re.search(r"<!--.*-->", text, re.DOTALL).span())
+    else:
+        comment = range(0)
     attributes = [
         attribute for attribute in NUMERIC.finditer(text) if attribute.start() not in comment
     ]

@@ -40,7 +40,8 @@ def second_rod(q1, w1, a1):
     length, own = TWO.length_m
 
     def rate(t, x):
-        first, second = q1(t), q1(t) + x[0]
+        first = q1(t)
+        second = q1(t) + x[0]
         # of the rod about its joint, which moves on a circle: I a = -m g c sin - m c (acceleration
         # of the joint along the rod's normal)
         along = length * (a1(t) * np.cos(first - second) + w1(t) ** 2 * -np.sin(first - second))
@@ -96,7 +97,8 @@ def test_no_load_moves_a_prescribed_joint(tmp_path):
 
 def test_noise_of_a_reading_is_smoothed_and_a_command_is_not():
     t_s = np.arange(0.0, 1.0, 0.001)
-    clean, noise = np.sin(5.0 * t_s), 1e-3 * np.random.default_rng(3).standard_normal(len(t_s))
+    clean = np.sin(5.0 * t_s)
+    noise = 1e-3 * np.random.default_rng(3).standard_normal(len(t_s))
     smooth = fit_trajectory(t_s, (clean + noise)[:, None], [0.05])
     exact = fit_trajectory(t_s, (clean + noise)[:, None], [0.0])
     inner = t_s[50:-50]
@@ -116,7 +118,8 @@ def test_a_start_at_rest_is_the_equilibrium_of_weight_and_springs(tmp_path):
     found = simulate_plant(plant, trace, None, None, T_S)
 
     def unbalanced(q):
-        (one, two), (m1, m2) = TWO.length_m, TWO.mass_kg
+        (one, two) = TWO.length_m
+        (m1, m2) = TWO.mass_kg
         second = 9.81 * m2 * two / 2.0 * np.sin(q[0] + q[1])
         first = 9.81 * (m1 / 2.0 + m2) * one * np.sin(q[0]) + second
         return [first + 6.0 * (q[0] - 1.0), second + 2.0 * q[1] - 0.4 - 0.7]
@@ -145,7 +148,8 @@ def test_a_start_may_swing_and_springs_may_be_stiffer(tmp_path):
     found = simulate_plant(
         plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S
     )
-    sag, w = 0.5 * 9.81 / 60.0, np.sqrt(60.0 / 0.5)
+    sag = 0.5 * 9.81 / 60.0
+    w = np.sqrt(60.0 / 0.5)
     own = -sag + sag * (0.3 * np.cos(w * T_S) + 2.0 / w * np.sin(w * T_S))
     assert found.position[:, 0] == pytest.approx(own, abs=1e-5)
 

@@ -145,8 +145,10 @@ def test_dry_friction_is_a_step_of_the_torque_that_the_model_lacks(folder):
 
 
 def test_lines_are_broken_where_windows_start_and_keep_their_peaks():
-    t_s, values = np.linspace(0.0, 1.0, 101), np.zeros(101)
-    values[37], values[50] = 5.0, np.nan
+    t_s = np.linspace(0.0, 1.0, 101)
+    values = np.zeros(101)
+    values[37] = 5.0
+    values[50] = np.nan
     x, y = _with_breaks(t_s, values, np.array([0, 25, 60]), 20)
     assert np.isnan(x).tolist() == np.isnan(y).tolist()
     assert np.isnan(y).sum() == 2
@@ -155,7 +157,8 @@ def test_lines_are_broken_where_windows_start_and_keep_their_peaks():
 
 
 def test_of_many_recordings_those_are_drawn_that_the_model_misses_most(tmp_path):
-    names, t_s = [f"run {k}, repeat 1" for k in range(MOST_SHOWN + 3)], np.linspace(0.0, 1.0, 20)
+    names = [f"run {k}, repeat 1" for k in range(MOST_SHOWN + 3)]
+    t_s = np.linspace(0.0, 1.0, 20)
     sizes = {name: 1.0 + (k * 7) % len(names) for k, name in enumerate(names)}
     errors = [
         SignalError(name, "arm_position_rad", 0.1, size, size, size) for name, size in sizes.items()

@@ -16,7 +16,8 @@ from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, _rate, mjcf
 
 ARM = Arm()
-START_RAD, START_RAD_S = np.array([0.9, -0.4, 0.7]), np.array([0.5, -1.0, 2.0])
+START_RAD = np.array([0.9, -0.4, 0.7])
+START_RAD_S = np.array([0.5, -1.0, 2.0])
 T_S = np.linspace(0.005, 0.5, 100)
 
 
@@ -83,7 +84,9 @@ def test_friction_of_a_load_is_a_share_of_the_torque(tmp_path):
 
 def test_stribeck_friction_is_dry_friction_at_high_speed_and_more_at_rest(tmp_path):
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
-    plant.stribeck[0], plant.stribeck[1], plant.stribeck[2] = 0.2, 1.0, 1e-6
+    plant.stribeck[0] = 0.2
+    plant.stribeck[1] = 1.0
+    plant.stribeck[2] = 1e-6
     falls_at_once = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     plant.stribeck[2] = 1e6
     never_falls = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
@@ -131,7 +134,8 @@ def test_a_lag_of_commands_and_of_speeds_follows_its_time_constant(tmp_path):
         T_S,
     )
     # the steady answer of a low-pass to a sine
-    phase, share = np.arctan(10.0 * 0.03), 1.0 / np.hypot(1.0, 10.0 * 0.03)
+    phase = np.arctan(10.0 * 0.03)
+    share = 1.0 / np.hypot(1.0, 10.0 * 0.03)
     steady = share * np.sin(10.0 * t_s - phase)
     same = simulate_plant(
         make_plant(mechanism, 1e-3),
@@ -217,8 +221,10 @@ def test_a_sensor_reads_the_force_that_moves_the_mechanism(tmp_path):
     """Newton's law of the whole hopper: the mean force on the sole is its weight and the gain of
     its momentum.
     """
-    motion, model = fallen(tmp_path), hopper.Hopper()
-    trunk, foot = motion.speed[:, 0], motion.speed[:, 0] - motion.speed[:, 1]
+    motion = fallen(tmp_path)
+    model = hopper.Hopper()
+    trunk = motion.speed[:, 0]
+    foot = motion.speed[:, 0] - motion.speed[:, 1]
     momentum = model.trunk_kg * trunk + model.foot_kg * foot
     expected = (momentum[-1] - momentum[0]) / (599 * 5e-4) + hopper.GRAVITY_M_S2 * (
         model.trunk_kg + model.foot_kg
@@ -254,7 +260,8 @@ def test_sensors_are_computed_only_where_they_are_read(tmp_path):
 
 def test_hysteresis_returns_what_a_spring_of_the_same_slope_does_and_loses_its_loop(tmp_path):
     """Dahl's friction of a swinging rod against the same law in a solver of its own."""
-    torque_Nm, bend_rad = 0.2, 0.05
+    torque_Nm = 0.2
+    bend_rad = 0.05
     one = Arm(
         length_m=(0.35,),
         mass_kg=(2.0,),
@@ -287,7 +294,8 @@ def test_clock_and_drift_count_from_the_beginning_of_the_recording(tmp_path):
     plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 1e-3, reads_sensors=True)
     wave = np.arange(-0.2, 0.5, 1e-3)
     trace = CommandTrace(wave, 15.0 + 5.0 * np.sin(30.0 * wave)[:, None])
-    start, t_s = np.array([0.275, 0.25]), np.arange(1, 251) * 1e-3
+    start = np.array([0.275, 0.25])
+    t_s = np.arange(1, 251) * 1e-3
 
     def read(since_s, **changes):
         for name, value in {

@@ -118,7 +118,8 @@ def test_without_friction_it_moves_as_the_model_does_in_mujoco(condition):
     model = mujoco.MjModel.from_xml_string(mjcf(servo))
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     data = mujoco.MjData(model)
-    data.qpos[0], data.qvel[0] = recording.true_rad[0], recording.true_rad_s[0]
+    data.qpos[0] = recording.true_rad[0]
+    data.qvel[0] = recording.true_rad_s[0]
     path_rad = np.empty(len(recording.t_s))
     for tick, duty in enumerate(recording.duty):
         path_rad[tick] = data.qpos[0]

@@ -19,7 +19,8 @@ MESH = '<{kind}><geometry><mesh filename="package://arm/{name}.stl"/></geometry>
 
 def urdf(arm, kind="visual", compiler=""):
     """The arm as its MJCF has it, with a mesh on every link."""
-    links, joints = '<link name="base"/>', ""
+    links = '<link name="base"/>'
+    joints = ""
     for number, (length, mass) in enumerate(zip(arm.length_m, arm.mass_kg, strict=True), start=1):
         about = mass * length**2 / 12.0
         inertia = f'<inertia ixx="{about}" iyy="{about}" izz="1e-4" ixy="0" ixz="0" iyz="0"/>'
@@ -30,9 +31,12 @@ def urdf(arm, kind="visual", compiler=""):
             "<link "
             f'name="link{number}">{inertial}{MESH.format(kind=kind, name=f"link{number}")}</link>'
         )
-        parent, at = (
-            (f"link{number - 1}", -arm.length_m[number - 2]) if number > 1 else ("base", 0.0)
-        )
+        if number > 1:
+            parent = f"link{number - 1}"
+            at = -arm.length_m[number - 2]
+        else:
+            parent = "base"
+            at = 0.0
         joints += (
             f'<joint name="joint{number}" type="continuous"><parent '
             f'link="{parent}"/><child link="link{number}"/>'
@@ -50,13 +54,16 @@ def test_a_urdf_without_its_visual_meshes_is_the_same_arm_with_a_motor_on_every_
 ):
     (tmp_path / "arm.urdf").write_text(urdf(ARM, compiler=compiler), encoding="utf-8")
     (tmp_path / "arm.xml").write_text(mjcf(ARM), encoding="utf-8")
-    ours, theirs = load_mechanism(tmp_path / "arm.urdf"), load_mechanism(tmp_path / "arm.xml")
+    ours = load_mechanism(tmp_path / "arm.urdf")
+    theirs = load_mechanism(tmp_path / "arm.xml")
     assert ours.joints == ours.actuators == ("joint1", "joint2")
     assert ours.driven.all()
     accelerations = []
     for model in (ours.model, theirs.model):
         data = mujoco.MjData(model)
-        data.qpos[:], data.qvel[:], data.ctrl[:] = (0.7, -0.3), (1.0, 2.0), (3.0, -1.0)
+        data.qpos[:] = (0.7, -0.3)
+        data.qvel[:] = (1.0, 2.0)
+        data.ctrl[:] = (3.0, -1.0)
         mujoco.mj_forward(model, data)
         accelerations.append(data.qacc.copy())
     assert accelerations[0] == pytest.approx(accelerations[1], rel=1e-6)
@@ -75,7 +82,8 @@ def test_a_missing_mesh_of_a_collision_is_refused_in_one_line(tmp_path):
 
 def test_a_missing_mesh_that_a_mass_comes_from_is_refused(tmp_path):
     text = urdf(ARM, compiler=SHOWN)
-    start, end = text.index("<inertial>"), text.index("</inertial>") + len("</inertial>")
+    start = text.index("<inertial>")
+    end = text.index("</inertial>") + len("</inertial>")
     (tmp_path / "arm.urdf").write_text(text[:start] + text[end:], encoding="utf-8")
     with pytest.raises(BadInput, match="the mass depends on it"):
         load_mechanism(tmp_path / "arm.urdf")

@@ -15,10 +15,14 @@ def tip_of(EI, length_m, alpha_rad, slope_rad):
     tip is then.
     """
     k = np.cos(0.5 * (alpha_rad - slope_rad))
-    phi_0, m = np.arcsin(np.cos(0.5 * alpha_rad) / k), k * k
-    first, second = ellipk(m) - ellipkinc(phi_0, m), ellipe(m) - ellipeinc(phi_0, m)
+    phi_0 = np.arcsin(np.cos(0.5 * alpha_rad) / k)
+    m = k * k
+    first = ellipk(m) - ellipkinc(phi_0, m)
+    second = ellipe(m) - ellipeinc(phi_0, m)
     force = EI * (first / length_m) ** 2
     unit = length_m / first
-    against, beside = unit * (2.0 * second - first), unit * 2.0 * k * np.cos(phi_0)
-    cos, sin = np.cos(alpha_rad), np.sin(alpha_rad)
+    against = unit * (2.0 * second - first)
+    beside = unit * 2.0 * k * np.cos(phi_0)
+    cos = np.cos(alpha_rad)
+    sin = np.sin(alpha_rad)
     return force, -against * cos + beside * sin, -against * sin - beside * cos

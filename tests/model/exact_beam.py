@@ -36,12 +36,17 @@ class Beam:
         dx, dy, theta, turn = np.einsum(
             "ij,nj->in", CHORD, np.concatenate((nodes[:-1], nodes[1:]), axis=1)
         )
-        c, s, zero, one = np.cos(theta), np.sin(theta), 0 * h, np.ones_like(h)
-        stretch, shear = (dx * c + dy * s) / h - 1, (dy * c - dx * s) / h
+        c = np.cos(theta)
+        s = np.sin(theta)
+        zero = 0 * h
+        one = np.ones_like(h)
+        stretch = (dx * c + dy * s) / h - 1
+        shear = (dy * c - dx * s) / h
         by_stretch = np.stack((c / h, s / h, shear, zero), axis=1)
         by_shear = np.stack((-s / h, c / h, -(1 + stretch), zero), axis=1)
         by_bend = np.stack((zero, zero, zero, one / h), axis=1)
-        force, stiffness = np.zeros((len(h), 4)), np.zeros((len(h), 4, 4))
+        force = np.zeros((len(h), 4))
+        stiffness = np.zeros((len(h), 4, 4))
         for k, strain, by in (
             (self.EA, stretch, by_stretch),
             (self.GA, shear, by_shear),
@@ -49,7 +54,8 @@ class Beam:
         ):
             force += (h * k * strain)[:, None] * by
             stiffness += (h * k)[:, None, None] * by[:, :, None] * by[:, None, :]
-        pull, push = self.EA * stretch, self.GA * shear
+        pull = self.EA * stretch
+        push = self.GA * shear
         mixed = np.stack((-pull * s - push * c, pull * c - push * s), axis=1)
         stiffness[:, :2, 2] += mixed
         stiffness[:, 2, :2] += mixed
@@ -60,7 +66,8 @@ class Beam:
         place = 3 * np.arange(len(self.h))[:, None] + np.arange(6)
         size = 3 * len(self.h) + 3
         total = np.bincount(place.ravel(), force.ravel(), size)
-        rows, columns = np.repeat(place, 6, axis=1).ravel(), np.tile(place, (1, 6)).ravel()
+        rows = np.repeat(place, 6, axis=1).ravel()
+        columns = np.tile(place, (1, 6)).ravel()
         return total, coo_matrix((stiffness.ravel(), (rows, columns)), (size, size)).tocsr()
 
     def bent(self, force, steps=20):
@@ -101,7 +108,8 @@ def strip_between_shells(strip, link_lengths, free_m, element_m=1e-3, stiffer=1e
             [borders[-1]],
         ]
     )
-    middle, h = 0.5 * (s[1:] + s[:-1]), np.diff(s)
+    middle = 0.5 * (s[1:] + s[:-1])
+    h = np.diff(s)
     free = np.abs(middle[:, None] - pins).min(axis=1) < free_m / 2
     area = strip.count * strip.width_m * strip.thickness_m
     G = strip.material.youngs_modulus_Pa / (2 * (1 + strip.material.poisson_ratio))
@@ -118,7 +126,9 @@ def chain_tip(link_lengths, energy, slope, force, steps=20):
     """(x, y, angle) of the tip of rigid links whose hinges, the first excepted, store
     `energy(phi)`; the root is clamped.
     """
-    lengths, force, phi = np.array(link_lengths), np.asarray(force), np.zeros(len(link_lengths) - 1)
+    lengths = np.array(link_lengths)
+    force = np.asarray(force)
+    phi = np.zeros(len(link_lengths) - 1)
 
     def value(phi, share):
         angle = np.concatenate(([0.0], np.cumsum(phi)))

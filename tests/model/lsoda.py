@@ -25,7 +25,8 @@ def fz_by_lsoda(
     `simulate_stroke_at_speed`.
     """
     chain = make_chain(rig, height_m)
-    n, ramp_s = chain.length.size, rig.drive.ramp_s
+    n = chain.length.size
+    ramp_s = rig.drive.ramp_s
     rest = find_rest_state(chain, rig.leg.start_angle_rad)
     work = allocate_workspace(n, n)
 
@@ -47,7 +48,9 @@ def fz_by_lsoda(
         _, w, a = full(t, x)
         return np.concatenate([w[1:], a[1:]])
 
-    fz, x, t0 = [], np.concatenate([rest.q[1:], np.zeros(n - 1)]), 0.0
+    fz = []
+    x = np.concatenate([rest.q[1:], np.zeros(n - 1)])
+    t0 = 0.0
     for part in (
         t_s[t_s <= ramp_s],
         t_s[t_s > ramp_s],
@@ -57,5 +60,6 @@ def fz_by_lsoda(
             q, w, a = full(t, y)
             sunk = chain.first_moment @ (np.cos(q) * a - np.sin(q) * w**2)
             fz.append(chain.total_mass * chain.gravity - sunk - work.contact[0].sum())
-        x, t0 = solution.y[:, -1], part[-1]
+        x = solution.y[:, -1]
+        t0 = part[-1]
     return np.array(fz)

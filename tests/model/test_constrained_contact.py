@@ -15,7 +15,8 @@ from rfca_rig.model.stroke import simulate_stroke
 from tests.model.legs import pendulum
 
 HEIGHT_M = 0.19
-START_RAD, ACCELERATION = 0.5, 8.0
+START_RAD = 0.5
+ACCELERATION = 8.0
 T = np.linspace(0.0, 0.46, 185)
 BARE = pendulum(3, 0.09, 0.1, hinge_damping=0.06, k0=8.0)
 SHORT_LEG = replace(BARE, leg=replace(BARE.leg, link_radius_m=0.004))
@@ -68,7 +69,8 @@ def test_a_stiffer_floor_comes_to_the_constraint_as_fast_as_its_depth_vanishes(s
 
 
 def test_shape_and_torque_are_those_of_a_stiff_floor(on_ice):
-    stiff, loading = compliant(1e8, 0.0), on_ice.touchdowns_s[0] + RATTLE_S < T
+    stiff = compliant(1e8, 0.0)
+    loading = on_ice.touchdowns_s[0] + RATTLE_S < T
     assert on_ice.ended is EndReason.TIME
     assert np.abs(np.cumsum(on_ice.phi, axis=1) - stiff.q_rad)[loading].max() < 1e-3
     assert np.abs(on_ice.shaft_torque_Nm - stiff.shaft_torque_Nm)[loading].max() < 1e-3 * np.ptp(

@@ -9,14 +9,18 @@ from rfca_rig.model.kernel.contact import carry_stretch, tangential_force
 from tests.model.legs import PAPER
 
 CHAIN = make_chain(PAPER, 0.2)
-PATHS, STEPS, PERIODS = 1000, 600, 3
+PATHS = 1000
+STEPS = 600
+PERIODS = 3
 
 
 def force(stretch, slip, normal, begun, begun_limit):
     """(F, dF/d stretch, dF/d slip, dF/dN) with a friction coefficient that falls with slip and
     rises with the load.
     """
-    mu, mu_v, mu_N = 0.4 - 0.1 * slip + 0.002 * normal, -0.1, 0.002
+    mu = 0.4 - 0.1 * slip + 0.002 * normal
+    mu_v = -0.1
+    mu_N = 0.002
     return tangential_force(CHAIN, (mu, mu_v, mu_N), stretch, slip, normal, begun, begun_limit)
 
 
@@ -24,12 +28,11 @@ def force(stretch, slip, normal, begun, begun_limit):
 def test_derivatives_of_friction_are_those_of_its_force(seed):
     random = np.random.default_rng(seed)
     stretch, begun = 1.5e-4 * random.uniform(-1.0, 1.0, 2)
-    slip, normal, begun_limit = (
-        random.uniform(-0.5, 0.5),
-        10.0 ** random.uniform(-1.0, 1.5),
-        10.0 ** random.uniform(-1.5, 1.5),
-    )
-    at, steps = np.array([stretch, slip, normal]), np.array([1e-10, 1e-6, 1e-6 * normal])
+    slip = random.uniform(-0.5, 0.5)
+    normal = 10.0 ** random.uniform(-1.0, 1.5)
+    begun_limit = 10.0 ** random.uniform(-1.5, 1.5)
+    at = np.array([stretch, slip, normal])
+    steps = np.array([1e-10, 1e-6, 1e-6 * normal])
     slopes = [
         (force(*(at + move), begun, begun_limit)[0] - force(*(at - move), begun, begun_limit)[0])
         / (2.0 * step)
@@ -53,12 +56,22 @@ def given_back(presliding, mu, stretch, normal):
     """
     s = F = total = most = passed = 0.0
     for k in range(1, stretch.size):
-        moved, limit, before = stretch[k] - stretch[k - 1], mu * normal[k], mu * normal[k - 1]
-        carried = carry_stretch(s + moved, limit, s, before)[0] if limit > 0.0 else 0.0
-        s = min(max(carried / limit, -presliding), presliding) if limit > 0.0 else 0.0
+        moved = stretch[k] - stretch[k - 1]
+        limit = mu * normal[k]
+        before = mu * normal[k - 1]
+        if limit > 0.0:
+            carried = carry_stretch(s + moved, limit, s, before)[0]
+        else:
+            carried = 0.0
+        if limit > 0.0:
+            s = min(max(carried / limit, -presliding), presliding)
+        else:
+            s = 0.0
         after = -limit * s / presliding
         work = 0.5 * (F + after) * moved
-        F, total, passed = after, total + work, passed + abs(work)
+        F = after
+        total = total + work
+        passed = passed + abs(work)
         most = max(most, total)
     return most, passed
 

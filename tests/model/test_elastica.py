@@ -15,7 +15,8 @@ from rfca_rig.model.paper.elastica import (
 )
 from tests.model.elliptic import tip_of
 
-EI, LENGTH_M = 0.26, 0.226
+EI = 0.26
+LENGTH_M = 0.226
 
 # direction of the force and slope of the tip, degrees from the clamped tangent
 CASES = [
@@ -105,7 +106,8 @@ def test_a_force_along_the_strip_leaves_it_straight():
 
 
 def test_multipliers_are_the_moments_and_forces_of_what_holds_the_strip():
-    mesh, start = even_mesh(EI, LENGTH_M, 80), np.linspace(-0.5, 0.5, 81)
+    mesh = even_mesh(EI, LENGTH_M, 80)
+    start = np.linspace(-0.5, 0.5, 81)
 
     def held(turn, x):
         holds = Holds(np.array([0, 80]), np.array([-0.5, 0.5 + turn]), (x, 0.01))

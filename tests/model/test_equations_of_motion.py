@@ -35,7 +35,8 @@ def swing(chain, state, t_s, tolerance=TIGHT):
 
 
 def test_a_rod_swings_with_the_period_of_the_elliptic_integral():
-    length, amplitude = 0.5, 1.2
+    length = 0.5
+    amplitude = 1.2
     chain = make_chain(pendulum(1, length), NO_GROUND_M)
     period = 4.0 * ellipk(np.sin(amplitude / 2) ** 2) / np.sqrt(9.81 * 1.5 / length)
     t = np.linspace(1e-3, 1.1 * period, 4000)
@@ -49,7 +50,8 @@ def vector_mechanics(rig):
     """d/dt (q, w) of the chain from places and velocities of the link centres, sharing no
     formula with the package.
     """
-    lengths, masses = np.array(rig.leg.link_lengths_m), np.array(rig.leg.link_masses_kg)
+    lengths = np.array(rig.leg.link_lengths_m)
+    masses = np.array(rig.leg.link_masses_kg)
     n = len(lengths)
     reach = np.array(
         [
@@ -59,7 +61,8 @@ def vector_mechanics(rig):
     )
 
     def rhs(_, x):
-        q, w = x[:n], x[n:]
+        q = x[:n]
+        w = x[n:]
         # y and depth (2) of centre k (n) per unit of angle i (n): d/dt and d2/dt2 of a place at
         # (cos q, sin q).
         along = np.array([-np.sin(q), np.cos(q)])[:, None, :] * reach
@@ -81,7 +84,8 @@ def vector_mechanics(rig):
 
 @pytest.mark.slow
 def test_the_paper_leg_falls_as_an_independent_integrator_has_it():
-    chain, start = make_chain(PAPER, NO_GROUND_M), np.linspace(0.0, 0.9, 7)
+    chain = make_chain(PAPER, NO_GROUND_M)
+    start = np.linspace(0.0, 0.9, 7)
     t = np.linspace(0.01, 0.6, 60)
     ours = swing(chain, released(start), t).q
     other = solve_ivp(
@@ -98,7 +102,8 @@ def test_the_paper_leg_falls_as_an_independent_integrator_has_it():
 
 def test_a_free_chain_without_damping_keeps_its_energy():
     rig = pendulum(3, 0.2, 0.1, k0=2.0)
-    chain, q = make_chain(rig, NO_GROUND_M), [0.3, 0.6, 1.0]
+    chain = make_chain(rig, NO_GROUND_M)
+    q = [0.3, 0.6, 1.0]
     samples = swing(chain, released(q), np.linspace(0.01, 2.0, 200), Tolerance(1e-10, 3e-7))
     energy = np.array([energy_J(chain, q, w) for q, w in zip(samples.q, samples.w, strict=True)])
     assert np.ptp(energy) < 3e-4 * np.ptp(
@@ -118,7 +123,9 @@ def test_the_jacobian_is_the_derivative_of_the_residual():
     chain = make_chain(PAPER, 0.2)._replace(
         drag=200.0, lever=-0.02
     )  # large, so that a wrong sign of them shows
-    q, w, a = np.linspace(1.0, 1.6, 7), random.normal(0, 2, 7), random.normal(0, 50, 7)
+    q = np.linspace(1.0, 1.6, 7)
+    w = random.normal(0, 2, 7)
+    a = random.normal(0, 50, 7)
     anchor = np.cumsum(chain.length * np.cos(q)) + 0.02 * q + 1e-5 * random.normal(size=7)
     weights = (0.7, 0.02, 3e-3)
     exact = residual(chain, q, w, a, anchor, weights)[1]

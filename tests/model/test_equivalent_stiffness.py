@@ -18,7 +18,8 @@ from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 from tests.model.legs import LENGTHS
 
 CFSP = paper_strips(table_1_materials()[-1])
-EI, PITCH_M = CFSP.bending_stiffness_Nm2, 0.039333
+EI = CFSP.bending_stiffness_Nm2
+PITCH_M = 0.039333
 LAY = centre_lay(LENGTHS, CFSP.length_m)
 READINGS = {
     "middle": by_its_middle(LAY),

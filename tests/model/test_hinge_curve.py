@@ -15,7 +15,8 @@ from rfca_rig.model.paper.hinge_curve import (
 )
 from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 
-EI, FREE_M = 0.26, 0.0237
+EI = 0.26
+FREE_M = 0.0237
 PHI = np.radians(np.arange(1.0, 46.0))
 
 
@@ -25,7 +26,8 @@ def derivative(curve):
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.004, -0.004])
 def test_a_sliding_strip_takes_the_length_that_costs_least(offset_m):
-    hinge, phi = HeldHinge(EI, FREE_M, offset_m), 0.7
+    hinge = HeldHinge(EI, FREE_M, offset_m)
+    phi = 0.7
 
     def energy(length_m):
         holds = Holds(
@@ -105,7 +107,8 @@ def torque_by_bounds(groove, phi, nodes=96):
 
 @pytest.mark.parametrize("phi_deg", [5, 8, 12, 20, 30])
 def test_a_loose_strip_bends_as_far_as_the_walls_let_it(phi_deg):
-    groove, phi = LooseGroove(EI, 0.0384, 0.004, 0.0004), np.radians(phi_deg)
+    groove = LooseGroove(EI, 0.0384, 0.004, 0.0004)
+    phi = np.radians(phi_deg)
     assert groove.touches_rad < np.radians(8) < np.radians(12) < groove.flat_rad
     assert groove.torque_Nm(np.array([phi]))[0] == pytest.approx(
         torque_by_bounds(groove, phi), rel=1e-2

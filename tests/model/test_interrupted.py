@@ -27,7 +27,8 @@ WITHIN_S = 2e-3
 def move() -> None:
     """Through all compiled code that is called from outside of it."""
     chain = make_chain(PAPER, 0.25)
-    state, samples = find_rest_state(chain, 0.1), allocate_samples(np.array([1e-4]), 7)
+    state = find_rest_state(chain, 0.1)
+    samples = allocate_samples(np.array([1e-4]), 7)
     for _ in range(20):
         advance(
             chain,

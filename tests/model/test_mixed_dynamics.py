@@ -76,7 +76,8 @@ def test_the_matrix_is_the_one_the_paper_prints():
 
 
 def test_a_rod_swings_with_the_period_of_the_elliptic_integral():
-    length, amplitude = 0.5, 1.2
+    length = 0.5
+    amplitude = 1.2
     period = 4.0 * ellipk(np.sin(amplitude / 2) ** 2) / np.sqrt(9.81 * 1.5 / length)
     there = np.array([np.pi / 2 + amplitude])
     t = np.array([0.25, 0.5, 1.0]) * period
@@ -97,7 +98,8 @@ def compiled_motion(rig, shaft, q, w, t):
 
 
 def test_a_free_double_pendulum_swings_like_the_compiled_chain():
-    rig, t = pendulum(2, 0.3, 0.5, hinge_damping=0.002, k0=0.4), np.linspace(0.05, 1.0, 20)
+    rig = pendulum(2, 0.3, 0.5, hinge_damping=0.002, k0=0.4)
+    t = np.linspace(0.05, 1.0, 20)
     nothing = np.empty(0)
     free = Shaft(nothing, np.empty((0, 4)), nothing, True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     theirs = compiled_motion(rig, free, np.array([0.3, 1.1]), np.zeros(2), t)
@@ -108,7 +110,8 @@ def test_a_free_double_pendulum_swings_like_the_compiled_chain():
 
 
 def test_a_driven_double_pendulum_swings_like_the_compiled_chain_and_needs_the_same_torque():
-    rig, t = pendulum(2, 0.3, 0.5, hinge_damping=0.002, k0=0.4), np.linspace(0.05, 0.8, 16)
+    rig = pendulum(2, 0.3, 0.5, hinge_damping=0.002, k0=0.4)
+    t = np.linspace(0.05, 0.8, 16)
     cubic = np.array([[0.3, 0.5, 4.0, -2.0]])
     shaft = Shaft(np.array([0.0, 1.0]), cubic, np.empty(0), False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     theirs = compiled_motion(rig, shaft, np.array([0.3, 1.1]), np.array([0.5, 0.5]), t)
@@ -149,10 +152,13 @@ def test_power_of_all_drives_goes_into_motion_height_and_springs_and_is_lost_in_
 
 def energy_J(motion, length, mass, k0):
     """From places and velocities of the mass centres."""
-    q, w = np.cumsum(motion.phi, axis=1), np.cumsum(motion.dphi, axis=1)
-    run, fall = length * np.cos(q), length * np.sin(q)
+    q = np.cumsum(motion.phi, axis=1)
+    w = np.cumsum(motion.dphi, axis=1)
+    run = length * np.cos(q)
+    fall = length * np.sin(q)
     depth = np.cumsum(fall, axis=1) - fall / 2
-    v_x, v_y = np.cumsum(-fall * w, axis=1) + fall * w / 2, np.cumsum(run * w, axis=1) - run * w / 2
+    v_x = np.cumsum(-fall * w, axis=1) + fall * w / 2
+    v_y = np.cumsum(run * w, axis=1) - run * w / 2
     kinetic = 0.5 * mass * (v_x**2 + v_y**2) + mass * length**2 / 24 * w**2
     return (kinetic - 9.81 * mass * depth).sum(axis=1) + (0.5 * k0 * motion.phi[:, 1:] ** 2).sum(
         axis=1

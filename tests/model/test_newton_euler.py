@@ -40,7 +40,8 @@ def compiled(rig, q, w, a, anchor):
     """(R, M, loads of the ground) of the compiled chain; the shaft at ground level, so that many
     ends are in the ground.
     """
-    chain, work = make_chain(rig, 0.0), allocate_workspace(q.size, q.size)
+    chain = make_chain(rig, 0.0)
+    work = allocate_workspace(q.size, q.size)
     state = State(q, w, a, anchor, np.zeros((0, q.size, 4)))
     assemble_once(chain, NO_LAWS, state, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
     normal, tangential = work.contact.copy()
@@ -53,14 +54,13 @@ def compiled(rig, q, w, a, anchor):
 
 @pytest.mark.parametrize("links", [1, 2, 7, 20])
 def test_inverse_dynamics_agree_with_the_compiled_chain(links):
-    random, touching = np.random.default_rng(links), 0
+    random = np.random.default_rng(links)
+    touching = 0
     for _ in range(20):
         rig = uneven_leg(random, links)
-        q, w, a = (
-            random.uniform(-3, 3, links),
-            random.normal(0, 5, links),
-            random.normal(0, 100, links),
-        )
+        q = random.uniform(-3, 3, links)
+        w = random.normal(0, 5, links)
+        a = random.normal(0, 100, links)
         anchor = np.cumsum(np.array(rig.leg.link_lengths_m) * np.cos(q)) + 1e-5 * random.normal(
             size=links
         )
@@ -77,7 +77,8 @@ def test_inverse_dynamics_agree_with_the_compiled_chain(links):
 @pytest.mark.parametrize("links", [1, 2, 7, 20])
 def test_the_mass_matrix_agrees_with_the_compiled_chain(links):
     random = np.random.default_rng(links)
-    rig, q = uneven_leg(random, links), random.uniform(-3, 3, links)
+    rig = uneven_leg(random, links)
+    q = random.uniform(-3, 3, links)
     to_absolute = np.tril(np.ones((links, links)))
     M = compiled(rig, q, np.zeros(links), np.zeros(links), np.zeros(links))[1]
     ours = mass_matrix(link_chain_of(rig.leg), relative(q))
@@ -87,13 +88,20 @@ def test_the_mass_matrix_agrees_with_the_compiled_chain(links):
 
 def test_two_links_obey_the_textbook_double_pendulum():
     chain = link_chain_of(pendulum(2, 0.3, 0.5).leg)
-    phi, dphi, ddphi = np.array([0.4, 0.7]), np.array([1.1, -2.3]), np.array([5.0, -8.0])
-    m, a, c, g = 0.5, 0.3, 0.15, 9.81
+    phi = np.array([0.4, 0.7])
+    dphi = np.array([1.1, -2.3])
+    ddphi = np.array([5.0, -8.0])
+    m = 0.5
+    a = 0.3
+    c = 0.15
+    g = 9.81
     inertia = m * a**2 / 12
     h = m * a * c * np.sin(phi[1])
-    M22, M12 = inertia + m * c**2, inertia + m * c**2 + m * a * c * np.cos(phi[1])
+    M22 = inertia + m * c**2
+    M12 = inertia + m * c**2 + m * a * c * np.cos(phi[1])
     M11 = 2 * inertia + m * (2 * c**2 + a**2 + 2 * a * c * np.cos(phi[1]))
-    down_1, down_2 = g * (m * c + m * a) * np.cos(phi[0]), g * m * c * np.cos(phi.sum())
+    down_1 = g * (m * c + m * a) * np.cos(phi[0])
+    down_2 = g * m * c * np.cos(phi.sum())
     expected = [
         M11 * ddphi[0]
         + M12 * ddphi[1]
@@ -129,7 +137,9 @@ def test_a_spring_is_at_rest_at_its_rest_angle():
 def test_accelerations_of_forward_dynamics_need_the_torques_they_came_from():
     random = np.random.default_rng(5)
     chain = link_chain_of(PAPER.leg)
-    phi, dphi, tau = random.normal(0, 0.5, 7), random.normal(0, 3, 7), random.normal(0, 2, 7)
+    phi = random.normal(0, 0.5, 7)
+    dphi = random.normal(0, 3, 7)
+    tau = random.normal(0, 2, 7)
     loads = EndLoads(random.normal(0, 20, (2, 7)), random.normal(0, 0.1, 7))
     ddphi = joint_accelerations(chain, phi, dphi, tau, loads)
     assert joint_torques_Nm(chain, phi, dphi, ddphi, loads) == pytest.approx(tau, abs=1e-9)

@@ -54,8 +54,10 @@ def test_a_double_pendulum_without_losses_keeps_its_energy():
 
 def energy_J(angle, speed):
     """From the velocities of the mass centres."""
-    q1, q2 = angle[:, 0], angle.sum(axis=1)
-    w1, w2 = speed[:, 0], speed.sum(axis=1)
+    q1 = angle[:, 0]
+    q2 = angle.sum(axis=1)
+    w1 = speed[:, 0]
+    w2 = speed.sum(axis=1)
     x = 0.2 * np.cos(q1) * w1 + 0.25 * np.cos(q2) * w2
     z = 0.2 * np.sin(q1) * w1 + 0.25 * np.sin(q2) * w2
     kinetic = (
@@ -68,7 +70,8 @@ def energy_J(angle, speed):
 
 T = np.linspace(0.05, 1.5, 30)
 FINE_T = np.arange(0.0, 1.501, 0.001)
-START, SPEED = np.array([0.3, -0.5]), np.array([1.0, -2.0])
+START = np.array([0.3, -0.5])
+SPEED = np.array([1.0, -2.0])
 
 
 def torques(t):
@@ -77,12 +80,17 @@ def torques(t):
 
 def by_scipy(inertia=0.0, factor=1.0, tip=0.0, offset=0.0):
     """The textbook's double pendulum in relative angles, its joints driven and damped."""
-    m1, m2, l1, r1, r2 = 0.6, 0.55 + tip, 0.2, 0.18, (0.55 * 0.25 + tip * 0.3) / (0.55 + tip)
+    m1 = 0.6
+    m2 = 0.55 + tip
+    l1 = 0.2
+    r1 = 0.18
+    r2 = (0.55 * 0.25 + tip * 0.3) / (0.55 + tip)
     about2 = 0.038 + tip * 0.3**2
 
     def rhs(t, x):
         a, b, da, db = x
-        c, s = np.cos(b), np.sin(b)
+        c = np.cos(b)
+        s = np.sin(b)
         mixed = about2 + m2 * l1 * r2 * c
         mass = np.array(
             [
@@ -132,7 +140,10 @@ def test_a_torque_offset_adds_to_the_recorded_torque_and_is_scaled_with_it():
 
 @pytest.mark.parametrize("inertia", [0.0, 0.005])
 def test_the_steps_that_are_used_by_default_are_fine_enough_for_an_encoder(inertia):
-    effects = having(joint_inertia={"inertia_kg_m2": inertia}) if inertia else ()
+    if inertia:
+        effects = having(joint_inertia={"inertia_kg_m2": inertia})
+    else:
+        effects = ()
     ours = simulate_pendulum(
         DOUBLE, torque_trace(FINE_T, torques(FINE_T).T), START, SPEED, T, effects
     )
@@ -160,14 +171,17 @@ def test_one_scale_of_the_torque_multiplies_another():
 
 @pytest.mark.parametrize("nominal", [True, False], ids=["believed", "as an effect"])
 def test_dry_friction_takes_twice_its_torque_over_the_weight_off_each_swing(nominal):
-    friction, start = 0.01, 0.1
+    friction = 0.01
+    start = 0.1
     period = 2 * np.pi * np.sqrt(0.11 / WEIGHT_Nm)
-    pendulum = (
-        Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, joint_friction_Nm=friction),))
-        if nominal
-        else SINGLE
-    )
-    effects = {} if nominal else {"joint_friction": {"torque_Nm": friction}}
+    if nominal:
+        pendulum = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, joint_friction_Nm=friction),))
+    else:
+        pendulum = SINGLE
+    if nominal:
+        effects = {}
+    else:
+        effects = {"joint_friction": {"torque_Nm": friction}}
     angle = let_go(pendulum, start, np.arange(1, 10) * period / 2, **effects).angle_rad[:, 0]
     peaks = [
         (-1) ** swings * (start - 2 * swings * friction / WEIGHT_Nm) for swings in (1, 2, 3, 4, 5)
@@ -176,8 +190,10 @@ def test_dry_friction_takes_twice_its_torque_over_the_weight_off_each_swing(nomi
 
 
 def test_a_stuck_joint_stays_where_it_is_and_slips_beyond_its_friction():
-    friction, t = {"torque_Nm": 0.5}, np.linspace(0.01, 2.0, 200)
-    low, high = np.arcsin(0.6 * 0.5 / WEIGHT_Nm), np.arcsin(1.1 * 0.5 / WEIGHT_Nm)
+    friction = {"torque_Nm": 0.5}
+    t = np.linspace(0.01, 2.0, 200)
+    low = np.arcsin(0.6 * 0.5 / WEIGHT_Nm)
+    high = np.arcsin(1.1 * 0.5 / WEIGHT_Nm)
     stuck = let_go(SINGLE, low, t, joint_friction=friction)
     assert np.abs(stuck.angle_rad - low).max() < 1.5e-3
     assert np.abs(stuck.speed_rad_s[-50:]).max() < 1e-3

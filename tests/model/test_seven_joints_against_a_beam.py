@@ -19,7 +19,8 @@ def test_a_beam_of_finite_elements_bends_as_the_elastica(direction_deg):
     force = 12.0 * np.array([np.cos(np.radians(direction_deg)), np.sin(np.radians(direction_deg))])
     each = np.ones(100)
     beam = Beam(0.00226 * each, EI * each, 5e6 * each, 1.5e6 * each)
-    tip, bent = beam.bent(force)[-1], bend_cantilever(EI, 0.226, tuple(force))
+    tip = beam.bent(force)[-1]
+    bent = bend_cantilever(EI, 0.226, tuple(force))
     assert tip[2] > 0.5
     assert np.hypot(*(tip[:2] - bent.end_m)) < 1e-4 * 0.226
     assert tip[2] == pytest.approx(bent.theta_rad[-1], rel=1e-4)
@@ -29,7 +30,9 @@ def test_a_beam_of_finite_elements_bends_as_the_elastica(direction_deg):
 def test_joints_of_stiffness_EI_over_the_free_length_end_where_a_strip_between_shells_does(
     free_m, off
 ):
-    k, force, leg_m = EI / free_m, np.array([-14.0, 14.0]), sum(LENGTHS)
+    k = EI / free_m
+    force = np.array([-14.0, 14.0])
+    leg_m = sum(LENGTHS)
     tip = strip_between_shells(CFSP, LENGTHS, free_m, 3e-3).bent(force)[-1]
     joints, phi = chain_tip(LENGTHS, lambda phi: 0.5 * k * phi**2, lambda phi: k * phi, force, 8)
     assert np.degrees(tip[2]) > 75

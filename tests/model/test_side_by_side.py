@@ -83,10 +83,8 @@ def test_a_difference_of_two_legs_side_by_side_is_free_of_what_different_steps_a
     ]
     slope = (true[0] - true[1]) / 60.0
     # The middle of the errors, because moments of chatter after touchdown have no slope.
-    error_beside, error_alone = (
-        np.median(np.abs(above.fz_N - here.fz_N - slope)),
-        np.median(np.abs(alone - slope)),
-    )
+    error_beside = np.median(np.abs(above.fz_N - here.fz_N - slope))
+    error_alone = np.median(np.abs(alone - slope))
     assert error_beside < 0.2 * error_alone
     assert error_beside < 0.02 * np.median(np.abs(slope))
 
@@ -94,7 +92,8 @@ def test_a_difference_of_two_legs_side_by_side_is_free_of_what_different_steps_a
 def test_what_changes_only_the_sensor_shares_the_motion(monkeypatch):
     sensed = having(PAPER, sensor_gain={"factor": 1.03})
     varied = [request(sensed), request(stiffer(PAPER, 0.01)), request(stiffer(sensed, 0.01))]
-    moved, move = [], stroke_module._move_block
+    moved = []
+    move = stroke_module._move_block
     monkeypatch.setattr(
         stroke_module,
         "_move_block",

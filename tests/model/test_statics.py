@@ -42,7 +42,8 @@ def path():
 
 
 def test_the_jacobian_is_how_the_tip_moves():
-    point, phi = replace(CHAIN, tip_radius_m=0.0), np.linspace(0.2, -0.3, 7)
+    point = replace(CHAIN, tip_radius_m=0.0)
+    phi = np.linspace(0.2, -0.3, 7)
     for n, step in enumerate(1e-6 * np.eye(7)):
         moved = (tip_place_m(point, phi + step) - tip_place_m(point, phi - step)) / 2e-6
         assert tip_jacobian(point, phi)[:, n] == pytest.approx(moved, abs=1e-9)
@@ -62,7 +63,8 @@ def test_one_hinge_bends_until_its_spring_carries_weight_and_force():
     found = equilibrium_under_tip_force(tip_chain_of(rig.leg), 0.4, np.array([3.0, -12.0]))
 
     def moment(phi):
-        down, along = 0.3 * 9.81 * 0.1 - 12.0 * 0.2, -3.0 * 0.2
+        down = 0.3 * 9.81 * 0.1 - 12.0 * 0.2
+        along = -3.0 * 0.2
         return down * np.cos(0.4 + phi) + along * np.sin(0.4 + phi) - 8.0 * phi
 
     assert found.phi[1] == pytest.approx(brentq(moment, -1.5, 1.5), abs=1e-10)
@@ -78,15 +80,15 @@ def test_a_small_force_bends_two_hinges_as_linear_theory_has_it():
 
 def test_every_hinge_carries_what_acts_beyond_it():
     found = equilibrium_under_tip_force(CHAIN, 1.2, PUSH)
-    varphi, lengths, masses = (
-        np.cumsum(found.phi),
-        np.array(PAPER.leg.link_lengths_m),
-        np.array(PAPER.leg.link_masses_kg),
-    )
-    x, y = np.cumsum(lengths * np.cos(varphi)), np.cumsum(lengths * np.sin(varphi))
+    varphi = np.cumsum(found.phi)
+    lengths = np.array(PAPER.leg.link_lengths_m)
+    masses = np.array(PAPER.leg.link_masses_kg)
+    x = np.cumsum(lengths * np.cos(varphi))
+    y = np.cumsum(lengths * np.sin(varphi))
     centre = x - 0.5 * lengths * np.cos(varphi)
     for hinge in range(1, 7):
-        x0, y0 = x[hinge - 1], y[hinge - 1]
+        x0 = x[hinge - 1]
+        y0 = y[hinge - 1]
         weight = (9.81 * masses[hinge:] * (centre[hinge:] - x0)).sum()
         force = (x[-1] - x0) * PUSH[1] - (y[-1] + 0.003 - y0) * PUSH[0]
         phi = found.phi[hinge]
@@ -127,7 +129,8 @@ def test_exact_angles_give_back_the_force(estimator):
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", [tip_force, tip_force_weighing_angles])
 def test_the_standard_errors_are_the_scatter_of_noisy_photographs(estimator):
-    random, noise = np.random.default_rng(11), np.radians(0.05)
+    random = np.random.default_rng(11)
+    noise = np.radians(0.05)
     phi = equilibrium_under_tip_force(CHAIN, 1.2, PUSH).phi
     photographs = [phi + noise * np.append(0.0, random.normal(size=6)) for _ in range(1500)]
     forces = np.array([estimator(CHAIN, photograph, noise).force_N for photograph in photographs])
@@ -263,8 +266,10 @@ def test_one_stiff_link_pressed_on_the_ground_obeys_the_lever():
         pendulum(2, 0.2, 0.3, k0=40.0), ground=replace(PAPER.ground, friction_coefficient=0.3)
     )
     state = follow_static_path(rig, 0.3, [1.0], begin_angle_rad=0.5)[0]
-    phi, q = state.hinge_angles_rad[0], state.q_rad[1]
-    N, F = state.normal_N[1], state.tangential_N[1]
+    phi = state.hinge_angles_rad[0]
+    q = state.q_rad[1]
+    N = state.normal_N[1]
+    F = state.tangential_N[1]
     assert N > 1.0
     assert pytest.approx(F) == 0.3 * N
     assert 40.0 * phi == pytest.approx(

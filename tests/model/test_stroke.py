@@ -42,15 +42,12 @@ def test_at_rest_the_sensor_feels_the_weight_and_the_motor_holds_it(stroke):
 
 
 def test_force_on_the_mount_is_weight_and_ground_less_the_change_of_momentum(stroke):
-    lengths, masses = np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
-    y, depth = (
-        np.cumsum(lengths * np.cos(stroke.q_rad), axis=1),
-        np.cumsum(lengths * np.sin(stroke.q_rad), axis=1),
-    )
-    y, depth = (
-        y - 0.5 * lengths * np.cos(stroke.q_rad),
-        depth - 0.5 * lengths * np.sin(stroke.q_rad),
-    )
+    lengths = np.array(PAPER.leg.link_lengths_m)
+    masses = np.array(PAPER.leg.link_masses_kg)
+    y = np.cumsum(lengths * np.cos(stroke.q_rad), axis=1)
+    depth = np.cumsum(lengths * np.sin(stroke.q_rad), axis=1)
+    y = y - 0.5 * lengths * np.cos(stroke.q_rad)
+    depth = depth - 0.5 * lengths * np.sin(stroke.q_rad)
     up_to_the_valley = slice(
         450, 1100
     )  # smooth there, so that second differences of 1 ms samples are worth something
@@ -67,17 +64,14 @@ def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_
     stroke = simulate_stroke_at_speed(with_lever(lever_m), 0.215, 2.433, T)
     lengths = np.array(PAPER.leg.link_lengths_m)
     w = np.gradient(stroke.q_rad, T, axis=0)
-    phi, rate = np.diff(stroke.q_rad, axis=1), np.diff(w, axis=1)
+    phi = np.diff(stroke.q_rad, axis=1)
+    rate = np.diff(w, axis=1)
     spring = (0.5 * 10.98 * phi**2 + 0.25 * 10.98 * 4.56 * phi**4).sum(axis=1)
     masses = np.array(PAPER.leg.link_masses_kg)
-    v_y, v_d = (
-        np.cumsum(-lengths * np.sin(stroke.q_rad) * w, axis=1),
-        np.cumsum(lengths * np.cos(stroke.q_rad) * w, axis=1),
-    )
-    c_y, c_d = (
-        v_y + 0.5 * lengths * np.sin(stroke.q_rad) * w,
-        v_d - 0.5 * lengths * np.cos(stroke.q_rad) * w,
-    )
+    v_y = np.cumsum(-lengths * np.sin(stroke.q_rad) * w, axis=1)
+    v_d = np.cumsum(lengths * np.cos(stroke.q_rad) * w, axis=1)
+    c_y = v_y + 0.5 * lengths * np.sin(stroke.q_rad) * w
+    c_d = v_d - 0.5 * lengths * np.cos(stroke.q_rad) * w
     kinetic = (0.5 * masses * (c_y**2 + c_d**2) + masses * lengths**2 / 24 * w**2).sum(axis=1)
     ground = -(stroke.normal_N * v_d).sum(axis=1) + (stroke.tangential_N * (v_y - lever_m * w)).sum(
         axis=1
@@ -174,7 +168,8 @@ def test_used_working_memory_gives_the_same_bits_as_new_memory():
 
 def pressed_and_held() -> tuple[np.ndarray, ShaftMotion]:
     """Down to 80 degrees in a second, a little back, and then held for a minute."""
-    angles, breaks = np.radians([14.1, 80.0, 79.0, 79.0]), np.array([0.0, 1.0, 1.5, 62.0])
+    angles = np.radians([14.1, 80.0, 79.0, 79.0])
+    breaks = np.array([0.0, 1.0, 1.5, 62.0])
     speeds = np.diff(angles) / np.diff(breaks)
     coefficients = np.array(
         [[angle, speed, 0.0, 0.0] for angle, speed in zip(angles[:-1], speeds, strict=True)]
@@ -236,10 +231,8 @@ def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
         friction_coefficient=random.uniform(0.2, 1.3),
         stiffness_N_per_m1p5=10 ** random.uniform(4.5, 6.5),
     )
-    rig, motion = (
-        replace(PAPER, leg=leg, ground=ground),
-        ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 1.0),
-    )
+    rig = replace(PAPER, leg=leg, ground=ground)
+    motion = ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 1.0)
     t = np.arange(1, 700) * 1e-3
     plain, tight = (
         simulate_stroke(rig, 0.215, motion, t, tolerance)

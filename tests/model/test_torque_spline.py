@@ -38,7 +38,8 @@ from tests.model.legs import NO_GROUND_M, PAPER
 
 T = np.arange(-100, 1250) * 1e-3
 TIGHT = Tolerance(1e-8, 3e-5)
-K0, K2 = PAPER.leg.k0_Nm_per_rad, PAPER.leg.k2_per_rad2
+K0 = PAPER.leg.k0_Nm_per_rad
+K2 = PAPER.leg.k2_per_rad2
 SOFTENING_NM = 2.4 * np.tanh(np.radians([3.0, 8.0, 14.0, 22.0, 30.0]) / 0.25)
 SOFTENING = knots_from([3.0, 8.0, 14.0, 22.0, 30.0], SOFTENING_NM, "softening")
 ONE_SIDED_WAY = knots_from(
@@ -62,7 +63,8 @@ def cubic_curve(angles_deg):
 
 
 def test_the_cubic_law_is_one_of_the_curves():
-    exact, x = with_curves(cubic_curve([5.0, 15.0, 25.0, 60.0])), np.linspace(-1.0, 1.0, 101)
+    exact = with_curves(cubic_curve([5.0, 15.0, 25.0, 60.0]))
+    x = np.linspace(-1.0, 1.0, 101)
     assert bending_torque_Nm(exact.leg, x) == pytest.approx(
         bending_torque_Nm(PAPER.leg, x), abs=1e-12
     )
@@ -114,7 +116,8 @@ def test_a_free_leg_without_damping_keeps_its_energy(curves):
     chain = make_chain(
         replace(rig, leg=replace(rig.leg, hinge_damping_Nm_s_per_rad=0.0)), NO_GROUND_M
     )
-    nothing, n = np.empty(0), 7
+    nothing = np.empty(0)
+    n = 7
     free = Shaft(nothing, np.empty((0, 4)), nothing, True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     state = State(
         np.linspace(0.0, 2.4, n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((0, n, 4))
@@ -128,7 +131,8 @@ def test_a_free_leg_without_damping_keeps_its_energy(curves):
 
 def test_the_kernels_derivative_is_that_of_its_residual():
     chain = make_chain(with_curves(ONE_SIDED_WAY, *[SOFTENING] * 5), NO_GROUND_M)
-    work, zero = allocate_workspace(7, 7), np.zeros(7)
+    work = allocate_workspace(7, 7)
+    zero = np.zeros(7)
     state = State(zero.copy(), zero.copy(), zero.copy(), zero.copy(), np.zeros((0, 7, 4)))
     q = np.cumsum([0.4, -0.7, 0.05, -0.1, 0.3, 0.6, -0.02])
 
@@ -192,7 +196,8 @@ def test_k0_scales_the_curve():
 
 def test_more_links_share_the_bending_of_the_same_strip():
     rig = with_curves(SOFTENING)
-    finer, x = with_links(rig.leg, 13), np.linspace(-0.5, 0.5, 21)
+    finer = with_links(rig.leg, 13)
+    x = np.linspace(-0.5, 0.5, 21)
     assert bending_torque_Nm(finer, 0.5 * x) == pytest.approx(bending_torque_Nm(rig.leg, x))
     with pytest.raises(BadInput, match="a curve for each hinge cannot be cut into other links"):
         with_links(with_curves(*[SOFTENING] * 6).leg, 13)

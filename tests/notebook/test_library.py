@@ -119,7 +119,8 @@ def test_a_value_outside_of_its_range_is_refused_with_its_limits(name, value):
 def test_a_campaign_is_tables_and_datasets(recordings):
     table = recordings.table()
     assert len(table) == len(recordings) > 0 and {"height_mm", "valley_fz_N"} <= set(table.columns)
-    data, stroke = recordings.to_xarray(1), recordings.strokes[1]
+    data = recordings.to_xarray(1)
+    stroke = recordings.strokes[1]
     t_s, fz_N = stroke.channel("fz_N")
     assert np.array_equal(data["fz_N"].values, fz_N) and data["fz_N"].attrs["units"] == "N"
     (along,) = data["fz_N"].dims

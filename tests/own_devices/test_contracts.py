@@ -113,7 +113,8 @@ class PolledTwin(SpeedDriveTwin):
         return [can.Message(arbitration_id=0x10, data=struct.pack("<f", 9.0), is_extended_id=False)]
 
     def fail(self) -> str:
-        self.fault, self.is_on = 7, False
+        self.fault = 7
+        self.is_on = False
         return r"error 7 \(broken\)"
 
     def refuse(self) -> str:

@@ -394,7 +394,8 @@ def test_a_sensor_in_the_place_of_a_motor_is_refused(sensor_rig):
 
 @pytest.mark.slow
 def test_an_installed_package_runs_from_its_rig_file_to_the_recording(tmp_path):
-    source, target = tmp_path / "source", tmp_path / "target"
+    source = tmp_path / "source"
+    target = tmp_path / "target"
     write_package(source)
     (source / "pyproject.toml").write_text(BUILD_SYSTEM + PROJECT)
     (source / "backend.py").write_text(BACKEND)

@@ -104,7 +104,8 @@ def test_her_drive_proves_its_watchdog_before_anything_moves(tmp_path):
 
 def test_her_drive_without_a_watchdog_is_refused_and_left_without_torque(tmp_path):
     rig = read_rig(rig_with(tmp_path, "motor"))
-    clock, rotor = TwinClock(), Rotor()
+    clock = TwinClock()
+    rotor = Rotor()
     with can_wire() as (here, there):
         drive = twin_of(rig.motor)(there, rig.motor, LoopGains(), None)
         sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))

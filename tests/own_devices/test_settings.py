@@ -21,7 +21,8 @@ RIG = read_rig(EXAMPLES / "our-rig.toml")
 
 
 def test_a_drive_that_reports_more_rarely_than_the_rig_file_says_is_not_enabled():
-    keys, slow = RIG.motor, RIG.motor.model_copy(update={"report_period_ms": 8.0})
+    keys = RIG.motor
+    slow = RIG.motor.model_copy(update={"report_period_ms": 8.0})
     twin = twin_of(keys)
     with motor_rig(
         lambda bus, clock: keys.driver(bus, clock, 0.3),
@@ -37,7 +38,9 @@ def test_a_drive_that_reports_more_rarely_than_the_rig_file_says_is_not_enabled(
 
 
 def sensor_on(twins_rate_Hz):
-    keys, clock, (host, device) = RIG.force_sensor, TwinClock(), serial_line()
+    keys = RIG.force_sensor
+    clock = TwinClock()
+    (host, device) = serial_line()
     twin = twin_of(keys)(
         device,
         keys.model_copy(update={"rate_Hz": twins_rate_Hz}),

@@ -34,7 +34,8 @@ def test_whatever_is_left_out_the_way_ends_beyond_the_floor_or_never_came_near_i
         way = stages_to_safe_point(plan.stages[:done], plan.stages[done:])
         if done:
             on_the_ground = _still_down(plan.stages[done - 1], plan.stages[:done], on_the_ground)
-        home, waiting = (True, RIG.start_angle_rad), (False, RIG.parked_angle_rad)
+        home = (True, RIG.start_angle_rad)
+        waiting = (False, RIG.parked_angle_rad)
         has_moved = (
             done > 0
             and not isinstance(plan.stages[done - 1], SetHeight)

@@ -86,7 +86,9 @@ def closed_share(said, by_hand):
     """
     before, after = (sum(pair[k] ** 2 for pair in said["held_out"].values()) for k in (0, 1))
     of_hand = before - sum(error**2 for error in by_hand["held_out"].values())
-    return (before - after) / of_hand if of_hand > 0.0 else math.nan
+    if of_hand > 0.0:
+        return (before - after) / of_hand
+    return math.nan
 
 
 def is_silent(said):
@@ -150,10 +152,8 @@ def count(split, found):
         if not d.get("negligible", False) and "refused" not in by_hand
     ]
     closed = sum(closed_share(said, by_hand) >= GOAL for said, by_hand in to_close)
-    silent, contradicted = (
-        sum(is_silent(said) for _, said, _ in heard),
-        sum(contradicts(said, d) for d, said, _ in heard),
-    )
+    silent = sum(is_silent(said) for _, said, _ in heard)
+    contradicted = sum(contradicts(said, d) for d, said, _ in heard)
     denied = sum(
         said["grade"] == NOTHING and not d.get("negligible", False) for d, said, _ in heard
     )
@@ -169,7 +169,8 @@ def count(split, found):
 
 def main(out, names):
     """A row for each set, then the counts."""
-    sets, found = read_sets(), []
+    sets = read_sets()
+    found = []
     out.mkdir(parents=True, exist_ok=True)
     print(
         "| recordings | split | stated | published | held-out rms of the positions | by "
@@ -178,7 +179,10 @@ def main(out, names):
     print("|---|---|---|---|---|---|---|")
     for name in names or sets:
         said = answer(name, sets[name], out)
-        by_hand = said if "refused" in said else fit_of(name, sets[name], out)
+        if "refused" in said:
+            by_hand = said
+        else:
+            by_hand = fit_of(name, sets[name], out)
         print(row_of(name, sets[name], said, by_hand), flush=True)
         found.append((sets[name], said, by_hand))
     print()

@@ -63,8 +63,10 @@ def list_free(problem: MechanismProblem, keys: list[str]) -> list[FreeParameter]
     """The parameters of a law that is given by keys of [known_to], of every object that a key
     belongs to.
     """
-    mechanism, usual = problem.simulator.mechanism, problem.usual
-    torque, inertia = usual.torque, usual.inertia
+    mechanism = problem.simulator.mechanism
+    usual = problem.usual
+    torque = usual.torque
+    inertia = usual.inertia
     sizes = {
         "friction": torque,
         "offset": 0.2 * torque,
@@ -82,11 +84,10 @@ def list_free(problem: MechanismProblem, keys: list[str]) -> list[FreeParameter]
         kind = NUISANCES[key]
         for name, place in find_places(mechanism, kind.objects).items():
             by_name = [value for part, value in plain.items() if part in key]
-            scale = (
-                by_name[0]
-                if by_name
-                else next(float(size[place]) for part, size in sizes.items() if part in key)
-            )
+            if by_name:
+                scale = by_name[0]
+            else:
+                scale = next(float(size[place]) for part, size in sizes.items() if part in key)
             least = -np.inf if kind.nominal is None else -kind.nominal(mechanism, place)
             found.append(
                 FreeParameter(
@@ -104,7 +105,8 @@ class Fit:
     """The law with its free parameters, and the recordings."""
 
     def __init__(self, problem: MechanismProblem, free: list[FreeParameter]):
-        self.problem, self.free = problem, free
+        self.problem = problem
+        self.free = free
         self.scales = np.array([one.scale for one in free])
         self.least = np.array([one.least for one in free]) / self.scales
         self.start = np.array([BEGINNING if one.least == 0.0 else 0.0 for one in free])
@@ -113,7 +115,8 @@ class Fit:
         """Measured less predicted of each condition, by signal (s, m)."""
         pairs = zip(self.free, x * self.scales, strict=True)
         at = MechanismInput(tuple(((one.key, one.place), float(value)) for one, value in pairs))
-        plant, found = self.problem.simulator.plant(at), []
+        plant = self.problem.simulator.plant(at)
+        found = []
         for condition in conditions:
             parts = []
             for window in condition.windows:

@@ -54,12 +54,15 @@ def spec_of(path, step_s):
     spec = mujoco.MjSpec.from_file(str(path))
     model = spec.compile()
     spec.memory = ARENA_BYTES
-    spec.option.timestep, spec.option.integrator = step_s, mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.timestep = step_s
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     for place, body in enumerate(spec.bodies):
         if model.body_mass[place] > 0.0:
             body.explicitinertial, body.fullinertia = True, np.full(6, np.nan)
-            body.mass, body.inertia = model.body_mass[place], model.body_inertia[place]
-            body.ipos, body.iquat = model.body_ipos[place], model.body_iquat[place]
+            body.mass = model.body_mass[place]
+            body.inertia = model.body_inertia[place]
+            body.ipos = model.body_ipos[place]
+            body.iquat = model.body_iquat[place]
     for joint in spec.joints:
         spec.add_sensor(
             name=f"{joint.name}_read",
@@ -84,9 +87,11 @@ def parameters_of(spec, free, scales):
         def change(changed, parameter):
             value = one.scale * float(np.ravel(parameter.value)[0])
             if one.key in OF_BODIES:
-                body, (mass, inertia, at) = changed.body(object_name), nominal[object_name]
+                body = changed.body(object_name)
+                (mass, inertia, at) = nominal[object_name]
                 if one.key == "mass_relative":
-                    body.mass, body.inertia = mass * (1.0 + value), inertia * (1.0 + value)
+                    body.mass = mass * (1.0 + value)
+                    body.inertia = inertia * (1.0 + value)
                 elif one.key == "inertia_relative":
                     body.inertia = inertia * (1.0 + value)
                 else:
@@ -114,7 +119,8 @@ def measure_and_drive(problem, model, conditions):
     length.
     """
     windows = [each.window for condition in conditions for each in condition.windows]
-    columns, joints = problem.simulator.columns, len(problem.simulator.mechanism.joints)
+    columns = problem.simulator.columns
+    joints = len(problem.simulator.mechanism.joints)
     first = [int(np.flatnonzero(columns == joint)[0]) for joint in range(joints)]
     longest_s = max(window.t_s[-1] for window in windows)
     t_s = np.arange(0.0, longest_s + 1.5 * model.opt.timestep, model.opt.timestep)
@@ -184,7 +190,8 @@ def main(out, names):
         free = list_free(problem, keys_of(sets[name], experiment))
         scored = Fit(problem, free)
         whole = fit(problem, experiment.model, free, problem.conditions)
-        nominal, apart = scored.misfits(np.zeros(len(free)), problem.conditions), []
+        nominal = scored.misfits(np.zeros(len(free)), problem.conditions)
+        apart = []
         for number, held in enumerate(problem.conditions):
             others = [*problem.conditions[:number], *problem.conditions[number + 1 :]]
             apart += scored.misfits(fit(problem, experiment.model, free, others), [held])

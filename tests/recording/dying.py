@@ -23,16 +23,22 @@ class CountingOs:
     """
 
     def __init__(self, last: int, die: Callable[[str, tuple], object]) -> None:
-        self.calls, self._last, self._die = 0, last, die
+        self.calls = 0
+        self._last = last
+        self._die = die
 
     def __getattr__(self, name: str):
         real = getattr(os, name)
-        return self._counted(name, real) if name in COUNTED else real
+        if name in COUNTED:
+            return self._counted(name, real)
+        return real
 
     def _counted(self, name: str, real):
         def call(*words):
             self.calls += 1
-            return self._die(name, words) if self.calls == self._last else real(*words)
+            if self.calls == self._last:
+                return self._die(name, words)
+            return real(*words)
 
         return call
 
@@ -55,7 +61,8 @@ class Promised:
     stages: int
 
 
-TICK, STAGE = b"t", b"s"
+TICK = b"t"
+STAGE = b"s"
 Work = Callable[[Callable[[bytes], object]], None]
 
 
@@ -69,7 +76,8 @@ def calls_of(work: Work) -> int:
 
 @contextmanager
 def instead(other_os):
-    before, atomic.os = atomic.os, other_os
+    before = atomic.os
+    atomic.os = other_os
     try:
         yield
     finally:
@@ -113,7 +121,8 @@ class FullDisk:
     """The module `os` on a disk that holds so many bytes in `folder`, and not one more."""
 
     def __init__(self, folder: Path, room: int) -> None:
-        self._folder, self.room = folder, room
+        self._folder = folder
+        self.room = room
 
     def __getattr__(self, name: str):
         return getattr(os, name)

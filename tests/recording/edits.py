@@ -67,7 +67,8 @@ def _append(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _zero(content: bytes, rng: np.random.Generator) -> bytes:
-    at, length = int(rng.integers(len(content))), int(rng.integers(1, MOST_BYTES))
+    at = int(rng.integers(len(content)))
+    length = int(rng.integers(1, MOST_BYTES))
     return content[:at] + bytes(len(content[at : at + length])) + content[at + length :]
 
 
@@ -93,7 +94,8 @@ def random_edits(run: Path, count: int, seed: int) -> Iterator[Edit]:
     rng = np.random.default_rng(seed)
     files = files_of(run)
     for number in range(count):
-        file, change = files[number % len(files)], CHANGES[int(rng.integers(len(CHANGES)))]
+        file = files[number % len(files)]
+        change = CHANGES[int(rng.integers(len(CHANGES)))]
         before = (run / file).read_bytes()
         while (after := change(before, rng)) == before:
             change = CHANGES[int(rng.integers(len(CHANGES)))]
@@ -183,18 +185,18 @@ def find_fault(run: Path, edit: Edit, place: Path) -> str:
     words = describe_damage(place, findings)
     answer = _recover(place)
     if f"rfca-rig recover {place}" not in words:
-        return "" if answer == words else f"check says {words!r}, recover {answer!r}"
+        if answer == words:
+            return ""
+        return f"check says {words!r}, recover {answer!r}"
     if answer:
         return f"check names recover, which says {answer!r}"
     left = {finding.file for finding in check_run(place) if not finding.is_sound}
     if not left <= damaged - set(REMADE):
         return f"damaged after recover: {sorted(left)}"
     again = _recover(place)
-    return (
-        ""
-        if left or again.endswith("is whole; there is nothing to recover")
-        else f"recover, typed again, says {again!r}"
-    )
+    if left or again.endswith("is whole; there is nothing to recover"):
+        return ""
+    return f"recover, typed again, says {again!r}"
 
 
 def _recover(folder: Path) -> str:

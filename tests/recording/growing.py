@@ -43,14 +43,16 @@ FORCE = StreamForm(
 )
 FORMS = (SHAFT, FORCE)
 START = CommandedStart(100.25, {"shaft_angle_rad": -6.25, "host_s": -100.25})
-TICKS, PER_TICK = 12, 14
+TICKS = 12
+PER_TICK = 14
 SPEED = 2.433
 
 
 def tick(repeat: int, number: int) -> tuple[Rows, Rows]:
     """What the devices report in one tick."""
     random = np.random.default_rng([repeat, number])
-    shaft, force = np.zeros(1, SHAFT.dtype), np.zeros(PER_TICK, FORCE.dtype)
+    shaft = np.zeros(1, SHAFT.dtype)
+    force = np.zeros(PER_TICK, FORCE.dtype)
     for rows, rate_Hz in ((shaft, 500.0), (force, 7000.0)):
         rows["device_s"] = (number * len(rows) + np.arange(len(rows))) / rate_Hz
         rows["host_s"] = rows["device_s"] + 100.0 + random.uniform(0.0, 1e-3, len(rows))
@@ -128,7 +130,8 @@ def run_blocks(count: int) -> list[Sequence[JournalBlock]]:
 
 def expected(count: int) -> Recording:
     """What the first so many stages of `run_blocks` should become."""
-    odd, even = range(1, count + 1, 2), range(2, count + 1, 2)
+    odd = range(1, count + 1, 2)
+    even = range(2, count + 1, 2)
     raw = tuple(RawStage(f"stage {number}", 0.215, streams(number)) for number in even)
     return Recording(
         "Flügel 1",

@@ -22,7 +22,8 @@ from tests.recording.growing import begun
 
 CANARY = b"canary-7f3a-of-somebody-else"
 TABLE = "strokes/001/table"
-FZ, TIME = f"{TABLE}/fz_N", f"{TABLE}/t_s"
+FZ = f"{TABLE}/fz_N"
+TIME = f"{TABLE}/t_s"
 
 FileKind = Callable[[h5py.File, Path], object]
 FolderKind = Callable[[Path, Path], object]
@@ -563,7 +564,8 @@ def _with_filter(file: h5py.File, code: int, values: tuple[int, ...]) -> None:
     plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     plist.set_chunk((211,))
     plist.set_filter(code, h5py.h5z.FLAG_OPTIONAL, values)
-    old, held = dict(file[FZ].attrs), values_of(file)
+    old = dict(file[FZ].attrs)
+    held = values_of(file)
     del file[FZ]
     made = h5py.h5d.create(
         file[TABLE].id, b"fz_N", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((211,)), plist

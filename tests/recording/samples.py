@@ -36,7 +36,10 @@ def stage(number: int) -> StaticStage:
     hinges = (-1.5, math.nan, 0.1 + 0.2, 4.0, 5.0, 6.0)
     std = {"fz_N": 0.1 * number} if number != 2 else {}
     settled = {1: True, 2: False}.get(number)
-    sure = (0.03, math.nan, 0.1, 0.02, 0.02, 0.1 + 0.2) if number != 3 else ()
+    if number != 3:
+        sure = (0.03, math.nan, 0.1, 0.02, 0.02, 0.1 + 0.2)
+    else:
+        sure = ()
     photo = f"photos/{number:03d}.png" if number != 2 else ""
     doubts = "Märke an Gelenk 3: not seen" if number == 1 else ""
     way = "loading" if number < 3 else "unloading"

@@ -163,7 +163,8 @@ def test_a_run_on_the_twin_killed_at_over_200_writes_loses_no_acknowledged_stage
     with recorder_on(rig, tmp_path / "twin") as (bench, recorder, kept):
         recorder._keeper = Collecting(kept.keeper)
         run_plan(one_condition(rig, 2), bench, recorder, nothing)
-        stages, whole = recorder._keeper.stages[:-1], kept.finish()
+        stages = recorder._keeper.stages[:-1]
+        whole = kept.finish()
     calls = calls_of(whole_run(tmp_path / "calls", header(), stages))
     lost = 0
     points = sorted(
@@ -286,7 +287,8 @@ def test_a_crash_while_the_file_of_one_stage_is_made_and_the_next_goes_on_costs_
 ):
     """As on a real rig, whose next stage does not wait."""
     keeper = grown(tmp_path / "run", 2)
-    writer, whole = keeper._writer, list(stroke_blocks(3))
+    writer = keeper._writer
+    whole = list(stroke_blocks(3))
     for number, block in enumerate([*whole, *begun(4)]):
         writer.take(block)
         writer.flush()

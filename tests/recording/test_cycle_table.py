@@ -59,7 +59,8 @@ def test_what_of_a_block_was_written_is_counted_wherever_the_power_went(tmp_path
     run_folder.create(tmp_path / "run", header())
     begun(tmp_path / "run", 1, 5)
     (journal,) = journals(tmp_path / "run")
-    content, length = journal.read_bytes(), len(frame_block(row(1, np.random.default_rng(0))))
+    content = journal.read_bytes()
+    length = len(frame_block(row(1, np.random.default_rng(0))))
     for lost in range(0, 2 * length + 1, 7):
         folder = tmp_path / f"lost{lost}"
         run_folder.create(folder, header())

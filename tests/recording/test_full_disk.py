@@ -144,15 +144,18 @@ def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes
 def test_what_a_full_disk_refuses_can_be_read_back_until_the_file_is_given_up(tmp_path: Path):
     """HDF5 may want to see again what it believes to be written."""
     file = ErrorDeferringFile(tmp_path / "a.h5")
-    random, like = np.random.default_rng(4), bytearray()
+    random = np.random.default_rng(4)
+    like = bytearray()
     with instead(FullDisk(tmp_path, 700)):
         for _ in range(40):
-            at, piece = int(random.integers(0, 1000)), random.bytes(int(random.integers(1, 90)))
+            at = int(random.integers(0, 1000))
+            piece = random.bytes(int(random.integers(1, 90)))
             like.extend(bytes(max(0, at + len(piece) - len(like))))
             like[at : at + len(piece)] = piece
             file.seek(at)
             file.write(memoryview(piece))
-            at, target = int(random.integers(0, len(like))), bytearray(50)
+            at = int(random.integers(0, len(like)))
+            target = bytearray(50)
             file.seek(at)
             length = file.readinto(memoryview(target))
             assert target[:length] == like[at : at + 50]

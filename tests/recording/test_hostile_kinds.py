@@ -123,7 +123,8 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
         "recover": ["recover", folder],
         "check again": ["check", folder],
     }
-    codes, before = {}, {}
+    codes = {}
+    before = {}
     signal.signal(signal.SIGPROF, lambda *_: pytest.fail("does not end"))
     signal.setitimer(signal.ITIMER_PROF, MOST_WORK_S)
     try:
@@ -171,7 +172,8 @@ def readers(tmp_path, monkeypatch, capsys, peak_MB):
 
 @pytest.mark.parametrize("name", each(FILES))
 def test_a_hostile_file(plain, tmp_path, readers, name):
-    secret, folder = lay_canary(tmp_path / "secret"), tmp_path / "runs" / "run"
+    secret = lay_canary(tmp_path / "secret")
+    folder = tmp_path / "runs" / "run"
     folder.mkdir(parents=True)
     path = Path(shutil.copy(plain, folder))
     os.truncate(path, path.stat().st_size - SEAL_BYTES)
@@ -195,7 +197,8 @@ def test_hostile_bytes(plain, tmp_path, readers, name):
 @pytest.mark.skipif(sys.platform == "win32", reason="links, pipes and devices of Unix")
 @pytest.mark.parametrize("name", each(FOLDERS))
 def test_a_hostile_folder(whole, tmp_path, readers, name):
-    secret, folder = lay_canary(tmp_path / "secret"), tmp_path / "runs" / "run"
+    secret = lay_canary(tmp_path / "secret")
+    folder = tmp_path / "runs" / "run"
     shutil.copytree(whole, folder)
     FOLDERS[name](folder, secret)
     assert readers(folder)["check"] == (0 if name in NO_DAMAGE else 2)

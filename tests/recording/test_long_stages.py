@@ -36,7 +36,8 @@ LENGTHS = (7, 5000, ROWS_PER_CHUNK, 0, 3 * ROWS_PER_CHUNK + 11, 1)
 
 def rows(number: int, force_length: int) -> tuple[Rows, Rows]:
     random = np.random.default_rng(number)
-    shaft, force = np.zeros(number, SHAFT.dtype), np.zeros(force_length, FORCE.dtype)
+    shaft = np.zeros(number, SHAFT.dtype)
+    force = np.zeros(force_length, FORCE.dtype)
     for some in (shaft, force):
         some["device_s"] = number + np.arange(len(some)) / 1e5
         some["host_s"] = some["device_s"] + 100.0 + random.uniform(0.0, 1e-3, len(some))
@@ -48,10 +49,8 @@ def rows(number: int, force_length: int) -> tuple[Rows, Rows]:
 
 def test_a_stage_of_several_pieces_is_what_was_handed_over(tmp_path: Path):
     run_folder.create(tmp_path / "run", header())
-    keeper, pieces = (
-        InProcessRecorder(tmp_path / "run"),
-        [rows(number, length) for number, length in enumerate(LENGTHS)],
-    )
+    keeper = InProcessRecorder(tmp_path / "run")
+    pieces = [rows(number, length) for number, length in enumerate(LENGTHS)]
     keeper.give(Begin("long", 0.215, FORMS).block())
     keeper.give(start_block(START))
     for piece in pieces:
@@ -84,7 +83,8 @@ def test_a_journal_is_read_in_pieces_of_any_size(
 ):
     monkeypatch.setattr(journal_module, "PIECE", piece)
     content = b"".join(frame_block(block) for block in begun(1))
-    path, random = tmp_path / "a.journal", np.random.default_rng(piece)
+    path = tmp_path / "a.journal"
+    random = np.random.default_rng(piece)
     for place in [0, 5, len(content), *random.integers(0, len(content), 12)]:
         damaged = bytearray(content)
         damaged[place % len(content)] ^= 16

@@ -28,7 +28,8 @@ def files(tmp_path_factory):
 def test_xarray_finds_time_units_and_counts(files: dict[str, Path], name: str, engine: str):
     pytest.importorskip({"netcdf4": "netCDF4"}.get(engine, engine))
     with xarray.open_dataset(files[name], group="strokes/001/force", engine=engine) as force:
-        fz, expected = force["fz_N"], stroke(1).streams["force"]
+        fz = force["fz_N"]
+        expected = stroke(1).streams["force"]
         assert fz.dims == ("t_s",)
         assert fz.dtype == np.int32
         np.testing.assert_array_equal(fz.values, expected.columns["fz_N"].raw)
@@ -63,7 +64,8 @@ def test_viewers_of_nexus_files_find_something_to_plot(files: dict[str, Path]):
     """
     for path in files.values():
         with h5py.File(path) as file:
-            group, classes = file, []
+            group = file
+            classes = []
             while "default" in group.attrs:
                 classes.append(group.attrs["NX_class"])
                 group = group[group.attrs["default"]]

@@ -38,11 +38,9 @@ PICTURES = [picture_of(number) for number in range(3)]
 
 def keeper_of(kind: type, folder: Path) -> InProcessRecorder | RecorderClient:
     run_folder.create(folder, header())
-    return (
-        InProcessRecorder(folder)
-        if kind is InProcessRecorder
-        else RecorderClient(folder, patient=False)
-    )
+    if kind is InProcessRecorder:
+        return InProcessRecorder(folder)
+    return RecorderClient(folder, patient=False)
 
 
 @pytest.mark.parametrize(

@@ -34,10 +34,8 @@ def test_a_recording_without_strokes_stages_or_samples_comes_back(tmp_path: Path
 
 
 def test_the_same_recording_gives_the_same_bytes(tmp_path: Path):
-    one, two = (
-        write_recording(recording(), tmp_path / "one.h5"),
-        write_recording(recording(), tmp_path / "two.h5"),
-    )
+    one = write_recording(recording(), tmp_path / "one.h5")
+    two = write_recording(recording(), tmp_path / "two.h5")
     assert one.read_bytes() == two.read_bytes()
     with h5py.File(one) as file:
         file.visititems(_assert_no_time_of_writing)
@@ -223,7 +221,8 @@ def test_a_file_from_before_there_were_photos_still_opens(tmp_path: Path):
         ]:
             del file["static"][name]
         del file.attrs[SEALED]
-    found, given = read_recording(path).static, recording().static
+    found = read_recording(path).static
+    given = recording().static
     assert repr([stage.hinge_deg for stage in found]) == repr([stage.hinge_deg for stage in given])
     assert all(math.isnan(std) for stage in found for std in stage.hinge_std_deg)
     assert {len(stage.hinge_std_deg) for stage in found} == {6}

@@ -37,7 +37,10 @@ def truth_of(case: Case | PendulumCase) -> dict:
     mislabelled, structured, uneven = (
         getattr(case, name, None) for name in ("mislabelled", "structured", "uneven")
     )
-    left = 50.0 * case.strength**2 if case.effects or case.strangers or mislabelled else 0.0
+    if case.effects or case.strangers or mislabelled:
+        left = 50.0 * case.strength**2
+    else:
+        left = 0.0
     return {
         "format": FORMAT,
         "case": case.id,
@@ -77,7 +80,12 @@ def answer_to(case: Case | PendulumCase, false_names: float, random: np.random.G
 
 def claim(name: str, values: Mapping[str, float], random: np.random.Generator) -> dict:
     alike = [other for pair in NEVER_TOGETHER if name in pair for other in pair - {name}]
-    told, others = (alike[0], [name]) if alike and random.random() < 0.4 else (name, alike)
+    if alike and random.random() < 0.4:
+        told = alike[0]
+        others = [name]
+    else:
+        told = name
+        others = alike
     found = {
         key: {"value": value * (1.0 + 0.03 * random.normal()), "std": 0.03 * abs(value)}
         for key, value in values.items()
@@ -91,9 +99,8 @@ def claim(name: str, values: Mapping[str, float], random: np.random.Generator) -
 
 
 def diagnosis(verdict: str, effects: list) -> dict:
-    fit = (
-        {"held_out_rms_fz_N": {"before": 3.0, "after": 0.45, "noise_floor": 0.2}}
-        if effects
-        else None
-    )
+    if effects:
+        fit = {"held_out_rms_fz_N": {"before": 3.0, "after": 0.45, "noise_floor": 0.2}}
+    else:
+        fit = None
     return {"format": "rfca-diagnosis/1", "verdict": verdict, "effects": effects, "fit": fit}

@@ -14,7 +14,11 @@ class Outline(HTMLParser):
 
     def __init__(self, page, forbidden=("script", "link", "iframe", "img", "object")):
         super().__init__()
-        self.open, self.ids, self.fetched, self.text, self.forbidden = [], [], [], "", forbidden
+        self.open = []
+        self.ids = []
+        self.fetched = []
+        self.text = ""
+        self.forbidden = forbidden
         self.feed(page)
         assert self.open == []
 

@@ -45,7 +45,8 @@ def strokes(repeats: int = 2, rate_Hz: float = 1000.0) -> tuple[Stroke, ...]:
 def _stroke(t_s: np.ndarray, height_m: float, speed_rad_s: float, repeat: int) -> Stroke:
     simulated = simulate_stroke_at_speed(nominal_model(BELIEVED), height_m, speed_rad_s, t_s)
     noise_N = np.random.default_rng(repeat).normal(0.0, 0.15, len(t_s))
-    fz_N, angle_rad = simulated.fz_N + noise_N, simulated.shaft_angle_rad
+    fz_N = simulated.fz_N + noise_N
+    angle_rad = simulated.shaft_angle_rad
     return traces.stroke(
         t_s,
         fz_N,

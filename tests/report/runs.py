@@ -92,7 +92,8 @@ def static_stage(number, angle_deg, fz_N, direction="loading"):
 
 def worn(drift=-0.08):
     """Two stiffness checks with 40 cycles between; the forces of the second are less by 8 %."""
-    settle, timing = SettleCriterion(0.1, 0.001, 0.3, 10.0), HoldTiming(0.2, 0.5)
+    settle = SettleCriterion(0.1, 0.001, 0.3, 10.0)
+    timing = HoldTiming(0.2, 0.5)
     holds = [
         Hold(0.2228, n, "loading", np.radians(CHECKED_DEG[(n - 1) % 3]), settle, timing)
         for n in range(1, 7)

@@ -274,7 +274,8 @@ def motions_of(signal):
 
 def motion_overlays(signals):
     t_s = np.linspace(0.0, 4.0, 161)
-    wave, starts_s = np.sin(4.0 * t_s), np.arange(0.0, 4.0, 0.5)
+    wave = np.sin(4.0 * t_s)
+    starts_s = np.arange(0.0, 4.0, 0.5)
     return tuple(
         SignalOverlay(
             f"{run}, repeat 1",

@@ -6,7 +6,8 @@ from rfca_rig.reports.style import envelope
 def test_peaks_and_order_survive_and_points_are_few():
     x = np.linspace(0.0, 1.0, 15000)
     y = np.random.default_rng(0).normal(size=15000)
-    y[7321], y[7322] = 90.0, -80.0
+    y[7321] = 90.0
+    y[7322] = -80.0
     thin_x, thin_y = envelope(x, y, 300)
     assert len(thin_x) <= 600
     assert (thin_y.max(), thin_y.min()) == (90.0, -80.0)

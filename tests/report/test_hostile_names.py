@@ -101,7 +101,8 @@ def check_page(page: str, harmless: str) -> Outline:
     """The page has elements of the harmless one only, its programs and styles, and no character
     that cannot be printed.
     """
-    outline, usual = Outline(page), Outline(harmless)
+    outline = Outline(page)
+    usual = Outline(harmless)
     names = {tag for tag, *_ in outline.elements}
     assert names <= {tag for tag, *_ in usual.elements}
     assert not [
@@ -132,11 +133,9 @@ def rename(value: object, names: Mapping[str, str]) -> object:
             value = value.replace(old, new)
         return value
     if isinstance(value, np.ndarray):
-        return (
-            np.array([rename(one, names) for one in value.tolist()])
-            if value.dtype.kind == "U"
-            else value
-        )
+        if value.dtype.kind == "U":
+            return np.array([rename(one, names) for one in value.tolist()])
+        return value
     if isinstance(value, tuple | list):
         return type(value)(rename(one, names) for one in value)
     if isinstance(value, dict):
@@ -154,11 +153,10 @@ def rename(value: object, names: Mapping[str, str]) -> object:
 
 
 def written_diagnosis(folder: Path, diagnosis: object, title: str) -> Path:
-    sources = (
-        (RecordingSource(f"runs/{title}", "0" * 64, "REAL", title, None, None, None),)
-        if title
-        else ()
-    )
+    if title:
+        sources = (RecordingSource(f"runs/{title}", "0" * 64, "REAL", title, None, None, None),)
+    else:
+        sources = ()
     write_diagnosis(
         diagnosis, folder, Origin(command=f"rfca-rig diagnose {title}", recordings=sources)
     )
@@ -279,9 +277,10 @@ def write_arm(folder: Path, names: Mapping[str, str]) -> Path:
     experiment["title"] = names["title"]
     for section in (*experiment["signals"], *experiment.get("commands", ())):
         for key in ("joint", "actuator"):
-            section[key] = (
-                names.get(section[key], section[key]) if key in section else section.get(key)
-            )
+            if key in section:
+                section[key] = names.get(section[key], section[key])
+            else:
+                section[key] = section.get(key)
         if section["column"] == columns[1]:
             section["column"] = names["column"]
     columns[1] = names["column"]

@@ -56,7 +56,8 @@ def test_a_run_is_known_by_its_file_and_a_campaign_by_all_of_its_tables(tmp_path
 
 
 def test_what_was_recorded_meanwhile_is_listed_without_a_hash(tmp_path):
-    one, other = recording(static=stages()), recording(static=stages(), source="SIM")
+    one = recording(static=stages())
+    other = recording(static=stages(), source="SIM")
     write_recording(one, tmp_path / "run.h5")
     first, second = origin_of("", [tmp_path], [one, other]).recordings
     assert first.sha256 and not second.sha256 and second.mark == "SIM"
@@ -73,10 +74,8 @@ def test_the_head_states_date_operator_specimen_rig_and_version():
         "sample": "leg 4",
         "rig": "bench",
     }
-    one, other = (
-        recording(static=stages(), provenance=known),
-        recording(static=stages(), provenance={**known, "operator": "Bo"}),
-    )
+    one = recording(static=stages(), provenance=known)
+    other = recording(static=stages(), provenance={**known, "operator": "Bo"})
     facts = dict(origin_in_memory([one, other]).facts)
     assert [facts[name] for name in ("Date", "Operator", "Specimen", "Rig")] == [
         "2026-11-03 14:05 UTC",

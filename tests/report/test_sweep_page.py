@@ -93,7 +93,9 @@ def test_curves_maps_and_facets(vary, x, second, is_map, facets):
 
 def test_a_page_tells_what_is_missing_and_stays_the_same():
     def none_above(k0, height_mm):
-        return np.nan if k0 > 11.5 else k0 * height_mm
+        if k0 > 11.5:
+            return np.nan
+        return k0 * height_mm
 
     result = result_of("k0=8:12:5", "height_mm=200:240:9", value=none_above)
     html = page(result, [], "rfca-rig sweep --vary ...")

@@ -170,7 +170,8 @@ def test_values_have_the_digits_that_their_uncertainty_leaves():
 
 
 def test_a_small_value_does_not_round_to_none():
-    column, said = TableColumn("noise"), []
+    column = TableColumn("noise")
+    said = []
     for value in (2e-5, 0.0, 5e-5, -2e-5):
         said.append(cell(column, TableRow({"noise": value}, digits=4)).text)
     assert said == ["< 0.0001", "0.0000", "0.0001", "0.0000"]

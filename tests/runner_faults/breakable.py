@@ -67,7 +67,9 @@ class BreakableBus(can.BusABC):
         did.
         """
         first = _first_idle(self.taken)
-        return None if first is None else self.taken[first][0]
+        if first is None:
+            return None
+        return self.taken[first][0]
 
     def motion_after_stop(self) -> int:
         """Frames that would move the motor, after the driver first wanted to send that order;
@@ -83,7 +85,10 @@ def _first_idle(frames: list[tuple[float, can.Message]]) -> int | None:
     first: int | None = None
     for at, (_, message) in enumerate(frames):
         if message.arbitration_id & 0x1F == OdriveCommand.AXIS_STATE:
-            first = None if _closes_loop(message) else at if first is None else first
+            if _closes_loop(message):
+                first = None
+            else:
+                first = at if first is None else first
     return first
 
 
@@ -109,7 +114,9 @@ class BreakableLink:
         if self.error is not None:
             raise self.error
         received = self._end.receive_all()
-        return self.alter(received) if self.alter else received
+        if self.alter:
+            return self.alter(received)
+        return received
 
     def close(self) -> None:
         self._end.close()
@@ -136,7 +143,8 @@ class BreakableClock:
         return self.clock.wall_time() + self.wall_step
 
     def wait_until(self, t_s: float) -> None:
-        late_s, self.late_s = self.late_s, 0.0
+        late_s = self.late_s
+        self.late_s = 0.0
         while self.meanwhile is not None and late_s > 0.0:
             self.meanwhile()
             self.clock.wait_until(self.clock.now_s() + 0.01)
@@ -156,9 +164,9 @@ class RunawayDrive:
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         law = self.twin.drive(shaft)
-        return (
-            law if self.away_Nm is None or law == ShaftDrive() else ShaftDrive(feed_Nm=self.away_Nm)
-        )
+        if self.away_Nm is None or law == ShaftDrive():
+            return law
+        return ShaftDrive(feed_Nm=self.away_Nm)
 
     def advance(
         self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive
@@ -206,7 +214,9 @@ class BreakableCamera:
             raise self.error
 
     def fetch_photo(self) -> Photo | None:
-        return None if self.frozen else self.photo
+        if self.frozen:
+            return None
+        return self.photo
 
     def close(self) -> None:
         """Nothing is held open."""

@@ -106,7 +106,9 @@ def _hold_back(rig: FaultyRig, late_s: float) -> None:
         if _command_of(message) != OdriveCommand.ENCODER_ESTIMATES:
             return message
         queue.append((rig.clock.now_s(), message))
-        return queue.popleft()[1] if rig.clock.now_s() - queue[0][0] >= late_s else None
+        if rig.clock.now_s() - queue[0][0] >= late_s:
+            return queue.popleft()[1]
+        return None
 
     rig.bus.alter = alter
 

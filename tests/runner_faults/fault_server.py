@@ -106,7 +106,8 @@ class ServedTwins:
         return self.wire
 
     def make_link(self, link: Any, panel: FaultPanel) -> AlterableLink:
-        self.link, self.panel = AlterableLink(link, panel), panel
+        self.link = AlterableLink(link, panel)
+        self.panel = panel
         return self.link
 
     def make_twins(
@@ -141,7 +142,9 @@ class ServedTwins:
     def heal(self) -> None:
         self.bus.alter = self.link.alter = None
         self.panel.switch_all_off()
-        self.truth.blocked_rad, self.truth.loose, self.truth.pull = None, False, np.zeros(6)
+        self.truth.blocked_rad = None
+        self.truth.loose = False
+        self.truth.pull = np.zeros(6)
         self.runaway.away_Nm = None
         self.drive._settings, self.drive._loop = self._healthy
 

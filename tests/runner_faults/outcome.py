@@ -91,7 +91,10 @@ def caused(cause: Cause, folder: Path, fidelity: Fidelity = CHEAP) -> Outcome:
 
 def begin_now(rig: FaultyRig, *causes: Cause) -> None:
     if np.isnan(rig.begun_s):
-        rig.begun_s = rig.truth.moments[-1].at_s if rig.truth.moments else 0.0
+        if rig.truth.moments:
+            rig.begun_s = rig.truth.moments[-1].at_s
+        else:
+            rig.begun_s = 0.0
     for cause in causes:
         cause.begin(rig)
 
@@ -110,12 +113,15 @@ def run_to_its_end(rig: FaultyRig, sink: Any) -> Outcome:
 
 def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:
     """What became of the work, and of the rig for a while after it."""
-    ended, error = GOES_ON, None
+    ended = GOES_ON
+    error = None
     try:
         work()
     except RigError as caught:
-        error, ended = caught, code_of(caught)
-    over_s, acknowledged = rig.clock.now_s(), rig.keeper.acknowledged
+        error = caught
+        ended = code_of(caught)
+    over_s = rig.clock.now_s()
+    acknowledged = rig.keeper.acknowledged
     rig.clock.wait_until(over_s + rig.watched_s)
     rig.keeper.finish(ended)
     kept = run_folder.read_stages(rig.folder)
@@ -140,18 +146,18 @@ def code_of(error: BaseException) -> str:
     while chain[-1].__context__ is not None and chain[-1].__context__ not in chain:
         chain = [*chain, chain[-1].__context__]
     trips = [one for one in chain if isinstance(one, Tripped)]
-    return str(trips[0].code) if trips else type(error).__name__
+    if trips:
+        return str(trips[0].code)
+    return type(error).__name__
 
 
 def _energised_s(rig: FaultyRig, over_s: float) -> float:
     """How long the drive gave torque after that."""
-    return (
-        over_s
-        if np.isnan(over_s)
-        else max(
-            (moment.at_s - over_s for moment in rig.truth.after(over_s) if moment.powered),
-            default=0.0,
-        )
+    if np.isnan(over_s):
+        return over_s
+    return max(
+        (moment.at_s - over_s for moment in rig.truth.after(over_s) if moment.powered),
+        default=0.0,
     )
 
 

@@ -70,9 +70,10 @@ class WireRun:
         """Time from the fault to the last torque of the motor, else to the last one that the
         drive reports.
         """
-        last_s = (
-            last_torque_s(self.frames, self.shows_torque) if self.motor_s is None else self.motor_s
-        )
+        if self.motor_s is None:
+            last_s = last_torque_s(self.frames, self.shows_torque)
+        else:
+            last_s = self.motor_s
         return last_s - self.begun_s
 
     @property
@@ -194,7 +195,10 @@ def run_with_fault(
                 )
             )
         error, begun_s = _run(rig, keeper, wire, begin, in_hold, cause)
-        shows_torque = shows_odrive_torque if rig.motor.device == "odrive" else shows_mit_torque
+        if rig.motor.device == "odrive":
+            shows_torque = shows_odrive_torque
+        else:
+            shows_torque = shows_mit_torque
         frames = proxy.finish()
     return WireRun(
         GOES_ON if error is None else code_of(error),
@@ -218,7 +222,9 @@ def _motor_s(server: Server) -> float | None:
     if server.process.poll() is not None:
         return None
     answer = server.told("torque")
-    return None if answer.startswith("error") else float(answer.split()[0])
+    if answer.startswith("error"):
+        return None
+    return float(answer.split()[0])
 
 
 def _set_rack(server: Server, prompt: str) -> str:
@@ -252,12 +258,12 @@ def _run(
         if isinstance(stage, Rest) and in_hold:
             begin_soon(AFTER_S)
 
-    plan, error = _plan(rig, in_hold, cause), None
-    expected = (
-        {}
-        if cause is None
-        else {stage: EXPECTED_LOAD for stage in plan.stages if isinstance(stage, Flap)}
-    )
+    plan = _plan(rig, in_hold, cause)
+    error = None
+    if cause is None:
+        expected = {}
+    else:
+        expected = {stage: EXPECTED_LOAD for stage in plan.stages if isinstance(stage, Flap)}
     supervision = Supervision(expected)
     with open_bench(rig, None) as bench, handle_signals(supervision.stop_request, lambda _: None):
         keeper.watch(supervision.helpers)

@@ -63,7 +63,8 @@ from tests.runner_faults.truth import Truth
 
 GEAR = 9.0
 HEIGHT_M = 0.25
-START_RAD, PARKED_RAD = 0.246, 0.698
+START_RAD = 0.246
+PARKED_RAD = 0.698
 RETURN_RAD_S = 12.0
 # What the model is taken to predict for the stroke.
 EXPECTED_LOAD = Load(60.0, 8.0)
@@ -136,7 +137,8 @@ class Agenda:
         """Acts that fall due before the world stands at `to_s`; one may raise, as a pressed key
         does.
         """
-        reached_s, self._reached_s = self._reached_s, to_s
+        reached_s = self._reached_s
+        self._reached_s = to_s
         while self._due and self._due[0][0] <= reached_s:
             self._due.pop(0)[1]()
 
@@ -210,15 +212,15 @@ def _put_together(
     random: np.random.Generator,
     stack: ExitStack,
 ) -> FaultyRig:
-    clock, panel = TwinClock(), FaultPanel((*FORCE_FAULTS, *CAN_FAULTS, *FAULTS.faults))
-    agenda, truth = Agenda(clock), Truth(_plant(fidelity, random))
+    clock = TwinClock()
+    panel = FaultPanel((*FORCE_FAULTS, *CAN_FAULTS, *FAULTS.faults))
+    agenda = Agenda(clock)
+    truth = Truth(_plant(fidelity, random))
     drivers_end, twins_end, observer = stack.enter_context(can_wire(ends=3))
     here, there = datagram_link()
-    tampered, bus, link = (
-        TamperedBus(twins_end, panel, OdriveDialect()),
-        BreakableBus(drivers_end, clock),
-        BreakableLink(here),
-    )
+    tampered = TamperedBus(twins_end, panel, OdriveDialect())
+    bus = BreakableBus(drivers_end, clock)
+    link = BreakableLink(here)
     stack.callback(tampered.shutdown)
     stack.callback(bus.shutdown)
     drive = OdriveTwin(
@@ -234,7 +236,8 @@ def _put_together(
     sensor = NetFtSensor(
         link, clock, NetFtSettings(rate_Hz=fidelity.force_Hz, buffered=fidelity.decimation == 1)
     )
-    keeper, engine_clock = BreakableKeeper(_keeper(folder)), BreakableClock(clock)
+    keeper = BreakableKeeper(_keeper(folder))
+    engine_clock = BreakableClock(clock)
     return FaultyRig(
         clock=clock,
         engine_clock=engine_clock,
@@ -273,7 +276,8 @@ def _keeper(folder: Path) -> InProcessRecorder:
 
 
 def box_settings(fidelity: Fidelity) -> NetFtTwinSettings:
-    noise, reach = (0.12,) * 3 + (0.006,) * 3, (2e3,) * 3 + (200.0,) * 3
+    noise = (0.12,) * 3 + (0.006,) * 3
+    reach = (2e3,) * 3 + (200.0,) * 3
     return NetFtTwinSettings(decimation=fidelity.decimation, noise_std=noise, full_scale=reach)
 
 

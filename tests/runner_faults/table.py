@@ -110,12 +110,18 @@ def over_the_wire(cause: Cause) -> str:
     if cause.ends == GOES_ON:
         return "goes on"
     times = ", ".join(_median_text(kept[state]["times_ms"]) for state in ("idle", "busy"))
-    return f"{times} (reported)" if kept.get("by_report") else times
+    if kept.get("by_report"):
+        return f"{times} (reported)"
+    return times
 
 
 def _median_text(times_ms: Sequence[float]) -> str:
-    return f"{max(statistics.median(times_ms), 0.0):.0f} ms" if times_ms else "not measured"
+    if times_ms:
+        return f"{max(statistics.median(times_ms), 0.0):.0f} ms"
+    return "not measured"
 
 
 def _ms_and_deg(time_ms: float, way_deg: float) -> str:
-    return "-" if np.isnan(time_ms) else f"{time_ms:.0f} ms, {way_deg:.1f} deg"
+    if np.isnan(time_ms):
+        return "-"
+    return f"{time_ms:.0f} ms, {way_deg:.1f} deg"

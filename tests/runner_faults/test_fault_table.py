@@ -96,7 +96,8 @@ def test_every_cause_is_measured_over_the_wire_or_says_why_not() -> None:
 
 
 def test_times_over_the_wire_are_those_of_simulated_time() -> None:
-    simulated, kept = simulated_ms(), json.loads(STOP_TIMES.read_text(encoding="utf-8"))
+    simulated = simulated_ms()
+    kept = json.loads(STOP_TIMES.read_text(encoding="utf-8"))
     compared = 0
     for name, states in kept.items():
         if name in simulated and states["idle"]["times_ms"]:

@@ -92,8 +92,10 @@ class DrivenRig:
 @contextmanager
 def driven(drive: str) -> Iterator[DrivenRig]:
     driver, twin = DRIVES[drive]
-    clock, truth = TwinClock(), Truth(Pendulum(PARKED_RAD))
-    agenda, (here, there) = Agenda(clock), datagram_link()
+    clock = TwinClock()
+    truth = Truth(Pendulum(PARKED_RAD))
+    agenda = Agenda(clock)
+    (here, there) = datagram_link()
     with can_wire() as (drivers_end, twins_end):
         motor_twin = twin(twins_end)
         clock.carry(agenda.process)
@@ -115,7 +117,10 @@ def begin(rig: DrivenRig, name: str) -> None:
     elif name == "encoder-jump" and isinstance(rig.twin, MoteusTwin):
         rig.twin.restart()  # its jump is one of the wire, and tested there
     else:
-        faults = MOTEUS_FAULTS if isinstance(rig.twin, MoteusTwin) else CUBEMARS_FAULTS
+        if isinstance(rig.twin, MoteusTwin):
+            faults = MOTEUS_FAULTS
+        else:
+            faults = CUBEMARS_FAULTS
         faults.events(rig.twin)[name]()
 
 

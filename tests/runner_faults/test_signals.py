@@ -56,11 +56,9 @@ class Running:
         return folder
 
     def acknowledged(self) -> int:
-        return (
-            len(list(self.folder.glob("stages/*.h5")))
-            if self.runs.is_dir() and any(self.runs.iterdir())
-            else 0
-        )
+        if self.runs.is_dir() and any(self.runs.iterdir()):
+            return len(list(self.folder.glob("stages/*.h5")))
+        return 0
 
     def ended(self) -> int:
         return self.process.wait(PATIENCE_S)
@@ -200,7 +198,8 @@ def test_a_stage_is_announced_when_it_is_on_disk_and_a_recorder_that_hangs_is_re
 
 def read_until(terminal: int, words: bytes) -> bytes:
     """What a terminal shows, until it shows `words`."""
-    shown, until_s = b"", time.monotonic() + PATIENCE_S
+    shown = b""
+    until_s = time.monotonic() + PATIENCE_S
     while words not in shown:
         assert time.monotonic() < until_s, shown[-500:]
         if select.select([terminal], [], [], 1.0)[0]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from rfca_rig.twins.world import ShaftDrive, ShaftState, TwinPlant
 
-BLOCK_Nm_per_rad, BLOCK_Nm_s_per_rad = 2e3, 20.0
+BLOCK_Nm_per_rad = 2e3
+BLOCK_Nm_s_per_rad = 20.0
 STANDS_RAD_S = 0.05
 STANDS_FOR_S = 0.05
 
@@ -45,7 +46,9 @@ class Truth:
     def _reaching(self, drive: ShaftDrive) -> ShaftDrive:
         if self.loose:
             return ShaftDrive()
-        return drive if self.blocked_rad is None else _held_fast(drive, self.blocked_rad)
+        if self.blocked_rad is None:
+            return drive
+        return _held_fast(drive, self.blocked_rad)
 
     def shaft(self) -> ShaftState:
         return self.plant.shaft()

@@ -41,7 +41,8 @@ class Backwards(TaskExecutor):
     at_once = workers = 1000
 
     def __init__(self, pieces: int) -> None:
-        self._left, self._waiting = pieces, []
+        self._left = pieces
+        self._waiting = []
 
     def submit(self, fn, /, *args, **_):
         future: Future = Future()

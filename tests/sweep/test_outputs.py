@@ -68,7 +68,8 @@ def momentum_down(of: CaseResults, row: int) -> float:
 
 def test_the_impulse_is_weight_less_mount_less_momentum(plain):
     """d(momentum down)/dt = weight - what the ground bears - fz."""
-    t_s, fz = plain.stroke.t_s[plain.moving], plain.stroke.fz_N[plain.moving]
+    t_s = plain.stroke.t_s[plain.moving]
+    fz = plain.stroke.fz_N[plain.moving]
     weight = PAPER_WEIGHT_N * (t_s[-1] - t_s[0])
     by_balance = (
         weight
@@ -82,7 +83,8 @@ PAPER_WEIGHT_N = GRAVITY_M_S2 * sum(PAPER.leg.link_masses_kg)
 
 
 def test_driving_force_and_load_belong_to_one_moment_and_to_the_sensor(plain):
-    load, push = value("load_capacity_N", plain), value("driving_force_N", plain)
+    load = value("load_capacity_N", plain)
+    push = value("driving_force_N", plain)
     at = int(np.argmin(np.abs(plain.stroke.fz_N + load)))
     assert (plain.stroke.fz_N[at], plain.stroke.fy_N[at]) == pytest.approx((-load, -push))
     assert load == pytest.approx(-value("valley_fz_N", plain), rel=1e-3)
@@ -143,7 +145,8 @@ def test_equivalent_stiffness_is_the_slope_of_the_torque(plain):
     def torque(phi):
         return PAPER.leg.k0_Nm_per_rad * (phi + PAPER.leg.k2_per_rad2 * phi**3)
 
-    at, step = np.radians(20.0), 1e-5
+    at = np.radians(20.0)
+    step = 1e-5
     slope = (torque(at + step) - torque(at - step)) / (2.0 * step)
     assert value("equivalent_stiffness_Nm_per_rad@20", plain) == pytest.approx(slope, rel=1e-8)
     assert (

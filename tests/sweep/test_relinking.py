@@ -39,7 +39,8 @@ def test_length_and_mass_stay_and_compliance_is_shared_out(leg, count):
     assert np.cumsum(other.link_masses_kg) == pytest.approx(
         mass_up_to(leg, places(other)[1:]), rel=1e-12
     )
-    hinges, others = len(leg.link_lengths_m) - 1, count - 1
+    hinges = len(leg.link_lengths_m) - 1
+    others = count - 1
     assert others / other.k0_Nm_per_rad == pytest.approx(hinges / leg.k0_Nm_per_rad)
 
 
@@ -53,7 +54,8 @@ def test_springs_in_series_carry_one_torque_and_share_the_angle():
     cut, hardening and damping included.
     """
     other = with_links(LEG, 13)
-    m, phi = 12 / 6, np.linspace(-0.6, 0.6, 7)
+    m = 12 / 6
+    phi = np.linspace(-0.6, 0.6, 7)
     for leg, angle in ((LEG, phi), (other, phi / m)):
         torque = leg.k0_Nm_per_rad * angle * (1.0 + leg.k2_per_rad2 * angle**2)
         assert torque == pytest.approx(
@@ -77,8 +79,11 @@ def test_a_little_load_on_the_tip_bends_many_links_as_a_beam_with_rigid_ends():
     """delta = F ((L - a)^3 - (L - b)^3) / 3 EI for a beam that bends from a to b only; what
     differs falls with the square of the pitch.
     """
-    a, b, L = 0.054 - 0.039333 / 2, 0.29 - 0.039333 / 2, sum(LEG.link_lengths_m)
-    EI, F = LEG.k0_Nm_per_rad * 0.039333, 1e-3
+    a = 0.054 - 0.039333 / 2
+    b = 0.29 - 0.039333 / 2
+    L = sum(LEG.link_lengths_m)
+    EI = LEG.k0_Nm_per_rad * 0.039333
+    F = 1e-3
     beam = F * ((L - a) ** 3 - (L - b) ** 3) / (3.0 * EI)
     errors = []
     for count in (7, 13, 25, 49):
@@ -96,7 +101,8 @@ def test_under_any_load_many_links_become_the_elastica():
     """A leg that bends from end to end, without hardening, against the clamped strip of
     `elastica`, by 56 degrees at its tip.
     """
-    p, hinges = 0.03, 8
+    p = 0.03
+    hinges = 8
     lengths = (p / 2, *[p] * (hinges - 1), p / 2)
     leg = Leg(lengths, tuple(length / 0.24 for length in lengths), 1e-9, 10.0, 0.0, 0.0, 0.0)
     force = (-3.0, 12.0)

@@ -5,7 +5,8 @@ import pytest
 
 from rfca_rig.sweep.plan import Range, SweepSamples, first_order, points, shares
 
-A, B = 7.0, 0.1
+A = 7.0
+B = 0.1
 
 
 def ishigami(x: np.ndarray) -> np.ndarray:

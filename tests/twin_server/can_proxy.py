@@ -92,7 +92,8 @@ class Proxy:
             self._let_go_held()
 
     def _pass_on(self, end: socket.socket) -> None:
-        other, received = self.later[end], _receive(end)
+        other = self.later[end]
+        received = _receive(end)
         self._log_commands(received)
         if received:
             other.sendall(received)
@@ -144,7 +145,9 @@ class Proxy:
         words = message.split()
         if words[:2] != [b"<", b"frame"]:
             return message
-        now_s, can_id, fault = time.monotonic(), int(words[2], 16), self.fault
+        now_s = time.monotonic()
+        can_id = int(words[2], 16)
+        fault = self.fault
         is_damaged = fault is not None and fault.can_id == can_id and fault.frames > 0
         # A frame without data, as an emergency stop, has none between its time and the end.
         data = words[4].decode() if len(words) > 5 else ""

@@ -60,7 +60,8 @@ class FaultyRig:
 
 
 def faulty_rig(stack: ExitStack) -> FaultyRig:
-    clock, panel = TwinClock(), FaultPanel(CATALOGUE)
+    clock = TwinClock()
+    panel = FaultPanel(CATALOGUE)
     drivers_end, twins_end = stack.enter_context(can_wire())
     here, there = datagram_link()
     bus = TamperedBus(twins_end, panel, OdriveDialect())
@@ -94,7 +95,8 @@ def noticed(name: str) -> str:
 def noticed_at_start(name: str) -> str:
     """What the driver says where it asks the box's pages for their scale before it starts."""
     here, there = datagram_link()
-    panel, settings = FaultPanel(CATALOGUE), NetFtTwinSettings()
+    panel = FaultPanel(CATALOGUE)
+    settings = NetFtTwinSettings()
     box = NetFtBoxTwin(NetFtTwin(there, settings, np.random.default_rng(1)))
     pages = HttpPort(box, panel, "127.0.0.1", 0)
     sensor = NetFtSensor(here, TwinClock(), NetFtSettings(), HttpBox("127.0.0.1", pages.port))
@@ -109,7 +111,8 @@ def noticed_at_start(name: str) -> str:
 
 
 def said(rig: FaultyRig) -> str:
-    health, status = rig.sensor.health(), rig.motor.status()
+    health = rig.sensor.health()
+    status = rig.motor.status()
     counts = {
         "lost": health.lost,
         "twice": health.duplicate,
@@ -125,7 +128,9 @@ def said(rig: FaultyRig) -> str:
 
 
 def told(name: str) -> str:
-    return noticed_at_start(name) if name in ON_THE_PAGES else noticed(name)
+    if name in ON_THE_PAGES:
+        return noticed_at_start(name)
+    return noticed(name)
 
 
 def table() -> str:

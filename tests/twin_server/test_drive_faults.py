@@ -63,9 +63,9 @@ OLDER_ODRIVE = {
 def noticed(name: str, older_odrive: bool = False) -> str:
     """What the driver says after half a second of the fault, on a shaft that turns."""
     with ExitStack() as stack:
-        clock, panel = (
-            TwinClock(),
-            FaultPanel((*CAN_FAULTS, *(ODRIVE_FAULTS if older_odrive else MOTEUS_FAULTS).faults)),
+        clock = TwinClock()
+        panel = FaultPanel(
+            (*CAN_FAULTS, *(ODRIVE_FAULTS if older_odrive else MOTEUS_FAULTS).faults)
         )
         here, there = stack.enter_context(can_wire())
         bus = TamperedBus(there, panel, OdriveDialect() if older_odrive else MoteusDialect())
@@ -75,7 +75,10 @@ def noticed(name: str, older_odrive: bool = False) -> str:
             if older_odrive
             else MoteusTwin(bus, MoteusTwinSettings())
         )
-        events = odrive_events(drive) if older_odrive else moteus_events(drive)
+        if older_odrive:
+            events = odrive_events(drive)
+        else:
+            events = moteus_events(drive)
         clock.carry(
             TwinWorld(
                 Rotor(),

@@ -22,7 +22,8 @@ from tests.twin_server.server import serving
 @pytest.fixture
 def port() -> Iterator[tuple[FdcanusbPort, can.BusABC, serial.Serial]]:
     wire = SharedWire("test")
-    opened, other = FdcanusbPort(wire), wire.join()
+    opened = FdcanusbPort(wire)
+    other = wire.join()
     with serial.Serial(opened.path, timeout=60.0) as line:
         yield opened, other, line
     opened.close()
@@ -32,7 +33,9 @@ def port() -> Iterator[tuple[FdcanusbPort, can.BusABC, serial.Serial]]:
 def answers(port: FdcanusbPort, line: serial.Serial, said: bytes, expected: int = 1) -> list[str]:
     """What the port says to a line, which takes the kernel a moment to carry."""
     line.write(said)
-    lines, rest, deadline_s = [], b"", time.monotonic() + 60.0
+    lines = []
+    rest = b""
+    deadline_s = time.monotonic() + 60.0
     while len(lines) < expected and time.monotonic() < deadline_s:
         port.poll(0.0)
         more, rest = fdcanusb.split(rest + line.read(line.in_waiting))

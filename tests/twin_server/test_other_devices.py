@@ -33,7 +33,8 @@ def rig_text() -> str:
 
 @pytest.mark.realtime
 def test_both_are_read_over_their_wires(tmp_path, monkeypatch):
-    served_file, real_file = tmp_path / "served.toml", tmp_path / "real.toml"
+    served_file = tmp_path / "served.toml"
+    real_file = tmp_path / "real.toml"
     served_file.write_text(rig_text())
     with serving("--rig", str(served_file)) as server:
         line = str(server.ports["serial"])
@@ -51,7 +52,8 @@ def test_both_are_read_over_their_wires(tmp_path, monkeypatch):
             bench.motor.enable()
             bench.motor.read()
             began_s = due_s = bench.clock.now_s()
-            angles, counts = [], []
+            angles = []
+            counts = []
             for _ in range(400):
                 bench.motor.command_speed(SPEED_RAD_S)
                 due_s = max(due_s + TICK_S, bench.clock.now_s())

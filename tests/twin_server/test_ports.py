@@ -58,7 +58,8 @@ def same(one: can.Message | None, other: can.Message) -> bool:
 
 def test_frames_pass_both_ways_between_clients_and_the_twin(wire, server):
     twin = wire.join()
-    one, other = client(server), client(server)
+    one = client(server)
+    other = client(server)
     long = can.Message(arbitration_id=0x1ABCDEF0, data=bytes(8), is_extended_id=True)
     for message in (FRAME, long):
         one.send(message)
@@ -118,7 +119,8 @@ def test_a_client_that_does_not_read_is_let_go_and_does_not_hold_up_the_others(w
     lazy.sendall(b"< open can0 >< rawmode >")
     port.poll(0.0)
     port.poll(0.1)
-    twin, sent = wire.join(), 0
+    twin = wire.join()
+    sent = 0
     while len(wire._ends) == 2:
         for _ in range(20_000):
             twin.send(FRAME)
@@ -168,7 +170,8 @@ def test_records_go_to_whoever_started_last_and_to_nobody_before():
     for each in (one, other):
         each.connect((HOST, link.port))
         each.settimeout(0.2)
-    start, stop = encode_request(RdtCommand.START_SINGLE), encode_request(RdtCommand.STOP)
+    start = encode_request(RdtCommand.START_SINGLE)
+    stop = encode_request(RdtCommand.STOP)
     link.send(b"nobody")
     one.send(start)
     assert link.receive_all() == [start]
@@ -191,7 +194,8 @@ def test_records_go_to_whoever_started_last_and_to_nobody_before():
 
 @pytest.fixture
 def control():
-    panel, heights = FaultPanel(CAN_FAULTS), []
+    panel = FaultPanel(CAN_FAULTS)
+    heights = []
     port = ControlPort(panel, 0, heights.append, lambda: "well")
     with polled(port):
         yield port, panel, heights
@@ -273,14 +277,16 @@ class HandClock:
 
 
 def test_the_twins_keep_to_the_clock():
-    clock, moments = HandClock(), []
+    clock = HandClock()
+    moments = []
     RealTimeLoop(moments.append, clock).run([], lambda _: None, 0.1)
     assert np.diff(moments) == pytest.approx(np.full(len(moments) - 1, 1e-3))
     assert moments[-1] == pytest.approx(0.099, abs=1.1e-3)
 
 
 def test_twins_that_cannot_follow_slip_and_do_not_run_after_the_clock():
-    clock, moments = HandClock(), []
+    clock = HandClock()
+    moments = []
 
     def slow(to_s: float) -> None:
         moments.append(to_s)

@@ -91,7 +91,8 @@ def test_one_stroke_is_run_over_the_sockets_as_in_simulated_time(served, tmp_pat
         except (Tripped, DeviceError) as late:
             by_time = isinstance(late, Tripped) and late.code in (Trip.LATE, Trip.SENSOR_SILENT)
             assert (by_time or "WATCHDOG" in str(late)) and attempt < 4, late
-    force, shaft = stroke.streams["force"], stroke.streams["shaft"]
+    force = stroke.streams["force"]
+    shaft = stroke.streams["shaft"]
     assert (health.lost, health.malformed, health.notes) == (0, 0, [])
     assert np.diff(force.t_s) == pytest.approx(np.full(len(force.t_s) - 1, 1.0 / 7000.0))
     with open_bench(twin_rig(), 1) as simulated:

@@ -36,7 +36,9 @@ class Drivers:
 
     def run(self, seconds: float, speed_rad_s: float) -> tuple[list[float], list[int]]:
         """Shaft angles and record numbers, as a control loop gets them."""
-        angles, numbers, due_s = [], [], self.clock.now_s()
+        angles = []
+        numbers = []
+        due_s = self.clock.now_s()
         end_s = due_s + seconds
         while due_s < end_s:
             self.motor.command_speed(speed_rad_s)
@@ -49,7 +51,8 @@ class Drivers:
 
 @pytest.fixture
 def drivers(served):
-    clock, bus = WallClock(), can.Bus(**served.can)
+    clock = WallClock()
+    bus = can.Bus(**served.can)
     datagrams = AcquiredDatagrams(record_source(served.host, served.rdt[1]), clock)
     motor = OdriveMotor(
         bus,

@@ -90,7 +90,8 @@ def test_pynetft_streams_at_7000_records_a_second_and_biases(netft_client):
         client = netft_client(server)
         client.start()
         assert client.wait_for_first_sample(5.0)
-        began_s, before = twins_s(server), client.health().received_count
+        began_s = twins_s(server)
+        before = client.health().received_count
         time.sleep(1.5)
         rate_Hz = (client.health().received_count - before) / (twins_s(server) - began_s)
         client.bias()
@@ -246,7 +247,8 @@ def on_a_terminal(
     """
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 60, 160, 0, 0))
-    drawn, deadline_s = b"", time.monotonic() + seconds
+    drawn = b""
+    deadline_s = time.monotonic() + seconds
     with subprocess.Popen(words, env=environment, stdin=its, stdout=its, stderr=its) as program:
         while time.monotonic() < deadline_s and not all(name in drawn for name in awaited):
             if select.select([ours], [], [], 0.1)[0]:

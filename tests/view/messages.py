@@ -129,7 +129,8 @@ def trace(
 
 def bent_leg(shaft_rad: float, curl_deg: float) -> list[list[float]]:
     """Points of a leg whose hinges all bend alike."""
-    points, angle = [[0.0, 0.0]], shaft_rad
+    points = [[0.0, 0.0]]
+    angle = shaft_rad
     for length in LENGTHS_M:
         points.append(
             [points[-1][0] + length * math.cos(angle), points[-1][1] + length * math.sin(angle)]

@@ -48,7 +48,8 @@ class ScriptedServer:
 
     def begin(self, hello: dict[str, Any], state: dict[str, Any]) -> None:
         """Forgets what was before."""
-        self.hello, self.state = hello, state
+        self.hello = hello
+        self.state = state
         self.is_silent = False
         self.stop_status = 202
         self.stops: list[dict[str, Any]] = []

@@ -72,7 +72,10 @@ class Watched:
 
 @contextmanager
 def watched(queue_bytes: int = 1 << 20, given: Plan | None = None) -> Iterator[Watched]:
-    rig, clock, stop_request, told = twin_rig(), TwinClock(), StopRequest(), []
+    rig = twin_rig()
+    clock = TwinClock()
+    stop_request = StopRequest()
+    told = []
     plan = given or one_condition(rig)
     queue = BlockQueue.create(queue_bytes)
     try:

@@ -49,7 +49,9 @@ class Shown:
         remembers.
         """
         self.server.begin(hello or messages.hello(), state or messages.state())
-        return self.opened() if anew or not self.server.has_pages else self.told()
+        if anew or not self.server.has_pages:
+            return self.opened()
+        return self.told()
 
 
 @contextmanager

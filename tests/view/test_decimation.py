@@ -23,7 +23,8 @@ BOTH = slice(0, 2)
 
 def by_hand(buckets, values, first, count):
     """Least and greatest of each bucket, the slow way."""
-    low, high = np.full((count, values.shape[1]), np.nan), np.full((count, values.shape[1]), np.nan)
+    low = np.full((count, values.shape[1]), np.nan)
+    high = np.full((count, values.shape[1]), np.nan)
     for place in range(count):
         inside = values[buckets == first + place]
         if len(inside):
@@ -35,7 +36,8 @@ def by_hand(buckets, values, first, count):
 @given(st.integers(0, 2**32 - 1), st.integers(1, 200), st.integers(-5, 5))
 def test_buckets_hold_what_numpy_finds(seed, samples, first):
     random = np.random.default_rng(seed)
-    t_s, values = random.uniform(0.0, 0.02, samples), random.normal(size=(samples, 3))
+    t_s = random.uniform(0.0, 0.02, samples)
+    values = random.normal(size=(samples, 3))
     found = decimate(t_s, values, 1e-3, first, 12)
     low, high = by_hand(np.floor(t_s / 1e-3), values, first, 12)
     np.testing.assert_array_equal(found.low, low)
@@ -78,7 +80,9 @@ def test_no_peak_is_lost_at_any_level_however_the_samples_come(what):
     """
     stream, level = what
     t_s, values, pieces, random = stream
-    pyramid, sent, got = Pyramid(2), 0, []
+    pyramid = Pyramid(2)
+    sent = 0
+    got = []
     for piece in pieces:
         pyramid.take(t_s[piece], values[piece], BOTH)
         pyramid.close_before(t_s[piece].max() - random.uniform(0.0, 0.01))
@@ -90,10 +94,8 @@ def test_no_peak_is_lost_at_any_level_however_the_samples_come(what):
     got.append(
         pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.count_closed(level))
     )
-    low, high = (
-        np.concatenate([part.low for part in got]),
-        np.concatenate([part.high for part in got]),
-    )
+    low = np.concatenate([part.low for part in got])
+    high = np.concatenate([part.high for part in got])
     np.testing.assert_array_equal(np.nanmin(low, axis=0), values.min(axis=0))
     np.testing.assert_array_equal(np.nanmax(high, axis=0), values.max(axis=0))
 
@@ -163,7 +165,8 @@ def test_a_window_has_about_a_thousand_buckets(span_s, dt_s):
 @given(st.integers(0, 2**32 - 1))
 def test_a_leap_over_a_long_time_leaves_the_same_as_every_step_of_it(seed):
     random = np.random.default_rng(seed)
-    leaping, stepping = Pyramid(1), Pyramid(1)
+    leaping = Pyramid(1)
+    stepping = Pyramid(1)
     at_s = 0.0
     for _ in range(4):
         at_s += random.choice([0.01, 1.0, 12.0])

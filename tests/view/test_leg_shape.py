@@ -11,7 +11,9 @@ from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 from rfca_rig.view.leg_pose import LegShapes, leg_points
 from tests.model.legs import PAPER as RIG
 
-HEIGHT_M, SPEED_RAD_S, SWEEP_DEG = 0.215, 2.433, 200.0
+HEIGHT_M = 0.215
+SPEED_RAD_S = 2.433
+SWEEP_DEG = 200.0
 LENGTHS_M = np.array(RIG.leg.link_lengths_m)
 START_RAD = RIG.leg.start_angle_rad
 

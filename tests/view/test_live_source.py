@@ -28,7 +28,9 @@ def traces(messages):
 
 def drawn(messages, channel="fz_N"):
     """Least and greatest of all traces, each of which follows on the one before."""
-    end_s, low, high = None, [], []
+    end_s = None
+    low = []
+    high = []
     for message in traces(messages):
         assert message.get("reset") or message["from_s"] == pytest.approx(end_s, abs=1e-9)
         end_s = message["from_s"] + message["dt_s"] * len(message["low"][channel])
@@ -42,7 +44,9 @@ def drawn(messages, channel="fz_N"):
 def test_all_peaks_of_a_run_are_in_what_a_page_was_sent(seed):
     random = np.random.default_rng(seed)
     with watched() as both:
-        feed, got, forces = both.run.feed(), [], []
+        feed = both.run.feed()
+        got = []
+        forces = []
         for number in range(1, 250):
             force_N = random.normal(0.0, 50.0) + 300.0 * (random.uniform() < 0.02)
             counts = np.concatenate(
@@ -61,7 +65,9 @@ def test_all_peaks_of_a_run_are_in_what_a_page_was_sent(seed):
 
 def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own():
     with watched() as both:
-        slow, quick, got = both.run.feed(), both.run.feed(), []
+        slow = both.run.feed()
+        quick = both.run.feed()
+        got = []
         quick.hear({"kind": "span", "span_s": 0.5})
         for number in range(1, 1500):
             both.run_queue.tick(tick(0.002 * number, counts_of(float(number))))
@@ -180,7 +186,8 @@ def seen(now_s, force_N, moment_Nm=0.0, rows=1):
 def test_a_share_passes_one_exactly_where_the_run_trips(pieces, expected_N):
     """Held against the very watch that stops a run."""
     expected = None if expected_N is None else Load(expected_N, 1.0)
-    watch, gauges = LoadMonitor(LIMITS, SCALE), Gauges(LIMITS, SCALE)
+    watch = LoadMonitor(LIMITS, SCALE)
+    gauges = Gauges(LIMITS, SCALE)
     watch.expect(expected)
     gauges.stage(expected)
     forces = [force_N for force_N, ticks in pieces for _ in range(ticks)]

@@ -27,7 +27,8 @@ RIG = twin_rig()
 @contextmanager
 def viewed(bench, plan, port=0):
     """A view, which is gone afterwards however long it would have stayed."""
-    stop_request, told = StopRequest(), []
+    stop_request = StopRequest()
+    told = []
     facts = run_facts(plan, "SIM", bench.sensor.scale(), RIG.nominal())
     view = LiveView(
         facts, plan, stop_request, lambda: (bench.sensor.health(), 0), told.append, port
@@ -66,7 +67,8 @@ def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte
         stroke = kept.finish().strokes[0]
         assert asked_to_stop(view.url, b'{"how": "now"}') == 409
     assert (tmp_path / "run" / "run.h5").read_bytes() == unwatched
-    hello, state = got[0], [message for message in got if message["kind"] == "state"][-1]
+    hello = got[0]
+    state = [message for message in got if message["kind"] == "state"][-1]
     assert (hello["kind"], hello["mark"], hello["mode"]) == ("hello", "SIM", "live")
     assert [stage["label"] for stage in hello["stages"]] == [stage.label for stage in plan.stages]
     assert (state["ended"], state["trip"], state["done"]) == ("done", None, 1.0)
@@ -88,7 +90,8 @@ def test_a_stop_from_the_page_ends_the_run_as_the_key_does(tmp_path, how, after,
     """Asked for while the leg rests before the first of three strokes: a safe point is reached
     before it.
     """
-    plan, done = one_condition(RIG, 3), []
+    plan = one_condition(RIG, 3)
+    done = []
     with (
         recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
         viewed(bench, plan) as (view, supervision, told),

@@ -120,7 +120,8 @@ def test_the_button_stops_the_run(tmp_path, watched):
 def replayed(path: Path) -> Iterator[str]:
     """The address of a recording that is served from a thread."""
     stored = open_stored(path)
-    listening, begun = listen_on(0), threading.Event()
+    listening = listen_on(0)
+    begun = threading.Event()
     over: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
 
     async def served() -> None:

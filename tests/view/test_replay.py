@@ -76,7 +76,8 @@ def test_played_from_the_beginning_every_peak_is_drawn(small):
 
 def test_after_a_seek_the_whole_window_comes_anew_as_numpy_finds_it(small):
     shown = Shown(small)
-    clip, stroke = shown.replay.player.clips[2], small.strokes[2].samples.whole()["table"]
+    clip = shown.replay.player.clips[2]
+    stroke = small.strokes[2].samples.whole()["table"]
     shown.seek(clip.end_s)
     got = shown.after(0.04)
     window = traces(got)[0]
@@ -103,7 +104,8 @@ def test_time_goes_as_fast_as_the_page_wants_and_stands_where_it_says(small):
 
 
 def test_the_very_last_sample_is_drawn():
-    t_s, fz_N = np.array([-0.1, 0.0, 0.0999]), np.array([1.0, 2.0, -77.0])
+    t_s = np.array([-0.1, 0.0, 0.0999])
+    fz_N = np.array([1.0, 2.0, -77.0])
     stroke = Stroke(0.215, 2.4, 1, {"table": Stream(t_s, {"fz_N": Column(fz_N, "N")})})
     shown = Shown(store_in_memory(SMALL, Recording("short", "IMPORT", {}, {}, (stroke,), ())))
     assert drawn(shown.feed.new_messages() + shown.after(1.0, beats=10))[0] == -77.0
@@ -170,7 +172,8 @@ def test_a_run_is_the_same_from_its_stages_from_its_file_and_from_memory(run):
 def test_the_ghost_of_a_stroke_is_where_the_commanded_motion_would_be(run):
     shown = Shown(run[2] and open_stored(run[2]))
     (clip,) = shown.replay.player.clips
-    start_rad, speed_rad_s = twin_rig().model().leg.start_angle_rad, clip.scene.stroke.speed_rad_s
+    start_rad = twin_rig().model().leg.start_angle_rad
+    speed_rad_s = clip.scene.stroke.speed_rad_s
     assert clip.planned_rad(-0.1) == start_rad
     t_s = np.linspace(0.0, 1.0, 100_001)
     ramp_s = twin_rig().model().drive.ramp_s

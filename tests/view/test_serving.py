@@ -50,8 +50,10 @@ class Nothing:
 @contextmanager
 def served() -> Iterator[tuple[str, Nothing]]:
     """The address of a server in a thread, and its source."""
-    source, begun = Nothing(), threading.Event()
-    listening, over = server.listen_on(0), []
+    source = Nothing()
+    begun = threading.Event()
+    listening = server.listen_on(0)
+    over = []
 
     async def serve() -> None:
         over.append((asyncio.get_running_loop(), asyncio.Event()))
@@ -265,7 +267,8 @@ def test_nested_and_odd_messages_are_ignored_and_large_ones_close_the_stream(vie
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of Unix")
 def test_without_a_file_left_there_is_one_line_and_the_page_goes_on(capfd, monkeypatch):
     """The limit falls to what is open already, so that not one more connection can be accepted."""
-    report, failed = server._FailureReport.__call__, []
+    report = server._FailureReport.__call__
+    failed = []
 
     def counted(self, loop, context):
         failed.append(context)

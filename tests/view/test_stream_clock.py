@@ -15,7 +15,8 @@ def blocks(began_s, seconds, drift=0.0, seed=1):
 
 def worst_s(began_s, seconds, drift=0.0):
     """How far a time is from the true one, once the clock has settled."""
-    clock, errors = StreamClock(), []
+    clock = StreamClock()
+    errors = []
     for host_s, device_s in blocks(began_s, seconds, drift):
         errors.append(
             np.abs(clock.run_s(host_s, device_s) - began_s - device_s * (1.0 + drift)).max()

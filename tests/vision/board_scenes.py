@@ -36,7 +36,8 @@ def rays(camera: TrueCamera) -> tuple[Floats, Floats]:
         for n, c, f in zip(camera.size, camera.centre, camera.focal, strict=True)
     )
     xd, yd = np.meshgrid(across, down)
-    x, y = xd.copy(), yd.copy()
+    x = xd.copy()
+    y = yd.copy()
     k1, k2, p1, p2, k3 = camera.distortion
     for _ in range(12):
         square = x * x + y * y

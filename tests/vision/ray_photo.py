@@ -17,9 +17,13 @@ Floats = NDArray[np.float64]
 
 # Samples per pixel; where there is only background, per block of pixels.
 SAMPLES = 10
-TILE_PX, BLOCK_PX = 16, 8
-DISC, CAPSULE, SHELL = 0, 1, 2
-NO_MARK, BACKGROUND_TEXTURE = -1, 40.0
+TILE_PX = 16
+BLOCK_PX = 8
+DISC = 0
+CAPSULE = 1
+SHELL = 2
+NO_MARK = -1
+BACKGROUND_TEXTURE = 40.0
 
 
 @dataclass(frozen=True)
@@ -158,7 +162,8 @@ def _patterns() -> tuple[Floats, Floats, Floats]:
     pixel = square[:half] - 0.5
     discs = []
     for part in (square[half : 2 * half], square[2 * half :]):
-        turn, radius = np.pi * part[:, 0], np.sqrt(part[:, 1])
+        turn = np.pi * part[:, 0]
+        radius = np.sqrt(part[:, 1])
         disc = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
         discs.append(np.vstack([disc, -disc]))
     return np.vstack([pixel, -pixel]), discs[0], discs[1]
@@ -167,8 +172,10 @@ def _patterns() -> tuple[Floats, Floats, Floats]:
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
 def _ideal(u, v, camera):
     """Undistorted x, y at depth 1 of a pixel, by iteration."""
-    xd, yd = (u - camera[1]) / camera[0], (v - camera[2]) / camera[0]
-    x, y = xd, yd
+    xd = (u - camera[1]) / camera[0]
+    yd = (v - camera[2]) / camera[0]
+    x = xd
+    y = yd
     for _ in range(6):
         square = x * x + y * y
         radial = 1.0 + square * (camera[3] + square * (camera[4] + square * camera[7]))
@@ -197,30 +204,42 @@ def _hit(rows, at, origin, way, normal):
     dy = origin[1] + distance * way[1] - rows[at, 2]
     dz = origin[2] + distance * way[2] - rows[at, 3]
     if kind == SHELL:
-        ey, ez = rows[at, 5] - rows[at, 2], rows[at, 6] - rows[at, 3]
+        ey = rows[at, 5] - rows[at, 2]
+        ez = rows[at, 6] - rows[at, 3]
         share = min(1.0, max(0.0, (dy * ey + dz * ez) / max(1e-12, ey * ey + ez * ez)))
-        dx, dy, dz = 0.0, dy - share * ey, dz - share * ez
+        dx = 0.0
+        dy = dy - share * ey
+        dz = dz - share * ez
     if dx * dx + dy * dy + dz * dz > rows[at, 7] * rows[at, 7]:
         return np.inf
     bend = rows[at, 11] / rows[at, 7]
-    nx, ny, nz = rows[at, 8] + bend * dx, rows[at, 9] + bend * dy, rows[at, 10] + bend * dz
+    nx = rows[at, 8] + bend * dx
+    ny = rows[at, 9] + bend * dy
+    nz = rows[at, 10] + bend * dz
     length = np.sqrt(nx * nx + ny * ny + nz * nz)
-    normal[0], normal[1], normal[2] = nx / length, ny / length, nz / length
+    normal[0] = nx / length
+    normal[1] = ny / length
+    normal[2] = nz / length
     return distance
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
 def _hit_capsule(rows, at, origin, way, normal):
     """As `_hit`, for a rod with round ends."""
-    ax, ay, az = rows[at, 4] - rows[at, 1], rows[at, 5] - rows[at, 2], rows[at, 6] - rows[at, 3]
-    ox, oy, oz = origin[0] - rows[at, 1], origin[1] - rows[at, 2], origin[2] - rows[at, 3]
+    ax = rows[at, 4] - rows[at, 1]
+    ay = rows[at, 5] - rows[at, 2]
+    az = rows[at, 6] - rows[at, 3]
+    ox = origin[0] - rows[at, 1]
+    oy = origin[1] - rows[at, 2]
+    oz = origin[2] - rows[at, 3]
     axis = ax * ax + ay * ay + az * az
     along_way = ax * way[0] + ay * way[1] + az * way[2]
     along_start = ax * ox + ay * oy + az * oz
     dot = way[0] * ox + way[1] * oy + way[2] * oz
     start = ox * ox + oy * oy + oz * oz
     ways = way[0] ** 2 + way[1] ** 2 + way[2] ** 2
-    distance, share = np.inf, 0.0
+    distance = np.inf
+    share = 0.0
     if axis > 1e-12:
         a = axis * ways - along_way * along_way
         b = axis * dot - along_start * along_way
@@ -230,16 +249,20 @@ def _hit_capsule(rows, at, origin, way, normal):
             there = (-b - np.sqrt(root)) / a
             place = (along_start + there * along_way) / axis
             if there > 1e-6 and 0.0 < place < 1.0:
-                distance, share = there, place
+                distance = there
+                share = place
     if distance == np.inf:
         for end in range(2):
-            px, py, pz = ox - end * ax, oy - end * ay, oz - end * az
+            px = ox - end * ax
+            py = oy - end * ay
+            pz = oz - end * az
             b = way[0] * px + way[1] * py + way[2] * pz
             root = b * b - ways * (px * px + py * py + pz * pz - rows[at, 7] * rows[at, 7])
             if root >= 0.0:
                 there = (-b - np.sqrt(root)) / ways
                 if 1e-6 < there < distance:
-                    distance, share = there, float(end)
+                    distance = there
+                    share = float(end)
     if distance < np.inf:
         normal[0] = (ox + distance * way[0] - share * ax) / rows[at, 7]
         normal[1] = (oy + distance * way[1] - share * ay) / rows[at, 7]
@@ -250,19 +273,27 @@ def _hit_capsule(rows, at, origin, way, normal):
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
 def _gap(rows, at, origin, way):
     """Distance between the axis of a rod and the straight line from `origin` to `origin + way`."""
-    ax, ay, az = rows[at, 4] - rows[at, 1], rows[at, 5] - rows[at, 2], rows[at, 6] - rows[at, 3]
-    rx, ry, rz = rows[at, 1] - origin[0], rows[at, 2] - origin[1], rows[at, 3] - origin[2]
-    a, e = max(1e-18, ax * ax + ay * ay + az * az), way[0] ** 2 + way[1] ** 2 + way[2] ** 2
-    b, c, f = (
-        ax * way[0] + ay * way[1] + az * way[2],
-        ax * rx + ay * ry + az * rz,
-        way[0] * rx + way[1] * ry + way[2] * rz,
-    )
+    ax = rows[at, 4] - rows[at, 1]
+    ay = rows[at, 5] - rows[at, 2]
+    az = rows[at, 6] - rows[at, 3]
+    rx = rows[at, 1] - origin[0]
+    ry = rows[at, 2] - origin[1]
+    rz = rows[at, 3] - origin[2]
+    a = max(1e-18, ax * ax + ay * ay + az * az)
+    e = way[0] ** 2 + way[1] ** 2 + way[2] ** 2
+    b = ax * way[0] + ay * way[1] + az * way[2]
+    c = ax * rx + ay * ry + az * rz
+    f = way[0] * rx + way[1] * ry + way[2] * rz
     steep = a * e - b * b
-    s = min(1.0, max(0.0, (b * f - c * e) / steep)) if steep > 1e-18 else 0.0
+    if steep > 1e-18:
+        s = min(1.0, max(0.0, (b * f - c * e) / steep))
+    else:
+        s = 0.0
     t = min(1.0, max(0.0, (b * s + f) / e))
     s = min(1.0, max(0.0, (b * t - c) / a))
-    dx, dy, dz = rx + s * ax - t * way[0], ry + s * ay - t * way[1], rz + s * az - t * way[2]
+    dx = rx + s * ax - t * way[0]
+    dy = ry + s * ay - t * way[1]
+    dz = rz + s * az - t * way[2]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
@@ -302,7 +333,8 @@ def _shade(  # noqa: PLR0912 - one kernel, compiled once
         facing = (normal[0] * towards[0] + normal[1] * towards[1] + normal[2] * towards[2]) / away
         if facing <= 0.0:
             continue
-        seen, is_near = 1.0, False
+        seen = 1.0
+        is_near = False
         for blocker in range(len(blockers)):
             # Most places are far from every shadow: one test for the whole lamp.
             if _gap(blockers, blocker, place, towards) < blockers[blocker, 7] + 1.5 * radii[number]:
@@ -362,7 +394,8 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
     """Linear light (height, width, 3), and hits (marks, 2): rays that meet a mark first, and all
     that meet it.
     """
-    width, height = size[0], size[1]
+    width = size[0]
+    height = size[1]
     picture = np.zeros((height, width, 3), np.float32)
     hits = np.zeros((marks, 2))
     ends = np.empty((len(rows), 5))
@@ -374,24 +407,31 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
             y = (axes[1, 0] * p[0] + axes[1, 1] * p[1] + axes[1, 2] * p[2]) / depth
             square = x * x + y * y
             radial = 1.0 + square * (camera[3] + square * camera[4])
-            ends[number, 2 * end], ends[number, 2 * end + 1] = (
-                camera[0] * x * radial + camera[1],
-                camera[0] * y * radial + camera[2],
-            )
+            ends[number, 2 * end] = camera[0] * x * radial + camera[1]
+            ends[number, 2 * end + 1] = camera[0] * y * radial + camera[2]
             blur = aperture[0] * abs(depth / aperture[1] - 1.0)
             ends[number, 4] = camera[0] * (rows[number, 7] + blur) / depth + 4.0
     near = np.empty(len(rows), np.int64)
-    colour, normal, kept = np.empty(3), np.empty(3), np.empty(3)
-    origin, way, place = np.empty(3), np.empty(3), np.empty(3)
-    unused, towards, to_spot, total = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    colour = np.empty(3)
+    normal = np.empty(3)
+    kept = np.empty(3)
+    origin = np.empty(3)
+    way = np.empty(3)
+    place = np.empty(3)
+    unused = np.empty(3)
+    towards = np.empty(3)
+    to_spot = np.empty(3)
+    total = np.empty(3)
     wall = np.zeros((1, 18))
     wall[0, 8] = 1.0
     for top in range(0, height, TILE_PX):
         for left in range(0, width, TILE_PX):
             count = 0
-            mu, mv = left + 0.5 * TILE_PX, top + 0.5 * TILE_PX
+            mu = left + 0.5 * TILE_PX
+            mv = top + 0.5 * TILE_PX
             for number in range(len(rows)):
-                eu, ev = ends[number, 2] - ends[number, 0], ends[number, 3] - ends[number, 1]
+                eu = ends[number, 2] - ends[number, 0]
+                ev = ends[number, 3] - ends[number, 1]
                 share = ((mu - ends[number, 0]) * eu + (mv - ends[number, 1]) * ev) / max(
                     1e-9, eu * eu + ev * ev
                 )
@@ -409,30 +449,32 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
                     middle_x, middle_y = _ideal(u, v, camera)
                     for sample in range(len(offsets)):
                         # Within a pixel the lens is linear.
-                        x, y = (
-                            middle_x + offsets[sample, 0] / camera[0],
-                            middle_y + offsets[sample, 1] / camera[0],
-                        )
-                        right, down = aperture[0] * discs[sample, 0], aperture[0] * discs[sample, 1]
+                        x = middle_x + offsets[sample, 0] / camera[0]
+                        y = middle_y + offsets[sample, 1] / camera[0]
+                        right = aperture[0] * discs[sample, 0]
+                        down = aperture[0] * discs[sample, 1]
                         for i in range(3):
                             shift = right * axes[0, i] + down * axes[1, i]
                             origin[i] = position[i] + shift
                             way[i] = (
                                 x * axes[0, i] + y * axes[1, i] + axes[2, i] - shift / aperture[1]
                             )
-                        best, first = np.inf, -1
+                        best = np.inf
+                        first = -1
                         for k in range(count):
                             there = _hit(rows, near[k], origin, way, normal)
                             mark = int(rows[near[k], 17])
                             if there < np.inf and mark >= 0:
                                 hits[mark, 1] += 1.0
                             if there < best:
-                                best, first = there, near[k]
+                                best = there
+                                first = near[k]
                                 for i in range(3):
                                     kept[i] = normal[i]
                         behind = (-background[0] - origin[0]) / way[0]
                         if first < 0 or behind < best:
-                            best, first = behind, -1
+                            best = behind
+                            first = -1
                         for i in range(3):
                             place[i] = origin[i] + best * way[i]
                         if first >= 0:
@@ -502,7 +544,8 @@ def _expose(
     seen = cv2.GaussianBlur(light, (0, 0), sensor.blur_px) * sensor.exposure
     # OpenCV's BayerBG has red at even rows and columns, and blue at odd ones.
     raw = seen[..., 1].copy()
-    raw[0::2, 0::2], raw[1::2, 1::2] = seen[0::2, 0::2, 0], seen[1::2, 1::2, 2]
+    raw[0::2, 0::2] = seen[0::2, 0::2, 0]
+    raw[1::2, 1::2] = seen[1::2, 1::2, 2]
     # Shot noise of many electrons is normal; its variance is their number.
     spread = np.sqrt(np.clip(raw, 0.0, 1.2) * sensor.full_well + sensor.read_electrons**2)
     electrons = np.minimum(raw, 1.2) * sensor.full_well + spread * random.standard_normal(

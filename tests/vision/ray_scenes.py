@@ -82,11 +82,9 @@ def draw_leg(seed: int, width_px: int, stages: int) -> Leg:
         sharpening=float(random.choice([0.0, 0.0, 0.6])),
         jpeg_quality=int(random.integers(75, 98)) if random.random() < 0.8 else None,
     )
-    lighting, glued, offsets = (
-        _lighting(random, light),
-        random.normal(0.0, GLUED_STD_M, (8, 2)),
-        random.uniform(low, OFFSETS_M[plane], 8),
-    )
+    lighting = _lighting(random, light)
+    glued = random.normal(0.0, GLUED_STD_M, (8, 2))
+    offsets = random.uniform(low, OFFSETS_M[plane], 8)
     shell = np.full(3, random.uniform(0.008, 0.05)) * random.uniform(0.85, 1.15, 3)
     background = (
         float(random.uniform(0.08, 0.4)),
@@ -94,7 +92,10 @@ def draw_leg(seed: int, width_px: int, stages: int) -> Leg:
     )
     poses = _poses(random, stages)
     if random.random() < 0.3:
-        kinds = "cable at marks" if kinds == "none" else f"{kinds}+cable at marks"
+        if kinds == "none":
+            kinds = "cable at marks"
+        else:
+            kinds = f"{kinds}+cable at marks"
         clutter = (*clutter, *_cable_at_marks(random, poses))
     return Leg(
         lens,
@@ -155,7 +156,8 @@ def _lighting(random: np.random.Generator, kind: str) -> Lighting:
     fill = np.array(
         [random.uniform(0.4, 1.0), random.uniform(-0.8, 0.8), random.uniform(-0.3, 0.8)]
     )
-    warm, cool = np.array([1.15, 1.0, 0.8]), np.array([0.6, 0.95, 1.45])
+    warm = np.array([1.15, 1.0, 0.8])
+    cool = np.array([0.6, 0.95, 1.45])
     strength = 0.8 * float(key @ key)
     blockers: tuple[Surface, ...] = ()
     if kind == "cool shadow":
@@ -263,7 +265,8 @@ def _cable_at_marks(random: np.random.Generator, poses_rad: Floats) -> list[Surf
     points = np.array(
         [near[0] + random.normal(0.0, 0.06, 2), *near, near[1] + random.normal(0.0, 0.06, 2)]
     )
-    behind, radius = -random.uniform(0.007, 0.02, 4), float(random.uniform(0.0015, 0.004))
+    behind = -random.uniform(0.007, 0.02, 4)
+    radius = float(random.uniform(0.0015, 0.004))
     ways = pairwise(np.column_stack([behind, points]))
     return [
         Surface(
@@ -306,14 +309,16 @@ def mark_places(leg: Leg, stage: int) -> Floats:
 
 
 def _turned(angle_rad: float) -> Floats:
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    cosine = np.cos(angle_rad)
+    sine = np.sin(angle_rad)
     return np.array([[cosine, -sine], [-sine, -cosine]])
 
 
 def project(lens: Lens, points_m: Floats) -> Floats:
     """Pixels (n, 2) of points (n, 3) (x, y, z)."""
     seen = (points_m - lens.position_m) @ lens.axes.T
-    x, y = seen[:, 0] / seen[:, 2], seen[:, 1] / seen[:, 2]
+    x = seen[:, 0] / seen[:, 2]
+    y = seen[:, 1] / seen[:, 2]
     k1, k2, p1, p2, k3 = lens.distortion
     square = x * x + y * y
     radial = 1.0 + square * (k1 + square * (k2 + square * k3))

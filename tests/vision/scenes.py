@@ -25,7 +25,10 @@ def camera(
             [0, 0, 1.0],
         ]
     )
-    lens = np.array([-0.12, 0.08, 0.0006, -0.0004, 0.01]) if distorted else np.zeros(5)
+    if distorted:
+        lens = np.array([-0.12, 0.08, 0.0006, -0.0004, 0.01])
+    else:
+        lens = np.zeros(5)
     # the camera's x is the plane's y, its y the plane's -z, its z the plane's -x: a camera that
     # looks along -x
     upright = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])

@@ -57,7 +57,8 @@ def test_a_board_that_cannot_be_is_one_line(text, line):
 @pytest.mark.parametrize("text", ["10x7,25,18", "7x10,20,15,5x5", "12x9,15,10,6x6"])
 def test_corners_are_numbered_and_placed_as_opencv_finds_them(text):
     """The picture is drawn here, square by square; OpenCV's detector says which corner is where."""
-    board, px_per_m = parse_board(text), 2000.0
+    board = parse_board(text)
+    px_per_m = 2000.0
     found = find_board(board_picture(board, px_per_m), board, "sheet")
     assert isinstance(found, BoardPhoto)
     assert len(found.px) == (board.columns - 1) * (board.rows - 1)

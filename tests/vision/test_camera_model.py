@@ -34,7 +34,8 @@ def test_comes_back_to_the_plane() -> None:
 
 
 def test_jacobians_agree_with_differences() -> None:
-    model, step = camera(), 1e-6
+    model = camera()
+    step = 1e-6
     numeric = np.stack(
         [
             (model.project(POINTS_M + way) - model.project(POINTS_M - way)) / (2 * step)
@@ -56,7 +57,8 @@ def test_jacobians_agree_with_differences() -> None:
 
 def test_a_circle_seen_askew_is_put_where_its_middle_is() -> None:
     model = camera(tilt_deg=(25.0, -30.0, 3.0))
-    centre, turn = np.array([0.2, -0.15]), np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    centre = np.array([0.2, -0.15])
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     rim = model.project(centre + 0.02 * np.column_stack([np.cos(turn), np.sin(turn)])).astype(
         np.float32
     )

@@ -75,7 +75,8 @@ def test_lengths_that_are_a_little_wrong_do_not_bend_angles() -> None:
 
 @pytest.mark.slow
 def test_scatter_is_what_the_covariance_says() -> None:
-    random, angles = np.random.default_rng(6), pose(np.random.default_rng(4))
+    random = np.random.default_rng(6)
+    angles = pose(np.random.default_rng(4))
     errors = random.normal(0.0, [0.05, 0.08], (400, 8, 2))
     # One deviation of the offsets: a mixture of several is wider than the scatter of one.
     all_ones = [
@@ -124,7 +125,8 @@ def from_photo(look: Look, seed: int) -> tuple[Floats, HingeAngles, IdentifiedMa
         float(random.uniform(-9, 9)),
         float(random.uniform(-2, 2)),
     )
-    model, angles = camera(1000, tilt), pose(random)
+    model = camera(1000, tilt)
+    angles = pose(random)
     photo = draw(angles, LENGTHS_M, PLAN, model, look, random)
     expected = float(
         np.mean(model.disc_diameter_px(mark_positions(angles, LENGTHS_M, PLAN), PLAN.diameter_m))

@@ -22,11 +22,10 @@ CAMERA = camera()
 
 def mark_at(place_m: Floats, diameter_px: float | None = None) -> Mark:
     px = CAMERA.project(place_m) + CAMERA.circle_shift_px(place_m, PLAN.diameter_m)
-    size = (
-        float(CAMERA.disc_diameter_px(place_m, PLAN.diameter_m))
-        if diameter_px is None
-        else diameter_px
-    )
+    if diameter_px is None:
+        size = float(CAMERA.disc_diameter_px(place_m, PLAN.diameter_m))
+    else:
+        size = diameter_px
     return Mark(px, np.full(2, 0.03), size, 1.0, 100.0)
 
 

@@ -72,7 +72,8 @@ def errors_deg(result: LegFit, angles: Floats) -> tuple[Floats, Floats]:
 
 
 def test_marks_out_of_the_plane_are_found_and_corrected() -> None:
-    random, angles = np.random.default_rng(1), poses(8)
+    random = np.random.default_rng(1)
+    angles = poses(8)
     photos = [photograph(one, RAISED_M, random) for one in angles]
     result = fit(photos)
     miss, std = errors_deg(result, angles)
@@ -88,7 +89,8 @@ def test_marks_out_of_the_plane_are_found_and_corrected() -> None:
 
 
 def test_marks_in_the_plane_lose_nothing() -> None:
-    random, angles = np.random.default_rng(2), poses(8)
+    random = np.random.default_rng(2)
+    angles = poses(8)
     result = fit([photograph(one, np.zeros(8), random) for one in angles])
     miss, std = errors_deg(result, angles)
     assert np.isfinite(miss).all()
@@ -99,7 +101,8 @@ def test_marks_in_the_plane_lose_nothing() -> None:
 
 def test_where_photos_cannot_tell_offsets_the_deviations_hold_them() -> None:
     """Marks glued to 1 mm; the leg hardly bends, so that all offsets fit about equally well."""
-    random, sigmas = np.random.default_rng(8), []
+    random = np.random.default_rng(8)
+    sigmas = []
     for _ in range(8):
         angles = poses(6, bend_deg=-9.0)
         offsets_m = random.normal(0.0, 1e-3, 8)
@@ -118,7 +121,8 @@ def test_a_mark_far_out_of_the_plane_is_refused() -> None:
 
 
 def test_marks_of_another_leg_are_refused() -> None:
-    random, angles = np.random.default_rng(3), poses(6)
+    random = np.random.default_rng(3)
+    angles = poses(6)
     photos = [photograph(one, np.zeros(8), random) for one in angles]
     assert (
         "no angles taken"
@@ -138,7 +142,8 @@ def test_marks_that_move_between_photos_are_refused() -> None:
 def test_a_hidden_mark_is_replaced_by_lengths_where_other_photos_exclude_the_reflection(
     hidden: int,
 ) -> None:
-    random, angles = np.random.default_rng(4), poses(8)
+    random = np.random.default_rng(4)
+    angles = poses(8)
     photos = [
         photograph(one, np.zeros(8), random, (hidden,) if number == 7 else ())
         for number, one in enumerate(angles)
@@ -153,7 +158,8 @@ def test_a_hidden_mark_is_replaced_by_lengths_where_other_photos_exclude_the_ref
 
 
 def test_a_hidden_mark_of_a_leg_that_bends_both_ways_is_not_guessed() -> None:
-    random, angles = np.random.default_rng(4), np.vstack([poses(4, 18.0), poses(4)])
+    random = np.random.default_rng(4)
+    angles = np.vstack([poses(4, 18.0), poses(4)])
     photos = [
         photograph(one, np.zeros(8), random, (4,) if number == 7 else ())
         for number, one in enumerate(angles)
@@ -170,7 +176,8 @@ def test_a_mark_that_no_photo_shows_costs_its_hinges_and_nothing_else(
     for offsets is none.
     """
     for seed in range(2):
-        random, angles = np.random.default_rng(seed), poses(4, bend_deg=-4.0)
+        random = np.random.default_rng(seed)
+        angles = poses(4, bend_deg=-4.0)
         offsets_m = random.uniform(0.0, 3e-3, 8)
         result = fit([photograph(one, offsets_m, random, hidden) for one in angles])
         miss, std = errors_deg(result, angles)
@@ -185,7 +192,9 @@ def test_offsets_that_the_marks_do_not_exclude_stay_in_the_deviation(seed: int) 
     """A leg glued to 1 mm: marks in one plane explain its photos nearly as well, and by evidence
     alone errors have up to 3.9 deviations.
     """
-    leg, random, photos = draw_leg(59_045, 1632, 6), np.random.default_rng(seed), []
+    leg = draw_leg(59_045, 1632, 6)
+    random = np.random.default_rng(seed)
+    photos = []
     for stage in range(6):
         px = project(
             leg.lens, np.column_stack([leg.offsets_m, mark_places(leg, stage)])

@@ -51,7 +51,8 @@ def read(
             float(random.uniform(-2, 2)),
         ),
     )
-    angles, look = pose(random), disturbed(random)
+    angles = pose(random)
+    look = disturbed(random)
     photo = draw(angles, LENGTHS_M, PLAN, model, look, random)
     expected = float(
         np.mean(model.disc_diameter_px(mark_positions(angles, LENGTHS_M, PLAN), PLAN.diameter_m))
@@ -70,7 +71,10 @@ def read(
 @pytest.mark.timeout(1800)
 def test_five_hundred_photos(capsys: pytest.CaptureFixture[str]) -> None:
     random = np.random.default_rng(20)
-    misses, sigmas, wrong, asked = [], [], 0, 0
+    misses = []
+    sigmas = []
+    wrong = 0
+    asked = 0
     for _ in range(PHOTOS):
         model, angles, look, identified, result = read(random)
         true_px = model.project(mark_positions(angles, LENGTHS_M, PLAN))

@@ -16,7 +16,8 @@ from tests.vision.scenes import LENGTHS_M, PLAN, camera, pose
 def found_and_true(
     look: Look, seed: int = 4, width_px: int = 1000
 ) -> tuple[tuple[Mark, ...], Floats]:
-    random, model = np.random.default_rng(seed), camera(width_px)
+    random = np.random.default_rng(seed)
+    model = camera(width_px)
     angles = pose(random)
     places = mark_positions(angles, LENGTHS_M, PLAN)
     photo = draw(angles, LENGTHS_M, PLAN, model, look, random)
@@ -103,7 +104,8 @@ def test_refuses_other_pictures_and_marks_too_small() -> None:
 
 @pytest.mark.slow
 def test_a_mark_that_touches_another_red_disc_is_not_measured() -> None:
-    random, model = np.random.default_rng(4), camera(1000)
+    random = np.random.default_rng(4)
+    model = camera(1000)
     angles = pose(random)
     places = mark_positions(angles, LENGTHS_M, PLAN)
     for apart_m, side in ((0.0065, 0.4), (0.0085, 2.0), (0.0075, 4.5)):
@@ -176,7 +178,8 @@ def test_noise_of_a_dark_photo_is_no_glare() -> None:
 
 
 def test_what_was_found_and_not_measured_is_said() -> None:
-    random, model = np.random.default_rng(4), camera(1000)
+    random = np.random.default_rng(4)
+    model = camera(1000)
     angles = pose(random)
     places = mark_positions(angles, LENGTHS_M, PLAN)
     photo = draw(angles, LENGTHS_M, PLAN, model, Look(covers=((3, 0.5, 0.7),)), random)

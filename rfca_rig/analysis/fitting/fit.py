@@ -259,7 +259,8 @@ def fit(
     SimulationFailed
         Where the model cannot be computed at the nominal values.
     """
-    search, scatter = search or Search(), dict(scatter or {})
+    search = search or Search()
+    scatter = dict(scatter or {})
     residuals = Residuals(problem, space, search.progress)
     if residuals.at([np.zeros(len(space.std))])[0] is None:
         raise SimulationFailed(

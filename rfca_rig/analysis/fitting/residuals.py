@@ -71,7 +71,8 @@ class StrokeMotion:
 
     def _motion(self, supposed: ModelPoint) -> ShaftMotion:
         if self.motion is None:
-            leg, drive = supposed.rig.leg, supposed.rig.drive
+            leg = supposed.rig.leg
+            drive = supposed.rig.drive
             return ramp_to_speed(leg.start_angle_rad, self.speed_rad_s, drive.ramp_s, self.end_s)
         coefficients = self.motion.coefficients.copy()
         # Only the constant term of each polynomial piece shifts the angle.
@@ -133,7 +134,9 @@ def mean_start_rad(strokes: Sequence[Stroke]) -> float | None:
         for trace in angles
         if trace is not None and (trace[0] <= 0.0).any()
     ]
-    return float(np.mean(starts)) if starts else None
+    if starts:
+        return float(np.mean(starts))
+    return None
 
 
 def _motion_of(stroke: Stroke, ramp_s: float, end_s: float) -> StrokeMotion:
@@ -177,11 +180,10 @@ class StrokeWindow:
 
     def in_words(self) -> str:
         """For the reader of a result."""
-        without = (
-            f", without the first {1e3 * self.after_touchdown_s:g} ms of contact"
-            if self.after_touchdown_s
-            else ""
-        )
+        if self.after_touchdown_s:
+            without = f", without the first {1e3 * self.after_touchdown_s:g} ms of contact"
+        else:
+            without = ""
         return f"compared: {', '.join(self.phases)}{without}; the rest of a stroke is not fitted"
 
 

@@ -114,14 +114,16 @@ class FitResult:
         # Errors are first computed in the coordinates of the space, where the fit is nearly linear,
         # and then converted.
         std_x = np.sqrt(np.diag(self.covariance))
-        stds, values = self.space.std_in_units(self.x, std_x), self.space.values(self.x)
+        stds = self.space.std_in_units(self.x, std_x)
+        values = self.space.values(self.x)
         return tuple(
             self._parameter(i, float(values[i]), float(stds[i]), float(std_x[i]))
             for i in range(len(self.x))
         )
 
     def _parameter(self, i: int, value: float, std: float, std_x: float) -> FittedParameter:
-        parameter, has_prior = self.space.parameters[i], bool(self.space.has_prior[i])
+        parameter = self.space.parameters[i]
+        has_prior = bool(self.space.has_prior[i])
         return FittedParameter(
             name=parameter.name,
             unit=parameter.unit,
@@ -259,7 +261,8 @@ def make_fitted_sections(
 
     A rack that stands higher than stated is written as an effect.
     """
-    leg, ground = rig.leg, rig.ground
+    leg = rig.leg
+    ground = rig.ground
     return {
         # Nominal keys come first: those without a counterpart in the model are kept.
         "leg": {
@@ -336,9 +339,10 @@ def make_fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict
     for fitted, parameter in zip(result.parameters, result.space.parameters, strict=True):
         if parameter.known_to is not None:
             # Keys of relative parameters are shares of the value.
-            found[parameter.known_to] = (
-                fitted.std / abs(fitted.value) if parameter.relative else fitted.std
-            )
+            if parameter.relative:
+                found[parameter.known_to] = fitted.std / abs(fitted.value)
+            else:
+                found[parameter.known_to] = fitted.std
     return found
 
 

@@ -79,7 +79,8 @@ class Prior(Generic[S]):
     def point(self, name: str, value: float) -> float:
         """The coordinate x at which parameter `name` has `value`."""
         i = self.names.index(name)
-        centre, std = self.centres[i], self.std[i]
+        centre = self.centres[i]
+        std = self.std[i]
         # Inverse of `values`.
         return float(
             np.log(value / centre) / std if self.parameters[i].relative else (value - centre) / std

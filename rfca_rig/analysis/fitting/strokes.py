@@ -109,9 +109,9 @@ def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping
 
 def _starting_as_recorded(rig: RigModel, strokes: Sequence[Stroke]) -> RigModel:
     start_rad = mean_start_rad(strokes)
-    return (
-        rig if start_rad is None else replace(rig, leg=replace(rig.leg, start_angle_rad=start_rad))
-    )
+    if start_rad is None:
+        return rig
+    return replace(rig, leg=replace(rig.leg, start_angle_rad=start_rad))
 
 
 def _with_rms(result: FitResult, problem: StrokeProblem, window: StrokeWindow) -> FitResult:
@@ -268,4 +268,6 @@ def fit_valleys(
 
 def _concatenate_if_complete(found: Sequence[Floats | None]) -> Floats | None:
     rows = [row for row in found if row is not None]
-    return np.concatenate(rows) if len(rows) == len(found) else None
+    if len(rows) == len(found):
+        return np.concatenate(rows)
+    return None

@@ -97,7 +97,9 @@ class Balance:
     def systematic_error(self, p: Floats, name: str) -> float:
         """Its value in p (P,), 0 where it is not an unknown."""
         place = self.systematic_errors.place(name)
-        return 0.0 if place is None else float(p[self.curve_size + place])
+        if place is None:
+            return 0.0
+        return float(p[self.curve_size + place])
 
     def rest_rad(self, p: Floats) -> Floats:
         """Angles (h,) at which the hinges bear nothing: the nominal ones plus their errors in p
@@ -131,10 +133,8 @@ class Balance:
         """
         offset_m = np.array([self.systematic_error(p, f"height_{i}") for i in group.height])
         q = link_angles(z, self.L.size)
-        down_m, along_m = (
-            np.cumsum(self.L * np.sin(q), axis=1),
-            np.cumsum(self.L * np.cos(q), axis=1),
-        )
+        down_m = np.cumsum(self.L * np.sin(q), axis=1)
+        along_m = np.cumsum(self.L * np.cos(q), axis=1)
         floor_m = (group.height_m + offset_m)[:, None] - self.systematic_error(p, "slope") * along_m
         return np.asarray(down_m + self.rig.leg.link_radius_m - floor_m)
 
@@ -169,15 +169,21 @@ class _Conditions:
     """
 
     def __init__(self, balance: Balance, group: Group, z: Floats, c: Floats, p: Floats) -> None:
-        self.of, self.group, self.z, self.p = balance, group, z, p
-        self.n, self.T = balance.L.size, len(group.ends)
+        self.of = balance
+        self.group = group
+        self.z = z
+        self.p = p
+        self.n = balance.L.size
+        self.T = len(group.ends)
         self.h = self.n - 1
         R = self.h + 3 + self.T + max(self.T - 1, 0)
-        self.g, self.slack = np.zeros((len(z), R)), np.zeros((len(z), R))
+        self.g = np.zeros((len(z), R))
+        self.slack = np.zeros((len(z), R))
         self.by_z, self.by_c, self.by_p = (
             np.zeros((len(z), R, columns)) for columns in (self.h + 4, 2 * self.T, p.size)
         )
-        self.deep_m, self.F = c[:, : self.T], c[:, self.T :]
+        self.deep_m = c[:, : self.T]
+        self.F = c[:, self.T :]
         nominal = balance.rig.ground.stiffness_N_per_m1p5
         stiffness = nominal * np.exp(balance.systematic_error(p, "contact"))
         # Gauss-Newton needs a smooth force. Depth is replaced by a hyperbola that is smooth where
@@ -188,12 +194,11 @@ class _Conditions:
         far_m = np.hypot(self.deep_m, round_m)
         root = np.sqrt(0.5 * (self.deep_m + far_m))
         # Hertz, N = k d^1.5, and its derivative by depth.
-        self.N, self.N_deep = (
-            stiffness * root**3,
-            0.75 * stiffness * root * (1.0 + self.deep_m / far_m),
-        )
+        self.N = stiffness * root**3
+        self.N_deep = 0.75 * stiffness * root * (1.0 + self.deep_m / far_m)
         q = link_angles(z, self.n)
-        self.across, self.down = balance.L * np.cos(q), balance.L * np.sin(q)
+        self.across = balance.L * np.cos(q)
+        self.down = balance.L * np.sin(q)
         # (n, T): whether joint i comes before end k, since a force on an end loads only the joints
         # before it.
         self.reach = (np.arange(self.n)[:, None] <= np.array(group.ends, dtype=int)).astype(float)
@@ -212,28 +217,26 @@ class _Conditions:
         (S, n, 2 T), and by systematic errors.
         """
         w = self.of.weight_moment / self.of.L
-        mass, lever = (
-            1.0 + self.of.systematic_error(self.p, "mass"),
-            self.of.rig.friction_lever_m + self.of.systematic_error(self.p, "friction_lever"),
-        )
+        mass = 1.0 + self.of.systematic_error(self.p, "mass")
+        lever = self.of.rig.friction_lever_m + self.of.systematic_error(self.p, "friction_lever")
         rise = self.of.rig.ground.friction_rise_share
-        up, along, arm_m = (
-            mass * w - self.N @ self.reach.T,
-            self.F @ self.reach.T,
-            lever - rise * self.deep_m,
-        )
+        up = mass * w - self.N @ self.reach.T
+        along = self.F @ self.reach.T
+        arm_m = lever - rise * self.deep_m
         self.load = (
             sum_to_tip(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
         )
         # Turning joint i or j moves the same links where both come before them, hence the maximum
         # of both indices.
-        turn, joints = sum_to_tip(-up * self.down - along * self.across), np.arange(self.n)
+        turn = sum_to_tip(-up * self.down - along * self.across)
+        joints = np.arange(self.n)
         self.load_q = turn[:, np.maximum(joints[:, None], joints)]
-        self.arms = (
-            np.stack([sum_to_tip(self.across * reach) for reach in self.reach.T], axis=2)
-            if self.T
-            else np.zeros((*turn.shape, 0))
-        )
+        if self.T:
+            self.arms = np.stack(
+                [sum_to_tip(self.across * reach) for reach in self.reach.T], axis=2
+            )
+        else:
+            self.arms = np.zeros((*turn.shape, 0))
         self.load_N = -self.arms
         if self.T:
             # Friction acts below the end by the lever, so its arm is the height of the end plus
@@ -247,12 +250,16 @@ class _Conditions:
         else:
             self.load_c = self.arms
         self.load_contact = np.einsum("sjk,sk->sj", self.load_N, self.N)
-        self.load_mass, self.load_lever = sum_to_tip(w * self.across), -along
+        self.load_mass = sum_to_tip(w * self.across)
+        self.load_lever = -along
 
     def _hinges(self) -> None:
         """Torque of every hinge minus its load."""
-        h, size, whole = self.h, self.of.basis.size, self.of.curve_size
-        phi, extra = self.z[:, :h] - self.of.rest_rad(self.p), self.of.extra[self.group.rows]
+        h = self.h
+        size = self.of.basis.size
+        whole = self.of.curve_size
+        phi = self.z[:, :h] - self.of.rest_rad(self.p)
+        extra = self.of.extra[self.group.rows]
         columns = self.of.basis.columns(phi)
         self.g[:, :h] = columns @ self.p[:size] + extra @ self.p[size:whole] - self.load[:, 1:]
         self.by_z[:, :h, :h] = -self.load_q[:, 1:, 1:]
@@ -260,7 +267,8 @@ class _Conditions:
         self.by_z[:, np.arange(h), np.arange(h)] += stiffness
         self.by_z[:, :h, h] = -self.load_q[:, 1:, 0]
         self.by_c[:, :h] = -self.load_c[:, 1:]
-        self.by_p[:, :h, :size], self.by_p[:, :h, size:whole] = columns, extra
+        self.by_p[:, :h, :size] = columns
+        self.by_p[:, :h, size:whole] = extra
         for name, slope in (
             ("mass", self.load_mass),
             ("friction_lever", self.load_lever),
@@ -274,7 +282,9 @@ class _Conditions:
 
     def _sensor(self) -> None:
         """Readings of torque, fz and fy minus the forces of leg and floor."""
-        h, T, below_m = self.h, self.T, self.of.rig.sensor.below_shaft_m
+        h = self.h
+        T = self.T
+        below_m = self.of.rig.sensor.below_shaft_m
         mass = 1.0 + self.of.systematic_error(self.p, "mass")
         # The sensor sits below the shaft, so the horizontal force adds to the torque that it reads.
         self.g[:, h] = self.z[:, h + 3] + self.load[:, 0] + below_m * self.F.sum(1)
@@ -284,7 +294,8 @@ class _Conditions:
         self.by_z[:, h, :h], self.by_z[:, h, h] = self.load_q[:, 0, 1:], self.load_q[:, 0, 0]
         self.by_c[:, h] = self.load_c[:, 0]
         self.by_c[:, h, T:] += below_m
-        self.by_c[:, h + 1, :T], self.by_c[:, h + 2, T:] = self.N_deep, 1.0
+        self.by_c[:, h + 1, :T] = self.N_deep
+        self.by_c[:, h + 2, T:] = 1.0
         weight = np.full(len(self.z), -self.of.weight_N)
         self._add_by_error(
             slice(h, h + 2), "mass", np.stack([self.load_mass[:, 0], weight], axis=1)
@@ -296,25 +307,22 @@ class _Conditions:
 
     def _positions(self) -> None:
         """Every end is as deep as the angles state."""
-        rows, ends = slice(self.h + 3, self.h + 3 + self.T), np.arange(self.T)
+        rows = slice(self.h + 3, self.h + 3 + self.T)
+        ends = np.arange(self.T)
         self.g[:, rows] = (
             self.of.depth_m(self.z, self.p, self.group)[:, list(self.group.ends)] - self.deep_m
         )
-        slope, along_m = (
-            self.of.systematic_error(self.p, "slope"),
-            np.cumsum(self.across, axis=1)[:, list(self.group.ends)],
-        )
-        sinks = (
-            self.arms
-            - slope * np.stack([sum_to_tip(self.down * reach) for reach in self.reach.T], axis=2)
-            if self.T
-            else self.arms
-        )
+        slope = self.of.systematic_error(self.p, "slope")
+        along_m = np.cumsum(self.across, axis=1)[:, list(self.group.ends)]
+        if self.T:
+            sinks = self.arms - slope * np.stack(
+                [sum_to_tip(self.down * reach) for reach in self.reach.T], axis=2
+            )
+        else:
+            sinks = self.arms
         by_joint = np.swapaxes(sinks, 1, 2)  # (S, T, n)
-        self.by_z[:, rows, : self.h], self.by_z[:, rows, self.h] = (
-            by_joint[:, :, 1:],
-            by_joint[:, :, 0],
-        )
+        self.by_z[:, rows, : self.h] = by_joint[:, :, 1:]
+        self.by_z[:, rows, self.h] = by_joint[:, :, 0]
         self.by_c[:, self.h + 3 + ends, ends] = -1.0
         self._add_by_error(rows, "slope", along_m)
         for i in np.unique(self.group.height):
@@ -331,11 +339,13 @@ class _Conditions:
         """Each of several ends has about its share of the friction, within the limit of
         friction, and none where it does not press.
         """
-        whole, F = np.maximum(self.N.sum(1), NEGLIGIBLE_N), self.F.sum(1)
+        whole = np.maximum(self.N.sum(1), NEGLIGIBLE_N)
+        F = self.F.sum(1)
         mu = self.of.rig.ground.friction_coefficient
         # The last end needs no row: the sum of all is already fixed by fy.
         for k in range(self.T - 1):
-            row, share = self.h + 3 + self.T + k, self.N[:, k] / whole
+            row = self.h + 3 + self.T + k
+            share = self.N[:, k] / whole
             self.g[:, row] = self.F[:, k] - share * F
             self.by_c[:, row, : self.T] = (share * F / whole)[:, None] * self.N_deep
             self.by_c[:, row, k] -= F / whole * self.N_deep[:, k]

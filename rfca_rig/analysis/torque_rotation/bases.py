@@ -152,7 +152,9 @@ class TorqueCurve:
     def grid_rad(self, count: int = 101) -> Floats:
         """Angles (count,) over the range, from the least bent on."""
         low, high = self.range_rad
-        return np.linspace(low, high, count) if self.bends > 0 else np.linspace(high, low, count)
+        if self.bends > 0:
+            return np.linspace(low, high, count)
+        return np.linspace(high, low, count)
 
     def _of(self, columns: Floats) -> tuple[Floats, Floats]:
         variance = np.einsum("mi,ij,mj->m", columns, self.covariance, columns)

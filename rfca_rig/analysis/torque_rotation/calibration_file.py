@@ -49,10 +49,14 @@ def write_calibration(
 
     Where the law does not hold, the uncertainties are no smaller than its distance from the
     measured curve. Raises RigError where the disk refuses."""
-    values, rests = result.values, result.rests[0]
+    values = result.values
+    rests = result.rests[0]
     leg = replace_by_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
     sections = _sections({**nominal, "leg": leg}, result.rig, rests)
-    apart = 0.0 if result.form.holds else abs(result.form.apart_relative)
+    if result.form.holds:
+        apart = 0.0
+    else:
+        apart = abs(result.form.apart_relative)
     measured_to = {
         name: float(np.hypot(std, apart)) for name, std in result.values.known_to.items()
     }
@@ -87,12 +91,16 @@ def write_curve(
     `k0_relative` is the root mean square of the curve's band over that of its torques: how far a
     fit may scale the curve. Where splines with a torque at rest fit better than chance allows, it
     is no smaller than their distance from the curve. Raises RigError where the disk refuses."""
-    keys, rests = curve_keys(result), result.rests[1]
+    keys = curve_keys(result)
+    rests = result.rests[1]
     band = relative_std(TorqueRotationSection.model_validate(keys))
     sections = _sections(
         {**nominal, "leg": replace_by_curve(nominal["leg"], keys)}, result.rig, rests
     )
-    apart = 0.0 if result.model_form.holds else abs(result.model_form.apart_relative)
+    if result.model_form.holds:
+        apart = 0.0
+    else:
+        apart = abs(result.model_form.apart_relative)
     # The curve has no k2; its scale takes the key k0_relative.
     known = {
         key: value
@@ -120,7 +128,8 @@ def write_curve(
 
 def curve_keys(result: StaticResult) -> dict[str, Any]:
     """The keys of [leg.torque_rotation] for the measured curve."""
-    basis, covariance = result.model.basis, result.model.covariance
+    basis = result.model.basis
+    covariance = result.model.covariance
     # The form for a model is always a spline through rest; the assertion tells the type checker.
     assert isinstance(basis, SplineThroughRest)
     return {
@@ -150,7 +159,9 @@ def _keep_stated(known_to: Mapping[str, Any]) -> dict[str, float]:
 
 def _rest_known_to(rests: RestAngles | None) -> dict[str, float]:
     """One number for all hinges: the largest of them."""
-    return {} if rests is None else {"rest_angle_deg": float(np.degrees(rests.std_rad.max()))}
+    if rests is None:
+        return {}
+    return {"rest_angle_deg": float(np.degrees(rests.std_rad.max()))}
 
 
 def _from(sources: Sequence[str]) -> list[str]:

@@ -185,10 +185,8 @@ def compare_forms(
     grid = free_curve.grid_rad()
     # Each curve counts angles from its own rest, so the grid is shifted by the difference.
     rests = [one.adjusted.balance.rest_rad(one.adjusted.point.p).mean() for one in (law, free)]
-    by_law, by_free = (
-        law_curve.torque_Nm(grid + rests[1] - rests[0])[0],
-        free_curve.torque_Nm(grid)[0],
-    )
+    by_law = law_curve.torque_Nm(grid + rests[1] - rests[0])[0]
+    by_free = free_curve.torque_Nm(grid)[0]
     worst = int(np.argmax(np.abs(by_law - by_free)))
     apart = float(by_law[worst] - by_free[worst]) * law_curve.bends
     scale = float(np.abs(by_free).max()) or 1.0
@@ -211,7 +209,8 @@ def check_hinges(found: CurveFit, data: StageData, curve: TorqueCurve) -> tuple[
 
 def from_rest_rad(found: CurveFit, data: StageData) -> Floats:
     """Angles (S, h) of the hinges from the rest angles found."""
-    point, balance = found.adjusted.point, found.adjusted.balance
+    point = found.adjusted.point
+    balance = found.adjusted.balance
     return np.asarray(point.z[:, : data.hinges] - balance.rest_rad(point.p))
 
 
@@ -242,13 +241,12 @@ def estimate_rest_angles(found: CurveFit, widened: float) -> RestAngles | None:
     count as exact.
     """
     adjusted = found.adjusted
-    first, hinges = (
-        adjusted.balance.systematic_errors.place(rest_name(0)),
-        adjusted.balance.L.size - 1,
-    )
+    first = adjusted.balance.systematic_errors.place(rest_name(0))
+    hinges = adjusted.balance.L.size - 1
     if first is None:
         return None
-    curve, covariance = adjusted.balance.basis, adjusted.covariance
+    curve = adjusted.balance.basis
+    covariance = adjusted.covariance
     places = slice(
         adjusted.balance.curve_size + first, adjusted.balance.curve_size + first + hinges
     )
@@ -307,8 +305,10 @@ def estimate_loop(found: CurveFit, data: StageData) -> BendingLoop | None:
 
 def list_estimated_errors(adjusted: Adjustment) -> tuple[EstimatedSystematicError, ...]:
     """Estimates of all systematic errors."""
-    first, systematic_errors = adjusted.balance.curve_size, adjusted.balance.systematic_errors.each
-    values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
+    first = adjusted.balance.curve_size
+    systematic_errors = adjusted.balance.systematic_errors.each
+    values = adjusted.point.p[first:]
+    std = np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
         EstimatedSystematicError(
             d.says, d.unit, *d.convert(float(v), float(s)), d.scale * d.std, float(v) / d.std

@@ -46,7 +46,9 @@ from rfca_rig.recording.model import Recording
 Floats = NDArray[np.float64]
 
 # Angles for each piece of a spline, and the largest number of pieces and knots.
-ANGLES_PER_PIECE, MOST_PIECES, MOST_KNOTS = 20, 3, 5
+ANGLES_PER_PIECE = 20
+MOST_PIECES = 3
+MOST_KNOTS = 5
 # Shares of the angles below the knots of the finer form, which follows a spring that engages late:
 # a play of 1.2 degrees is met to 0.1 % of the largest torque from 7 degrees on, and to 4 % by four
 # knots at even shares.
@@ -138,10 +140,16 @@ def evaluate(
     free = _freest(case)
     watcher(1, SOLVE_COUNT)
     bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
-    looped = case.solve(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
+    if (bending < 0).any():
+        looped = case.solve(case.splines(), free.errors, loop=True)
+    else:
+        looped = None
     loop = estimate_loop(looped, case.data) if looped else None
     # A hysteresis loop is kept in the model only where it is significant.
-    closed = looped if looped is not None and loop is not None and loop.seen else None
+    if looped is not None and loop is not None and loop.seen:
+        closed = looped
+    else:
+        closed = None
     free = closed or free
     watcher(2, SOLVE_COUNT)
     law = case.solve(Hardening(), free.errors, loop=closed is not None)
@@ -241,7 +249,8 @@ def _freest(case: _Case) -> CurveFit:
     """Solution with splines and the likelier noise model, of independent hinges or of shared
     marks; noise without a balance is left out.
     """
-    solutions, last_error = [], None
+    solutions = []
+    last_error = None
     for chained in (False, True):
         try:
             solutions.append(case.solve(case.splines(), Errors(chained=chained)))
@@ -271,7 +280,9 @@ def _repeats(recordings: Sequence[Recording], supposed: StageAssumptions, law: C
     """Each recording by itself with the errors found for all, where several recordings suffice."""
     if len(recordings) < 2:
         return Repeats()
-    each, pulls, freedom = [], 0.0, 0
+    each = []
+    pulls = 0.0
+    freedom = 0
     size = law.adjusted.balance.basis.size
     middle = law.adjusted.point.p[:size]
     for recording in recordings:
@@ -284,10 +295,8 @@ def _repeats(recordings: Sequence[Recording], supposed: StageAssumptions, law: C
         # Mahalanobis distance of each recording from the common curve: its mean should be 1 per
         # coefficient.
         apart = curve.coefficients - middle
-        pulls, freedom = (
-            pulls + float(apart @ np.linalg.solve(curve.covariance, apart)),
-            freedom + size,
-        )
+        pulls = pulls + float(apart @ np.linalg.solve(curve.covariance, apart))
+        freedom = freedom + size
         each.append(law_values(curve))
     # The common curve was fitted to the same recordings.
     freedom -= size

@@ -21,7 +21,8 @@ Floats = NDArray[np.float64]
 MAX_STEPS = 100
 LONGEST_STEP_RAD = 0.1
 # Factor of a damped step's length from step to step, and its lower limit.
-DAMPING, MIN_STEP_SHARE = 0.9, 0.2
+DAMPING = 0.9
+MIN_STEP_SHARE = 0.2
 # Factor on the tolerance while steps are damped.
 DAMPED_TOLERANCE_FACTOR = 30.0
 # Where an end barely touches, whole steps with changing weights may alternate for ever.
@@ -184,11 +185,8 @@ def linearise_groups(
         balance.linear(group, point.z[group.rows], c, point.p)
         for group, c in zip(groups, point.c, strict=True)
     ]
-    lines = (
-        [replace(line, slack=own) for line, own in zip(lines, slack, strict=True)]
-        if slack
-        else lines
-    )
+    if slack:
+        lines = [replace(line, slack=own) for line, own in zip(lines, slack, strict=True)]
     return tuple(
         _whiten(line, measured[g.rows] - point.z[g.rows], C[g.rows], _of(extra, g))
         for line, g in zip(lines, groups, strict=True)
@@ -208,7 +206,9 @@ def rewhiten_groups(
 
 
 def _of(extra: Floats | None, group: Group) -> Floats | None:
-    return None if extra is None else extra[group.rows]
+    if extra is None:
+        return None
+    return extra[group.rows]
 
 
 def _whiten(
@@ -284,7 +284,8 @@ def adjust(
 def _iterate(
     balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point
 ) -> Adjustment:
-    point, slack = start, list[Floats]()
+    point = start
+    slack = list[Floats]()
     for count in range(MAX_STEPS):
         # Damping sets in late, so that ordinary cases keep the fast convergence of whole steps.
         most = max(DAMPING ** max(count - DAMP_AFTER_STEPS, 0), MIN_STEP_SHARE)
@@ -295,7 +296,8 @@ def _iterate(
         rows = stack_rows(balance, parts, point.p)
         dp = rows.step()
         covariance = np.asarray(np.linalg.inv(rows.information), np.float64)
-        before, (point, whole) = point, _step_from(point, groups, parts, measured, dp, most)
+        before = point
+        (point, whole) = _step_from(point, groups, parts, measured, dp, most)
         in_std = np.abs(dp) / np.sqrt(np.abs(np.diag(covariance)))
         z_in_std = np.abs(point.z - before.z) / most / np.sqrt(np.diagonal(C, axis1=1, axis2=2))
         close = 1.0 if most == 1.0 else DAMPED_TOLERANCE_FACTOR

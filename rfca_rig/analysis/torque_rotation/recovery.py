@@ -52,7 +52,8 @@ LOG_PRIOR_STD = {"hinge": 2.0, "stated": 0.7, "force": 1.5}
 FIRST_LOG_STEP = {"hinge": 0.4, "stated": 0.3, "force": -0.7}
 # Accuracy of the search, in logarithms of the noise and in log-likelihood.
 SEARCH_TOLERANCE = 0.02
-LEAST_HINGE_RAD, LEAST_FACTOR = 2e-5, 0.02
+LEAST_HINGE_RAD = 2e-5
+LEAST_FACTOR = 0.02
 
 MAX_ROUNDS = 4
 # Change of the logarithm of a noise below which it counts as the same.
@@ -80,7 +81,8 @@ def solve_contacts(
     SimulationFailed
         Where no balance is found.
     """
-    tried, point = set(), start
+    tried = set()
+    point = start
     for _ in range(MAX_CONTACT_ROUNDS):
         try:
             adjusted = adjust(balance, group_by_contacts(data, ends), data.measured, C, point)
@@ -98,7 +100,8 @@ def solve_contacts(
         found = tuple(tuple(sorted({*own, *more})) for own, more in zip(ends, deep, strict=True))
         if found in tried:
             break
-        ends, point = found, make_start_point(balance, data, adjusted.point, found)
+        ends = found
+        point = make_start_point(balance, data, adjusted.point, found)
     return adjusted, tuple(ends)
 
 
@@ -141,7 +144,8 @@ def make_start_point(
     depth^1.5, as Hertz does.
     """
     depth = _depths(balance, data, point.z, point.p)
-    h, stiffness = data.hinges, balance.rig.ground.stiffness_N_per_m1p5
+    h = data.hinges
+    stiffness = balance.rig.ground.stiffness_N_per_m1p5
     c = []
     for group in group_by_contacts(data, ends):
         pressed = np.maximum(depth[group.rows][:, list(group.ends)], MIN_DEPTH_M) ** 1.5
@@ -193,7 +197,10 @@ class Errors:
         h = data.hinges
         std = np.where(data.unstated, self.hinge_std_rad, self.stated_factor * data.hinge_std_rad)
         std = np.where(data.seen, std, MISSING_STD_RAD)
-        correlation = mark_correlation(link_lengths_m) if self.chained else np.eye(h)
+        if self.chained:
+            correlation = mark_correlation(link_lengths_m)
+        else:
+            correlation = np.eye(h)
         C = np.zeros((len(std), h + 4, h + 4))
         C[:, :h, :h] = std[:, :, None] * correlation * std[:, None, :]
         others = np.concatenate(
@@ -245,7 +252,8 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
     """Most probable errors given the stages, with curve and unknowns integrated out (REML), and
     their log-likelihood including the prior.
     """
-    lengths, measured = adjusted.balance.rig.leg.link_lengths_m, data.measured
+    lengths = adjusted.balance.rig.leg.link_lengths_m
+    measured = data.measured
     groups = adjusted.groups
     # The conditions stay linearised at the solution, so that each trial costs only linear algebra.
     parts = linearise_groups(
@@ -341,7 +349,8 @@ def fit_curve(
             )
         # Noise and curve depend on each other, so both are estimated in turn until the noise no
         # longer changes.
-        before, (errors, likelihood) = errors, estimate_noise(data, adjusted, errors)
+        before = errors
+        (errors, likelihood) = estimate_noise(data, adjusted, errors)
         point = adjusted.point
         if _is_same(before, errors):
             break

@@ -96,7 +96,10 @@ def make_stage_data(
     left_out: list[OmittedStage] = []
     for number, recording in enumerate(recordings):
         for stage in recording.static:
-            why = "" if np.isfinite(stage.hinge_deg).any() else "no hinge angle"
+            if np.isfinite(stage.hinge_deg).any():
+                why = ""
+            else:
+                why = "no hinge angle"
             if stage.settled is False:
                 why = "had not settled"
             if why:
@@ -134,7 +137,8 @@ def _arrays(
         ]
     )
     # Initial guess for missing angles: interpolated from the hinges that were seen.
-    places, complete = np.arange(hinge_deg.shape[1]), hinge_deg.copy()
+    places = np.arange(hinge_deg.shape[1])
+    complete = hinge_deg.copy()
     for row in complete:
         seen = np.isfinite(row)
         row[~seen] = np.interp(places[~seen], places[seen], row[seen])
@@ -164,7 +168,8 @@ def _turn_directions(
     """
     before = np.zeros_like(hinge_deg)
     for i in range(1, len(stages)):
-        earlier, stage = stages[i - 1], stages[i]
+        earlier = stages[i - 1]
+        stage = stages[i]
         # A new series begins at another height, or with loading after unloading.
         begins = earlier.height_m != stage.height_m or (
             earlier.direction == "unloading" and stage.direction == "loading"

@@ -62,17 +62,18 @@ def points_of(found: CurveFit, data: StageData) -> Points:
     """Compute the points; zeros, tares, shares of several touching ends, and missing angles are
     taken from the solution.
     """
-    balance, h = found.adjusted.balance, data.hinges
-    p, curve = found.adjusted.point.p, slice(0, found.adjusted.balance.curve_size)
+    balance = found.adjusted.balance
+    h = data.hinges
+    p = found.adjusted.point.p
+    curve = slice(0, found.adjusted.balance.curve_size)
     # Missing readings are taken from the solution, without error.
     known = np.concatenate([data.seen, np.ones((len(data.seen), 4), dtype=bool)], axis=1)
     whole = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
-    z, C = (
-        np.where(known, data.measured, found.adjusted.point.z),
-        whole * known[:, :, None] * known[:, None, :],
-    )
+    z = np.where(known, data.measured, found.adjusted.point.z)
+    C = whole * known[:, :, None] * known[:, None, :]
     angle = balance.correct_readings(z, p, data.recording)[:, :h] - balance.rest_rad(p)
-    torque, std = np.empty(data.seen.shape), np.empty(data.seen.shape)
+    torque = np.empty(data.seen.shape)
+    std = np.empty(data.seen.shape)
     for group, c in zip(found.adjusted.groups, found.adjusted.point.c, strict=True):
         line = balance.linear(group, z[group.rows], c, p)
         # Condition = curve torque - load. Subtracting it from the curve's torque leaves the load
@@ -175,7 +176,9 @@ class StaticResult:
     @property
     def curve(self) -> TorqueCurve:
         """The curve to use: the law where it holds, else the splines."""
-        return self.law if self.form.holds else self.free
+        if self.form.holds:
+            return self.law
+        return self.free
 
 
 @dataclass(frozen=True)
@@ -198,7 +201,8 @@ def predict_hinge_curves(
 ) -> tuple[PredictedHingeCurve, ...]:
     """Curves of the paper's two strips in this leg, up to an angle above 0 and below 90 degrees."""
     strip = paper_strips({material.name: material for material in table_1_materials()}[MATERIAL])
-    pitch_m, EI = float(np.mean(leg.link_lengths_m[1:-1])), strip.bending_stiffness_Nm2
+    pitch_m = float(np.mean(leg.link_lengths_m[1:-1]))
+    EI = strip.bending_stiffness_Nm2
     phi = np.linspace(0.0, most_rad, 61)
     # A strip that may only bend between link centres, with a given end direction, has constant
     # curvature: EI / pitch.
@@ -257,7 +261,8 @@ def remarks(result: StaticResult) -> list[str]:
 
 
 def _form(result: StaticResult) -> list[str]:
-    form, sentences = result.form, []
+    form = result.form
+    sentences = []
     if not form.holds:
         sentences.append(
             "The law k0 (phi + k2 phi^3) does not hold: splines fit better than chance "
@@ -303,7 +308,9 @@ def _loop(result: StaticResult) -> list[str]:
 
 
 def _noise(result: StaticResult) -> list[str]:
-    errors, data, sentences = result.found.errors, result.data, []
+    errors = result.found.errors
+    data = result.data
+    sentences = []
     if (data.unstated & data.seen).any() and np.degrees(errors.hinge_std_rad) > MUCH_HINGE_DEG:
         sentences.append(
             f"Hinge angles scatter by {np.degrees(errors.hinge_std_rad):.2f} degrees "
@@ -359,11 +366,10 @@ def _rests(result: StaticResult) -> list[str]:
     if not checks:
         return []
     clearest = max(checks, key=lambda check: abs(check.rest_rad) / check.std_rad)
-    which = (
-        "All hinges look as if they rest"
-        if clearest.hinge is None
-        else f"Hinge {clearest.hinge} looks as if it rests"
-    )
+    if clearest.hinge is None:
+        which = "All hinges look as if they rest"
+    else:
+        which = f"Hinge {clearest.hinge} looks as if it rests"
     return [
         f"{which} at {np.degrees(clearest.rest_rad):+.2f} +- "
         f"{np.degrees(clearest.std_rad):.2f} degrees from the nominal value; with "

@@ -304,7 +304,8 @@ def _lines(file: "CameraFile", out: Path) -> list[str]:
         ),
     ]
     left, top, right, bottom = lens.covered_px
-    across, down = (right - left) / lens.image_size_px[0], (bottom - top) / lens.image_size_px[1]
+    across = (right - left) / lens.image_size_px[0]
+    down = (bottom - top) / lens.image_size_px[1]
     if min(across, down) < WELL_COVERED:
         lines.append(
             f"the board was seen in {100 * across:.0f} % of the picture's width and "

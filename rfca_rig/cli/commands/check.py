@@ -48,9 +48,10 @@ def check(
     from rfca_rig.recording.layout import EXPERIMENT, PENDULUM
 
     # A folder is described by the file in it; either names the recordings.
-    folder = (
-        path.parent if path.name in (CAMPAIGN, EXPERIMENT, PENDULUM) and path.is_file() else path
-    )
+    if path.name in (CAMPAIGN, EXPERIMENT, PENDULUM) and path.is_file():
+        folder = path.parent
+    else:
+        folder = path
     if folder.is_file():
         _check_file(folder, as_json)
     elif (folder / CAMPAIGN).is_file():
@@ -86,12 +87,10 @@ def _check_file(path: Path, as_json: bool) -> None:
         kind, found, usual, further = "rig", *_check_rig(path), f"doctor --rig {path}"
     elif isinstance(experiment := data.get("experiment"), str) and experiment in PROTOCOLS:
         file = PROTOCOLS[experiment](path)
-        kind, found, usual, further = (
-            "protocol",
-            f"{experiment} protocol, {file.title}",
-            0,
-            f"plan {path}",
-        )
+        kind = "protocol"
+        found = f"{experiment} protocol, {file.title}"
+        usual = 0
+        further = f"plan {path}"
     else:
         readers = {
             "vary": f"sweep {path}",
@@ -99,11 +98,10 @@ def _check_file(path: Path, as_json: bool) -> None:
             "leg": f"predict --model {path}",
         }
         reader = next((command for key, command in readers.items() if key in data), None)
-        hint = (
-            f"rfca-rig {reader} reads it"
-            if reader
-            else "a rig file has [rig], a protocol has experiment"
-        )
+        if reader:
+            hint = f"rfca-rig {reader} reads it"
+        else:
+            hint = "a rig file has [rig], a protocol has experiment"
         raise BadInput(f"{path}: is neither a rig file nor a protocol; {hint}")
     if as_json:
         echo(
@@ -143,7 +141,8 @@ def _check_run(run: Path, as_json: bool) -> None:
 
     findings = []
     with progress(as_json) as bars:
-        done_MB, total_MB = 0.0, _size_MB(run)
+        done_MB = 0.0
+        total_MB = _size_MB(run)
         for finding in check_run(run):
             done_MB += _size_MB(run / finding.file)
             bars.report("checking, MB", round(done_MB), max(1, round(total_MB)))
@@ -201,7 +200,8 @@ def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
     from rfca_rig.diagnosis.mechanisms.check import check_experiment
 
     # A refusal is raised at the end, so that the findings before it are printed, also as JSON.
-    rows, refused = [], None
+    rows = []
+    refused = None
     try:
         for line in check_experiment(folder, allow_outside):
             rows.append(
@@ -302,11 +302,10 @@ def recover(
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
     with progress(as_json) as bars:
-        recording = (
-            _recover_run(path.parent, bars.counting("stages"))
-            if is_run_folder(path.parent)
-            else _older(path)
-        )
+        if is_run_folder(path.parent):
+            recording = _recover_run(path.parent, bars.counting("stages"))
+        else:
+            recording = _older(path)
     found = summarize(path, thorough=False)
     if as_json:
         counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
@@ -389,11 +388,9 @@ def _nothing_to_recover(path: Path) -> str:
     from rfca_rig.suggestions import not_there
 
     if not path.is_file():
-        return (
-            f"{path.parent}: holds no interrupted run; rfca-rig runs lists what was recorded"
-            if path.parent.is_dir()
-            else not_there(path.parent)
-        )
+        if path.parent.is_dir():
+            return f"{path.parent}: holds no interrupted run; rfca-rig runs lists what was recorded"
+        return not_there(path.parent)
     try:
         summarize(path, thorough=False)
     except BadInput as error:

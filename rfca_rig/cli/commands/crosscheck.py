@@ -68,10 +68,8 @@ def crosscheck(
     conditions = plan.flapping().conditions
     with progress(as_json) as bars:
         announce_first_compile(bars, as_json)
-        alike, own = (
-            bars.counting("the same contact in both"),
-            bars.counting("MuJoCo's own contact"),
-        )
+        alike = bars.counting("the same contact in both")
+        own = bars.counting("MuJoCo's own contact")
         same_ground = [
             check_condition(model, one, plan.sweep_deg)
             for one in iterate_with_progress(conditions, alike)

@@ -94,7 +94,10 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
 
     folders: dict[str, tuple[Path, Path]] = {}
     for path in paths:
-        name = path.resolve().parent.name if path.is_file() else path.resolve().name
+        if path.is_file():
+            name = path.resolve().parent.name
+        else:
+            name = path.resolve().name
         if name in folders:
             raise BadInput(
                 f"{path}: {folders[name][0]} is called {name} too, and --each gives a "

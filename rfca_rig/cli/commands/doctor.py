@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 
 WIDTH = 80
-COLOUR_WIDTH, SUBJECT_WIDTH = 8, 18
+COLOUR_WIDTH = 8
+SUBJECT_WIDTH = 18
 INDENT = " " * (COLOUR_WIDTH + SUBJECT_WIDTH)
 COMMAND_INDENT = " " * 4
 
@@ -51,7 +52,10 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     clock = WallClock()
     checks = scan(runs, clock) if described is None else check_rig(described, runs, clock)
     # JSON is printed as one document, after all checks; text line by line, as each is done.
-    findings = list(checks) if as_json else list(_print_each(_title(described), checks))
+    if as_json:
+        findings = list(checks)
+    else:
+        findings = list(_print_each(_title(described), checks))
     counts = {colour.value: sum(one.colour is colour for one in findings) for colour in Colour}
     if as_json:
         echo(

@@ -113,7 +113,8 @@ def fit(
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
 
-    pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
+    pendulum = pendulum_among(paths)
+    mechanism = experiment_among(paths)
     if effects and mechanism is None:
         raise BadInput(
             "--effects: is an option for recordings of a mechanism (experiment.toml); "

@@ -25,7 +25,8 @@ CAMERA_FILE = "twin-camera.toml"
 QUESTIONS = 10
 # Height over leg length of a stroke that presses the twin's leg well, and its speed: the first row
 # of Table II.
-FIRST_HEIGHT_SHARE, FIRST_SPEED_RAD_S = 215.0 / 290.0, 2.433
+FIRST_HEIGHT_SHARE = 215.0 / 290.0
+FIRST_SPEED_RAD_S = 2.433
 
 RigFileToWrite = Annotated[
     Path | None, typer.Option("--rig", metavar="FILE", help="The rig file to write.")
@@ -130,7 +131,10 @@ class _Found:
 
     def list_addresses(self, kind: str, key: str) -> list[str]:
         """Where a sensor of that kind can be, most probable first; `key` is that of its address."""
-        answered = [self.sensors[kind].address] if kind in self.sensors else []
+        if kind in self.sensors:
+            answered = [self.sensors[kind].address]
+        else:
+            answered = []
         return [*answered, *self.files[kind], *(self.ports if key == "port" else ())]
 
     def describe(self) -> str:
@@ -164,9 +168,10 @@ def _find_devices(folder: Path) -> _Found:
     for kind, make in makes.items():
         key, _, usual = make.address
         is_file = key in load_object(make.section).file_keys
-        files[kind] = (
-            sorted(file.name for file in folder.glob(f"*{Path(usual).suffix}")) if is_file else []
-        )
+        if is_file:
+            files[kind] = sorted(file.name for file in folder.glob(f"*{Path(usual).suffix}"))
+        else:
+            files[kind] = []
     return _Found(buses, ports, makes, files, sensors)
 
 
@@ -235,7 +240,10 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     sensor = ask(f"force sensor: {', '.join(makes)}", probable, _read_word([*makes]))
     key, question, usual_address = makes[sensor].address
     address = ask(question, [*found.list_addresses(sensor, key), usual_address][0], str.strip)
-    counts = found.sensors[sensor].counts if sensor in found.sensors else None
+    if sensor in found.sensors:
+        counts = found.sensors[sensor].counts
+    else:
+        counts = None
     return RigAnswers(
         lengths_mm,
         masses_g,

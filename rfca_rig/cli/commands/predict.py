@@ -49,7 +49,10 @@ def predict(
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 
-    rig_model = read_model_file(model).model() if model else read_rig(find_rig(rig)).model()
+    if model:
+        rig_model = read_model_file(model).model()
+    else:
+        rig_model = read_rig(find_rig(rig)).model()
     with progress(as_json) as bars:
         announce_first_compile(bars, as_json)
         prediction = predict_stroke(rig_model, height / 1e3, speed, sweep)

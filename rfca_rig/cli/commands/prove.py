@@ -167,7 +167,9 @@ def _numbers(cases: int | None, kind: str | None) -> dict[str, int]:
     from rfca_rig.suggestions import suggestion
 
     if kind is None:
-        return dict(DEFAULT_NUMBERS) if cases is None else split_numbers(cases)
+        if cases is None:
+            return dict(DEFAULT_NUMBERS)
+        return split_numbers(cases)
     if kind not in KINDS:
         raise BadInput(f"--kind {kind!r} is unknown; {suggestion(kind, map(repr, KINDS))}")
     return {kind: DEFAULT_NUMBERS[kind] if cases is None else cases}

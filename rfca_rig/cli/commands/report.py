@@ -75,7 +75,8 @@ def report(
     """
     from rfca_rig.campaign.opening import experiment_among, pendulum_among
 
-    pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
+    pendulum = pendulum_among(paths)
+    mechanism = experiment_among(paths)
     if pendulum is None and mechanism is None:
         write(
             paths,
@@ -216,14 +217,16 @@ def write(
 
     # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)
-    given = GivenModel(model.name, read_model_file(model).model()) if model else None
+    if model:
+        given = GivenModel(model.name, read_model_file(model).model())
+    else:
+        given = None
     # Without a model file all recordings must have the same nominal model, which
     # `open_with_nominal_model` checks.
-    recordings = (
-        open_recordings(paths, as_is, allow_outside)
-        if given
-        else open_with_nominal_model(paths, as_is, allow_outside)
-    )
+    if given:
+        recordings = open_recordings(paths, as_is, allow_outside)
+    else:
+        recordings = open_with_nominal_model(paths, as_is, allow_outside)
     options: dict[str, object] = {
         "--shaft": shaft if shaft != "average" else None,
         "--model": model,
@@ -248,7 +251,10 @@ def write(
 
 def _say(table: "Table2", out: Path, runs: int) -> None:
     """Prints the pages, the most informative one first."""
-    pages = f"{out / 'run.html'}" if runs == 1 else f"{out / 'run-1.html'} to run-{runs}.html"
+    if runs == 1:
+        pages = f"{out / 'run.html'}"
+    else:
+        pages = f"{out / 'run-1.html'} to run-{runs}.html"
     if table.rows:
         if table.average_time_error_pct is None or table.average_force_error_pct is None:
             averages = "no condition with a measured and a simulated valley"

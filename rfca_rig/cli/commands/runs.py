@@ -22,7 +22,8 @@ import re
 from contextlib import suppress
 
 WIDTH = 80
-WHEN_WIDTH, ENDED_WIDTH = 16, 11
+WHEN_WIDTH = 16
+ENDED_WIDTH = 11
 # What the other two columns, and two gaps of two blanks, leave.
 NAME_WIDTH = WIDTH - WHEN_WIDTH - ENDED_WIDTH - 4
 INDENT = "    "
@@ -141,26 +142,31 @@ def _values(values: Iterable[float], unit: str) -> str:
     found = sorted(set(values))
     if not found:
         return ""
-    text = (
-        f"{found[0]:g} to {found[-1]:g}"
-        if len(found) > MOST_VALUES
-        else ", ".join(f"{value:g}" for value in found)
-    )
+    if len(found) > MOST_VALUES:
+        text = f"{found[0]:g} to {found[-1]:g}"
+    else:
+        text = ", ".join(f"{value:g}" for value in found)
     return f"{text} {unit}"
 
 
 def _why(entry: Entry) -> str:
     # A run that is done or unfinished needs no explanation.
-    return entry.why if entry.ended not in ("", "done", "unfinished") else ""
+    if entry.ended not in ("", "done", "unfinished"):
+        return entry.why
+    return ""
 
 
 def _verdict(entry: Entry) -> str:
     if entry.verdict is None:
         return ""
-    sure = (
-        "" if entry.verdict.probability is None else f" ({100.0 * entry.verdict.probability:.1f} %)"
-    )
-    named = f": {', '.join(entry.verdict.effects)}{sure}" if entry.verdict.effects else ""
+    if entry.verdict.probability is None:
+        sure = ""
+    else:
+        sure = f" ({100.0 * entry.verdict.probability:.1f} %)"
+    if entry.verdict.effects:
+        named = f": {', '.join(entry.verdict.effects)}{sure}"
+    else:
+        named = ""
     return f"diagnosis: {entry.verdict.words}{named}; {entry.verdict.file}"
 
 
@@ -289,7 +295,9 @@ def _measure_seconds(folder: Path) -> float | None:
 def _most(last: int | None, is_table: bool) -> int | None:
     """Number of runs to show; None for all."""
     if last is None:
-        return SHOWN if is_table else None
+        if is_table:
+            return SHOWN
+        return None
     # --last 0 means all.
     return last or None
 
@@ -326,7 +334,10 @@ def _count_line(folder: Path, shown: int, fitting: int, known: int) -> str:
         )
     if not fitting:
         return f"none of the {known} runs below {folder} is like that; ask for less"
-    more = f"; --last 0 shows all {fitting}" if shown < fitting else ""
+    if shown < fitting:
+        more = f"; --last 0 shows all {fitting}"
+    else:
+        more = ""
     return f"{shown} of {known} runs below {folder}{more}"
 
 

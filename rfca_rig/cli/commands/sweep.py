@@ -161,11 +161,10 @@ def _of_file(name: str) -> "tuple[SweepPlan, list[str | Path]]":
     content = read_sweep(path)
     # Paths in a sweep file are relative to the file; plain names are looked up as on the command
     # line.
-    rig = (
-        content.rig
-        if content.rig is None or not _is_path(content.rig)
-        else str(path.parent / content.rig)
-    )
+    if content.rig is None or not _is_path(content.rig):
+        rig = content.rig
+    else:
+        rig = str(path.parent / content.rig)
     model = None if content.model is None else path.parent / content.model
     return make_plan(content, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
 
@@ -182,7 +181,9 @@ def _model(rig: str | None, model: Path | None) -> "RigModel":
 
     if rig and model:
         raise BadInput("--rig and --model both say which model; name one of them")
-    return read_model_file(model).model() if model else read_rig(find_rig(rig or "twin")).model()
+    if model:
+        return read_model_file(model).model()
+    return read_rig(find_rig(rig or "twin")).model()
 
 
 def _run_sweep(
@@ -257,7 +258,9 @@ def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> No
 def _duration(seconds: float) -> str:
     if seconds < 90.0:
         return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400.0 else f"{seconds / 3600:.1f} h"
+    if seconds < 5400.0:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
 
 
 def _print_lists() -> None:

@@ -10,8 +10,11 @@ from rfca_rig.cli.options import Command, Rig, Seed
 from rfca_rig.cli.terminal import echo, print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
-RDT_PORT, COMMAND_PORT, HTTP_PORT = 49152, 49151, 8080
-CAN_PORT, CONTROL_PORT = 29536, 49160
+RDT_PORT = 49152
+COMMAND_PORT = 49151
+HTTP_PORT = 8080
+CAN_PORT = 29536
+CONTROL_PORT = 49160
 ANSWER_WITHIN_S = 5.0
 
 app = typer.Typer(

@@ -12,7 +12,8 @@ from rfca_rig.devices.ati_daq.section import AtiDaqSection
 from rfca_rig.devices.checks import Finding, green, red, shorten_error
 from rfca_rig.errors import RigError
 
-CARD, CALIBRATION = "sampling card", "calibration file"
+CARD = "sampling card"
+CALIBRATION = "calibration file"
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,14 @@ def judge_card(seen: CardsSeen, channels: str) -> Finding:
             "install the NI-DAQmx driver from ni.com, and restart",
         )
     if name not in seen.devices:
-        existing = (
-            f"; there is {', '.join(seen.devices)}" if seen.devices else "; there is no card at all"
-        )
-        fix = (
-            f'put channels = "{seen.devices[0]}/ai0:5" under [force_sensor]'
-            if seen.devices
-            else "plug the card in; NI's tool lists cards:"
-        )
+        if seen.devices:
+            existing = f"; there is {', '.join(seen.devices)}"
+        else:
+            existing = "; there is no card at all"
+        if seen.devices:
+            fix = f'put channels = "{seen.devices[0]}/ai0:5" under [force_sensor]'
+        else:
+            fix = "plug the card in; NI's tool lists cards:"
         return red(
             CARD, f"there is no {name}{existing}", fix, *(() if seen.devices else ("nilsdev",))
         )

@@ -80,11 +80,10 @@ class TransducerCalibration:
         """
         # Both are compensated before the difference: the thermistor may have changed since the
         # unloaded reading.
-        loaded = (
-            volts - unloaded_V
-            if self.temperature is None
-            else self._at_reference(volts) - self._at_reference(unloaded_V[None, :])
-        )
+        if self.temperature is None:
+            loaded = volts - unloaded_V
+        else:
+            loaded = self._at_reference(volts) - self._at_reference(unloaded_V[None, :])
         forces: Floats = loaded @ self.matrix.T
         return forces
 
@@ -215,7 +214,10 @@ def _text(element: Xml.Element, name: str) -> str:
 
 
 def _truth(element: Xml.Element, name: str, default: str | None = None) -> bool:
-    value = element.get(name, default) if default else _text(element, name)
+    if default:
+        value = element.get(name, default)
+    else:
+        value = _text(element, name)
     if value not in {"True", "False"}:
         raise MalformedFrame(f"{name} is {value!r}, must be True or False")
     return value == "True"

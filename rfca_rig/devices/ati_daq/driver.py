@@ -109,7 +109,8 @@ class DaqFtSensor:
 
     def _reset(self) -> None:
         self._sequence = RecordSequence(first=1)
-        self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
+        self._status = StatusCounter()
+        self._frozen = FrozenRecordCounter()
         self._malformed = 0
         self._check = ReadingCheck("the force sensor", VOLTAGE)
         self._heard_s = self._read_s = self._clock.now_s()
@@ -195,7 +196,8 @@ class DaqFtSensor:
         if np.isfinite(block.volts).all():
             self._check.accept(0.0)
             return [block]
-        parts, begin = [], 0
+        parts = []
+        begin = 0
         for place, volts in enumerate(block.volts):
             # Any value of a sample that is not finite makes the sum so.
             if not self._check.accept(float(volts.sum())):

@@ -59,10 +59,8 @@ class DaqFtTwin:
         self._settings = settings
         self._random = random
         self._ticks = SampleGrid(1.0 / settings.sampling_Hz)
-        self._unloaded_V, self._noise_std = (
-            np.array(settings.unloaded_V),
-            np.array(settings.noise_std),
-        )
+        self._unloaded_V = np.array(settings.unloaded_V)
+        self._noise_std = np.array(settings.noise_std)
         self._running = False
         self._taken = 0
         self._store = _Store()
@@ -94,7 +92,9 @@ class DaqFtTwin:
         stopped.
         """
         times_s = self._ticks.until(to_s)
-        return times_s if self._running else times_s[:0]
+        if self._running:
+            return times_s
+        return times_s[:0]
 
     def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due."""

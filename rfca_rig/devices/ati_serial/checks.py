@@ -17,7 +17,9 @@ from rfca_rig.devices.checks import (
 )
 from rfca_rig.errors import DeviceError
 
-ANSWER, RATE, HEALTH = "sensor", "sensor's rate", "sensor's records"
+ANSWER = "sensor"
+RATE = "sensor's rate"
+HEALTH = "sensor's records"
 # Relative difference of the rate that the driver accepts too.
 TOLERANCE = 0.03
 
@@ -119,11 +121,15 @@ def _stream(path: str, sensor: AtiSerialSensor, clock: Clock) -> ControllerSeen:
             if arrived and first_s is None:
                 first_s = clock.now_s()
             elif arrived and first_s is not None:
-                last_s, records = clock.now_s(), records + arrived
+                last_s = clock.now_s()
+                records = records + arrived
     finally:
         sensor.stop()
     health = sensor.health()
-    rate_Hz = records / (last_s - first_s) if first_s is not None and last_s is not None else 0.0
+    if first_s is not None and last_s is not None:
+        rate_Hz = records / (last_s - first_s)
+    else:
+        rate_Hz = 0.0
     return ControllerSeen(path, None, STREAM_S, health.received, rate_Hz, tuple(health.notes))
 
 

@@ -114,7 +114,9 @@ def encode_record(record: AtiRecord, form: RecordForm) -> bytes:
 
 def decode_record(data: bytes, form: RecordForm) -> AtiRecord:
     """One record. Raises MalformedFrame for a wrong length, form, error flag or checksum."""
-    return _decode_ascii(data) if form is RecordForm.ASCII else _decode_binary(data, form)
+    if form is RecordForm.ASCII:
+        return _decode_ascii(data)
+    return _decode_binary(data, form)
 
 
 def _decode_ascii(line: bytes) -> AtiRecord:
@@ -173,7 +175,9 @@ class RecordDecoder(Protocol):
 
 def record_stream(form: RecordForm) -> RecordDecoder:
     """A new decoder for records of this form."""
-    return AsciiStream() if form is RecordForm.ASCII else BinaryStream(form)
+    if form is RecordForm.ASCII:
+        return AsciiStream()
+    return BinaryStream(form)
 
 
 class AsciiStream:
@@ -194,7 +198,8 @@ class AsciiStream:
         *lines, self._held = (self._held + data).split(b"\n")
         # A line end that was lost must not let the buffer grow.
         if len(self._held) > LONGEST_LINE:
-            lines, self._held = [*lines, self._held], b""
+            lines = [*lines, self._held]
+            self._held = b""
         return [found for line in lines if (found := self._decode_line(line + b"\n")) is not None]
 
     def _decode_line(self, line: bytes) -> FoundRecord | None:
@@ -204,11 +209,15 @@ class AsciiStream:
             if width not in (self._width, self._odd_width):
                 self._odd_width = width
                 raise MalformedFrame(f"line of {width} characters among lines of {self._width}")
-            self._width, self._odd_width = width, -1
+            self._width = width
+            self._odd_width = -1
         except MalformedFrame as error:
             self._refuse(line, error)
             return None
-        missed = max(1, round(self._spoilt / self._width)) if self._spoilt else 0
+        if self._spoilt:
+            missed = max(1, round(self._spoilt / self._width))
+        else:
+            missed = 0
         self._spoilt = 0
         return FoundRecord(missed, record)
 
@@ -341,4 +350,6 @@ def without_echo(data: bytes, echo: bytes) -> bytes | None:
     completely.
     """
     at = data.find(echo + LINE_END)
-    return None if at < 0 else data[at + len(echo) + len(LINE_END) :]
+    if at < 0:
+        return None
+    return data[at + len(echo) + len(LINE_END) :]

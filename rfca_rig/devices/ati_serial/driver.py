@@ -48,7 +48,8 @@ class AtiSerialSensor:
     def _reset(self) -> None:
         self._stream = record_stream(self._keys.form)
         self._count = FrameCount(1.0 / self._keys.rate_Hz)
-        self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
+        self._status = StatusCounter()
+        self._frozen = FrozenRecordCounter()
         self._head: bytes | None = b""
         self._received = self._garbled = 0
         self._first_s: float | None = None
@@ -72,11 +73,18 @@ class AtiSerialSensor:
         may precede it.
         """
         self._send(command)
-        answer, deadline_s = b"", self._clock.now_s() + ANSWER_S
+        answer = b""
+        deadline_s = self._clock.now_s() + ANSWER_S
         while PROMPT not in (answer.partition(command)[2] if command else answer):
             if self._clock.now_s() > deadline_s:
-                request = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
-                reply = f"but sent {answer[-40:]!r}" if answer else "and sent nothing"
+                if command:
+                    request = f"to {bytes(command).decode()!r}"
+                else:
+                    request = "to a carriage return"
+                if answer:
+                    reply = f"but sent {answer[-40:]!r}"
+                else:
+                    reply = "and sent nothing"
                 raise DeviceError(
                     f"F/T controller on {self._keys.port} gives no prompt {request} "
                     f"within {ANSWER_S:g} s, {reply}; "
@@ -95,7 +103,8 @@ class AtiSerialSensor:
         """Makes the controller take its present load as zero, and restarts a running stream;
         call it with the sensor unloaded.
         """
-        was_running, self._running = self._running, False
+        was_running = self._running
+        self._running = False
         for command in (AtiCommand.NOTHING, AtiCommand.BIAS):
             self._ask(command)
         if was_running:
@@ -112,7 +121,9 @@ class AtiSerialSensor:
     def _receive(self) -> bytes:
         try:
             waiting = self._port.in_waiting
-            return self._port.read(waiting) if waiting else b""
+            if waiting:
+                return self._port.read(waiting)
+            return b""
         except OSError as error:
             raise DeviceError(
                 f"nothing to be received on {self._keys.port}: {error}; check the cable"
@@ -135,7 +146,8 @@ class AtiSerialSensor:
         remainder = without_echo(self._head, AtiCommand.QUERY_STREAM)
         if remainder is None and len(self._head) < LONGEST_ECHO:
             return b""
-        data, self._head = self._head if remainder is None else remainder, None
+        data = self._head if remainder is None else remainder
+        self._head = None
         return data
 
     def _samples(self, found: list[FoundRecord]) -> ForceSamples:
@@ -168,7 +180,8 @@ class AtiSerialSensor:
         """
         if self._first_s is None:
             # The first batch may have accumulated before the first read, so it is not counted.
-            self._first_s, self._first_batch = self._read_s, sent
+            self._first_s = self._read_s
+            self._first_batch = sent
         elif not self._rate_checked and self._read_s - self._first_s >= RATE_CHECK_S:
             self._rate_checked = True
             rate_Hz = (self._received + self._garbled + sent - self._first_batch) / (

@@ -64,17 +64,17 @@ class AtiSerialTwin:
         self._streaming = self._one_wanted = self._bias_wanted = False
         self._biases: list[Floats] = []
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
-        self._noise_std, self._full_scale = (
-            np.array(settings.noise_std),
-            np.array(settings.full_scale),
-        )
+        self._noise_std = np.array(settings.noise_std)
+        self._full_scale = np.array(settings.full_scale)
 
     @property
     def form(self) -> RecordForm:
         """The record format in use."""
         if not self._binary:
             return RecordForm.ASCII
-        return RecordForm.BINARY_CHECKSUM if self._with_checksum else RecordForm.BINARY
+        if self._with_checksum:
+            return RecordForm.BINARY_CHECKSUM
+        return RecordForm.BINARY
 
     @property
     def record_rate_Hz(self) -> float:
@@ -100,7 +100,8 @@ class AtiSerialTwin:
                 self._typed += character
                 self._line.write(character)
             return
-        command, self._typed = self._typed.strip().upper(), b""
+        command = self._typed.strip().upper()
+        self._typed = b""
         self._streaming = False
         self._line.write(LINE_END)
         self._obey(command)
@@ -132,7 +133,9 @@ class AtiSerialTwin:
             return times_s
         every = self._every
         # Every n-th sample of the grid since power-up, across the borders of steps.
-        return times_s[(-first) % every :: every] if self._streaming else times_s[:0]
+        if self._streaming:
+            return times_s[(-first) % every :: every]
+        return times_s[:0]
 
     def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a

@@ -27,12 +27,16 @@ from rfca_rig.devices.cubemars.codec.servo import Packet, Status, drive_of
 from rfca_rig.devices.cubemars.section import CubemarsMitSection, CubemarsServoSection
 from rfca_rig.errors import MalformedFrame
 
-MIT_DRIVE, MIT_ERROR = "drive", "drive error"
+MIT_DRIVE = "drive"
+MIT_ERROR = "drive error"
 ANSWER_S = 0.1
-SERVO_DRIVE, SERVO_ERROR, ENCODER = "drive", "drive error", "drive's encoder"
+SERVO_DRIVE = "drive"
+SERVO_ERROR = "drive error"
+ENCODER = "drive's encoder"
 # Factors between measured and configured period: the driver refuses the first, the second gets a
 # warning.
-REFUSED_PERIOD_RATIO, WARNING_PERIOD_RATIO = 2.0, 1.2
+REFUSED_PERIOD_RATIO = 2.0
+WARNING_PERIOD_RATIO = 1.2
 
 
 @dataclass(frozen=True)
@@ -60,9 +64,10 @@ def judge_mit(seen: MitSeen, drive_id: int) -> list[Finding]:
         ]
     if seen.reply is None:
         return [_mit_silent(seen, drive_id)]
-    temperature = (
-        "" if seen.reply.temperature_degC is None else f", {seen.reply.temperature_degC} degC"
-    )
+    if seen.reply.temperature_degC is None:
+        temperature = ""
+    else:
+        temperature = f", {seen.reply.temperature_degC} degC"
     return [
         green(MIT_DRIVE, f"AK drive {drive_id} in MIT mode{temperature}"),
         _mit_error(seen.reply),
@@ -82,7 +87,10 @@ def _mit_silent(seen: MitSeen, drive_id: int) -> Finding:
             f"put drive_id = {other_ids[0]} under [motor] if that is the drive, or end the "
             "program that speaks there"
         )
-        not_asked = "" if seen.asked else "; it was not asked while others speak"
+        if seen.asked:
+            not_asked = ""
+        else:
+            not_asked = "; it was not asked while others speak"
         return red(
             MIT_DRIVE,
             f"heard id {join_ids(other_ids)}, the rig file says {drive_id}{not_asked}",
@@ -132,9 +140,12 @@ def observe_mit(
     """
     reply: MitReply | None = None
     unreadable: str | None = None
-    others, masters, servo = set[int](), set[int](), set[int]()
+    others = set[int]()
+    masters = set[int]()
+    servo = set[int]()
     for message in (heard.message for heard in frames):
-        identifier, data = message.arbitration_id, message.data
+        identifier = message.arbitration_id
+        data = message.data
         if message.is_extended_id:
             if identifier >> 8 == Packet.STATUS:
                 servo.add(drive_of(identifier))

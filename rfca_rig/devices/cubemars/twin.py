@@ -29,7 +29,10 @@ from rfca_rig.twins.wires import SampleGrid
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
 
 # Error codes of the drive.
-TOO_HOT, TOO_MUCH_CURRENT, ENCODER, STALLED = 1, 2, 5, 7
+TOO_HOT = 1
+TOO_MUCH_CURRENT = 2
+ENCODER = 5
+STALLED = 7
 # Step of the fault `encoder-jump`, at the shaft.
 JUMP_RAD = 0.5 * pi
 ZERO_COMMAND = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -115,23 +118,30 @@ class CubemarsMitTwin(DriveTwin):
             return
         self._unanswered += 1
         if isinstance(order, MitCommand):
-            self._command, self._fed_s = order, now_s
+            self._command = order
+            self._fed_s = now_s
         elif order is Special.ZERO:
-            self._zero_wanted, self._mute_until_s = True, now_s + ZEROING_S
+            self._zero_wanted = True
+            self._mute_until_s = now_s + ZEROING_S
         else:
             entered = order is Special.ENTER
             if entered and self._settings.entering_error:
                 self.set_error(self._settings.entering_error)
             elif entered != self._entered:
-                self._entered, self._error = entered, 0
+                self._entered = entered
+                self._error = 0
 
     def set_error(self, error: int) -> None:
         """Puts the drive into an error: no torque until it enters MIT mode again."""
-        self._error, self._entered = error, False
+        self._error = error
+        self._entered = False
 
     def restart(self) -> None:
         """Power cycle: the drive is out of MIT mode and has lost its rotor turn count."""
-        self._command, self._entered, self._error, self._restarts = ZERO_COMMAND, False, 0, True
+        self._command = ZERO_COMMAND
+        self._entered = False
+        self._error = 0
+        self._restarts = True
 
     def leap(self, by_rad: float) -> None:
         """Encoder slip: from now on the reported position is shifted by `by_rad`."""
@@ -146,10 +156,8 @@ class CubemarsMitTwin(DriveTwin):
         present state.
         """
         if self._restarts:
-            self._restarts, reported_rad = (
-                False,
-                self._settings.direction * shaft.angle_rad + self._zero_rad,
-            )
+            self._restarts = False
+            reported_rad = self._settings.direction * shaft.angle_rad + self._zero_rad
             # A single-turn encoder knows its position within a rotor turn only: whole turns are
             # lost.
             self._zero_rad += remainder(reported_rad, ROTOR_TURN_RAD) - reported_rad
@@ -157,19 +165,21 @@ class CubemarsMitTwin(DriveTwin):
             self._reply(shaft)
         self._unanswered = 0
         if self._zero_wanted:
-            self._zero_wanted, self._zero_rad = False, -self._settings.direction * shaft.angle_rad
+            self._zero_wanted = False
+            self._zero_rad = -self._settings.direction * shaft.angle_rad
         if not self._entered:
             return ShaftDrive()
         free = self._law()
-        torque_Nm, limit_Nm = (
-            abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)),
-            self._limit_Nm,
-        )
+        torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
+        limit_Nm = self._limit_Nm
         # Beyond the limit the whole law is scaled down for one step, as in `SpeedLoop`.
-        return free if torque_Nm <= limit_Nm else free.scale(limit_Nm / torque_Nm)
+        if torque_Nm <= limit_Nm:
+            return free
+        return free.scale(limit_Nm / torque_Nm)
 
     def _law(self) -> ShaftDrive:
-        command, direction = self._command, self._settings.direction
+        command = self._command
+        direction = self._settings.direction
         return ShaftDrive(
             feed_Nm=direction * command.torque_Nm,
             angle_gain_Nm_per_rad=command.kp_Nm_per_rad,
@@ -181,7 +191,9 @@ class CubemarsMitTwin(DriveTwin):
     @property
     def _limit_Nm(self) -> float:
         given_Nm = self._settings.torque_limit_Nm
-        return self._ranges.torque_Nm if given_Nm is None else min(given_Nm, self._ranges.torque_Nm)
+        if given_Nm is None:
+            return self._ranges.torque_Nm
+        return min(given_Nm, self._ranges.torque_Nm)
 
     def advance(
         self,
@@ -197,7 +209,8 @@ class CubemarsMitTwin(DriveTwin):
         self.warmth.advance(elapsed_s, after.torque_Nm)
 
     def _reply(self, shaft: ShaftState) -> None:
-        settings, has_errors = self._settings, self._settings.tells_errors
+        settings = self._settings
+        has_errors = self._settings.tells_errors
         angle_rad, speed_rad_s = self.encoder.report(
             settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s
         )
@@ -336,7 +349,8 @@ class CubemarsServoTwin(DriveTwin):
     def _push(self, current_A: float) -> None:
         """Current control. Zero disables the motor and clears an error."""
         self._wanted = MotorSetPoint(LoopMode.TORQUE, torque_Nm=current_A * self._torque_per_A)
-        self._goal_rad, self._looping = None, False
+        self._goal_rad = None
+        self._looping = False
         if current_A == 0.0:
             self._error = 0
 
@@ -381,20 +395,16 @@ class CubemarsServoTwin(DriveTwin):
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """Torque law on the shaft until the next step."""
         if self._restarts:
-            self._restarts, reported_deg = (
-                False,
-                self._zero_deg + self._settings.direction * degrees(shaft.angle_rad),
-            )
+            self._restarts = False
+            reported_deg = self._zero_deg + self._settings.direction * degrees(shaft.angle_rad)
             # A single-turn encoder knows its position within a rotor turn only: whole turns are
             # lost.
             self._zero_deg += (
                 remainder(reported_deg, 360.0 / self._settings.gear_ratio) - reported_deg
             )
         if self._origin_wanted:
-            self._origin_wanted, self._zero_deg = (
-                False,
-                -self._settings.direction * degrees(shaft.angle_rad),
-            )
+            self._origin_wanted = False
+            self._zero_deg = -self._settings.direction * degrees(shaft.angle_rad)
         if self._goal_rad is not None and self._starts_pacing:
             # The moving set-point starts where the shaft is, not at an old set-point.
             self._wanted.angle_rad = shaft.angle_rad
@@ -410,10 +420,8 @@ class CubemarsServoTwin(DriveTwin):
         self._loop.advance(self._wanted, elapsed_s, before, after)
         self.warmth.advance(elapsed_s, after.torque_Nm)
         if self._goal_rad is not None:
-            way_rad, most_rad = (
-                self._goal_rad - self._wanted.angle_rad,
-                self._pace_rad_s * elapsed_s,
-            )
+            way_rad = self._goal_rad - self._wanted.angle_rad
+            most_rad = self._pace_rad_s * elapsed_s
             self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)
         due_s = self._status_ticks.until(now_s).tolist()
         for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):

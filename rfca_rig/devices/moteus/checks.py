@@ -24,7 +24,8 @@ from rfca_rig.devices.moteus.driver import OWN_ID
 from rfca_rig.devices.moteus.section import MoteusSection
 from rfca_rig.errors import MalformedFrame
 
-DRIVE, ERROR = "drive", "drive error"
+DRIVE = "drive"
+ERROR = "drive error"
 
 # Time for an answer, and the interval between two ids so that the bus is not flooded, in s.
 ANSWER_S = 0.1
@@ -152,7 +153,8 @@ def observe_moteus(frames: Sequence[ReceivedFrame], drive_id: int, prefix: int) 
     """Sorts the received frames. Queries, by other programs or our own as echoes, are skipped."""
     answer: MoteusAnswer | None = None
     unreadable: str | None = None
-    others, strangers = set[int](), 0
+    others = set[int]()
+    strangers = 0
     for message in (heard.message for heard in frames):
         route = codec.route_of(message.arbitration_id)
         if route.wants_reply:
@@ -180,7 +182,8 @@ def _read(
         return before, str(error)
     if Register.MODE not in values:
         return before, "its answer lacks the mode"
-    volts, degrees = values.get(Register.VOLTAGE, nan), values.get(Register.TEMPERATURE, nan)
+    volts = values.get(Register.VOLTAGE, nan)
+    degrees = values.get(Register.TEMPERATURE, nan)
     return MoteusAnswer(
         int(values[Register.MODE]), int(values.get(Register.FAULT, 0)), volts, degrees
     ), None

@@ -190,12 +190,16 @@ def units_per_count(register: int, width: Width) -> float | None:
     number, and for a float.
     """
     scale = _SCALED.get(register)
-    return None if scale is None or width == Width.FLOAT else scale[width]
+    if scale is None or width == Width.FLOAT:
+        return None
+    return scale[width]
 
 
 def name_of(register: int) -> str:
     """Name of a register for messages, or its number where it is not known here."""
-    return Register(register).name if register in set(Register) else f"register 0x{register:03x}"
+    if register in set(Register):
+        return Register(register).name
+    return f"register 0x{register:03x}"
 
 
 def mode_text(mode: int) -> str:
@@ -221,8 +225,12 @@ LARGEST_ID = 0x7F
 LARGEST_PREFIX = 0x1FFF
 
 # Subframe types; the width is in bits 2 and 3 of the first three, the count in bits 0 and 1.
-_WRITE, _READ, _REPLY = 0x00, 0x10, 0x20
-_WRITE_ERROR, _READ_ERROR, _NOP = 0x30, 0x31, 0x50
+_WRITE = 0x00
+_READ = 0x10
+_REPLY = 0x20
+_WRITE_ERROR = 0x30
+_READ_ERROR = 0x31
+_NOP = 0x50
 _FORMS = {
     width: struct.Struct(form) for width, form in zip(Width, ("<b", "<h", "<i", "<f"), strict=True)
 }
@@ -348,7 +356,10 @@ def _run(run: Sequence[Subframe]) -> bytes:
         )
     base = {Write: _WRITE, Read: _READ, Reply: _REPLY}[type(first)] | first.width << 2
     # Counts up to three fit into the type byte.
-    head = bytes([base | len(run)]) if len(run) <= 3 else bytes([base]) + _varuint(len(run))
+    if len(run) <= 3:
+        head = bytes([base | len(run)])
+    else:
+        head = bytes([base]) + _varuint(len(run))
     values = (
         _pack(item.register, item.width, item.value)
         for item in run
@@ -371,7 +382,8 @@ def _count(register: int, width: Width, value: float) -> int:
     width.
     """
     # The lowest count means NaN, so quantities have one negative count less.
-    unit, lowest = units_per_count(register, width), -(1 << (8 << width) - 1)
+    unit = units_per_count(register, width)
+    lowest = -(1 << (8 << width) - 1)
     if unit is None:
         if not (isfinite(value) and value == int(value)):
             raise NotEncodable(f"moteus {name_of(register)} holds whole numbers, not {value:g}")
@@ -394,7 +406,9 @@ def clip_to_register(register: int, width: Width, value: float) -> float:
     """
     unit = units_per_count(register, width)
     if width == Width.FLOAT or (unit is not None and not isfinite(value)):
-        return value if width == Width.FLOAT else nan
+        if width == Width.FLOAT:
+            return value
+        return nan
     highest = (1 << (8 << width) - 1) - 1
     limit = highest * (unit or 1.0)
     return min(max(value, -limit), limit)
@@ -428,7 +442,8 @@ def _subframes(reader: "_Reader") -> list[Subframe]:
         return []
     if kind in {_WRITE_ERROR, _READ_ERROR}:
         return [Refusal(reader.varuint(), reader.varuint(), kind == _WRITE_ERROR)]
-    base, width = kind & 0xF0, Width(kind >> 2 & 3)
+    base = kind & 0xF0
+    width = Width(kind >> 2 & 3)
     if base not in {_WRITE, _READ, _REPLY}:
         raise MalformedFrame(
             f"moteus subframe 0x{kind:02x} is neither write, read, reply, error nor NOP"
@@ -456,7 +471,9 @@ def _value(register: int, width: Width, number: float) -> float:
     unit = units_per_count(register, width)
     if unit is None:
         return number
-    return nan if number == -(1 << (8 << width) - 1) else number * unit
+    if number == -(1 << (8 << width) - 1):
+        return nan
+    return number * unit
 
 
 class _Reader:

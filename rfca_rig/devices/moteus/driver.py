@@ -229,7 +229,8 @@ class MoteusReplies:
         """Samples (m,) drained since the last call. `host_s` is the time of the query, within 1
         ms of the time of the measurement.
         """
-        rows, self._rows = np.array(self._rows).reshape(-1, 5), []
+        rows = np.array(self._rows).reshape(-1, 5)
+        self._rows = []
         settings = self._settings
         return ShaftSamples(
             host_s=rows[:, 0],
@@ -244,7 +245,9 @@ class MoteusReplies:
         """Age in s of the oldest open query, 0 if none is open. A drive that is not asked sends
         nothing.
         """
-        return self.drained_s - self._asked_s[0] if self._asked_s else 0.0
+        if self._asked_s:
+            return self.drained_s - self._asked_s[0]
+        return 0.0
 
     @property
     def bad_reports(self) -> str:
@@ -516,11 +519,10 @@ class MoteusMotor:
         """
         settings = self._settings
         # The limit is set at the shaft; NaN leaves the drive's own limit in force.
-        limit_Nm = (
-            nan
-            if settings.torque_limit_Nm is None
-            else settings.torque_limit_Nm / settings.gear_ratio
-        )
+        if settings.torque_limit_Nm is None:
+            limit_Nm = nan
+        else:
+            limit_Nm = settings.torque_limit_Nm / settings.gear_ratio
         commands = (
             (Register.COMMAND_POSITION, turns),
             (Register.COMMAND_VELOCITY, turns_s),
@@ -549,7 +551,8 @@ class MoteusMotor:
         """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its
         watchdog then stops the motor.
         """
-        self._armed, self._exit_state = False, None
+        self._armed = False
+        self._exit_state = None
         send_stop(
             self._bus,
             self._clock,
@@ -612,7 +615,8 @@ class MoteusMotor:
         )
 
     def _fault(self, silent_s: float) -> str | None:
-        state, limit_s = self._exit_state or self._replies.state, self._settings.reply_timeout_s
+        state = self._exit_state or self._replies.state
+        limit_s = self._settings.reply_timeout_s
         # The drive's own fault comes first, since it names the cause.
         if state is not None and state.mode == Mode.FAULT:
             return fault_text(state.fault)
@@ -637,7 +641,8 @@ class MoteusMotor:
 
     def identity(self) -> dict[str, str]:
         """For the recording. Model, firmware and serial number are known after `enable`."""
-        settings, facts = self._settings, self._replies.facts
+        settings = self._settings
+        facts = self._replies.facts
         return {
             "make": "moteus, multiplex protocol on CAN-FD",
             "bus": str(self._bus.channel_info),
@@ -681,19 +686,23 @@ class MoteusMotor:
 def _state_text(state: MoteusState) -> str:
     """Mode as text. Fault codes of a running drive name what limits its output at the moment."""
     limited = state.mode != Mode.FAULT and state.fault >= MIN_LIMIT_CODE
-    return (
-        f"{mode_text(state.mode)}, {fault_text(state.fault)}" if limited else mode_text(state.mode)
-    )
+    if limited:
+        return f"{mode_text(state.mode)}, {fault_text(state.fault)}"
+    return mode_text(state.mode)
 
 
 def _hexadecimal(value: float | None, digits: int) -> str:
-    return "unknown" if value is None else f"{int(value) & 0xFFFFFFFF:0{digits}x}"
+    if value is None:
+        return "unknown"
+    return f"{int(value) & 0xFFFFFFFF:0{digits}x}"
 
 
 def _version(value: float | None) -> str:
     number = int(value or 0)
     # The register packs major, minor and micro version into one byte each.
-    return "unknown" if value is None else f"{number >> 16}.{number >> 8 & 0xFF}.{number & 0xFF}"
+    if value is None:
+        return "unknown"
+    return f"{number >> 16}.{number >> 8 & 0xFF}.{number & 0xFF}"
 
 
 def make_driver(keys: MoteusSection, bus: can.BusABC, clock: Clock, silent_s: float) -> MoteusMotor:

@@ -38,7 +38,9 @@ from rfca_rig.twins.drive_parts import (
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 # Error codes of a refused register access.
-UNKNOWN_REGISTER, NOT_WRITEABLE, NOT_ALLOWED = 1, 2, 3
+UNKNOWN_REGISTER = 1
+NOT_WRITEABLE = 2
+NOT_ALLOWED = 3
 IDENTITY_REGISTERS: dict[int, float] = {
     Register.MODEL_NUMBER: 1,
     Register.FIRMWARE_VERSION: 0x010304,
@@ -48,7 +50,8 @@ IDENTITY_REGISTERS: dict[int, float] = {
     Register.SERIAL_NUMBER_3: 3,
 }
 # Fault codes.
-NOT_CONFIGURED, OVER_TEMPERATURE = 36, 38
+NOT_CONFIGURED = 36
+OVER_TEMPERATURE = 38
 OTHER_PROGRAM_ID = 5
 # Step of the fault `encoder-jump`.
 JUMP_TURNS = 1.0
@@ -123,19 +126,18 @@ class MoteusLoop:
         if isnan(self._target_rad):
             self._target_rad = shaft.angle_rad
         free = self._law_without_limit(shaft)
-        torque_Nm, limit_Nm = (
-            abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)),
-            self._limit_Nm(),
-        )
+        torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
+        limit_Nm = self._limit_Nm()
         self._limited = torque_Nm > limit_Nm
-        return free.scale(limit_Nm / torque_Nm) if self._limited else free
+        if self._limited:
+            return free.scale(limit_Nm / torque_Nm)
+        return free
 
     def _law_without_limit(self, shaft: ShaftState) -> ShaftDrive:
-        command, gains = self._command, self._gains
-        kp, feed_Nm = (
-            gains.kp_Nm_per_rad * command.kp_scale,
-            command.feed_forward_Nm + self._integral_Nm,
-        )
+        command = self._command
+        gains = self._gains
+        kp = gains.kp_Nm_per_rad * command.kp_scale
+        feed_Nm = command.feed_forward_Nm + self._integral_Nm
         moving = command.speed_rad_s != 0.0
         return ShaftDrive(
             # A spring to a fixed angle would lag behind a moving target, so its force is held for
@@ -148,9 +150,10 @@ class MoteusLoop:
         )
 
     def _limit_Nm(self) -> float:
-        commanded_Nm = (
-            inf if isnan(self._command.torque_limit_Nm) else self._command.torque_limit_Nm
-        )
+        if isnan(self._command.torque_limit_Nm):
+            commanded_Nm = inf
+        else:
+            commanded_Nm = self._command.torque_limit_Nm
         return min(commanded_Nm, self._gains.torque_limit_Nm)
 
     def advance(self, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
@@ -169,7 +172,9 @@ def damping(gains: MoteusGains, shaft: ShaftState, limit_Nm: float) -> ShaftDriv
     """Torque law of a drive that brakes towards speed zero, with at most `limit_Nm`."""
     free = ShaftDrive(speed_gain_Nm_s_per_rad=gains.kd_Nm_s_per_rad)
     torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
-    return free.scale(limit_Nm / torque_Nm) if torque_Nm > limit_Nm else free
+    if torque_Nm > limit_Nm:
+        return free.scale(limit_Nm / torque_Nm)
+    return free
 
 
 @dataclass(frozen=True)
@@ -250,7 +255,8 @@ class MoteusTwin(DriveTwin):
             return
         reads = [item for item in subframes if isinstance(item, Read)]
         # Saved before the writes: the answer shows the mode before the command in the same frame.
-        mode, fault = self._mode, self._fault
+        mode = self._mode
+        fault = self._fault
         refusals = self._obey([item for item in subframes if isinstance(item, Write)])
         if route.wants_reply and (reads or refusals):
             self._answers.append(
@@ -267,7 +273,8 @@ class MoteusTwin(DriveTwin):
         ordered: int | None = None
         for write in writes:
             if write.register == Register.MODE and write.value in COMMANDABLE:
-                ordered, self._command = int(write.value), PositionCommand()
+                ordered = int(write.value)
+                self._command = PositionCommand()
             elif write.register == Register.MODE:
                 refusals.append(Refusal(write.register, NOT_ALLOWED, of_write=True))
             elif (code := self._write(write)) != 0:
@@ -278,7 +285,9 @@ class MoteusTwin(DriveTwin):
 
     def _write(self, write: Write) -> int:
         """Writes a command register; returns 0, or the error code."""
-        rad, ratio, value = self._rad_per_turn, self._torque_ratio, write.value
+        rad = self._rad_per_turn
+        ratio = self._torque_ratio
+        value = write.value
         changes: dict[int, dict[str, float]] = {
             Register.COMMAND_POSITION: {"angle_rad": (value - self._settings.zero_turns) * rad},
             Register.COMMAND_VELOCITY: {"speed_rad_s": value * rad},
@@ -293,14 +302,17 @@ class MoteusTwin(DriveTwin):
         }
         change = changes.get(write.register)
         if change is None:
-            return NOT_WRITEABLE if write.register in set(Register) else UNKNOWN_REGISTER
+            if write.register in set(Register):
+                return NOT_WRITEABLE
+            return UNKNOWN_REGISTER
         if isinf(value) or (isnan(value) and write.register in NAN_NOT_ALLOWED):
             return NOT_ALLOWED
         self._command = replace(self._command, **change)
         return 0
 
     def _order(self, mode: int) -> None:
-        self._commanded_s, self._in_force = self._now_s, self._command
+        self._commanded_s = self._now_s
+        self._in_force = self._command
         if mode == Mode.STOPPED:
             self._stop(Mode.STOPPED, 0)
         elif self._mode in {Mode.FAULT, Mode.TIMEOUT}:
@@ -313,7 +325,8 @@ class MoteusTwin(DriveTwin):
 
     def _run(self, mode: Mode) -> None:
         if self._mode == Mode.STOPPED:
-            self._mode, self._started_s = Mode.CALIBRATING, self._now_s
+            self._mode = Mode.CALIBRATING
+            self._started_s = self._now_s
         elif self._mode != Mode.CALIBRATING:
             self._mode = mode
         self._wanted = mode
@@ -346,12 +359,14 @@ class MoteusTwin(DriveTwin):
         self._powered_s = self._now_s
 
     def _stop(self, mode: Mode, fault: int) -> None:
-        self._mode, self._fault = mode, fault
+        self._mode = mode
+        self._fault = fault
         self._loop.reset()
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """Sends the pending answers; returns the torque law on the shaft until the next step."""
-        answers, self._answers = self._answers, []
+        answers = self._answers
+        self._answers = []
         for answer in answers:
             answer(shaft)
         if self._mode == Mode.POSITION:

@@ -33,7 +33,10 @@ from rfca_rig.drivers.record_stream import RecordSequence
 from rfca_rig.drivers.roles import concatenate_blocks
 from rfca_rig.errors import DeviceError, MalformedFrame, RigError
 
-BOX, STREAM, RATE, STATUS = "sensor's box", "sensor's records", "sensor's rate", "sensor's status"
+BOX = "sensor's box"
+STREAM = "sensor's records"
+RATE = "sensor's rate"
+STATUS = "sensor's status"
 # Without bit 31, the summary error, which every error sets.
 SATURATED_BIT = SATURATED & ~ERROR
 
@@ -109,7 +112,9 @@ def judge_stream(
 
 
 def _name(says: NetFtConfiguration | CalibrationInfo) -> str:
-    return f"{says.product} {says.serial_number}, " if isinstance(says, NetFtConfiguration) else ""
+    if isinstance(says, NetFtConfiguration):
+        return f"{says.product} {says.serial_number}, "
+    return ""
 
 
 def _reach(host: str) -> str:
@@ -256,7 +261,8 @@ def observe_stream(address: str, seconds: float, datagrams: Sequence[bytes]) -> 
             malformed += 1
     if not blocks:
         return StreamObservation(address, seconds, malformed=malformed)
-    records, sequence = concatenate_blocks(blocks), RecordSequence()
+    records = concatenate_blocks(blocks)
+    sequence = RecordSequence()
     picked, numbers = sequence.take(records.rdt_sequence)
     # Only between neighbouring records: a lost one would look like a larger step.
     steps = np.diff(records.ft_sequence[picked]).view(np.int32)[np.diff(numbers) == 1]
@@ -275,7 +281,8 @@ def check_sensor(keys: NetFtSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on box, stream and receive buffer. Streams for half a second."""
     settings = keys.settings()
     # Whether the box answers decides between two explanations of a missing stream.
-    box, answers = make_box(keys), None
+    box = make_box(keys)
+    answers = None
     if box is not None:
         seen = look_at_box(keys.host, box)
         answers = seen.says is not None
@@ -299,11 +306,10 @@ def judge_found_sensor(seen: BoxObservation) -> Finding:
             "sudo ip address add 192.168.1.100/24 dev eth0",
         )
     says = seen.says
-    name = (
-        f"{says.product} {says.serial_number}"
-        if isinstance(says, NetFtConfiguration)
-        else "a sensor"
-    )
+    if isinstance(says, NetFtConfiguration):
+        name = f"{says.product} {says.serial_number}"
+    else:
+        name = "a sensor"
     return green(
         SENSOR,
         (

@@ -39,8 +39,10 @@ MAX_PAGE_BYTES = 1 << 16
 COMMAND_PORT = 49151
 COMMAND_BYTES = 20
 
-_READ_FORCE, _READ_CALIBRATION = 0, 1
-_BIAS, _CLEAR_LATCH = 1, 2
+_READ_FORCE = 0
+_READ_CALIBRATION = 1
+_BIAS = 1
+_CLEAR_LATCH = 2
 
 _READING = struct.Struct(">HH6h")
 _CALIBRATION = struct.Struct(">HBBII6H")
@@ -160,11 +162,9 @@ class NetFtConfiguration:
         where the page states no rate.
         """
         # 1e-6 against rounding of an exact ratio, 1e9 against overflow of a tiny rate.
-        return (
-            None
-            if self.rdt_rate_Hz is None
-            else max(1, int(min(internal_rate_Hz / self.rdt_rate_Hz, 1e9) + 1e-6))
-        )
+        if self.rdt_rate_Hz is None:
+            return None
+        return max(1, int(min(internal_rate_Hz / self.rdt_rate_Hz, 1e9) + 1e-6))
 
 
 def decode_configuration(page: bytes) -> NetFtConfiguration:
@@ -267,7 +267,9 @@ def _is_enabled(values: Mapping[str, str], name: str) -> bool | None:
         raise MalformedFrame(
             f"configuration page: {name} is {text[:40]!r}, expected Enabled or Disabled"
         )
-    return None if text is None else text == "Enabled"
+    if text is None:
+        return None
+    return text == "Enabled"
 
 
 @dataclass(frozen=True, slots=True)

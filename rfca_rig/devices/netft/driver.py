@@ -79,7 +79,8 @@ class CommandBox:
     """The box's command interface on TCP. It reports units and counts, but no rate."""
 
     def __init__(self, host: str, port: int = COMMAND_PORT, timeout_s: float = TIMEOUT_S) -> None:
-        self._host, self._port = host, port
+        self._host = host
+        self._port = port
         self._timeout_s = timeout_s
 
     def says(self) -> CalibrationInfo:
@@ -287,11 +288,10 @@ class NetFtSensor:
         # A signed 32 bit difference is right across the wrap of the counter, and negative after a
         # restart of the box.
         steps = (records.ft_sequence[1:] - records.ft_sequence[:-1]).view(np.int32)
-        since = (
-            1
-            if self._last_ft is None
-            else wrap_to_signed(int(records.ft_sequence[0]) - self._last_ft)
-        )
+        if self._last_ft is None:
+            since = 1
+        else:
+            since = wrap_to_signed(int(records.ft_sequence[0]) - self._last_ft)
         # Every step as set is the usual case, and a comparison is much cheaper than a median.
         if np.count_nonzero(steps != self._settings.decimation):
             # Only neighbouring records: a lost record would look like a larger step.
@@ -421,7 +421,9 @@ def make_box(keys: NetFtSection) -> NetFtBox | None:
     """Where the settings of the box are read."""
     if keys.configuration == "http":
         return HttpBox(keys.host, keys.http_port)
-    return CommandBox(keys.host, keys.command_port) if keys.configuration == "commands" else None
+    if keys.configuration == "commands":
+        return CommandBox(keys.host, keys.command_port)
+    return None
 
 
 def make_driver(keys: NetFtSection, connection: NetFtConnection, clock: Clock) -> NetFtSensor:

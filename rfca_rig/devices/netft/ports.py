@@ -331,17 +331,26 @@ class TamperedLink:
             )
         if self._panel.is_on("force-saturated"):
             records = replace(records, status=np.full_like(records.status, SATURATED))
-        self._stuck = (self._stuck or records) if self._panel.is_on("force-stuck") else None
+        if self._panel.is_on("force-stuck"):
+            self._stuck = self._stuck or records
+        else:
+            self._stuck = None
         if self._stuck is not None:
             records = replace(
                 records, counts=np.broadcast_to(self._stuck.counts[0], records.counts.shape).copy()
             )
-        self._frozen = (self._frozen or records) if self._panel.is_on("force-frozen") else None
-        return records if self._frozen is None else _repeat_sample(records, self._frozen)
+        if self._panel.is_on("force-frozen"):
+            self._frozen = self._frozen or records
+        else:
+            self._frozen = None
+        if self._frozen is None:
+            return records
+        return _repeat_sample(records, self._frozen)
 
     def _apply_network_faults(self, datagram: bytes) -> list[bytes]:
         """Applies the network faults, to every tenth datagram."""
-        waiting, self._overtaken = self._overtaken, None
+        waiting = self._overtaken
+        self._overtaken = None
         if self._sent % FAULT_INTERVAL == 0:
             if self._panel.is_on("force-lost"):
                 datagrams = []
@@ -352,12 +361,15 @@ class TamperedLink:
             elif self._panel.is_on("force-long"):
                 datagrams = [datagram + b"\0"]
             elif self._panel.is_on("force-swapped"):
-                self._overtaken, datagrams = datagram, []
+                self._overtaken = datagram
+                datagrams = []
             else:
                 datagrams = [datagram]
         else:
             datagrams = [datagram]
-        return datagrams if waiting is None else [*datagrams, waiting]
+        if waiting is None:
+            return datagrams
+        return [*datagrams, waiting]
 
     def close(self) -> None:
         self._link.close()

@@ -32,7 +32,9 @@ Floats = NDArray[np.float64]
 
 LARGEST_COUNT = 2**31 - 1
 
-OK, NOT_FOUND, UNAVAILABLE = 200, 404, 503
+OK = 200
+NOT_FOUND = 404
+UNAVAILABLE = 503
 LARGEST_READING = 2**15 - 1
 
 
@@ -87,10 +89,8 @@ class NetFtTwin:
         self.samples_without_stream = False
         self._latest = np.zeros((1, 6))
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
-        self._noise_std, self._full_scale = (
-            np.array(settings.noise_std),
-            np.array(settings.full_scale),
-        )
+        self._noise_std = np.array(settings.noise_std)
+        self._full_scale = np.array(settings.full_scale)
 
     def take_requests(self) -> None:
         """Executes received requests; the last one takes precedence. Other datagrams are
@@ -104,7 +104,10 @@ class NetFtTwin:
 
     def _obey(self, request: Request) -> None:
         if request.command in {RdtCommand.START_SINGLE, RdtCommand.START_BUFFERED}:
-            size = 1 if request.command == RdtCommand.START_SINGLE else self.settings.buffer_records
+            if request.command == RdtCommand.START_SINGLE:
+                size = 1
+            else:
+                size = self.settings.buffer_records
             self._begin(_Stream(size, request.sample_count or None))
         elif request.command == RdtCommand.STOP:
             self._begin(None)
@@ -125,7 +128,8 @@ class NetFtTwin:
         # Any new request takes precedence; records still held for the old stream are dropped.
         if stream is not self._stream:
             self._stream = stream
-            self._due, self._held = [], 0
+            self._due = []
+            self._held = 0
 
     def due(self, to_s: float) -> Floats:
         """Sample times (m,) in s in the step that ends at `to_s`; none without a stream and
@@ -135,14 +139,17 @@ class NetFtTwin:
         if self._stream is not None or self._bias_wanted:
             return times_s
         # The grid runs on since power-up, even if no sample is needed.
-        return times_s[-1:] if self.samples_without_stream else times_s[:0]
+        if self.samples_without_stream:
+            return times_s[-1:]
+        return times_s[:0]
 
     def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends the
         datagrams that are full.
         """
         if self._bias_wanted and len(wrench):
-            self._bias, self._bias_wanted = wrench[-1].copy(), False
+            self._bias = wrench[-1].copy()
+            self._bias_wanted = False
         if len(wrench):
             self._latest = wrench[-1:].copy()
         if self._stream is None or not len(wrench):
@@ -158,8 +165,12 @@ class NetFtTwin:
             self._send_full(self._stream)
 
     def _send_full(self, stream: _Stream) -> None:
-        wrench = self._due[0] if len(self._due) == 1 else np.concatenate(self._due)
-        ready, size = self._count_ready(stream, len(wrench)), stream.records_per_datagram
+        if len(self._due) == 1:
+            wrench = self._due[0]
+        else:
+            wrench = np.concatenate(self._due)
+        ready = self._count_ready(stream, len(wrench))
+        size = stream.records_per_datagram
         # Records are encoded in blocks of whole datagrams, as numpy calls cost more than the
         # records themselves.
         at_once = MAX_RECORDS // size * size
@@ -169,11 +180,9 @@ class NetFtTwin:
             )
             for at in range(0, len(block), size * RECORD_BYTES):
                 self._link.send(block[at : at + size * RECORD_BYTES])
-        self._due, self._held, self._first_held = (
-            [wrench[ready:]],
-            len(wrench) - ready,
-            self._first_held + ready,
-        )
+        self._due = [wrench[ready:]]
+        self._held = len(wrench) - ready
+        self._first_held = self._first_held + ready
         if stream.left == 0:
             self._begin(None)
 
@@ -212,7 +221,8 @@ class NetFtTwin:
         noisy = self._random.standard_normal(wrench.shape)
         noisy *= self._noise_std
         noisy += wrench
-        status, within = np.zeros(len(wrench), np.uint32), np.abs(noisy) <= self._full_scale
+        status = np.zeros(len(wrench), np.uint32)
+        within = np.abs(noisy) <= self._full_scale
         # Compared so that a value that is no number counts as beyond the range.
         if not np.logical_and.reduce(within, axis=None):
             status[~within.all(axis=1)] = SATURATED

@@ -39,10 +39,14 @@ from rfca_rig.devices.odrive.messages import (
 from rfca_rig.devices.odrive.section import OdriveSection
 from rfca_rig.errors import MalformedFrame
 
-DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
+DRIVE = "drive"
+ERROR = "drive error"
+ENCODER = "drive's encoder"
+TORQUE = "drive's torque"
 # Factors between measured and configured period: the driver refuses the first, the second gets a
 # warning.
-REFUSED_PERIOD_RATIO, WARNING_PERIOD_RATIO = 2.0, 1.2
+REFUSED_PERIOD_RATIO = 2.0
+WARNING_PERIOD_RATIO = 1.2
 SAVE = "odrv0.save_configuration()"
 
 ANSWER_S = 0.1
@@ -138,7 +142,10 @@ def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 
 def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     firmware = "" if seen.firmware is None else f", firmware {seen.firmware}"
-    others = f"; also heard node {join_ids(seen.others)}" if seen.others else ""
+    if seen.others:
+        others = f"; also heard node {join_ids(seen.others)}"
+    else:
+        others = ""
     drive = f"ODrive, node {wanted.node_id}{firmware}{others}"
     if wanted.dialect == OdriveFirmware.V0_5 and seen.firmware is not None:
         return red(
@@ -202,12 +209,14 @@ def _encoder(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     if seen.torques:
         return green(TORQUE, "reported")
-    message = "iq" if wanted.dialect == OdriveFirmware.V0_5 else "torques"
-    fix = (
-        "set its period, in odrivetool:"
-        if wanted.dialect == OdriveFirmware.V0_5
-        else 'put dialect = "0.5" if its firmware is, else in odrivetool:'
-    )
+    if wanted.dialect == OdriveFirmware.V0_5:
+        message = "iq"
+    else:
+        message = "torques"
+    if wanted.dialect == OdriveFirmware.V0_5:
+        fix = "set its period, in odrivetool:"
+    else:
+        fix = 'put dialect = "0.5" if its firmware is, else in odrivetool:'
     return red(
         TORQUE,
         f"no {message} messages",

@@ -127,7 +127,8 @@ _OLDER: _Layouts = {
         for part, command in PART_COMMANDS.items()
     },
 }
-_OF_V0_5, _OF_V0_6 = _SHARED | _OLDER, _SHARED | _NEWER
+_OF_V0_5 = _SHARED | _OLDER
+_OF_V0_6 = _SHARED | _NEWER
 
 
 def decode(
@@ -152,7 +153,9 @@ def decode(
 
 def _name(command: int, dialect: OdriveFirmware) -> str:
     older = dialect == OdriveFirmware.V0_5 and command in set(OlderCommand)
-    return OlderCommand(command).name if older else OdriveCommand(command).name
+    if older:
+        return OlderCommand(command).name
+    return OdriveCommand(command).name
 
 
 def node_of(arbitration_id: int) -> int:
@@ -289,11 +292,9 @@ def clear_errors(node: int, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Fr
     """Clear all errors. Firmware 0.6 takes one byte, zero: the drive does not blink. Firmware
     0.5 takes none.
     """
-    return (
-        _frame(node, OdriveCommand.CLEAR_ERRORS)
-        if dialect == OdriveFirmware.V0_5
-        else _frame(node, OdriveCommand.CLEAR_ERRORS, _ONE_BYTE, 0)
-    )
+    if dialect == OdriveFirmware.V0_5:
+        return _frame(node, OdriveCommand.CLEAR_ERRORS)
+    return _frame(node, OdriveCommand.CLEAR_ERRORS, _ONE_BYTE, 0)
 
 
 def torques(node: int, target_Nm: float, estimate_Nm: float) -> Frame:

@@ -153,10 +153,8 @@ class OdriveReports:
         self._bus = bus
         self._clock = clock
         self._settings = settings
-        self._rad_per_turn, self._torque_ratio = (
-            settings.shaft_rad_per_turn,
-            settings.shaft_torque_per_drive_torque,
-        )
+        self._rad_per_turn = settings.shaft_rad_per_turn
+        self._torque_ratio = settings.shaft_torque_per_drive_torque
         self._count = FrameCount(settings.encoder_period_s)
         # Turns, turns/s and motor torque of frames that have no time stamp yet; None for one that
         # was refused.
@@ -190,7 +188,8 @@ class OdriveReports:
         """
         # The time is read before the first frame, so that no frame gets a time later than its
         # arrival.
-        before_s, self.drained_s = self.drained_s, self._clock.now_s()
+        before_s = self.drained_s
+        self.drained_s = self._clock.now_s()
         try:
             for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
                 self._take(message)
@@ -200,7 +199,8 @@ class OdriveReports:
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
-        blocks, self._samples = self._samples, []
+        blocks = self._samples
+        self._samples = []
         return concatenate_blocks(blocks or [NO_SAMPLES])
 
     @property
@@ -235,11 +235,9 @@ class OdriveReports:
 
     @property
     def torque_source(self) -> str:
-        return (
-            "torques (0x1C)"
-            if self._settings.torque_constant_Nm_per_A is None
-            else "motor currents (0x14)"
-        )
+        if self._settings.torque_constant_Nm_per_A is None:
+            return "torques (0x1C)"
+        return "motor currents (0x14)"
 
     def missing(self) -> str | None:
         """The first required message that has not arrived since `reset_counters`, with the
@@ -268,7 +266,10 @@ class OdriveReports:
             )
         if self._torque_frames == 0:
             older = self._settings.dialect == OdriveFirmware.V0_5
-            or_dialect = " (iq_rate_ms)" if older else ', or dialect = "0.5" if its firmware is 0.5'
+            if older:
+                or_dialect = " (iq_rate_ms)"
+            else:
+                or_dialect = ', or dialect = "0.5" if its firmware is 0.5'
             return (
                 f"no {self.torque_source} from node {node}; set the cyclic rate of that "
                 f"message in the drive{or_dialect}"
@@ -279,11 +280,9 @@ class OdriveReports:
         """The drive's setting for the period of a cyclic message; its name changed with firmware
         0.6.
         """
-        return (
-            f"{message}_rate_ms"
-            if self._settings.dialect == OdriveFirmware.V0_5
-            else f"{message}_msg_rate_ms"
-        )
+        if self._settings.dialect == OdriveFirmware.V0_5:
+            return f"{message}_rate_ms"
+        return f"{message}_msg_rate_ms"
 
     def _take(self, message: can.Message) -> None:
         if message.is_extended_id or message.dlc == 0:
@@ -318,7 +317,8 @@ class OdriveReports:
                 self._hear_torque(message.measured_A, constant)
             case Heartbeat():
                 self.heartbeats += 1
-                self.beat, self.beat_s = message, self.drained_s
+                self.beat = message
+                self.beat_s = self.drained_s
             case Temperatures():
                 self.temperature.hear(self.drained_s, message.inverter_degC, message.motor_degC)
             case PartError():
@@ -340,9 +340,13 @@ class OdriveReports:
         """
         if not self._rows:
             return
-        rows, self._rows = self._rows, []
-        zero_turns, rad, ratio = self._settings.zero_turns, self._rad_per_turn, self._torque_ratio
-        host_s, follow = self.drained_s, self._leap.follow
+        rows = self._rows
+        self._rows = []
+        zero_turns = self._settings.zero_turns
+        rad = self._rad_per_turn
+        ratio = self._torque_ratio
+        host_s = self.drained_s
+        follow = self._leap.follow
         # Plain numbers, and one array for all columns: a tick brings two reports, for which numpy
         # takes longer.
         table = []
@@ -352,7 +356,8 @@ class OdriveReports:
             if row is None or row[2] != row[2]:
                 continue
             turns, turns_s, torque_Nm = row
-            angle_rad, speed_rad_s = (turns - zero_turns) * rad, turns_s * rad
+            angle_rad = (turns - zero_turns) * rad
+            speed_rad_s = turns_s * rad
             follow(host_s, device_s, angle_rad, speed_rad_s, is_whole)
             table.append((host_s, device_s, angle_rad, speed_rad_s, torque_Nm * ratio))
         if table:
@@ -456,7 +461,8 @@ class OdriveMotor:
         messages have arrived.
         """
         self._reports.reset_counters()
-        started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
+        started_s = self._clock.now_s()
+        timeout_s = self._settings.enable_timeout_s
         look_s = PERIODS_PER_ATTEMPT * self._settings.encoder_period_s
         while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
             if self._clock.now_s() - started_s > max(timeout_s, look_s):
@@ -502,11 +508,10 @@ class OdriveMotor:
                 and self._clock.now_s() < deadline_s
             ):
                 self._wait_and_drain()
-            result = (
-                f", procedure result {result_text(beat.procedure_result)}"
-                if self._settings.dialect == OdriveFirmware.V0_6
-                else ""
-            )
+            if self._settings.dialect == OdriveFirmware.V0_6:
+                result = f", procedure result {result_text(beat.procedure_result)}"
+            else:
+                result = ""
             raise DeviceError(
                 f"drive not enabled: node {self._settings.node_id} {how} "
                 f"{self._errors(beat)}, state {state_text(beat.state)}{result}"
@@ -602,16 +607,15 @@ class OdriveMotor:
         """
         beat = self._reports.beat
         silent_s = self._reports.drained_s - self._reports.beat_s
-        state, temperature_C = (
-            "unknown" if beat is None else state_text(beat.state),
-            self._reports.temperature.warmest_C,
-        )
+        state = "unknown" if beat is None else state_text(beat.state)
+        temperature_C = self._reports.temperature.warmest_C
         return MotorStatus(
             state, self._fault(silent_s), silent_s, temperature_C, self._reports.torque_age_s
         )
 
     def _fault(self, silent_s: float) -> str | None:
-        beat, limit_s = self._reports.beat, self._settings.heartbeat_timeout_s
+        beat = self._reports.beat
+        limit_s = self._settings.heartbeat_timeout_s
         if beat is not None and _is_faulty(beat):
             return self._errors(beat)
         # The firmware-reported error comes first, since it names the cause; doubts about the

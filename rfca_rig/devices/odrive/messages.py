@@ -357,7 +357,10 @@ PROCEDURE_RESULTS = {
 
 def error_text(word: int, firmware: OdriveFirmware) -> str:
     """The axis error word in hexadecimal with the name and meaning of every bit that is set."""
-    bits = ERROR_BITS if firmware == OdriveFirmware.V0_6 else _AXIS_BITS_0_5
+    if firmware == OdriveFirmware.V0_6:
+        bits = ERROR_BITS
+    else:
+        bits = _AXIS_BITS_0_5
     return f"error 0x{word:08x} ({_describe_bits(word, bits)})"
 
 

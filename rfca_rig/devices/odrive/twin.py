@@ -55,7 +55,8 @@ Floats = NDArray[np.float64]
 # Procedure result of a drive that was disarmed by an error.
 DISARMED = 3
 # Error bits of firmware 0.6.
-MISSING_ESTIMATE, MOTOR_OVER_TEMP = 1 << 3, 1 << 13
+MISSING_ESTIMATE = 1 << 3
+MOTOR_OVER_TEMP = 1 << 13
 # Step of the fault `encoder-jump`, at the motor.
 JUMP_TURNS = 1.0
 FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
@@ -168,7 +169,8 @@ class OdriveTwin(DriveTwin):
             self._send(codec.errors(node, messages.ErrorReport(self._error, self._error)))
 
     def _obey(self, order: Message | None) -> None:
-        wanted, rad = self._wanted, self._rad_per_turn
+        wanted = self._wanted
+        rad = self._rad_per_turn
         match order:
             case messages.SetAxisState():
                 self._request(order.state)
@@ -178,15 +180,11 @@ class OdriveTwin(DriveTwin):
                 wanted.angle_rad = (
                     order.position_turns - self._settings.zero_turns
                 ) * rad + self._counted_from_rad
-                wanted.speed_rad_s, wanted.torque_Nm = (
-                    order.speed_turns_s * rad,
-                    order.torque_Nm * self._torque_ratio,
-                )
+                wanted.speed_rad_s = order.speed_turns_s * rad
+                wanted.torque_Nm = order.torque_Nm * self._torque_ratio
             case messages.SetInputVel():
-                wanted.speed_rad_s, wanted.torque_Nm = (
-                    order.speed_turns_s * rad,
-                    order.torque_Nm * self._torque_ratio,
-                )
+                wanted.speed_rad_s = order.speed_turns_s * rad
+                wanted.torque_Nm = order.torque_Nm * self._torque_ratio
             case messages.SetInputTorque():
                 wanted.torque_Nm = order.torque_Nm * self._torque_ratio
             case messages.ClearErrors():
@@ -209,7 +207,8 @@ class OdriveTwin(DriveTwin):
 
     def _request(self, state: int) -> None:
         if state == AxisState.IDLE:
-            self._state, self._result = AxisState.IDLE, 0
+            self._state = AxisState.IDLE
+            self._result = 0
         elif state == AxisState.CLOSED_LOOP and self._settings.arming_error:
             self.set_error(self._settings.arming_error)
         elif (
@@ -218,21 +217,26 @@ class OdriveTwin(DriveTwin):
             and not self._part_errors
             and self._state != AxisState.CLOSED_LOOP
         ):
-            self._state, self._result = AxisState.CLOSED_LOOP, 0
+            self._state = AxisState.CLOSED_LOOP
+            self._result = 0
             self._loop.reset()
 
     def set_error(self, error: int) -> None:
         """Adds bits to the error word; the motor goes idle."""
         self._error |= error
-        self._state, self._result = AxisState.IDLE, DISARMED
+        self._state = AxisState.IDLE
+        self._result = DISARMED
 
     def restart(self) -> None:
         """Power cycle: idle without an error; the incremental encoder counts from zero at its
         present position.
         """
-        self._state, self._error, self._result = AxisState.IDLE, 0, 0
+        self._state = AxisState.IDLE
+        self._error = 0
+        self._result = 0
         self._part_errors.clear()
-        self._wanted, self._restarts = MotorSetPoint(), True
+        self._wanted = MotorSetPoint()
+        self._restarts = True
 
     def fail_part(self, part: OdrivePart, error: int) -> None:
         """Sets an error of one part, as in firmware 0.5: the error word of the axis may stay
@@ -253,15 +257,13 @@ class OdriveTwin(DriveTwin):
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """Torque law on the shaft until the next step."""
         if self._restarts:
-            self._restarts, self._counted_from_rad = (
-                False,
-                shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn,
+            self._restarts = False
+            self._counted_from_rad = (
+                shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn
             )
-        return (
-            self._loop.law(self._wanted, shaft)
-            if self._state == AxisState.CLOSED_LOOP
-            else ShaftDrive()
-        )
+        if self._state == AxisState.CLOSED_LOOP:
+            return self._loop.law(self._wanted, shaft)
+        return ShaftDrive()
 
     def advance(
         self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive
@@ -292,7 +294,8 @@ class OdriveTwin(DriveTwin):
                 )
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
-        node, rad = self._settings.node_id, self._rad_per_turn
+        node = self._settings.node_id
+        rad = self._rad_per_turn
         torque_Nm /= self._torque_ratio
         if self._settings.dialect == OdriveFirmware.V0_5:
             # Sent before the encoder estimates, so that the driver pairs both of the same time.

@@ -85,11 +85,9 @@ class ScaledHypothesis:
         Stretches of one recording resemble each other, so that a law may predict them and fail in
         another recording."""
         recording = self.result.dataset.rows.recording
-        return (
-            self._rms_of_held_out(recording)
-            if int(recording.max()) + 1 >= FEWEST_CONDITIONS
-            else np.empty(0)
-        )
+        if int(recording.max()) + 1 >= FEWEST_CONDITIONS:
+            return self._rms_of_held_out(recording)
+        return np.empty(0)
 
     def _rms_of_held_out(self, group: NDArray[np.intp]) -> Floats:
         """Rms (g,) of each group of rows, predicted from all others; `group` (m,) counts from 0."""
@@ -140,7 +138,8 @@ class ScaledHypothesis:
         """Signature (m,) of each of its effects: what the effect adds to the rows, all other
         unknowns at their MAP values.
         """
-        fitted, found = self.hypothesis.fitted, []
+        fitted = self.hypothesis.fitted
+        found = []
         coordinates = fitted.coordinates
         for number in range(len(coordinates.choices)):
             others = [term for i, term in enumerate(coordinates.choices) if i != number]
@@ -159,7 +158,8 @@ class ScaledHypothesis:
         The law of each effect errs by LAW_ERROR of its signature, as smoothly as the discrepancy.
         The fit answers such an error by shifts of nuisance parameters, which say nothing against
         the effect. Their standard deviations follow from the linear fit."""
-        fitted, rows = self.hypothesis.fitted, self.result.dataset.rows
+        fitted = self.hypothesis.fitted
+        rows = self.result.dataset.rows
         x = fitted.x[: fitted.coordinates.nuisances]
         if not self.ids or fitted.max_nuisance_shift <= STRAINED:
             return x
@@ -348,7 +348,9 @@ class Comparison:
         # Noise cannot be removed, so it does not count as misfit.
         removable = before**2 - self.noise_floor**2
         # A fit may lie a little below the stated noise.
-        return min((before**2 - after**2) / removable, 1.0) if removable > 0.0 else 0.0
+        if removable > 0.0:
+            return min((before**2 - after**2) / removable, 1.0)
+        return 0.0
 
     def predicts_worse(self, one: ScaledHypothesis) -> bool:
         """Whether a hypothesis predicts held-out conditions worse than the one without effects.
@@ -386,11 +388,11 @@ class Comparison:
         """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes;
         limited to 1.
         """
-        left, removed = (
-            max(one.misfit**2 - self.noise_floor**2, 0.0),
-            self.nothing.misfit**2 - one.misfit**2,
-        )
-        return float(min(np.sqrt(left / removed), 1.0)) if removed > 0.0 else 1.0
+        left = max(one.misfit**2 - self.noise_floor**2, 0.0)
+        removed = self.nothing.misfit**2 - one.misfit**2
+        if removed > 0.0:
+            return float(min(np.sqrt(left / removed), 1.0))
+        return 1.0
 
     def law_error_without(self, name: str) -> float:
         """Law error of the best explanation without one of its effects; 1 where no effect remains,
@@ -400,9 +402,9 @@ class Comparison:
         explanation does not need."""
         others = set(self.best.ids) - {name}
         rest = next((one for one in self.ranked if others and set(one.ids) == others), None)
-        return (
-            1.0 if rest is None or rest.is_less_plausible_than(self.best) else self.law_error(rest)
-        )
+        if rest is None or rest.is_less_plausible_than(self.best):
+            return 1.0
+        return self.law_error(rest)
 
     @cached_property
     def noise_floor(self) -> float:
@@ -477,7 +479,8 @@ class Comparison:
         """The support of these effects, some of which are in the best explanation. Raises
         ValueError where none of them is.
         """
-        best, rival = self.best, self.without(ids)
+        best = self.best
+        rival = self.without(ids)
         numbers = [number for number, name in enumerate(best.ids) if name in ids]
         if not numbers:
             raise ValueError(
@@ -504,7 +507,8 @@ class Comparison:
         """Whether a size of an effect of the best explanation is where the fit stops; a shape
         parameter may be there.
         """
-        coordinates, number = self.best.hypothesis.fitted.coordinates, self.best.ids.index(name)
+        coordinates = self.best.hypothesis.fitted.coordinates
+        number = self.best.ids.index(name)
         sizes = self.best.hypothesis.fitted.x[coordinates.part(number)][
             : len(coordinates.choices[number].sizes)
         ]
@@ -587,7 +591,9 @@ def _is_unconfirmed(one: ScaledHypothesis, simpler: ScaledHypothesis) -> bool:
     A part of it, one effect smaller, then predicts them about as well; any other set predicts them
     better."""
     is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
-    return _loses_little(simpler, one) if is_part else _predicts_better(simpler, one)
+    if is_part:
+        return _loses_little(simpler, one)
+    return _predicts_better(simpler, one)
 
 
 def _predicts_better(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:
@@ -602,10 +608,8 @@ def _integrate_scale(result: ModelSelectionResult, hypothesis: Hypothesis) -> Sc
     log_evidence = log_evidence_by_scale(
         hypothesis.fitted, result.dataset.rows.measured, whitenings
     )
-    scales, total = (
-        np.array([whitening.s for whitening in whitenings]),
-        float(logsumexp(log_evidence)),
-    )
+    scales = np.array([whitening.s for whitening in whitenings])
+    total = float(logsumexp(log_evidence))
     return ScaledHypothesis(
         hypothesis=hypothesis,
         log_evidence=log_evidence,

@@ -67,7 +67,8 @@ UNKNOWN = ("unknown",)
 MOST_ALTERNATIVES = (
     5  # sets that are named beside a difference that is visible within the usual model error
 )
-HELD_OUT, PROBABLE = "held-out misfit", "probability"
+HELD_OUT = "held-out misfit"
+PROBABLE = "probability"
 
 
 @dataclass(frozen=True)
@@ -239,12 +240,16 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     """The decision from the compared hypotheses and the support of the effects and families of
     the best explanation.
     """
-    found, rivals = comparison.result, rank_rivals(comparison)
+    found = comparison.result
+    rivals = rank_rivals(comparison)
     of_effects = {one.id: one for one in supported if one.kind == "effect"}
     is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
     # Where the model without effects predicts as models usually do, its error may look like an
     # effect.
-    needed = IDENTIFIED_PROBABILITY if is_usual else STATED_PROBABILITY
+    if is_usual:
+        needed = IDENTIFIED_PROBABILITY
+    else:
+        needed = STATED_PROBABILITY
     unsure = comparison.find_unsure_laws()
     sure = {
         one.id
@@ -349,7 +354,9 @@ def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
         or one.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all)
     ):
         return ""
-    return "" if comparison.predicts_a_quantity_worse(one) else describe_strain(comparison.nothing)
+    if comparison.predicts_a_quantity_worse(one):
+        return ""
+    return describe_strain(comparison.nothing)
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
@@ -378,20 +385,16 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     effect whose indistinguishable set lies within it, because the effect implies the family."""
     found: list[Supported] = []
     for effect_id in comparison.best.ids:
-        alike, equal = (
-            comparison.as_good_as(effect_id),
-            comparison.equals_of(comparison.best, effect_id),
-        )
+        alike = comparison.as_good_as(effect_id)
+        equal = comparison.equals_of(comparison.best, effect_id)
         values = support_values(
             comparison.support((effect_id, *alike, *comparison.variants_of(effect_id), *equal))
         )
         is_variation = not list_related((effect_id,)).isdisjoint(
             set(comparison.best.ids) - {effect_id}
         )
-        probability, at_bound = (
-            calibration_of("effect").probability(values),
-            comparison.is_at_bound(effect_id),
-        )
+        probability = calibration_of("effect").probability(values)
+        at_bound = comparison.is_at_bound(effect_id)
         found.append(
             Supported("effect", effect_id, probability, values, alike, is_variation, at_bound)
         )
@@ -439,7 +442,8 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
     strained = describe_strain(one)
-    needed, at_most = f"{IDENTIFIED_PROBABILITY:g} needed", f"{USUAL_MISFIT:g} at most"
+    needed = f"{IDENTIFIED_PROBABILITY:g} needed"
+    at_most = f"{USUAL_MISFIT:g} at most"
     near = f"each within {IMPLAUSIBLE:g} prior standard deviations"
     probable = Criterion(
         PROBABLE,
@@ -466,7 +470,8 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
 
 def describe_strain(one: ScaledHypothesis) -> str:
     """Implausible nuisance parameters in words; empty where there are none."""
-    names, x = one.hypothesis.fitted.coordinates.space.names, one.hypothesis.fitted.x
+    names = one.hypothesis.fitted.coordinates.space.names
+    x = one.hypothesis.fitted.x
     found = zip(names, x, one.nuisance_shifts, strict=False)
     off = "prior standard deviations off"
     # At the bound the printed value is the fit's, not the one that the data ask for.
@@ -550,7 +555,8 @@ def _describe_effect(
     off = f"the law is off by about {100.0 * law_error:.0f} % of what it explains"
     # Effects of the same family that could take its place, and whose law error is usual, or no
     # larger than its own.
-    kept, most = set(one.ids) - {effect_id}, max(LAW_ERROR, comparison.law_error(one))
+    kept = set(one.ids) - {effect_id}
+    most = max(LAW_ERROR, comparison.law_error(one))
     swapped = [
         rival
         for rival in comparison.ranked
@@ -615,7 +621,8 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
             joint.setdefault(tuple(sorted(one.ids)), []).append(
                 (one.log_joint, one.log_joint - one.hypothesis.log_prior, one.scale)
             )
-    nothing, unknown = comparison.result.nothing, comparison.result.unknown
+    nothing = comparison.result.nothing
+    unknown = comparison.result.unknown
     joint[()] = [(nothing.log_joint, nothing.marginal.log_evidence, nothing.marginal.error)]
     joint[UNKNOWN] = [
         (unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)
@@ -645,7 +652,8 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
 
     It is "mostly" where one of the two stays unexplained. The explanation is that of the forces.
     """
-    each, grades = (forces, shaft), {forces.grade, shaft.grade}
+    each = (forces, shaft)
+    grades = {forces.grade, shaft.grade}
     stated = [one for one in each if one.grade in ("identified", "mostly", "family")]
     # What is visible within the usual error of one of the two says nothing against what is
     # identified in the other.
@@ -711,14 +719,13 @@ def _combine_tables(forces: Sequence[Rival], shaft: Sequence[Rival]) -> tuple[Ri
                 None if a.prior is None or b.prior is None else a.prior * b.prior,
             )
             known = rows.get(ids)
-            rows[ids] = (
-                row
-                if known is None
-                else replace(
+            if known is None:
+                rows[ids] = row
+            else:
+                rows[ids] = replace(
                     max(known, row, key=_probability),
                     probability=known.probability + row.probability,
                 )
-            )
     return tuple(sorted(rows.values(), key=_probability, reverse=True))
 
 

@@ -54,7 +54,8 @@ def estimate_sizes(
         Which of its effects.
     """
     term = hypothesis.fitted.coordinates.choices[number]
-    part, posterior = hypothesis.fitted.coordinates.part(number), hypothesis.marginal.posterior
+    part = hypothesis.fitted.coordinates.part(number)
+    posterior = hypothesis.marginal.posterior
     std = np.maximum(
         np.sqrt(np.diag(posterior.covariance))[part], _jackknife_std(comparison, hypothesis)[part]
     )
@@ -94,7 +95,10 @@ def widen(
         ]
         # A parameter that counts something has no standard deviation, and another count is another
         # statement.
-        spread = float(np.sqrt(np.mean(np.square(differences)))) if value.std > 0.0 else 0.0
+        if value.std > 0.0:
+            spread = float(np.sqrt(np.mean(np.square(differences))))
+        else:
+            spread = 0.0
         widened[name] = Value(value.value, float(np.hypot(value.std, spread)))
     return widened
 
@@ -112,7 +116,9 @@ def _law_uncertainty(
         return max(LAW_SIZE_ERROR, law) * abs(
             value - without_effect(term.effect, hypothesis.fitted.coordinates.space.centre.rig)
         )
-    return max(LAW_SHAPE_ERROR, law) * abs(value) if parameter in term.sizes else 0.0
+    if parameter in term.sizes:
+        return max(LAW_SHAPE_ERROR, law) * abs(value)
+    return 0.0
 
 
 def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:
@@ -243,7 +249,8 @@ def _size(
 ) -> Mapping[str, float] | None:
     if has_several_sizes(effect):
         return None
-    size, off = size_parameter(effect), without_effect(effect, rig)
+    size = size_parameter(effect)
+    off = without_effect(effect, rig)
     # By distance and side of the neutral value. Rounding joins what is equal but for the last
     # digits.
     powers: dict[float, dict[bool, list[float]]] = {}
@@ -268,7 +275,10 @@ def _size(
     # A scale that is wrong by less than the usual error is no missing physics.
     if size.name.endswith("factor"):
         distance = max(distance, USUAL_ERROR)
-    value = off + distance if off == 0.0 or signed_sum >= 0.0 else off - distance
+    if off == 0.0 or signed_sum >= 0.0:
+        value = off + distance
+    else:
+        value = off - distance
     value = value if rising else min(value, size.high)
     if (
         (rising and value > size.high)
@@ -285,12 +295,18 @@ def _threshold(points: Floats, needed: float) -> tuple[float, bool]:
 
     `points` (k, 2) are distance and power. The line is straight on logarithmic scales between
     points. Beyond them power grows with the square of the distance."""
-    size, power, log_needed = np.log(points[:, 0]), np.log(points[:, 1]), float(np.log(needed))
+    size = np.log(points[:, 0])
+    power = np.log(points[:, 1])
+    log_needed = float(np.log(needed))
     rising = bool(power[-1] >= power[0])
     if not rising:
-        size, power = size[::-1], power[::-1]
+        size = size[::-1]
+        power = power[::-1]
     enough = np.flatnonzero(power >= log_needed)
-    nearest = int(enough[0]) if len(enough) else int(np.argmax(power))
+    if len(enough):
+        nearest = int(enough[0])
+    else:
+        nearest = int(np.argmax(power))
     if len(enough) and nearest > 0:
         share = (log_needed - power[nearest - 1]) / (power[nearest] - power[nearest - 1])
         return float(

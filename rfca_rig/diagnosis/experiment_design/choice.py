@@ -77,7 +77,8 @@ def list_open_hypotheses(
     best: dict[frozenset[str], Hypothesis] = {}  # variant of each set of effects
     for hypothesis in sorted((found.nothing, *found.named), key=lambda h: -h.log_joint):
         best.setdefault(frozenset(hypothesis.ids), hypothesis)
-    ranked, accepted = list(best.values()), decision.explanation
+    ranked = list(best.values())
+    accepted = decision.explanation
     if not enough:
         is_open = ranked
     elif decision.grade == "identified":
@@ -302,7 +303,8 @@ class ExperimentDesign:
         self, repeats: int, why: str, pairs: Iterable[tuple[str, str, float]] = ()
     ) -> dict[str, object]:
         """The design as a diagnosis proposes it."""
-        minutes, separates = round(self.minutes(repeats), 1), [list(pair) for pair in pairs]
+        minutes = round(self.minutes(repeats), 1)
+        separates = [list(pair) for pair in pairs]
         return {
             **self.settings,
             "repeats": repeats,
@@ -518,7 +520,8 @@ def _make_option(
     mean of both directions.
     """
     names = [" with ".join(hypothesis.ids) or "nothing missing" for hypothesis in hypotheses.open]
-    mean, worth = 0.5 * (expected + expected.T), _worth(hypotheses, expected)
+    mean = 0.5 * (expected + expected.T)
+    worth = _worth(hypotheses, expected)
     pairs = sorted(np.argwhere(np.triu(mean >= 1.0, 1)), key=lambda pair: -worth[*pair])
     separated = tuple((names[k], names[j], round(float(mean[k, j]), 1)) for k, j in pairs)
     return Option(design, repeats, separated, float(worth.sum()) / design.minutes(repeats), load)

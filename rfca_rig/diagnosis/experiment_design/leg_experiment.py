@@ -68,10 +68,9 @@ HEIGHT_BEYOND_M = 0.020  # the rack may go this far beyond where it has been
 SLOWEST_RAD_S = 1.0  # of strokes; what is slower is left to static stages
 READABLE_RAD_S = 5.0  # at greater speeds a stroke's phases are not found
 LIMIT_SHARE = 0.9  # share of a stated limit that an expectation may reach
-ALIKE_M, ALIKE_SPEED = (
-    0.004,
-    0.15,
-)  # height, and share of the speed: conditions nearer than both show the same
+# height, and share of the speed: conditions nearer than both show the same
+ALIKE_M = 0.004
+ALIKE_SPEED = 0.15
 REST_S = 1.5  # usual time until the leg is at rest
 # shaft angles in degrees; a bent leg wedges when it is pushed back by more than some degrees
 SEQUENCES = {
@@ -85,7 +84,8 @@ def make_protocol(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
     """The protocol of a proposal with "height_mm", and "speed_rad_s" or "stages". Raises
     BadInput where no rig can do it.
     """
-    title, height_mm = "next experiment", proposal["height_mm"]
+    title = "next experiment"
+    height_mm = proposal["height_mm"]
     if "speed_rad_s" not in proposal:
         static = {
             "experiment": "static",
@@ -95,7 +95,8 @@ def make_protocol(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
             "stages": proposal["stages"],
         }
         return validate(static, StaticFile, f"the {title}")
-    speed_rad_s, repeats = proposal["speed_rad_s"], proposal.get("repeats", 1)
+    speed_rad_s = proposal["speed_rad_s"]
+    repeats = proposal.get("repeats", 1)
     # A return that is faster than the stroke could exceed the limits of the rig.
     back = {"return_speed_rad_s": min(DYNAMIC["return_speed_rad_s"], speed_rad_s)}
     conditions = [{"height_mm": height_mm, "speed_rad_s": speed_rad_s}]
@@ -119,7 +120,8 @@ def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Pat
         path.unlink(missing_ok=True)
         return None
     content = make_protocol(proposal).model_dump(mode="json", exclude_unset=True)
-    settle, entries = content.pop("settle"), "stages" if "stages" in content else "conditions"
+    settle = content.pop("settle")
+    entries = "stages" if "stages" in content else "conditions"
     tables = [
         table("settle", settle),
         *(table(f"[{entries}]", entry) for entry in content.pop(entries)),
@@ -206,7 +208,9 @@ def propose_experiment(
     ]
     _, farthest = max(possible, key=lambda one: one[0], default=(0.0, None))
     why = "a verdict needs more conditions; this one is least like those recorded"
-    return None if farthest is None else farthest.state(REPEATS[0], why)
+    if farthest is None:
+        return None
+    return farthest.state(REPEATS[0], why)
 
 
 def _list_options(
@@ -216,7 +220,8 @@ def _list_options(
     enough: bool,
     limits: Limits | None,
 ) -> Iterator[Option]:
-    of_shaft, region = hypotheses.found is verdicts.drive, _find_region(body, verdicts, limits)
+    of_shaft = hypotheses.found is verdicts.drive
+    region = _find_region(body, verdicts, limits)
     designs = [
         design
         for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)
@@ -230,13 +235,12 @@ def _find_region(body: PreparedData, verdicts: Findings, limits: Limits | None) 
     """The limits of the rig where they are known, otherwise the speeds and loads that were
     recorded. Raises SimulationFailed.
     """
-    flaps, tables, fit = (
-        body.flaps,
-        select_tables(verdicts.leg.dataset.parts),
-        verdicts.leg.nothing.fitted,
-    )
+    flaps = body.flaps
+    tables = select_tables(verdicts.leg.dataset.parts)
+    fit = verdicts.leg.nothing.fitted
     heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
-    lowest_m, highest_m = min(heights) - HEIGHT_BEYOND_M, max(heights) + HEIGHT_BEYOND_M
+    lowest_m = min(heights) - HEIGHT_BEYOND_M
+    highest_m = max(heights) + HEIGHT_BEYOND_M
     fastest = max((flap.turn.speed_rad_s for flap in flaps), default=2.0 * SLOWEST_RAD_S)
     if limits is not None:
         # At greater speeds the phases of a stroke may not be found, unless such strokes were
@@ -281,13 +285,12 @@ def _flap_designs(
         -1, 2
     )
     if body.flaps:
-        start_rad, noise = body.flaps[0].turn.start_rad, body.flaps[0].sample_noise
+        start_rad = body.flaps[0].turn.start_rad
+        noise = body.flaps[0].sample_noise
     else:  # static stages only: each reading is a mean, so a single sample is noisier
         table = select_tables(verdicts.leg.dataset.parts)[0]
-        start_rad, noise = (
-            None,
-            {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()},
-        )
+        start_rad = None
+        noise = {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()}
     for height_m in region.heights_m(recorded[:, 0]):
         for speed_rad_s in speeds:
             # Heights are compared by their difference, speeds by their ratio.
@@ -372,9 +375,13 @@ def make_stroke_design(
         )
         flap = make_dynamic_condition(condition, noise_std, turn)
         if isinstance(flap, Undetermined) or shaft is None:
-            return None if isinstance(flap, Undetermined) else flap
+            if isinstance(flap, Undetermined):
+                return None
+            return flap
         turned = make_shaft_condition(condition, float(flap.t_s[-1]), at.rig.drive.ramp_s)
-        return None if turned is None else replace(turned, sample_noise_rad=shaft.sample_noise_rad)
+        if turned is None:
+            return None
+        return replace(turned, sample_noise_rad=shaft.sample_noise_rad)
 
     words = f"dynamic at {settings['height_mm']:g} mm and {speed_rad_s:g} rad/s"
     each_min = (REST_S + sweep_rad / speed_rad_s + back_s) / 60.0
@@ -428,7 +435,8 @@ def make_stage_design(
     settings = {"kind": kind, "height_mm": round(1e3 * height_m, 3), "stages": stages}
 
     def simulate(at: ModelPoint) -> StageTable | None:
-        settled, start_rad = replace(at.rig, swing=None), at.rig.leg.start_angle_rad
+        settled = replace(at.rig, swing=None)
+        start_rad = at.rig.leg.start_angle_rad
         sequence = make_protocol(settings).static_stages()  # type: ignore[union-attr]
         no_limits = Limits(*[np.inf] * 13)  # the loads are compared with the region
         plan = static_plan(

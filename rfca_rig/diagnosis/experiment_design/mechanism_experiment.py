@@ -87,7 +87,10 @@ def propose_motion(
     if hypotheses is None:
         return None
     mechanism = problem.simulator.mechanism
-    designs = list(_designs(problem)) if has_torque_motors(mechanism) else []
+    if has_torque_motors(mechanism):
+        designs = list(_designs(problem))
+    else:
+        designs = []
     proposal = propose(list(list_options(hypotheses, designs, enough)))
     if proposal is None:
         return None
@@ -124,9 +127,13 @@ def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -
 
 def _designs(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
     """Sines of each joint alone, and of all together."""
-    usual, names = problem.usual, problem.simulator.mechanism.joints
+    usual = problem.usual
+    names = problem.simulator.mechanism.joints
     for joint in range(len(names) + (len(names) > 1)):
-        moving = [joint] if joint < len(names) else list(range(len(names)))
+        if joint < len(names):
+            moving = [joint]
+        else:
+            moving = list(range(len(names)))
         for travel in TRAVELS:
             for speed in SPEEDS:
                 # Of all joints together, the one that is fastest for its travel limits the
@@ -175,9 +182,15 @@ def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) ->
     t_s = np.arange(0.0, SECONDS + STEP_S / 2.0, STEP_S)
     # The amplitude grows smoothly from rest, so that the start needs no jump of the command.
     grown = np.sin(0.5 * np.pi * np.minimum(t_s / RISE_S, 1.0)) ** 2
-    moving = np.ones(joints, dtype=bool) if joint == joints else np.arange(joints) == joint
+    if joint == joints:
+        moving = np.ones(joints, dtype=bool)
+    else:
+        moving = np.arange(joints) == joint
     # Joints that move together differ in phase, so that their torques differ.
-    phase = np.arange(joints) * np.pi / 3.0 if joint == joints else np.zeros(joints)
+    if joint == joints:
+        phase = np.arange(joints) * np.pi / 3.0
+    else:
+        phase = np.zeros(joints)
     wave = np.sin(2.0 * np.pi * frequency_Hz * t_s[:, None] + phase) * grown[:, None]
     position = usual.middle + travel * usual.half_range * moving * wave
     speed = np.gradient(position, STEP_S, axis=0)
@@ -190,8 +203,10 @@ def _design(
     """Design of one recording; it returns None under a hypothesis that needs larger commands
     than were recorded.
     """
-    simulator, like = problem.simulator, problem.conditions[0]
-    window, model = like.windows[0].window, simulator.mechanism.model
+    simulator = problem.simulator
+    like = problem.conditions[0]
+    window = like.windows[0].window
+    model = simulator.mechanism.model
     every = round(float(window.t_s[-1]) / STEP_S)
     # Only the stationary part is compared, in windows of the recorded length.
     starts = range(round(RISE_S / STEP_S), len(sine.t_s) - every, every)
@@ -203,7 +218,8 @@ def _design(
     nominal = simulator.plant(MechanismInput())
 
     def simulate(at: MechanismInput) -> Motions | None:
-        plant, windows = simulator.plant(at), []
+        plant = simulator.plant(at)
+        windows = []
         command = sine.feed_forward(plant)
         if (np.abs(command).max(axis=0) > largest).any():
             return None

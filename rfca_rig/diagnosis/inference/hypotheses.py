@@ -185,7 +185,8 @@ def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
         for choice in wider.fitted.coordinates.choices
         if choice.effect.id not in hypothesis.ids
     ]
-    names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.marginal.posterior
+    names = hypothesis.fitted.coordinates.space.names
+    posterior = hypothesis.marginal.posterior
     # Only a set with exactly one effect equivalent counts, and only if that effect does the same as
     # a nuisance parameter.
     is_wider = (

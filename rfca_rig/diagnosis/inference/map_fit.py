@@ -159,13 +159,15 @@ class GaussNewton:
         """Steps from `start` until nothing more is gained, at one discrepancy scale after the
         other.
         """
-        here, last = start, np.inf
+        here = start
+        last = np.inf
         for _ in range(levels):
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
             # The same scale twice: the fit has settled.
             if whitening.s == last:
                 break
-            here, last = self._descend(here, whitening, rounds), whitening.s
+            here = self._descend(here, whitening, rounds)
+            last = whitening.s
         return here
 
     def converge(self, found: MapFit, rounds: int = CONVERGENCE_ROUNDS) -> MapFit:
@@ -174,7 +176,8 @@ class GaussNewton:
         """
         here = found
         for _ in range(rounds):
-            before, here = here, self.refine(self._recompute_jacobian(here))
+            before = here
+            here = self.refine(self._recompute_jacobian(here))
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
             if (
                 self.misfit(before.x, before.predicted, whitening)
@@ -199,7 +202,9 @@ class GaussNewton:
         """Damped steps at one discrepancy scale towards the optimum of the linear model; a
         failed step shortens the next one.
         """
-        share, failed, is_fresh = 1.0, 0, False
+        share = 1.0
+        failed = 0
+        is_fresh = False
         for _ in range(rounds):
             goal = _goal(here.linear(self.dataset.rows.measured), whitening)
             before = self.misfit(here.x, here.predicted, whitening)
@@ -215,21 +220,26 @@ class GaussNewton:
             gained = -np.inf if predicted is None else before - self.misfit(x, predicted, whitening)
             if predicted is not None:
                 # A failed step is not taken, but it shows where the Jacobian is wrong.
-                here = (
-                    self._update_by_secant(here, x, predicted)
-                    if gained <= 0.0
-                    else self._refresh_jacobian(here, x, predicted)
-                )
+                if gained <= 0.0:
+                    here = self._update_by_secant(here, x, predicted)
+                else:
+                    here = self._refresh_jacobian(here, x, predicted)
             if 0.0 < gained < LEAST_GAIN:
                 return here
             # Damping by step length: it grows back after a success, up to the full step.
-            share = min(1.0, 2.0 * share) if gained > 0.0 else STEP_REDUCTION * share
+            if gained > 0.0:
+                share = min(1.0, 2.0 * share)
+            else:
+                share = STEP_REDUCTION * share
             failed = 0 if gained > 0.0 else failed + 1
             is_fresh = is_fresh and gained <= 0.0
             if failed == FAILED_STEPS and not is_fresh:
                 # The secant updates cannot correct a Jacobian that is wrong in directions the steps
                 # did not take.
-                here, share, failed, is_fresh = self._recompute_jacobian(here), 1.0, 0, True
+                here = self._recompute_jacobian(here)
+                share = 1.0
+                failed = 0
+                is_fresh = True
         return here
 
     def evaluate(self, found: MapFit) -> MarginalPosterior:
@@ -350,10 +360,8 @@ class GaussNewton:
         inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
         found = self._predict_changes(coordinates, x, predicted, inwards)
         outwards = {i: -step for i, step in inwards.items() if found[i] is None}
-        found, steps = (
-            found | self._predict_changes(coordinates, x, predicted, outwards),
-            inwards | outwards,
-        )
+        found = found | self._predict_changes(coordinates, x, predicted, outwards)
+        steps = inwards | outwards
         return [
             np.zeros(len(predicted)) if (change := found[i]) is None else change / steps[i]
             for i in widths
@@ -437,10 +445,8 @@ def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
 
     A coordinate that would leave is fixed at its bound, and the others are solved again.
     """
-    x, free = (
-        laplace_posterior(linear, whitening).mean,
-        np.ones(linear.jacobian.shape[1], dtype=bool),
-    )
+    x = laplace_posterior(linear, whitening).mean
+    free = np.ones(linear.jacobian.shape[1], dtype=bool)
     # Active-set iteration: every pass fixes at least one coordinate more, so it ends.
     while np.any(np.abs(x[free]) > MAX_COORDINATE):
         free &= np.abs(x) <= MAX_COORDINATE

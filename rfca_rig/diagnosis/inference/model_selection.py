@@ -264,9 +264,9 @@ def _prefer_nothing(state: SearchState, fits: Sequence[MapFit]) -> SearchState:
     one.
     """
     best = max((state.nothing, *fits), key=state.optimizer.free_log_evidence)
-    return (
-        state if best is state.nothing else replace(state, nothing=state.optimizer.converge(best))
-    )
+    if best is state.nothing:
+        return state
+    return replace(state, nothing=state.optimizer.converge(best))
 
 
 def _coarsen(
@@ -289,7 +289,8 @@ def _restrict(fit: MapFit, state: SearchState) -> MapFit:
 
 def _projection(state: SearchState, fit: MapFit) -> Projection:
     """The projection around a fit, on the subset of the conditions."""
-    here, measured = _restrict(fit, state), state.coarse.dataset.rows.measured
+    here = _restrict(fit, state)
+    measured = state.coarse.dataset.rows.measured
     return make_projection(here, measured, state.coarse.likelihood.level(here.linear(measured)))
 
 
@@ -406,7 +407,8 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
     """
     white = projection.whitening(np.column_stack([probe.signature for probe in probes]))
     # Closed solution of the 2 x 2 normal equations for all pairs at once, by Cramer's rule.
-    gram, match = white.T @ projection.project(white), white.T @ projection.residual
+    gram = white.T @ projection.project(white)
+    match = white.T @ projection.residual
     own = np.diag(gram)
     product = np.outer(own, own)
     # Two almost parallel signatures have no useful determinant; the floor keeps the quotient
@@ -430,7 +432,10 @@ def _partner_starts(
     Effects that promise little there keep their signatures beside the fit without effects.
     """
     found: list[FitStart] = []
-    least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
+    if _is_adequate(state):
+        least = config.worth_beside_a_good_fit
+    else:
+        least = config.worth_a_fit
     for parent in state.of_size(size)[
         : config.parents if size == 1 and least == config.worth_a_fit else 1
     ]:
@@ -472,7 +477,9 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
 
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
         fit = _fit(state.coarse, state, start, 2)
-        return None if fit is None else (state.coarse.free_log_evidence(fit), fit.x)
+        if fit is None:
+            return None
+        return (state.coarse.free_log_evidence(fit), fit.x)
 
     found = zip(wanted, map_in_processes(fit_coarsely, wanted), strict=True)
     ends = [
@@ -514,7 +521,9 @@ def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: in
     """MAP fit from a start; None where the model has no answer."""
     known = start.jacobian if optimizer is state.optimizer else start.jacobian[state.in_coarse]
     here = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
-    return None if here is None else optimizer.refine(here, levels=levels)
+    if here is None:
+        return None
+    return optimizer.refine(here, levels=levels)
 
 
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
@@ -683,7 +692,10 @@ def _without_each_part(
                 parent.ids
             )
             x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
-            base = state.optimizer.at(coordinates, x, parent.jacobian) if wanted else None
+            if wanted:
+                base = state.optimizer.at(coordinates, x, parent.jacobian)
+            else:
+                base = None
             if base is not None:
                 yield base, wanted
 

@@ -25,7 +25,8 @@ Floats = NDArray[np.float64]
 
 def value_of(parameter: Parameter, z: float) -> float:
     """The parameter's value at the standard normal coordinate z."""
-    low, high = parameter.low, parameter.high
+    low = parameter.low
+    high = parameter.high
     # Log-uniform: Phi(z) is uniform between 0 and 1.
     if _is_scale(parameter):
         return float(low * (high / low) ** ndtr(z))
@@ -36,7 +37,8 @@ def coordinate_of(parameter: Parameter, value: float) -> float:
     """Standard normal coordinate of a value; beyond the bounds of a log-uniform parameter it is
     limited to MAX_COORDINATE deviations.
     """
-    low, high = parameter.low, parameter.high
+    low = parameter.low
+    high = parameter.high
     if _is_scale(parameter):
         share = np.log(max(value, 1e-300) / low) / np.log(high / low)
         # The inner limit keeps the inverse of Phi finite at and beyond the bounds.

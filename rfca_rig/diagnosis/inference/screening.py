@@ -56,7 +56,8 @@ def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> li
     Points where the model has no answer are omitted.
     """
     coordinates = base.coordinates
-    nuisances, supposed = coordinates.space.at(base.x[: coordinates.nuisances]), []
+    nuisances = coordinates.space.at(base.x[: coordinates.nuisances])
+    supposed = []
     for choice, z in points:
         wider = coordinates.with_terms((*coordinates.choices, choice))
         supposed.append(wider.add_effects(nuisances, np.concatenate([base.x, z])))
@@ -75,11 +76,15 @@ def grid_of(choice: EffectTerm) -> list[Floats]:
     Where an effect counts something, each count is a term of its own. The other sizes then begin at
     their middle, or on either side of zero. Shape parameters begin at their stated starts or at
     their neutral value, initial states at rest."""
-    free, at_rest = choice.sizes, (0.0,) * len(choice.effect.begins)
+    free = choice.sizes
+    at_rest = (0.0,) * len(choice.effect.begins)
     # Points per axis: fewer with each further size, so that the grid does not grow too fast.
     points = max(GRID_POINTS + 1 - len(free), 2)
     if choice.whole:
-        points = 2 if any(parameter.low < 0.0 < parameter.high for parameter in free) else 1
+        if any(parameter.low < 0.0 < parameter.high for parameter in free):
+            points = 2
+        else:
+            points = 1
     middles = tuple(ndtri((np.arange(points) + 0.5) / points).tolist())
     starts = [_starts(parameter) or middles for parameter in free]
     shapes = [
@@ -136,7 +141,8 @@ class Projection:
         factor f on the signature with f^2 power - 2 f match = needed, in chi-square. The result is
         needed / f^2, which is `power` without a match."""
         white = self.whitening(signature)
-        power, match = float(white @ self.project(white)), max(float(white @ self.residual), 0.0)
+        power = float(white @ self.project(white))
+        match = max(float(white @ self.residual), 0.0)
         if power <= 0.0:
             return 0.0
         factor = (match + np.sqrt(match**2 + power * needed)) / power
@@ -153,7 +159,8 @@ class Projection:
         """The same of a signature that is whitened already, `white` (m,), with its projection
         `inside` (m,).
         """
-        power, match = float(white @ inside), float(white @ self.residual)
+        power = float(white @ inside)
+        match = float(white @ self.residual)
         if power <= 0.0:
             return 0.0, 1.0
         # Least squares along the signature. An effect cannot change its sign, and far beyond its

@@ -47,7 +47,8 @@ def build_leg_result(body: PreparedData, verdicts: Findings, limits: Limits | No
     """The whole answer; `limits` are those of the rig that the next experiment is for, if they
     are known.
     """
-    leg, decision = verdicts.leg, verdicts.leg_decision
+    leg = verdicts.leg
+    decision = verdicts.leg_decision
     enough = len(body.flaps) >= FEWEST_CONDITIONS
     # Held-out prediction needs at least three conditions; with fewer nothing is decided.
     if not enough:
@@ -89,11 +90,15 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Di
     """The answer with the results in the motion of the shaft: places, curves, and the effects of
     the drive in the model found.
     """
-    drive, of_drive = verdicts.drive, verdicts.drive_decision
+    drive = verdicts.drive
+    of_drive = verdicts.drive_decision
     if drive is None or of_drive is None:
         return result
     cells, places = locate_mismatch(drive.dataset.rows, drive.nominal, drive.likelihood)
-    found = present_effects(of_drive.explanation) if of_drive.effects else ()
+    if of_drive.effects:
+        found = present_effects(of_drive.explanation)
+    else:
+        found = ()
     rig = result.found_rig
     if found:
         # The search for the drive also chose how a compliant drive starts, so its whole drive is
@@ -153,7 +158,9 @@ def _locate_free_force(
     except SimulationFailed as error:
         # The rest of the answer is still valid, so the failure becomes a remark.
         return None, (f"no free force could be estimated: {error}",)
-    return (None, ()) if free is None else (state_place(free), (free.text,))
+    if free is None:
+        return (None, ())
+    return (state_place(free), (free.text,))
 
 
 def _remarks(body: PreparedData, leg: ModelSelectionResult) -> tuple[str, ...]:
@@ -192,7 +199,9 @@ def _describe_delay(body: PreparedData, verdicts: Findings) -> tuple[str, ...]:
         f"the drive follows its commands {fitted_ms.value:.1f} ms late (standard deviation "
         f"{fitted_ms.std:.1f} ms)"
     )
-    return (message,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
+    if fitted_ms.value > SHOWS * fitted_ms.std:
+        return (message,)
+    return ()
 
 
 def valley_errors(
@@ -230,7 +239,10 @@ def _valley(flap: DynamicCondition, supposed: ModelPoint, commanded: bool) -> Va
     t_s = GRID_S * np.arange(
         0, int(DURATION_FACTOR * flap.phases.valley_s / GRID_S), dtype=np.float64
     )
-    turn = replace(flap.turn, recorded=None) if commanded else flap.turn
+    if commanded:
+        turn = replace(flap.turn, recorded=None)
+    else:
+        turn = flap.turn
     if supposed.rig.effects and commanded:
         turn = replace(turn, start_rad=None)  # a drive at fault leaves its start by itself
     try:

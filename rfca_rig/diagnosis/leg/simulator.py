@@ -58,20 +58,24 @@ def nuisances_of(
     """
     # Before the motion begins, a free swing of the leg can show; without such samples it cannot be
     # fitted.
-    swinging = replace(rig, swing=Swing(before_s, 0.0, 0.0)) if before_s > 0.0 else rig
+    if before_s > 0.0:
+        swinging = replace(rig, swing=Swing(before_s, 0.0, 0.0))
+    else:
+        swinging = rig
     listed = {p.name for p in PARAMETERS.values() if p.known_to in known_to}
     names = [
         p.name
         for p in PARAMETERS.values()
         if p.name in listed.union(SELDOM_MEASURED) and _prior_std(p, known_to) > 0.0
     ]
-    space = (
-        make_prior(names, ModelPoint(swinging), known_to)
-        if names
-        else Prior((), ModelPoint(swinging), np.empty(0), np.empty(0, dtype=bool))
-    )
+    if names:
+        space = make_prior(names, ModelPoint(swinging), known_to)
+    else:
+        space = Prior((), ModelPoint(swinging), np.empty(0), np.empty(0, dtype=bool))
     space = replace(space, has_prior=np.ones(len(space.std), dtype=bool))
-    return _extend(space, _SWING, known_to) if before_s > 0.0 else space
+    if before_s > 0.0:
+        return _extend(space, _SWING, known_to)
+    return space
 
 
 def nuisances_of_drive(
@@ -184,7 +188,8 @@ class LegSimulator(Simulator):
         """
         if not inputs:
             return super().simulate_changes(at, rows, inputs, condition)
-        here, varied = condition.request(at), [_request_or_none(condition, each) for each in inputs]
+        here = condition.request(at)
+        varied = [_request_or_none(condition, each) for each in inputs]
         prescribed: dict[int, Floats] = {}
         if isinstance(condition, ShaftCondition):
             still = [
@@ -206,7 +211,10 @@ class LegSimulator(Simulator):
         read_beside: SimulatedStroke | None = None
         beside = rows
         for number, (each, one) in enumerate(zip(inputs, varied, strict=True)):
-            pair = None if one is None or number in prescribed else next(pairs)
+            if one is None or number in prescribed:
+                pair = None
+            else:
+                pair = next(pairs)
             if pair is None or isinstance(pair, SimulationFailed):
                 changes.append(prescribed.get(number))
             else:
@@ -220,7 +228,8 @@ class LegSimulator(Simulator):
     def coarsen(self, conditions: Sequence[LegCondition], count: int) -> list[int]:
         """At most `count` of the moving conditions, and one static table."""
         is_table = [isinstance(condition, StageTable) for condition in conditions]
-        moving, tables = np.flatnonzero(~np.array(is_table)), np.flatnonzero(is_table)
+        moving = np.flatnonzero(~np.array(is_table))
+        tables = np.flatnonzero(is_table)
         return sorted(int(number) for number in (*moving[spread(len(moving), count)], *tables[:1]))
 
     def scatter(

@@ -122,11 +122,9 @@ class StageTable:
     def _moves(self) -> StageMoves:
         """The moves with the mean holding time of the stages, if all of them state it."""
         held = [stage.held_s for stage in self.stages if stage.held_s is not None]
-        return (
-            replace(self.moves, hold_s=float(np.mean(held)))
-            if len(held) == len(self.stages)
-            else self.moves
-        )
+        if len(held) == len(self.stages):
+            return replace(self.moves, hold_s=float(np.mean(held)))
+        return self.moves
 
     def _stack_measured(self) -> Floats:
         forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
@@ -151,15 +149,16 @@ class StageTable:
 
     def rows(self) -> Observations:
         """The measured rows; what was not measured (NaN) is omitted."""
-        present, stages, signals = self._is_measured(), len(self.stages), self.signals
+        present = self._is_measured()
+        stages = len(self.stages)
+        signals = self.signals
         measured = self._stack_measured()
         table = measured.reshape(len(signals), stages)
         # A relative error refers to the rms of each signal over the whole table.
-        scale = (
-            np.sqrt(np.nanmean(table**2, axis=1))
-            if np.isfinite(table).any()
-            else np.ones(len(signals))
-        )
+        if np.isfinite(table).any():
+            scale = np.sqrt(np.nanmean(table**2, axis=1))
+        else:
+            scale = np.ones(len(signals))
         angle = np.array([stage.shaft_angle_rad for stage in self.stages])
         phase = np.array([stage.direction for stage in self.stages])
         label = np.repeat(np.arange(len(signals)), stages)

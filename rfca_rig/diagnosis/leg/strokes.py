@@ -69,17 +69,17 @@ class ShaftTurn:
         """The motion until `end_s`, with the encoder zero and the ramp of the drive in
         `supposed`.
         """
-        leg, drive = supposed.rig.leg, supposed.rig.drive
+        leg = supposed.rig.leg
+        drive = supposed.rig.drive
         if self.recorded is not None:
             coefficients = self.recorded.coefficients.copy()
             # The constant term of each cubic piece: the whole motion is shifted.
             coefficients[:, 0] += supposed.turn_offset_rad
             return replace(self.recorded, coefficients=coefficients)
-        start_rad = (
-            leg.start_angle_rad
-            if self.start_rad is None
-            else self.start_rad + supposed.turn_offset_rad
-        )
+        if self.start_rad is None:
+            start_rad = leg.start_angle_rad
+        else:
+            start_rad = self.start_rad + supposed.turn_offset_rad
         return ramp_to_speed(start_rad, self.speed_rad_s, drive.ramp_s, end_s).later(self.late_s)
 
 
@@ -139,7 +139,10 @@ class DynamicCondition:
         """The same without the bins that end after `end_s`, for what only the beginning shows."""
         bins = max(int(np.searchsorted(self.t_s[self.first], end_s)) - 1, 1)
         repeats = self.repeats.reshape(len(self.repeats), len(self.signals), -1)[:, :, :bins]
-        t_s = self.t_s[: self.first[bins]] if bins < len(self.first) else self.t_s
+        if bins < len(self.first):
+            t_s = self.t_s[: self.first[bins]]
+        else:
+            t_s = self.t_s
         return replace(
             self,
             t_s=t_s,
@@ -170,7 +173,8 @@ class DynamicCondition:
 
     def rows(self) -> Observations:
         """The measured rows, (k b,) in each array."""
-        bins, signals = len(self.first), len(self.signals)
+        bins = len(self.first)
+        signals = len(self.signals)
         middle = self._bin_means(self.t_s)
         phase = np.array(PHASES)[self.phases.number(middle)]
         measured = self.repeats.mean(axis=0)
@@ -306,11 +310,9 @@ def make_turn(condition: Condition, follows_recorded: bool, late_s: float = 0.0)
 
 def _valley_and_phases(stroke: Stroke) -> tuple[Valley | Undetermined, StrokePhases]:
     fz = stroke.channel("fz_N")
-    return (
-        (Undetermined("fz was not recorded"), StrokePhases())
-        if fz is None
-        else valley_and_phases(*fz)
-    )
+    if fz is None:
+        return (Undetermined("fz was not recorded"), StrokePhases())
+    return valley_and_phases(*fz)
 
 
 def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:

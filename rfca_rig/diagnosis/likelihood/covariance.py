@@ -207,10 +207,8 @@ class DiscrepancyWhitening:
         # C^-1 = T^T S (1 - V H V^T) S T, with S = diag(`_scale`). Only the columns of S T that
         # belong to these rows are formed. So the full inverse (m, m) is never needed.
         place = np.cumsum(rows) - 1
-        found, along = (
-            np.zeros((int(rows.sum()),) * 2),
-            np.empty((int(rows.sum()), self.basis.scatter.shape[1])),
-        )
+        found = np.zeros((int(rows.sum()),) * 2)
+        along = np.empty((int(rows.sum()), self.basis.scatter.shape[1]))
         parts = zip(
             self.basis.blocks,
             self.basis.parts(self._scale),
@@ -219,8 +217,10 @@ class DiscrepancyWhitening:
         )
         for block, scale, scatter in parts:
             kept = rows[block.of]
-            own, at = scale[:, None] * block.turn[:, kept], place[block.of[kept]]
-            found[np.ix_(at, at)], along[at] = own.T @ own, own.T @ scatter
+            own = scale[:, None] * block.turn[:, kept]
+            at = place[block.of[kept]]
+            found[np.ix_(at, at)] = own.T @ own
+            along[at] = own.T @ scatter
         return np.asarray(found - along @ self._shrinking.h @ along.T)
 
     def covariance(self) -> Floats:
@@ -376,7 +376,8 @@ def _estimate_std(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
     effects: list[Floats] = []
     repeat: list[NDArray[np.intp]] = []
     for number, repeats in enumerate(part.repeats for part in dataset.parts):
-        here, count = rows.condition == number, len(repeats)
+        here = rows.condition == number
+        count = len(repeats)
         if count < 2:
             continue
         # The noise of the rows is that of the mean over the repeats; a single repeat has
@@ -405,4 +406,6 @@ def _per_condition(dataset: Dataset, effect: Floats) -> Floats:
         for k in range(effect.shape[1])
         if np.any(effect[condition == number, k])
     ]
-    return np.column_stack(columns) if columns else np.empty((len(condition), 0))
+    if columns:
+        return np.column_stack(columns)
+    return np.empty((len(condition), 0))

@@ -93,10 +93,12 @@ def laplace_posteriors(
         One posterior per scale.
     """
     turned = whitenings[0].basis.turned
-    target, jacobian = turned(linear.target), turned(linear.jacobian)
-    directions = (
-        None if extra_directions is None or not extra_directions.size else turned(extra_directions)
-    )
+    target = turned(linear.target)
+    jacobian = turned(linear.jacobian)
+    if extra_directions is None or not extra_directions.size:
+        directions = None
+    else:
+        directions = turned(extra_directions)
     found = []
     for whitening in whitenings:
         parts = whitening.scaled(target), whitening.scaled(jacobian), whitening.log_det
@@ -302,7 +304,8 @@ def loo_estimates(
     """
     # Jacobian and target side by side: one product with C^-1 gives both sides of the normal
     # equations.
-    both, unknowns = np.column_stack([linear.jacobian, linear.target]), linear.jacobian.shape[1]
+    both = np.column_stack([linear.jacobian, linear.target])
+    unknowns = linear.jacobian.shape[1]
     weighted = whitening.apply_precision(both)
     means = []
     for number in left_out:
@@ -353,7 +356,8 @@ def loo_log_densities(
     """Log predictive density of the rows of each condition given all other rows, (conditions,);
     0 for conditions not in `left_out`.
     """
-    both, log_2pi = np.column_stack([linear.jacobian, linear.target]), float(np.log(2.0 * np.pi))
+    both = np.column_stack([linear.jacobian, linear.target])
+    log_2pi = float(np.log(2.0 * np.pi))
     weighted = whitening.apply_precision(both)
     # log p(y_o | y_rest) = log p(y) - log p(y_rest). The constant with 2 pi counts only the rows of
     # the condition.

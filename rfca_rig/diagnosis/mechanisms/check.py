@@ -53,10 +53,9 @@ from rfca_rig.toml import read_toml
 Floats = NDArray[np.float64]
 
 COARSE = 50  # steps of an encoder over the whole range, below which they hide the motion
-MUCH_NOISE, LITTLE_NOISE = (
-    5.0,
-    0.05,
-)  # times the noise that the samples show: beyond, the stated one is probably in another unit
+# times the noise that the samples show: beyond, the stated one is probably in another unit
+MUCH_NOISE = 5.0
+LITTLE_NOISE = 0.05
 
 MOST_STATES = 400  # of all recordings together: enough for an rms and a picture
 
@@ -115,11 +114,10 @@ def check_signals(
         yield CheckLine("signal", signal.column, words, values=values)
         is_dead, what_is_constant = _constant(signal.column, columns, experiment.runs)
         if what_is_constant:
-            ask = (
-                "was it measured? If the joint is locked, remove it from the model"
-                if is_dead
-                else "was it recorded there?"
-            )
+            if is_dead:
+                ask = "was it measured? If the joint is locked, remove it from the model"
+            else:
+                ask = "was it recorded there?"
             yield CheckLine("signal", signal.column, f"{what_is_constant}; {ask}", is_warning=True)
         elif step > noise and step * COARSE > high - low:
             message = (
@@ -194,7 +192,8 @@ def check_speeds(
         Joints whose torques balance, so that the sign of their position is right.
     """
     for found in ratios.values():
-        speed, position = described.signals[found.speed], described.signals[found.position]
+        speed = described.signals[found.speed]
+        position = described.signals[found.position]
         joint = speed.joint or ""
         # A correction of the position changes the ratio already; only the remainder is a fault of
         # the speed.
@@ -207,11 +206,10 @@ def check_speeds(
             yield CheckLine("signal", speed.column, message, is_warning=True)
         elif not found.agrees and not is_one(ratio):
             fixes = list_fixes(described, found, ratio, position_is_right=joint in balanced)
-            ask = (
-                f"set {', or '.join(fixes)}"
-                if fixes
-                else "a gear ratio or counts_per_turn is probably wrong in one of both"
-            )
+            if fixes:
+                ask = f"set {', or '.join(fixes)}"
+            else:
+                ask = "a gear ratio or counts_per_turn is probably wrong in one of both"
             yield CheckLine(
                 "signal",
                 speed.column,
@@ -316,10 +314,8 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     derivatives: list[list[Floats]] = []
     commands: list[list[Floats]] = []
     for run in experiment.runs if can_balance(mechanism) else ():
-        recorded, commanded = (
-            run.signals[:, match.positions],
-            arrange_commands(run, mechanism, match),
-        )
+        recorded = run.signals[:, match.positions]
+        commanded = arrange_commands(run, mechanism, match)
         for at_s in np.arange(
             run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - SMOOTHING_HALF_WIDTH_S, apart_s
         ):
@@ -393,7 +389,8 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     # Later checks use corrected states, so that one wrong sign is not reported as several mistakes.
     factors = np.ones(len(mechanism.joints))
     for correction in corrections:
-        states, factors = correction.reading.apply(states), factors * correction.reading.position
+        states = correction.reading.apply(states)
+        factors = factors * correction.reading.position
         balance = balance_torques(mechanism, states)
     corrected = {
         name for name, share in _imbalances(mechanism, balance).items() if share < BALANCED
@@ -442,11 +439,10 @@ def refuse_misread_columns(experiment: Experiment, mechanism: Mechanism) -> None
         described, roles, estimate_states(experiment, roles), compare_speeds(experiment)
     )
     if corrections:
-        more = (
-            f" ({len(corrections) - 1} more: rfca-rig check {experiment.path.parent})"
-            if len(corrections) > 1
-            else ""
-        )
+        if len(corrections) > 1:
+            more = f" ({len(corrections) - 1} more: rfca-rig check {experiment.path.parent})"
+        else:
+            more = ""
         raise BadInput(
             f"{experiment.path}: {describe_correction(corrections[0])}{more}; correct it, "
             "or take it with --as-is"
@@ -475,19 +471,15 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
     """A line per recording, and a warning where a part of it cannot be used."""
     match = match_columns(experiment, mechanism)
     for run in experiment.runs:
-        steps_s, all_windows = (
-            np.diff(run.t_s),
-            len(window_starts(run, experiment, experiment.window_s)),
-        )
+        steps_s = np.diff(run.t_s)
+        all_windows = len(window_starts(run, experiment, experiment.window_s))
         cut = list_windows(
             replace(experiment, runs=(run,)), mechanism, match, (experiment.window_s,)
         )
         used = sum(len(of_run) for of_run in cut)
-        length_s, rate_Hz, gap_s = (
-            float(run.t_s[-1] - run.t_s[0]),
-            1.0 / float(np.median(steps_s)),
-            float(steps_s.max()),
-        )
+        length_s = float(run.t_s[-1] - run.t_s[0])
+        rate_Hz = 1.0 / float(np.median(steps_s))
+        gap_s = float(steps_s.max())
         words = f"{length_s:.4g} s at {rate_Hz:.4g} Hz, largest gap {1e3 * gap_s:.3g} ms, "
         if experiment.starts_at_rest:
             words += f"{'can' if used else 'cannot'} be used as a whole, from rest"
@@ -523,11 +515,9 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
 
 def _imbalances(mechanism: Mechanism, balance: TorqueBalance) -> dict[str, float]:
     """Imbalance of the torques of each joint, as a share; none without states."""
-    return (
-        dict(zip(mechanism.joints, balance.imbalance.tolist(), strict=True))
-        if len(balance.inertial)
-        else {}
-    )
+    if len(balance.inertial):
+        return dict(zip(mechanism.joints, balance.imbalance.tolist(), strict=True))
+    return {}
 
 
 def _gains(
@@ -587,11 +577,10 @@ def _check_prediction(
     windows = [each for condition in problem.conditions for each in condition.windows]
     misses = [each.window.measured - problem.simulator.predict(plant, each) for each in windows]
     changes = [each.window.measured - each.window.measured[:, :1] for each in windows]
-    where = (
-        "motions from rest"
-        if experiment.starts_at_rest
-        else f"windows of {experiment.window_s:g} s"
-    )
+    if experiment.starts_at_rest:
+        where = "motions from rest"
+    else:
+        where = f"windows of {experiment.window_s:g} s"
     for place, signal in enumerate(described.signals):
         miss, change = (
             rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor)
@@ -616,12 +605,12 @@ def _check_prediction(
 
 def _check_conditions(problem: MechanismProblem, experiment: Experiment) -> CheckLine:
     """Whether there are enough stretches for a diagnosis."""
-    count, values = len(problem.conditions), {"conditions": len(problem.conditions)}
-    of = (
-        "motions from rest"
-        if experiment.starts_at_rest
-        else f"stretches of about {WINDOWS_OF_CONDITION} windows"
-    )
+    count = len(problem.conditions)
+    values = {"conditions": len(problem.conditions)}
+    if experiment.starts_at_rest:
+        of = "motions from rest"
+    else:
+        of = f"stretches of about {WINDOWS_OF_CONDITION} windows"
     words = f"{count} {of}, each predicted from the others"
     if count < FEWEST_CONDITIONS:
         return CheckLine(

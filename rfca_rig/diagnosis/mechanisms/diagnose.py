@@ -133,7 +133,10 @@ def measure_joint_law(
     simulator = replace(problem.simulator, effects={**problem.simulator.effects, **reduced})
     # The reduced effects replace the whole ones under the same ids.
     found = replace(found, dataset=replace(found.dataset, simulator=simulator))
-    base = _fit_base(found, hypothesis, others) if instead_of else hypothesis
+    if instead_of:
+        base = _fit_base(found, hypothesis, others)
+    else:
+        base = hypothesis
     plants = (
         problem.simulator.plant(_at_mean(hypothesis)),
         simulator.plant(base.fitted.coordinates.supposed(base.fitted.x)),
@@ -145,7 +148,9 @@ def measure_joint_law(
             compute_own_law(plant, place.joint, argument.startswith("speed"), u) for plant in plants
         ]
         having, without = (np.zeros_like(u) if each is None else each for each in own)
-        return having - without if instead_of and np.any(having != without) else None
+        if instead_of and np.any(having != without):
+            return having - without
+        return None
 
     usual = float(problem.usual.torque[place.joint])
     arguments = [
@@ -178,7 +183,8 @@ def _fit_base(
     found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]
 ) -> Hypothesis:
     """The hypothesis with these terms in place of its own, fitted again from its posterior mean."""
-    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
+    coordinates = hypothesis.fitted.coordinates
+    mean = hypothesis.marginal.posterior.mean
     x = [mean[: coordinates.nuisances]]
     for number, (own, term) in enumerate(zip(coordinates.choices, terms, strict=True)):
         if term is not None:
@@ -210,10 +216,14 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
         return term
     # Such an effect acts in one joint only; joints count from 1 in effects.
     if effect.id.endswith(OF_ONE):
-        return term if int(dict(term.whole)["joint"]) != place.joint + 1 else None
+        if int(dict(term.whole)["joint"]) != place.joint + 1:
+            return term
+        return None
     own = _own_parameter(effect, mechanism, place.joint)
     if own is None:  # a law of the driven joints, of which this is none; or the only joint
-        return term if len(mechanism.joints) > 1 else None
+        if len(mechanism.joints) > 1:
+            return term
+        return None
     rest = tuple(parameter for parameter in effect.parameters if parameter.name != own)
     if not any(
         _own_parameter(replace(effect, parameters=rest), mechanism, joint)
@@ -305,7 +315,10 @@ def diagnose_mechanism(
     problem = make_problem(experiment, mechanism)
     # Names given by the user are checked before the long search.
     problem.check_effects("--without", without)
-    place = parse_place(law_at, problem.simulator.mechanism) if law_at else None
+    if law_at:
+        place = parse_place(law_at, problem.simulator.mechanism)
+    else:
+        place = None
     effects = [effect for effect in problem.simulator.effects.values() if effect.id not in without]
     short = problem
     problem, found = search_in_windows(
@@ -332,7 +345,10 @@ def diagnose_mechanism(
         "integrator": "implicit" if simulator.mechanism.is_implicit else "RK4",
     }
     # Effects enter the model only if they are stated.
-    stated = decision.explanation if result.found_effects else found.nothing
+    if result.found_effects:
+        stated = decision.explanation
+    else:
+        stated = found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
     thinning = (
         f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly "

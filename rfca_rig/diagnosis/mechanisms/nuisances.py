@@ -55,7 +55,8 @@ def space_of_mechanism(
     sensors
         Names of the sensors' values that were recorded.
     """
-    parameters, stds = [], []
+    parameters = []
+    stds = []
     for key, std in known_to.items():
         if key in NUISANCES and (is_driven or key not in COMMAND_NUISANCES):
             objects = NUISANCES[key].objects

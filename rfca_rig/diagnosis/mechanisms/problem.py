@@ -289,8 +289,12 @@ def _group_conditions(
     )
     for run, of_run in zip(firsts, corrected, strict=True):
         for part in group_windows(of_run, float(of_run[0].window.t_s[-1]) if of_run else 0.0):
-            first, last = part[0].window, part[-1].window
-            label = run.condition if experiment.starts_at_rest else run.label
+            first = part[0].window
+            last = part[-1].window
+            if experiment.starts_at_rest:
+                label = run.condition
+            else:
+                label = run.label
             name = f"{label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
             conditions.append(Motions(name, run.condition, label, match.signals, tuple(part)))
     return tuple(conditions)
@@ -326,7 +330,9 @@ def _measure_usual(
     """Usual motion of each joint: from the windows' starts, or from the nominal motion where
     windows start at rest.
     """
-    position, speed, commands = [], [], []
+    position = []
+    speed = []
+    commands = []
     for window, motion in zip(windows, motions, strict=True):
         if motion is None:
             position.append(window.position)
@@ -366,7 +372,8 @@ def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) 
         2.0 * STEP_OF_ERRORS_S,
         *(step_s for step_s in STEPS_S if step_s <= STEP_OF_ERRORS_S),
     ):
-        fine, coarse_was = None, coarse
+        fine = None
+        coarse_was = coarse
         stepping = replace(simulator, step_s=step_s)
         # A step that is too long may diverge; a shorter one is tried next.
         with suppress(SimulationFailed):
@@ -435,8 +442,10 @@ def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
         Where a joint, sensor or actuator is not in the model, a unit does not suit, or the position
         of a joint is not measured.
     """
-    where, joints = str(experiment.path), len(mechanism.joints)
-    names, columns = [], []
+    where = str(experiment.path)
+    joints = len(mechanism.joints)
+    names = []
+    columns = []
     for signal in experiment.signals:
         if signal.quantity == "sensor":
             place, unit = mechanism.sensor_value(signal.name, where)
@@ -562,21 +571,17 @@ def shortest_recording_s(experiment: Experiment) -> float:
 def window_starts(run: MechanismRun, experiment: Experiment, length_s: float) -> Floats:
     """Start times (w,) in s of the windows of a run, those with gaps among them."""
     if experiment.starts_at_rest:
-        return (
-            run.t_s[:1]
-            if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment)
-            else run.t_s[:0]
-        )
+        if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment):
+            return run.t_s[:1]
+        return run.t_s[:0]
     # The tolerance keeps the last window of a recording that is divided evenly.
     return np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - length_s + 1e-9, length_s)
 
 
 def _describe_no_window(experiment: Experiment) -> str:
     """Why no recording has a window that can be used."""
-    needed_s, longest_s = (
-        shortest_recording_s(experiment),
-        max(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs),
-    )
+    needed_s = shortest_recording_s(experiment)
+    longest_s = max(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
     ask = "in [windows], or is the unit of the time another?"
     if longest_s <= needed_s:
         needs = (
@@ -607,7 +612,8 @@ def cut_windows(
         [std or found for std, found in zip(stated, sample_std(run.signals), strict=True)]
     )
     read = np.array(sorted(set(range(len(mechanism.joints))) - set(mechanism.prescribed)))
-    position, position_noise = run.signals[:, match.positions[read]], noise[match.positions[read]]
+    position = run.signals[:, match.positions[read]]
+    position_noise = noise[match.positions[read]]
     trajectory = fit_trajectory(
         run.t_s, run.prescribed, [joint.smoothed_s for joint in experiment.prescribed]
     )
@@ -615,10 +621,8 @@ def cut_windows(
     windows = []
     for start_s in window_starts(run, experiment, length_s):
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)
-        begin_s, end_s = (
-            max(run.t_s[0], start_s - MARGIN_S),
-            min(run.t_s[-1], start_s + length_s + MARGIN_S),
-        )
+        begin_s = max(run.t_s[0], start_s - MARGIN_S)
+        end_s = min(run.t_s[-1], start_s + length_s + MARGIN_S)
         around = (run.t_s > start_s - MARGIN_S) & (run.t_s < start_s + length_s + MARGIN_S)
         if np.diff([begin_s, *run.t_s[around], end_s]).max() > bin_s:
             # a gap in it, or one that reaches into it: a bin would be empty, or its start unknown

@@ -113,13 +113,15 @@ def _travels(run: MechanismRun, speed: int, position: int, bin_s: float) -> Floa
 
     Bins count samples, so that a time in another unit shows as a ratio.
     """
-    columns, steps_s = run.signals[:, [position, speed]], np.diff(run.t_s)
+    columns = run.signals[:, [position, speed]]
+    steps_s = np.diff(run.t_s)
     usual_s = float(np.median(steps_s))
     span = int(np.clip(round(bin_s / usual_s), 1, len(columns) // FEWEST_BINS))
     # The speed is integrated by the trapezoidal rule: differentiating the position would amplify
     # its noise.
     integral = np.append(0.0, np.cumsum(0.5 * steps_s * (columns[1:, 1] + columns[:-1, 1])))
-    by_position, by_speed = np.diff(columns[::span, 0]), np.diff(integral[::span])
+    by_position = np.diff(columns[::span, 0])
+    by_speed = np.diff(integral[::span])
     noise = sample_std(columns)
     count = len(by_position)
     return np.array(
@@ -155,13 +157,13 @@ def list_fixes(
     position_is_right
         Whether the sign of the position is known to be right.
     """
-    speed, position = described.signals[found.speed], described.signals[found.position]
+    speed = described.signals[found.speed]
+    position = described.signals[found.position]
     if is_one(-ratio):
-        reversed_signals = (
-            [(found.speed, speed)]
-            if position_is_right
-            else [(found.speed, speed), (found.position, position)]
-        )
+        if position_is_right:
+            reversed_signals = [(found.speed, speed)]
+        else:
+            reversed_signals = [(found.speed, speed), (found.position, position)]
         return [
             f"sign = {-one.sign} in {name_of('signals', place, one)}"
             for place, one in reversed_signals
@@ -185,11 +187,10 @@ def _units(signal: SignalSection, place: int, factor: float) -> Iterator[str]:
             f"counts_per_turn = about {float(f'{signal.counts_per_turn / factor:.3g}'):g} in {name}"
         )
         return
-    families = (
-        (ANGLE_SPEED_UNITS, SPEED_UNITS)
-        if signal.quantity == "speed"
-        else (ANGLE_UNITS, LENGTH_UNITS)
-    )
+    if signal.quantity == "speed":
+        families = (ANGLE_SPEED_UNITS, SPEED_UNITS)
+    else:
+        families = (ANGLE_UNITS, LENGTH_UNITS)
     for family in families:
         if signal.unit in family:
             yield from (
@@ -295,7 +296,8 @@ def find_corrections(
         if correction is None:
             break
         found.append(correction)
-        states, before = correction.reading.apply(states), correction.after
+        states = correction.reading.apply(states)
+        before = correction.after
     return found
 
 
@@ -325,7 +327,8 @@ def _readings(
     all commands together.
     """
     alike: dict[tuple[str, str], list[AlternativeReading]] = {}
-    joints, actuators = np.ones(len(mechanism.joints)), np.ones(len(mechanism.actuators))
+    joints = np.ones(len(mechanism.joints))
+    actuators = np.ones(len(mechanism.actuators))
     for place, signal in enumerate(described.signals):
         if signal.quantity == "position":
             # A speed that agrees with its position must change with it, or it would disagree
@@ -389,6 +392,12 @@ def _changes_of_command(command: CommandSection) -> Iterator[tuple[str, float]]:
 
 def _write(table: str, place: int, section: SignalSection | CommandSection, change: str) -> str:
     """The line for experiment.toml; the unit of a speed follows that of its position."""
-    per_s = "/s" if isinstance(section, SignalSection) and section.quantity == "speed" else ""
-    value = f"sign = {-section.sign}" if change == SIGN else f'unit = "{change}{per_s}"'
+    if isinstance(section, SignalSection) and section.quantity == "speed":
+        per_s = "/s"
+    else:
+        per_s = ""
+    if change == SIGN:
+        value = f"sign = {-section.sign}"
+    else:
+        value = f'unit = "{change}{per_s}"'
     return f"{value} in {name_of(table, place, section)}"

@@ -197,11 +197,10 @@ class Motions:
             for signal in self.signals
         )
         first = self.windows[0].window
-        bin_s = (
-            float(np.median(np.diff(first.t_s[first.bins])))
-            if len(first.bins) > 1
-            else float(first.t_s[-1])
-        )
+        if len(first.bins) > 1:
+            bin_s = float(np.median(np.diff(first.t_s[first.bins])))
+        else:
+            bin_s = float(first.t_s[-1])
         return observe(
             [window.rows() for window in self.windows], labels, self.run, SMOOTH_BINS * bin_s
         )
@@ -235,7 +234,9 @@ class MechanismSimulator(Simulator):
     @property
     def integrator(self) -> str:
         """In words."""
-        return "MuJoCo's implicit integrator" if self.mechanism.is_implicit else "Runge-Kutta"
+        if self.mechanism.is_implicit:
+            return "MuJoCo's implicit integrator"
+        return "Runge-Kutta"
 
     def plant(self, at: MechanismInput) -> Plant:
         """The plant with these nuisance parameters and effects."""
@@ -246,11 +247,10 @@ class MechanismSimulator(Simulator):
         )
         shift_plant(plant, at)
         for present in at.effects:
-            effect = (
-                self.effects[present.id]
-                if present.table is None
-                else make_tabulated_effect(self.mechanism, present.table)
-            )
+            if present.table is None:
+                effect = self.effects[present.id]
+            else:
+                effect = make_tabulated_effect(self.mechanism, present.table)
             plant = effect.apply(plant, dict(present.values))
         # MuJoCo derives constants from masses and sizes; they must follow the changes above.
         update_constants(plant)
@@ -293,7 +293,10 @@ class MechanismSimulator(Simulator):
             joint = self.mechanism.joints.index(name)
             # The joint stands elsewhere while its reading stays the same: that is an offset of its
             # zero.
-            key = "zero_offset_m" if self.mechanism.is_slide[joint] else "zero_offset_rad"
+            if self.mechanism.is_slide[joint]:
+                key = "zero_offset_m"
+            else:
+                key = "zero_offset_rad"
             above, below = (at.shift_value(key, joint, by) for by in (std, -std))
             found.append(ScatterDirection(f"{name}.{key}", std, above, below))
         return tuple(found)
@@ -311,7 +314,10 @@ class MechanismSimulator(Simulator):
 # than slow swings, until they decay.
 LATE_S = 0.1
 SMALLEST_SCALE = 0.1  # of a signal's rms
-JOLT, JOLT_DIES_S, BEFORE_TOUCH_S, PEAK_WITHIN_S = 5.0, 0.06, 0.010, 0.030
+JOLT = 5.0
+JOLT_DIES_S = 0.06
+BEFORE_TOUCH_S = 0.010
+PEAK_WITHIN_S = 0.030
 MOVES = 0.01  # of the largest speed: below it the mechanism has not begun to move
 
 
@@ -343,7 +349,8 @@ def cut_rest_window(
     Window or None
         None where a repeat has a gap longer than a bin, or all together are too short for two bins.
     """
-    begin_s, end_s = max(run.t_s[0] for run in runs), min(run.t_s[-1] for run in runs)
+    begin_s = max(run.t_s[0] for run in runs)
+    end_s = min(run.t_s[-1] for run in runs)
     if (
         any(np.diff(run.t_s).max() > experiment.bin_s for run in runs)
         or end_s - begin_s < 2.0 * experiment.bin_s
@@ -419,7 +426,8 @@ def correct_rest_window(
         )
         square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
     t_s = bin_means(window.t_s[:, None], window.bins)[:, 0]
-    scale, jolt = np.sqrt(square), np.zeros(window.measured.shape)
+    scale = np.sqrt(square)
+    jolt = np.zeros(window.measured.shape)
     # Whether any of the joints, with speeds (k, s), moves in a bin (b,).
     speed = motion.speed[:, list(simulator.mechanism.simulated)]
     fastest = np.abs(speed) / np.maximum(np.abs(speed).max(axis=0), 1e-300)
@@ -452,10 +460,8 @@ def _bounces(t_s: Floats, values: Floats, moves: NDArray[np.bool_], touch_s: flo
     if not np.isfinite(touch_s):
         return np.zeros(len(t_s))
     after_s = t_s - touch_s
-    near, before = (
-        (after_s > -BEFORE_TOUCH_S) & (after_s < PEAK_WITHIN_S),
-        (after_s <= -BEFORE_TOUCH_S) & moves,
-    )
+    near = (after_s > -BEFORE_TOUCH_S) & (after_s < PEAK_WITHIN_S)
+    before = (after_s <= -BEFORE_TOUCH_S) & moves
     peak = float(np.abs(values[near]).max(initial=0.0))
     bounce = np.where(
         after_s > -BEFORE_TOUCH_S, peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0

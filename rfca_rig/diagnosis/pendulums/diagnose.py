@@ -79,7 +79,8 @@ def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effec
     Effects of a lab's own are looked for where the pendulum has a place for them. Effects of the
     torque need a driven run, those of one joint need two joints, and those of the speed channel
     need a recorded speed."""
-    links, windows = problem.pendulum.links, problem.windows
+    links = problem.pendulum.links
+    windows = problem.windows
     is_shown_by = {
         OF_TORQUE: any(window.trace.powered for window in windows)
         and any(link.driven for link in links),
@@ -111,7 +112,8 @@ def plausible_ranges(problem: SwingProblem) -> Mapping[str, tuple[float, float]]
         np.sqrt(np.mean([window.speed_rad_s**2 for window in problem.windows], axis=0))
     )
     inertia, inertias = _extent(np.array([link.inertia_kg_m2 for link in links]))
-    lengths_m, mass_kg = [link.length_m for link in links], sum(link.mass_kg for link in links)
+    lengths_m = [link.length_m for link in links]
+    mass_kg = sum(link.mass_kg for link in links)
     usual = {
         "_Nm": (torque, torques),
         "_Nm_s_per_rad": (torque / speeds, torques / speed),
@@ -141,7 +143,9 @@ def _with_ranges(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> E
 
     def scale(parameter: Parameter) -> Parameter:
         found = [extent for unit, extent in ranges.items() if parameter.name.endswith(unit)]
-        return replace(parameter, low=found[0][0], high=found[0][1]) if found else parameter
+        if found:
+            return replace(parameter, low=found[0][0], high=found[0][1])
+        return parameter
 
     return replace(effect, parameters=tuple(map(scale, effect.parameters)))
 
@@ -150,7 +154,8 @@ def own_effects(pendulum: Pendulum) -> tuple[tuple[str, ...], Mapping[str, str]]
     """Ids of the effects of a lab's own that this pendulum has a place for, and by id why it has
     none for the others.
     """
-    fitting, refused = [], {}
+    fitting = []
+    refused = {}
     for effect in (catalogue()[name] for name in lab_texts(catalogue())):
         try:
             # Trial simulation set-up: only the effect itself knows whether it has a place here.
@@ -167,7 +172,9 @@ def own_effects(pendulum: Pendulum) -> tuple[tuple[str, ...], Mapping[str, str]]
 def _middle(parameter: Parameter) -> float:
     """A plausible value: no effect acts at its neutral one."""
     middle = 0.5 * (parameter.low + parameter.high) or parameter.high
-    return float(round(middle)) if parameter.whole else middle
+    if parameter.whole:
+        return float(round(middle))
+    return middle
 
 
 @single_threaded_blas()
@@ -268,16 +275,14 @@ def _describe_closest(found: ModelSelectionResult, decision: Decision) -> tuple[
         f"{name} {f.before:.2g} to {f.after:.2g}"
         for name, f in compare_held_out(found, decision.closest, SWING_EXPERIMENT).items()
     )
-    return (
-        (
+    if figures:
+        return (
             (
                 f"with {' and '.join(decision.closest.ids)} in the model, rms on held-out "
                 f"stretches falls: {figures}"
             ),
         )
-        if figures
-        else ()
-    )
+    return ()
 
 
 REPEATS = (1, 3)  # a recording holds several stretches already
@@ -290,18 +295,17 @@ def propose_swing(
     as for a leg, `protocol` always None.
     """
     hypotheses = list_open_hypotheses(found, decision, enough)
-    return (
-        None
-        if hypotheses is None
-        else propose(list(list_options(hypotheses, _designs(campaign), enough)))
-    )
+    if hypotheses is None:
+        return None
+    return propose(list(list_options(hypotheses, _designs(campaign), enough)))
 
 
 def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
     """Releases, and sines in each driven joint where there are motors; noise and sample time as
     recorded.
     """
-    first, links = campaign.runs[0], campaign.pendulum.links
+    first = campaign.runs[0]
+    links = campaign.pendulum.links
     # Small swing of the first link alone: it sets durations and frequencies.
     weight_Nm = GRAVITY_M_S2 * links[0].mass_kg * links[0].centre_of_mass_m
     frequency_Hz = float(np.sqrt(weight_Nm / links[0].inertia_kg_m2) / (2.0 * np.pi)) or 1.0
@@ -356,11 +360,13 @@ def _design(
 
     It returns None where a joint would turn farther than it was recorded to.
     """
-    first, links = campaign.runs[0], len(campaign.pendulum.links)
+    first = campaign.runs[0]
+    links = len(campaign.pendulum.links)
     noise = zip(("angle_rad", "speed_rad_s"), sample_noise(first, campaign.noise_std), strict=False)
     like = replace(campaign, noise_std={name: float(std.max()) for name, std in noise})
     widest_rad = np.max([np.abs(run.angle_rad).max(axis=0) for run in campaign.runs], axis=0)
-    is_powered, kind = torque_Nm is not None, str(settings["kind"])
+    is_powered = torque_Nm is not None
+    kind = str(settings["kind"])
     torque = np.zeros((len(t_s), links)) if torque_Nm is None else torque_Nm
     start_rad = np.append(
         np.radians(float(str(settings.get("start_deg", 0.0)))), np.zeros(links - 1)
@@ -376,10 +382,8 @@ def _design(
             np.zeros(links),
             t_s[1:],
         )
-        angle_rad, speed_rad_s = (
-            np.vstack([start_rad, motion.angle_rad]),
-            np.vstack([np.zeros(links), motion.speed_rad_s]),
-        )
+        angle_rad = np.vstack([start_rad, motion.angle_rad])
+        speed_rad_s = np.vstack([np.zeros(links), motion.speed_rad_s])
         if (np.abs(angle_rad).max(axis=0) > widest_rad).any():
             return None
         speed = None if first.speed_rad_s is None else speed_rad_s

@@ -112,7 +112,9 @@ def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> FitParameter[PendulumI
 
 def to_pendulum_input(at: ModelPoint) -> PendulumInput:
     """The input as that of a pendulum; without shifts where it has none."""
-    return at if isinstance(at, PendulumInput) else PendulumInput(at.rig)
+    if isinstance(at, PendulumInput):
+        return at
+    return PendulumInput(at.rig)
 
 
 @dataclass(frozen=True)
@@ -293,7 +295,8 @@ def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
 
 
 def _stretch(problem: SwingProblem, run: int, windows: Sequence[StartedWindow]) -> Stretch:
-    begin_s, last = windows[0].window.start_s, windows[-1].window
+    begin_s = windows[0].window.start_s
+    last = windows[-1].window
     name = problem.conditions[run]
     times = f"{begin_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
     return Stretch(f"{name}, {times}", _condition(name), name, problem.pendulum, tuple(windows))

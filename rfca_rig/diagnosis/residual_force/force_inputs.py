@@ -30,11 +30,10 @@ from rfca_rig.model.stroke import SimulatedStroke
 
 Floats = NDArray[np.float64]
 
-TRIED_NM, TRIED_RAD, TRIED_M = (
-    0.1,
-    0.004,
-    2e-4,
-)  # large against the integrator's error, small against what bends the leg
+# large against the integrator's error, small against what bends the leg
+TRIED_NM = 0.1
+TRIED_RAD = 0.004
+TRIED_M = 2e-4
 
 CHANNELS = {
     "fy_N": "fy_N",
@@ -76,11 +75,10 @@ class NominalCondition:
         """Rows of channels over n samples, (n,) or several (n, k) of each; channels that are not
         given are zero.
         """
-        nothing = (
-            np.zeros_like(next(iter(channels.values())))
-            if channels
-            else np.zeros(len(self.flap.t_s))
-        )
+        if channels:
+            nothing = np.zeros_like(next(iter(channels.values())))
+        else:
+            nothing = np.zeros(len(self.flap.t_s))
         counts = self.flap.counts.reshape(-1, *[1] * (nothing.ndim - 1))
         binned = [
             np.add.reduceat(channels.get(signal, nothing), self.flap.first) / counts
@@ -92,11 +90,9 @@ class NominalCondition:
         """Change of the rows (m,) per unit of what changed the stroke; zero where the model has
         no answer.
         """
-        return (
-            self.rows_of({})
-            if stroke is None
-            else (self.rows(stroke) - self.rows(self.stroke)) / size
-        )
+        if stroke is None:
+            return self.rows_of({})
+        return (self.rows(stroke) - self.rows(self.stroke)) / size
 
 
 def nominal_conditions(
@@ -280,7 +276,8 @@ def _pull(
     """
 
     def response(here: NominalCondition) -> Floats:
-        arms, windows = arms_of(here, shares_of(here.stroke), down), here.bumps.at(here.flap.t_s)
+        arms = arms_of(here, shares_of(here.stroke), down)
+        windows = here.bumps.at(here.flap.t_s)
         # The arms change during the stroke, so torque courses are expressed in the same bumps
         # before they are superposed. Sizes (count, k, hinges) of the bumps (n, count) that are
         # closest to courses (n, k, hinges), by least squares.
@@ -288,7 +285,12 @@ def _pull(
         flat = np.linalg.lstsq(windows, courses.reshape(len(courses), -1), rcond=None)[0]
         levers = np.asarray(flat.reshape(windows.shape[1], *courses.shape[1:]))
         torque = -windows * arms[:, :1]
-        fy, fz = (0.0 * windows, windows) if down else (-windows, 0.0 * windows)
+        if down:
+            fy = 0.0 * windows
+            fz = windows
+        else:
+            fy = -windows
+            fz = 0.0 * windows
         own = here.rows_of(
             {"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy}
         )
@@ -305,7 +307,8 @@ def arms_of(here: NominalCondition, shares: Floats, down: bool) -> Floats:
 
     `shares` (n, links) divide the force between the ends.
     """
-    q, length = here.stroke.q_rad, np.array(here.supposed.rig.leg.link_lengths_m)
+    q = here.stroke.q_rad
+    length = np.array(here.supposed.rig.leg.link_lengths_m)
     # A link at angle q extends L sin q downwards and L cos q along the floor; these are the
     # derivatives.
     reach = length * (np.cos(q) if down else -np.sin(q))

@@ -99,7 +99,8 @@ class ForceScene:
             (h.bumps.centres_s - h.flap.phases.touchdown_s) / way * np.mean(way_s)
             for h, way in zip(self.conditions, way_s, strict=True)
         ]
-        t, condition = np.concatenate(at), np.repeat(np.arange(len(at)), [len(a) for a in at])
+        t = np.concatenate(at)
+        condition = np.repeat(np.arange(len(at)), [len(a) for a in at])
         together = np.where(condition[:, None] == condition, 1.0, CONDITION_CORRELATION)
         return [
             _root(np.exp(-0.5 * ((t[:, None] - t) / over) ** 2) * together)
@@ -198,10 +199,8 @@ def localize_force(
     )
     level, smooth, size = np.unravel_index(int(np.argmax(logs)), logs.shape)
     x, force, _ = systems[level].solve(sizes[size] * scene.roots[smooth])
-    left, before = (
-        misfit_by_channel(scene, x, response @ force),
-        misfit_by_channel(scene, systems[level].solve(none)[0], 0.0 * scene.target),
-    )
+    left = misfit_by_channel(scene, x, response @ force)
+    before = misfit_by_channel(scene, systems[level].solve(none)[0], 0.0 * scene.target)
     return LocalizedForce(
         place=place,
         log_evidence=float(logsumexp(logs) - np.log(logs.size)) - scene.without,
@@ -289,7 +288,8 @@ class NormalEquations:
         """
         gram, match = self._reduce(root)
         covariance = np.linalg.inv(gram + np.eye(len(gram)))
-        mean, p = covariance @ match, self.nuisances
+        mean = covariance @ match
+        p = self.nuisances
         return mean[:p], root @ mean[p:], root @ covariance[p:, p:] @ root.T
 
 
@@ -297,7 +297,8 @@ def make_normal_equations(
     scene: ForceScene, whitening: Whitening, response: Floats
 ) -> NormalEquations:
     """The system of a response (m, k) under a covariance."""
-    both, target = whitening(np.hstack([scene.jacobian, response])), whitening(scene.target)
+    both = whitening(np.hstack([scene.jacobian, response]))
+    target = whitening(scene.target)
     constant = -0.5 * (float(target @ target) + whitening.log_det)
     return NormalEquations(both.T @ both, both.T @ target, constant, scene.jacobian.shape[1])
 

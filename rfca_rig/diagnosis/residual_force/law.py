@@ -186,6 +186,9 @@ def prior_root(knots: Floats, size: float, roughness: float, zero_at_zero: bool 
     """
     count = len(knots)
     bend = np.diff(np.eye(count), 2, axis=0) / roughness
-    known = np.diag((np.abs(knots) < 1e-9) / NONE**2) if zero_at_zero else np.zeros((count, count))
+    if zero_at_zero:
+        known = np.diag((np.abs(knots) < 1e-9) / NONE**2)
+    else:
+        known = np.zeros((count, count))
     values, vectors = np.linalg.eigh(bend.T @ bend + np.eye(count) / count + known)
     return np.asarray(size * vectors / np.sqrt(values))

@@ -43,7 +43,8 @@ PLAUSIBLE_SHARE = 0.1
 # With 11, 15 or 21 of them the law takes away 74.5, 75.3 and 75.3 % of the held-out misfit of a
 # quadratic hinge damping, and 81.6, 82.2 and 82.0 % of that of a friction that differs by
 # direction.
-SIGNED_KNOTS, PLAIN_KNOTS = 15, 9
+SIGNED_KNOTS = 15
+PLAIN_KNOTS = 9
 NEAR_ZERO = 0.05
 # share of the time at either end of the range that is left to a constant: bounces of a single
 # millisecond
@@ -69,7 +70,8 @@ def make_joint_argument(
 
     A force that resists motion is zero at rest: a steady torque depends on the position.
     """
-    by_speed, slides = quantity == "speed", bool(mechanism.is_slide[joint])
+    by_speed = quantity == "speed"
+    slides = bool(mechanism.is_slide[joint])
     unit = ("m" if slides else "rad") + ("/s" if by_speed else "")
     return LawArgument(
         place=mechanism.joints[joint],
@@ -92,13 +94,15 @@ def courses_of_motions(
 ) -> list[Course]:
     """The simulated argument over all windows. Raises SimulationFailed."""
     simulator = _simulator(dataset)
-    plant, joint = simulator.plant(supposed), simulator.mechanism.joints.index(place)
+    plant = simulator.plant(supposed)
+    joint = simulator.mechanism.joints.index(place)
     found = []
     for each in (each for part in motions for each in part.windows):
         motion = simulator.roll(plant, each.window)
-        values = (
-            motion.speed if argument.startswith("speed") else motion.position - plant.zero_offset
-        )
+        if argument.startswith("speed"):
+            values = motion.speed
+        else:
+            values = motion.position - plant.zero_offset
         found.append(
             Course(each.window.t_s, values[:, [joint]], np.ones((len(values), 1), dtype=bool))
         )
@@ -223,7 +227,11 @@ def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[
 def find_visited_range(found: Sequence[Course]) -> tuple[float, float]:
     """Range of the argument, without a thousandth of the time at either end."""
     counted = np.concatenate([each.values[each.counts] for each in found])
-    low, high = np.quantile(counted, [SELDOM, 1.0 - SELDOM]) if counted.size else (0.0, 0.0)
+    if counted.size:
+        low, high = np.quantile(counted, [SELDOM, 1.0 - SELDOM])
+    else:
+        low = 0.0
+        high = 0.0
     return float(low), float(high)
 
 
@@ -233,7 +241,8 @@ def place_knots(visited: tuple[float, float], is_signed: bool) -> Floats:
     if not is_signed:
         return np.linspace(low, high, PLAIN_KNOTS)
     scale = NEAR_ZERO * max(abs(low), abs(high))
-    first, last = np.arcsinh(low / scale), np.arcsinh(high / scale)
+    first = np.arcsinh(low / scale)
+    last = np.arcsinh(high / scale)
     spacing = (last - first) / (SIGNED_KNOTS - 1)
     # The range hardly crosses zero, so zero needs no knot of its own.
     if first > -spacing or last < spacing:
@@ -265,7 +274,8 @@ def compute_nominal_law(
     """
     if isinstance(dataset.parts[0], Motions):
         return own_law_of_joint(dataset, replace(supposed, effects=()), place, argument, u)
-    leg, ground = supposed.rig.leg, supposed.rig.ground
+    leg = supposed.rig.leg
+    ground = supposed.rig.ground
     if place.startswith("joint"):
         stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
         links = apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)).links
@@ -284,7 +294,9 @@ def compute_nominal_law(
         "load_N": lambda: np.full_like(u, ground.friction_coefficient),
         "depth_m": lambda: ground.stiffness_N_per_m1p5 * np.maximum(u, 0.0) ** 1.5,
     }
-    return laws[argument]() if argument in laws else None
+    if argument in laws:
+        return laws[argument]()
+    return None
 
 
 def add_own_law(place: str, own: Floats, values: Floats) -> Floats:
@@ -298,9 +310,11 @@ def course_of_stroke(
     flap: DynamicCondition, supposed: ModelPoint, place: str, argument: str
 ) -> Course:
     """The argument over one simulated stroke."""
-    stroke, rig = flap.stroke(supposed), supposed.rig
+    stroke = flap.stroke(supposed)
+    rig = supposed.rig
     if place.startswith("hinge"):
-        angle, rate = np.diff(stroke.q_rad, axis=1), np.diff(stroke.w_rad_s, axis=1)
+        angle = np.diff(stroke.q_rad, axis=1)
+        rate = np.diff(stroke.w_rad_s, axis=1)
         torque = np.abs(bending_torque_Nm(rig.leg, angle))
         values = {"rate_rad_s": rate, "angle_rad": angle, "spring_torque_Nm": torque}[argument]
         if place != "hinges":
@@ -320,7 +334,9 @@ def _at_floor(
     flap: DynamicCondition, supposed: ModelPoint, stroke: SimulatedStroke
 ) -> dict[str, tuple[Floats, NDArray[np.bool_]]]:
     """Slip speed, load and depth of the tip (n,), and where each counts."""
-    q, w, length = stroke.q_rad, stroke.w_rad_s, np.array(supposed.rig.leg.link_lengths_m)
+    q = stroke.q_rad
+    w = stroke.w_rad_s
+    length = np.array(supposed.rig.leg.link_lengths_m)
     load = stroke.normal_N[:, -1]
     slip = -(np.sin(q) * w) @ length - supposed.rig.friction_lever_m * w[:, -1]
     depth = (
@@ -349,7 +365,10 @@ def course_of_stretch(
     for each in stretch.windows:
         window = each.window
         swing = ready.swing(window.trace, window.angle_rad, window.speed_rad_s, window.t_s)
-        values = swing.speed_rad_s if argument == "rate_rad_s" else swing.angle_rad
+        if argument == "rate_rad_s":
+            values = swing.speed_rad_s
+        else:
+            values = swing.angle_rad
         if place != "joints":
             values = values[:, int(place.removeprefix("joint")) - 1][:, None]
         found.append(Course(window.t_s, values, np.ones(values.shape, dtype=bool)))

@@ -91,11 +91,16 @@ def detect_memory(
     # At static stages a bend grows while loading; no rate is left there.
     rows = found.dataset.rows
     turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
-    grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
+    if table.argument in BENDING:
+        grows = np.sign(table.knots)
+    else:
+        grows = np.zeros(len(table.knots))
     responses = _responses(found, supposed, table, plausible) + turn[:, None] * slopes * grows
-    whitening, knots = found.likelihood.level(linear), np.array(table.knots)
+    whitening = found.likelihood.level(linear)
+    knots = np.array(table.knots)
     without_branches = laplace_posterior(linear, whitening).log_evidence
-    best, root = None, np.empty(0)
+    best = None
+    root = np.empty(0)
     for size, roughness in product(SIZES, ROUGHNESS):
         trial_root = prior_root(knots, size * plausible, roughness)
         posterior = laplace_posterior(
@@ -103,13 +108,15 @@ def detect_memory(
             whitening,
         )
         if best is None or posterior.log_evidence > best.log_evidence:
-            best, root = posterior, trial_root
+            best = posterior
+            root = trial_root
     assert best is not None
     count = len(knots)
     # g is half the difference of the branches: rising is f + g, falling is f - g.
     half = root @ best.mean[-count:]
     std = np.sqrt(np.diag(root @ best.covariance[-count:, -count:] @ root.T))
-    gain, values = best.log_evidence - without_branches, np.array(table.values)
+    gain = best.log_evidence - without_branches
+    values = np.array(table.values)
     # Evidence alone is not enough: the branches must also differ clearly at a quarter of the knots.
     has_memory = gain > EVIDENCE and float(np.mean(np.abs(half) > 2.0 * std)) >= APART
     return MemoryTest(values + half, values - half, 2.0 * std, gain, has_memory)
@@ -117,12 +124,12 @@ def detect_memory(
 
 def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size: float) -> Floats:
     """Response (m, k) of all rows to a unit of g at each knot."""
-    rows, count = found.dataset.rows, len(table.knots)
-    turning = (
-        turning_rate(found.dataset, supposed, table, TURNING)
-        if isinstance(found.dataset.parts[0], Motions)
-        else 0.0
-    )
+    rows = found.dataset.rows
+    count = len(table.knots)
+    if isinstance(found.dataset.parts[0], Motions):
+        turning = turning_rate(found.dataset, supposed, table, TURNING)
+    else:
+        turning = 0.0
     jobs = [
         (number, part, knot)
         for number, part in enumerate(found.dataset.parts)
@@ -140,7 +147,9 @@ def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size
             return of_strokes[number].response(knot, size)
         if isinstance(part, Motions):
             return response_to_branch(found.dataset, part, supposed, knot, TRIED * size, turning)
-        return _of_stretch(part, supposed, table, knot, size) if isinstance(part, Stretch) else None
+        if isinstance(part, Stretch):
+            return _of_stretch(part, supposed, table, knot, size)
+        return None
 
     responses = np.zeros((len(rows.measured), count))
     for (number, _, knot), change in zip(jobs, map_in_processes(response, jobs), strict=True):
@@ -175,15 +184,23 @@ class _Stroke:
 
     def response(self, knot: int, size: float) -> Floats:
         """Change of the rows (m,) per unit of the knot."""
-        here, place, branch = self.here, self.table.place, _branch(self.course, self.table, knot)
+        here = self.here
+        place = self.table.place
+        branch = _branch(self.course, self.table, knot)
         if place.startswith("hinge"):
             links = range(1, here.stroke.q_rad.shape[1])
-            only = list(links) if place == "hinges" else [int(place.removeprefix("hinge")) - 1]
+            if place == "hinges":
+                only = list(links)
+            else:
+                only = [int(place.removeprefix("hinge")) - 1]
             return self._respond_to_torque(branch, only, size)
         if not place.startswith("floor"):
             return here.rows_of({place: branch[:, 0]})
         down = place == "floor_normal"
-        force = -branch[:, 0] if down else branch[:, 0] * self._friction_per_share()
+        if down:
+            force = -branch[:, 0]
+        else:
+            force = branch[:, 0] * self._friction_per_share()
         return self._respond_to_force(force, down, size)
 
     def _friction_per_share(self) -> Floats:
@@ -198,7 +215,8 @@ class _Stroke:
         """
         here = self.here
         arms = arms_of(here, of_tip(here.stroke), down)
-        torque, nothing = -force * arms[:, 0], np.zeros_like(force)
+        torque = -force * arms[:, 0]
+        nothing = np.zeros_like(force)
         fy, fz = (nothing, force) if down else (-force, nothing)
         own = here.rows_of(
             {"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy}
@@ -210,7 +228,8 @@ class _Stroke:
         """Response (m,) per unit to torques (n, k) over time that resist the hinges `only`; zero
         where the model has no answer.
         """
-        here, largest = self.here, float(np.abs(torque).max())
+        here = self.here
+        largest = float(np.abs(torque).max())
         if largest == 0.0:
             return here.rows_of({})
         scale = TRIED * size / largest
@@ -244,7 +263,8 @@ def follow(  # a law takes what its place offers, needed or not
     last = int(parameter[COUNT]) - 1
     x = min(max(t / parameter[STEP], 0.0), float(last))
     i = min(int(x), last - 1)
-    before, after = parameter[TABLE + i], parameter[TABLE + i + 1]
+    before = parameter[TABLE + i]
+    after = parameter[TABLE + i + 1]
     return before + (x - i) * (after - before), 0.0, 0.0
 
 
@@ -282,7 +302,8 @@ def _of_stretch(
         course_of_stretch(stretch, supposed, table.place, table.argument),
         strict=True,
     ):
-        branch, trace = _branch(course, table, knot), started.window.trace
+        branch = _branch(course, table, knot)
+        trace = started.window.trace
         torque = trace.torque_Nm.copy()
         at_s = trace.step_s * np.arange(len(torque))
         for joint, column in zip(joints, branch.T, strict=True):

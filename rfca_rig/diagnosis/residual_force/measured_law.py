@@ -54,12 +54,13 @@ Floats = NDArray[np.float64]
 # so far that it may end in a wrong optimum. Of 9 starts 1e-3 prior deviations apart, a friction law
 # fell 250 or more short of the best log evidence in 3 with 0.3, in 2 with 0.1; of 21 with 0.03,
 # none by more than 75. A law that is given is not pulled straight. The likeliest roughness follows.
-FIRST_SIZE, STRAIGHT, FREE = 1.0, 0.03, 0.3
+FIRST_SIZE = 1.0
+STRAIGHT = 0.03
+FREE = 0.3
 CONVERGE = 1  # recomputations of the whole Jacobian at the end
-LEVELS, ROUNDS = (
-    2,
-    4,
-)  # steps of each of the two fits; a friction law changes the motion that it depends on
+# steps of each of the two fits; a friction law changes the motion that it depends on
+LEVELS = 2
+ROUNDS = 4
 # of a prior deviation: the base law of the model is a smooth function of the nuisance parameters
 STEP = 1e-4
 
@@ -178,12 +179,11 @@ def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredL
     """The law with the result of the memory test. Raises SimulationFailed where the model has no
     answer.
     """
-    fitted, table = law.hypothesis.fitted, law.present.table
+    fitted = law.hypothesis.fitted
+    table = law.present.table
     assert table is not None
-    linear, supposed = (
-        fitted.linear(found.dataset.rows.measured),
-        fitted.coordinates.supposed(fitted.x),
-    )
+    linear = fitted.linear(found.dataset.rows.measured)
+    supposed = fitted.coordinates.supposed(fitted.x)
     term, part = _term_of(fitted)
     # The Jacobian is by coordinates; the inverse root turns it into one by values of the law.
     slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
@@ -250,7 +250,9 @@ def fit_law(
             _fit(found, argument, base, [(FREE, _start_at(law)) for law in fits.laws], fits.laws[0])
             or fits
         )
-    return None if fits is None else _make_measured_law(found, base, fits)
+    if fits is None:
+        return None
+    return _make_measured_law(found, base, fits)
 
 
 def _fit(
@@ -271,10 +273,8 @@ def _fit(
     knots = place_knots(visited, argument.is_signed)
     laws = []
     for roughness, begin in starts:
-        values, first = (
-            begin.values(argument.name, knots),
-            _term(argument, knots, FIRST_SIZE, roughness),
-        )
+        values = begin.values(argument.name, knots)
+        first = _term(argument, knots, FIRST_SIZE, roughness)
         if values is None:
             continue
         coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
@@ -293,8 +293,8 @@ def _fit(
             )
     # Fits that are about as probable as the best are kept: their differences widen the band.
     laws.sort(key=lambda law: -law.marginal.log_evidence)
-    return (
-        _Fits(
+    if laws:
+        return _Fits(
             [
                 law
                 for law in laws
@@ -302,9 +302,7 @@ def _fit(
             ],
             visited,
         )
-        if laws
-        else None
-    )
+    return None
 
 
 def _start_at(law: Hypothesis) -> LawStart:
@@ -335,13 +333,12 @@ def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
     """
     term, part = _term_of(here)
     root = np.array(term.root)
-    knots, law, slopes = (
-        np.array(term.knots),
-        root @ here.x[part],
-        here.jacobian[:, part] @ np.linalg.inv(root),
-    )
+    knots = np.array(term.knots)
+    law = root @ here.x[part]
+    slopes = here.jacobian[:, part] @ np.linalg.inv(root)
     target = here.linear(optimizer.dataset.rows.measured).target
-    best, most = here, -np.inf
+    best = here
+    most = -np.inf
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _term(term.argument, knots, size, roughness)
         jacobian = np.column_stack([here.jacobian[:, : part.start], slopes @ np.array(other.root)])
@@ -350,10 +347,8 @@ def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
             coordinates = here.coordinates.with_terms((*here.coordinates.choices[:-1], other))
             x = np.append(here.x[: part.start], np.linalg.solve(np.array(other.root), law))
             size_of = np.linalg.norm(optimizer.likelihood.usual(jacobian), axis=0)
-            best, most = (
-                replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of),
-                log_evidence,
-            )
+            best = replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of)
+            most = log_evidence
     return best
 
 
@@ -377,10 +372,12 @@ def _make_measured_law(found: ModelSelectionResult, base: Hypothesis, fits: _Fit
     # places.
     estimates = np.array([_estimate(law) for law in fits.laws])
     apart = estimates - estimates.mean(axis=0)
-    law, spread = fits.laws[0], np.asarray(apart.T @ apart / len(fits.laws))
+    law = fits.laws[0]
+    spread = np.asarray(apart.T @ apart / len(fits.laws))
     term, part = _term_of(law.fitted)
     argument = term.argument
-    values, knots = _estimate(law)[part], np.array(term.knots)
+    values = _estimate(law)[part]
+    knots = np.array(term.knots)
     covariances = [
         each + spread for each in (_covariance(found, law), _jackknife_covariance(found, law))
     ]
@@ -434,11 +431,13 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     the prior by their evidence.
     """
     term, part = _term_of(law.fitted)
-    linear, root = law.fitted.linear(found.dataset.rows.measured), np.array(term.root)
+    linear = law.fitted.linear(found.dataset.rows.measured)
+    root = np.array(term.root)
     knots = np.array(term.knots)
     slopes = linear.jacobian[:, part] @ np.linalg.inv(root)
     estimate = _estimate(law)
-    logs, moments = [], []
+    logs = []
+    moments = []
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _root(term.argument, knots, size, roughness)
         judged = found.likelihood.evaluate(
@@ -461,10 +460,13 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
     """Covariance (p, p) from the change of the estimate when each condition in turn is left out
     (Efron, SIAM 1982).
     """
-    rows, whitening = found.dataset.rows, law.marginal.whitening
-    linear, out = law.fitted.linear(rows.measured), _list_held_out(found)
+    rows = found.dataset.rows
+    whitening = law.marginal.whitening
+    linear = law.fitted.linear(rows.measured)
+    out = _list_held_out(found)
     both = np.column_stack([linear.jacobian, linear.target])
-    weighed, unit = whitening.apply_precision(both), np.eye(linear.jacobian.shape[1])
+    weighed = whitening.apply_precision(both)
+    unit = np.eye(linear.jacobian.shape[1])
     estimates = []
     for number in out:
         products, _ = products_without(both, weighed, whitening, rows.condition == number)
@@ -494,7 +496,9 @@ def _whole(
             term.argument.name,
             np.array(term.knots),
         )
-        return None if own is None else add_own_law(term.argument.place, own, x[part])
+        if own is None:
+            return None
+        return add_own_law(term.argument.place, own, x[part])
 
     estimate = _estimate(law)
     here = at(estimate)
@@ -515,7 +519,8 @@ def _compute_held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis
     """Sum of squares relative to noise and the usual model error, each condition predicted from
     the others.
     """
-    rows, out = found.dataset.rows, _list_held_out(found)
+    rows = found.dataset.rows
+    out = _list_held_out(found)
     residual = loo_residuals(
         hypothesis.fitted.linear(rows.measured), found.likelihood.usual, rows.condition, out
     )
@@ -526,7 +531,8 @@ def _compute_held_out_log_density(found: ModelSelectionResult, hypothesis: Hypot
     """Log predictive density of all conditions, each predicted from the others, at the
     discrepancy scale of this hypothesis.
     """
-    rows, linear = found.dataset.rows, hypothesis.fitted.linear(found.dataset.rows.measured)
+    rows = found.dataset.rows
+    linear = hypothesis.fitted.linear(found.dataset.rows.measured)
     return float(
         loo_log_densities(
             linear, found.likelihood.level(linear), rows.condition, _list_held_out(found)

@@ -75,10 +75,14 @@ def lone_channel(rows: Observations, nothing: MapFit, likelihood: MarginalLikeli
     alone = [
         str(name) for name in signals if _misfit(linear, covariance, rows.signal != name) < AGREES
     ]
-    return alone[0] if len(alone) == 1 else None
+    if len(alone) == 1:
+        return alone[0]
+    return None
 
 
-DEPARTS, AGREES = 1.6, 1.2  # mean square over what is expected
+# mean square over what is expected
+DEPARTS = 1.6
+AGREES = 1.2
 
 
 def _misfit(linear: LinearModel, covariance: Floats, kept: NDArray[np.bool_]) -> float:
@@ -94,7 +98,8 @@ def _cells(rows: Observations) -> list[NDArray[np.intp]]:
 def _describe_cell(
     rows: Observations, apart: Floats, covariance: Floats, of: NDArray[np.intp]
 ) -> MapCell:
-    label, part = rows.labels[rows.label[of[0]]], apart[of]
+    label = rows.labels[rows.label[of[0]]]
+    part = apart[of]
     sigmas = float(np.sqrt(np.mean(part**2 / np.diag(covariance)[of])))
     return MapCell(
         label.signal,

@@ -84,8 +84,11 @@ class Signals:
 
 def signals_of(here: NominalCondition) -> Signals:
     """The quantities in the nominal motion."""
-    stroke, leg = here.stroke, here.supposed.rig.leg
-    t_s, q, length = stroke.t_s, stroke.q_rad, np.array(leg.link_lengths_m)
+    stroke = here.stroke
+    leg = here.supposed.rig.leg
+    t_s = stroke.t_s
+    q = stroke.q_rad
+    length = np.array(leg.link_lengths_m)
     along = np.cos(q) @ length
     gap = (
         here.flap.height_m + here.supposed.height_offset_m - leg.link_radius_m - np.sin(q) @ length
@@ -187,7 +190,9 @@ def library_of(place_id: str) -> tuple[Term, ...]:
         return (*_SHAFT, *_reading(place_id))
     if place_id == "shaft":
         return (*_SHAFT, *_reading("tx_Nm"))
-    return _TWIST if place_id == "shaft_angle" else _FLOOR
+    if place_id == "shaft_angle":
+        return _TWIST
+    return _FLOOR
 
 
 def _reading(signal: str) -> tuple[Term, ...]:
@@ -318,10 +323,8 @@ def _law(
         )
         for k in kept
     )
-    left, before = (
-        misfit_by_channel(scene, x, library.responses @ z),
-        misfit_by_channel(scene, system.solve(root[:, :0])[0], 0.0 * scene.target),
-    )
+    left = misfit_by_channel(scene, x, library.responses @ z)
+    before = misfit_by_channel(scene, system.solve(root[:, :0])[0], 0.0 * scene.target)
     # The evidence pays for the choice among the scales, and below for the choice of each term.
     gained = system.log_evidence(root) - float(np.log(len(scene.whitenings))) - scene.without
     return SparseLaw(
@@ -360,7 +363,8 @@ def _greedy(system: NormalEquations, count: int) -> list[int]:
         # A further term must gain a clear evidence, and pay for having been chosen out of `count`.
         if logs[k] < best + AS_GOOD_LOG_ODDS + np.log(count):
             break
-        chosen, best = [*chosen, k], logs[k]
+        chosen = [*chosen, k]
+        best = logs[k]
     return chosen
 
 
@@ -395,8 +399,11 @@ def _rms(courses: Sequence[Floats]) -> float:
 
 
 def _unit(library: _Library, k: int) -> str:
-    place, term = library.place, library.terms[k]
-    return f"{place.unit} per {term.unit}" if term.unit else place.unit
+    place = library.place
+    term = library.terms[k]
+    if term.unit:
+        return f"{place.unit} per {term.unit}"
+    return place.unit
 
 
 def series(  # a law takes what its place offers, needed or not
@@ -440,7 +447,10 @@ def series(  # a law takes what its place offers, needed or not
 def series_in(place: ForceInput, term: str, coefficient: float) -> Change:
     """One term of SERIES as a law at a place in the hinges."""
     row = [float(coefficient) if name == term else 0.0 for name in SERIES]
-    only = -1 if place.id == "hinges" else int(place.id.removeprefix("hinge")) - 1
+    if place.id == "hinges":
+        only = -1
+    else:
+        only = int(place.id.removeprefix("hinge")) - 1
 
     def change(setup: Setup) -> Setup:
         return with_law(setup, LawUse(HINGE, series, tuple(row), None, only))

@@ -129,7 +129,8 @@ def bump_in_turn(
     motion: ShaftMotion, bumps: SplineBasis, number: int, size_rad: float
 ) -> ShaftMotion:
     """The motion with bump `number`, which must not be the first, added to the angle."""
-    h, centre = bumps.spacing_s, float(bumps.centres_s[number])
+    h = bumps.spacing_s
+    centre = float(bumps.centres_s[number])
     corners = centre + h * np.arange(-2.0, 3.0)
     breaks = np.union1d(motion.breaks_s, corners[corners < motion.breaks_s[-1]])
     # Breaks that coincide up to rounding would give pieces of zero length.
@@ -168,9 +169,18 @@ def _bump_piece(x: float) -> Floats:
         return np.zeros(4)
     outer = abs(y) > 1.0
     side = 1.0 if y > 0.0 else -1.0
-    value = (2.0 - side * x) ** 3 / 6.0 if outer else 2.0 / 3.0 - x * x + 0.5 * side * x**3
-    slope = -0.5 * side * (2.0 - side * x) ** 2 if outer else -2.0 * x + 1.5 * side * x * x
-    bend = 0.5 * (2.0 - side * x) if outer else -1.0 + 1.5 * side * x
+    if outer:
+        value = (2.0 - side * x) ** 3 / 6.0
+    else:
+        value = 2.0 / 3.0 - x * x + 0.5 * side * x**3
+    if outer:
+        slope = -0.5 * side * (2.0 - side * x) ** 2
+    else:
+        slope = -2.0 * x + 1.5 * side * x * x
+    if outer:
+        bend = 0.5 * (2.0 - side * x)
+    else:
+        bend = -1.0 + 1.5 * side * x
     return np.array([value, slope, bend, -side / 6.0 if outer else 0.5 * side])
 
 

@@ -84,7 +84,9 @@ def catalogue_curve(
         )
     else:
         found = _read(having, place, argument, u)
-    return found if np.any(found) else None
+    if np.any(found):
+        return found
+    return None
 
 
 def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
@@ -92,7 +94,8 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
 
     Other laws with memory are no function of the argument, so they add nothing.
     """
-    before, after = plain.rig.leg, having.rig.leg
+    before = plain.rig.leg
+    after = having.rig.leg
     if argument == "rate_rad_s":
         slides = sum(
             _sliding(use, u)
@@ -171,7 +174,8 @@ def measure_stated_law(
     SimulationFailed
         Where the model has no answer with any law there.
     """
-    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
+    coordinates = hypothesis.fitted.coordinates
+    mean = hypothesis.marginal.posterior.mean
     numbers = [number for number, name in enumerate(hypothesis.ids) if _acts_at(name, place)]
     base = hypothesis
     for number in numbers:
@@ -193,7 +197,9 @@ def measure_stated_law(
         return {name: curve for name, curve in found_curves.items() if curve is not None}
 
     def values(argument: str, u: Floats) -> Floats | None:
-        return np.asarray(sum(known)) if (known := list(curves(argument, u).values())) else None
+        if known := list(curves(argument, u).values()):
+            return np.asarray(sum(known))
+        return None
 
     # The fitted law of the catalogue is a good start, but only one of several.
     law = measure_law(
@@ -207,5 +213,8 @@ def measure_stated_law(
 
 
 def _acts_at(effect_id: str, place: str) -> bool:
-    kind = "joint" if place in OF_PENDULUM else place if place in FAMILIES_AT else "channel"
+    if place in OF_PENDULUM:
+        kind = "joint"
+    else:
+        kind = place if place in FAMILIES_AT else "channel"
     return any(family.id in FAMILIES_AT[kind] for family in families_of(effect_id))

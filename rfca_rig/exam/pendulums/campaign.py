@@ -26,7 +26,8 @@ TONES = 4
 # Largest amplitude of each sine of the first joint, as a share of the weight's largest torque.
 DRIVE_SHARE = 0.2
 # Length of the windows in which visibility is judged, and their number per run.
-WINDOW_S, WINDOWS = 0.5, 3
+WINDOW_S = 0.5
+WINDOWS = 3
 # Usual model error, as a share of the weight's largest torque.
 MODEL_ERROR = 0.01
 
@@ -36,7 +37,8 @@ def write_pendulum_campaign(case: PendulumCase, folder: Path) -> None:
     hidden effects.
     """
     (folder / "runs").mkdir(parents=True)
-    joints, random = case.world.joints, np.random.default_rng(case.seed)
+    joints = case.world.joints
+    random = np.random.default_rng(case.seed)
     names = [
         f"{quantity}{joint}"
         for quantity in ("angle", "speed", "torque")
@@ -118,7 +120,8 @@ def _command(case: PendulumCase, number: int) -> Tones:
     """Commanded torques, a sum of sines for each joint; those of the second joint are smaller
     because it carries less.
     """
-    joints, random = case.world.joints, np.random.default_rng([case.seed, 2, number])
+    joints = case.world.joints
+    random = np.random.default_rng([case.seed, 2, number])
     omega = swing_rad_s(case.world) * np.exp(
         random.uniform(np.log(0.5), np.log(2.0), (TONES, joints))
     )
@@ -141,10 +144,10 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
     }
     if not hidden:
         shift = left = above = 0.0
+    elif len(each) == len(hidden) == 1:
+        shift, left, above = next(iter(each.values()))
     else:
-        shift, left, above = (
-            next(iter(each.values())) if len(each) == len(hidden) == 1 else _size_of(case)
-        )
+        shift, left, above = _size_of(case)
     return {
         "format": FORMAT,
         "case": case.id,
@@ -228,7 +231,8 @@ def _move_each(world: PendulumWorld) -> list[PendulumWorld]:
 
     The inertia follows the mass, and the centre of mass by the parallel axis theorem.
     """
-    mass, by = 1.0 + KNOWN_TO["mass_relative"], KNOWN_TO["centre_of_mass_m"]
+    mass = 1.0 + KNOWN_TO["mass_relative"]
+    by = KNOWN_TO["centre_of_mass_m"]
     return [
         replace(
             world,
@@ -273,10 +277,8 @@ def _remainder(shift: Floats, moves: list[Floats], states: list[Floats], units: 
             [row - basis @ (basis.T @ row) for row, basis in zip(x, starts, strict=True)]
         )
 
-    rest, J = (
-        beyond_start(rest),
-        np.stack([beyond_start(column).ravel() for column in columns], axis=1),
-    )
+    rest = beyond_start(rest)
+    J = np.stack([beyond_start(column).ravel() for column in columns], axis=1)
     # The identity is the prior of the nominal values: their columns are changes by one standard
     # deviation.
     z = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ rest.ravel())

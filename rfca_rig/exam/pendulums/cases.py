@@ -27,7 +27,8 @@ KNOWN_TO: Mapping[str, float] = {
     "torque_delay_s": 0.001,
 }
 # Standard deviations of damping and torque offset, as shares of the rig's own scales.
-DAMPING_SHARE, OFFSET_SHARE = 0.005, 0.01
+DAMPING_SHARE = 0.005
+OFFSET_SHARE = 0.01
 
 # From faint to strong: shares of the rig's torque, damping, drag, inertia and mass, deviations of a
 # factor from 1, seconds, radians.
@@ -129,7 +130,8 @@ def draw_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCas
     if kind == PENDULUM_NOTHING:
         return case
     if kind == PENDULUM_STRANGER:
-        name, strength = tuple(STRANGERS)[i % len(STRANGERS)], float(random.uniform(0.3, 1.0))
+        name = tuple(STRANGERS)[i % len(STRANGERS)]
+        strength = float(random.uniform(0.3, 1.0))
         return replace(
             case, strangers={name: _values(name, strength, world, random)}, strength=strength
         )
@@ -137,7 +139,8 @@ def draw_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCas
     if kind == PENDULUM_SINGLE:
         # A stride through the effects, so that the first few cases are a mixture too; the five
         # levels in turn.
-        name, strength = possible[5 * i % len(possible)], (i % 5 + float(random.random())) / 5.0
+        name = possible[5 * i % len(possible)]
+        strength = (i % 5 + float(random.random())) / 5.0
         return replace(
             case, effects={name: _values(name, strength, world, random)}, strength=strength
         )
@@ -155,7 +158,8 @@ def draw_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCas
 
 def _draw_rig(random: np.random.Generator) -> PendulumWorld:
     links = 1 if random.random() < 0.6 else 2
-    length, mass = random.uniform(0.25, 0.6, links), random.uniform(0.2, 1.2, links)
+    length = random.uniform(0.25, 0.6, links)
+    mass = random.uniform(0.2, 1.2, links)
     centre = length * random.uniform(0.55, 0.9, links)
     # More than a point mass at the centre has, so that the inertia is possible.
     inertia = mass * centre**2 * (1.0 + random.uniform(0.05, 0.3, links))
@@ -204,8 +208,10 @@ def _values(
 ) -> Values:
     """Parameter values of an effect, in or outside the catalogue, at a strength from 0 to 1."""
     faint, strong = {**SPANS, **STRANGERS}[name]
-    share, sign = float(faint * (strong / faint) ** strength), float(random.choice([-1.0, 1.0]))
-    torque, speed = torque_scale_Nm(world), swing_rad_s(world)
+    share = float(faint * (strong / faint) ** strength)
+    sign = float(random.choice([-1.0, 1.0]))
+    torque = torque_scale_Nm(world)
+    speed = swing_rad_s(world)
     # All entries draw their numbers, whichever is used: a case's random stream does not depend on
     # its effect.
     values: Mapping[str, Values] = {

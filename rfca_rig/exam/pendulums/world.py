@@ -64,14 +64,14 @@ class Friction:
         """Friction torque (n,) in N m, of the sign of the speed (n,); `motor_Nm` (n,) is the
         motors' torque.
         """
-        u, n = speed_rad_s / self.sign_rad_s, len(speed_rad_s)
-        sign = (
-            np.tanh(u)
-            if self.sign == "tanh"
-            else u / np.hypot(1.0, u)
-            if self.sign == "root"
-            else 2.0 / np.pi * np.arctan(u)
-        )
+        u = speed_rad_s / self.sign_rad_s
+        n = len(speed_rad_s)
+        if self.sign == "tanh":
+            sign = np.tanh(u)
+        elif self.sign == "root":
+            sign = u / np.hypot(1.0, u)
+        else:
+            sign = 2.0 / np.pi * np.arctan(u)
         fall = 1.0 + self.rise * np.exp(
             -((np.abs(speed_rad_s) / self.rise_rad_s) ** self.rise_power)
         )
@@ -139,8 +139,10 @@ class PendulumWorld:
         lean = np.sin(angle + self.tilt_rad)
         if self.joints == 1:
             return np.array([[own[0] + self.rotor_kg_m2]]), -G_M_S2 * moments * lean
-        between, coupling = angle[0] - angle[1], moments[1] * self.length_m[0]
-        cross, rotor = coupling * np.cos(between), self.rotor_kg_m2
+        between = angle[0] - angle[1]
+        coupling = moments[1] * self.length_m[0]
+        cross = coupling * np.cos(between)
+        rotor = self.rotor_kg_m2
         matrix = np.array([[own[0] + masses[1] * self.length_m[0] ** 2, cross], [cross, own[1]]])
         # The second rotor turns with the relative angle of the joint.
         matrix += rotor * np.array([[2.0, -1.0], [-1.0, 1.0]])
@@ -153,7 +155,8 @@ class PendulumWorld:
         half = 0.5 * self.length_m[-1]
         if self.joints == 1:
             return np.array([half * self._across(self.length_m[0], half * speed[0])])
-        first, turned = 0.5 * self.length_m[0], np.cos(angle[0] - angle[1])
+        first = 0.5 * self.length_m[0]
+        turned = np.cos(angle[0] - angle[1])
         on_second = self._across(
             self.length_m[1], self.length_m[0] * speed[0] * turned + half * speed[1]
         )
@@ -200,8 +203,12 @@ def swing(
 
     def rates(t: float, x: Floats) -> Floats:
         angle, speed = x.reshape(2, n)
-        absolute, turning = to_absolute @ angle, to_absolute @ speed
-        torque = world.torque_scale * (made.at(t) + offset) if driven else np.zeros(n)
+        absolute = to_absolute @ angle
+        turning = to_absolute @ speed
+        if driven:
+            torque = world.torque_scale * (made.at(t) + offset)
+        else:
+            torque = np.zeros(n)
         if np.isfinite(world.saturates_at_Nm):
             torque = world.saturates_at_Nm * np.tanh(torque / world.saturates_at_Nm)
         joint = (
@@ -221,7 +228,10 @@ def swing(
     state = solve_ivp(
         rates, (t_s[0], t_s[-1]), start, "LSODA", t_s, rtol=1e-7, atol=1e-9, max_step=MAX_STEP_S
     ).y.T
-    recorded = np.array([command.at(t) for t in t_s]) if driven else np.zeros((len(t_s), n))
+    if driven:
+        recorded = np.array([command.at(t) for t in t_s])
+    else:
+        recorded = np.zeros((len(t_s), n))
     step_s = float(t_s[1] - t_s[0])
     # With the same past for both, the speed that is read is the derivative of the angle that is
     # read.

@@ -88,9 +88,12 @@ def place_bodies(
     for k in range(n):
         angle += phi[k]
         spin += w[k]
-        c, s = np.cos(angle), np.sin(angle)
+        c = np.cos(angle)
+        s = np.sin(angle)
         L = rod[LENGTH, k]
-        pose[COS, k], pose[SIN, k], pose[SPIN, k] = c, s, spin
+        pose[COS, k] = c
+        pose[SIN, k] = s
+        pose[SPIN, k] = spin
         pose[Y, k + 1], pose[D, k + 1] = pose[Y, k] + L * c, pose[D, k] + L * s
         pose[VY, k + 1], pose[VD, k + 1] = pose[VY, k] - L * s * spin, pose[VD, k] + L * c * spin
         pose[AY, k + 1], pose[AD, k + 1] = (
@@ -120,29 +123,32 @@ def gather(
     n = rod.shape[1]
     mass = sy = sd = inertia = fy = fd = torque = 0.0
     for k in range(n - 1, -1, -1):
-        L, m, centre, c, s, spin = (
-            rod[LENGTH, k],
-            rod[MASS, k],
-            rod[CENTRE, k],
-            pose[COS, k],
-            pose[SIN, k],
-            pose[SPIN, k],
-        )
+        L = rod[LENGTH, k]
+        m = rod[MASS, k]
+        centre = rod[CENTRE, k]
+        c = pose[COS, k]
+        s = pose[SIN, k]
+        spin = pose[SPIN, k]
         # From the tip to the shaft: the composite body beyond this rod is shifted to joint k by the
         # parallel axis theorem.
-        ly, ld = L * c, L * s
+        ly = L * c
+        ld = L * s
         inertia += 2.0 * (ly * sy + ld * sd) + mass * L * L + rod[INERTIA, k] + m * centre * centre
         sy += mass * ly + m * centre * c
         sd += mass * ld + m * centre * s
         mass += m
         # Newton for this rod: what the next rod passes on, less the external load at the far end,
         # plus the inertial force at the centre.
-        out_y, out_d = fy - load[FY, k], fd - load[FD, k]
+        out_y = fy - load[FY, k]
+        out_d = fd - load[FD, k]
         in_y = m * (pose[AY, k] - centre * c * spin * spin - gravity_y)
         in_d = m * (pose[AD, k] - centre * s * spin * spin - gravity_d)
         torque += ly * out_d - ld * out_y - load[MOMENT, k] + centre * (c * in_d - s * in_y)
-        fy, fd = out_y + in_y, out_d + in_d
-        bias[k], lump[SY, k], lump[SD, k] = torque, sy, sd
+        fy = out_y + in_y
+        fd = out_d + in_d
+        bias[k] = torque
+        lump[SY, k] = sy
+        lump[SD, k] = sd
         M[k, k] = inertia
         M[n, k] = sy * np.cos(lean) - sd * np.sin(lean)
         for i in range(k):

@@ -28,12 +28,16 @@ FINE_STEP_S = 5e-5
 RELEASED_S = -0.6
 
 # Resolution of a recorded force and torque.
-COUNT_N, COUNT_NM = 0.005, 5e-5
+COUNT_N = 0.005
+COUNT_NM = 5e-5
 ENCODER_RAD = 2.0 * np.pi / 2**16
 # Steps per sample for a sensor that lags or rings; 40 instead change a force by 1e-5 of itself.
 PIECES = 20
-NOISE_FX_N, NOISE_TY_NM = 0.1, 0.006
-NOISE_ANGLE_RAD, NOISE_SPEED_RAD_S, NOISE_MOTOR_NM = 1e-4, 0.01, 0.05
+NOISE_FX_N = 0.1
+NOISE_TY_NM = 0.006
+NOISE_ANGLE_RAD = 1e-4
+NOISE_SPEED_RAD_S = 0.01
+NOISE_MOTOR_NM = 0.05
 
 # Half of this step changes a valley by less than 1e-4 of its force.
 STEP_S = 1e-4
@@ -49,7 +53,9 @@ STAGES = (
     *((angle, "loading") for angle in LOADING_RAD),
     *((angle, "unloading") for angle in UNLOADING_RAD),
 )
-MOVE_RAD_S, HOLD_S, READ_S = 1.0, 0.8, 0.1
+MOVE_RAD_S = 1.0
+HOLD_S = 0.8
+READ_S = 0.1
 # Standard deviation of a hinge angle read from a photo.
 PHOTO_DEG = 0.15
 
@@ -100,7 +106,8 @@ def simulate(
     SimulationFailed
         Where the state is no longer finite.
     """
-    rod, mount = _rod(world), _mount(world)
+    rod = _rod(world)
+    mount = _mount(world)
     drive = np.array([getattr(world.drive, name) for name in _DRIVE])
     phi, motor = _at_release(world, rod)
     middle = (t_s - RELEASED_S) / step_s
@@ -158,13 +165,17 @@ def _rod(world: World) -> Floats:
     """Lengths, masses, centres of mass and moments of inertia about these, (4, 7); the tip mass
     is merged into the last rod.
     """
-    length, mass = np.array(world.links.length_m), np.array(world.links.mass_kg)
-    centre, inertia = length / 2.0, mass * length**2 / 12.0
-    tip, whole = world.links.tip_mass_kg, mass[-1] + world.links.tip_mass_kg
+    length = np.array(world.links.length_m)
+    mass = np.array(world.links.mass_kg)
+    centre = length / 2.0
+    inertia = mass * length**2 / 12.0
+    tip = world.links.tip_mass_kg
+    whole = mass[-1] + world.links.tip_mass_kg
     merged = (mass[-1] * centre[-1] + tip * length[-1]) / whole
     # Parallel axis theorem: rod and point mass about their common centre of mass.
     inertia[-1] += mass[-1] * (merged - centre[-1]) ** 2 + tip * (length[-1] - merged) ** 2
-    centre[-1], mass[-1] = merged, whole
+    centre[-1] = merged
+    mass[-1] = whole
     return np.array([length, mass, centre, inertia])
 
 
@@ -185,7 +196,8 @@ def _floor(world: World) -> Floats:
 
 
 def _mount(world: World) -> Floats:
-    mount, links = world.mount, world.links
+    mount = world.mount
+    links = world.links
     pull = GRAVITY_M_S2 * np.array([np.sin(mount.lean_rad), np.cos(mount.lean_rad)])
     drag = links.drag_N_s2_per_m3, links.drag_power
     frame = (
@@ -202,7 +214,8 @@ def _at_release(world: World, rod: Floats) -> tuple[Floats, Floats]:
     """Angles (n,) and motor state (4,) of the straight leg, with the drive's springs deflected
     so that they carry its weight.
     """
-    drive, start = world.drive, world.drive.start_angle_rad
+    drive = world.drive
+    start = world.drive.start_angle_rad
     angles = np.zeros(rod.shape[1] + (world.mount.frame_kg > 0.0))
     along = rod[1] @ (np.concatenate([[0.0], np.cumsum(rod[0])[:-1]]) + rod[2])
     weight = GRAVITY_M_S2 * along * np.cos(start + world.mount.lean_rad)
@@ -232,23 +245,20 @@ def sense(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
 
     fz points down: the leg's weight is positive. The faults act in the order that `Sensing` lists.
     """
-    sensing, t = world.sensing, traces.t_s
-    fy, fz = traces.force_y_N, -traces.force_d_N
+    sensing = world.sensing
+    t = traces.t_s
+    fy = traces.force_y_N
+    fz = -traces.force_d_N
     # The sensor's origin is below the shaft, so fy adds its moment.
     tx = traces.leg_torque_Nm + world.mount.below_shaft_m * fy
     turned = traces.motor_angle_rad - world.drive.start_angle_rad
     fz = fz + sensing.cogging_N * np.sin(sensing.cogging_cycles * turned)
-    fy, fz, tx = (
-        sensing.gain * fy,
-        sensing.gain * fz * (1.0 + sensing.curvature_per_N * np.abs(fz)),
-        sensing.gain * tx,
-    )
+    fy = sensing.gain * fy
+    fz = sensing.gain * fz * (1.0 + sensing.curvature_per_N * np.abs(fz))
+    tx = sensing.gain * tx
     fz = apply_play(fz, sensing.play_N)
-    fz = (
-        fz + sensing.creep_share * lag_first_order(t, fz, sensing.creep_s)
-        if sensing.creep_share != 0.0
-        else fz
-    )
+    if sensing.creep_share != 0.0:
+        fz = fz + sensing.creep_share * lag_first_order(t, fz, sensing.creep_s)
     fy, fz, tx = (
         fy + sensing.fy_per_fz * fz,
         fz + sensing.fz_per_fy * fy,
@@ -299,7 +309,9 @@ def delay(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:
     """x (m,) at times (m,) as it was `offset_s` before, linear between samples; `offset_s` is
     one number or (m,). The ends are held.
     """
-    return np.interp(t_s - offset_s, t_s, x) if np.any(offset_s) else x
+    if np.any(offset_s):
+        return np.interp(t_s - offset_s, t_s, x)
+    return x
 
 
 def filter_second_order(t_s: Floats, x: Floats, frequency_Hz: float, ratio: float) -> Floats:
@@ -320,7 +332,8 @@ def integrate_second_order(t_s: Floats, x: Floats, rate: float, ratio: float, y:
 
     w is `rate` in rad/s, d is `ratio`. Second order: half a drift, a kick with half-implicit
     damping, half a drift."""
-    place, speed = x[0], 0.0
+    place = x[0]
+    speed = 0.0
     for i in range(1, x.size):
         h = (t_s[i] - t_s[i - 1]) / PIECES
         for piece in range(PIECES):
@@ -471,7 +484,11 @@ def plan_stages(
     """Knots (2, m) of times and speeds of a shaft that goes from angle to angle and rests at
     each, and mid-times of the readings (k,).
     """
-    times, speeds, read_s, now, here = [0.0], [0.0], [], 0.0, start_rad
+    times = [0.0]
+    speeds = [0.0]
+    read_s = []
+    now = 0.0
+    here = start_rad
     for angle in angles_rad:
         for seconds, reached in (*_moves(angle - here, ramp_s), (HOLD_S, 0.0)):
             now += seconds

@@ -59,7 +59,8 @@ TYPICAL_DEPTH_M = 3e-3
 DRAGGED_FROM_N = 1.0
 # Iterations and tolerance of the search for the touched point; each leaves at most a third of the
 # error.
-ROUNDS, FOUND_M = 40, 1e-12
+ROUNDS = 40
+FOUND_M = 1e-12
 # Dahl's length over the presliding distance: the initial slope alone would reach full friction
 # after this share of the distance.
 ELASTIC_SHARE = 0.7
@@ -157,7 +158,10 @@ def normal_force(floor: Floats, depth: float, rate: float) -> float:
     `floor` is (30,). Damping acts during separation only where the floor is `TWO_SIDED`.
     """
     # The usual exponent without a call of pow.
-    power = depth * np.sqrt(depth) if floor[EXPONENT] == 1.5 else depth ** floor[EXPONENT]
+    if floor[EXPONENT] == 1.5:
+        power = depth * np.sqrt(depth)
+    else:
+        power = depth ** floor[EXPONENT]
     closing = rate if rate > 0.0 or floor[TWO_SIDED] != 0.0 else 0.0
     # The elastic and damping part never pulls, however fast the ends separate.
     force = floor[STIFFNESS] * power * max(1.0 + floor[DAMPING] * closing, 0.0)
@@ -183,7 +187,8 @@ def friction_limit(floor: Floats, slip: float, share: float) -> float:
 @jit_internal
 def elevation(floor: Floats, y: float) -> tuple[float, float]:
     """Height of the floor (30,) at `y` above its level at the shaft, in m, and its slope."""
-    rise, slope = floor[SLOPE] * y, floor[SLOPE]
+    rise = floor[SLOPE] * y
+    slope = floor[SLOPE]
     if floor[BUMP] != 0.0:
         x = (y - floor[BUMP_AT]) / floor[BUMP_WIDTH]
         bump = floor[BUMP] * np.exp(-x * x)
@@ -197,13 +202,15 @@ def find_contact(floor: Floats, radius: float, y: float, d: float) -> float:
     """The y in m at which the floor is nearest to a circle with centre (y, d): there the floor's
     normal passes through the centre.
     """
-    at, up = y, floor[HEIGHT] - d
+    at = y
+    up = floor[HEIGHT] - d
     # A straight floor needs no search, and a circle far above the bump cannot touch it.
     if floor[BUMP] == 0.0 or up > floor[SLOPE] * y + abs(floor[BUMP]) + 2.0 * radius:
         return at
     for _ in range(ROUNDS):
         rise, slope = elevation(floor, at)
-        before, at = at, y + (up - rise) * slope
+        before = at
+        at = y + (up - rise) * slope
         if abs(at - before) < FOUND_M:
             break
     return at
@@ -235,7 +242,8 @@ def add_contact_forces(
     the time since its last update."""
     n = load.shape[1]
     for k in range(n):
-        y, d = pose[Y, k + 1], pose[D, k + 1]
+        y = pose[Y, k + 1]
+        d = pose[D, k + 1]
         at = find_contact(floor, radius, y, d)
         rise, slope = elevation(floor, at)
         cos = 1.0 / np.sqrt(1.0 + slope * slope)
@@ -253,9 +261,11 @@ def add_contact_forces(
         if keep:
             used[k] = share
             continue
-        N, mu = normal_force(floor, depth, rate), friction_limit(floor, slip, share)
+        N = normal_force(floor, depth, rate)
+        mu = friction_limit(floor, slip, share)
         if floor[PATCH_AT] < y < floor[PATCH_AT] + floor[PATCH_WIDTH]:
-            N, mu = N * floor[PATCH_STIFFNESS], mu * floor[PATCH_MU]
+            N = N * floor[PATCH_STIFFNESS]
+            mu = mu * floor[PATCH_MU]
         # |N|, because adhesion can make N negative while the end still rubs.
         F = -mu * abs(N) * share - floor[DRAG] * min(abs(N) / DRAGGED_FROM_N, 1.0) * slip
         load[FY, k] += F * cos - N * sin
@@ -293,7 +303,9 @@ def add_drag(coefficient: float, power: float, length: Floats, pose: Floats, loa
     if coefficient == 0.0:
         return
     for k in range(load.shape[1]):
-        c, s, half = pose[COS, k], pose[SIN, k], 0.5 * length[k]
+        c = pose[COS, k]
+        s = pose[SIN, k]
+        half = 0.5 * length[k]
         across = (
             0.5 * (pose[VD, k] + pose[VD, k + 1]) * c - 0.5 * (pose[VY, k] + pose[VY, k + 1]) * s
         )

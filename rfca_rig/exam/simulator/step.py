@@ -86,7 +86,8 @@ def command_speed(knots: Floats, t: float) -> float:
     if t <= knots[0, 0] or t > knots[0, m - 1]:
         return 0.0
     i = np.searchsorted(knots[0], t)
-    t0, t1 = knots[0, i - 1], knots[0, i]
+    t0 = knots[0, i - 1]
+    t1 = knots[0, i]
     return float(knots[1, i - 1] + (knots[1, i] - knots[1, i - 1]) * (t - t0) / (t1 - t0))
 
 
@@ -236,13 +237,12 @@ def drive_shaft(
     `commanded` is the commanded angle before the step. Returns the torque at mid-step without its
     implicit part."""
     if drive[SHAFT] != 0.0:
-        angle, speed = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED], motor[MOTOR_SPEED]
+        angle = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED]
+        speed = motor[MOTOR_SPEED]
         # Without a controller the motor follows the command exactly.
         if drive[KP] == 0.0:
-            angle, speed = (
-                0.5 * (commanded + motor[COMMAND_ANGLE]),
-                (motor[COMMAND_ANGLE] - commanded) / h,
-            )
+            angle = 0.5 * (commanded + motor[COMMAND_ANGLE])
+            speed = (motor[COMMAND_ANGLE] - commanded) / h
         torque, rising = shaft_torque(drive, angle - phi[0], speed - w[0])
         M[0, 0] += 0.5 * h * rising
     else:
@@ -359,24 +359,25 @@ def run(
         Receives the mean of each sample, in the columns named at the head of this module. Zero at
         first.
     """
-    n, size = rod.shape[1], phi.size
+    n = rod.shape[1]
+    size = phi.size
     # Without a controller and with a rigid shaft, the shaft's motion is prescribed.
-    frame, held, row = size > n, drive[SHAFT] == 0.0 and drive[KP] == 0.0, 0
-    w, gained, rate, x, bias = (
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(size),
-        np.zeros(n + 3),
-    )
-    M, A, pose, load, lump = (
-        np.zeros((n + 1, n + 1)),
-        np.zeros((n + 1, n + 1)),
-        np.zeros((9, n + 1)),
-        np.zeros((3, n)),
-        np.zeros((2, n)),
-    )
-    memory, used, now = np.zeros((n, 3)), np.zeros(n), np.zeros(FIRST_ANGLE + n)
+    frame = size > n
+    held = drive[SHAFT] == 0.0 and drive[KP] == 0.0
+    row = 0
+    w = np.zeros(size)
+    gained = np.zeros(size)
+    rate = np.zeros(size)
+    x = np.zeros(size)
+    bias = np.zeros(n + 3)
+    M = np.zeros((n + 1, n + 1))
+    A = np.zeros((n + 1, n + 1))
+    pose = np.zeros((9, n + 1))
+    load = np.zeros((3, n))
+    lump = np.zeros((2, n))
+    memory = np.zeros((n, 3))
+    used = np.zeros(n)
+    now = np.zeros(FIRST_ANGLE + n)
     lean = mount[FRAME_LEAN]
     # Weight along the frame's line. It is subtracted in `add_frame_terms`, so that zero is the
     # frame's rest under the leg.
@@ -426,7 +427,9 @@ def compute_reactions(
     All follow from the accelerations `a` (n,) or (n + 1,). With a frame, the sensor may also feel a
     share of the frame's mass."""
     n = lump.shape[1]
-    fy, fd, torque = bias[n + 2], bias[n + 1], bias[0] - cable_torque
+    fy = bias[n + 2]
+    fd = bias[n + 1]
+    torque = bias[0] - cable_torque
     for j in range(n):
         fy -= lump[SD, j] * a[j]
         fd += lump[SY, j] * a[j]
@@ -437,7 +440,9 @@ def compute_reactions(
         fd += carried * np.cos(mount[FRAME_LEAN])
         fy += carried * np.sin(mount[FRAME_LEAN])
         torque += M[n, 0] * a[n]
-    now[FORCE_Y], now[FORCE_D], now[LEG_TORQUE] = fy, fd, torque
+    now[FORCE_Y] = fy
+    now[FORCE_D] = fd
+    now[LEG_TORQUE] = torque
 
 
 @jit_internal
@@ -463,8 +468,10 @@ def report_motor(
     elif held or drive[SHAFT] != 0.0:
         motor[MOTOR_ANGLE], motor[MOTOR_SPEED] = motor[COMMAND_ANGLE], motor[COMMAND_SPEED]
     else:
-        motor[MOTOR_ANGLE], motor[MOTOR_SPEED] = phi[0], w[0]
-    now[ANGLE], now[SPEED] = motor[MOTOR_ANGLE], motor[MOTOR_SPEED]
+        motor[MOTOR_ANGLE] = phi[0]
+        motor[MOTOR_SPEED] = w[0]
+    now[ANGLE] = motor[MOTOR_ANGLE]
+    now[SPEED] = motor[MOTOR_SPEED]
 
 
 @jit_internal

@@ -180,7 +180,8 @@ def _scale_tangent(x: Floats | float, r: float) -> Floats:
     """The angle whose tangent is r tan x, on the branch of x."""
     # As a difference to x, which is always within a quarter turn, the arctangent needs no count of
     # branches.
-    sin, cos = np.sin(x), np.cos(x)
+    sin = np.sin(x)
+    cos = np.cos(x)
     return np.asarray(x + np.arctan((r - 1.0) * sin * cos / (cos**2 + r * sin**2)))
 
 
@@ -196,7 +197,8 @@ def _times(motion: ShaftMotion) -> Floats:
 
 def _speed(motion: ShaftMotion, t: Floats) -> Floats:
     i = np.clip(np.searchsorted(motion.breaks_s, t) - 1, 0, len(motion.coefficients) - 1)
-    x, c = t - motion.breaks_s[i], motion.coefficients[i].T
+    x = t - motion.breaks_s[i]
+    c = motion.coefficients[i].T
     return np.asarray(c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]))
 
 

@@ -28,7 +28,9 @@ def ground_compliance_force(
 
     parameter = (stiffness of the ground, of the soft floor, of both with the ground's exponent,
     exponent of the soft floor, damping of an end that enters, of one that leaves)."""
-    hard, both, exponent = parameter[0], parameter[2], parameter[3]
+    hard = parameter[0]
+    both = parameter[2]
+    exponent = parameter[3]
     reference_m = (REFERENCE_N / parameter[1]) ** (2.0 / 3.0)
     damping = parameter[4] if rate > 0.0 else parameter[5]
     grow = 1.0 + damping * rate
@@ -37,7 +39,8 @@ def ground_compliance_force(
     plain = both * depth**1.5
     # Newton's iteration for the N at which both depths add up to the given one. In logarithms N
     # stays positive.
-    log_N, softness = np.log(plain), depth
+    log_N = np.log(plain)
+    softness = depth
     for _ in range(ROUNDS):
         first = np.exp((log_N - np.log(hard)) * 2.0 / 3.0)
         second = reference_m * np.exp((log_N - np.log(REFERENCE_N)) / exponent)
@@ -53,7 +56,9 @@ def ground_compliance_force(
 
 def apply_ground_compliance(setup: Setup, values: Values) -> Setup:
     """Two springs in series: depths add, so k^(-2/3) adds where both are Hertz's."""
-    rig, ground, stiffness = setup.rig, setup.rig.ground, values["stiffness_N_per_m1p5"]
+    rig = setup.rig
+    ground = setup.rig.ground
+    stiffness = values["stiffness_N_per_m1p5"]
     hard, added = (k ** (-2.0 / 3.0) for k in (ground.stiffness_N_per_m1p5, stiffness))
     both = (hard + added) ** -1.5
     softer = replace(setup, rig=replace(rig, ground=replace(ground, stiffness_N_per_m1p5=both)))
@@ -108,13 +113,15 @@ def ground_exponent_force(
 
     parameter = (stiffness of the nominal contact, exponent, damping of an end that enters, of one
     that leaves)."""
-    stiffness, exponent = parameter[0], parameter[1]
+    stiffness = parameter[0]
+    exponent = parameter[1]
     damping = parameter[2] if rate > 0.0 else parameter[3]
     grow = 1.0 + damping * rate
     if grow <= 0.0 or depth <= 0.0:
         return 0.0, 0.0, 0.0
     reference_m = (EXPONENT_REFERENCE_N / stiffness) ** (2.0 / 3.0)
-    pushed, plain = EXPONENT_REFERENCE_N * (depth / reference_m) ** exponent, stiffness * depth**1.5
+    pushed = EXPONENT_REFERENCE_N * (depth / reference_m) ** exponent
+    plain = stiffness * depth**1.5
     more = pushed - plain
     return more * grow, (exponent * pushed - 1.5 * plain) / depth * grow, more * damping
 
@@ -161,7 +168,8 @@ ROUNDED = 1e-3
 
 
 def ground_stribeck_factor(v: float, memory: Any, parameter: Any) -> tuple[float, float]:
-    u, d = abs(v) / parameter[1] + ROUNDED, parameter[2]
+    u = abs(v) / parameter[1] + ROUNDED
+    d = parameter[2]
     rise = parameter[0] * np.exp(ROUNDED**d - u**d)
     return 1.0 + rise, -np.sign(v) * rise * d * u ** (d - 1.0) / parameter[1]
 

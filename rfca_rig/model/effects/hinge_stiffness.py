@@ -49,7 +49,10 @@ def hinge_backlash_torque(
     # spring without.
     bent = max(abs(phi) - parameter[0], 0.0)
     engaged = np.sign(phi) * k0 * bent * (1.0 + k2 * bent * bent)
-    slope = k0 * (1.0 + 3.0 * k2 * bent * bent) if bent > 0.0 else 0.0
+    if bent > 0.0:
+        slope = k0 * (1.0 + 3.0 * k2 * bent * bent)
+    else:
+        slope = 0.0
     return (
         engaged - k0 * phi * (1.0 + k2 * phi * phi),
         slope - k0 * (1.0 + 3.0 * k2 * phi * phi),
@@ -97,7 +100,8 @@ def hinge_stop_torque(
     # Without the rounding, so that the neutral exponent is exactly a linear spring.
     if parameter[2] == 1.0:
         return np.sign(phi) * parameter[1] * beyond, parameter[1], 0.0
-    u, n = beyond / REFERENCE_RAD + ROUNDED, parameter[2]
+    u = beyond / REFERENCE_RAD + ROUNDED
+    n = parameter[2]
     return (
         np.sign(phi) * parameter[1] * REFERENCE_RAD * (u**n - ROUNDED**n),
         parameter[1] * n * u ** (n - 1.0),

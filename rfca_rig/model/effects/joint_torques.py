@@ -27,7 +27,10 @@ Floats = NDArray[np.float64]
 
 
 # Indices in the parameters of a drive, of every law that reads the torque, and in the memory.
-STEP, COUNT, BEGIN, TRACE = 5, 6, 7, MAX_PARAMETERS
+STEP = 5
+COUNT = 6
+BEGIN = 7
+TRACE = MAX_PARAMETERS
 CLOCK = 3
 
 
@@ -56,7 +59,8 @@ def torque_trace(t_s: Floats, torque_Nm: Floats) -> TorqueTrace:
             f"torques of shape {torque_Nm.shape} at {len(t_s)} times: give one row per "
             "time, two or more, ascending"
         )
-    step_s, span_s = float(np.median(np.diff(t_s))), float(t_s[-1] - t_s[0])
+    step_s = float(np.median(np.diff(t_s)))
+    span_s = float(t_s[-1] - t_s[0])
     # The last point is at or behind the last time; the small number keeps rounding from adding
     # another one.
     even = t_s[0] + np.arange(int(np.ceil(max(span_s, step_s) / step_s - 1e-9)) + 1) * step_s
@@ -72,7 +76,8 @@ def torque_at(t_s: float, parameter: Any) -> float:
     """Recorded torque [N m] of the law's joint at a time [s], for laws that read it."""
     x = min(max((t_s - parameter[BEGIN]) / parameter[STEP], 0.0), parameter[COUNT] - 1.0)
     i = min(int(x), int(parameter[COUNT]) - 2)
-    before, after = parameter[TRACE + i], parameter[TRACE + i + 1]
+    before = parameter[TRACE + i]
+    after = parameter[TRACE + i + 1]
     return float(before + (x - i) * (after - before))
 
 
@@ -139,7 +144,8 @@ def with_traces(laws: Laws, uses: Sequence[LawUse], trace: TorqueTrace) -> Laws:
 
     Factor, delay and lag of the joint's drive are applied to the trace.
     """
-    count, width = len(trace.torque_Nm), laws.parameter.shape[1]
+    count = len(trace.torque_Nm)
+    width = laws.parameter.shape[1]
     parameter = np.zeros((len(uses), max(TRACE + count, width)))
     parameter[:, :width] = laws.parameter
     drives = {use.only: use.parameters for use in uses if is_drive(use)}
@@ -148,7 +154,9 @@ def with_traces(laws: Laws, uses: Sequence[LawUse], trace: TorqueTrace) -> Laws:
         if use.reads_torque:
             factor, delay_s, lag_s = drives.get(use.only, (0.0, 0.0, 0.0))
             recorded = trace.torque_Nm[:, use.only - 1]
-            row[STEP], row[COUNT], row[BEGIN] = trace.step_s, count, trace.begin_s + delay_s
+            row[STEP] = trace.step_s
+            row[COUNT] = count
+            row[BEGIN] = trace.begin_s + delay_s
             row[TRACE : TRACE + count] = factor * (
                 filter_first_order(t_s, recorded, lag_s) if lag_s > 0.0 else recorded
             )
@@ -246,7 +254,8 @@ def carry_load(
     stiffer, as in `contact.carry_stretch`: a torque that grew with the limit would give back more
     energy than it took. memory = (anchor, limit and angle at the beginning of the step)."""
     limit = parameter[0] * abs(torque_at(memory[CLOCK] + elapsed, parameter))
-    yielded, begun = phi - memory[0], memory[2] - memory[0]
+    yielded = phi - memory[0]
+    begun = memory[2] - memory[0]
     if limit < memory[1]:
         return limit, limit * yielded / parameter[1], limit / parameter[1]
     mean = 0.5 * (limit + memory[1])
@@ -273,8 +282,13 @@ def joint_load_friction_advance(
 ) -> None:
     most, carried, _ = carry_load(phi, elapsed, memory, parameter)
     # The anchor is put where the spring of the present limit gives the torque that is carried.
-    share = min(max(carried / most, -1.0), 1.0) if most > 0.0 else 0.0
-    memory[0], memory[1], memory[2] = phi - share * parameter[1], most, phi
+    if most > 0.0:
+        share = min(max(carried / most, -1.0), 1.0)
+    else:
+        share = 0.0
+    memory[0] = phi - share * parameter[1]
+    memory[1] = most
+    memory[2] = phi
     memory[CLOCK] += elapsed
 
 

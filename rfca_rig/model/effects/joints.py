@@ -60,7 +60,8 @@ JOINT_FRICTION = Effect(
 
 def apply_joint_friction_of_one(setup: Setup, values: Values) -> Setup:
     """Raises BadInput for a joint that the rig does not have."""
-    joints, joint = len(setup.rig.leg.link_lengths_m) - 1, values["joint"]
+    joints = len(setup.rig.leg.link_lengths_m) - 1
+    joint = values["joint"]
     if not (float(joint).is_integer() and 1 <= joint <= joints):
         raise BadInput(
             f"effect joint_friction_of_one: joint {joint:g}: there are joints 1 to {joints}"

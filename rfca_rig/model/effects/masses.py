@@ -51,10 +51,8 @@ def apply_heavier_link(setup: Setup, values: Values) -> Setup:
             f"links 1 to {last}"
         )
     link = round(values["link"]) - 1
-    more_kg, length_m = (
-        (values["mass_factor"] - 1.0) * leg.link_masses_kg[link],
-        leg.link_lengths_m[link],
-    )
+    more_kg = (values["mass_factor"] - 1.0) * leg.link_masses_kg[link]
+    length_m = leg.link_lengths_m[link]
 
     def load(chain: Chain) -> Chain:
         # A uniform rod: it acts at the far ends of the links before it, and at its own middle.

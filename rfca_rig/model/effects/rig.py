@@ -15,11 +15,9 @@ from rfca_rig.model.setup import SensorOutput, Setup, with_begin, with_chain, wi
 
 
 def apply_frame_compliance(setup: Setup, values: Values) -> Setup:
-    mass, rate, lean = (
-        values["moving_mass_kg"],
-        2.0 * np.pi * values["frequency_Hz"],
-        np.radians(values["lean_deg"]),
-    )
+    mass = values["moving_mass_kg"]
+    rate = 2.0 * np.pi * values["frequency_Hz"]
+    lean = np.radians(values["lean_deg"])
 
     def yielding(chain: Chain) -> Chain:
         return chain._replace(

@@ -57,7 +57,9 @@ SENSOR_CROSSTALK = Effect(
 
 def apply_sensor_crosstalk_matrix(setup: Setup, values: Values) -> Setup:
     def leak(felt: SensorOutput) -> SensorOutput:
-        fy, fz, tx = felt.fy_N, felt.fz_N, felt.tx_Nm
+        fy = felt.fy_N
+        fz = felt.fz_N
+        tx = felt.tx_Nm
         return replace(
             felt,
             fy_N=fy + values["fy_per_fz"] * fz,

@@ -143,7 +143,8 @@ SENSOR_LAG = Effect(
 
 def apply_sensor_ringing(setup: Setup, values: Values) -> Setup:
     """tx follows fy: both come from the motion of the sensor's top along y."""
-    rate, ratio = 2.0 * np.pi * values["frequency_Hz"], values["damping_ratio"]
+    rate = 2.0 * np.pi * values["frequency_Hz"]
+    ratio = values["damping_ratio"]
     across = rate * values["y_frequency_ratio"]
 
     def ring(felt: SensorOutput) -> SensorOutput:
@@ -176,7 +177,9 @@ def fill_second_order(
     """Fills `y` (m,) from its first value on. Where x is linear with slope s, y - (x - 2 d s /
     w) oscillates freely.
     """
-    turning, decay, speed = rate_rad_s * np.sqrt(1.0 - ratio * ratio), ratio * rate_rad_s, 0.0
+    turning = rate_rad_s * np.sqrt(1.0 - ratio * ratio)
+    decay = ratio * rate_rad_s
+    speed = 0.0
     for i in range(step_s.size):
         h = step_s[i]
         if h <= 0.0:
@@ -184,8 +187,11 @@ def fill_second_order(
             continue
         slope = (x[i + 1] - x[i]) / h
         behind = 2.0 * ratio * slope / rate_rad_s
-        off, off_speed = y[i] - x[i] + behind, speed - slope
-        left, cos, sin = np.exp(-decay * h), np.cos(turning * h), np.sin(turning * h)
+        off = y[i] - x[i] + behind
+        off_speed = speed - slope
+        left = np.exp(-decay * h)
+        cos = np.cos(turning * h)
+        sin = np.sin(turning * h)
         mixed = (off_speed + decay * off) / turning
         y[i + 1] = x[i + 1] - behind + left * (off * cos + mixed * sin)
         speed = slope + left * (

@@ -17,7 +17,8 @@ from rfca_rig.model.setup import Setup, with_law
 LONGEST = 0.3
 # A travel below SHORT, and below NEAR of the distance to z = 0, is one Taylor step, with an error
 # of 5e-6 of the loop at most. |z|^n is not smooth at 0.
-SHORT, NEAR = 0.03, 0.1
+SHORT = 0.03
+NEAR = 0.1
 SATURATED = 20.0  # travel in saturations after which the loop is saturated to rounding
 PRESLIDING_AT_MOST_DEG = 1.5  # of hinge_coulomb_friction
 
@@ -136,7 +137,8 @@ def slack(phi: float, elapsed: float, memory: Any, tau: float) -> tuple[float, f
     """
     if elapsed <= 0.0:
         return memory[0], 0.0
-    left, share = np.exp(-elapsed / tau), tau / elapsed
+    left = np.exp(-elapsed / tau)
+    share = tau / elapsed
     gained = phi - memory[1]
     return phi - gained * share * (1.0 - left) + (memory[0] - memory[1]) * left, 1.0 - share * (
         1.0 - left

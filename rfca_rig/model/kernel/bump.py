@@ -19,7 +19,9 @@ LEAST_SLOPE = 0.2
 
 # Columns of `work.place`: place along the level floor [m], slope there, and change of the slope's
 # angle with the end's path [1/m].
-Y, SLOPE, TURN = 4, 5, 6
+Y = 4
+SLOPE = 5
+TURN = 6
 
 
 @jit_inline
@@ -47,7 +49,8 @@ def find_nearest(chain: Chain, y: float, up: float) -> tuple[float, float, float
     # distance will do.
     above = up - max(chain.bump_height, 0.0) > chain.radius
     rise, slope, _ = elevation(chain, y)
-    vertical, slope_below = up - rise, slope
+    vertical = up - rise
+    slope_below = slope
     if in_all_lanes(above):
         return vertical, slope_below, 0.0 * y
     # Newton for the foot of the perpendicular: (x - y) + (rise - up) slope = 0, where the line to
@@ -94,8 +97,11 @@ def locate_on_bump(chain: Chain, k: int, y: float, along: float, into: float, wo
     up = chain.radius - work.place[k, 0]
     distance, slope, turn = find_nearest(chain, y, up)
     cos = 1.0 / np.sqrt(1.0 + slope * slope)
-    work.place[k, 0], work.place[k, 1] = chain.radius - distance, (into + slope * along) * cos
-    work.place[k, Y], work.place[k, SLOPE], work.place[k, TURN] = y, slope, turn
+    work.place[k, 0] = chain.radius - distance
+    work.place[k, 1] = (into + slope * along) * cos
+    work.place[k, Y] = y
+    work.place[k, SLOPE] = slope
+    work.place[k, TURN] = turn
     speed: float = (along - slope * into) * cos
     return speed
 
@@ -105,7 +111,8 @@ def measure_climb(k: int, work: Work) -> float:
     """Path of end k along the floor since the step began less its path along the level [m];
     second order in the step.
     """
-    place, ends = work.place, work.ends
+    place = work.place
+    ends = work.ends
     # Trapezoid rule over the step, for the arc length and for the part of the tangent across the
     # level floor.
     longer = (
@@ -125,7 +132,8 @@ def measure_climb(k: int, work: Work) -> float:
 @jit_inline
 def find_slope_direction(chain: Chain, k: int, work: Work) -> tuple[float, float]:
     """Cosine and sine of the floor's slope under end k."""
-    cos, slope = 1.0, 0.0
+    cos = 1.0
+    slope = 0.0
     if in_any_lane(chain.bump_height != 0.0):
         slope = work.place[k, SLOPE]
         cos = 1.0 / np.sqrt(1.0 + slope * slope)
@@ -145,9 +153,11 @@ def rotate_arms(
     for j in range(k + 1):
         work.across[j] = cos * work.down[j] + sin * work.along[j]
         work.aside[j] = cos * work.along[j] - sin * work.down[j]
-    along, across = cos * frame_along - sin * frame_into, cos * frame_into + sin * frame_along
+    along = cos * frame_along - sin * frame_into
+    across = cos * frame_into + sin * frame_along
     if work.across.size > work.down.size:
-        work.across[work.down.size], work.aside[work.down.size] = across, along
+        work.across[work.down.size] = across
+        work.aside[work.down.size] = along
     return along, across
 
 
@@ -166,7 +176,10 @@ def add_normal_rotation(
     """
     N, _, N_rate = normal
     F, _, F_v, F_N = tangential
-    J, across, aside, turn = work.J, work.across, work.aside, work.place[k, TURN]
+    J = work.J
+    across = work.across
+    aside = work.aside
+    turn = work.place[k, TURN]
     arm = chain.lever - chain.lever_rise * work.place[k, 0]
     dN = N_rate * (work.place[k, 3] + arm * w[k]) * turn
     dF = F_N * dN - F_v * work.place[k, 1] * turn

@@ -79,7 +79,8 @@ class _Whole(JITCodeLibrary):
         self._linking_libraries.clear()
         # A leg has seven links: vectors of a loop over them take a sixth of the compilation, and
         # the code is no faster.
-        before, _settings.LOOP_VECTORIZE = _settings.LOOP_VECTORIZE, 0
+        before = _settings.LOOP_VECTORIZE
+        _settings.LOOP_VECTORIZE = 0
         try:
             cast(Any, super()).finalize()
         finally:
@@ -93,11 +94,10 @@ def _list_callees(libraries: Sequence[Any]) -> list[Any]:
     found = dict.fromkeys(libraries)
     waiting = list(found)
     for library in waiting:
-        new = (
-            [one for one in library._linking_libraries if one not in found]
-            if isinstance(library, _Part)
-            else []
-        )
+        if isinstance(library, _Part):
+            new = [one for one in library._linking_libraries if one not in found]
+        else:
+            new = []
         found |= dict.fromkeys(new)
         waiting += new
     return list(found)
@@ -105,11 +105,10 @@ def _list_callees(libraries: Sequence[Any]) -> list[Any]:
 
 def _link_parts(module: Any, libraries: Sequence[Any]) -> None:
     for library in libraries:
-        code = (
-            library.module_alone()
-            if isinstance(library, _Part)
-            else library._get_module_for_linking()
-        )
+        if isinstance(library, _Part):
+            code = library.module_alone()
+        else:
+            code = library._get_module_for_linking()
         module.link_in(code, preserve=True)
 
 

@@ -45,8 +45,11 @@ def normal_force(
     Hunt and Crossley (1975)."""
     # Below the rate where `grow` is 0 the law would pull. N is continuous there, and zero slopes
     # are those of the branch N = 0.
-    root, grow = np.sqrt(depth), 1.0 + damping * rate
-    N, N_depth, pushes = stiffness * depth * root, 1.5 * stiffness * root, grow > 0.0
+    root = np.sqrt(depth)
+    grow = 1.0 + damping * rate
+    N = stiffness * depth * root
+    N_depth = 1.5 * stiffness * root
+    pushes = grow > 0.0
     return (
         select(pushes, N * grow, 0.0),
         select(pushes, N_depth * grow, 0.0),
@@ -68,13 +71,17 @@ def sum_normal_laws(
     laws: Laws, depth: float, rate: float, work: Work
 ) -> tuple[float, float, float]:
     """(N, dN/d depth, dN/d rate) that laws of effects add to the nominal floor."""
-    x, out = work.x, work.out
+    x = work.x
+    out = work.out
     N = N_depth = N_rate = 0.0
     for m in range(laws.place.size):
         if laws.place[m] == NORMAL:
-            x[0], x[1] = depth, rate
+            x[0] = depth
+            x[1] = rate
             call_law(laws.address[m], x, x, laws.parameter[m], out)
-            N, N_depth, N_rate = N + out[0], N_depth + out[1], N_rate + out[2]
+            N = N + out[0]
+            N_depth = N_depth + out[1]
+            N_rate = N_rate + out[2]
     return N, N_depth, N_rate
 
 
@@ -85,8 +92,11 @@ def friction_factor(
     """Factor of all effects on the friction coefficient at a sliding speed and a normal force,
     and its derivatives by both.
     """
-    x, out = work.x, work.out
-    factor, factor_v, factor_N = 1.0, 0.0, 0.0
+    x = work.x
+    out = work.out
+    factor = 1.0
+    factor_v = 0.0
+    factor_N = 0.0
     for m in range(laws.place.size):
         if laws.place[m] == SLIP:
             x[0] = slip
@@ -121,7 +131,8 @@ def carry_stretch(
     falls = limit < begun_limit
     # The limit grows linearly over the step, so that further stretch meets its mean stiffness:
     # second order in the step.
-    mean, more = 0.5 * (limit + begun_limit), stretch - begun
+    mean = 0.5 * (limit + begun_limit)
+    more = stretch - begun
     return (
         select(falls, limit * stretch, begun_limit * begun + mean * more),
         select(falls, limit, mean),
@@ -148,22 +159,20 @@ def tangential_force(
     magnitude of N. `friction` is mu with its derivatives by slip and N; `begun` and `begun_limit`
     are as in `carry_stretch`."""
     mu, mu_v, mu_N = friction
-    pressed, side = abs(normal), select(normal >= 0.0, 1.0, -1.0)
+    pressed = abs(normal)
+    side = select(normal >= 0.0, 1.0, -1.0)
     limit = mu * pressed
     carried, F_s, F_limit = carry_stretch(stretch, limit, begun, begun_limit)
-    F, F_s, F_limit = (
-        -carried / chain.presliding,
-        -F_s / chain.presliding,
-        -F_limit / chain.presliding,
-    )
+    F = -carried / chain.presliding
+    F_s = -F_s / chain.presliding
+    F_limit = -F_limit / chain.presliding
     # The end slips: F is at its limit, its slope by stretch is 0, and by the limit it is the sign
     # of F.
-    slips, way = abs(F) > limit, select(F > 0.0, 1.0, -1.0)
-    F, F_s, F_limit = (
-        select(slips, way * limit, F),
-        select(slips, 0.0, F_s),
-        select(slips, way, F_limit),
-    )
+    slips = abs(F) > limit
+    way = select(F > 0.0, 1.0, -1.0)
+    F = select(slips, way * limit, F)
+    F_s = select(slips, 0.0, F_s)
+    F_limit = select(slips, way, F_limit)
     light = pressed < FULL_DRAG_N
     drag = select(light, chain.drag * pressed / FULL_DRAG_N, chain.drag)
     drag_N = select(light, chain.drag * side / FULL_DRAG_N, 0.0)
@@ -185,7 +194,9 @@ def correct_path(chain: Chain, state: State, k: int, q: Floats, work: Work) -> f
         # second order.
         depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
         way = chain.lever_rise * depth * (q[k] - state.q[k])
-    return way + measure_climb(k, work) if in_any_lane(chain.bump_height != 0.0) else way
+    if in_any_lane(chain.bump_height != 0.0):
+        return way + measure_climb(k, work)
+    return way
 
 
 @jit_inline
@@ -200,26 +211,30 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
     """Writes depth, depth rate, stretch from the anchor and slip of every link end into
     `work.place` (n, 7); `q`, `w` are (c,).
     """
-    place, links = work.place, chain.length.size
+    place = work.place
+    links = chain.length.size
     y = slide = depth = sink = 0.0
     if q.size > links:
         along_floor, into_floor = project_frame_on_floor(chain)
-        y, depth = q[links] * along_floor, q[links] * into_floor
-        slide, sink = w[links] * along_floor, w[links] * into_floor
+        y = q[links] * along_floor
+        depth = q[links] * into_floor
+        slide = w[links] * along_floor
+        sink = w[links] * into_floor
     for k in range(links):
-        down, along = work.down[k], work.along[k]
+        down = work.down[k]
+        along = work.along[k]
         # `down` serves twice: y grows by length cos q, which is also the rate at which the end
         # sinks with the angle.
         y += down
         depth -= along
         sink += down * w[k]
         slide += along * w[k]
-        place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
-        run = (
-            locate_on_bump(chain, k, y, slide, sink, work)
-            if in_any_lane(chain.bump_height != 0.0)
-            else slide
-        )
+        place[k, 0] = depth + chain.radius - chain.ground_depth * chain.floor_cos
+        place[k, 1] = sink
+        if in_any_lane(chain.bump_height != 0.0):
+            run = locate_on_bump(chain, k, y, slide, sink, work)
+        else:
+            run = slide
         # The point where friction acts rolls along the floor: the link's angle times the lever is
         # no sliding.
         place[k, 2] = (
@@ -235,7 +250,8 @@ def add_contacts(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, w
 
     With the laws of effects and a frame that yields. `w` is (c,); without `weights` J stays as it
     is."""
-    place, contact = work.place, work.contact
+    place = work.place
+    contact = work.contact
     for k in range(place.shape[0]):
         contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
         touches = place[k, 0] > 0.0
@@ -243,7 +259,9 @@ def add_contacts(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, w
             depth = max(place[k, 0], 0.0)
             N, N_depth, N_rate = plain_normal_force(chain, depth, place[k, 1])
             more, more_depth, more_rate = sum_normal_laws(laws, depth, place[k, 1], work)
-            N, N_depth, N_rate = N + more, N_depth + more_depth, N_rate + more_rate
+            N = N + more
+            N_depth = N_depth + more_depth
+            N_rate = N_rate + more_rate
             factor, factor_v, factor_N = friction_factor(laws, place[k, 3], N, work)
             friction = (chain.mu * factor, chain.mu * factor_v, chain.mu * factor_N)
             F, F_s, F_v, F_N = tangential_force(
@@ -262,17 +280,20 @@ def add_contacts(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, w
                 select(touches, F_N, 0.0),
             )
             work.limit[0, k] = select(touches, friction[0] * abs(N), 0.0)
-            contact[0, k], contact[1, k] = normal[0], tangential[0]
+            contact[0, k] = normal[0]
+            contact[1, k] = tangential[0]
             # Branch of the law, by which `stage` judges whether J is still valid: 0 in the air, 1
             # stuck, else 2 + the sign of the stretch.
             work.regime[0, k] = select(
                 touches, select(F_s != 0.0, 1.0, 2.0 + sign(place[k, 2])), 0.0
             )
             # Over a level floor the directions of all ends agree; on a bump each end has its own.
-            across, aside = work.down, work.along
+            across = work.down
+            aside = work.along
             frame_aside, frame_across = project_frame_on_floor(chain)
             if in_any_lane(chain.bump_height != 0.0):
-                across, aside = work.across, work.aside
+                across = work.across
+                aside = work.aside
                 frame_aside, frame_across = rotate_arms(chain, k, frame_aside, frame_across, work)
             add_contact(chain, k, normal, tangential, w, weights, work, across, aside)
             if w.size > place.shape[0]:
@@ -312,7 +333,8 @@ def add_contact(
     """
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
-    R, J = work.R, work.J
+    R = work.R
+    J = work.J
     arm = chain.lever - chain.lever_rise * work.place[k, 0]
     for j in range(k + 1):
         R[j] += N * down[j] - F * (along[j] - (arm if j == k else 0.0))
@@ -350,7 +372,9 @@ def add_frame_contact(
 
     A unit displacement of the frame moves every end by `cos` into the floor and `sin` along it. `w`
     is (c,); `down` and `along` (n,) are as in `add_contact`."""
-    R, J, b = work.R, work.J, w.size - 1
+    R = work.R
+    J = work.J
+    b = w.size - 1
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
     R[b] += N * cos - F * sin
@@ -390,11 +414,10 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
 
     For a leg at rest, or a step in which no end reversed its slip; `update_friction_anchors` treats
     the others."""
-    y = (
-        q[chain.length.size] * project_frame_on_floor(chain)[0]
-        if q.size > chain.length.size
-        else 0.0
-    )
+    if q.size > chain.length.size:
+        y = q[chain.length.size] * project_frame_on_floor(chain)[0]
+    else:
+        y = 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         more = correct_path(chain, state, k, q, work)
@@ -411,7 +434,9 @@ def measure_slip_reversal(chain: Chain, h: float, k: int, work: Work) -> float:
     """
     # It must touch at both ends of the step, reverse its speed, and have slipped along its speed,
     # at its full stretch, at the beginning.
-    v0, v1, stretch = work.ends[k, 3], work.place[k, 3], work.ends[k, 2]
+    v0 = work.ends[k, 3]
+    v1 = work.place[k, 3]
+    stretch = work.ends[k, 2]
     touches = (work.ends[k, 0] > 0.0) & (work.place[k, 0] > 0.0)
     reverses = (
         (v0 * v1 < 0.0) & (stretch * v0 > 0.0) & (abs(stretch) >= WITHIN_REACH * chain.presliding)
@@ -426,7 +451,8 @@ def limit_step_to_reversal(chain: Chain, h: float, work: Work) -> float:
     """Length [s] of a step that ends just after the first reversal of an end; h if none moves
     back farther than allowed.
     """
-    allowed, shorter = MISSED_SHARE * chain.presliding, h
+    allowed = MISSED_SHARE * chain.presliding
+    shorter = h
     for k in range(work.place.shape[0]):
         far = measure_slip_reversal(chain, h, k, work) > allowed
         if in_any_lane(far):
@@ -448,22 +474,20 @@ def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, wor
     True where an end reversed or touched down: a friction force has changed, and the accelerations
     must be computed again."""
     changed = chain.presliding < 0.0  # in no lane so far
-    y = (
-        q[chain.length.size] * project_frame_on_floor(chain)[0]
-        if q.size > chain.length.size
-        else 0.0
-    )
+    if q.size > chain.length.size:
+        y = q[chain.length.size] * project_frame_on_floor(chain)[0]
+    else:
+        y = 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         more = correct_path(chain, state, k, q, work)
         s = y - chain.lever * q[k] + more
-        depth, rate, slip, limit = (
-            work.place[k, 0],
-            work.place[k, 1],
-            work.place[k, 3],
-            work.limit[1, k],
-        )
-        stretch, back = s - state.anchor[k], measure_slip_reversal(chain, h, k, work)
+        depth = work.place[k, 0]
+        rate = work.place[k, 1]
+        slip = work.place[k, 3]
+        limit = work.limit[1, k]
+        stretch = s - state.anchor[k]
+        back = measure_slip_reversal(chain, h, k, work)
         # An end that reversed slips to the farthest point first, which drags the anchor along; then
         # the tie relaxes by the way back.
         there = back * sign(work.ends[k, 3])
@@ -490,11 +514,10 @@ def store_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
     """Stores the motion of the located ends in `work.ends` (n, 7), for the next step, with the
     stretch from the new anchors; `q` (c,).
     """
-    y = (
-        q[chain.length.size] * project_frame_on_floor(chain)[0]
-        if q.size > chain.length.size
-        else 0.0
-    )
+    if q.size > chain.length.size:
+        y = q[chain.length.size] * project_frame_on_floor(chain)[0]
+    else:
+        y = 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = (

@@ -18,12 +18,21 @@ DRAGGED_FROM_RAD_S = (
 TWO_OVER_PI = 2.0 / np.pi
 # pi / 2 in two parts (Cody and Waite): the first has 33 bits, so that its product with a small
 # integer is exact.
-RIGHT_ANGLE_HIGH, RIGHT_ANGLE_LOW = 1.5707963267341256, 6.077100506506192e-11
+RIGHT_ANGLE_HIGH = 1.5707963267341256
+RIGHT_ANGLE_LOW = 6.077100506506192e-11
 # Coefficients of fdlibm's __kernel_sin and __kernel_cos.
-S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
-S4, S5, S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
-C1, C2, C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
-C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
+S1 = -1.66666666666666324348e-01
+S2 = 8.33333333332248946124e-03
+S3 = -1.98412698298579493134e-04
+S4 = 2.75573137070700676789e-06
+S5 = -2.50507602534068634195e-08
+S6 = 1.58969099521155010221e-10
+C1 = 4.16666666666666019037e-02
+C2 = -1.38888888888741095749e-03
+C3 = 2.48015872894767294178e-05
+C4 = -2.75573143513906633035e-07
+C5 = 2.08757232129817482790e-09
+C6 = -1.13596475577881948265e-11
 
 
 @jit_inline
@@ -44,10 +53,8 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
         quadrant = quarters - 4.0 * np.floor(0.25 * quarters)
         odd = (quadrant == 1.0) | (quadrant == 3.0)
         sin, cos = select(odd, cos, sin), select(odd, sin, cos)
-        sin, cos = (
-            select(quadrant > 1.5, -sin, sin),
-            select((quadrant == 1.0) | (quadrant == 2.0), -cos, cos),
-        )
+        sin = select(quadrant > 1.5, -sin, sin)
+        cos = select((quadrant == 1.0) | (quadrant == 2.0), -cos, cos)
     return sin, cos
 
 
@@ -58,16 +65,14 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
 
     `w` and `a` are (c,). Called first: it overwrites R and J, and all others add to them.
     """
-    R, J, sin, cos, moment, speed2, by_cos, by_sin = (
-        work.R,
-        work.J,
-        work.sin,
-        work.cos,
-        chain.moment,
-        work.speed2,
-        work.by_cos,
-        work.by_sin,
-    )
+    R = work.R
+    J = work.J
+    sin = work.sin
+    cos = work.cos
+    moment = chain.moment
+    speed2 = work.speed2
+    by_cos = work.by_cos
+    by_sin = work.by_sin
     for i in range(w.size):
         speed2[i] = w[i] * w[i]
         R[i] = 0.0
@@ -76,7 +81,8 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
             by_sin[i] = 2.0 * weights[1] * w[i] + weights[2] * a[i]
     for i in range(moment.shape[0]):
         # Each pair of links is visited once: sine and cosine of q_i - q_j serve both rows.
-        row, by_own_angle = moment[i, i] * a[i], 0.0
+        row = moment[i, i] * a[i]
+        by_own_angle = 0.0
         for j in range(i):
             c = moment[i, j] * (cos[i] * cos[j] + sin[i] * sin[j])
             s = moment[i, j] * (sin[i] * cos[j] - cos[i] * sin[j])
@@ -130,13 +136,16 @@ def add_frame(
 
     It yields along a line that leans from down towards y: for that, sines and cosines are those of
     q_i plus this angle. `q`, `w` and `a` are (c,)."""
-    R, J, b = work.R, work.J, chain.length.size
+    R = work.R
+    J = work.J
+    b = chain.length.size
     if q.size == b:
         return
     mass = chain.frame_mass + chain.total_mass
     R[b] += mass * a[b] + chain.frame_damping * w[b] + chain.frame_stiffness * q[b]
     for i in range(b):
-        S, (sin, cos) = chain.first_moment[i], rotate_to_frame(chain, work.sin[i], work.cos[i])
+        S = chain.first_moment[i]
+        (sin, cos) = rotate_to_frame(chain, work.sin[i], work.cos[i])
         # The leg's mass centre accelerates along the line by the links' rotation; in return the
         # frame's acceleration turns the links.
         R[b] += S * (cos * a[i] - sin * w[i] * w[i])
@@ -146,7 +155,8 @@ def add_frame(
     ca, cw, cq = weights
     J[b, b] += ca * mass + cw * chain.frame_damping + cq * chain.frame_stiffness
     for i in range(b):
-        S, (sin, cos) = chain.first_moment[i], rotate_to_frame(chain, work.sin[i], work.cos[i])
+        S = chain.first_moment[i]
+        (sin, cos) = rotate_to_frame(chain, work.sin[i], work.cos[i])
         J[b, i] += (
             ca * S * cos - cw * 2.0 * S * sin * w[i] - cq * S * (sin * a[i] + cos * w[i] * w[i])
         )
@@ -161,18 +171,18 @@ def add_weight_and_hinges(
     """Adds the weight of the links, and in each hinge its spring + c dphi/dt, phi from the rest
     angle; `q` and `w` are (c,).
     """
-    R, J = work.R, work.J
+    R = work.R
+    J = work.J
     for i in range(chain.length.size):
-        weight, aside = (
-            chain.gravity * chain.first_moment[i],
-            chain.gravity_along * chain.first_moment[i],
-        )
+        weight = chain.gravity * chain.first_moment[i]
+        aside = chain.gravity_along * chain.first_moment[i]
         R[i] -= weight * work.cos[i] - aside * work.sin[i]
         if weights is not None:
             J[i, i] += weights[2] * (weight * work.sin[i] + aside * work.cos[i])
     for i in range(1, chain.length.size):
         elastic, slope = spring(chain, i, q[i] - q[i - 1] - chain.rest[i])
-        k0, c = chain.k0[i], chain.hinge_damping[i]
+        k0 = chain.k0[i]
+        c = chain.hinge_damping[i]
         torque = elastic + c * (w[i] - w[i - 1])
         # Angles are absolute: a torque between links i - 1 and i acts on both, with opposite signs.
         R[i] += torque
@@ -245,8 +255,12 @@ def call_hinge(
     result is in `work.out` (8,).
     """
     # All arguments that any hinge law takes, by their places; see the signatures in `laws`.
-    work.x[0], work.x[1], work.x[2] = q[i] - q[i - 1] - chain.rest[i], w[i] - w[i - 1], elapsed
-    work.x[3], work.x[4], work.x[5] = chain.k0[i], chain.k2[i], a[i] - a[i - 1]
+    work.x[0] = q[i] - q[i - 1] - chain.rest[i]
+    work.x[1] = w[i] - w[i - 1]
+    work.x[2] = elapsed
+    work.x[3] = chain.k0[i]
+    work.x[4] = chain.k2[i]
+    work.x[5] = a[i] - a[i - 1]
     call_law(address, work.x, state.memory[m, i], laws.parameter[m], work.out)
 
 
@@ -278,7 +292,8 @@ def add_link_law(
     """Adds law m on link i, at its middle; `w` is (c,)."""
     # Projected on the normal of link i: an earlier link j moves it by L_j cos(q_i - q_j), a frame
     # by cos q_i, later links not at all.
-    arm, v = work.arm, 0.0
+    arm = work.arm
+    v = 0.0
     for j in range(w.size):
         if j < i:
             arm[j] = chain.length[j] * (work.cos[i] * work.cos[j] + work.sin[i] * work.sin[j])
@@ -287,9 +302,11 @@ def add_link_law(
         else:
             arm[j] = work.cos[i] if j >= chain.length.size else 0.0
         v += arm[j] * w[j]
-    work.x[0], work.x[1] = v, chain.length[i]
+    work.x[0] = v
+    work.x[1] = chain.length[i]
     call_law(laws.address[m], work.x, state.memory[m, i], laws.parameter[m], work.out)
-    F, F_v = work.out[0], work.out[1]
+    F = work.out[0]
+    F_v = work.out[1]
     work.outside[0] -= F * work.sin[i]
     work.outside[1] += F * work.cos[i]
     for j in range(w.size):
@@ -304,7 +321,10 @@ def prepare_pose(chain: Chain, q: Floats, work: Work) -> None:
     """Writes sines, cosines and lever arms of the pose `q` (c,) into `work`, for all functions
     that need them.
     """
-    sin, cos, down, along = work.sin, work.cos, work.down, work.along
+    sin = work.sin
+    cos = work.cos
+    down = work.down
+    along = work.along
     work.outside[0] = work.outside[1] = 0.0
     for i in range(chain.length.size):
         sin[i], cos[i] = sine_and_cosine(q[i])
@@ -381,7 +401,9 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
     """Writes row 0 of inertia, weight and hinges, the shaft torque; the other rows are not
     computed. `q`, `w` and `a` are (c,).
     """
-    R, sin, cos = work.R, work.sin, work.cos
+    R = work.R
+    sin = work.sin
+    cos = work.cos
     for i in range(q.size):
         R[i] = 0.0
     torque = (
@@ -390,7 +412,8 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
         + chain.gravity_along * chain.first_moment[0] * sin[0]
     )
     for j in range(1, chain.length.size):
-        c, s = cos[0] * cos[j] + sin[0] * sin[j], sin[0] * cos[j] - cos[0] * sin[j]
+        c = cos[0] * cos[j] + sin[0] * sin[j]
+        s = sin[0] * cos[j] - cos[0] * sin[j]
         torque += chain.moment[0, j] * (c * a[j] + s * w[j] * w[j])
     if chain.length.size > 1:
         # The shaft carries the reaction of hinge 1; the hinges beyond it reach row 0 only through
@@ -433,15 +456,16 @@ def measure(
         force[0] += carried * chain.frame_aside
         force[1] -= carried * chain.frame_down
     for i in range(chain.length.size):
-        sin, cos, ww = work.sin[i], work.cos[i], w[i] * w[i]
-        N, F = work.contact[0, i], work.contact[1, i]
+        sin = work.sin[i]
+        cos = work.cos[i]
+        ww = w[i] * w[i]
+        N = work.contact[0, i]
+        F = work.contact[1, i]
         # N and F act across and along the floor under this end, which a bump turns against the
         # level floor.
         level_cos, level_sin = find_slope_direction(chain, i, work)
-        floor_cos, floor_sin = (
-            chain.floor_cos * level_cos + chain.floor_sin * level_sin,
-            chain.floor_sin * level_cos - chain.floor_cos * level_sin,
-        )
+        floor_cos = chain.floor_cos * level_cos + chain.floor_sin * level_sin
+        floor_sin = chain.floor_sin * level_cos - chain.floor_cos * level_sin
         force[0] += chain.first_moment[i] * (-sin * a[i] - cos * ww) - F * floor_cos - N * floor_sin
         force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + N * floor_cos - F * floor_sin
 
@@ -470,7 +494,8 @@ def kinetic_J(chain: Chain, q_rad: Floats, w_rad_s: Floats) -> Floats:
     q_j), as in `forces`.
     """
     # cos(q_i - q_j) = cos cos + sin sin, so no (m, n, n) array of differences is needed.
-    cos, sin = w_rad_s * np.cos(q_rad), w_rad_s * np.sin(q_rad)
+    cos = w_rad_s * np.cos(q_rad)
+    sin = w_rad_s * np.sin(q_rad)
     return np.asarray(
         0.5
         * (
@@ -504,7 +529,8 @@ def floor_J(chain: Chain, q_rad: Floats) -> Floats:
     """Energy (m,) of the compressed floor for angles (m, n): 2/5 stiffness depth^2.5 under every
     link end, on a bump where there is one.
     """
-    sin, cos = np.sin(q_rad), np.cos(q_rad)
+    sin = np.sin(q_rad)
+    cos = np.cos(q_rad)
     up = chain.ground_depth * chain.floor_cos - np.cumsum(
         chain.length * (sin * chain.floor_cos - cos * chain.floor_sin), axis=1
     )

@@ -54,7 +54,9 @@ GAIN_BY_TURN = 0.98  # a step is not repeated for less
 # moment later.
 JUST_AFTER_S = 1e-12
 
-DONE, STEP_TOO_SHORT, TOO_MANY_STEPS = 0, 1, 2
+DONE = 0
+STEP_TOO_SHORT = 1
+TOO_MANY_STEPS = 2
 
 
 @jit_inline
@@ -62,14 +64,21 @@ def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
     """Interpolates q, w, a at the share x of a step of length h from `state` to stage `end` into
     `work`: order 4 for q and w, 3 for a.
     """
-    q1, w1, a1 = work.stage_q[end], work.stage_w[end], work.stage_a[end]
+    q1 = work.stage_q[end]
+    w1 = work.stage_w[end]
+    a1 = work.stage_a[end]
     for i in range(state.q.size):
-        rise, m0, m1 = q1[i] - state.q[i], h * state.w[i], h * w1[i]
+        rise = q1[i] - state.q[i]
+        m0 = h * state.w[i]
+        m1 = h * w1[i]
         work.q[i] = state.q[i] + x * (
             m0 + x * (3.0 * rise - 2.0 * m0 - m1 + x * (m0 + m1 - 2.0 * rise))
         )
-        rise, m0, m1 = w1[i] - state.w[i], h * state.a[i], h * a1[i]
-        c2, c3 = 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise
+        rise = w1[i] - state.w[i]
+        m0 = h * state.a[i]
+        m1 = h * a1[i]
+        c2 = 3.0 * rise - 2.0 * m0 - m1
+        c3 = m0 + m1 - 2.0 * rise
         work.w[i] = state.w[i] + x * (m0 + x * (c2 + x * c3))
         work.a[i] = (m0 + x * (2.0 * c2 + x * 3.0 * c3)) / h
 
@@ -88,7 +97,8 @@ def fill_samples(
     """Fills the samples inside (t, t_new], from `state` to the last stage. Returns the next
     sample's index.
     """
-    h, end = t_new - t, work.stage_q.shape[0] - 1
+    h = t_new - t
+    end = work.stage_q.shape[0] - 1
     while first < out.t.size and out.t[first] <= t_new:
         elapsed = out.t[first] - t
         interpolate(state, end, h, elapsed / h, work)
@@ -161,11 +171,13 @@ def prepare(state: State, stage: int, h: float, work: Work) -> None:
     `work.base_q` and `work.base_w`.
     """
     for i in range(state.q.size):
-        q, w = state.q[i], state.w[i]
+        q = state.q[i]
+        w = state.w[i]
         for j in range(stage):
             q += h * TABLEAU[stage, j] * work.stage_w[j, i]
             w += h * TABLEAU[stage, j] * work.stage_a[j, i]
-        work.base_q[i], work.base_w[i] = q, w
+        work.base_q[i] = q
+        work.base_w[i] = w
 
 
 @jit_inline
@@ -219,10 +231,8 @@ def try_step(
     error = 1e-12
     for i in range(state.q.size):
         weight = 1.0 if i < state.anchor.size else PER_METRE
-        angle, speed = (
-            abs(work.stage_q[3, i] - work.stage_q[2, i]),
-            abs(work.stage_w[3, i] - work.stage_w[2, i]),
-        )
+        angle = abs(work.stage_q[3, i] - work.stage_q[2, i])
+        speed = abs(work.stage_w[3, i] - work.stage_w[2, i])
         # The compiler knows the maximum of two lanes, not of three.
         error = max(error, weight * angle / tolerance[0])
         error = max(error, weight * speed / tolerance[1])
@@ -264,7 +274,12 @@ def accept_step(
     for k in range(state.anchor.size):
         work.limit[1, k] = work.limit[0, k]
     first = fill_samples(chain, laws, state, t, t_new, first, work, out)
-    h, q, w, a, old_w, old_a = t_new - t, work.q, work.w, work.a, state.w, state.a
+    h = t_new - t
+    q = work.q
+    w = work.w
+    a = work.a
+    old_w = state.w
+    old_a = state.a
     for i in range(q.size):
         q[i], w[i], a[i] = work.stage_q[3, i], work.stage_w[3, i], work.stage_a[3, i]
         # Derivative at the step's end of the parabola through a at both ends whose integral is the
@@ -339,11 +354,17 @@ def take_steps(
             jumped = True
         if jumped and not start(chain, laws, shaft, state, t, work):
             return STEP_TOO_SHORT, h, accepted, rejected
-        stop = min(t_end, shaft.landings[landing]) if landing < shaft.landings.size else t_end
+        if landing < shaft.landings.size:
+            stop = min(t_end, shaft.landings[landing])
+        else:
+            stop = t_end
         h = min(h, longest)
         # A remainder that is hardly longer than the step is taken at once; one below two steps is
         # halved, so that no tiny step is left.
-        t_new = stop if stop - t <= 1.0000001 * h else t + min(h, 0.5 * (stop - t))
+        if stop - t <= 1.0000001 * h:
+            t_new = stop
+        else:
+            t_new = t + min(h, 0.5 * (stop - t))
         error = try_step(chain, laws, shaft, state, t, t_new, tolerance, work)
         if error > 1.0:
             rejected += 1

@@ -30,8 +30,11 @@ from numpy.typing import NDArray
 
 LANES = 8
 
-_DOUBLE, _BIT, _INT32 = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
-_VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(_BIT, LANES)
+_DOUBLE = ir.DoubleType()
+_BIT = ir.IntType(1)
+_INT32 = ir.IntType(32)
+_VECTOR = ir.VectorType(_DOUBLE, LANES)
+_BITS = ir.VectorType(_BIT, LANES)
 _ALIGNMENT_BYTES = 8 * LANES
 # A product and the sum it goes into may become one instruction, with one rounding; as for floats,
 # see `compiled`.
@@ -40,7 +43,9 @@ _FUSED = ("contract",)
 
 def select(condition: bool, a: float, b: float) -> float:
     """`a` where the condition holds, else `b`; both are computed."""
-    return a if condition else b
+    if condition:
+        return a
+    return b
 
 
 def in_any_lane(condition: bool) -> bool:
@@ -99,11 +104,15 @@ class LanesType(types.Type):
 
     def can_convert_from(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
         """Called by the compiler: whether a value of another type becomes one of this."""
-        return Conversion.safe if isinstance(other, (types.Float, types.Integer)) else None
+        if isinstance(other, (types.Float, types.Integer)):
+            return Conversion.safe
+        return None
 
     def unify(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
         """Called by the compiler: the type of a variable that is assigned both."""
-        return self if isinstance(other, (types.Float, types.Integer)) else None
+        if isinstance(other, (types.Float, types.Integer)):
+            return self
+        return None
 
 
 class LaneBitsType(types.Type):
@@ -114,11 +123,15 @@ class LaneBitsType(types.Type):
 
     def can_convert_from(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
         """As for lanes."""
-        return Conversion.safe if isinstance(other, types.Boolean) else None
+        if isinstance(other, types.Boolean):
+            return Conversion.safe
+        return None
 
     def unify(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
         """As for lanes."""
-        return self if isinstance(other, types.Boolean) else None
+        if isinstance(other, types.Boolean):
+            return self
+        return None
 
 
 @register_model(LanesType)
@@ -152,8 +165,11 @@ def _cast_to_bits(context: Any, builder: Any, from_type: Any, to_type: Any, valu
     return _repeat(builder, value, _BITS)
 
 
-_LANES, _LANE_BITS = LanesType(), LaneBitsType()
-_FLOAT, _BOOLEAN, _INTEGER = types.float64, types.boolean, types.intp
+_LANES = LanesType()
+_LANE_BITS = LaneBitsType()
+_FLOAT = types.float64
+_BOOLEAN = types.boolean
+_INTEGER = types.intp
 
 
 def _define(function: Any, *forms: tuple[Any, tuple[Any, ...], Callable[..., Any]]) -> None:

@@ -55,7 +55,10 @@ from rfca_rig.model.kernel.lanes import LANES, LanesType
 from rfca_rig.model.kernel.state import Floats
 
 HINGE, LINK, SLIP, NORMAL, ROTOR, LOAD = range(6)
-ARGUMENTS, RESULTS, MEMORY = 6, 4, 4  # of a law at most, and numbers of its memory
+# of a law at most, and numbers of its memory
+ARGUMENTS = 6
+RESULTS = 4
+MEMORY = 4
 TABLE = 8  # index at which the table of a law begins in its row of parameters
 
 Law = Callable[..., Any]

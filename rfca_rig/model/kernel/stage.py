@@ -108,11 +108,15 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
     counts.
     """
     x = shaft.breaks[0]
-    c0, c1, c2, c3 = x, x, x, x
+    c0 = x
+    c1 = x
+    c2 = x
+    c3 = x
     for lane in range(count_lanes(x)):
         # Bisection for the last piece that begins before t. Before the first break and after the
         # last one, the outer pieces go on.
-        low, high = 0, shaft.coefficient.shape[0]
+        low = 0
+        high = shaft.coefficient.shape[0]
         while high - low > 1:
             middle = (low + high) // 2
             if lane_of(shaft.breaks[middle], lane) < t:
@@ -136,7 +140,9 @@ def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[f
     """Torque on a free shaft that is `angle` and `speed` behind its command, and stands `at`
     this angle: (T, -dT/dq, -dT/dw).
     """
-    bent, k_angle, k_speed = angle, shaft.k_angle, shaft.k_speed
+    bent = angle
+    k_angle = shaft.k_angle
+    k_speed = shaft.k_speed
     plays = shaft.gap > 0.0
     if in_any_lane(plays):
         bent = angle - min(max(angle, -shaft.gap), shaft.gap)
@@ -150,7 +156,8 @@ def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[f
     torque = shaft.feed + shaft.k_angle * bent + shaft.k_speed * speed
     free = abs(torque) <= shaft.limit
     torque = select(free, torque, shaft.limit * sign(torque))
-    k_angle, k_speed = select(free, k_angle, 0.0), select(free, k_speed, 0.0)
+    k_angle = select(free, k_angle, 0.0)
+    k_speed = select(free, k_speed, 0.0)
     # Cogging comes from the magnets, so the limit of the current does not apply to it.
     if in_any_lane(shaft.cogging != 0.0):
         electrical = shaft.cycles * (at - shaft.angle) + shaft.phase
@@ -169,7 +176,8 @@ def drive_rotor(
     wanted, with the stage's g."""
     if not shaft.free:
         return
-    angle, speed = shaft.angle, shaft.speed
+    angle = shaft.angle
+    speed = shaft.speed
     if shaft.breaks.size > 0:
         angle, speed, _ = shaft_at(shaft, t)
     torque, k_angle, k_speed = drive_torque(shaft, angle - q[0], speed - w[0], q[0])
@@ -202,12 +210,11 @@ def update_motion(
 def allocate_workspace(coordinates: int, links: int) -> Work:
     """Working memory for a chain of so many links (n) and coordinates (c)."""
     # Few large arrays, each cut into views: an integration begins with few allocations.
-    v, u = np.zeros((15, coordinates)), np.zeros((2, links))
-    stages, regimes, exchange = (
-        np.zeros((3, 4, coordinates)),
-        np.zeros((2, 2, links)),
-        np.zeros((2, 8)),
-    )
+    v = np.zeros((15, coordinates))
+    u = np.zeros((2, links))
+    stages = np.zeros((3, 4, coordinates))
+    regimes = np.zeros((2, 2, links))
+    exchange = np.zeros((2, 8))
     return Work(
         R=np.zeros(coordinates),
         J=np.zeros((coordinates, coordinates)),
@@ -262,7 +269,10 @@ def solve_stage(
     With `reuse`, the factored Jacobian of an earlier stage with the same g is kept while every
     contact and hinge is on the branch of its law on which it was made, and while each iteration
     gains a digit."""
-    q, w, a, before = work.q, work.w, work.a, np.inf
+    q = work.q
+    w = work.w
+    a = work.a
+    before = np.inf
     # The acceleration of a prescribed shaft is known: its row and column are left out of the
     # system, eq. (16).
     first = 0 if shaft.free else 1
@@ -282,7 +292,8 @@ def solve_stage(
         else:
             drive_rotor(shaft, t, q, w, a, g, False, work)
         substitute(work.J, first, work.R)
-        change, finite = abs(work.R[first]), work.R[first] < ABSURD_RAD_S2
+        change = abs(work.R[first])
+        finite = work.R[first] < ABSURD_RAD_S2
         for i in range(first, q.size):
             a[i] -= work.R[i]
             finite = finite & (abs(work.R[i]) < ABSURD_RAD_S2)
@@ -302,7 +313,8 @@ def solve_stage(
 @jit_inline
 def is_jacobian_valid(chain: Chain, work: Work) -> bool:
     """Whether all laws are on the branches on which they were when J was computed."""
-    now, then = work.regime, work.regime_of_J
+    now = work.regime
+    then = work.regime_of_J
     same = now[0, 0] == then[0, 0]
     for k in range(now.shape[1]):
         same = (

@@ -72,7 +72,8 @@ class EndLoads:
 
 def link_chain_of(leg: Leg) -> LinkChain:
     """The leg as uniform rods; its driven joint has neither spring nor damping."""
-    a, m = np.array(leg.link_lengths_m), np.array(leg.link_masses_kg)
+    a = np.array(leg.link_lengths_m)
+    m = np.array(leg.link_masses_kg)
     damping = np.full(a.size, leg.hinge_damping_Nm_s_per_rad)
     damping[0] = 0.0
     return LinkChain(a, m, a / 2.0, m * a**2 / 12.0, springs_of(leg), np.zeros(a.size), damping)
@@ -156,7 +157,8 @@ def _joint_moments(
 
 def _rotation(phi: float) -> Floats:
     """R_i, from frame {i} into {i-1}."""
-    sin, cos = np.sin(phi), np.cos(phi)
+    sin = np.sin(phi)
+    cos = np.cos(phi)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -168,14 +170,16 @@ def _outward(
 
     The weight enters as a base that accelerates upwards, against Y_0.
     """
-    w, dw = np.zeros((3, ddphi.shape[1])), np.zeros((3, ddphi.shape[1]))
+    w = np.zeros((3, ddphi.shape[1]))
+    dw = np.zeros((3, ddphi.shape[1]))
     dv = np.zeros_like(w)
     dv[1] = -gravity_m_s2
     taken = []
     for i, R_i in enumerate(R):
         P_i = _along_link(chain.a[i - 1] if i > 0 else 0.0)
         dv = R_i.T @ (dv + _cross(dw, P_i) + _cross(w, _cross(w, P_i)))
-        carried, spin = R_i.T @ w, dphi[i] * Z
+        carried = R_i.T @ w
+        spin = dphi[i] * Z
         dw = R_i.T @ dw + _cross(carried, spin) + ddphi[i] * Z
         w = carried + spin
         P_c = _along_link(chain.centre[i])
@@ -196,7 +200,8 @@ def _inward(
     """Eq. (12) from the tip to the base: n_i . Z of every joint (n, m). `alpha` is the absolute
     angle of the last link.
     """
-    f, n = np.zeros_like(motion[0][0]), np.zeros_like(motion[0][0])
+    f = np.zeros_like(motion[0][0])
+    n = np.zeros_like(motion[0][0])
     moments = np.empty((len(R), f.shape[1]))
     from_next = np.eye(3)
     into_link = _rotation(alpha).T
@@ -206,11 +211,13 @@ def _inward(
         at_end = from_next @ f - into_link @ np.array(
             [[loads.force_N[0, i]], [loads.force_N[1, i]], [0.0]]
         )
-        P_c, P_next = _along_link(chain.centre[i]), _along_link(chain.a[i])
+        P_c = _along_link(chain.centre[i])
+        P_next = _along_link(chain.a[i])
         n = N_i + from_next @ n - loads.moment_Nm[i] * Z + _cross(P_c, F_i) + _cross(P_next, at_end)
         f = at_end + F_i
         moments[i] = n[2]
-        from_next, into_link = R[i], R[i] @ into_link
+        from_next = R[i]
+        into_link = R[i] @ into_link
     return moments
 
 
@@ -399,7 +406,8 @@ class DrivenChain:
         """
         phi, dphi = (np.array([of(drive, t) for drive in self.drives]) for of in (_angle, _speed))
         half = x.size // 2
-        phi[self.free], dphi[self.free] = x[:half], x[half:]
+        phi[self.free] = x[:half]
+        dphi[self.free] = x[half:]
         return phi, dphi
 
     def known(self, t: float) -> Floats:
@@ -424,8 +432,12 @@ class DrivenChain:
 
 
 def _angle(drive: Drive, t: float) -> float:
-    return drive.angle(t) if isinstance(drive, KnownMotion) else 0.0
+    if isinstance(drive, KnownMotion):
+        return drive.angle(t)
+    return 0.0
 
 
 def _speed(drive: Drive, t: float) -> float:
-    return drive.speed(t) if isinstance(drive, KnownMotion) else 0.0
+    if isinstance(drive, KnownMotion):
+        return drive.speed(t)
+    return 0.0

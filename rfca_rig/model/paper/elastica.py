@@ -156,7 +156,8 @@ def bend(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Bent:
 
 
 def _newton(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Bent | None:
-    theta, multipliers = start_rad.copy(), np.zeros(_count(holds))
+    theta = start_rad.copy()
+    multipliers = np.zeros(_count(holds))
     for iteration in range(1, MOST_ITERATIONS + 1):
         residual, matrix = _system(mesh, holds, force_N, theta, multipliers)
         change = splu(matrix).solve(-residual)
@@ -180,7 +181,8 @@ def sensitivity(bent: Bent, holds: Holds, force_N: Floats) -> Floats:
     # A unit change of each constraint on the right side of the last Newton system: the multipliers
     # respond by minus the second derivative.
     _, matrix = _system(bent.mesh, holds, force_N, bent.theta_rad, bent.multipliers)
-    size, count = bent.theta_rad.size, bent.multipliers.size
+    size = bent.theta_rad.size
+    count = bent.multipliers.size
     moved = np.zeros((size + count, count))
     moved[size:] = np.eye(count)
     return -np.asarray(splu(matrix).solve(moved))[size:]
@@ -195,14 +197,13 @@ def bend_cantilever(
     Every shape on the path is stable. Raises SimulationFailed where there is no such path: under a
     force straight back along the strip, beyond Euler's load, it may buckle to either side."""
     mesh = even_mesh(EI_Nm2, length_m, elements)
-    clamp, force, theta = (
-        Holds(np.array([0]), np.zeros(1)),
-        np.array(force_N),
-        np.zeros(elements + 1),
-    )
+    clamp = Holds(np.array([0]), np.zeros(1))
+    force = np.array(force_N)
+    theta = np.zeros(elements + 1)
     # The load grows in steps, which are halved where Newton fails or leaves the branch, and grow by
     # half where it does not.
-    share, step = 0.0, min(1.0, FIRST_LOAD * EI_Nm2 / length_m**2 / max(np.hypot(*force), 1e-300))
+    share = 0.0
+    step = min(1.0, FIRST_LOAD * EI_Nm2 / length_m**2 / max(np.hypot(*force), 1e-300))
     while True:
         bent = _newton(mesh, clamp, min(share + step, 1.0) * force, theta)
         if bent is None or not _follows(bent, theta, min(share + step, 1.0) * force):
@@ -214,7 +215,8 @@ def bend_cantilever(
                     "where the force is straight back along the strip, give it a little to one side"
                 )
             continue
-        share, theta = min(share + step, 1.0), bent.theta_rad
+        share = min(share + step, 1.0)
+        theta = bent.theta_rad
         if share == 1.0:
             return bent
         step *= 1.5
@@ -241,7 +243,8 @@ def _follows(bent: Bent, before_rad: Floats, force_N: Floats) -> bool:
     )
     # The clamped node is fixed and the last row belongs to its multiplier: what remains of the
     # matrix is tridiagonal.
-    diagonal, beside = matrix.diagonal()[1:-1], matrix.diagonal(1)[1:-1]
+    diagonal = matrix.diagonal()[1:-1]
+    beside = matrix.diagonal(1)[1:-1]
     lowest = eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(0, 0))[0]
     return bool(near and lowest > 0.0)
 
@@ -254,7 +257,9 @@ def _system(
     mesh: Mesh, holds: Holds, force_N: Floats, theta: Floats, multipliers: Floats
 ) -> tuple[Floats, Any]:
     """Gradient of L by theta and multipliers, and its derivative."""
-    cos, sin, pull = mesh.weights_m * np.cos(theta), mesh.weights_m * np.sin(theta), force_N.copy()
+    cos = mesh.weights_m * np.cos(theta)
+    sin = mesh.weights_m * np.sin(theta)
+    pull = force_N.copy()
     gap = theta[holds.nodes] - holds.angle_rad
     rows = csc_matrix(
         coo_matrix(

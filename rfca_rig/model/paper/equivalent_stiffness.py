@@ -127,7 +127,8 @@ class EncasedStrip:
         for i in range(phi_rad.size):
             for j in range(i):
                 # (U(++) + U(--) - U(+-) - U(-+)) / 4 step^2
-                both, apart = steps[i] + steps[j], steps[i] - steps[j]
+                both = steps[i] + steps[j]
+                apart = steps[i] - steps[j]
                 along = self.energy_J(phi_rad + both) + self.energy_J(phi_rad - both)
                 across = self.energy_J(phi_rad + apart) + self.energy_J(phi_rad - apart)
                 matrix[i, j] = matrix[j, i] = 0.25 * (along - across) / step_rad**2
@@ -167,9 +168,11 @@ def by_a_length(lay: Lay, free_m: float) -> Holding:
     Raises BadInput where that leaves nothing to hold in a link.
     """
     begin, end = lay.encased_m
-    first, last = begin + 0.5 * free_m, end - 0.5 * free_m
+    first = begin + 0.5 * free_m
+    last = end - 0.5 * free_m
     # The strip's own ends are no pins, so nothing is free there.
-    first[0], last[-1] = begin[0], end[-1]
+    first[0] = begin[0]
+    last[-1] = end[-1]
     if not (free_m > 0.0 and (last > first).all()):
         raise BadInput(
             f"free length of {1e3 * free_m:.1f} mm at every hinge: the shortest encased "

@@ -143,11 +143,9 @@ def compute_fixed_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
             "or towards the inside of the bend"
         )
     mesh = even_mesh(hinge.EI_Nm2, hinge.free_m, ELEMENTS)
-    theta, rows, reached = (
-        _first_guess(hinge, mesh.s_m, min(FIRST_STEP_RAD, float(phi_rad[0]))),
-        [],
-        0.0,
-    )
+    theta = _first_guess(hinge, mesh.s_m, min(FIRST_STEP_RAD, float(phi_rad[0])))
+    rows = []
+    reached = 0.0
     for wanted in phi_rad:
         # Each shape is the first guess of the next one, a short step away, which keeps the solution
         # on its branch.

@@ -44,7 +44,8 @@ ALPHA_PER_S = 300.0
 
 # Each touchdown and each release is a change; a tip that chatters would otherwise never end.
 MOST_CHANGES = 400
-RTOL, ATOL = 1e-7, 1e-8
+RTOL = 1e-7
+ATOL = 1e-8
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,9 @@ class RigidFloor:
         z holds the torque of a prescribed joint, and the acceleration of any other.
         """
         phi, dphi = self.system.place(t, x)
-        n, J, w = phi.size, self.J_y(phi), np.cumsum(dphi)
+        n = phi.size
+        J = self.J_y(phi)
+        w = np.cumsum(dphi)
         A = np.zeros((n + 1, n + 1))
         # Column and row differ where there is friction: it acts on the joints, but is not part of
         # the constraint.
@@ -105,7 +108,8 @@ class RigidFloor:
         )
         dJ_dphi = -self.system.chain.a * np.sin(np.cumsum(phi)) @ w**2
         held = -dJ_dphi - 2.0 * ALPHA_PER_S * (J @ dphi) - ALPHA_PER_S**2 * self.depths(phi)[-1]
-        known, prescribed = self.system.known(t), ~self.system.free
+        known = self.system.known(t)
+        prescribed = ~self.system.free
         tau = np.where(prescribed, 0.0, known)
         b = np.append(right_side_Nm(self.system.chain, phi, dphi, tau, no_loads(n)), held)
         z = solve_exchanged(A, b, np.append(known, 0.0), np.append(prescribed, False))
@@ -220,7 +224,9 @@ def simulate_on_rigid_floor(
     ]
     system = DrivenChain(link_chain_of(rig.leg), (shaft, *[PASSIVE] * len(hanging)))
     floor = RigidFloor(system, height_m, rig.leg.link_radius_m, friction_coefficient)
-    t, x, contact = 0.0, np.concatenate([hanging, np.zeros_like(hanging)]), _Contact(False)
+    t = 0.0
+    x = np.concatenate([hanging, np.zeros_like(hanging)])
+    contact = _Contact(False)
     if (deepest := floor.depths_at(t, x).max()) > 0.0:
         raise BadInput(
             f"with the shaft at {np.degrees(shaft.angle(0.0)):.1f} degrees and "
@@ -267,9 +273,9 @@ def _follow(floor: RigidFloor, contact: _Contact, t: float, x: Floats, t_s: Floa
         change = _Crossing(lambda t, x: float(floor.depths_at(t, x)[-1]), 1.0)
 
     def rate(t: float, x: Floats) -> Floats:
-        return (
-            floor.contact_rate(t, x, contact.sliding) if contact.down else floor.system.rate(t, x)
-        )
+        if contact.down:
+            return floor.contact_rate(t, x, contact.sliding)
+        return floor.system.rate(t, x)
 
     ahead = t_s[t_s >= t]
     motion = solve_ivp(
@@ -301,7 +307,8 @@ def _follow(floor: RigidFloor, contact: _Contact, t: float, x: Floats, t_s: Floa
 
 
 def _change_contact(floor: RigidFloor, piece: _Piece) -> tuple[float, Floats, _Contact]:
-    t, x = piece.end_s, piece.x_end
+    t = piece.end_s
+    x = piece.x_end
     if piece.contact.down:
         return t, x, _Contact(False)
     # Where lambda is not positive right after the impact, the tip leaves at once: the next piece

@@ -93,7 +93,8 @@ def tip_jacobian(chain: TipChain, phi: Floats) -> Floats:
     The circle's lowest point rolls back by its radius with every joint that turns the last link.
     """
     varphi = absolute_angles(phi)
-    along, down = sum_to_tip(-chain.L * np.sin(varphi)), sum_to_tip(chain.L * np.cos(varphi))
+    along = sum_to_tip(-chain.L * np.sin(varphi))
+    down = sum_to_tip(chain.L * np.cos(varphi))
     return np.array([along - chain.tip_radius_m, down])
 
 
@@ -188,12 +189,15 @@ def equilibrium_under_tip_force(
     """
     phi = np.zeros(chain.L.size)
     phi[0] = shaft_angle_rad
-    carried, step = 0.0, 0.25
+    carried = 0.0
+    step = 0.25
     while carried < 1.0:
         share = min(1.0, carried + step)
         loaded = _newton(chain, phi, share * force_N, share)
         if loaded is not None:
-            phi, carried, step = loaded, share, 2.0 * step
+            phi = loaded
+            carried = share
+            step = 2.0 * step
         else:
             step *= 0.5
         if step < SMALLEST_LOAD_STEP:

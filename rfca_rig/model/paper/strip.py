@@ -151,7 +151,8 @@ def with_links(leg: Leg, count: int) -> Leg:
     """The leg with `count` links. Raises BadInput below 2 and above 60, and for a leg that has
     two itself.
     """
-    hinges, wanted = len(leg.link_lengths_m) - 1, count - 1
+    hinges = len(leg.link_lengths_m) - 1
+    wanted = count - 1
     if wanted == hinges:
         return leg
     if not 2 <= count <= MOST_LINKS:
@@ -170,7 +171,8 @@ def with_first_link(leg: Leg, first_m: float) -> Leg:
     """The leg with a first link of that length; the others share the rest in their old
     proportion. Raises BadInput where none is left.
     """
-    first, rest = leg.link_lengths_m[0], sum(leg.link_lengths_m[1:])
+    first = leg.link_lengths_m[0]
+    rest = sum(leg.link_lengths_m[1:])
     if not 0.0 < first_m < first + rest:
         raise BadInput(
             f"a first link of {1e3 * first_m:g} mm: it must be above 0 and below the "
@@ -199,10 +201,8 @@ def _cells_m(leg: Leg) -> Floats:
     pins = borders[1:-1]
     between = 0.5 * (pins[:-1] + pins[1:])
     # An end cell reaches as far outwards from its pin as inwards, but not beyond the leg.
-    begin, end = (
-        max(2.0 * pins[0] - between[0], 0.0),
-        min(2.0 * pins[-1] - between[-1], borders[-1]),
-    )
+    begin = max(2.0 * pins[0] - between[0], 0.0)
+    end = min(2.0 * pins[-1] - between[-1], borders[-1])
     cells = np.empty(2 * pins.size + 1)
     cells[1::2], cells[::2] = pins, np.concatenate(([begin], between, [end]))
     return cells
@@ -222,7 +222,8 @@ def _recut(leg: Leg, lengths_m: Floats, m: float) -> Leg:
             "leg.torque_rotation: a leg with a curve for each hinge cannot be cut into "
             "other links; give one curve for all"
         )
-    old, new = np.cumsum((0.0, *leg.link_lengths_m)), np.concatenate(([0.0], np.cumsum(lengths_m)))
+    old = np.cumsum((0.0, *leg.link_lengths_m))
+    new = np.concatenate(([0.0], np.cumsum(lengths_m)))
     # Mass is spread evenly over each old link: interpolating its running sum keeps it where it is.
     masses = np.diff(np.interp(new, old, np.cumsum((0.0, *leg.link_masses_kg))))
     return replace(

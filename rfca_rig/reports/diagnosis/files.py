@@ -120,11 +120,10 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
 
 def _effect(effect: NamedEffect) -> str:
     values = ", ".join(_value_text(name, value) for name, value in effect.parameters.items())
-    others = (
-        f"; cannot be told from {', '.join(effect.cannot_tell_from)}"
-        if effect.cannot_tell_from
-        else ""
-    )
+    if effect.cannot_tell_from:
+        others = f"; cannot be told from {', '.join(effect.cannot_tell_from)}"
+    else:
+        others = ""
     return f"{effect.id} ({format_probability(effect.probability)}): {values} (90 %){others}"
 
 
@@ -150,10 +149,14 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
     for name, fit in list(diagnosis.fit.items())[:FIGURES]:
         words, unit = words_and_unit(name)
         held_out = diagnosis.held_out.get(f"held_out_{name}")
-        held_out_text = f"; held out {_change(held_out)}" if held_out else ""
-        floor = (
-            "" if fit.noise_floor is None else f" (noise {format_significant(fit.noise_floor, 2)})"
-        )
+        if held_out:
+            held_out_text = f"; held out {_change(held_out)}"
+        else:
+            held_out_text = ""
+        if fit.noise_floor is None:
+            floor = ""
+        else:
+            floor = f" (noise {format_significant(fit.noise_floor, 2)})"
         yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
     if diagnosis.valley:
         yield ", ".join(
@@ -250,10 +253,8 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
         sections["drive"] = {**sections["drive"], "holds_start": True}
     # A height offset beyond its uncertainty means that the rack stood elsewhere, which the model
     # file states as an effect.
-    found, height = (
-        [_to_found_effect(effect) for effect in diagnosis.effects],
-        diagnosis.believed_values.get("height"),
-    )
+    found = [_to_found_effect(effect) for effect in diagnosis.effects]
+    height = diagnosis.believed_values.get("height")
     if (
         height
         and abs(height.value) >= height.std
@@ -323,7 +324,8 @@ def _refine_known_to(values: Mapping[str, Value], recording: Recording) -> Mappi
     for name, value in values.items():
         parameter = PARAMETERS.get(name)
         if parameter is not None and parameter.known_to in known and value.std > 0.0:
-            known[parameter.known_to] = (
-                value.std / abs(value.value) if parameter.relative else value.std
-            )
+            if parameter.relative:
+                known[parameter.known_to] = value.std / abs(value.value)
+            else:
+                known[parameter.known_to] = value.std
     return known

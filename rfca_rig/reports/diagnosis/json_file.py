@@ -90,7 +90,8 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _law(stated: StatedLaw) -> dict[str, Any]:
-    law, curve = stated.law, stated.curve
+    law = stated.law
+    curve = stated.curve
     return {
         "place": law.place,
         "argument": law.argument,
@@ -122,8 +123,12 @@ def to_json_types(value: object) -> Any:
         return to_json_types(value.item())
     if isinstance(value, float):
         # Adding 0.0 turns -0.0 into 0.0.
-        return float(f"{value:.{DIGITS}g}") + 0.0 if isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+        if isfinite(value):
+            return float(f"{value:.{DIGITS}g}") + 0.0
+        return None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    return str(value)
 
 
 def _place_record(place: Located) -> dict[str, Any]:

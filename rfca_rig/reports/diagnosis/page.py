@@ -149,9 +149,9 @@ def condition_grid(conditions: Sequence[str], times: int) -> Grid:
     grids = [*([beside] if _without_unit(distinct)[0] else []), *_cross_grids(distinct)]
     fitting = [grid for grid in grids if times * len(grid.columns) <= MOST_COLUMNS]
     # A list of all conditions below each other always fits.
-    return (
-        min(fitting, key=lambda grid: len(grid.rows), default=below) if len(distinct) > 1 else below
-    )
+    if len(distinct) > 1:
+        return min(fitting, key=lambda grid: len(grid.rows), default=below)
+    return below
 
 
 def _cross_grids(conditions: Sequence[str]) -> list[Grid]:
@@ -249,7 +249,9 @@ def maps_of(diagnosis: Diagnosis) -> list[Map]:
 
 def band(sigmas: float) -> int:
     """Index of the colour: the number of EDGES reached."""
-    return bisect_right(EDGES, sigmas) if isfinite(sigmas) else 0
+    if isfinite(sigmas):
+        return bisect_right(EDGES, sigmas)
+    return 0
 
 
 def _map(
@@ -352,7 +354,10 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         f"{one} from {other}: {format_significant(log, 2)}"
         for one, other, log in proposal.get("separates", ())
     ]
-    separates = {"separates by log evidence": pairs} if pairs else {}
+    if pairs:
+        separates = {"separates by log evidence": pairs}
+    else:
+        separates = {}
     return template("diagnosis.html").render(
         sheets=("verdict.css", "diagnosis.css"),
         origin=context.origin,
@@ -445,7 +450,8 @@ def describe_evidence(diagnosis: Diagnosis) -> str:
 
 def describe_next_step(diagnosis: Diagnosis) -> tuple[str, str]:
     """What to do with the answer in words, and the command for it, "" where none does it."""
-    proposal, step = diagnosis.next_experiment, NEXT_STEPS[diagnosis.grade]
+    proposal = diagnosis.next_experiment
+    step = NEXT_STEPS[diagnosis.grade]
     if diagnosis.is_of_stretches:
         step = step.replace("a condition not used", "a recording not used")
         step = step.replace("three conditions, each with repeats", "three stretches of recordings")
@@ -476,7 +482,8 @@ def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
             "forest": "",
         }
         if prior is not None and prior.std > 0.0 and isfinite(value.value):
-            z, half = (value.value - prior.value) / prior.std, STDS_90 * value.std / prior.std
+            z = (value.value - prior.value) / prior.std
+            half = STDS_90 * value.std / prior.std
             half = half if isfinite(half) else 0.0
             texts["prior"] = format_with_interval_90(prior)
             shown_text = f"{words}: {texts['value']} {unit}, prior {texts['prior']} {unit}"
@@ -545,11 +552,10 @@ def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
         "forest": "",
     }
     known = catalogue().get(effect_id)
-    plausible = (
-        next((one for one in known.parameters if page_name(one.name)[0] == name), None)
-        if known
-        else None
-    )
+    if known:
+        plausible = next((one for one in known.parameters if page_name(one.name)[0] == name), None)
+    else:
+        plausible = None
     if not isfinite(value.value):
         return texts
     half = STDS_90 * value.std if isfinite(value.std) else 0.0
@@ -563,7 +569,8 @@ def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
             )
         return texts
     factor = page_name(plausible.name)[1]
-    lowest, highest = factor * plausible.low, factor * plausible.high
+    lowest = factor * plausible.low
+    highest = factor * plausible.high
     ends = [lowest, highest, value.value - half, value.value, value.value + half]
     texts["range"] = f"{format_significant(lowest)} to {format_significant(highest)}"
     shown_text = f"{words}: {texts['value']} {unit}, plausible {texts['range']} {unit}"
@@ -611,16 +618,16 @@ def _rivals(rivals: Sequence[Rival]) -> tuple[list[dict[str, Any]], str]:
         if r.ids in ((), ("unknown",)) or (place < SHOWN_RIVALS and r.probability >= NEGLIGIBLE)
     ]
     rest = [rival.probability for rival in ranked if rival not in listed]
-    others = (
-        f"{count_noun(len(rest), 'other')}, together {format_probability(sum(rest))}"
-        if rest
-        else ""
-    )
+    if rest:
+        others = f"{count_noun(len(rest), 'other')}, together {format_probability(sum(rest))}"
+    else:
+        others = ""
     return [_rival(rival, best_evidence) for rival in listed], others
 
 
 def _rival(rival: Rival, best_evidence: float) -> dict[str, Any]:
-    name, probability = hypothesis(rival.ids), format_probability(rival.probability)
+    name = hypothesis(rival.ids)
+    probability = format_probability(rival.probability)
     prior = "" if rival.prior is None else format_probability(rival.prior)
     # Decades of probability: those of rivals differ by orders of magnitude.
     at, before = (

@@ -49,7 +49,8 @@ RESIDUAL_IN = (4.7, 2.1)
 # Share of a panel's height that marks the start of a window.
 TICK = 0.045
 
-WIDTH_IN, HEIGHT_IN = 4.4, 2.5
+WIDTH_IN = 4.4
+HEIGHT_IN = 2.5
 # Half width of the band in standard deviations.
 BAND = 2.0
 WORDS = {
@@ -106,7 +107,8 @@ def pictures_of(
 def _picture(
     signal: str, overlays: Sequence[SignalOverlay], is_kept: bool, panels: tuple[Panel, ...]
 ) -> Picture:
-    unit, fit = words_and_unit(signal)[1], residuals_of(overlays)
+    unit = words_and_unit(signal)[1]
+    fit = residuals_of(overlays)
     largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
     coincide = np.isfinite(largest) and largest < COINCIDE * _span(
         np.concatenate([each.measured for each in overlays])
@@ -137,12 +139,16 @@ def residuals_of(overlays: Sequence[SignalOverlay]) -> BeforeAfter:
 
 def _rms(values: Floats) -> float:
     known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+    if known.size:
+        return float(np.sqrt(np.mean(known**2)))
+    return float("nan")
 
 
 def _span(values: Floats) -> float:
     known = values[np.isfinite(values)]
-    return float(np.ptp(known)) if known.size else 0.0
+    if known.size:
+        return float(np.ptp(known))
+    return 0.0
 
 
 def _limits_of(overlays: Sequence[SignalOverlay]) -> list[tuple[float, float]]:
@@ -154,25 +160,31 @@ def _limits_of(overlays: Sequence[SignalOverlay]) -> list[tuple[float, float]]:
 def _limits(values: Floats) -> tuple[float, float]:
     """Limits of an axis for all panels, from finite values; (0, 1) where there are none."""
     known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    if known.size:
+        return (float(known.min()), float(known.max()))
+    return (0.0, 1.0)
 
 
 def _quantity(signal: str) -> str:
-    words, unit = signal_words(signal), words_and_unit(signal)[1]
-    return f"{words} ({unit})" if unit else words
+    words = signal_words(signal)
+    unit = words_and_unit(signal)[1]
+    if unit:
+        return f"{words} ({unit})"
+    return words
 
 
 def _panel(number: int, overlay: SignalOverlay, limits: Sequence[tuple[float, float]]) -> Panel:
     """One condition. Lines of models are interrupted where a window starts from the measured
     state again, all lines in gaps.
     """
-    t_s, starts_s, unit = overlay.t_s, overlay.starts_s, words_and_unit(overlay.signal)[1]
+    t_s = overlay.t_s
+    starts_s = overlay.starts_s
+    unit = words_and_unit(overlay.signal)[1]
     windows = np.searchsorted(t_s, starts_s)
-    gaps = (
-        1 + np.flatnonzero(np.diff(t_s) > 1.5 * np.median(np.diff(t_s)))
-        if starts_s.size
-        else windows
-    )
+    if starts_s.size:
+        gaps = 1 + np.flatnonzero(np.diff(t_s) > 1.5 * np.median(np.diff(t_s)))
+    else:
+        gaps = windows
     with drawing():
         figure, axes = make_panel(_quantity(overlay.signal), "time (s)")
         # Drawn from back to front: the measured line is the thinnest, and must stay visible where
@@ -235,14 +247,20 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
         there,
         key=lambda one: float(np.nan_to_num(np.abs(one.measured - one.before)).max(initial=0.0)),
     )
-    inside = (
-        overlay.phase == phase if overlay.phase.size else np.zeros(len(overlay.t_s), dtype=bool)
-    )
+    if overlay.phase.size:
+        inside = overlay.phase == phase
+    else:
+        inside = np.zeros(len(overlay.t_s), dtype=bool)
     # A phase that fills the figure needs no shade.
     inside &= not inside.all()
-    unit, words = words_and_unit(signal)[1], signal_words(signal)
-    before, after = overlay.measured - overlay.before, overlay.measured - overlay.after
-    shown = inside if inside.any() else np.ones(len(overlay.t_s), dtype=bool)
+    unit = words_and_unit(signal)[1]
+    words = signal_words(signal)
+    before = overlay.measured - overlay.before
+    after = overlay.measured - overlay.after
+    if inside.any():
+        shown = inside
+    else:
+        shown = np.ones(len(overlay.t_s), dtype=bool)
     numbers = " and ".join(
         f"{format_significant(_rms(values[shown]), 2)} {unit} {when}".replace("  ", " ")
         for values, when in ((before, "before"), (after, "after"))
@@ -275,7 +293,10 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
         svg = inline_svg(figure, "residual located", label, hovers)
     where = f"{phase}, shaded" if inside.any() else phase
     count = len({one.condition for one in there})
-    others = f" The worst of {count} conditions where it shows." if count > 1 else ""
+    if count > 1:
+        others = f" The worst of {count} conditions where it shows."
+    else:
+        others = ""
     caption = f"Measured less simulated at {overlay.condition}. Rms ({where}): {numbers}.{others}"
     return Picture(f"Residual of {words}", (Panel("", svg),), keep_units_together(caption))
 
@@ -309,11 +330,12 @@ def draw_forest(
     parts = [] if marker is None else [f'<path class="zero" d="M{at(marker)} 0V18"/>']
     if prior is not None:
         # A prior of one number becomes a short bar, which is still seen.
-        begin, end = (
-            (at(prior[0]), at(prior[2]))
-            if prior[0] < prior[2]
-            else (at(prior[1]), f"{float(at(prior[1])) + 3.0:.1f}")
-        )
+        if prior[0] < prior[2]:
+            begin = at(prior[0])
+            end = at(prior[2])
+        else:
+            begin = at(prior[1])
+            end = f"{float(at(prior[1])) + 3.0:.1f}"
         parts.append(f'<path class="prior" d="M{begin} 9H{end}"/>')
     parts.append(f'<path class="posterior" d="M{at(posterior[0])} 9H{at(posterior[2])}"/>')
     parts.append(f'<circle class="posterior" cx="{at(posterior[1])}" cy="9" r="3.5"/>')
@@ -347,11 +369,9 @@ def _with_breaks(
                 *(np.append(part, np.nan) for part in envelope(at[known], piece[known], share))
             ]
     # Pieces alternate between times and values; the last NaN ends nothing.
-    return (
-        (np.concatenate(pieces[::2])[:-1], np.concatenate(pieces[1::2])[:-1])
-        if pieces
-        else (np.empty(0), np.empty(0))
-    )
+    if pieces:
+        return (np.concatenate(pieces[::2])[:-1], np.concatenate(pieces[1::2])[:-1])
+    return (np.empty(0), np.empty(0))
 
 
 def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
@@ -362,7 +382,8 @@ def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
         axes = figure.subplots()
         axes.axhline(0.0, color=FAINT, lw=0.5)
-        low, high = law.values - BAND * law.std, law.values + BAND * law.std
+        low = law.values - BAND * law.std
+        high = law.values + BAND * law.std
         axes.fill_between(
             law.knots,
             low,

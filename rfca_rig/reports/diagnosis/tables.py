@@ -45,7 +45,9 @@ UNLISTED = "something that the catalogue does not list"
 MATTERS_FROM = 2.0
 # Decimals of misfits at most.
 MOST_PLACES = 4
-ALL_DATA, HELD_OUT, PRIOR = "all data", "predicted from the others", "prior"
+ALL_DATA = "all data"
+HELD_OUT = "predicted from the others"
+PRIOR = "prior"
 
 ACCEPTANCE = ("test", "required", "observed", "result")
 HYPOTHESES = ("missing", "prior_probability", "probability", "log_evidence", "model_error")
@@ -76,11 +78,9 @@ def format_with_interval_90(value: Value) -> str:
 
 def format_probability(probability: float) -> str:
     """A probability in percent, never shown as certain: neither 0 nor 100."""
-    return (
-        describe_probability(probability).replace(" ", NO_BREAK)
-        if isfinite(probability)
-        else NOTHING
-    )
+    if isfinite(probability):
+        return describe_probability(probability).replace(" ", NO_BREAK)
+    return NOTHING
 
 
 def compare_with_usual_error(place: Located) -> str:
@@ -95,7 +95,9 @@ def compare_with_usual_error(place: Located) -> str:
 
 def format_p_value(p_value: float) -> str:
     """A p-value as text; small ones as "< 0.001"."""
-    return "< 0.001" if p_value < 0.0005 else format_significant(p_value, 1 if p_value < 0.1 else 2)
+    if p_value < 0.0005:
+        return "< 0.001"
+    return format_significant(p_value, 1 if p_value < 0.1 else 2)
 
 
 def describe_effect(effect_id: str) -> str:
@@ -105,7 +107,9 @@ def describe_effect(effect_id: str) -> str:
     if effect_id == UNKNOWN:
         return UNLISTED
     effect = catalogue().get(effect_id)
-    return effect.left_out if effect else ""
+    if effect:
+        return effect.left_out
+    return ""
 
 
 def hypothesis(ids: Sequence[str]) -> str:
@@ -119,15 +123,12 @@ def describe_moved_prior(one: MovedPrior) -> str:
     """Sentence on a nuisance parameter that moved beyond its prior."""
     words, unit_of_name = words_and_unit(one.name)
     unit = f"{NO_BREAK}{one.unit or unit_of_name}".rstrip(NO_BREAK)
-    now, prior = (
-        f"{format_significant(one.now.value)}{unit}",
-        f"{format_significant(one.prior.value)} ± {format_significant(one.prior.std, 2)}{unit}",
-    )
-    beyond = (
-        f" (extrapolated: the fit stops at {MAX_COORDINATE:g})"
-        if abs(one.deviations) > MAX_COORDINATE
-        else ""
-    )
+    now = f"{format_significant(one.now.value)}{unit}"
+    prior = f"{format_significant(one.prior.value)} ± {format_significant(one.prior.std, 2)}{unit}"
+    if abs(one.deviations) > MAX_COORDINATE:
+        beyond = f" (extrapolated: the fit stops at {MAX_COORDINATE:g})"
+    else:
+        beyond = ""
     distance = f"{abs(one.deviations):.1f} prior standard deviations"
     return (
         f"{words} moved to {now}, {distance} from {prior}{beyond}: it is wrong, or something "
@@ -180,23 +181,24 @@ def format_value(value: object) -> str:
     if isinstance(value, Mapping):
         return "; ".join(f"{name} {text}" for name, text in entries(value))
     if isinstance(value, bool | str):
-        return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+        if isinstance(value, bool):
+            return {True: "yes", False: "no"}[value]
+        return value
     if isinstance(value, int | float):
-        return f"{value:.6g}".replace("-", "\u2212") if isfinite(value) else NOTHING
-    return (
-        ", ".join(format_value(each) for each in value)
-        if hasattr(value, "__iter__")
-        else str(value)
-    )
+        if isfinite(value):
+            return f"{value:.6g}".replace("-", "\u2212")
+        return NOTHING
+    if hasattr(value, "__iter__"):
+        return ", ".join(format_value(each) for each in value)
+    return str(value)
 
 
 def parameters_table(diagnosis: Diagnosis) -> Table:
     """Parameters of every stated effect, or of the most probable ones where none is claimed."""
-    claim = (
-        "What the model lacks"
-        if diagnosis.verdict == "named"
-        else "Likeliest of the catalogue, not claimed"
-    )
+    if diagnosis.verdict == "named":
+        claim = "What the model lacks"
+    else:
+        claim = "Likeliest of the catalogue, not claimed"
     rows = tuple(
         TableRow(
             {
@@ -349,11 +351,10 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         *held_out,
         TableColumn("noise_floor", "Noise floor"),
     )
-    of_what = (
-        "rms over all stretches"
-        if diagnosis.is_of_stretches
-        else "means over the repeats of each condition, rms over all of them"
-    )
+    if diagnosis.is_of_stretches:
+        of_what = "rms over all stretches"
+    else:
+        of_what = "means over the repeats of each condition, rms over all of them"
     caption = (
         f"Measured less simulated, {of_what}. Before: the nominal model; after: the model "
         "that this diagnosis arrives at."
@@ -403,7 +404,8 @@ def _row(
         "held_out_before": held_out.before if held_out else None,
         "held_out_after": held_out.after if held_out else None,
     }
-    words, unit = signal_words(name.removeprefix("rms_")), words_and_unit(name)[1]
+    words = signal_words(name.removeprefix("rms_"))
+    unit = words_and_unit(name)[1]
     digits = max(
         (places(number, 2) for number in numbers.values() if number is not None), default=0
     )
@@ -474,11 +476,10 @@ def describe_law(stated: StatedLaw) -> str:
     """
     law = stated.law
     beside = " and ".join(law.base) or "the model without effects"
-    instead = (
-        f", in place of what {' and '.join(stated.instead_of)} states there"
-        if stated.instead_of
-        else ""
-    )
+    if stated.instead_of:
+        instead = f", in place of what {' and '.join(stated.instead_of)} states there"
+    else:
+        instead = ""
     return (
         f"measured beside {beside}{instead}. On held-out conditions it removes "
         f"{100.0 * law.explained:.0f}\u00a0% of what those leave"

@@ -58,11 +58,13 @@ MEANINGS = {
 }
 PASSED = {True: "passed", False: "failed", None: "none"}
 
-WIDTH_IN, HEIGHT_IN = 4.3, 3.1
+WIDTH_IN = 4.3
+HEIGHT_IN = 3.1
 # Height of the line of one effect in the figure of parameters.
 LINE_IN = 0.17
 # Relative errors beyond these are drawn at the border.
-SMALLEST, LARGEST = 1e-3, 10.0
+SMALLEST = 1e-3
+LARGEST = 10.0
 # Kinds of cases whose parameters and fitted models are scored.
 SCORED_KINDS = (cases.SINGLE, cases.PAIR)
 # Parts of a stacked bar from below: outcomes, colour, words. The part without outcomes takes all
@@ -87,7 +89,8 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
     version
         Version of the program, for the foot of the page.
     """
-    marks, all_bars = exam.marks, bars(exam.marks)
+    marks = exam.marks
+    all_bars = bars(exam.marks)
     judged = [bar for bar in all_bars if bar.passed is not None]
     return template("exam.html").render(
         sheets=("verdict.css", "exam.css"),
@@ -134,7 +137,8 @@ def share_text(value: float, trimmed: bool = True) -> str:
 
 def _sentence(marks: ExamScores, count: int) -> str:
     """Headline: number of cases, and of wrong effects, which are the worst answers."""
-    names, null = marks.false_discoveries, marks.null_false_claims
+    names = marks.false_discoveries
+    null = marks.null_false_claims
     text = f"{count_noun(count, 'campaign')} of another simulator with hidden effects: "
     were = "was" if names.of == 1 else "were"
     text += (
@@ -142,14 +146,12 @@ def _sentence(marks: ExamScores, count: int) -> str:
         if names.of
         else "no effect was identified"
     )
-    return (
-        (
+    if null.of:
+        return (
             f"{text}; in {null.hits or 'none'} of {null.of} campaigns without one, an effect "
             "was identified."
         )
-        if null.of
-        else f"{text}."
-    )
+    return f"{text}."
 
 
 def _bar(bar: ScoreGoal) -> dict[str, str]:
@@ -171,7 +173,9 @@ def _bar(bar: ScoreGoal) -> dict[str, str]:
 
 
 def _plain(value: float) -> str:
-    return number(value, 1) if isfinite(value) else NOTHING
+    if isfinite(value):
+        return number(value, 1)
+    return NOTHING
 
 
 def _outcomes(marks: ExamScores) -> dict[str, Any]:
@@ -223,11 +227,10 @@ def _calibration(marks: ExamScores) -> str:
 
 def _values(marks: ExamScores) -> str:
     found = marks.values
-    covered = (
-        f"; {share_text(found.coverage_90)} of the 90 % intervals contain the true value"
-        if isfinite(found.coverage_90)
-        else ""
-    )
+    if isfinite(found.coverage_90):
+        covered = f"; {share_text(found.coverage_90)} of the 90 % intervals contain the true value"
+    else:
+        covered = ""
     return (
         f"{count_noun(found.count, 'parameter')}: median error "
         f"{share_text(found.median_error)}{covered}."
@@ -262,7 +265,9 @@ def _time(marked: Sequence[ScoredCase]) -> str:
     seconds = [case.seconds for case in marked if case.seconds is not None]
     if not seconds:
         return ""
-    median, longest, total = np.median(seconds), max(seconds), sum(seconds)
+    median = np.median(seconds)
+    longest = max(seconds)
+    total = sum(seconds)
     each = f"A diagnosis took {median:.0f} s of one core (median), {longest:.0f} s at most"
     return f"{each}; all {len(seconds)} together {total / 3600.0:.1f} h."
 
@@ -376,7 +381,8 @@ def _draw_power_axes(axes: Axes, single: Sequence[ScoredCase]) -> None:
     )
     total = np.bincount(level, minlength=cases.LEVELS)
     centres = (np.arange(cases.LEVELS) + 0.5) / cases.LEVELS
-    below, listed = np.zeros(cases.LEVELS), {each for outcomes, _, _ in PARTS for each in outcomes}
+    below = np.zeros(cases.LEVELS)
+    listed = {each for outcomes, _, _ in PARTS for each in outcomes}
     for outcomes, colour, words in PARTS:
         inside = np.array(
             [
@@ -495,7 +501,10 @@ def as_csv(exam: ExamResult) -> str:
 
 
 def _line(case: ScoredCase) -> list[str]:
-    probability = f"{min(case.probabilities):.4f}" if case.probabilities else ""
+    if case.probabilities:
+        probability = f"{min(case.probabilities):.4f}"
+    else:
+        probability = ""
     seconds = "" if case.seconds is None else f"{case.seconds:.1f}"
     answer = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
     return [

@@ -91,7 +91,9 @@ def matrix_of(marked: Sequence[ScoredCase]) -> Matrix:
 def _answer(case: ScoredCase) -> str:
     if len(case.named) > 1:
         return SEVERAL
-    return case.named[0] if case.named else case.verdict
+    if case.named:
+        return case.named[0]
+    return case.verdict
 
 
 def _rows(marked: Sequence[ScoredCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
@@ -110,7 +112,9 @@ def _place(name: str) -> tuple[int, str]:
     """Sort key that puts effects in the order of the columns, so that right answers are on the
     diagonal.
     """
-    return (list(SIZE_RANGES).index(name), "") if name in SIZE_RANGES else (len(SIZE_RANGES), name)
+    if name in SIZE_RANGES:
+        return (list(SIZE_RANGES).index(name), "")
+    return (len(SIZE_RANGES), name)
 
 
 def _row(name: str, marked: Sequence[ScoredCase], columns: Sequence[str]) -> MatrixRow:
@@ -157,7 +161,10 @@ def _bar(bar: ScoreGoal) -> dict[str, Value]:
         for word, limit in (("at least", bar.at_least), ("at most", bar.at_most))
         if limit is not None
     )
-    reached = float(f"{bar.value:.4g}") if isfinite(bar.value) else None
+    if isfinite(bar.value):
+        reached = float(f"{bar.value:.4g}")
+    else:
+        reached = None
     bound = None if bar.bound is None else float(f"{bar.bound:.3g}")
     return {
         "mark": bar.name,

@@ -108,11 +108,11 @@ def _end_text(known: Mapping[str, str]) -> str:
 def _gap(story: RunStory) -> str:
     gap_ms = story.recording.provenance.get("worst_loop_gap_ms", "")
     late_s = story.limits.get("late_s")
-    return (
-        f"{float(gap_ms):.1f} ms" + (f", may be late by {1e3 * late_s:g} ms" if late_s else "")
-        if gap_ms
-        else ""
-    )
+    if gap_ms:
+        return f"{float(gap_ms):.1f} ms" + (
+            f", may be late by {1e3 * late_s:g} ms" if late_s else ""
+        )
+    return ""
 
 
 def _tares(events: Sequence[Mapping[str, Any]]) -> str:
@@ -120,7 +120,10 @@ def _tares(events: Sequence[Mapping[str, Any]]) -> str:
     fz_N = [float(event["fz_N"]) for event in events if event["event"] == "tare"]
     if not fz_N:
         return ""
-    spread = f" ± {np.std(fz_N, ddof=1):.3f}" if len(fz_N) > 1 else ""
+    if len(fz_N) > 1:
+        spread = f" ± {np.std(fz_N, ddof=1):.3f}"
+    else:
+        spread = ""
     return (
         f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over "
         f"{count_noun(len(fz_N), 'rest')} in the air"
@@ -131,7 +134,9 @@ def _changes_text(event: Mapping[str, Any]) -> str:
     changes = ", ".join(
         f"{name} {shorten(str(value))}" for name, value in event.get("rig_changes", {}).items()
     )
-    return f" with {changes}" if changes else ""
+    if changes:
+        return f" with {changes}"
+    return ""
 
 
 def devices(kept: Mapping[str, str]) -> Pairs:
@@ -192,12 +197,11 @@ def page(
     files
         Names of the files beside the page, which it links.
     """
-    recording, known = story.recording, story.recording.provenance
+    recording = story.recording
+    known = story.recording.provenance
     stages, done, checks = tables
-    shown, stages_shown = (
-        pictures.select_traces(story.parts),
-        pictures.select_static_stages(recording.static),
-    )
+    shown = pictures.select_traces(story.parts)
+    stages_shown = pictures.select_static_stages(recording.static)
     # The first rows, and all marked ones: stages that were cut short.
     rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
     strokes = _of(len(shown), sum(part.trace is not None for part in story.parts), "stroke")
@@ -259,11 +263,10 @@ def _limits(story: RunStory) -> list[tuple[str, str]]:
 def _thin_out(checks: Table) -> Table:
     """Evenly chosen checks with the first and the last, and all beyond the limit."""
     count = len(checks.rows)
-    chosen = (
-        {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)}
-        if count > MOST_CHECKS
-        else set(range(count))
-    )
+    if count > MOST_CHECKS:
+        chosen = {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)}
+    else:
+        chosen = set(range(count))
     return replace(
         checks,
         rows=tuple(row for place, row in enumerate(checks.rows) if place in chosen or row.marked),
@@ -285,7 +288,8 @@ def _stamp(story: RunStory) -> tuple[str, str]:
 
 def _sentence(story: RunStory) -> str:
     known = story.recording.provenance
-    ended, interrupted = known.get("ended", ""), known.get("interrupted", "")
+    ended = known.get("ended", "")
+    interrupted = known.get("interrupted", "")
     if story.recording.source == "IMPORT":
         return "Recorded elsewhere: what was not imported is not shown here."
     if ended == DONE:
@@ -296,11 +300,12 @@ def _sentence(story: RunStory) -> str:
             if interrupted
             else "The run was never brought to its end."
         )
-    explained = (
-        f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}."
-        if _has_tripped(known)
-        else ""
-    )
+    if _has_tripped(known):
+        explained = (
+            f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}."
+        )
+    else:
+        explained = ""
     return keep_units_together(f"The run ended before its plan did: {ended}.{explained}")
 
 
@@ -330,7 +335,8 @@ def _loads_sentence(story: RunStory) -> str:
     if not peaks:
         return "No force was recorded."
     peak, part = max(peaks, key=lambda each: each[0].force_N)
-    limit, expected = part.begun.limits.get("force_N") if part.begun else None, part.expected
+    limit = part.begun.limits.get("force_N") if part.begun else None
+    expected = part.expected
     sentence = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
     sentence += (
         f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
@@ -341,8 +347,6 @@ def _loads_sentence(story: RunStory) -> str:
 
 def _of(shown: int, of: int, what: str) -> str:
     """Number of items, and how many of them are shown where that is not all."""
-    return (
-        count_noun(of, what)
-        if shown == of
-        else f"{shown} of {count_noun(of, what)}, evenly over the run"
-    )
+    if shown == of:
+        return count_noun(of, what)
+    return f"{shown} of {count_noun(of, what)}, evenly over the run"

@@ -92,7 +92,8 @@ def story_of(recording: Recording) -> RunStory:
     """The run in a recording. A plan of another version, or a nominal model that cannot be read,
     is left out.
     """
-    plan, rig = _plan(recording), _rig(recording)
+    plan = _plan(recording)
+    rig = _rig(recording)
     events = tuple(_events(recording.provenance.get("events", "")))
     limits = _limits(recording.provenance.get("limits", "{}"))
     begun, last_limits = _beginnings(events, limits)
@@ -251,12 +252,17 @@ def _parts(
     holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
     for place, static in enumerate(recording.static):
         # Samples belong to means one for one, or it is not known which belong to which.
-        raw = holds[place] if len(holds) == len(recording.static) else None
+        if len(holds) == len(recording.static):
+            raw = holds[place]
+        else:
+            raw = None
         yield _static(static, raw, expected, _next(begun, raw.label) if raw else None)
 
 
 def _next(begun: Mapping[str, list[PartBeginning]], label: str) -> PartBeginning | None:
-    return begun[label].pop(0) if begun.get(label) else None
+    if begun.get(label):
+        return begun[label].pop(0)
+    return None
 
 
 def _condition(height_m: float, speed_rad_s: float) -> str:
@@ -268,7 +274,10 @@ def _stroke(
 ) -> RunPart:
     condition = _condition(stroke.height_m, stroke.speed_rad_s)
     fz = stroke.channel("fz_N")
-    trace = ForceTrace(*fz) if fz is not None and len(fz[0]) else None
+    if fz is not None and len(fz[0]):
+        trace = ForceTrace(*fz)
+    else:
+        trace = None
     loads = _peak(stroke.streams), expected.of_stroke(label, stroke)
     return RunPart("stroke", label, condition, begun, _samples(stroke.streams), *loads, trace=trace)
 
@@ -294,7 +303,10 @@ def _cut_short(stage: RawStage, expected: _PredictedLoads, begun: PartBeginning 
         ),
         None,
     )
-    count = len(stage.streams[CYCLES].t_s) if CYCLES in stage.streams else 1
+    if CYCLES in stage.streams:
+        count = len(stage.streams[CYCLES].t_s)
+    else:
+        count = 1
     condition = f"{1e3 * stage.height_m:g} mm"
     loads = _peak(stage.streams), expected.of(stage.label)
     return RunPart(
@@ -335,13 +347,13 @@ def _peak(streams: Mapping[str, Stream]) -> Load | None:
         _largest([columns[name] for name in names if name in columns])
         for names in (WRENCH[:3], WRENCH[3:])
     ]
-    return Load(*peaks) if any(columns) and np.isfinite(peaks).any() else None
+    if any(columns) and np.isfinite(peaks).any():
+        return Load(*peaks)
+    return None
 
 
 def _largest(axes: Sequence[Floats]) -> float:
     """Largest vector length over samples of the axes, each (m,); NaN where nothing was recorded."""
-    return (
-        float(np.sqrt(np.sum(np.square(axes), axis=0)).max())
-        if axes and len(axes[0])
-        else float("nan")
-    )
+    if axes and len(axes[0]):
+        return float(np.sqrt(np.sum(np.square(axes), axis=0)).max())
+    return float("nan")

@@ -42,7 +42,8 @@ Floats = NDArray[np.float64]
 # Limits that keep the page readable and small.
 MOST_TRACES = 40
 MOST_STAGES = 60
-TRACE_IN, TRACE_HOVERS = (2.9, 1.55), 12
+TRACE_IN = (2.9, 1.55)
+TRACE_HOVERS = 12
 # Resolution of lines, two points for each column: of a small panel, and of a figure across the
 # page.
 TRACE_COLUMNS = 60
@@ -51,7 +52,8 @@ CYCLE_COLUMNS = 300
 SAMPLE_S = 2e-3
 # Sizes, and margins on the left, below and above, of a figure across the page and on a narrow
 # screen.
-WIDE_IN, LOW_IN = (8.6, 2.5), (NARROW_IN, 2.2)
+WIDE_IN = (8.6, 2.5)
+LOW_IN = (NARROW_IN, 2.2)
 MOST_TICKS = 10
 MARGINS_IN = (0.69, 0.48, 0.18)
 DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
@@ -87,12 +89,14 @@ def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
             figure, axes = make_panel("fz (N)", "time (s)", TRACE_IN)
             # Height in m and speed in rad/s from the label of a stroke; None for another label.
             words = part.label.replace(",", "").split()
-            condition = (1e-3 * float(words[1]), float(words[3])) if words[:1] == ["flap"] else None
-            expected = (
-                None
-                if rig is None or condition is None
-                else _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
-            )
+            if words[:1] == ["flap"]:
+                condition = (1e-3 * float(words[1]), float(words[3]))
+            else:
+                condition = None
+            if rig is None or condition is None:
+                expected = None
+            else:
+                expected = _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
             values = {"measured": trace.fz_N}
             if expected is not None:
                 axes.plot(
@@ -270,7 +274,8 @@ def draw_checks(checks: Table, is_narrow: bool) -> str:
 
 
 def _make_figure(is_narrow: bool) -> tuple[Figure, Axes]:
-    (wide, high), (left, below, above) = LOW_IN if is_narrow else WIDE_IN, MARGINS_IN
+    (wide, high) = LOW_IN if is_narrow else WIDE_IN
+    (left, below, above) = MARGINS_IN
     figure = Figure(figsize=(wide, high))
     return figure, figure.add_axes(
         (left / wide, below / high, (wide - left - 0.1) / wide, (high - below - above) / high)

@@ -166,16 +166,20 @@ def loads_sentence(story: RunStory) -> str:
     if "force_N" not in limits:
         return f"{text}. No limits are recorded."
     later = story.last_limits
-    changed = (
-        f", later {later['force_N']:g} N and {later['torque_Nm']:g} N m" if later != limits else ""
-    )
+    if later != limits:
+        changed = f", later {later['force_N']:g} N and {later['torque_Nm']:g} N m"
+    else:
+        changed = ""
     return f"{text}. Limits {limits['force_N']:g} N and {limits['torque_Nm']:g} N m{changed}."
 
 
 def _loads(part: RunPart) -> dict[str, Value]:
     """Cells of loads; shares refer to the limits in force when the part began."""
-    peak, expected, limits = part.peak, part.expected, part.begun.limits if part.begun else {}
-    force, torque = limits.get("force_N"), limits.get("torque_Nm")
+    peak = part.peak
+    expected = part.expected
+    limits = part.begun.limits if part.begun else {}
+    force = limits.get("force_N")
+    torque = limits.get("torque_Nm")
     return {
         "peak_force_N": None if peak is None else peak.force_N,
         "expected_force_N": None if expected is None else expected.force_N,
@@ -312,11 +316,10 @@ def _plain(value: object) -> str:
 
 def checks_table(story: RunStory) -> Table:
     """Drift of the stiffness since the first check of a fatigue run; no rows for other runs."""
-    checks = (
-        [stage for stage in story.plan.stages if isinstance(stage, StiffnessCheck)]
-        if story.plan
-        else []
-    )
+    if story.plan:
+        checks = [stage for stage in story.plan.stages if isinstance(stage, StiffnessCheck)]
+    else:
+        checks = []
     before = _cycles_before(story)
     drifts = [
         (check, stiffness_drift(story.recording.static, check.holds, check.number))
@@ -355,7 +358,8 @@ def _cycles_before(story: RunStory) -> dict[int, int]:
     """Planned number of cycles before each check by its number; a single stroke counts as a
     cycle.
     """
-    found, turned = {}, 0
+    found = {}
+    turned = 0
     for stage in story.plan.stages if story.plan else ():
         match stage:
             case StiffnessCheck():

@@ -36,7 +36,8 @@ from rfca_rig.reports.table import Table, TableColumn, TableRow, as_csv, table_f
 
 FORMAT = "rfca-static/1"
 
-MODEL_NAME, CURVE_NAME = "model.toml", "model-curve.toml"
+MODEL_NAME = "model.toml"
+CURVE_NAME = "model-curve.toml"
 # Largest angle of the predicted elastica: its grooves meet at 90 degrees.
 FARTHEST_RAD = float(np.radians(85.0))
 
@@ -135,7 +136,10 @@ def static_json(
 
 def summary(result: StaticResult) -> dict[str, Any]:
     """Values with their intervals, and remarks on them, as in static.json."""
-    values, form, errors, loop = result.values, result.form, result.found.errors, result.loop
+    values = result.values
+    form = result.form
+    errors = result.found.errors
+    loop = result.loop
     low, high = sorted(abs(float(np.degrees(angle))) for angle in result.curve.range_rad)
     stage = result.most_bent
     return {
@@ -208,7 +212,9 @@ def _value(value: float, std: float, reach: float) -> dict[str, Any]:
 
 def _round(value: Any, digits: int) -> float | None:
     # Adding 0.0 turns -0.0 into 0.0.
-    return round(float(value), digits) + 0.0 if np.isfinite(value) else None
+    if np.isfinite(value):
+        return round(float(value), digits) + 0.0
+    return None
 
 
 def write_static_report(

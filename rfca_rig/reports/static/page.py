@@ -232,11 +232,10 @@ def _standfirst(result: StaticResult) -> str:
     # A relative error is stated for large torques only: near zero torque it has no meaning.
     half = np.abs(torque) > 0.5 * np.abs(torque).max()
     share = 100 * float((curve.reach * std[half] / np.abs(torque[half])).max())
-    law = (
-        "the law k₀ (φ + k₂ φ³) holds"
-        if result.form.holds
-        else "the law k₀ (φ + k₂ φ³) does not hold"
-    )
+    if result.form.holds:
+        law = "the law k₀ (φ + k₂ φ³) holds"
+    else:
+        law = "the law k₀ (φ + k₂ φ³) does not hold"
     return keep_units_together(
         f"From {low:.1f} to {high:.1f} degrees {law}; above half the largest torque the "
         f"curve is known to {share:.2g} % (95 %), "
@@ -305,7 +304,9 @@ def _loop(result: StaticResult) -> str:
 
 
 def _noise(result: StaticResult) -> str:
-    errors, data, parts = result.found.errors, result.data, []
+    errors = result.found.errors
+    data = result.data
+    parts = []
     stated = data.seen & ~data.unstated
     if (data.unstated & data.seen).any():
         parts.append(
@@ -322,11 +323,10 @@ def _noise(result: StaticResult) -> str:
         "the mean of fz errs by "
         f"{errors.force_factor * float(np.median(data.force_std[:, 1])):.3f} N"
     )
-    how = (
-        "errors of neighbouring hinges go together, as marks between them are shared"
-        if errors.chained
-        else "every hinge errs on its own"
-    )
+    if errors.chained:
+        how = "errors of neighbouring hinges go together, as marks between them are shared"
+    else:
+        how = "every hinge errs on its own"
     return keep_units_together(f"One standard deviation: {'; '.join(parts)}; {how}.")
 
 
@@ -360,7 +360,8 @@ def _stages(result: StaticResult, sources: Sequence[StaticSource]) -> list[dict[
 
 def _stage(result: StaticResult, row: int) -> dict[str, Any]:
     stage: StaticStage = result.data.stages[row]
-    ends, points = result.found.ends[row], result.points
+    ends = result.found.ends[row]
+    points = result.points
     return {
         "height": f"{1e3 * stage.height_m:g}",
         "stage": stage.stage,
@@ -374,4 +375,6 @@ def _stage(result: StaticResult, row: int) -> dict[str, Any]:
 
 
 def _or_nothing(value: float, digits: int) -> str:
-    return number(float(value), digits) if np.isfinite(value) else NOTHING
+    if np.isfinite(value):
+        return number(float(value), digits)
+    return NOTHING

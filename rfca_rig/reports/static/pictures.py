@@ -36,9 +36,11 @@ from rfca_rig.reports.style import (
 Floats = NDArray[np.float64]
 
 SIZE_IN = (4.9, 3.7)
-LOW_IN, NARROW_LOW_IN = (10.0, 2.3), (NARROW_IN, 2.3)
+LOW_IN = (10.0, 2.3)
+NARROW_LOW_IN = (NARROW_IN, 2.3)
 BOX = (0.125, 0.135, 0.86, 0.835)
-LOW_BOX, NARROW_LOW_BOX = (0.075, 0.215, 0.916, 0.735), (0.17, 0.215, 0.8, 0.735)
+LOW_BOX = (0.075, 0.215, 0.916, 0.735)
+NARROW_LOW_BOX = (0.17, 0.215, 0.8, 0.735)
 DASHES: dict[str, tuple[int, tuple[float, ...]]] = {
     "other": (0, (3.2, 1.8)),
     "link": (0, (1.0, 1.6)),
@@ -69,10 +71,13 @@ def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -
             lw=1.0,
             ls=DASHES["other"],
         )
-        curve, points = result.curve, result.points
+        curve = result.curve
+        points = result.points
         known = np.isfinite(points.phi_rad)
-        x, y = _deg(curve, points.phi_rad[known]), curve.bends * points.torque_Nm[known]
-        dx, dy = np.degrees(points.phi_std_rad[known]), points.torque_std_Nm[known]
+        x = _deg(curve, points.phi_rad[known])
+        y = curve.bends * points.torque_Nm[known]
+        dx = np.degrees(points.phi_std_rad[known])
+        dy = points.torque_std_Nm[known]
         axes.hlines(y, x - dx, x + dx, color=MEASURED, lw=0.5, alpha=0.6)
         axes.vlines(x, y - dy, y + dy, color=MEASURED, lw=0.5, alpha=0.6)
         _dots(axes, x, y, points.turned[known] < 0)
@@ -120,7 +125,8 @@ def draw_stiffness(result: StaticResult, elastica: Sequence[PredictedHingeCurve]
 @for_both_widths
 def draw_residuals(result: StaticResult, is_narrow: bool) -> str:
     """Residual torque of every angle in N m, with its error from angle and forces together."""
-    curve, points = result.curve, result.points
+    curve = result.curve
+    points = result.points
 
     def draw(axes: Axes) -> None:
         phi = points.phi_rad.ravel()
@@ -133,7 +139,8 @@ def draw_residuals(result: StaticResult, is_narrow: bool) -> str:
             points.torque_std_Nm.ravel()[known],
             curve.stiffness_Nm_per_rad(phi)[0] * points.phi_std_rad.ravel()[known],
         )
-        x, back = _deg(curve, phi), points.turned.ravel()[known] < 0
+        x = _deg(curve, phi)
+        back = points.turned.ravel()[known] < 0
         grid = curve.grid_rad()
         band = curve.reach * curve.torque_Nm(grid)[1]
         axes.fill_between(_deg(curve, grid), -band, band, color=SIMULATED, alpha=0.55, lw=0)
@@ -146,7 +153,12 @@ def draw_residuals(result: StaticResult, is_narrow: bool) -> str:
         axes.set_xlim(left=0.0)
         axes.set_ylabel("off the curve (N m)")
 
-    size_in, box = (NARROW_LOW_IN, NARROW_LOW_BOX) if is_narrow else (LOW_IN, LOW_BOX)
+    if is_narrow:
+        size_in = NARROW_LOW_IN
+        box = NARROW_LOW_BOX
+    else:
+        size_in = LOW_IN
+        box = LOW_BOX
     return _draw_figure(
         draw, size_in, box, f"rest {is_narrow}", "measured torques less the curve, over rotation"
     )
@@ -176,7 +188,8 @@ def _draw_curve(
 ) -> None:
     grid = curve.grid_rad()
     value, std = of(grid)
-    value, x = value * (curve.bends if flips else 1.0), _deg(curve, grid)
+    value = value * (curve.bends if flips else 1.0)
+    x = _deg(curve, grid)
     axes.fill_between(
         x, value - curve.reach * std, value + curve.reach * std, color=SIMULATED, alpha=0.55, lw=0
     )
@@ -202,7 +215,8 @@ def _dots(axes: Axes, x: Floats, y: Floats, back: NDArray[np.bool_]) -> None:
 def _limits(result: StaticResult) -> tuple[float, float]:
     """Limits of the torque axis: all measured points, whatever the elastica predicts."""
     torque = result.curve.bends * result.points.torque_Nm[np.isfinite(result.points.torque_Nm)]
-    low, high = min(0.0, float(torque.min())), float(torque.max())
+    low = min(0.0, float(torque.min()))
+    high = float(torque.max())
     return low - 0.02 * (high - low), high + 0.07 * (high - low)
 
 
@@ -211,12 +225,14 @@ def write_tip_load_picture(shape: LoadedShape, path: Path) -> None:
     where that fails.
     """
     check_picture_path(path)
-    ends, alone = shape.ends_mm, shape.unloaded_mm
+    ends = shape.ends_mm
+    alone = shape.unloaded_mm
     length = float(np.hypot(*np.diff(ends, axis=0).T).sum())
     # The bound avoids a division by zero for no force, where no arrow is drawn.
     arrow = ARROW * length * shape.force_N / max(float(np.hypot(*shape.force_N)), 1e-12)
     visible = np.vstack([ends, alone, ends[-1:] - arrow])
-    low, high = visible.min(axis=0) - 0.09 * length, visible.max(axis=0) + 0.09 * length
+    low = visible.min(axis=0) - 0.09 * length
+    high = visible.max(axis=0) + 0.09 * length
     with drawing():
         mpl.rcParams.update({"svg.hashsalt": "tip load", "svg.fonttype": "none"})
         figure = Figure(

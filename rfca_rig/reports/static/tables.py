@@ -49,7 +49,8 @@ def values_table(result: StaticResult) -> Table:
         TableColumn("low_95", role="kept"),
         TableColumn("high_95", role="kept"),
     )
-    stages, angles = len(result.data.stages), int(result.data.seen.sum())
+    stages = len(result.data.stages)
+    angles = int(result.data.seen.sum())
     return Table(
         "values",
         (
@@ -123,7 +124,8 @@ def _curve_row(
     stiffness: float,
     stiffness_std: float,
 ) -> TableRow:
-    half, stiff_half = reach * torque_std, reach * stiffness_std
+    half = reach * torque_std
+    stiff_half = reach * stiffness_std
     return TableRow(
         {
             "angle_deg": round(angle, 5) + 0.0,

@@ -53,7 +53,8 @@ Floats = NDArray[np.float64]
 MOST_POINTS = 400
 # Share of the x axis at its end where the label of a tick is wider than the margin.
 CUT_SHARE = 0.03
-POSITION, SPEED = "_position_", "_speed_"
+POSITION = "_position_"
+SPEED = "_speed_"
 
 PAGE = "report.html"
 # Recordings whose signals are drawn: those with the largest errors.
@@ -102,7 +103,8 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
     found = []
     for signal in dict.fromkeys(one.signal for one in overlays):
         joint, unit = _split(signal)
-        position_name, speed_name = f"{joint}{POSITION}{unit}", f"{joint}{SPEED}{_speed_unit(unit)}"
+        position_name = f"{joint}{POSITION}{unit}"
+        speed_name = f"{joint}{SPEED}{_speed_unit(unit)}"
         here = [one for one in overlays if one.signal == signal]
         if (here[0].condition, position_name) not in states:
             continue
@@ -141,7 +143,9 @@ def _split(signal: str) -> tuple[str, str]:
 
 
 def _speed_unit(unit: str) -> str:
-    return "rad_s" if unit == "deg" else f"{unit}_s"
+    if unit == "deg":
+        return "rad_s"
+    return f"{unit}_s"
 
 
 def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
@@ -151,8 +155,14 @@ def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
     found = []
     for one in joints:
         unit = "m" if one.is_slide else "deg"
-        position = one.position if one.is_slide else np.asarray(np.degrees(one.position))
-        name = f"{one.joint} force_N" if one.is_slide else f"{one.joint} torque_Nm"
+        if one.is_slide:
+            position = one.position
+        else:
+            position = np.asarray(np.degrees(one.position))
+        if one.is_slide:
+            name = f"{one.joint} force_N"
+        else:
+            name = f"{one.joint} torque_Nm"
         series = [_Series(MEASURED, position, one.speed, one.remainder)]
         found.append(
             Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series))
@@ -301,10 +311,8 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
         (_error_table(report, one), *((_shift_table(report, one, is_shown),) if one.shifts else ()))
         for one, is_shown in ((fit, False), (shown_fit, True))
     )
-    overlays, recordings = (
-        list(_worst_recordings(shown_fit)),
-        len({one.condition for one in fit.overlays}),
-    )
+    overlays = list(_worst_recordings(shown_fit))
+    recordings = len({one.condition for one in fit.overlays})
     shown = len({one.condition for one in overlays})
     contents = {
         report.json_file: json.dumps(
@@ -431,8 +439,6 @@ def _worst_recordings(fit: WindowFit) -> Iterator[SignalOverlay]:
         )
     worst = sorted(misses, key=lambda run: -misses[run])[:MOST_SHOWN]
     chosen = (one for one in fit.overlays if one.condition in worst)
-    return (
-        chosen
-        if fit.shifts
-        else (replace(one, after=np.full(len(one.after), np.nan)) for one in chosen)
-    )
+    if fit.shifts:
+        return chosen
+    return (replace(one, after=np.full(len(one.after), np.nan)) for one in chosen)

@@ -42,14 +42,16 @@ SIZE_IN = (4.9, 3.5)
 FORCE_BOX = (0.125, 0.43, 0.86, 0.465)
 RESIDUAL_BOX = (0.125, 0.13, 0.86, 0.195)
 # Positions above the frame, in heights of the force axes.
-RULER_AT, WORDS_AT = 1.03, 1.13
+RULER_AT = 1.03
+WORDS_AT = 1.13
 # Share of the width that the word "lift-off" takes.
 WORD_SHARE = 0.1
 REST_DRAWN_S = 0.1
 # Half the width of the parabola that is fitted to a valley.
 BEFORE_VALLEY_S = 0.01
 
-COLUMN_IN, HEIGHT_IN = 3.3, 3.6
+COLUMN_IN = 3.3
+HEIGHT_IN = 3.6
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,8 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
     )
     with drawing():
         figure = Figure(figsize=SIZE_IN)
-        force, residual = figure.add_axes(FORCE_BOX), figure.add_axes(RESIDUAL_BOX)
+        force = figure.add_axes(FORCE_BOX)
+        residual = figure.add_axes(RESIDUAL_BOX)
         end_s = max(
             (float(r.t_s[-1]) for r in compared.repeats if len(r.t_s)),
             default=float(compared.simulated[0].stroke.t_s[-1]),
@@ -256,7 +259,8 @@ def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
     first_s = (
         min((v.time_s for v in valleys if isinstance(v, Valley)), default=np.inf) - BEFORE_VALLEY_S
     )
-    before, anywhere = 0.0, 0.0
+    before = 0.0
+    anywhere = 0.0
     for repeat in compared.repeats:
         size = np.nan_to_num(np.abs(repeat.residual_N))
         before = max(before, float(size[repeat.t_s < first_s].max(initial=0.0)))

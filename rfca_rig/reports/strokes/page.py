@@ -259,11 +259,9 @@ def _quantity(section: str, name: str, value: Any) -> ParameterLine:
 def _number(value: Any, factor: float) -> str:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return ", ".join(_number(each, factor) for each in value)
-    return (
-        f"{factor * value:.6g}"
-        if isinstance(value, int | float) and not isinstance(value, bool)
-        else str(value)
-    )
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return f"{factor * value:.6g}"
+    return str(value)
 
 
 def model_table(rig: RigModel) -> Table:
@@ -327,13 +325,12 @@ def page(
 
 
 def _standfirst(table: Table2) -> str:
-    time, force = table.average_time_error_pct, table.average_force_error_pct
+    time = table.average_time_error_pct
+    force = table.average_force_error_pct
     if time is None or force is None:
-        return (
-            "No valley could be compared."
-            if table.rows
-            else "Static stages; no strokes were recorded."
-        )
+        if table.rows:
+            return "No valley could be compared."
+        return "Static stages; no strokes were recorded."
     paper_time, paper_force = PAPER_AVERAGE_ERROR_PCT
     return (
         f"The model meets the valley of fz to {number(time, 2)} % in time and "
@@ -392,11 +389,16 @@ def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[d
 
 
 def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
-    what = (
-        f"The model in {model_file}, given for this report" if model_file else "The nominal model"
-    )
-    of_whom = f", of {', '.join(source.name for source in sharing)}" if several else ""
-    known_to, beyond = sharing[0].recording.known_to, _beyond_curves(sharing)
+    if model_file:
+        what = f"The model in {model_file}, given for this report"
+    else:
+        what = "The nominal model"
+    if several:
+        of_whom = f", of {', '.join(source.name for source in sharing)}"
+    else:
+        of_whom = ""
+    known_to = sharing[0].recording.known_to
+    beyond = _beyond_curves(sharing)
     if model_file or not known_to:
         return f"{what}{of_whom}.{beyond}"
     stated = ", ".join(

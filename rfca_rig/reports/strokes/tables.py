@@ -19,7 +19,9 @@ from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, Value
 from rfca_rig.reports.text import count_noun
 
 FORMAT = "rfca-table2/1"
-MEASURED, SIMULATED, ERROR = "Measured valley", "Simulated valley", "Error"
+MEASURED = "Measured valley"
+SIMULATED = "Simulated valley"
+ERROR = "Error"
 
 COLUMNS = (
     TableColumn("height_mm", "Rack height", set_value=True),
@@ -41,7 +43,8 @@ COLUMNS = (
 )
 
 PEAK_FORMAT = "rfca-peak-forces/1"
-PEAK_MEASURED, PEAK_SIMULATED = "Measured peak", "Simulated peak"
+PEAK_MEASURED = "Measured peak"
+PEAK_SIMULATED = "Simulated peak"
 # The paper's impact test, section IV.A: 155 mm and 15 rad/s.
 PAPER_CONDITION = Condition(0.155, 15.0, ())
 # fy and fz there, which the paper prints without signs.
@@ -158,7 +161,9 @@ def record(row: Compared) -> dict[str, Any]:
 def round_or_none(value: float | None, digits: int) -> float | None:
     """A rounded value for JSON: null where unknown, and no minus where all digits are zero."""
     # Adding 0.0 turns -0.0 into 0.0.
-    return None if value is None else round(value, digits) + 0.0
+    if value is None:
+        return None
+    return round(value, digits) + 0.0
 
 
 def peaks_as_json(rows: Sequence[PeakForceRow]) -> str:
@@ -213,11 +218,10 @@ def _notes(row: PeakForceRow) -> list[str]:
     """Notes against a wrong reading: the largest force of a fast stroke may be the pull of the
     leg in the air.
     """
-    in_the_air = (
-        ["simulated: the leg is off the ground at its peak"]
-        if row.simulated_touching is False
-        else []
-    )
+    if row.simulated_touching is False:
+        in_the_air = ["simulated: the leg is off the ground at its peak"]
+    else:
+        in_the_air = []
     return [*row.refused, *in_the_air]
 
 

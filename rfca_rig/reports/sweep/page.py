@@ -44,7 +44,8 @@ DEFINITIONS = (
 )
 
 FORMAT = "rfca-sweep-summary/1"
-HTML, JSON = "sweep.html", "sweep.json"
+HTML = "sweep.html"
+JSON = "sweep.json"
 
 
 def page(result: SweepResult, found: list[OutputSensitivity], command: str) -> str:
@@ -134,7 +135,10 @@ def _with_values(result: SweepResult) -> list[RequestedOutput]:
 
 def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dict[str, Any]:
     values = view.values(result, asked.header)
-    crosses = " Crosses: no value." if view.is_map and np.isnan(values).any() else ""
+    if view.is_map and np.isnan(values).any():
+        crosses = " Crosses: no value."
+    else:
+        crosses = ""
     return {
         "title": _title(asked),
         "of": ", ".join(with_unit(*fixed_value) for fixed_value in view.facet),
@@ -181,7 +185,10 @@ def _quantities_table(result: SweepResult) -> Table:
     rows = []
     for axis in plan.axes:
         # Up to eight values are listed, of more only the ends.
-        some = axis.values if len(axis.values) <= 8 else (axis.values[0], axis.values[-1])
+        if len(axis.values) <= 8:
+            some = axis.values
+        else:
+            some = (axis.values[0], axis.values[-1])
         words = (", " if len(axis.values) <= 8 else " to ").join(map(value_text, some))
         rows.append(
             _row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}")
@@ -206,7 +213,8 @@ def _quantities_table(result: SweepResult) -> Table:
 
 
 def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
-    words, unit = find_quantity(name).words, name_and_unit(name)[1]
+    words = find_quantity(name).words
+    unit = name_and_unit(name)[1]
     text = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
     return TableRow(
         {
@@ -287,7 +295,8 @@ def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, An
 
 
 def _output(result: SweepResult, place: int) -> dict[str, Any]:
-    asked, values = result.plan.outputs[place], result.values[:, place]
+    asked = result.plan.outputs[place]
+    values = result.values[:, place]
     description = {
         "name": asked.header,
         "words": asked.words,
@@ -324,7 +333,8 @@ def lines(result: SweepResult) -> list[str]:
     failures = "".join(f", {count} {words}" for count, words in parts if count)
     text = [f"{result.plan.title}: {count_noun(result.plan.count, 'case')}{failures}"]
     for output in content["outputs"]:
-        low, high = output["lowest"], output["highest"]
+        low = output["lowest"]
+        high = output["highest"]
         text.append(
             f"{output['name']}: none"
             if low is None
@@ -342,4 +352,6 @@ def _end_line(result: SweepResult, end: dict[str, Any]) -> str:
         for name, value in end["at"].items()
         if result.plan.samples is None or name not in result.plan.samples.names
     ]
-    return f"{value_text(end['value'])} ({', '.join(place)})" if place else value_text(end["value"])
+    if place:
+        return f"{value_text(end['value'])} ({', '.join(place)})"
+    return value_text(end["value"])

@@ -168,7 +168,9 @@ def name_and_unit(name: str) -> tuple[str, str]:
 def axis_label(name: str) -> str:
     """Label of an axis, as in "height (mm)"."""
     words, unit = name_and_unit(name)
-    return f"{words} ({unit})" if unit else words
+    if unit:
+        return f"{words} ({unit})"
+    return words
 
 
 def with_unit(name: str, value: Value) -> str:
@@ -179,14 +181,18 @@ def with_unit(name: str, value: Value) -> str:
 
 def value_text(value: Value) -> str:
     """A value with four digits and a typographic minus sign."""
-    return value if isinstance(value, str) else f"{value:.{DIGITS}g}".replace("-", MINUS)
+    if isinstance(value, str):
+        return value
+    return f"{value:.{DIGITS}g}".replace("-", MINUS)
 
 
 def formula(text: str) -> str:
     """An equation in mathematical signs, for a page."""
     for typed, sign in SIGNS.items():
         text = text.replace(typed, sign)
-    return f"{MINUS}{text[1:]}" if text.startswith("-") else text
+    if text.startswith("-"):
+        return f"{MINUS}{text[1:]}"
+    return text
 
 
 @dataclass(frozen=True)
@@ -233,7 +239,8 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
     columns = [TableColumn("at", role="group"), TableColumn("output")]
     for name in names:
         # A share has no unit, so its key does not end as the name of the quantity.
-        share, std = f"{name} share", f"{name} std"
+        share = f"{name} share"
+        std = f"{name} std"
         columns += [
             TableColumn(share, name_and_unit(name)[0], half=std),
             TableColumn(std, role="kept"),
@@ -247,13 +254,18 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
         }
         of_row = [each for each in found if (each.at, each.output) == (at, output)]
         for each in of_row:
-            values[f"{each.name} share"] = each.found.index if each.found else None
-            values[f"{each.name} std"] = each.found.std if each.found else None
-        values["sum"] = (
-            sum(each.found.index for each in of_row if each.found)
-            if all(each.found for each in of_row)
-            else None
-        )
+            if each.found:
+                values[f"{each.name} share"] = each.found.index
+            else:
+                values[f"{each.name} share"] = None
+            if each.found:
+                values[f"{each.name} std"] = each.found.std
+            else:
+                values[f"{each.name} std"] = None
+        if all(each.found for each in of_row):
+            values["sum"] = sum(each.found.index for each in of_row if each.found)
+        else:
+            values["sum"] = None
         rows.append(TableRow(values))
     return Table(
         "sensitivities",
@@ -265,8 +277,10 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
     )
 
 
-WIDTH_IN, HEIGHT_IN = 4.6, 3.3
-PANEL_IN, PANELS_HIGH_IN = 2.35, 2.3
+WIDTH_IN = 4.6
+HEIGHT_IN = 3.3
+PANEL_IN = 2.35
+PANELS_HIGH_IN = 2.3
 PANELS_ACROSS = 4
 # Points of a panel, the first ones: more only blacken it. Not every second point, because in a
 # Sobol sequence those all lie in one half of a range.
@@ -311,17 +325,22 @@ def draw_view(view: View, values: Floats, header: str) -> str:
 
 
 def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
-    x = (
-        np.arange(len(view.x.values), dtype=np.float64)
-        if is_named(view.x)
-        else np.array(view.x.values, dtype=np.float64)
-    )
+    if is_named(view.x):
+        x = np.arange(len(view.x.values), dtype=np.float64)
+    else:
+        x = np.array(view.x.values, dtype=np.float64)
     for place, (line, look) in enumerate(zip(values, LINES, strict=False)):
         colour, dash, marker = look
-        lw, ms = (0.0, 5.5) if is_named(view.x) else (1.5, 3.4 if x.size <= 25 else 0.0)
-        label = (
-            "" if view.second is None else with_unit(view.second.name, view.second.values[place])
-        )
+        if is_named(view.x):
+            lw = 0.0
+            ms = 5.5
+        else:
+            lw = 1.5
+            ms = 3.4 if x.size <= 25 else 0.0
+        if view.second is None:
+            label = ""
+        else:
+            label = with_unit(view.second.name, view.second.values[place])
         axes.plot(
             x, line, color=colour, ls=dash if lw else "", lw=lw, marker=marker, ms=ms, label=label
         )
@@ -346,7 +365,10 @@ def _in_ratios(axis: XAxis | YAxis) -> None:
     ten.
     """
     low, high = sorted(axis.get_data_interval())
-    set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
+    if axis.axis_name == "x":
+        set_scale = axis.axes.set_xscale
+    else:
+        set_scale = axis.axes.set_yscale
     set_scale("log")
     if high < 1e3 * low and low > 1e-2 and high < 1e4:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -355,12 +377,16 @@ def _in_ratios(axis: XAxis | YAxis) -> None:
 
 
 def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, header: str) -> None:
-    across, up = np.array(x.values, dtype=np.float64), np.array(y.values, dtype=np.float64)
+    across = np.array(x.values, dtype=np.float64)
+    up = np.array(y.values, dtype=np.float64)
     known = np.ma.masked_invalid(values)
     if known.count() and known.max() > known.min():
         levels = MaxNLocator(LEVELS).tick_values(float(known.min()), float(known.max()))
         # Dark means a large magnitude: reversed where all values are negative.
-        darkest_far_from_0 = SHADES.reversed() if known.max() <= 0.0 else SHADES
+        if known.max() <= 0.0:
+            darkest_far_from_0 = SHADES.reversed()
+        else:
+            darkest_far_from_0 = SHADES
         shades = axes.contourf(across, up, known, levels=levels, cmap=darkest_far_from_0)
         lines = axes.contour(
             across,
@@ -411,7 +437,8 @@ def draw_points(
     header
         Name of the output with its unit.
     """
-    rows, across = -(-len(ranges) // PANELS_ACROSS), min(len(ranges), PANELS_ACROSS)
+    rows = -(-len(ranges) // PANELS_ACROSS)
+    across = min(len(ranges), PANELS_ACROSS)
     with drawing():
         figure = Figure(
             figsize=(PANEL_IN * across + 0.3, PANELS_HIGH_IN * rows), layout="constrained"

@@ -50,7 +50,10 @@ def by_exam(
         traces = simulate(higher, knots, read_s, width_s=READ_S, step_s=STEP_S)
         fy, fz, tx = sense(higher, traces)
         for i, angle in enumerate(angles_deg):
-            way = "unloading" if i and angle < angles_deg[i - 1] else "loading"
+            if i and angle < angles_deg[i - 1]:
+                way = "unloading"
+            else:
+                way = "loading"
             bent = tuple(np.degrees(traces.joint_angles_rad[i, 1:]))
             shaft = float(traces.motor_angle_rad[i])
             stages.append(
@@ -107,7 +110,8 @@ def by_mujoco(
     """
     leg = mujoco_leg(rig, height_m, False, "Euler")
     settle_at_rest(leg, float(np.radians(angles_deg[0])))
-    phi, stages = np.array(leg.data.qpos[1:]), []
+    phi = np.array(leg.data.qpos[1:])
+    stages = []
     for number, angle in enumerate(np.radians(angles_deg), start=1):
         ratio = random.uniform(-0.3, 0.3, leg.model.nq)
         for share in (0.0, 0.25, 0.5, 0.75, 1.0):
@@ -122,7 +126,8 @@ def by_mujoco(
         joints, N, F = _joints(rig, height_m, leg, angle, phi, ratio)
         if np.abs(joints[1:]).max() > 1e-8:
             continue
-        fy, weight = -float(F.sum()), 9.81 * sum(rig.leg.link_masses_kg)
+        fy = -float(F.sum())
+        weight = 9.81 * sum(rig.leg.link_masses_kg)
         tx = -float(joints[0]) + rig.sensor.below_shaft_m * fy
         stages.append(
             StaticStage(
@@ -143,10 +148,15 @@ def _joints(rig, height_m, leg, shaft_rad, hinges_rad, ratio):
     """Torques about MuJoCo's joints with the floor's push carried to them by MuJoCo's own
     Jacobians; N and F of the ends.
     """
-    mujoco, model, data = leg.mujoco, leg.model, leg.data
-    data.qpos[0], data.qpos[1:] = shaft_rad, hinges_rad
+    mujoco = leg.mujoco
+    model = leg.model
+    data = leg.data
+    data.qpos[0] = shaft_rad
+    data.qpos[1:] = hinges_rad
     mujoco.mj_forward(model, data)
-    joints, N, F = np.array(data.qfrc_smooth), np.zeros(model.nq), np.zeros(model.nq)
+    joints = np.array(data.qfrc_smooth)
+    N = np.zeros(model.nq)
+    F = np.zeros(model.nq)
     jacobian = np.zeros((3, model.nv))
     for k in range(model.nq):
         place = np.array(data.site_xpos[k])

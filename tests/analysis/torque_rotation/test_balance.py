@@ -12,7 +12,8 @@ from rfca_rig.model.hinge_springs import table_of
 from rfca_rig.model.parameters import GRAVITY_M_S2, TorqueSpline
 from tests.analysis.torque_rotation.tables import RIG
 
-S, HINGES = 4, 6
+S = 4
+HINGES = 6
 ALL = SystematicErrors(
     (
         SystematicError("shaft_zero", 1.0, "", column=6),
@@ -54,13 +55,12 @@ def work_J(z, N, F, ends, rises_m):
     """Potential of weight and of constant floor forces, friction at the lowest points of the
     ends or higher, z up; y along the floor.
     """
-    lengths, masses, radius = (
-        np.array(RIG.leg.link_lengths_m),
-        np.array(RIG.leg.link_masses_kg),
-        RIG.leg.link_radius_m,
-    )
+    lengths = np.array(RIG.leg.link_lengths_m)
+    masses = np.array(RIG.leg.link_masses_kg)
+    radius = RIG.leg.link_radius_m
     q = z[6] + np.concatenate([[0.0], np.cumsum(z[:6])])
-    y, up = np.cumsum(lengths * np.cos(q)), -np.cumsum(lengths * np.sin(q))
+    y = np.cumsum(lengths * np.cos(q))
+    up = -np.cumsum(lengths * np.sin(q))
     middle = up + 0.5 * lengths * np.sin(q)
     rolled = [
         y[end] - (radius - rise_m) * q[end] for end, rise_m in zip(ends, rises_m, strict=True)
@@ -79,7 +79,9 @@ def test_loads_are_what_virtual_work_says(ends, rise):
     line = balance.linear(group, z, c, p)
     torque = z[:, :6] * (11.0 + 44.0 * z[:, :6] ** 2) + 0.1 * balance.extra[:, :, 0]
     for row in range(S):
-        N, F, rises_m = line.normal_N[row], c[row, len(ends) :], rise * c[row, : len(ends)]
+        N = line.normal_N[row]
+        F = c[row, len(ends) :]
+        rises_m = rise * c[row, : len(ends)]
         for joint in range(7):
             step = 1e-6 * np.eye(10)[6 if joint == 0 else joint - 1]
             slope = (

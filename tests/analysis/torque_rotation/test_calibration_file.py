@@ -128,19 +128,17 @@ def test_strokes_of_the_measured_curve_are_those_of_the_law_to_a_tenth_of_a_perc
 @pytest.mark.parametrize("case", ["softening", "play"])
 def test_a_curve_that_is_no_cubic_is_met_within_its_band_from_the_first_angles_on(tmp_path, case):
     gap = float(np.radians(1.2))
-    world = (
-        SOFT
-        if case == "softening"
-        else with_effect(nominal_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
-    )
+    if case == "softening":
+        world = SOFT
+    else:
+        world = with_effect(nominal_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
     result = evaluate([recording(noisy(by_exam(world), np.random.default_rng(5)))], SUPPOSED)
     leg = written_curve(tmp_path / "model-curve.toml", result).model().leg
     x = np.radians(np.linspace(7.0, 22.0, 40))
-    true = (
-        14.0 * (x - 0.7 * x**3)
-        if case == "softening"
-        else 11.0 * ((x - gap) + 4.2 * (x - gap) ** 3)
-    )
+    if case == "softening":
+        true = 14.0 * (x - 0.7 * x**3)
+    else:
+        true = 11.0 * ((x - gap) + 4.2 * (x - gap) ** 3)
     assert bending_torque_Nm(leg, x) == pytest.approx(true, abs=0.003 * true.max())
     assert result.model_form.holds
     assert np.abs(law_of(result, x) - true).max() > (0.01 * true.max() if case == "play" else 0.0)
@@ -179,7 +177,8 @@ def test_a_leg_that_was_believed_to_follow_a_curve_is_evaluated_and_written_eith
     tmp_path, result
 ):
     first = written_curve(tmp_path / "first.toml", result)
-    nominal, known_to = first.nominal(), first.known_to.model_dump(exclude_none=True)
+    nominal = first.nominal()
+    known_to = first.known_to.model_dump(exclude_none=True)
     again = evaluate(
         [recording(noisy(plain(), np.random.default_rng(2)))], StageAssumptions(nominal, known_to)
     )

@@ -95,7 +95,8 @@ def test_correlation_of_angles_between_shared_marks():
 @pytest.mark.parametrize(("heights_m", "most_touching"), [((0.215, 0.235), 1), ((0.15, 0.17), 3)])
 def test_friction_of_any_sign_and_several_ends_on_the_floor(heights_m, most_touching):
     """Equilibria of MuJoCo in which the floor holds every end with friction drawn at random."""
-    rng, rig = np.random.default_rng(2), with_hinges(9.0, 3.0)
+    rng = np.random.default_rng(2)
+    rig = with_hinges(9.0, 3.0)
     clean = [
         stage
         for height_m in heights_m
@@ -160,7 +161,8 @@ def worlds(count: int):
     rng = np.random.default_rng(7)
     for _ in range(count):
         off = draw_nominal_errors(rng)
-        k0, k2 = rng.uniform(8.0, 14.0), rng.uniform(1.5, 6.0)
+        k0 = rng.uniform(8.0, 14.0)
+        k2 = rng.uniform(1.5, 6.0)
         world = apply_nominal_errors(nominal_world(0.215), off)
         floor = replace(
             world.floor,
@@ -175,11 +177,9 @@ def worlds(count: int):
 
 def off_zero(stages, rng):
     """Tares, marks and encoder off by as much as they are said to be."""
-    tare, marks, shaft = (
-        rng.normal(0.0, list(NOISE.values())),
-        rng.normal(0.0, MARKS_DEG, 6),
-        np.radians(rng.normal(0.0, 0.3)),
-    )
+    tare = rng.normal(0.0, list(NOISE.values()))
+    marks = rng.normal(0.0, MARKS_DEG, 6)
+    shaft = np.radians(rng.normal(0.0, 0.3))
     return tuple(
         replace(
             stage,
@@ -194,7 +194,10 @@ def off_zero(stages, rng):
 
 
 def pulls_and_cover(count: int, draws: int):
-    rng, pulls, cover, alarms = np.random.default_rng(1), [], [], 0
+    rng = np.random.default_rng(1)
+    pulls = []
+    cover = []
+    alarms = 0
     for world, rig in worlds(count):
         clean = by_exam(world)
         for _ in range(draws):

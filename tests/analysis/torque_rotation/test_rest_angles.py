@@ -19,7 +19,8 @@ from tests.analysis.torque_rotation.tables import (
     recording,
 )
 
-ONE, ALL = (0.0, 0.0, 1.5, 0.0, 0.0, 0.0), (1.5,) * 6
+ONE = (0.0, 0.0, 1.5, 0.0, 0.0, 0.0)
+ALL = (1.5,) * 6
 STATED = {**KNOWN_TO, "rest_angle_deg": 2.0}
 
 
@@ -64,7 +65,9 @@ def test_their_errors_cover_what_marks_and_photos_do_to_them():
     """Marks that sit beside their hinges look like rest angles; how far they may is what limits
     these.
     """
-    rng, pulls, common = np.random.default_rng(4), [], []
+    rng = np.random.default_rng(4)
+    pulls = []
+    common = []
     clean = stages_with(ALL)
     for _ in range(12):
         (rests, _) = found_in(noisy(with_marks_off(clean, rng, 0.1), rng)).rests

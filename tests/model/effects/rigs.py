@@ -42,7 +42,8 @@ def held(angle_rad: float) -> ShaftMotion:
 
 def through(times_s: list[float], angles_rad: list[float]) -> ShaftMotion:
     """A shaft that turns evenly from one angle to the next."""
-    breaks, angles = np.array(times_s), np.array(angles_rad)
+    breaks = np.array(times_s)
+    angles = np.array(angles_rad)
     speeds = np.diff(angles) / np.diff(breaks)
     return ShaftMotion(
         breaks,

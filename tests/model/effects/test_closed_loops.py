@@ -37,7 +37,8 @@ from tests.model.legs import PAPER
 
 STEPS = 4000  # of a lap
 # Draws of a law's values, and paths of each.
-FEW, MANY = (40, 20), (100, 100)
+FEW = (40, 20)
+MANY = (100, 100)
 NUMBERS = [pytest.param(*FEW, marks=pytest.mark.slow), pytest.param(*MANY, marks=pytest.mark.long)]
 # of the work that goes through in a lap: the trapezoidal sum leaves 0.0022 of a stop, and 0.0003
 # with a quarter of the step
@@ -45,7 +46,8 @@ SUM_ERR = 4e-3
 HARMONICS = np.arange(1.0, 4.0)
 # Largest of the harmonics of a path: a hinge turns by up to 20 degrees in each, and by as little as
 # within its presliding.
-LARGE_RAD, SMALL_RAD = 0.35, 1e-4
+LARGE_RAD = 0.35
+SMALL_RAD = 1e-4
 
 
 def soften_on_the_way_out(phi, rate, elapsed, k0, k2, memory, parameter):
@@ -66,15 +68,17 @@ def work_of_laps(law, advance, parameter, phi, rate, acceleration, elapsed):
 
     `law` and `advance` are addresses, as the chain calls them, so that this loop is compiled once
     for all laws; `advance` is 0 where there is no memory. The first lap settles the memory."""
-    x, memory, out = np.array([0.0, 0.0, elapsed, 11.0, 4.2, 0.0]), np.zeros(4), np.zeros(4)
-    taken, through, last_T = np.zeros(3), 0.0, 0.0
+    x = np.array([0.0, 0.0, elapsed, 11.0, 4.2, 0.0])
+    memory = np.zeros(4)
+    out = np.zeros(4)
+    taken = np.zeros(3)
+    through = 0.0
+    last_T = 0.0
     for step in range(3 * phi.size + 1):
         last_phi = x[0]
-        x[0], x[1], x[5] = (
-            phi[step % phi.size],
-            rate[step % phi.size],
-            acceleration[step % phi.size],
-        )
+        x[0] = phi[step % phi.size]
+        x[1] = rate[step % phi.size]
+        x[5] = acceleration[step % phi.size]
         call_law(law, x, memory, parameter, out)
         T = out[0]
         if advance != 0:
@@ -93,10 +97,8 @@ def draw_path(random, low, high, steps=STEPS):
 
     The size of the harmonics is between `low` and `high`, evenly over its logarithm.
     """
-    size, phase = (
-        high * (low / high) ** random.uniform() * random.uniform(0.0, 1.0, 3),
-        random.uniform(0.0, 2.0 * np.pi, 3),
-    )
+    size = high * (low / high) ** random.uniform() * random.uniform(0.0, 1.0, 3)
+    phase = random.uniform(0.0, 2.0 * np.pi, 3)
     turn_s = 2.0 * np.pi / 10.0 ** random.uniform(-1.0, 1.5)
     angle = 2.0 * np.pi * np.outer(HARMONICS, np.arange(steps)) / steps + phase[:, None]
     speed = HARMONICS * 2.0 * np.pi / turn_s
@@ -112,7 +114,8 @@ def least_work(law, advance, parameter, paths, seed, steps=STEPS):
     """The least work that a lap takes, over the work that goes through in it, of many paths with
     the same values.
     """
-    random, least = np.random.default_rng(seed), np.inf
+    random = np.random.default_rng(seed)
+    least = np.inf
     for path in range(paths):
         # Every other path is large, so that springs and stops act too.
         taken, through = work_of_laps(
@@ -201,14 +204,13 @@ def test_a_law_that_is_softer_on_the_way_out_or_stiffens_with_a_load_would_be_se
 
 
 def least_of_hinges(effect, values, paths, steps=STEPS):
-    random, least = np.random.default_rng(1), np.inf
+    random = np.random.default_rng(1)
+    least = np.inf
     for seed in range(values):
         named = drawn(effect, random)
         use = next(use for place in (HINGE, ROTOR) for use in laws_of(effect.id, named, place))
-        law, advance = (
-            address_of(use.law, use.place),
-            address_of_advance(use.advance) if use.advance else 0,
-        )
+        law = address_of(use.law, use.place)
+        advance = address_of_advance(use.advance) if use.advance else 0
         least = min(
             least,
             least_work(
@@ -227,17 +229,18 @@ def test_closed_paths_of_a_hinge_give_back_no_energy(effect, values, paths):
 @pytest.mark.parametrize(("values", "paths"), NUMBERS)
 def test_friction_that_grows_with_a_load_gives_back_no_energy_on_closed_paths(values, paths):
     """The torque that the joint transmits is periodic too, and passes zero in some."""
-    random, least = np.random.default_rng(2), np.inf
-    law, advance = (
-        address_of(joint_load_friction_torque, HINGE),
-        address_of_advance(joint_load_friction_advance),
-    )
+    random = np.random.default_rng(2)
+    least = np.inf
+    law = address_of(joint_load_friction_torque, HINGE)
+    advance = address_of_advance(joint_load_friction_advance)
     for _ in range(values * paths):
         path = draw_path(random, SMALL_RAD, LARGE_RAD)
         load = random.uniform(-1.0, 1.0) + draw_path(random, 2.0, 2.0)[0]
         parameter = np.zeros(TRACE + 3 * STEPS + 2)
         parameter[:3] = random.uniform(0.01, 0.6), PRESLIDING_RAD, DAMPING_S * random.integers(0, 2)
-        parameter[STEP], parameter[COUNT], parameter[BEGIN] = path[-1], 3 * STEPS + 2, 0.0
+        parameter[STEP] = path[-1]
+        parameter[COUNT] = 3 * STEPS + 2
+        parameter[BEGIN] = 0.0
         parameter[TRACE:] = np.resize(load, 3 * STEPS + 2)
         taken, through = work_of_laps(law, advance, parameter, *path)
         least = min(least, *(taken[1:] / through))
@@ -255,14 +258,17 @@ def sum_work(force, way):
 @numba.njit(error_model="numpy")
 def forces_of_floor(law, parameter, stiffness, damping, leaving, depth, rate):
     """The forces (k,) of floor and law against an end at this depth (k,)."""
-    x, out, normal = np.zeros(6), np.zeros(4), np.zeros(depth.size)
+    x = np.zeros(6)
+    out = np.zeros(4)
+    normal = np.zeros(depth.size)
     for k in range(depth.size):
         if depth[k] > 0.0:
             normal[k] = normal_force(
                 stiffness, damping if rate[k] > 0.0 else leaving, depth[k], rate[k]
             )[0]
             if law != 0:
-                x[0], x[1] = depth[k], rate[k]
+                x[0] = depth[k]
+                x[1] = rate[k]
                 call_law(law, x, x, parameter, out)
                 normal[k] += out[0]
     return normal
@@ -270,33 +276,33 @@ def forces_of_floor(law, parameter, stiffness, damping, leaving, depth, rate):
 
 def least_on_floor(effect, values, paths, steps=STEPS):
     """As `least_work`, of an end that dips into the floor and leaves it."""
-    random, least = np.random.default_rng(3), np.inf
+    random = np.random.default_rng(3)
+    least = np.inf
     for _ in range(values):
-        use = (
-            next((use for use in laws_of(effect.id, drawn(effect, random), NORMAL)), None)
-            if effect
-            else None
-        )
+        if effect:
+            use = next((use for use in laws_of(effect.id, drawn(effect, random), NORMAL)), None)
+        else:
+            use = None
         chain = set_up(
             having(PAPER, **({effect.id: drawn(effect, random)} if effect else {})),
             0.215,
             held(0.2),
         ).chain()
-        law, parameter = (
-            (address_of(use.law, NORMAL), np.resize(np.array(use.parameters, float), 8))
-            if use
-            else (0, np.zeros(8))
-        )
+        if use:
+            law = address_of(use.law, NORMAL)
+            parameter = np.resize(np.array(use.parameters, float), 8)
+        else:
+            law = 0
+            parameter = np.zeros(8)
         # A law that replaces the plain force knows its stiffness and damping.
         known = {"ground_exponent": (0, 2, 3), "ground_compliance": (2, 4, 5)}.get(
             effect.id if effect else ""
         )
         damping = random.uniform(0.0, 1.5)
-        plain = (
-            tuple(parameter[list(known)])
-            if known
-            else (chain.contact_stiffness, damping, damping * random.uniform(0.0, 1.0))
-        )
+        if known:
+            plain = tuple(parameter[list(known)])
+        else:
+            plain = (chain.contact_stiffness, damping, damping * random.uniform(0.0, 1.0))
         for _ in range(paths):
             depth, rate, _, _ = draw_path(random, 1e-5, 4e-3, steps)
             depth = depth + random.uniform(-0.5, 1.0) * np.ptp(depth)
@@ -321,35 +327,45 @@ def work_of_tie(law, parameter, mu, presliding, drag, moved, slip, normal):
 
     The end moves by `moved`, at the speed `slip`, under the force `normal`. Its friction falls with
     speed by the law."""
-    x, out, s, F, total, most, passed, before = (
-        np.zeros(6),
-        np.zeros(4),
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )
+    x = np.zeros(6)
+    out = np.zeros(4)
+    s = 0.0
+    F = 0.0
+    total = 0.0
+    most = 0.0
+    passed = 0.0
+    before = 0.0
     for k in range(moved.size):
         x[0] = slip[k]
         call_law(law, x, x, parameter, out)
         limit = mu * out[0] * normal[k]
-        carried = carry_stretch(s + moved[k], limit, s, before)[0] if limit > 0.0 else 0.0
-        s = min(max(carried / limit, -presliding), presliding) if limit > 0.0 else 0.0
-        after, before = -limit * s / presliding, limit
+        if limit > 0.0:
+            carried = carry_stretch(s + moved[k], limit, s, before)[0]
+        else:
+            carried = 0.0
+        if limit > 0.0:
+            s = min(max(carried / limit, -presliding), presliding)
+        else:
+            s = 0.0
+        after = -limit * s / presliding
+        before = limit
         work = 0.5 * (F + after) * moved[k] - drag * min(normal[k], 1.0) * slip[k] * moved[k]
-        F, total, passed = after, total + work, passed + abs(work)
+        F = after
+        total = total + work
+        passed = passed + abs(work)
         most = max(most, total)
     return most, passed
 
 
 @pytest.mark.parametrize(("values", "paths"), NUMBERS)
 def test_friction_that_falls_with_speed_gives_back_no_energy_under_a_changing_load(values, paths):
-    random, chain, worst = np.random.default_rng(4), make_chain(PAPER, 0.2), 0.0
+    random = np.random.default_rng(4)
+    chain = make_chain(PAPER, 0.2)
+    worst = 0.0
     for _ in range(values):
         use = laws_of("ground_stribeck", drawn(catalogue()["ground_stribeck"], random), SLIP)[0]
-        law, parameter = address_of(use.law, SLIP), np.resize(np.array(use.parameters, float), 8)
+        law = address_of(use.law, SLIP)
+        parameter = np.resize(np.array(use.parameters, float), 8)
         for _ in range(paths):
             way, _, _, step_s = draw_path(random, 0.1 * chain.presliding, 0.1)
             load = np.maximum(
@@ -368,11 +384,16 @@ def work_of_drag(law, parameter, length, v, step_s):
     """The most power that a link is given along a path (k,) of its speed, and the work of the
     whole path.
     """
-    x, out, most, total = np.zeros(6), np.zeros(4), -np.inf, 0.0
+    x = np.zeros(6)
+    out = np.zeros(4)
+    most = -np.inf
+    total = 0.0
     for k in range(v.size):
-        x[0], x[1] = v[k], length
+        x[0] = v[k]
+        x[1] = length
         call_law(law, x, x, parameter, out)
-        most, total = max(most, out[0] * v[k]), total + out[0] * v[k] * step_s
+        most = max(most, out[0] * v[k])
+        total = total + out[0] * v[k] * step_s
     return most, total
 
 
@@ -381,7 +402,8 @@ def test_drag_of_a_fluid_never_drives_a_link(values, paths):
     random = np.random.default_rng(5)
     for _ in range(values):
         use = laws_of("fluid_drag", drawn(catalogue()["fluid_drag"], random), LINK)[0]
-        law, parameter = address_of(use.law, LINK), np.resize(np.array(use.parameters, float), 8)
+        law = address_of(use.law, LINK)
+        parameter = np.resize(np.array(use.parameters, float), 8)
         for _ in range(paths):
             _, v, _, step_s = draw_path(random, 1e-4, 0.5)
             most, total = work_of_drag(law, parameter, random.uniform(0.01, 0.5), v, step_s)
@@ -410,7 +432,9 @@ def torques_of_drive(shaft, angle, speed):
 
 def least_of_drive(id_, values, paths, steps=STEPS):
     """As `least_work`, of a shaft on its drive; the command stands, or the drive would do work."""
-    random, least, effect = np.random.default_rng(6), np.inf, catalogue()[id_]
+    random = np.random.default_rng(6)
+    least = np.inf
+    effect = catalogue()[id_]
     for _ in range(values):
         setup = set_up(having(PAPER, **{id_: drawn(effect, random)}), 0.215, held(0.0))
         shaft = add_drive(held(0.0).shaft(), setup.drive, 0.0)

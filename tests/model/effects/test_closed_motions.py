@@ -87,7 +87,8 @@ def work_of_motion(chain, laws, state, work, q, w, a):
         if step > 0:
             for i in range(coordinates):
                 done = 0.5 * (work.R[i] + last[i]) * (q[k, i] - q[step - 1, i])
-                taken, through = taken + done, through + abs(done)
+                taken = taken + done
+                through = through + abs(done)
         last[:] = work.R
     return taken, through
 
@@ -121,14 +122,17 @@ def draw_motion(random, coordinates, links, steps):
 
 def find_extremes(id_, values, motions, steps=STEPS):
     """The least and the most work that closed motions need, over the work that goes through."""
-    random, shares = np.random.default_rng(7), []
+    random = np.random.default_rng(7)
+    shares = []
     for _ in range(values):
         rig = having(LOSSLESS, **({id_: drawn(catalogue()[id_], random)} if id_ else {}))
         setup = set_up(rig, HEIGHT_M, held(0.2), (20,))
         chain = setup.chain()
-        laws, links = setup.compile_laws(chain), chain.length.size
+        laws = setup.compile_laws(chain)
+        links = chain.length.size
         coordinates = links + (chain.frame_mass > 0.0)
-        none, at_ends = np.zeros(coordinates), np.zeros(links)
+        none = np.zeros(coordinates)
+        at_ends = np.zeros(links)
         state = State(
             none, none.copy(), none.copy(), at_ends, np.zeros((laws.place.size, links, 4))
         )

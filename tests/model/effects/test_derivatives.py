@@ -27,7 +27,9 @@ ONLY_IN_SPEED = (0.0, 1.0, 0.0)
 def pose(links: int, coordinates: int):
     """Bent towards the floor, several ends in it, all moving."""
     random = np.random.default_rng(7)
-    q, w, a = np.linspace(1.0, 1.6, links), random.normal(0, 2, links), random.normal(0, 50, links)
+    q = np.linspace(1.0, 1.6, links)
+    w = random.normal(0, 2, links)
+    a = random.normal(0, 50, links)
     rest = coordinates - links
     return np.append(q, [2e-4] * rest), np.append(w, [0.3] * rest), np.append(a, [20.0] * rest)
 
@@ -47,7 +49,8 @@ def assembled(effects, weights, shift=None):
     anchor += 1e-5 * random.normal(size=7)
     memory = np.zeros((laws.place.size, 7, 4))
     memory[:, 1:, 0], memory[:, 1:, 1] = random.uniform(-0.05, 0.2, 6), random.uniform(-0.1, 0.2, 6)
-    state, work = State(q, w, a, anchor, memory), allocate_workspace(q.size, 7)
+    state = State(q, w, a, anchor, memory)
+    work = allocate_workspace(q.size, 7)
     prepare_pose(chain, q, work)
     locate_ends(chain, state, q, w, work)
     store_ends(chain, state, q, work)

@@ -12,14 +12,17 @@ from rfca_rig.model.stroke import simulate_stroke
 from tests.model.effects.rigs import NO_GROUND_M, TIGHT, T, having, held, paper_stroke, through
 from tests.model.legs import PAPER, pendulum
 
-LENGTH, MASS = 0.5, 0.4
+LENGTH = 0.5
+MASS = 0.4
 INERTIA = MASS * LENGTH**2 / 3
 MOTION = ramp_to_speed(0.2, 2.0, 0.05, 3.0)
 WEIGHT_Nm = MASS * 9.81 * LENGTH / 2
 
 
 def commanded(t):
-    return (0.2 + 20.0 * t**2, 40.0 * t) if t < 0.05 else (0.25 + 2.0 * (t - 0.05), 2.0)
+    if t < 0.05:
+        return (0.2 + 20.0 * t**2, 40.0 * t)
+    return (0.25 + 2.0 * (t - 0.05), 2.0)
 
 
 def by_scipy(t, k_angle, k_speed, rotor, magnets=lambda _: 0.0):
@@ -72,14 +75,17 @@ def test_a_motor_at_its_limit_gives_just_that_torque_and_falls_behind():
     torque and of the weight.
     """
     t = np.linspace(0.001, 0.25, 250)
-    limit, kp, ki = 0.5 * WEIGHT_Nm, 50.0, 1000.0
+    limit = 0.5 * WEIGHT_Nm
+    kp = 50.0
+    ki = 1000.0
     rig = having(
         pendulum(1),
         motor_torque_limit={"limit_Nm": limit, "kp_Nm_s_per_rad": kp, "ki_Nm_per_rad": ki},
     )
     ours = simulate_stroke(rig, NO_GROUND_M, through([0.0, 1.0], [1.2, 0.2]), t, TIGHT)
     assert 0.9 * limit < (-ours.shaft_torque_Nm).max() < limit  # the rotor takes a part of it
-    angle, speed = ours.q_rad[:, 0], ours.w_rad_s[:, 0]
+    angle = ours.q_rad[:, 0]
+    speed = ours.w_rad_s[:, 0]
     kinetic = 0.5 * (INERTIA + 0.006) * speed**2
     late = t > 0.05  # at the limit
     done = kinetic - WEIGHT_Nm * np.sin(angle) + limit * angle
@@ -89,7 +95,8 @@ def test_a_motor_at_its_limit_gives_just_that_torque_and_falls_behind():
 
 def test_a_shaft_with_play_rests_with_the_play_taken_up_and_turns_back_through_it():
     gap = np.radians(1.0)
-    rig, t = having(pendulum(1), shaft_play={"half_gap_deg": 1.0}), np.array([0.0, 0.5, 9.9])
+    rig = having(pendulum(1), shaft_play={"half_gap_deg": 1.0})
+    t = np.array([0.0, 0.5, 9.9])
     hanging = simulate_stroke(rig, NO_GROUND_M, held(0.3), t)
     twist = WEIGHT_Nm * np.cos(0.3 + gap) / 2000.0
     assert hanging.q_rad[:, 0] - 0.3 == pytest.approx(gap + twist, abs=1e-6)
@@ -105,11 +112,9 @@ def test_a_shaft_with_play_gives_no_energy_back_in_closed_loops_and_never_pulls(
     shaft = held(0.0).shaft()._replace(free=True, k_angle=2000.0, gap=gap, loss=0.3)
     turn = np.linspace(0.0, 2.0 * np.pi, 4001)
     for _ in range(100):
-        size, phase, rate = (
-            random.uniform(0.0, 2.0 * gap, 3),
-            random.uniform(0.0, 2.0 * np.pi, 3),
-            random.uniform(0.1, 100.0),
-        )
+        size = random.uniform(0.0, 2.0 * gap, 3)
+        phase = random.uniform(0.0, 2.0 * np.pi, 3)
+        rate = random.uniform(0.1, 100.0)
         angle = sum(size[k] * np.sin((k + 1) * turn + phase[k]) for k in range(3))
         speed = rate * np.gradient(angle, turn)
         torque = np.array(
@@ -193,10 +198,8 @@ def felt(t, **effects):
 
 
 def test_a_lagging_sensor_follows_a_ramp_behind_by_its_time_constant():
-    tau, t = (
-        0.03,
-        np.sort(np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.4, 400)])),
-    )
+    tau = 0.03
+    t = np.sort(np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.4, 400)]))
     after = np.maximum(t, 0.0)
     expected = 2.0 + 7.0 * (after - tau * (1.0 - np.exp(-after / tau)))
     assert felt(t, sensor_lag={"time_constant_s": tau}).fz_N == pytest.approx(expected, abs=1e-9)
@@ -205,7 +208,8 @@ def test_a_lagging_sensor_follows_a_ramp_behind_by_its_time_constant():
 def test_a_lag_reaches_all_channels():
     t = np.linspace(-2.0, 2.0, 4001)
     late = felt(t, sensor_lag={"time_constant_s": 0.03})
-    gain, phase = 1 / np.hypot(1, 0.09), np.arctan(0.09)
+    gain = 1 / np.hypot(1, 0.09)
+    phase = np.arctan(0.09)
     assert late.fy_N[2000:] == pytest.approx(gain * np.sin(3 * t - phase)[2000:], abs=1e-6)
     assert late.tx_Nm[2000:] == pytest.approx(gain * np.cos(3 * t - phase)[2000:], abs=1e-6)
 
@@ -238,7 +242,8 @@ def test_a_ringing_sensor_overshoots_a_step_and_settles_on_it():
 
 def test_a_saturated_sensor_cuts_fz_alone_off_either_way():
     t = np.linspace(-2.0, 2.0, 401)
-    cut, whole = felt(t, sensor_saturation={"limit_N": 9.0}), felt(t)
+    cut = felt(t, sensor_saturation={"limit_N": 9.0})
+    whole = felt(t)
     assert (np.abs(cut.fz_N) <= 9.0).all() and cut.fz_N.max() == 9.0
     inside = np.abs(whole.fz_N) < 9.0
     assert (
@@ -254,7 +259,8 @@ def test_a_saturated_sensor_cuts_fz_alone_off_either_way():
 
 def test_a_fast_force_clock_is_later_the_longer_the_motion_lasts():
     t = np.linspace(-1.0, 1.0, 20001)
-    late, inside = felt(t, sensor_clock_rate={"rate_relative": 0.02}), slice(300, -300)
+    late = felt(t, sensor_clock_rate={"rate_relative": 0.02})
+    inside = slice(300, -300)
     assert late.fy_N[inside] == pytest.approx(np.sin(3 * 0.98 * t)[inside], abs=1e-7)
     assert late.fz_N[inside] == pytest.approx(
         (np.maximum(0.98 * t, 0.0) * 7.0 + 2.0)[inside], abs=1e-3
@@ -283,7 +289,8 @@ def test_the_crosstalk_matrix_leaks_what_the_channels_are_before_any_leak():
 @pytest.mark.parametrize("offset", [0.02, -0.02])
 def test_a_clock_behind_shows_the_force_later(offset):
     t = np.linspace(-1.0, 1.0, 20001)
-    late, inside = felt(t, clock_offset={"offset_s": offset}), slice(300, -300)
+    late = felt(t, clock_offset={"offset_s": offset})
+    inside = slice(300, -300)
     assert late.fy_N[inside] == pytest.approx(np.sin(3 * (t - offset))[inside], abs=1e-7)
     assert late.tx_Nm[inside] == pytest.approx(np.cos(3 * (t - offset))[inside], abs=1e-7)
     assert late.fz_N[inside] == pytest.approx(
@@ -293,7 +300,9 @@ def test_a_clock_behind_shows_the_force_later(offset):
 
 def test_crosstalk_drift_and_gain_act_in_the_order_they_are_given():
     plain = paper_stroke()
-    leak, drift, gain = {"fz_per_fy": 0.1}, {"rate_N_per_s": 2.0}, {"factor": 1.1}
+    leak = {"fz_per_fy": 0.1}
+    drift = {"rate_N_per_s": 2.0}
+    gain = {"factor": 1.1}
     stroke = paper_stroke(sensor_crosstalk=leak, sensor_drift=drift, sensor_gain=gain)
     assert stroke.fz_N == pytest.approx(1.1 * (plain.fz_N + 0.1 * plain.fy_N + 2.0 * T), abs=1e-9)
     assert stroke.fy_N == pytest.approx(1.1 * plain.fy_N, abs=1e-9)

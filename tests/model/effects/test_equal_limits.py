@@ -63,7 +63,9 @@ def test_in_its_limit_a_law_is_the_other_one_but_for_the_error_that_laws_are_gra
     within, outside, other = LIMITS[pair]
     limit = limit_of(pair)
     assert limit.holds(full(pair[0], within)) and not limit.holds(full(pair[0], outside))
-    mine, theirs, plain = forces(**{pair[0]: within}), forces(**{pair[1]: other}), forces()
+    mine = forces(**{pair[0]: within})
+    theirs = forces(**{pair[1]: other})
+    plain = forces()
     assert np.sqrt(np.mean((mine - theirs) ** 2)) < LAW_ERROR * np.sqrt(
         np.mean((mine - plain) ** 2)
     )

@@ -32,7 +32,8 @@ def test_a_tilted_floor_is_a_tilted_gravity_seen_from_the_floor(slope):
     """Turned by the slope's angle, the same stroke: less height along the normal, gravity aside,
     shaft angles shifted.
     """
-    angle, start = np.arctan(slope), PAPER.leg.start_angle_rad
+    angle = np.arctan(slope)
+    start = PAPER.leg.start_angle_rad
     tilted = stroke_of(having(PAPER, ground_tilt={"slope": slope}), 0.215, start)
     turned = stroke_of(
         having(PAPER, gravity_tilt={"angle_rad": -angle}), 0.215 * np.cos(angle), start + angle
@@ -40,7 +41,8 @@ def test_a_tilted_floor_is_a_tilted_gravity_seen_from_the_floor(slope):
     falling = T < 0.8
     assert tilted.q_rad[falling] == pytest.approx(turned.q_rad[falling] - angle, abs=3e-6)
     assert tilted.normal_N[falling] == pytest.approx(turned.normal_N[falling], abs=5e-3)
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     assert tilted.fz_N[falling] == pytest.approx(
         (c * turned.fz_N + s * turned.fy_N)[falling], abs=5e-3
     )
@@ -54,7 +56,8 @@ def test_a_rigid_link_rests_in_a_sloping_floor_as_geometry_says_pushed_along_the
     slope,
 ):
     angle = 0.8
-    c, s = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
+    c = 1 / np.hypot(1, slope)
+    s = slope / np.hypot(1, slope)
     height = (
         0.3 * np.sin(angle) + slope * 0.3 * np.cos(angle)
     ) - 1e-3 / c  # the end 1 mm in, across a floor at -height + slope y
@@ -70,7 +73,8 @@ def test_a_rigid_link_rests_in_a_sloping_floor_as_geometry_says_pushed_along_the
 
 
 def test_a_soft_floor_yields_besides_the_contact():
-    angle, depth = 0.8, 3e-3
+    angle = 0.8
+    depth = 3e-3
     soft = having(STIFF, ground_compliance={"stiffness_N_per_m1p5": 2e4})
     N = simulate_stroke(
         soft, 0.3 * np.sin(angle) - depth, held(angle), np.array([0.0, 0.1])
@@ -82,7 +86,8 @@ def test_a_soft_floor_yields_besides_the_contact():
 def test_a_contact_of_another_exponent_presses_as_before_at_20_N_and_by_its_power_elsewhere(
     exponent,
 ):
-    angle, reference = 0.8, (20.0 / 1e5) ** (2 / 3)
+    angle = 0.8
+    reference = (20.0 / 1e5) ** (2 / 3)
     for depth in (0.3 * reference, reference, 1.5 * reference):
         rig = having(STIFF, ground_exponent={"exponent": exponent})
         N = simulate_stroke(
@@ -99,7 +104,8 @@ def test_the_exponent_acts_on_the_contact_that_the_other_effects_leave(order):
         "ground_compliance": {"stiffness_N_per_m1p5": 2e4},
         "ground_exponent": {"exponent": 1.0},
     }
-    angle, reference = 0.8, (20.0 / 1e5) ** (2 / 3) + (20.0 / 2e4) ** (2 / 3)
+    angle = 0.8
+    reference = (20.0 / 1e5) ** (2 / 3) + (20.0 / 2e4) ** (2 / 3)
     rig = having(STIFF, **{name: values[name] for name in order})
     N = simulate_stroke(
         rig, 0.3 * np.sin(angle) - 0.5 * reference, held(angle), np.array([0.0, 0.1])
@@ -134,17 +140,21 @@ def test_an_end_that_leaves_is_damped_by_the_share_of_what_one_that_enters_is():
     damped = replace(
         STIFF, ground=replace(STIFF.ground, damping_s_per_m=1.0, leaving_damping_share=0.4)
     )
-    angles, t = [0.75, 0.85, 0.75], np.array([0.07, 0.13])
+    angles = [0.75, 0.85, 0.75]
+    t = np.array([0.07, 0.13])
     N = simulate_stroke(damped, 0.3 * np.sin(0.8), through([0.0, 0.1, 0.2], angles), t).normal_N[
         :, 0
     ]
     q = np.array([0.82, 0.82])
-    depth, rate = 0.3 * (np.sin(q) - np.sin(0.8)), 0.3 * np.cos(q)
+    depth = 0.3 * (np.sin(q) - np.sin(0.8))
+    rate = 0.3 * np.cos(q)
     assert pytest.approx(1e5 * depth**1.5 * (1.0 + np.array([1.0, -0.4]) * rate), rel=1e-6) == N
 
 
 def test_at_lift_off_an_adhesive_floor_pulls_the_leg_down_with_its_force_and_then_lets_go():
-    force, down, up = 2.0, 0.8, 0.7
+    force = 2.0
+    down = 0.8
+    up = 0.7
     height = 0.3 * np.sin(0.75)
     t = np.linspace(0.0, 10.0, 10001)
     sticky = having(STIFF, ground_adhesion={"force_N": force})
@@ -187,8 +197,10 @@ def test_an_end_is_as_far_from_a_bump_as_its_nearest_point_and_the_normal_is_tha
         distance, slope, turn = find_nearest(chain, y, up)
         assert abs(distance) == pytest.approx(np.hypot(floor - y, profile - up).min(), abs=1e-9)
         assert np.sign(distance) == np.sign(over)
-        cos, step = 1.0 / np.hypot(1.0, slope), 1e-7
-        along, higher = (find_nearest(chain, y + step, up), find_nearest(chain, y, up + step))
+        cos = 1.0 / np.hypot(1.0, slope)
+        step = 1e-7
+        along = find_nearest(chain, y + step, up)
+        higher = find_nearest(chain, y, up + step)
         assert ((along[0] - distance) / step, (higher[0] - distance) / step) == pytest.approx(
             (-slope * cos, cos), abs=1e-4
         )
@@ -199,8 +211,10 @@ def test_an_end_is_as_far_from_a_bump_as_its_nearest_point_and_the_normal_is_tha
 
 
 def test_a_rigid_link_on_the_flank_of_a_bump_is_pushed_along_its_normal():
-    angle, values = 0.8, {"height_mm": 3.0, "at_mm": 200.0, "width_mm": 15.0}
-    y, up = 0.3 * np.cos(angle), 1.5e-3
+    angle = 0.8
+    values = {"height_mm": 3.0, "at_mm": 200.0, "width_mm": 15.0}
+    y = 0.3 * np.cos(angle)
+    up = 1.5e-3
     height = 0.3 * np.sin(angle) + up
     distance, slope, _ = find_nearest(chain_on_bump(STIFF, height, **values), y, up)
     stroke = simulate_stroke(
@@ -228,7 +242,8 @@ def test_a_leg_that_bounces_on_a_bump_keeps_its_energy_and_loses_some_by_frictio
         0.235,
         held(1.1),
     )
-    chain, t = setup.chain(), np.linspace(0.01, 1.0, 100)
+    chain = setup.chain()
+    t = np.linspace(0.01, 1.0, 100)
     laws = setup.compile_laws(chain)
     state = find_rest_state(chain._replace(ground_depth=1.0), 1.1, laws)
     state.q[:] = 1.1 - np.linspace(0.0, 0.3, 7)
@@ -253,7 +268,8 @@ def test_a_bump_much_wider_than_the_way_is_a_lower_rack():
 
 
 def test_a_rack_that_stands_higher_is_the_stroke_from_there():
-    offset, higher = paper_stroke(height_offset={"offset_mm": 4.0}), having(PAPER)
+    offset = paper_stroke(height_offset={"offset_mm": 4.0})
+    higher = having(PAPER)
     there = simulate_stroke(
         higher, 0.219, ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, 0.05, float(T[-1])), T
     )

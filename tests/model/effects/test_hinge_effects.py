@@ -27,7 +27,8 @@ def bent(samples):
 
 def moments_beyond(state):
     """Moment of the weight about every hinge of the paper's leg, and the bend there."""
-    lengths, masses = np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
+    lengths = np.array(PAPER.leg.link_lengths_m)
+    masses = np.array(PAPER.leg.link_masses_kg)
     places = np.cumsum(lengths * np.cos(state.q))
     centres = places - 0.5 * lengths * np.cos(state.q)
     return np.array(
@@ -40,7 +41,8 @@ def spring(phi):
 
 
 def test_dry_friction_takes_twice_its_torque_over_k_off_each_swing():
-    friction, start = 0.05, 0.5
+    friction = 0.05
+    start = 0.5
     t = np.arange(1, 1700) * 1e-3
     phi = bent(
         released(having(SPRUNG, hinge_coulomb_friction={"torque_Nm": friction}), [0.0, start], t)
@@ -79,7 +81,9 @@ def test_dry_friction_takes_four_times_torque_and_amplitude_per_cycle():
 
 @pytest.mark.parametrize("steps", [500, 5000])
 def test_the_hysteresis_loop_has_its_closed_form_s_area_at_any_speed(steps):
-    strength, saturation, amplitude = 0.3, np.radians(4.0), 0.2
+    strength = 0.3
+    saturation = np.radians(4.0)
+    amplitude = 0.2
     law = only_law(spring_hysteresis={"strength_relative": strength, "saturation_deg": 4.0})
     area = (
         4 * strength * K0 * saturation * (amplitude - saturation * np.tanh(amplitude / saturation))
@@ -88,11 +92,14 @@ def test_the_hysteresis_loop_has_its_closed_form_s_area_at_any_speed(steps):
 
 
 def test_hysteresis_takes_its_work_out_of_the_swing():
-    strength, saturation, start = 0.1, np.radians(4.0), 0.5
+    strength = 0.1
+    saturation = np.radians(4.0)
+    start = 0.5
     effect = {"strength_relative": strength, "saturation_deg": 4.0}
     t = np.arange(1, 800) * 1e-3
     phi = bent(released(having(SPRUNG, spring_hysteresis=effect), [0.0, start], t))
-    low, full = phi.min(), strength * K0 * saturation
+    low = phi.min()
+    full = strength * K0 * saturation
     taken = -full * (low - start) - 2 * full * saturation * (
         1.0 - np.exp((low - start) / saturation)
     )  # z from 1 to -1 on the way down
@@ -111,7 +118,8 @@ def test_dry_friction_below_its_torque_holds_a_link_where_it_is():
 
 
 def test_a_stuck_pin_comes_to_rest_instead_of_ringing():
-    friction, weight = 4.0, 0.4 * 9.81 * 0.25
+    friction = 4.0
+    weight = 0.4 * 9.81 * 0.25
     rig = having(pendulum(2, k0=1e-6), hinge_coulomb_friction={"torque_Nm": friction})
     t = np.arange(1, 400) * 1e-3
     phi = bent(released(rig, [0.0, 0.0], t, gravity=9.81))
@@ -124,7 +132,8 @@ def test_laws_with_memory_keep_apart():
     t = np.linspace(0.01, 0.5, 50)
     friction = {"hinge_coulomb_friction": {"torque_Nm": 0.05}}
     silent = {"spring_relaxation": {"strength_relative": 0.0, "time_constant_s": 0.1}}
-    rig, start = pendulum(3, k0=K0), [0.0, 0.3, -0.2]
+    rig = pendulum(3, k0=K0)
+    start = [0.0, 0.3, -0.2]
     alone, beside = (
         released(having(rig, **effects), start, t).q for effects in (friction, silent | friction)
     )
@@ -135,7 +144,8 @@ def test_a_leg_pressed_and_held_relaxes_with_the_time_constant():
     """A hard, smooth floor keeps the bend, so the force is the springs' torque over a fixed arm:
     1 + s exp(-t / tau).
     """
-    strength, tau = 0.4, 0.3
+    strength = 0.4
+    tau = 0.3
     rig = replace(
         pendulum(2, 0.2, 0.02, k0=5.0, hinge_damping=0.002), ground=Ground(1e9, 1.0, 0.0, 3e4, 0.0)
     )
@@ -198,7 +208,8 @@ def test_more_viscous_damping_rings_down_faster():
             having(SPRUNG, hinge_viscous_damping={"coefficient_Nm_s_per_rad": c}), [0.0, 0.01], t
         )
     )
-    decay, rate = c / (2 * INERTIA), np.sqrt(K0 / INERTIA)
+    decay = c / (2 * INERTIA)
+    rate = np.sqrt(K0 / INERTIA)
     own = np.sqrt(rate**2 - decay**2)
     assert phi == pytest.approx(
         0.01 * np.exp(-decay * t) * (np.cos(own * t) + decay / own * np.sin(own * t)), abs=2e-6
@@ -209,7 +220,8 @@ def test_quadratic_damping_takes_its_work_out_of_each_swing():
     """With b = 2 c / I, the ends A and B of a swing obey (1 - b B) exp(b B) = (1 + b A) exp(-b
     A): the energy less the work of c phi'^2.
     """
-    c, start = 0.02, 0.5
+    c = 0.02
+    start = 0.5
     t = np.arange(1, 1700) * 1e-3
     phi = bent(
         released(
@@ -218,7 +230,8 @@ def test_quadratic_damping_takes_its_work_out_of_each_swing():
             t,
         )
     )
-    b, end = 2 * c / INERTIA, start
+    b = 2 * c / INERTIA
+    end = start
     turns = np.flatnonzero(np.diff(np.sign(np.diff(phi)))) + 1
     for turn in turns[:3]:
         expected = brentq(

@@ -26,7 +26,9 @@ GUIDE = DOCS / "add-an-effect.md"
 
 def test_a_lab_s_own_effect_damps_as_its_law_says(monkeypatch):
     monkeypatch.setenv(FOLDER_VARIABLE, str(LAB))
-    c, inertia, w0 = 0.02, 0.4 * 0.5**2 / 3, 3.0
+    c = 0.02
+    inertia = 0.4 * 0.5**2 / 3
+    w0 = 3.0
     t = np.linspace(0.01, 1.0, 100)
     rig = having(pendulum(2, k0=1e-9), cubic_damping={"coefficient_Nm_s3_per_rad3": c})
     w = released(rig, [0.0, 0.0], t, speed_rad_s=w0).w[:, 1]

@@ -49,7 +49,10 @@ def by_scipy(torque=command, friction=lambda *_: 0.0, inertia=0.0, read_s=0.0):
         a, w, read_a, read_w = x
         tau = torque(t)
         acceleration = (tau - friction(w, tau) - 9.81 * 0.24 * np.sin(a)) / (0.11 + inertia)
-        late = [(a - read_a) / read_s, (w - read_w) / read_s] if read_s else [0.0, 0.0]
+        if read_s:
+            late = [(a - read_a) / read_s, (w - read_w) / read_s]
+        else:
+            late = [0.0, 0.0]
         return [w, acceleration, *late]
 
     found = solve_ivp(
@@ -100,7 +103,8 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_an_effect_does_what_its_law_says(case):
     values, other, within = CASES[case]
-    expected, plain = by_scipy(**other), by_scipy()
+    expected = by_scipy(**other)
+    plain = by_scipy()
     id_ = "torque_delay" if " " in case else case
     found = ours(expected[:2, 0], {id_: values})
     assert found.angle_rad[:, 0] == pytest.approx(expected[0, 1:], abs=within)
@@ -124,7 +128,8 @@ def test_a_lag_of_the_speed_leaves_the_angle_alone():
 
 
 def test_nominal_values_of_drive_and_encoder_act_as_their_names_say():
-    late, heavy = by_scipy(torque=lambda t: command(t - 0.01)), by_scipy(inertia=0.02)
+    late = by_scipy(torque=lambda t: command(t - 0.01))
+    heavy = by_scipy(inertia=0.02)
     assert ours(late[:2, 0], torque_delay_s=0.01).angle_rad[:, 0] == pytest.approx(
         late[0, 1:], abs=2e-4
     )
@@ -174,7 +179,9 @@ def test_at_no_strength_an_effect_leaves_the_swing_alone(id_):
 def load_row(loss):
     parameter = np.zeros(TRACE + 3)
     parameter[:3] = loss, joint_torques.PRESLIDING_RAD, joint_torques.DAMPING_S
-    parameter[STEP], parameter[COUNT], parameter[BEGIN] = 0.1, 3, 0.0
+    parameter[STEP] = 0.1
+    parameter[COUNT] = 3
+    parameter[BEGIN] = 0.0
     parameter[TRACE:] = 1.0, -2.0, 0.5
     return parameter
 

@@ -24,21 +24,26 @@ from tests.model.effects.rigs import (
 )
 from tests.model.legs import PAPER, pendulum
 
-LENGTHS, MASSES = np.array(PAPER.leg.link_lengths_m), np.array(PAPER.leg.link_masses_kg)
+LENGTHS = np.array(PAPER.leg.link_lengths_m)
+MASSES = np.array(PAPER.leg.link_masses_kg)
 FINE = Tolerance(1e-6, 3e-3)
 
 
 def across(stroke, w):
     """Speed of the middle of every link across it, and its unit vectors along y and down."""
-    sin, cos = np.sin(stroke.q_rad), np.cos(stroke.q_rad)
-    v_y, v_d = np.cumsum(-LENGTHS * sin * w, axis=1), np.cumsum(LENGTHS * cos * w, axis=1)
-    v_y, v_d = v_y + 0.5 * LENGTHS * sin * w, v_d - 0.5 * LENGTHS * cos * w
+    sin = np.sin(stroke.q_rad)
+    cos = np.cos(stroke.q_rad)
+    v_y = np.cumsum(-LENGTHS * sin * w, axis=1)
+    v_d = np.cumsum(LENGTHS * cos * w, axis=1)
+    v_y = v_y + 0.5 * LENGTHS * sin * w
+    v_d = v_d - 0.5 * LENGTHS * cos * w
     return -sin * v_y + cos * v_d, -sin, cos
 
 
 def momentum_rates(stroke, extra_tip_kg=0.0):
     """(along y, down) of the leg's momentum, by second differences of places."""
-    sin, cos = np.sin(stroke.q_rad), np.cos(stroke.q_rad)
+    sin = np.sin(stroke.q_rad)
+    cos = np.cos(stroke.q_rad)
     ends = np.cumsum(LENGTHS * cos, axis=1), np.cumsum(LENGTHS * sin, axis=1)
     places = (
         (end - 0.5 * LENGTHS * part) @ MASSES + extra_tip_kg * end[:, -1]
@@ -52,14 +57,17 @@ def test_a_frame_rings_down_at_its_frequency_and_damping(ratio):
     """With the leg hanging straight down it sinks with the frame: its mass adds to the moving
     one, no moment turns it.
     """
-    frequency, mass, leg = 8.0, 5.0, 0.4
+    frequency = 8.0
+    mass = 5.0
+    leg = 0.4
     effect = {"frequency_Hz": frequency, "moving_mass_kg": mass, "damping_ratio": ratio}
     t = np.linspace(1e-3, 0.6, 600)
     samples = released(
         having(pendulum(1), frame_compliance=effect), [np.pi / 2, 1e-3], t, gravity=9.81
     )
     rate = 2 * np.pi * frequency
-    decay, own = ratio * rate * mass / (mass + leg), rate * np.sqrt(mass / (mass + leg))
+    decay = ratio * rate * mass / (mass + leg)
+    own = rate * np.sqrt(mass / (mass + leg))
     turning = np.sqrt(own**2 - decay**2)
     expected = (
         1e-3 * np.exp(-decay * t) * (np.cos(turning * t) + decay / turning * np.sin(turning * t))
@@ -71,13 +79,11 @@ def test_a_frame_rings_down_at_its_frequency_and_damping(ratio):
 
 @pytest.mark.parametrize("lean_deg", [0.0, -50.0])
 def test_a_frame_is_driven_by_just_what_the_sensor_feels(lean_deg):
-    m, rate, ratio, cos, sin = (
-        0.5,
-        2 * np.pi * 12.0,
-        0.1,
-        np.cos(np.radians(lean_deg)),
-        np.sin(np.radians(lean_deg)),
-    )
+    m = 0.5
+    rate = 2 * np.pi * 12.0
+    ratio = 0.1
+    cos = np.cos(np.radians(lean_deg))
+    sin = np.sin(np.radians(lean_deg))
     effect = {
         "frequency_Hz": 12.0,
         "moving_mass_kg": m,
@@ -86,7 +92,8 @@ def test_a_frame_is_driven_by_just_what_the_sensor_feels(lean_deg):
     }
     stroke = paper_stroke(FINE, frame_compliance=effect)
     sunk = [0.0, 0.0]
-    traced, push = [], (stroke.fz_N - 0.32 * 9.81) * cos - stroke.fy_N * sin
+    traced = []
+    push = (stroke.fz_N - 0.32 * 9.81) * cos - stroke.fy_N * sin
     h = T[1] - T[0]
     for k in range(1, len(T)):
         for part in range(20):  # semi-implicit Euler on a fine grid
@@ -144,7 +151,8 @@ def test_a_tip_mass_in_grams_is_an_added_mass_in_kilograms():
         )
         for effect in ({"tip_mass": {"mass_g": 100.0}}, {"added_mass": {"mass_kg": 0.1}})
     )
-    w, angle = 2.0, grams.shaft_angle_rad
+    w = 2.0
+    angle = grams.shaft_angle_rad
     turning = t > 0.06
     assert grams.fz_N == pytest.approx(kilograms.fz_N, abs=1e-12)
     assert grams.fz_N[turning] == pytest.approx(
@@ -157,13 +165,16 @@ def test_a_tip_mass_in_grams_is_an_added_mass_in_kilograms():
 
 @pytest.mark.parametrize("speed", [2.0, -2.0])
 def test_a_link_turning_in_a_fluid_needs_the_power_of_its_drag(speed):
-    c, length, mass = 3.0, 0.5, 0.4
+    c = 3.0
+    length = 0.5
+    mass = 0.4
     t = np.linspace(0.1, 0.5, 30)
     rig = having(pendulum(1), fluid_drag={"coefficient_N_s2_per_m3": c})
     stroke = simulate_stroke(
         rig, NO_GROUND_M, ramp_to_speed(0.2, speed, 0.05, 1.0), t, Tolerance(1e-8, 3e-5)
     )
-    angle, v = stroke.shaft_angle_rad, speed * length / 2
+    angle = stroke.shaft_angle_rad
+    v = speed * length / 2
     weight_Nm = mass * 9.81 * length / 2 * np.cos(angle)
     assert (stroke.shaft_torque_Nm + weight_Nm) * speed == pytest.approx(
         c * length * abs(v) ** 3, rel=3e-5
@@ -229,9 +240,11 @@ def test_a_frame_that_rings_when_the_recording_begins_rings_from_there():
     motion = ramp_to_speed(0.2, 2.0, 0.05, 1.0)
     still, sunk, pushed = (simulate_stroke(rig, NO_GROUND_M, motion, t_s).fz_N for rig in rigs)
     assert np.ptp(still) < 1e-3
-    leg, rate = MASSES.sum(), 2.0 * np.pi * 15.0 * np.sqrt(4.0 / (4.0 + MASSES.sum()))
+    leg = MASSES.sum()
+    rate = 2.0 * np.pi * 15.0 * np.sqrt(4.0 / (4.0 + MASSES.sum()))
     amplitude = leg * leg * 9.81 / (4.0 + leg)  # leg mass times own^2 times sag m g / k
-    begin_s, later_s = t_s < -0.28, t_s > -0.08
+    begin_s = t_s < -0.28
+    later_s = t_s > -0.08
     assert np.ptp(sunk[begin_s]) == pytest.approx(
         2.0 * amplitude, rel=0.15
     )  # less what has died away

@@ -44,10 +44,8 @@ def law_of(**effects):
 @pytest.mark.parametrize("id_", SHAPED)
 def test_the_neutral_shape_is_the_law_as_it_is_without_one(id_):
     stated = {parameter.name: parameter.neutral for parameter in catalogue()[id_].shape}
-    plain, shaped = (
-        paper_stroke(FINE, **{id_: SMALL[id_]}),
-        paper_stroke(FINE, **{id_: SMALL[id_] | stated}),
-    )
+    plain = paper_stroke(FINE, **{id_: SMALL[id_]})
+    shaped = paper_stroke(FINE, **{id_: SMALL[id_] | stated})
     assert shaped.fz_N.tobytes() == plain.fz_N.tobytes()
     assert shaped.fy_N.tobytes() == plain.fy_N.tobytes()
 
@@ -99,7 +97,8 @@ def test_a_rippled_shaft_has_its_law_s_speed_at_any_phase(amplitude, cycles, pha
 
 
 def test_a_ripple_s_phase_is_periodic():
-    t, values = np.linspace(0.0, 3.0, 301), {"amplitude_relative": 0.2, "cycles_per_turn": 9.0}
+    t = np.linspace(0.0, 3.0, 301)
+    values = {"amplitude_relative": 0.2, "cycles_per_turn": 9.0}
     whole, none = (
         set_up(
             having(PAPER, motor_speed_ripple=values | {"phase_cycles": phase}), 1.0, MOTION
@@ -118,9 +117,12 @@ def test_the_hysteresis_loop_follows_bouc_and_wen(exponent, travels, within):
     use = law_of(
         spring_hysteresis={"strength_relative": 0.3, "saturation_deg": 4.0, "exponent": exponent}
     )
-    turn, memory, z = 0.2, [0.0] * 4, 0.0
+    turn = 0.2
+    memory = [0.0] * 4
+    z = 0.0
     for end in (turn, -turn, 0.5 * turn):
-        begin, side = memory[1], np.sign(end - memory[1])
+        begin = memory[1]
+        side = np.sign(end - memory[1])
 
         # dz/dphi = (1 - |z|^n sgn(z phi')) / saturation, turned into the direction of travel
         def along(_, z, side=side):
@@ -139,7 +141,8 @@ def test_a_loop_around_and_back_takes_work(exponent):
     use = law_of(
         spring_hysteresis={"strength_relative": 0.3, "saturation_deg": 4.0, "exponent": exponent}
     )
-    memory, work = [0.0] * 4, 0.0
+    memory = [0.0] * 4
+    work = 0.0
     turn = 0.3 * np.sin(np.linspace(0.0, 4.0 * np.pi, 4001)) * np.linspace(1.0, 0.3, 4001)
     for before, phi in pairwise(turn):
         torque = use.law(0.5 * (before + phi), 0.0, 0.0, 11.0, 0.0, memory, use.parameters)[0]

@@ -15,7 +15,8 @@ from tests.model.legs import NO_GROUND_M, PAPER
 STAGES = np.radians([60.0, 90.0, 120.0])
 MOVES = StageMoves(0.5, 0.05)
 SMOOTH = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0))
-K0, K2 = PAPER.leg.k0_Nm_per_rad, PAPER.leg.k2_per_rad2
+K0 = PAPER.leg.k0_Nm_per_rad
+K2 = PAPER.leg.k2_per_rad2
 
 
 def stages(rig=PAPER, angles=STAGES, height_m=0.215, **effects):
@@ -33,7 +34,8 @@ def plain():
 
 def carried(state):
     """Torque that weight and ground put into every hinge, which its springs must carry, (6,)."""
-    chain, phi = tip_chain_of(PAPER.leg), np.diff(state.q_rad, prepend=0.0)
+    chain = tip_chain_of(PAPER.leg)
+    phi = np.diff(state.q_rad, prepend=0.0)
     assert not state.normal_N[:-1].any()
     tip = np.array([state.tangential_N[-1], -state.normal_N[-1]])
     return (weight_torques_Nm(chain, phi) + tip_jacobian(chain, phi).T @ tip)[1:]
@@ -93,7 +95,8 @@ def test_with_play_the_leg_presses_less_and_the_spring_begins_beyond_the_gap(pla
 
 
 def test_a_stop_does_nothing_until_a_hinge_comes_to_it_and_then_carries_the_rest(plain):
-    limit, stiffness = np.radians(10.0), 100.0
+    limit = np.radians(10.0)
+    stiffness = 100.0
     with_stop = stages(hinge_stop={"angle_deg": 10.0, "stiffness_Nm_per_rad": stiffness})
     assert np.abs(plain[0].hinge_angles_rad).max() < limit < np.abs(plain[2].hinge_angles_rad).max()
     assert readings(with_stop[:1]) == pytest.approx(readings(plain[:1]), abs=1e-2)
@@ -107,7 +110,9 @@ def test_a_stage_that_is_held_creeps_as_slowly_as_its_arm_relaxes():
     """Read at every hold of one angle. The arm is soft, so that the spring beside it slows the
     creep by its share at most.
     """
-    strength, tau, apart = 0.1, 2.0, MOVES.hold_s + STILL_AFTER_S
+    strength = 0.1
+    tau = 2.0
+    apart = MOVES.hold_s + STILL_AFTER_S
     arm = {"spring_relaxation": {"strength_relative": strength, "time_constant_s": tau}}
     first, second, third = (state.fz_N for state in stages(SMOOTH, np.radians([100.0] * 3), **arm))
     without, later, _ = (state.fz_N for state in stages(SMOOTH, np.radians([100.0] * 3)))

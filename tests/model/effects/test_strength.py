@@ -186,7 +186,8 @@ def test_any_two_effects_run_together_and_give_the_same_bytes_again(case):
     random = np.random.default_rng(case)
     names = random.choice(sorted(TOGETHER), 2, replace=False)
     pair = {str(name): TOGETHER[name] for name in names}
-    first, again = paper_stroke(**pair), paper_stroke(**pair)
+    first = paper_stroke(**pair)
+    again = paper_stroke(**pair)
     assert np.isfinite(first.fz_N).all()
     assert first.fz_N.tobytes() == again.fz_N.tobytes()
     assert first.q_rad.tobytes() == again.q_rad.tobytes()

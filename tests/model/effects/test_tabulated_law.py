@@ -65,7 +65,9 @@ def stroke(*effects, rig=PAPER):
     ],
 )
 def test_it_does_what_the_formula_does(by_values, by_formula, within):
-    plain, tabulated, known = stroke(), stroke(by_values), stroke(by_formula)
+    plain = stroke()
+    tabulated = stroke(by_values)
+    known = stroke(by_formula)
     late = T_S > 0.0
     done = np.abs(known.fz_N - plain.fz_N)[late].max()
     assert done > 0.5
@@ -84,7 +86,8 @@ def test_friction_by_load_is_the_coefficient_where_it_depends_on_nothing():
 def test_friction_that_falls_with_load_does_so_in_few_steps():
     without_drag = replace(PAPER, ground=replace(PAPER.ground, drag_N_s_per_m=0.0))
     falling = stroke(table("floor_friction", "load_N", [0.0, 80.0], [0.3, -0.3]), rig=without_drag)
-    load, along = falling.normal_N[:, -1], np.abs(falling.tangential_N[:, -1])
+    load = falling.normal_N[:, -1]
+    along = np.abs(falling.tangential_N[:, -1])
     sliding = load > 0.7 * load.max()
     share = along[sliding] / (PAPER.ground.friction_coefficient * load[sliding])
     assert share == pytest.approx(1.3 - 0.6 * load[sliding] / 80.0, abs=0.01)
@@ -101,10 +104,8 @@ def test_a_single_hinge_is_the_one_that_people_count():
 def test_a_pendulum_has_it_in_its_joints_beside_its_drive():
     link = PendulumLink(0.2, 0.5, 0.1, 0.01)
     damped = Pendulum((replace(link, joint_damping_Nm_s_per_rad=0.05),))
-    trace, t_s = (
-        torque_trace(np.array([0.0, 1.0]), np.array([[0.1], [0.3]])),
-        np.arange(0.01, 1.0, 0.01),
-    )
+    trace = torque_trace(np.array([0.0, 1.0]), np.array([[0.1], [0.3]]))
+    t_s = np.arange(0.01, 1.0, 0.01)
     start = (np.array([0.5]), np.zeros(1))
     law = table("joint1", "rate_rad_s", [-40.0, 0.0, 40.0], [-2.0, 0.0, 2.0])
     found = simulate_pendulum(Pendulum((link,)), trace, *start, t_s, [law])

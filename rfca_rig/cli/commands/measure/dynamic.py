@@ -175,11 +175,9 @@ def valley_text(valley: "Valley | Undetermined") -> str:
     """A valley, or why there is none, for a line of output."""
     from rfca_rig.analysis.phases import Valley
 
-    return (
-        f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)"
-        if isinstance(valley, Valley)
-        else f"no valley: {valley.reason}"
-    )
+    if isinstance(valley, Valley):
+        return f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)"
+    return f"no valley: {valley.reason}"
 
 
 def _close(
@@ -195,9 +193,8 @@ def _close(
     if as_json:
         echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
         return
-    following = (
-        f"open {report / 'report.html'}"
-        if report
-        else f"next: rfca-rig report {folder} --out report"
-    )
+    if report:
+        following = f"open {report / 'report.html'}"
+    else:
+        following = f"next: rfca-rig report {folder} --out report"
     echo(f"{mark} recorded {len(rows)} strokes in {folder}; {following}", err=True)

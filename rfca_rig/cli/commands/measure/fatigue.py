@@ -106,11 +106,9 @@ def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
     """The protocol with the values that the command line replaces."""
     from rfca_rig.toml import validate
 
-    return (
-        protocol
-        if cycles is None
-        else validate({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
-    )
+    if cycles is None:
+        return protocol
+    return validate({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
 
 
 def say_bending(config: "RunConfig") -> None:
@@ -182,14 +180,13 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
         echo(json.dumps({"source": mark, "run": str(folder), **found}, indent=1))
         return
     last = found["checks"][-1] if found["checks"] else None
-    drift = (
-        ""
-        if last is None
-        else (
+    if last is None:
+        drift = ""
+    else:
+        drift = (
             f", stiffness drift {last['drift_percent']:+.2f} +- {last['std_percent']:.2f} % "
             "since the first check"
         )
-    )
     echo(
         (
             f"{mark} {found['cycles']} of {found['planned']} cycles done in {folder}{drift}; "

@@ -99,7 +99,10 @@ def _kind_and_title(folder: str, name: str) -> str:
     # One broken file must not hide the others.
     except BadInput as error:
         return in_one_line(str(error))
-    head = data["rig"] if isinstance(data.get("rig"), dict) else data
+    if isinstance(data.get("rig"), dict):
+        head = data["rig"]
+    else:
+        head = data
     kind, title = (
         str(head.get(key, ""))
         for key in ("kind" if folder == "calibration" else "experiment", "title")
@@ -114,11 +117,10 @@ def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | No
         f"{'stage':>5} {'until':>9}  {'MB':>5} {'N':>5} {'N m':>5}  what",
     ]
     rows = _rows(plan, expected)
-    shown = (
-        rows
-        if most is None or len(rows) <= most
-        else [*rows[:most], f"... {len(rows) - most} stages more; --all prints them"]
-    )
+    if most is None or len(rows) <= most:
+        shown = rows
+    else:
+        shown = [*rows[:most], f"... {len(rows) - most} stages more; --all prints them"]
     limits = plan.limits
     counted = (
         f"{len(plan.stages)} stages: {len(plan.flaps)} strokes, {len(plan.holds)} static stages"
@@ -137,7 +139,8 @@ def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | No
 
 def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
     # Durations are upper bounds, so the running sum is the latest time at which a stage may end.
-    rows, until_s = [], 0.0
+    rows = []
+    until_s = 0.0
     for number, stage in enumerate(plan.stages, start=1):
         until_s += stage.duration_s
         size_MB = plan.rates.bytes_in(stage.recorded_s) / 1e6
@@ -150,14 +153,18 @@ def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
 
 
 def _load(load: "Load | None") -> str:
-    return " " * 11 if load is None else f"{load.force_N:5.0f} {load.torque_Nm:5.1f}"
+    if load is None:
+        return " " * 11
+    return f"{load.force_N:5.0f} {load.torque_Nm:5.1f}"
 
 
 def _clock(duration_s: float) -> str:
     """Hours, minutes and seconds, with as few fields as possible."""
     minutes, seconds = divmod(duration_s, 60.0)
     hours, minutes = divmod(int(minutes), 60)
-    return f"{hours}:{minutes:02d}:{seconds:04.1f}" if hours else f"{minutes}:{seconds:04.1f}"
+    if hours:
+        return f"{hours}:{minutes:02d}:{seconds:04.1f}"
+    return f"{minutes}:{seconds:04.1f}"
 
 
 def _as_data(plan: "Plan", expected: "Mapping[Stage, Load]") -> dict[str, Any]:

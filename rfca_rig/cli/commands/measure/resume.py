@@ -91,7 +91,8 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
     from rfca_rig.errors import BadInput
     from rfca_rig.protocol.written_plan import make_remaining_plan
 
-    stored, remaining_plan = begun.header.provenance, make_remaining_plan(begun.plan, begun.done)
+    stored = begun.header.provenance
+    remaining_plan = make_remaining_plan(begun.plan, begun.done)
     if not remaining_plan.stages:
         raise BadInput(
             f"{begun.folder}: every stage is recorded; to bring it to its end, type "
@@ -107,7 +108,10 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
         check_trusted(path, f"--rig {name}")
     now = read_compatible_rig(begun, path, deliberately=rig is not None)
     model, model_text = nominal_model_of(now.rig, begun.header)
-    camera_text = stored.get("camera_file", "") if remaining_plan.photos else ""
+    if remaining_plan.photos:
+        camera_text = stored.get("camera_file", "")
+    else:
+        camera_text = ""
     return RunConfig(
         rig=now.rig,
         rig_text=now.text,

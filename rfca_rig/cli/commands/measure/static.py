@@ -322,7 +322,8 @@ def photos(
     from rfca_rig.toml import read_text
 
     (recording,) = open_recordings([run])
-    files, eye = list_photos(folder), eye_for(recording, camera, mark_diameter)
+    files = list_photos(folder)
+    eye = eye_for(recording, camera, mark_diameter)
     target = make_run_folder(runs, recording.source, recording.title)
     try:
         with progress(quiet=False) as bars:
@@ -366,7 +367,9 @@ def photo_lines(stages: "Sequence[StaticStage]") -> "Iterator[str]":
 def _with_std(angle_deg: float, std_deg: float) -> str:
     from math import isnan
 
-    return "?" if isnan(angle_deg) else f"{angle_deg:.2f}+-{std_deg:.2f}"
+    if isnan(angle_deg):
+        return "?"
+    return f"{angle_deg:.2f}+-{std_deg:.2f}"
 
 
 @app.command(cls=Command)
@@ -551,11 +554,10 @@ def run(
     else:
         for line in photo_lines(recorder.stages):
             echo(f"{config.mark} {line}", err=True)
-        following = (
-            f"static report {folder}"
-            if any(stage.overlay for stage in recorder.stages)
-            else f"report {folder} --out report"
-        )
+        if any(stage.overlay for stage in recorder.stages):
+            following = f"static report {folder}"
+        else:
+            following = f"report {folder} --out report"
         echo(
             (
                 f"{config.mark} recorded {len(recorder.stages)} stages in {folder}; next: "
@@ -571,8 +573,14 @@ def say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
 
     if isinstance(stage, Hold):
         row = recorder.stages[-1]
-        unsettled = "" if row.settled else f", NOT SETTLED within {stage.settle.limit_s:g} s"
-        no_photo = f", NO PHOTO: {row.photo_doubts}" if row.photo_doubts else ""
+        if row.settled:
+            unsettled = ""
+        else:
+            unsettled = f", NOT SETTLED within {stage.settle.limit_s:g} s"
+        if row.photo_doubts:
+            no_photo = f", NO PHOTO: {row.photo_doubts}"
+        else:
+            no_photo = ""
         say(
             f"{stage.label}: fy {row.fy_N:.2f} N, fz {row.fz_N:.2f} N, tx {row.tx_Nm:.3f} "
             f"N m{unsettled}{no_photo}"

@@ -79,7 +79,9 @@ def encode_command(ranges: MitRanges, command: MitCommand) -> bytes:
     data = _pack(p, v, kp, kd, t)
     # All fields at their maximum look like a special frame: one count less of the position avoids
     # that.
-    return _pack(p - 1, v, kp, kd, t) if data[:7] == _SPECIAL else data
+    if data[:7] == _SPECIAL:
+        return _pack(p - 1, v, kp, kd, t)
+    return data
 
 
 def encode_special(special: Special) -> bytes:

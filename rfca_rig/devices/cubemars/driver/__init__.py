@@ -237,11 +237,9 @@ class ServoTorqueOffFrames:
             report = decode(message.arbitration_id, message.data)
         except MalformedFrame:
             return None
-        return (
-            report.current_A * self.settings.shaft_torque_per_A
-            if isinstance(report, Status)
-            else None
-        )
+        if isinstance(report, Status):
+            return report.current_A * self.settings.shaft_torque_per_A
+        return None
 
     def min_visible_torque_Nm(self) -> float:
         return MIN_LOAD_COUNTS * STATUS_A * abs(self.settings.shaft_torque_per_A)
@@ -271,7 +269,8 @@ class SpeedCheck:
 
     def follow(self, t_s: float, angle_rad: float, speed_rad_s: float) -> None:
         """Takes in one report, later than the last."""
-        before, self._last = self._last, (t_s, angle_rad, speed_rad_s)
+        before = self._last
+        self._last = (t_s, angle_rad, speed_rad_s)
         if before is None or t_s - before[0] > MAX_GAP_S:
             self._open()
             return
@@ -287,13 +286,15 @@ class SpeedCheck:
         most_rad = max(abs(self._turned_rad), abs(self._integral_rad))
         if most_rad < MIN_ROTATION_RAD:
             return
-        self._apart = (
-            self._apart + 1
-            if abs(self._turned_rad - self._integral_rad) > MAX_RELATIVE_DIFFERENCE * most_rad
-            else 0
-        )
+        if abs(self._turned_rad - self._integral_rad) > MAX_RELATIVE_DIFFERENCE * most_rad:
+            self._apart = self._apart + 1
+        else:
+            self._apart = 0
         if self._apart >= WINDOWS:
-            factor = self._integral_rad / self._turned_rad if self._turned_rad else float("inf")
+            if self._turned_rad:
+                factor = self._integral_rad / self._turned_rad
+            else:
+                factor = float("inf")
             self.fault = (
                 f"the speed that the drive reports is {factor:.2g} times that of its angle; "
                 f"check {self._scales}"

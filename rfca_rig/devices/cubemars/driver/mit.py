@@ -116,7 +116,9 @@ class MitReplies:
             self._stamp(replies)
 
     def _take(self, message: can.Message, replies: list[MitReply]) -> None:
-        identifier, data, drive = message.arbitration_id, message.data, self._settings.drive_id
+        identifier = message.arbitration_id
+        data = message.data
+        drive = self._settings.drive_id
         # Status frames of servo mode show that the drive is in the wrong mode, which `missing`
         # reports.
         if message.is_extended_id:
@@ -146,9 +148,12 @@ class MitReplies:
         belong to the newest requests."""
         requests_s = list(self._asked_s)
         is_lost = 0 < count < len(requests_s) and self.drained_s - self._whole_s > RESYNC_S
-        answered_s, open_s = (
-            (requests_s[-count:], []) if is_lost else (requests_s[:count], requests_s[count:])
-        )
+        if is_lost:
+            answered_s = requests_s[-count:]
+            open_s = []
+        else:
+            answered_s = requests_s[:count]
+            open_s = requests_s[count:]
         self.lost += len(requests_s) - count if is_lost else 0
         if count:
             self._asked_s = deque(open_s, MAX_OPEN_REQUESTS)
@@ -180,7 +185,8 @@ class MitReplies:
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
-        rows, self._rows = np.array(self._rows, np.float64).reshape(-1, 5), []
+        rows = np.array(self._rows, np.float64).reshape(-1, 5)
+        self._rows = []
         return ShaftSamples(*rows.T.copy())
 
     def angle_at(self, now_s: float) -> float:
@@ -190,7 +196,9 @@ class MitReplies:
     @property
     def silent_s(self) -> float:
         """Time in s for which a request has been unanswered, at the last `drain`."""
-        return 0.0 if self._unanswered_s is None else max(self.drained_s - self._unanswered_s, 0.0)
+        if self._unanswered_s is None:
+            return 0.0
+        return max(self.drained_s - self._unanswered_s, 0.0)
 
     @property
     def motion_fault(self) -> str | None:
@@ -207,14 +215,12 @@ class MitReplies:
         """Set if replies have lost the error byte that they carried since `reset_counters`: an
         error would stay hidden.
         """
-        return (
-            (
+        if self._is_cut:
+            return (
                 "replies lost their bytes for temperature and error; check the CAN wiring "
                 "and what else talks on it"
             )
-            if self._is_cut
-            else None
-        )
+        return None
 
     def missing(self) -> str | None:
         """Why there is no reply since `reset_counters`, and the remedy; None if there is one."""
@@ -270,7 +276,9 @@ class MovingTarget:
         """Speed in rad/s towards a target that moves at `speed_rad_s`, with the shaft at
         `angle_rad` now.
         """
-        self._target_rad, self._speed_rad_s, self._since_s = target_rad, speed_rad_s, now_s
+        self._target_rad = target_rad
+        self._speed_rad_s = speed_rad_s
+        self._since_s = now_s
         return speed_rad_s + self._gain_per_s * (target_rad - angle_rad)
 
     def speed_for(self, speed_rad_s: float, angle_rad: float, now_s: float) -> float:
@@ -333,7 +341,8 @@ class CubemarsMitMotor:
             self._replies.angle_rad,
             self._clock.now_s(),
         )
-        began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + WATCH_S
+        began_rad = self._replies.angle_rad
+        until_s = self._clock.now_s() + WATCH_S
         # The guardian is armed before the frame that energises, so that no gap is left unguarded.
         if self._guard is not None:
             arm(self._guard)
@@ -390,10 +399,8 @@ class CubemarsMitMotor:
         """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond the
         drive's speed range.
         """
-        target, now_s = (
-            self._require_enabled(check_command(speed_rad_s, "speed")),
-            self._clock.now_s(),
-        )
+        target = self._require_enabled(check_command(speed_rad_s, "speed"))
+        now_s = self._clock.now_s()
         self._send_speed(target.speed_for(speed_rad_s, self._replies.angle_at(now_s), now_s))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
@@ -403,7 +410,8 @@ class CubemarsMitMotor:
         self._command_angle(check_command(angle_rad, "angle"), check_command(speed_rad_s, "speed"))
 
     def _command_angle(self, angle_rad: float, speed_rad_s: float) -> None:
-        target, now_s = self._require_enabled(speed_rad_s), self._clock.now_s()
+        target = self._require_enabled(speed_rad_s)
+        now_s = self._clock.now_s()
         self._send_speed(
             target.speed_to_angle(angle_rad, speed_rad_s, self._replies.angle_at(now_s), now_s)
         )
@@ -421,11 +429,9 @@ class CubemarsMitMotor:
         return self._target
 
     def _send_speed(self, speed_rad_s: float) -> None:
-        ranges, gain, direction = (
-            self._settings.ranges,
-            self._settings.speed_gain_Nm_s_per_rad,
-            self._settings.direction,
-        )
+        ranges = self._settings.ranges
+        gain = self._settings.speed_gain_Nm_s_per_rad
+        direction = self._settings.direction
         clipped_rad_s = direction * min(max(speed_rad_s, -ranges.speed_rad_s), ranges.speed_rad_s)
         encoded_rad_s = nearest_speed(ranges, clipped_rad_s)
         # The 12 bit speed field is coarse; kd times its rounding error as feed-forward torque makes
@@ -526,19 +532,16 @@ class CubemarsMitMotor:
         """
         state = "off" if self._target is None else "MIT mode"
         reply = self._replies.reply
-        temperature_C = (
-            None
-            if reply is None or reply.temperature_degC is None
-            else float(reply.temperature_degC)
-        )
+        if reply is None or reply.temperature_degC is None:
+            temperature_C = None
+        else:
+            temperature_C = float(reply.temperature_degC)
         return MotorStatus(state, self._fault(), self._replies.silent_s, temperature_C)
 
     def _fault(self) -> str | None:
-        reply, silent_s, limit_s = (
-            self._replies.reply,
-            self._replies.silent_s,
-            self._settings.reply_timeout_s,
-        )
+        reply = self._replies.reply
+        silent_s = self._replies.silent_s
+        limit_s = self._settings.reply_timeout_s
         if reply is not None and reply.error:
             return error_text(reply.error)
         # Motion faults count only while enabled: before, the drive is asked rarely and the shaft
@@ -557,7 +560,8 @@ class CubemarsMitMotor:
 
     def identity(self) -> dict[str, str]:
         """For the recording. Whether the firmware sends errors is known after `enable`."""
-        settings, reply = self._settings, self._replies.reply
+        settings = self._settings
+        reply = self._replies.reply
         return {
             "make": "CubeMars AK, MIT mode",
             "bus": str(self._bus.channel_info),

@@ -89,7 +89,8 @@ class ServoReports:
         """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
         a frame cannot be decoded.
         """
-        before_s, self.drained_s = self.drained_s, self._clock.now_s()
+        before_s = self.drained_s
+        self.drained_s = self._clock.now_s()
         reports: list[Status] = []
         try:
             for message in receive_frames(self._bus, self.health):
@@ -109,11 +110,10 @@ class ServoReports:
             self._standard = True
         elif message.arbitration_id >> 8 == Packet.STATUS:
             drive = servo.drive_of(message.arbitration_id)
-            report = (
-                servo.decode(message.arbitration_id, message.data)
-                if drive == self._settings.drive_id
-                else None
-            )
+            if drive == self._settings.drive_id:
+                report = servo.decode(message.arbitration_id, message.data)
+            else:
+                report = None
             if isinstance(report, Status):
                 reports.append(report)
             else:
@@ -146,7 +146,8 @@ class ServoReports:
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
-        rows, self._rows = np.array(self._rows, np.float64).reshape(-1, 5), []
+        rows = np.array(self._rows, np.float64).reshape(-1, 5)
+        self._rows = []
         return ShaftSamples(*rows.T.copy())
 
     @property
@@ -258,7 +259,8 @@ class CubemarsServoMotor:
 
     def _measure_period_s(self) -> float:
         self._reports.reset_counters()
-        started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
+        started_s = self._clock.now_s()
+        timeout_s = self._settings.enable_timeout_s
         look_s = PERIODS_PER_ATTEMPT * self._settings.status_period_s
         while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
             if self._clock.now_s() - started_s > max(timeout_s, look_s):
@@ -352,7 +354,8 @@ class CubemarsServoMotor:
         DeviceError if the motor still holds, or held too little to decide. With a guardian and no
         load, it is enough that the bus took the guardian's frames; `identity` records this."""
         self._reports.drain()
-        held_Nm, started_s = self._reports.torque_Nm, self._clock.now_s()
+        held_Nm = self._reports.torque_Nm
+        started_s = self._clock.now_s()
         if self._guard is not None:
             return self._prove_guard(self._guard, held_Nm, limit_s)
         holding_s = started_s
@@ -424,11 +427,9 @@ class CubemarsServoMotor:
         )
 
     def _fault(self) -> str | None:
-        status, silent_s, limit_s = (
-            self._reports.status,
-            self._reports.silent_s,
-            self._settings.status_timeout_s,
-        )
+        status = self._reports.status
+        silent_s = self._reports.silent_s
+        limit_s = self._settings.status_timeout_s
         if status is not None and status.error:
             return error_text(status.error)
         # Before enabling, a position that jumps does no harm, and `enable` checks it again.
@@ -443,7 +444,8 @@ class CubemarsServoMotor:
 
     def identity(self) -> dict[str, str]:
         """For the recording."""
-        settings, status = self._settings, self._reports.status
+        settings = self._settings
+        status = self._reports.status
         return {
             "make": "CubeMars AK, servo mode",
             "bus": str(self._bus.channel_info),
