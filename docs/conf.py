@@ -2,7 +2,8 @@
 
 `python -m sphinx -W --keep-going docs OUT` builds it, with the extra `docs` and without network.
 The pages are Markdown; those of the reference are filled from the code by `reference_pages`, and
-notebooks are executed."""
+notebooks are executed.
+"""
 
 import sys
 from pathlib import Path

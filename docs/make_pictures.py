@@ -3,7 +3,8 @@
     python docs/make_pictures.py [OUT]
 
 It needs the extras `dev` and `view`, and an installed Chromium. tests/test_pictures.py makes them
-again and compares."""
+again and compares.
+"""
 
 import io
 import re

@@ -9,7 +9,8 @@ read:
 - `<!-- effects -->`: the catalogue of effects
 
 The glossary is written as tables; here each term becomes an entry of Sphinx's glossary, which the
-search knows."""
+search knows.
+"""
 
 import json
 import re

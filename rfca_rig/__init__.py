@@ -2,7 +2,8 @@
 rigid-flexible multibody model.
 
 As a library: `import rfca_rig as rr`. The names of `__all__` are stable; they are imported when
-they are first used."""
+they are first used.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING

@@ -3,7 +3,8 @@
 The compiler's own cache trusts its files: one that is empty, cut or exchanged raises an error
 wherever the function is first called, or runs the wrong code. Here each entry is a file that begins
 with a hash of what it is for and of its content. An entry that does not match, or cannot be read,
-counts as none: the function is compiled again and the entry replaced."""
+counts as none: the function is compiled again and the entry replaced.
+"""
 
 import hashlib
 import logging

@@ -3,7 +3,8 @@ function for each language.
 
 A name of a joint, a column or a run may come from a stranger's file. Wherever such a text becomes
 part of a program, a file or a page, it goes through a function of this module, or through Python's
-own writer of JSON."""
+own writer of JSON.
+"""
 
 import csv
 import io
@@ -29,7 +30,8 @@ def printable(text: str) -> str:
     window or write to the clipboard.
 
     Line feeds and tabs stay. Every other control character, every sign that turns the direction of
-    the text, and half of a surrogate pair become a replacement character."""
+    the text, and half of a surrogate pair become a replacement character.
+    """
     return "".join(
         "\N{REPLACEMENT CHARACTER}" if _is_control(sign) and sign not in "\n\t" else sign
         for sign in text

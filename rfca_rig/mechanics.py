@@ -8,7 +8,8 @@ function here calls the same code. Misprints of the paper are corrected, and eac
 References
 ----------
 "A Type of Actuator with Large Deformation and Load Capacity: Design and Modeling", equations (1) to
-(19)."""
+(19).
+"""
 
 from collections.abc import Callable
 
@@ -514,7 +515,8 @@ def stick_friction_N(
     References
     ----------
     Equation (19). The simulation treats stick as a state, with a compliant tie:
-    `rfca_rig.model.kernel.contact.tangential_force`."""
+    `rfca_rig.model.kernel.contact.tangential_force`.
+    """
     # Exactly zero, as in (19): this function evaluates the equation and is no law for an
     # integrator.
     if speed_m_s != 0.0:

@@ -6,7 +6,8 @@ started, connected to this one by a socket pair.
 
 With `-m` or `-c` alone, Python would search the current folder before its own library: a `numpy.py`
 in a stranger's folder would run. Every interpreter is started with `python_command`, or within
-`safe_path` where another library starts it."""
+`safe_path` where another library starts it.
+"""
 
 import os
 import select
@@ -59,7 +60,8 @@ def start(module: str) -> Helper:
 
     The process has its own session, so that neither ^C nor a closed terminal reaches it. `module`
     runs as a program; its argument is the number of its socket, over which it receives the
-    assignment. Not on Windows, where processes cannot inherit a socket."""
+    assignment. Not on Windows, where processes cannot inherit a socket.
+    """
     own_end, child_end = socket.socketpair()
     with child_end:
         command = python_command("-m", module, str(child_end.fileno()))
@@ -80,7 +82,8 @@ class HelperWatch:
     """Notices at every tick of the control loop that a helper process has ended, however it ended.
 
     The system closes the sockets of a process that ends, and reports that of the other end as hung
-    up. Looking costs about a microsecond and receives nothing."""
+    up. Looking costs about a microsecond and receives nothing.
+    """
 
     def __init__(self) -> None:
         self._poll: select.poll | None = None

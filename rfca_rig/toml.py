@@ -163,7 +163,8 @@ class Section(BaseModel):
     """A table in a file: no unknown keys, no text where a number is expected, no NaN.
 
     An angle whose key ends in `_rad` may be written in degrees, under the same key with `_deg`;
-    recordings hold radians."""
+    recordings hold radians.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -237,7 +238,8 @@ def read_toml(path: Path, model: type[Model]) -> Model:
     """Read the file as `model`.
 
     Raises BadInput `FILE:LINE: key: what is wrong` for a file that is missing, not UTF-8, not TOML,
-    or not valid for `model`."""
+    or not valid for `model`.
+    """
     return model_of(read_text(path), model, path)
 
 
@@ -298,7 +300,8 @@ def read_text(
     """Read the file as UTF-8 text without a byte-order mark.
 
     Raises BadInput where there is no such file or text, for devices and pipes, which may never end,
-    and for more than `most_bytes`."""
+    and for more than `most_bytes`.
+    """
     try:
         found = path.stat()
         if not (S_ISREG(found.st_mode) or S_ISDIR(found.st_mode)):

@@ -74,7 +74,8 @@ def pytest_collection() -> Generator[None, object, object]:
     modules and all tests.
 
     They are a million objects and more, which each search would look at; so would the searches of
-    processes that tests fork."""
+    processes that tests fork.
+    """
     gc.disable()
     try:
         return (yield)
@@ -93,7 +94,8 @@ def _each_function_compiled_by_one_worker(
     from the disk.
 
     Otherwise both would compile it. Two to three workers need the same functions in the first
-    minute, at 10 to 25 s each."""
+    minute, at 10 to 25 s each.
+    """
     numba = sys.modules.get("numba")
     if numba is None or fcntl is None or "PYTEST_XDIST_WORKER" not in os.environ:
         yield
@@ -184,7 +186,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     Each worker begins with an equal part. In a fresh clone the first of them compiles the model for
     a minute and more. The others would compile the same meanwhile; so they come to tests of the
-    model when the result is on disk."""
+    model when the result is on disk.
+    """
     root = Path(__file__).parent
 
     @cache

@@ -25,7 +25,8 @@ def site(tmp_path_factory):
 
     The tag skips the notebook whose diagnosis takes longer than the rest of the site;
     tests/notebook executes the same cells and checks what they give. The other notebooks show that
-    Jupyter runs them, and that the pages take tables, pictures and text."""
+    Jupyter runs them, and that the pages take tables, pictures and text.
+    """
     out = tmp_path_factory.mktemp("site")
     options = ["-q", "-W", "--keep-going", "-t", "without_diagnosis", "-d", str(out / "doctrees")]
     command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(out / "html")]

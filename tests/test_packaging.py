@@ -2,7 +2,8 @@
 Needs a package index.
 
 The matrix of interpreters: RFCA_RIG_PYTHONS=python3.11:python3.12:python3.13 python -m pytest -m
-long tests/test_packaging.py"""
+long tests/test_packaging.py
+"""
 
 import json
 import os
@@ -113,9 +114,7 @@ def test_the_sdist_holds_tests_and_documents_but_no_caches(built):
     ):
         assert wanted in names
     assert [
-        name
-        for name in names
-        if any(cache in name for cache in CACHES) or name.startswith((".git/", "runs/"))
+        name for name in names if is_in_cache(name) or name.startswith((".git/", "runs/"))
     ] == []
 
 
@@ -130,9 +129,11 @@ def test_the_wheel_is_typed_and_brings_protocols_rigs_sweeps_and_trip_pages(buil
     )
     for wanted in ("rfca_rig/py.typed", *(f"rfca_rig/shipped/{name}" for name in shipped)):
         assert wanted in names
-    assert [
-        name for name in names if name.startswith("tests") or any(cache in name for cache in CACHES)
-    ] == []
+    assert [name for name in names if name.startswith("tests") or is_in_cache(name)] == []
+
+
+def is_in_cache(name):
+    return any(cache in name for cache in CACHES)
 
 
 @pytest.mark.parametrize("versions", VERSIONS)

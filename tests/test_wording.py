@@ -1,24 +1,17 @@
-"""README and documents are read in a second language, at a bench: short sentences, and no words
-of our own.
-"""
+"""README and documents are read in a second language, at a bench: no words of our own."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted({*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")})
-MOST_WORDS = 25
 # What is no prose: front matter, code, comments, tables, quotes, addresses of links.
 NO_PROSE = re.compile(
     r"\A---\n(?s:.*?)\n---\n|```(?s:.*?)```|<!--(?s:.*?)-->|^ *[|>].*$|\]\([^)]*\)", re.MULTILINE
 )
 TABLES = re.compile(r"^ *\|.*$", re.MULTILINE)
-NEXT_BLOCK = re.compile(r"\n\s*\n|\n(?=\s*[-*] )|\n(?=\s*\d+\. )|\n(?=#)")
-# A colon and a semicolon end what a reader has to hold in mind.
-NEXT_SENTENCE = re.compile(r"(?<=[.!?:;])\s+")
 CODE = re.compile(r"`[^`]*`")
 # Our own word: what the field says. A room may have a temperature.
 OUR_OWN = {
@@ -48,23 +41,6 @@ def prose(text: str) -> str:
     return NO_PROSE.sub("", text)
 
 
-def sentences(text: str) -> Iterator[str]:
-    """Of prose; what begins with a new line of a list begins a sentence."""
-    for block in NEXT_BLOCK.split(text):
-        yield from filter(None, NEXT_SENTENCE.split(block.strip()))
-
-
-def words(sentence: str) -> int:
-    return len(re.findall(r"[A-Za-z0-9_]\S*", sentence))
-
-
-@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_sentence_is_long(path):
-    text = prose(path.read_text(encoding="utf-8"))
-    long = [" ".join(each.split()) for each in sentences(text) if words(each) > MOST_WORDS]
-    assert long == []
-
-
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_words_are_those_of_the_field(path):
     text = path.read_text(encoding="utf-8")
@@ -74,11 +50,3 @@ def test_words_are_those_of_the_field(path):
         for own, plain in OUR_OWN.items()
         for found in re.finditer(rf"\b(?:{own})\b", text, re.IGNORECASE)
     ] == []
-
-
-def test_what_is_counted_as_a_long_sentence():
-    long = "word " * 26
-    assert [
-        words(each) for each in sentences(prose(f"{long}. Short one: {long}\n\n- {long}\n- a\n"))
-    ] == [26, 2, 26, 26, 1]
-    assert [*sentences(prose(f"| {long} |\n> {long}\n```\n{long}\n```\n"))] == []

@@ -4,7 +4,8 @@ others make them.
 Set in the drive, with its own tool: a velocity mode (3 or 9), speeds in 0.001 rpm (object 60A9h),
 heartbeats of node 127 watched (1016h: 127, 100 ms; the reaction to their loss, 6007h, a fault), and
 three messages: RPDO1 6040h 60FFh; TPDO1, every report_period_ms, 6041h 6064h 6077h; TPDO2, at the
-same rate, 606Ch 603Fh."""
+same rate, 606Ch 603Fh.
+"""
 
 import struct
 from typing import Annotated
@@ -28,8 +29,6 @@ ERRORS = {
     0x2310: "current too high",
     0x3210: "supply voltage too high",
     0x3220: "supply voltage too low",
-}
-ERRORS |= {
     0x4210: "drive too hot",
     0x4310: "motor too hot",
     0x7320: "position sensor",
@@ -91,23 +90,16 @@ class OurMotor(SpeedDrive[OurKeys]):
         return None
 
     def report(self, status, position, per_mille):
+        # Bit 5 belongs to the state only where it is set.
+        state = STATES.get(status & (0x6F if status & 0x20 else 0x4F), f"0x{status:04x}")
+        fault = None
         if status & 0x08:
-            fault = f"error 0x{self.error:04X} ({ERRORS.get(self.error, 'see its manual')})"
-        else:
-            fault = None
-        if fault:
             state = "fault"
-        else:
-            state = STATES.get(status & 0x6F if status & 0x20 else status & 0x4F, f"0x{status:04x}")
+            fault = f"error 0x{self.error:04X} ({ERRORS.get(self.error, 'see its manual')})"
+        turns = position / self.keys.counts_per_turn
+        turns_s = self.speed / MILLI_RPM
         torque_Nm = 1e-3 * per_mille * self.keys.rated_torque_Nm
-        return Report(
-            position / self.keys.counts_per_turn,
-            self.speed / MILLI_RPM,
-            torque_Nm,
-            state == STATES[0x27],
-            state,
-            fault,
-        )
+        return Report(turns, turns_s, torque_Nm, state == STATES[0x27], state, fault)
 
 
 MOTOR = OurKeys

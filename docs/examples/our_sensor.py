@@ -2,7 +2,8 @@
 
 It measures 51 200 / n times a second, where n, the length of its filter, is 64 for 800 Hz. A record
 is 37 bytes: 0xAA, status, six values in N and N m, its clock in microseconds, its temperature, and
-a checksum (CRC-16/X-25)."""
+a checksum (CRC-16/X-25).
+"""
 
 import struct
 from binascii import crc_hqx

@@ -2,4 +2,5 @@
 record.
 
 Entry point: `acquired.AcquiredDatagrams`, which starts the process and reads what that writes into
-a `ring` of shared memory."""
+a `ring` of shared memory.
+"""

@@ -1,7 +1,8 @@
 """Datagrams of a sensor, received by a separate process; a replacement for `UdpDatagrams`.
 
 `run_acquisition` is the main function of that process: it only copies records from the sensor's
-socket into the ring."""
+socket into the ring.
+"""
 
 import signal
 import subprocess
@@ -62,7 +63,8 @@ def run_acquisition(parent: Connection) -> None:
 
     Its first message is the granted receive buffer in bytes, or a text on why the sensor cannot be
     reached. Afterwards it forwards the bytes that it is given, and reports an error as text, once
-    until the next command. ^C is left to the parent."""
+    until the next command. ^C is left to the parent.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     assignment: AcquisitionAssignment = parent.recv()
     try:

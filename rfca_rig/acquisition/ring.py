@@ -2,7 +2,8 @@
 which waits.
 
 Shared memory is created with all its pages, and attached by name without the attaching process
-removing it at its end."""
+removing it at its end.
+"""
 
 import errno
 import multiprocessing
@@ -68,7 +69,8 @@ def attach_shared_memory(name: str) -> SharedMemory:
     Before Python 3.13 an attaching process is registered as an owner too: when it ends, its
     resource tracker removes the memory although others use it (python/cpython#82300). Children of
     the owner share its tracker and must not unregister it. Raises DeviceError if there is no such
-    memory."""
+    memory.
+    """
     try:
         if sys.version_info >= (3, 13):
             return SharedMemory(name, track=False)
@@ -92,7 +94,8 @@ class RingBlock:
     """New records.
 
     `records` (m, bytes of a record), `t_s` (m,) when each was read from the wire, `overrun` how
-    many were lost unread before them."""
+    many were lost unread before them.
+    """
 
     t_s: Floats
     records: Bytes
@@ -106,7 +109,8 @@ class Ring:
     Record n is in slot n modulo capacity. The writer first claims numbers, then fills their slots,
     then publishes them. A reader copies published records, and afterwards drops those whose slots
     the writer has claimed in the meantime. A slow reader therefore loses the oldest records, knows
-    how many, and never sees a half-written one."""
+    how many, and never sees a half-written one.
+    """
 
     def __init__(self, memory: SharedMemory) -> None:
         self._memory = memory

@@ -33,7 +33,8 @@ class ComparedRepeat:
     base; arrays (m,).
 
     The residual is NaN where the simulation has ended. All arrays are empty where fz was not
-    recorded. Phases are the measured stroke's."""
+    recorded. Phases are the measured stroke's.
+    """
 
     repeat: int
     t_s: Floats

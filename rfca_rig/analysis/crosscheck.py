@@ -4,7 +4,8 @@ paper compares with RecurDyn.
 There are two comparisons. With the nominal ground, MuJoCo's mechanics must agree to the accuracy of
 the integrators. With MuJoCo's own contact, a linear spring replaces Hertz, and the two laws differ
 physically. The ground is then made so stiff on both sides that the loading no longer depends on the
-law. Touchdown and release always do."""
+law. Touchdown and release always do.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

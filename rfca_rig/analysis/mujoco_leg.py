@@ -12,7 +12,8 @@ Independent second implementation of the ground law, for MuJoCo.
 
 It computes forces on bodies in space from MuJoCo's positions and velocities of the link ends. It
 shares no code with the model, which works in link angles. MuJoCo itself transforms the forces to
-its joints."""
+its joints.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -119,7 +120,10 @@ def leg_xml(rig: RigModel, height_m: float, floor: bool, integrator: str) -> str
     for i in reversed(range(links)):
         bodies = _link_xml(rig, i, floor, bodies)
     if floor:
-        plane = f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" {NEVER_COLLIDES}/>'
+        plane = (
+            f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" '
+            f"{NEVER_COLLIDES}/>"
+        )
     else:
         plane = ""
     if floor:
@@ -236,7 +240,8 @@ def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: F
 
     `ties` (n, 5) holds for each end the anchor, and from the begin of the step the link angle, the
     indentation, the stretch and mu N. At the begin of a step, anchors of sliding ends follow, and
-    those of ends in the air move below them. While mu N grows, a tie keeps its force."""
+    those of ends in the air move below them. While mu N grows, a tie keeps its force.
+    """
     angle = 0.0
     for k in range(ends.hinge_angle.size):
         angle += ends.hinge_angle[k]
@@ -315,7 +320,8 @@ def stroke_in_mujoco(
     model and applied as external forces.
 
     `t_s` (m,) is ascending, in s. At times up to 0 the leg is at rest and must hang clear of the
-    ground. Raises SimulationFailed, BadInput."""
+    ground. Raises SimulationFailed, BadInput.
+    """
     leg = mujoco_leg(rig, height_m, floor=False, integrator=integrator)
     settle_at_rest(leg, rig.leg.start_angle_rad)
     contact = np.zeros((2, leg.model.nq))

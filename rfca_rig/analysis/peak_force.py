@@ -3,7 +3,8 @@ in the paper's impact test.
 
 The paper gives fy and fz "at the peak test point", so both belong to one instant; their own
 extremes may lie elsewhere in the stroke. The peak is a single sample and may be the touchdown
-spike. A parabola over 20 ms, as used for the valley, would flatten a spike of 1 ms."""
+spike. A parabola over 20 ms, as used for the valley, would flatten a spike of 1 ms.
+"""
 
 from dataclasses import dataclass
 
@@ -105,7 +106,8 @@ def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
     """The row of one condition; `source` names the recording.
 
     The simulation lasts longer than the recording, so its peak is searched up to the end of the
-    longest recorded stroke."""
+    longest recorded stroke.
+    """
     strokes = compared.condition.strokes
     end_s = max(float(stream.t_s[-1]) for stroke in strokes for stream in stroke.streams.values())
     measured = [stroke_peak(stroke) for stroke in strokes]

@@ -15,7 +15,8 @@ in time.
 The valley is the most negative fz of the contact, after touchdown and before lift-off, and its
 time. A plain minimum over the recording would be wrong: the spike of touchdown and the whip after
 lift-off can be deeper. Measured and simulated strokes are evaluated by the same estimator, so that
-smoothing affects both alike."""
+smoothing affects both alike.
+"""
 
 from dataclasses import dataclass
 
@@ -61,7 +62,8 @@ class LocalFit:
     squared; NaN with too few samples.
 
     `mean` of the same samples is less sharp. Beside a jump it stays within the range of the
-    samples, which a parabola does not."""
+    samples, which a parabola does not.
+    """
 
     t_s: Floats
     mean: Floats
@@ -193,7 +195,8 @@ class StrokePhases:
 
         The paper compares lead and lag of the model in them (section IV.B). Its text names them and
         leaves their borders to Fig. 7. Without a valley the loading lasts to lift-off, as in
-        `number`."""
+        `number`.
+        """
         borders = (0.0, self.touchdown_s, min(self.valley_s, self.lift_off_s), self.lift_off_s)
         pairs = zip(REGIONS, borders[:-1], borders[1:], strict=True)
         return tuple(
@@ -284,7 +287,8 @@ def _touchdown(t_s: Floats, fz_N: Floats, smooth: LocalFit, pressing_s: float) -
     free swing and the push.
 
     Before this maximum, the drive's ramp bends the trace much like a soft touch, so nothing is
-    searched there."""
+    searched there.
+    """
     free = (smooth.t_s >= 0.0) & (smooth.t_s <= pressing_s)
     if not free.any():
         return pressing_s

@@ -7,7 +7,8 @@ the links counts.
 `stiffness_drift` compares forces at the same shaft angles with those of the first check. At a given
 height and shaft angle, a leg of springs pushes in proportion to their stiffness. One factor between
 two checks therefore measures the change. The residual of that factor contains the weight, and
-friction that differs from touchdown to touchdown."""
+friction that differs from touchdown to touchdown.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -200,7 +201,8 @@ def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> St
     Notes
     -----
     Least squares of fy and fz at all angles on those of the first check; the standard error comes
-    from the residual."""
+    from the residual.
+    """
     by_number = {stage.stage: stage for stage in stages}
     first = _forces(by_number, holds, 1)
     now = _forces(by_number, holds, check)

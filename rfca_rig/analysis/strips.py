@@ -11,7 +11,8 @@ bends, which has not been measured. Two lengths bracket it:
 - E I / k0, the bent length if the fitted k0 comes from the strip alone.
 
 A third figure needs no length: the moment at which the strips break, next to the largest torque of
-a hinge. A torque above it cannot be carried by the strips alone."""
+a hinge. A torque above it cannot be carried by the strips alone.
+"""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -75,7 +76,8 @@ class Strain:
 
     `spread` is over the pitch of the links, `concentrated` over E I / k0. `share_torque` holds if
     the strip alone bears the largest torque of a hinge. `needed_length_m` is the bent length per
-    hinge above which the strength suffices."""
+    hinge above which the strength suffices.
+    """
 
     strain_spread: float
     stress_spread_Pa: float
@@ -105,7 +107,8 @@ class StripRow:
 
     `hinge_Nm_per_rad` is the stiffness of an inner hinge by equation (8), `end_hinge_Nm_per_rad`
     that of the first and last hinge. `k0_Nm_per_rad` is the fitted stiffness, scaled. `strain` is
-    None where the stroke could not be computed."""
+    None where the stroke could not be computed.
+    """
 
     material: Material
     thickness_m: float

@@ -4,7 +4,8 @@ physics.
 A long free simulation of a pendulum near its upright position cannot be compared with data: a tiny
 difference grows hundredfold within a second. A recording is therefore cut into windows, and the
 model starts each window from the measured, smoothed state. Angles and speeds are compared as means
-over short bins."""
+over short bins.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -59,7 +60,8 @@ class SwingWindow:
     b) without speeds: bin means of angle [rad] and speed [rad/s]. `sensor_std` has the same shape.
        `start_effect` (2 n, ...) is the change
     of these means for an error of one standard deviation in each start angle and speed, computed
-    with the nominal pendulum."""
+    with the nominal pendulum.
+    """
 
     run: int
     start_s: float
@@ -99,7 +101,8 @@ class SwingProblem:
     Rows of one group share their systematic errors, rows of different groups do not.
     `windows_of_row` (m,), `signals`, `signal_of_row` (m,) and `t_s` (m,) locate a row in the runs.
     `measured` and `noise_std` are (m,), angles in rad and speeds in rad/s. `torque_error` is the
-    usual relative error of the recorded or modelled torque in a joint."""
+    usual relative error of the recorded or modelled torque in a joint.
+    """
 
     pendulum: Pendulum
     nuisances: tuple[Nuisance, ...]
@@ -222,7 +225,8 @@ def apply_nuisances(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendu
     [known_to].
 
     Damping, friction and rotor inertia are cut off at 0. Raises BadInput for an unknown key, and
-    for values that no pendulum can have."""
+    for values that no pendulum can have.
+    """
     links = list(pendulum.links)
     for name, value in nuisances.items():
         link, _, key = name.partition(".")
@@ -362,7 +366,8 @@ class LocalPolynomial:
     """Positions near one moment as a polynomial in the time from that moment, divided by `half_s`.
 
     `coefficients` (POLYNOMIAL_DEGREE + 1, n) have standard deviations `std` (POLYNOMIAL_DEGREE +
-    1,) per unit of noise. `missed` (n,) is the standard deviation of the misfit."""
+    1,) per unit of noise. `missed` (n,) is the standard deviation of the misfit.
+    """
 
     coefficients: Floats
     std: Floats
@@ -421,7 +426,8 @@ def estimate_start(
     -----
     The misfit of the polynomial counts as noise too, for instance where dry friction reverses. Of
     several half widths, each joint takes the one with the least standard deviation of the speed:
-    the widest one in smooth motion, a narrower one near an impact."""
+    the widest one in smooth motion, a narrower one near an impact.
+    """
     # A stretch needs twice the samples of the narrowest one; with fewer, the misfit itself is
     # hardly known.
     narrowest_s = _narrowest_half_width(t_s)

@@ -2,4 +2,5 @@
 
 `factory` and `sensors` make drivers from a rig file; twins get `leg_plant`, a simulated leg, and
 `fault_injection`. `expectation` predicts the loads of a plan, `recorder` turns what the engine
-measured into recordings, `resume` continues a stopped run."""
+measured into recordings, `resume` continues a stopped run.
+"""

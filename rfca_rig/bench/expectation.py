@@ -151,7 +151,8 @@ def predict_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
 
     A static sequence is simulated height by height, as the plan moves the shaft, so that a leg
     which wedges when it is pushed back is found beforehand. Which link ends touch is part of the
-    model's solution. A hold's load is the largest on the way to it and at it."""
+    model's solution. A hold's load is the largest on the way to it and at it.
+    """
     return {**_flaps(plan, rig), **turn_loads(plan, rig), **_holds(plan, rig)}
 
 
@@ -194,11 +195,11 @@ def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
             found.append((stage.height_m, []))
         elif found and isinstance(stage, MoveShaft | Hold):
             found[-1][1].append(stage)
-    return [
-        (height_m, stages)
-        for height_m, stages in found
-        if any(isinstance(stage, Hold) for stage in stages)
-    ]
+    with_holds = []
+    for height_m, stages in found:
+        if any(isinstance(stage, Hold) for stage in stages):
+            with_holds.append((height_m, stages))
+    return with_holds
 
 
 def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Loads:

@@ -1,7 +1,8 @@
 """The process that finds the marks in the photos of a twin's run while the run goes on.
 
 A process and not a thread: measuring marks holds the interpreter as long as the run does. Not
-beside real hardware, whose control loop needs the cores."""
+beside real hardware, whose control loop needs the cores.
+"""
 
 import signal
 import subprocess

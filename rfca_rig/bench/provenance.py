@@ -4,7 +4,8 @@ A simulated run is the same to the last byte when it is repeated with the same s
 and person. So everything stated here is either one of these, or a time by the rig's own clock.
 
 Also the state of the source that this program runs from, and how a run ended, in words for people
-and in codes for sorting runs."""
+and in codes for sorting runs.
+"""
 
 import getpass
 import hashlib
@@ -40,7 +41,8 @@ def source_state(package: Path = PACKAGE) -> dict[str, str]:
     checkout, or git fails.
 
     Takes some hundredths of a second, so it is called when a run begins and not when the program
-    starts."""
+    starts.
+    """
     root = package.parent
     if not (root / ".git").exists():
         return {"git_revision": NOT_A_CHECKOUT, "git_dirty": NOT_A_CHECKOUT}

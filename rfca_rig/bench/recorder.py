@@ -118,7 +118,8 @@ class Recorder:
     A stage is safe when the keeper has acknowledged it, possibly a moment after it is done.
     `stages` are the completed static stages; `strokes` has only the last stroke, because an hour of
     them is gigabytes. `where` says in or after which stage the run is, `refused` how many of the
-    `samples` the keeper did not take, `ended` how many stages were handed over to their end."""
+    `samples` the keeper did not take, `ended` how many stages were handed over to their end.
+    """
 
     def __init__(
         self,

@@ -52,7 +52,8 @@ class InterruptedRun:
     stages so far and their photos' angles.
 
     `why` is the last reason to stop. `last_seen` has both clocks of the last event that states
-    them. `ending` is what its end states, `resumed` how often it was continued before."""
+    them. `ending` is what its end states, `resumed` how often it was continued before.
+    """
 
     folder: Path
     header: Recording
@@ -84,7 +85,8 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
     """Reads an interrupted run; its journals are made into stage files first, as `recover` does.
 
     Raises BadInput where there is no run, where it still goes on or is done, where a file is
-    damaged, or where its stages are not those of its plan."""
+    damaged, or where its stages are not those of its plan.
+    """
     if not run_folder.is_run(folder):
         if folder.exists():
             message = (
@@ -221,8 +223,12 @@ def _with_photos_read(
     if eye is None:
         return tuple(stages)
     # A stage with an overlay has been read already.
-    read = iter(read_stage_photos([stage for stage in stages if not stage.overlay], folder, eye))
-    return tuple(stage if stage.overlay else next(read) for stage in stages)
+    unread = [number for number, stage in enumerate(stages) if not stage.overlay]
+    stages = list(stages)
+    read = read_stage_photos([stages[number] for number in unread], folder, eye)
+    for number, stage in zip(unread, read, strict=True):
+        stages[number] = stage
+    return tuple(stages)
 
 
 @dataclass(frozen=True)
@@ -239,7 +245,8 @@ def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -
     `deliberately` is False.
 
     The nominal model of leg and surroundings may never change within a run: one recording has one
-    nominal model."""
+    nominal model.
+    """
     now = read_rig(path)
     text = read_text(path)
     before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")

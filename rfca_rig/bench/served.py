@@ -35,7 +35,8 @@ class RealTimeLoop:
 
     If the machine is too slow, the twins lose time instead of falling further behind. A step is at
     most 50 ms, and the excess is added to `slipped_s`. To their clients they then seem slow, like a
-    device with a bad crystal."""
+    device with a bad crystal.
+    """
 
     def __init__(self, process: Callable[[float], None], clock: Clock) -> None:
         self._process = process

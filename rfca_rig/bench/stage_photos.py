@@ -48,26 +48,31 @@ def read_stage_photos(
     All photos are of one leg, so they are fitted together: what one pose leaves open about the
     marks, others determine. A photo that cannot be read leaves its stage without angles, with the
     reason. Stages without a photo stay unchanged. `known` are the marks of photos that are read
-    already, by their path in the run's folder."""
+    already, by their path in the run's folder.
+    """
     marks = [
         known.get(stage.photo) or _read_marks(stage, run_folder, eye) if stage.photo else stage
         for stage in iterate_with_progress(stages, report_progress)
     ]
-    found = [one for one in marks if isinstance(one, IdentifiedMarks)]
-    fit = fit_leg(found, eye.camera, eye.plan, eye.link_lengths_m)
-    angles = iter(fit.angles)
-    read = [
-        (stage, one, next(angles))
-        for stage, one in zip(stages, marks, strict=True)
-        if isinstance(one, IdentifiedMarks)
-    ]
+    results: list[StaticStage] = []
+    read: list[tuple[int, IdentifiedMarks]] = []
+    for number, (stage, outcome) in enumerate(zip(stages, marks, strict=True)):
+        if isinstance(outcome, IdentifiedMarks):
+            read.append((number, outcome))
+            results.append(stage)
+        else:
+            results.append(outcome)
+    fit = fit_leg([outcome for _, outcome in read], eye.camera, eye.plan, eye.link_lengths_m)
+
+    def add_angles(task: tuple[tuple[int, IdentifiedMarks], HingeAngles]) -> StaticStage:
+        (number, identified), angles = task
+        return _with_angles(results[number], run_folder, eye, identified, angles, fit)
+
     # In threads: decoding, drawing and encoding are OpenCV's, which releases the interpreter.
-    with_angles = iter(
-        map_in_threads(
-            lambda each: _with_angles(each[0], run_folder, eye, each[1], each[2], fit), read
-        )
-    )
-    return tuple(next(with_angles) if isinstance(one, IdentifiedMarks) else one for one in marks)
+    with_angles = map_in_threads(add_angles, list(zip(read, fit.angles, strict=True)))
+    for (number, _), stage in zip(read, with_angles, strict=True):
+        results[number] = stage
+    return tuple(results)
 
 
 def _read_marks(
@@ -223,7 +228,8 @@ def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | N
     every hinge axis and the tip.
 
     Raises BadInput where the camera file cannot be used, or the recording does not state the
-    lengths of the links."""
+    lengths of the links.
+    """
     leg = recording.nominal.get("leg")
     if not leg:
         raise BadInput(

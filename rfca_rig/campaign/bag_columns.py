@@ -2,7 +2,8 @@
 
 Other columns are interpolated linearly to these times. Times outside the range of any column are
 omitted. So are times in a gap of a column, where two of its samples are further apart than a bin.
-The cutting of windows then finds the gap."""
+The cutting of windows then finds the gap.
+"""
 
 from collections import defaultdict
 from collections.abc import Mapping

@@ -5,7 +5,8 @@ docs/mechanisms.md shows an experiment.toml. All values from this module are in 
 rad/s or m/s, N m, N, A or V.
 
 `write_draft` makes a draft of it from a model file and a folder of recordings, with a "?" for
-everything that they do not state."""
+everything that they do not state.
+"""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -67,7 +68,8 @@ class PrescribedJoint:
     through its column, 0 for all samples.
 
     `scatter_std` is the deviation of its position from repeat to repeat, in SI, None where its
-    column shows that."""
+    column shows that.
+    """
 
     name: str
     unit: str
@@ -102,7 +104,8 @@ class Experiment:
     `contacts` have laws of their own. `alike` groups joints, bodies or actuators of one make: their
     names by the name of the group. With `starts_at_rest` a motion begins in equilibrium; otherwise
     windows start from the measured state. The model may name files in the `model_folders` and in
-    its own, anywhere if `allow_outside`."""
+    its own, anywhere if `allow_outside`.
+    """
 
     title: str
     path: Path
@@ -129,7 +132,8 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
     the first fault.
 
     Links that lead out of the folder are refused, unless `allow_outside`. Its model may be
-    anywhere, where experiment.toml states the path."""
+    anywhere, where experiment.toml states the path.
+    """
     path = folder / EXPERIMENT
     if not allow_outside:
         refuse_outside([path], [folder])

@@ -158,7 +158,8 @@ class SignalSection(Section):
 
     A sensor with three values needs the component in its name, as in `plate_z`. A position in
     counts needs `counts_per_turn`. `sign` is -1 where the column counts in the direction opposite
-    to the model."""
+    to the model.
+    """
 
     joint: Text | None = Field(default=None, description="joint of the model")
     quantity: Literal["position", "speed"] | None = Field(
@@ -226,7 +227,8 @@ class PrescribedSection(Section):
 
     Its column is smoothed by a cubic spline with knots `smoothed_s` apart; 0 interpolates every
     sample, for a column without noise. `scatter_std` is the deviation of the joint's position from
-    repeat to repeat that the column does not show, in the column's unit."""
+    repeat to repeat that the column does not show, in the column's unit.
+    """
 
     joint: Text = Field(description="joint of the model")
     column: Text = Field(description="column of the position")
@@ -274,7 +276,8 @@ class ContactSection(Section):
     contact between the two geoms.
 
     The normal force is stiffness depth^1.5 (1 + damping depth'). Friction sticks, yields by
-    `presliding_mm` at mu N, and then slides."""
+    `presliding_mm` at mu N, and then slides.
+    """
 
     spheres: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = Field(
         description="geoms of the model"
@@ -297,7 +300,8 @@ class StartSection(Section):
     """[start]: "estimated" cuts a recording into windows, each starting from the measured state.
 
     "at rest" makes it one window that begins in static equilibrium. Recordings of one condition are
-    then repeats of one motion, whose mean is compared."""
+    then repeats of one motion, whose mean is compared.
+    """
 
     state: Literal["estimated", "at rest"] = Field(
         default="estimated", description="state at the start of a window"
@@ -309,7 +313,8 @@ class CommandSection(Section):
 
     The model's actuator converts the SI value of this unit into a torque: `gear` in N m/A for a
     column in A. A command that is `held` acts from its row to the next. Others are linear between
-    rows, as measured values are."""
+    rows, as measured values are.
+    """
 
     actuator: Text = Field(description="actuator of the model")
     column: Text = Field(description="column of the recordings")
@@ -421,7 +426,8 @@ class WindowsSection(Section):
     Without `length_s`, a diagnosis makes the windows of each recording as long as the model allows,
     from SHORTEST_WINDOW_S on; `check`, `fit` and `report` take that shortest length. Of more
     windows than `at_most`, only that many are used, evenly spread. More of them take more time, and
-    the model's own error limits their gain."""
+    the model's own error limits their gain.
+    """
 
     length_s: Positive | None = Field(
         default=None, description="length of a window; as long as the model allows if not given"

@@ -42,7 +42,8 @@ def pendulum_among(paths: Sequence[Path]) -> Path | None:
     """The campaign of a pendulum in `paths`, None where there is none.
 
     Raises BadInput where it is not the only path, because its model differs from that of all other
-    paths."""
+    paths.
+    """
     return _alone_among(paths, PENDULUM, "is a campaign of a pendulum, whose model is its own")
 
 
@@ -69,7 +70,8 @@ def open_recordings(
     Each path is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left
     unfinished), or an .h5 file. Strokes of a run are numbered in the order in which it made them.
     Of a campaign, links to files elsewhere are refused, unless `allow_outside`. Raises BadInput for
-    anything else."""
+    anything else.
+    """
     recordings = []
     for path in paths:
         recording = _open(path, allow_outside)
@@ -216,7 +218,8 @@ def import_campaign(
 
     `report_progress` receives how many of its files have been read. Raises BadInput, one line,
     where the campaign cannot be used, `out_folder` exists, or a value is probably in another unit,
-    unless it is to be taken `as_is`. Raises RigError where the disk refuses."""
+    unless it is to be taken `as_is`. Raises RigError where the disk refuses.
+    """
     _check_new(out_folder)
     recording = read_campaign(folder, report_progress, allow_outside)
     if not as_is:
@@ -233,7 +236,8 @@ def import_pendulum(
 
     Every command reads such a folder directly, so the copy has the same form. Raises BadInput, one
     line, where the campaign cannot be used or `out_folder` exists. Raises RigError where the disk
-    refuses."""
+    refuses.
+    """
     _check_new(out_folder)
     campaign = read_pendulum_campaign(folder, allow_outside)
     # Licence and read-me files stay with the data.

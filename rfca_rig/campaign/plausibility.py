@@ -3,7 +3,8 @@ the same recording.
 
 Entry point: `find_slips`. A quantity is suspicious where it lies far outside the range in which
 legs of any size work. The guess is the unit whose factor brings it back. Ranges are wide, because a
-wrong refusal costs more than a slip that another check finds."""
+wrong refusal costs more than a slip that another check finds.
+"""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -56,7 +57,8 @@ class Slip:
     """A quantity that is probably in another unit or of the other sign.
 
     `where` names the key or stroke, `what` the quantity, `found` says why it is suspicious, `guess`
-    what was probably meant, "" for no guess."""
+    what was probably meant, "" for no guess.
+    """
 
     where: str
     what: str

@@ -108,7 +108,8 @@ def find_name_fault(
 
     `known` names may be present, `needed` must be. Other names are extra columns and allowed.
     Exception: an extra column that is a known quantity in another unit or spelling, while the table
-    lacks that quantity. Keeping it as an extra would lose the channel silently."""
+    lacks that quantity. Keeping it as an extra would lose the channel silently.
+    """
     return (
         _nameless(names) or _twice(names) or _find_misnamed(names, known) or _missing(names, needed)
     )
@@ -190,12 +191,16 @@ def read_stages(
     """Read the stages in the file, in its order, and its extra columns as text by name.
 
     `strokes_before` and `held_s` apply to all stages. Hinge columns may be absent; their angles are
-    then NaN. Raises BadInput, naming file, line and column, for the first fault."""
+    then NaN. Raises BadInput, naming file, line and column, for the first fault.
+    """
     table = read_table(path)
     if fault := find_name_fault(table.names, known=STATIC, needed=STATIC_NEEDED):
         raise BadInput(f"{table.path}:1: {fault}")
     lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
-    extra = {name: [cells[name] for cells in lines] for name in table.names if name not in STATIC}
+    extra: Extra = {}
+    for name in table.names:
+        if name not in STATIC:
+            extra[name] = [cells[name] for cells in lines]
     stages = tuple(
         replace(_stage(table, row, cells), strokes_before=strokes_before, held_s=held_s)
         for row, cells in enumerate(lines)
@@ -240,7 +245,8 @@ def read_stroke(path: Path, run: DynamicRun) -> Stroke:
     """Read the stroke in the file, with all its columns in one stream "table".
 
     A channel may be absent, and extra columns are kept. Raises BadInput, naming file, line and
-    column, for the first fault."""
+    column, for the first fault.
+    """
     table = read_table(path)
     _check_names(table)
     values = numbers(table)

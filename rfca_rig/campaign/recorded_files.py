@@ -225,11 +225,11 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
     """
     # The .db3 files of a bag must not count as recordings of their own.
     bags = [file.parent for file in folder.rglob(_METADATA) if _is_rosbag_folder(file.parent)]
-    files = sorted(
-        file
-        for file in folder.rglob("*")
-        if file.is_file() and not any(bag in file.parents for bag in bags)
-    )
+    files = []
+    for file in sorted(folder.rglob("*")):
+        is_of_bag = any(bag in file.parents for bag in bags)
+        if file.is_file() and not is_of_bag:
+            files.append(file)
     found = {
         "CSV": [file for file in files if file.suffix.lower() == CSV],
         "HDF5": [file for file in files if file.suffix.lower() in HDF5],

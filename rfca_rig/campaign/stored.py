@@ -1,7 +1,8 @@
 """Opens a recording stage by stage, so that hours of it need only the memory of the part in use.
 
 Samples of a stage are in memory or still in their file, from which they are read in blocks of some
-thousands."""
+thousands.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext

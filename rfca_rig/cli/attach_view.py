@@ -71,7 +71,8 @@ class ViewSession:
         """Connects the recorder. Lines printed through the returned function are also shown on
         the page.
         """
-        self._keeper, self._say = keeper, self._aloud(say)
+        self._keeper = keeper
+        self._say = self._aloud(say)
         return self._say
 
     def _aloud(self, say: Say) -> Say:

@@ -100,15 +100,19 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
     """
     path = loop.out / NEXT_PROTOCOL
     model, model_text = nominal_model_of(rig, first)
+    # Differs from round to round: equal noise would make a repeat look exact.
+    if rig.is_real or rig.twin is None:
+        seed = None
+    elif loop.seed is None:
+        seed = rig.twin.seed + number
+    else:
+        seed = loop.seed + number
     config = RunConfig(
         rig=rig,
         rig_text=read_text(loop.rig_path),
         protocol_text=read_text(path),
         plan=read_plan(path, rig.facts()),
-        # Differs from round to round: equal noise would make a repeat look exact.
-        seed=None
-        if rig.is_real or rig.twin is None
-        else (rig.twin.seed if loop.seed is None else loop.seed) + number,
+        seed=seed,
         runs=loop.runs,
         quiet=loop.quiet,
         dry=False,

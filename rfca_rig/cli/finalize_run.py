@@ -41,7 +41,8 @@ class AcknowledgedLines:
 
     A recorder that acknowledges nothing for `SILENT_S` is reported; after `STOP_S` the run stops at
     the next safe point. Both are looked at between stages, because printing may block and the
-    control loop must not."""
+    control loop must not.
+    """
 
     def __init__(
         self,

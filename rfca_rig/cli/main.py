@@ -126,21 +126,7 @@ def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130
     stopped.
     """
-    # The imports of a command make several hundred thousand objects. The interpreter would look for
-    # unused circles among them every 700 new objects, and once more as it ends: together 0.35 s of
-    # a run.
-    gc.set_threshold(10_000)
-    atexit.register(gc.freeze)
-    use_ascii_fallback()
-    use_one_thread_if_processes_are_few()
-    # Set to 0 or below, as by some terminals without a size, help would have no width at all.
-    columns = os.environ.get("COLUMNS", "80")
-    if not columns.isdecimal() or int(columns) == 0:
-        del os.environ["COLUMNS"]
-    # python-can warns of every frame that came in two pieces.
-    logging.getLogger("can").setLevel(logging.ERROR)
-    # Matplotlib warns in two lines of a home in which it cannot write, and works all the same.
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+    _prepare_process()
     try:
         # Also for interpreters that a library starts, as MuJoCo's import does.
         with safe_path():
@@ -177,28 +163,52 @@ def run() -> None:
         sys.stdout = sys.stderr = open_null()
         sys.exit(1)
     except OSError as error:
-        if error.errno == errno.ENOENT and _is_folder_gone():
-            _leave(
-                "the folder that you are in has been deleted; change to another one",
-                BadInput.exit_code,
-            )
-        if error.filename and error.errno in UNUSABLE_PATHS:
-            _leave(f"{error.filename}: {error.strerror}; give another path", BadInput.exit_code)
-        if os.environ.get(DEBUG_VARIABLE):
-            raise
-        # What the output holds is lost; the interpreter would try it again at its end.
-        with suppress(OSError):
-            sys.stdout.close()
-        where = f" ({error.filename})" if error.filename else ""
-        refused = (
-            f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where"
-        )
-        _leave(NO_MORE_PROCESSES if error.errno == errno.EAGAIN else refused, 1)
+        _leave_as_system_refused(error)
+        raise
     # Users see one line. The traceback is for developers, who set the variable.
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
         _leave(*_describe_unexpected(error))
+
+
+def _prepare_process() -> None:
+    # The imports of a command make several hundred thousand objects. The interpreter would look for
+    # unused circles among them every 700 new objects, and once more as it ends: together 0.35 s of
+    # a run.
+    gc.set_threshold(10_000)
+    atexit.register(gc.freeze)
+    use_ascii_fallback()
+    use_one_thread_if_processes_are_few()
+    # Set to 0 or below, as by some terminals without a size, help would have no width at all.
+    columns = os.environ.get("COLUMNS", "80")
+    if not columns.isdecimal() or int(columns) == 0:
+        del os.environ["COLUMNS"]
+    # python-can warns of every frame that came in two pieces.
+    logging.getLogger("can").setLevel(logging.ERROR)
+    # Matplotlib warns in two lines of a home in which it cannot write, and works all the same.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+
+
+def _leave_as_system_refused(error: OSError) -> None:
+    """Ends the program; returns only where the traceback is wanted."""
+    if error.errno == errno.ENOENT and _is_folder_gone():
+        _leave(
+            "the folder that you are in has been deleted; change to another one",
+            BadInput.exit_code,
+        )
+    if error.filename and error.errno in UNUSABLE_PATHS:
+        _leave(f"{error.filename}: {error.strerror}; give another path", BadInput.exit_code)
+    if os.environ.get(DEBUG_VARIABLE):
+        return
+    # What the output holds is lost; the interpreter would try it again at its end.
+    with suppress(OSError):
+        sys.stdout.close()
+    where = f" ({error.filename})" if error.filename else ""
+    refused = (
+        f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where"
+    )
+    _leave(NO_MORE_PROCESSES if error.errno == errno.EAGAIN else refused, 1)
 
 
 def _describe_interruption(error: BaseException) -> tuple[str, int]:

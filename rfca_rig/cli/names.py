@@ -2,14 +2,14 @@
 and suggestions.
 
 Shell completion offers names and folders for every command, by the names of its options and
-arguments."""
+arguments.
+"""
 
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -157,8 +157,13 @@ def list_recorded_folders(begun: str) -> list[str]:
     parent, slash, _ = begun.rpartition("/")
     places = [parent or "/"] if slash else [".", "runs"]
     newest = sorted((one for place in places for one in _folders_in(place, begun)), reverse=True)
-    recorded = (path for _, path in newest if any(Path(path, name).exists() for name in RECORDED))
-    return list(islice(recorded, MAX_FOLDERS))
+    recorded: list[str] = []
+    for _, path in newest:
+        if len(recorded) == MAX_FOLDERS:
+            break
+        if any(Path(path, name).exists() for name in RECORDED):
+            recorded.append(path)
+    return recorded
 
 
 def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:

@@ -2,7 +2,8 @@
 executor that --workers and --cluster select.
 
 The help is plain: commands in groups by the work they are for, each summary whole, no types of
-Python. Rich would do the groups, at two fifths more time of every --help."""
+Python. Rich would do the groups, at two fifths more time of every --help.
+"""
 
 import os
 from collections.abc import Iterable, Iterator

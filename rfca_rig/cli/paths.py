@@ -5,7 +5,8 @@ this computer before.
 
 A rig file names Python files, and reading the rig executes them. A recording from elsewhere names a
 rig file, and a folder from elsewhere may hold `calibration/twin.toml`, which a bare name finds
-before the shipped one. Neither may execute a file that the user did not choose."""
+before the shipped one. Neither may execute a file that the user did not choose.
+"""
 
 import hashlib
 import re

@@ -1,7 +1,8 @@
 """Progress of work that takes more than a moment: a line on the error stream, only on a terminal.
 
 Silent when piped, and where a command prints JSON. The remaining time is estimated from all work so
-far. Where the amount of work is unknown, the line shows the elapsed time instead."""
+far. Where the amount of work is unknown, the line shows the elapsed time instead.
+"""
 
 import os
 import pickle

@@ -39,7 +39,8 @@ class RunConfig:
     is the name of the rig as typed, for finding its file again.
 
     `begun` is set where a stopped run is continued. `plan` is then the rest of its plan, and
-    `rig_changes` are the changes of the rig file."""
+    `rig_changes` are the changes of the rig file.
+    """
 
     rig: RigFile
     rig_text: str

@@ -164,7 +164,8 @@ class SignalHandler:
     """Turns a signal into a stop request.
 
     Where the loop does not tick, the run waits for a person with its motor off; it is then
-    interrupted at once."""
+    interrupted at once.
+    """
 
     def __init__(self, stop_request: StopRequest, say: Say) -> None:
         self._stop_request = stop_request

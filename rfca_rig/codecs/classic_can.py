@@ -6,7 +6,8 @@ ends in a carriage return. Source: LAWICEL CAN232 manual, version 3, section 4.
 
 socketcand: source linux-can/socketcand, doc/protocol.md. Messages are between "<" and ">". The
 protocol carries no remote frames. An identifier of three digits is a standard one, of eight an
-extended one."""
+extended one.
+"""
 
 from dataclasses import dataclass
 

@@ -3,7 +3,8 @@ their own UART. Pure.
 
 Sources: mjbots fdcanusb README, "Protocol", and the reference of the drives of mjbots, "UART"
 (checksums). A client sends `can send ID DATA [flags]` and receives `OK` or `ERR ...`; a frame from
-the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of everything before the star."""
+the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of everything before the star.
+"""
 
 from dataclasses import dataclass
 

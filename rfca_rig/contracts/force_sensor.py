@@ -55,7 +55,8 @@ class ForceSensorRig:
     `latency_s` is the largest delay of the newest record. `resolution` (6,) is one count of the
     device in N and N m, `time_step_s` one step of its clock if it reports time. `saturating` is a
     wrench beyond the range. Each fault starts when it is called; it is None if the wire cannot have
-    it."""
+    it.
+    """
 
     clock: TwinClock
     sensor: ForceSensor

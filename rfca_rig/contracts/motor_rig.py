@@ -1,7 +1,8 @@
 """Test rig for one motor driver: driver, twin, and a rotor with a known motion; no sensor.
 
 The rotor has inertia and a constant load, and gives a wrench that is a known function of time.
-`MotorHooks` create driver and twin."""
+`MotorHooks` create driver and twin.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager

@@ -2,4 +2,5 @@
 `planning.read_plan`, `model_file`.
 
 `sections` are pydantic models with units in their keys; those of devices are in `rfca_rig.devices`.
-`nominal_model` converts them to the model's parameters."""
+`nominal_model` converts them to the model's parameters.
+"""

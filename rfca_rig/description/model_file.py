@@ -117,7 +117,8 @@ def read_named_curve(file: File, folder: Path) -> File:
     """The sections of a file with the curve that they name read from `folder`.
 
     Where [known_to] states no `k0_relative`, it becomes the curve's own band. Raises BadInput,
-    naming file and line, for an invalid curve."""
+    naming file and line, for an invalid curve.
+    """
     leg: LegSection = getattr(file, "leg")  # noqa: B009  (rig, model and campaign files all have one)
     if leg.torque_rotation is None:
         return file
@@ -194,7 +195,8 @@ def nominal_model(sections: Mapping[str, Any]) -> RigModel:
     """The model that the sections leg, ground, sensor and drive describe.
 
     `sections` is plain data in the file's own units, as in `Recording.nominal`. Raises BadInput,
-    naming the key, where something is missing, unknown or out of range."""
+    naming the key, where something is missing, unknown or out of range.
+    """
     return model_of(validate(sections, RigSections, "the nominal model"))
 
 

@@ -98,7 +98,8 @@ class StaticFile(Section):
 
     Once settled, a stage waits `dwell_s`, averages over `average_s`, and takes its `photo` where
     the rig has a camera. After each stage the shaft turns back by `reversal_deg` and is held there
-    as a stage of its own. The difference between both shows the friction at the floor."""
+    as a stage of its own. The difference between both shows the friction at the floor.
+    """
 
     experiment: Literal["static"]
     title: str = Field(description="name of the protocol")

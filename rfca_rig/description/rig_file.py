@@ -68,7 +68,8 @@ class LimitsSection(Section):
 
     `first_strokes` are the shares of a condition's speed for its first strokes, from which the
     force at full speed is predicted before it is applied. Without the key, a real rig runs them at
-    0.5 and 0.75, a twin none."""
+    0.5 and 0.75, a twin none.
+    """
 
     force_N: Positive = Field(description="largest force on the sensor")
     torque_Nm: Positive = Field(description="largest moment on the sensor")

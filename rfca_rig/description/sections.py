@@ -1,7 +1,8 @@
 """Sections that describe a rig, as written in campaign.toml, rig files and model files.
 
 Every key carries its unit. Numbers must be finite, and unknown keys are refused. Units are
-converted to SI in `nominal_model`."""
+converted to SI in `nominal_model`.
+"""
 
 import math
 from collections.abc import Mapping
@@ -41,7 +42,8 @@ class TorqueRotationSection(Section):
     and k2; see `model_file`.
 
     `torques_Nm` is one curve for all hinges, `torques_by_hinge_Nm` has one for each. Standard
-    deviations or a covariance are those of `torques_Nm`. `curve` names a CSV file instead."""
+    deviations or a covariance are those of `torques_Nm`. `curve` names a CSV file instead.
+    """
 
     angles_deg: Numbers | None = None
     torques_Nm: Numbers | None = None
@@ -164,7 +166,8 @@ class LegSection(Section):
 
     `start_angle_rad`, or `start_angle_deg`, is where a stroke begins, measured from the horizontal,
     positive downwards. `rest_angles_deg` are the angles of hinges 2, 3 .. without load, from which
-    phi counts; without the key the leg is straight."""
+    phi counts; without the key the leg is straight.
+    """
 
     link_lengths_mm: PositiveList = Field(
         description="length of each link, from the shaft outwards"
@@ -277,7 +280,8 @@ class GroundSection(Section):
     while an end leaves.
 
     A tie that carries mu N at 0.1 mm reproduces the touchdown of recorded strokes (a few newtons,
-    3e4 N/m) and the reversals of static stages (50 N, 2e5 N/m). No fixed stiffness does both."""
+    3e4 N/m) and the reversals of static stages (50 N, 2e5 N/m). No fixed stiffness does both.
+    """
 
     contact_stiffness_N_per_m1p5: Positive = Field(description="normal force over depth^1.5")
     contact_damping_s_per_m: NotNegative = Field(
@@ -351,7 +355,8 @@ class KnownToSection(Section):
     `_relative` is a share of the nominal value, 0.03 for 3 %. `k0_relative` is that of a factor on
     the curve where the leg has one. `rest_angle_deg` is used by static reports only. The keys from
     `presliding_relative` on are rarely measured. A diagnosis varies them in any case, with a usual
-    standard deviation where none is given here; 0 makes them exact."""
+    standard deviation where none is given here; 0 makes them exact.
+    """
 
     height_mm: Positive | None = Field(
         default=None, description="height of the shaft above the ground"
@@ -402,7 +407,8 @@ class EffectSection(Section):
 
     A number outside the plausible range is accepted, an impossible one is refused. A
     `tabulated_law` has no parameters: its force is linear between `values` at `knots`, as a
-    function of the `argument` at the `place`."""
+    function of the `argument` at the `place`.
+    """
 
     id: str = Field(description="id in the catalogue")
     parameters: dict[str, float] = Field(default={}, description="a number for each parameter")

@@ -54,7 +54,8 @@ class FoundSensor:
     none.
 
     `address` is what the rig file says of it, `counts` are counts per N and per N m where the
-    sensor states them."""
+    sensor states them.
+    """
 
     findings: tuple[Finding, ...]
     name: str = ""

@@ -2,7 +2,8 @@
 its section and makes the driver.
 
 The section is validated by the class in that file, so that a wrong key is refused with its line, as
-for any other device."""
+for any other device.
+"""
 
 import hashlib
 import linecache
@@ -51,7 +52,8 @@ def find_class(path: Path, name: str, page: str) -> type:
     where there is none.
 
     A class from another file is refused, because the recording keeps this file, and it must contain
-    the code that ran."""
+    the code that ran.
+    """
     module = _load(path, read_text(path))
     found = getattr(module, name, None)
     if not isinstance(found, type) or found.__module__ != module.__name__:
@@ -70,7 +72,8 @@ def _load(path: Path, text: str) -> ModuleType:
     file is read.
 
     The module is registered because pydantic looks up annotations there. Its folder is not searched
-    for imports, so that the whole driver is in the file that the recording keeps."""
+    for imports, so that the whole driver is in the file that the recording keeps.
+    """
     # The hash keeps two files of the same name, or two versions of one file, apart.
     module = ModuleType(
         f"rfca_rig_own_{path.stem}_{hashlib.sha256(f'{path}{text}'.encode()).hexdigest()[:12]}"

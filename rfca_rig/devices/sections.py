@@ -37,7 +37,8 @@ class MotorSection(Section):
     """Keys of every drive on CAN: the bus, and the direction in which it turns the shaft.
 
     On a real rig a `guardian` owns the bus of a drive that has no watchdog. It is a process that
-    removes the torque when no command arrives for `guardian_silence_ms`."""
+    removes the torque when no command arrives for `guardian_silence_ms`.
+    """
 
     needs_guardian: ClassVar[bool] = False
 
@@ -132,7 +133,8 @@ class SpeedDriveKeys(MotorSection):
 
     `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal. A drive that
     reports only on request has no `report_period_ms`. `angle_gain_per_s` converts an angle error
-    into a speed."""
+    into a speed.
+    """
 
     gear_ratio: Positive = 1.0
     zero_turns: float

@@ -19,4 +19,5 @@ one module or sub-package each:
 `mechanisms` implement it; a further simulator needs no more.
 
 `result.Diagnosis` is the answer as plain values, which the report, the JSON file and the terminal
-read."""
+read.
+"""

@@ -3,7 +3,8 @@ candidates.
 
 Each states its unit and its origin. `docs/method.md` lists them with the sensitivity of the
 answers. Constants that describe a kind of rig (bins, stages, limits of a drive) stand with that
-rig."""
+rig.
+"""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -16,9 +17,8 @@ from rfca_rig.suggestions import suggestion
 # Likelihood
 
 # No law is exact: a model that lacks nothing still errs by about this much.
-USUAL_ERROR = (
-    0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
-)
+# half-normal size of the error of a model that lacks nothing, as a share of the signal
+USUAL_ERROR = 0.01
 NAMED_ERRORS = (
     0.005,
     0.0075,
@@ -69,9 +69,8 @@ DIFFERENCE_SIZE = 4.0
 NARROWEST_STEP = 0.03
 WIDEST_STEP = 0.7
 JACOBIAN_ERROR = 0.3  # share of its size by which a slope errs after some steps
-MODEL_ROUGHNESS = (
-    1.0  # deviations of all rows together by which the model jumps from one place to the next
-)
+# deviations of all rows together by which the model jumps from one place to the next
+MODEL_ROUGHNESS = 1.0
 # steps at one discrepancy scale, scales, and rounds with fresh Jacobians, at most
 ROUNDS = 8
 LEVELS = 5
@@ -84,18 +83,16 @@ CONVERGED_GAIN = 0.5  # log posterior density, about how rough the model is
 # log posterior density: a step that gains less is the last, as many of them along a curved valley
 # gain several units
 LEAST_GAIN = 0.02
-SAME_COLUMN_COSINE = (
-    0.995  # cosine, in units of noise, from which two columns of the Jacobian are the same
-)
+# cosine, in units of noise, from which two columns of the Jacobian are the same
+SAME_COLUMN_COSINE = 0.995
 
 # Screening
 
 # of an effect with one size, equally probable a priori; each further size takes one point from
 # every axis
 GRID_POINTS = 4
-MAX_RESCALING = (
-    3.0  # a signature may be this much too small and still be a start: its shape decides
-)
+# a signature may be this much too small and still be a start: its shape decides
+MAX_RESCALING = 3.0
 
 # Search
 
@@ -212,17 +209,15 @@ LAW_ERROR = 0.2
 # a simulator with other laws concealed the effects
 LAW_SIZE_ERROR = 0.01
 LAW_SHAPE_ERROR = 0.05
-LAW_MISFIT_SHARE = (
-    0.6  # of the remaining misfit over the removed one that counts as error of the size
-)
+# of the remaining misfit over the removed one that counts as error of the size
+LAW_MISFIT_SHARE = 0.6
 OCCAM = 1.5  # log evidence that one more parameter costs
 NEGLIGIBLE_POWER = 1e-6  # share of the power that is needed: a stop that no hinge reaches
 # prior standard deviations beyond which a nuisance parameter is reported: one in twenty moves so by
 # chance
 MOVED_PRIOR_STD = 2.0
-CONFIRMED_SETS = (
-    12  # most probable sets whose evidence held-out conditions must confirm: those of the table
-)
+# most probable sets whose evidence held-out conditions must confirm: those of the table
+CONFIRMED_SETS = 12
 MOST_RIVALS = 12  # hypotheses that are listed
 
 

@@ -7,7 +7,8 @@ recorded.
 
 Each window is simulated from the measured state at its beginning. Every hypothesis may move that
 start, within its uncertainty, to where the window fits best. So an error of the start does not
-appear in all rows of a window as if they were independent."""
+appear in all rows of a window as if they were independent.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -171,7 +172,8 @@ class WindowRows:
 
     `t_s` (b,) are times in the run; `measured`, `noise`, `scale` and `transient_scale` are (s, b),
     as in `Observations`. Without a `transient_scale`, the errors that differ from bin to bin are
-    TRANSIENT_SHARE times `scale`."""
+    TRANSIENT_SHARE times `scale`.
+    """
 
     t_s: Floats
     measured: Floats

@@ -76,9 +76,8 @@ def find_excluded_sizes(
 
     Only a few conditions are simulated. The others could only lower the limit.
     """
-    candidates = [
-        effect for effect in effects if effect.id not in {present.id for present in rig.effects}
-    ]
+    present_ids = {present.id for present in rig.effects}
+    candidates = [effect for effect in effects if effect.id not in present_ids]
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
     dataset = make_leg_dataset(shafts)
     coordinates = Parameterization(nuisances_of_drive(rig, ModelPoint(rig), {}))
@@ -194,7 +193,8 @@ def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSel
     looked for.
 
     Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where
-    the model cannot be simulated."""
+    the model cannot be simulated.
+    """
     body, tables = prepare_data(recordings)
     return search_models(
         make_leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress
@@ -313,12 +313,13 @@ def search_drive(
 
     A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A
     compliant drive may start in two ways. The search is made for the one that suits a single
-    compliant drive better. Only if its result then suits the other one, it is made again."""
-    stiff = [
-        h
-        for h in leg.named
-        if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)
-    ]
+    compliant drive better. Only if its result then suits the other one, it is made again.
+    """
+    stiff = []
+    for hypothesis in leg.named:
+        places = [choice.effect.where for choice in hypothesis.fitted.coordinates.choices]
+        if "drive" not in places:
+            stiff.append(hypothesis)
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     dataset = make_leg_dataset(body.shafts)

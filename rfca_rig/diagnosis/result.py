@@ -88,7 +88,8 @@ class NamedEffect:
     well.
 
     `shape` holds the fitted shape parameters of its law: nuisance parameters, which a prediction
-    needs to reproduce the fit."""
+    needs to reproduce the fit.
+    """
 
     id: str
     left_out: str
@@ -128,7 +129,8 @@ class MovedPrior:
     """A nuisance parameter that had to move by more than two prior standard deviations.
 
     `prior` and `now` are values with standard deviations in `unit`; `deviations` is the distance in
-    prior standard deviations."""
+    prior standard deviations.
+    """
 
     name: str
     unit: str
@@ -190,7 +192,8 @@ class SignalOverlay:
     all (m,).
 
     `starts_s` are the times where windows start from the measured state. `phase` (m,) names the
-    phase of each row, (0,) where unknown. `parts` are the conditions that it shows."""
+    phase of each row, (0,) where unknown. `parts` are the conditions that it shows.
+    """
 
     condition: str
     signal: str

@@ -2,7 +2,8 @@
 sentences.
 
 With the figures before and after: residuals of the fit and on held-out conditions, and curves to
-draw."""
+draw.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace

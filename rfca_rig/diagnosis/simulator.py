@@ -12,7 +12,8 @@ A kind of rig is diagnosed if it provides four things:
 
 The core passes inputs and conditions on and never looks inside. Only `Simulator.simulate` is
 required; every other method of a simulator has a neutral default. A `Dataset` joins all conditions
-of a campaign with the simulator that predicts them."""
+of a campaign with the simulator that predicts them.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -87,7 +88,8 @@ class Simulator(ABC):
     """One kind of rig: predicts the observations of its conditions.
 
     `Any` stands for the simulator's own types of input (a `SimulatorInput`) and of condition (a
-    `ConditionData`)."""
+    `ConditionData`).
+    """
 
     @abstractmethod
     def simulate(self, at: Any, condition: Any) -> Floats:
@@ -123,8 +125,9 @@ class Simulator(ABC):
         inputs: Sequence[Any],
         condition: Any,
     ) -> list[Floats | None]:
-        """The change of the predicted observations from one input to each of others; by default,
-        one is simulated after the other.
+        """The change of the predicted observations from one input to each of others.
+
+        By default the inputs are simulated one after the other.
 
         Parameters
         ----------
@@ -140,10 +143,14 @@ class Simulator(ABC):
         list
             Change (m,) for each input; None where the model has no answer.
         """
-        return [
-            None if (there := self.simulate_or_none(each, condition)) is None else there - rows
-            for each in inputs
-        ]
+        changes: list[Floats | None] = []
+        for varied in inputs:
+            predicted = self.simulate_or_none(varied, condition)
+            if predicted is None:
+                changes.append(None)
+            else:
+                changes.append(predicted - rows)
+        return changes
 
     def simulate_or_none(self, at: Any, condition: Any) -> Floats | None:
         """The observations (m,) of `simulate`, or None where the model has no answer."""
@@ -220,9 +227,8 @@ class Dataset:
             The subset, and which of all rows belong to it.
         """
         kept = self.simulator.coarsen(self.parts, count)
-        return make_dataset((self.parts[number] for number in kept), self.simulator), np.isin(
-            self.rows.condition, kept
-        )
+        subset = make_dataset([self.parts[number] for number in kept], self.simulator)
+        return subset, np.isin(self.rows.condition, kept)
 
     def with_parts(self, parts: tuple[ConditionData, ...]) -> "Dataset":
         """The same simulator with other conditions; the very same dataset where these are its
@@ -244,14 +250,13 @@ class Dataset:
         """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases
         the interpreter lock.
         """
-        apply = map_in_processes if self._is_long(inputs) else map_in_threads
+
+        def predict(at: Any) -> Floats | None:
+            return _join_or_none(self.simulator.simulate_or_none(at, part) for part in self.parts)
+
         # One task per input: nested pools would only oversubscribe the cores.
-        return apply(
-            lambda at: _join_or_none(
-                self.simulator.simulate_or_none(at, part) for part in self.parts
-            ),
-            inputs,
-        )
+        apply = map_in_processes if self._is_long(inputs) else map_in_threads
+        return apply(predict, inputs)
 
     def predict_changes(
         self, at: Any, predicted: Floats, inputs: Sequence[Any]
@@ -260,36 +265,30 @@ class Dataset:
         many inputs; None for no answer.
         """
         if not self.simulator.varies_many:
-            return [
-                None if there is None else there - predicted for there in self.predict_all(inputs)
-            ]
-        many = self._is_long(inputs)
+            changes: list[Floats | None] = []
+            for there in self.predict_all(inputs):
+                changes.append(None if there is None else there - predicted)
+            return changes
         # Each block of inputs is simulated beside `at`, so blocks should not be smaller than what
         # is simulated at once.
-        if many:
-            blocks = [
-                inputs[first : first + INPUTS_AT_ONCE]
-                for first in range(0, len(inputs), INPUTS_AT_ONCE)
-            ]
-        else:
-            blocks = [inputs]
+        is_long = self._is_long(inputs)
+        size = INPUTS_AT_ONCE if is_long else max(len(inputs), 1)
+        blocks = [inputs[first : first + size] for first in range(0, len(inputs), size)]
+        tasks = [(block, number) for block in blocks for number in range(len(self.parts))]
 
-        def change(task: tuple[Sequence[Any], int]) -> list[Floats | None]:
+        def predict_block(task: tuple[Sequence[Any], int]) -> list[Floats | None]:
             block, number = task
-            return self.simulator.simulate_changes(
-                at, predicted[self.rows.condition == number], block, self.parts[number]
-            )
+            rows = predicted[self.rows.condition == number]
+            return self.simulator.simulate_changes(at, rows, block, self.parts[number])
 
-        parts = range(len(self.parts))
-        found = iter(
-            (map_in_processes if many else map_in_threads)(
-                change, [(block, number) for block in blocks for number in parts]
-            )
-        )
-        by_block = [[next(found) for _ in parts] for _ in blocks]
-        return [
-            _join_or_none(changes) for by_part in by_block for changes in zip(*by_part, strict=True)
-        ]
+        apply = map_in_processes if is_long else map_in_threads
+        of_tasks = apply(predict_block, tasks)
+        joined: list[Floats | None] = []
+        for first in range(0, len(of_tasks), len(self.parts)):
+            # The parts of one block, each with its changes for all inputs of the block.
+            of_parts = of_tasks[first : first + len(self.parts)]
+            joined += [_join_or_none(of_input) for of_input in zip(*of_parts, strict=True)]
+        return joined
 
     def _is_long(self, inputs: Sequence[Any]) -> bool:
         return len(inputs) * len(self.parts) >= MANY_SIMULATIONS
@@ -297,12 +296,12 @@ class Dataset:
 
 def _join_or_none(rows: Iterable[Floats | None]) -> Floats | None:
     """The rows of all conditions; None where the model has no answer for one of them."""
-    found = []
-    for own in rows:
-        if own is None:
+    answered = []
+    for of_condition in rows:
+        if of_condition is None:
             return None
-        found.append(own)
-    return np.concatenate(found)
+        answered.append(of_condition)
+    return np.concatenate(answered)
 
 
 def make_dataset(parts: Iterable[ConditionData], simulator: Simulator) -> Dataset:

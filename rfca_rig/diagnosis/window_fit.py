@@ -25,12 +25,10 @@ from rfca_rig.model.effect import Effect
 Floats = NDArray[np.float64]
 
 STARTS = 3  # grid points of an effect from which it is fitted: those that promise most
-AT_BOUND = (
-    3.0  # prior deviations of a size beyond which its plausible range holds it, not the recordings
-)
-PERHAPS_NONE = (
-    2.0  # times the smallest plausible size, below which the recordings may show none at all
-)
+# prior deviations of a size beyond which its plausible range holds it, not the recordings
+AT_BOUND = 3.0
+# times the smallest plausible size, below which the recordings may show none at all
+PERHAPS_NONE = 2.0
 ALL = "all recordings"
 
 

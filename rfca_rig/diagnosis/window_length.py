@@ -11,7 +11,8 @@ start. A window ends where a simulation says nothing any more:
 
 Lengths double. The best fit on shorter windows is where the fit on longer ones begins (multiple
 shooting from short to long). Where errors of the start are too large from the first, lengths are
-halved."""
+halved.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -247,7 +248,8 @@ def _cut_and_fit(
     """The problem in windows of these lengths, and the fits on them.
 
     None where that cannot be simulated, leaves few conditions, or loses much of the recordings
-    because more windows span a gap."""
+    because more windows span a gap.
+    """
     try:
         longer = problem.cut_again(lengths_s)
     except (SimulationFailed, BadInput):
@@ -279,7 +281,8 @@ def measure_start_errors(problem: WindowedProblem) -> dict[str, float]:
 
     A share is the root of the mean over the signals of (rms error / change)^2. The change of a
     signal is its standard deviation over all recordings, so that a recording at rest is not judged
-    by its noise."""
+    by its noise.
+    """
     return _share_of_change(problem.dataset, problem.start_std)
 
 

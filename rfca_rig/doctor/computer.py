@@ -200,14 +200,19 @@ def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
     """Finding on the extras. They are optional, but an installed package must have a suitable
     version.
     """
-    complete = [one for one in seen if all(package.fits for package in one.packages)]
+    complete = []
+    missing = []
+    for extra in seen:
+        if all(package.fits for package in extra.packages):
+            complete.append(extra)
+        else:
+            missing.append(extra.name)
     old = [
         package
         for one in seen
         for package in one.packages
         if package.version is not None and not package.fits
     ]
-    missing = [one.name for one in seen if one not in complete]
     summary = (
         "; ".join(
             f"{one.name}: {', '.join(f'{p.name} {p.version}' for p in one.packages)}"
@@ -316,10 +321,11 @@ def look_at_extras() -> tuple[ExtraSeen, ...]:
         for name in metadata.metadata("rfca-rig").get_all("Provides-Extra") or ()
         if name not in FOR_TESTS
     ]
-    return tuple(
-        ExtraSeen(name, tuple(_package(one) for one in requirements if _is_of(one, name)))
-        for name in names
-    )
+    extras = []
+    for name in names:
+        packages = tuple(_package(one) for one in requirements if _is_of(one, name))
+        extras.append(ExtraSeen(name, packages))
+    return tuple(extras)
 
 
 def _is_of(requirement: Requirement, extra: str) -> bool:

@@ -2,7 +2,8 @@
 only listens.
 
 `look_at` functions probe, as does `devices.checks.Listener`; `judge` functions evaluate what was
-seen."""
+seen.
+"""
 
 import json
 import subprocess
@@ -102,7 +103,8 @@ class CanInterfaceObservation:
     not report them.
 
     A virtual interface has no bit rate. `state` is that of the controller (ERROR-ACTIVE,
-    ERROR-PASSIVE, BUS-OFF ...)."""
+    ERROR-PASSIVE, BUS-OFF ...).
+    """
 
     channel: str
     exists: bool

@@ -2,7 +2,8 @@
 
 Those of the motor stop at the first red finding. Plug-in devices are checked through their own
 drivers: are they present, and can their messages be decoded. Of the camera one photo is taken: its
-marks are looked for, and nothing moves."""
+marks are looked for, and nothing moves.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack

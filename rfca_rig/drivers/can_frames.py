@@ -43,7 +43,8 @@ class BusHealth:
 
     A controller counts up errors if no node acknowledges its frames, or if it receives invalid
     ones. From 128 on it is error-passive, and at 256 transmit errors it goes bus-off. With adapters
-    that send no error frames nothing is counted."""
+    that send no error frames nothing is counted.
+    """
 
     def __init__(self) -> None:
         self.error_frames = 0
@@ -107,7 +108,8 @@ def receive_frames(
     """Every data frame that the bus holds, oldest first; never waits.
 
     Error frames go to `health`. Raises DeviceError, with the remedy, if the bus fails or went
-    bus-off."""
+    bus-off.
+    """
     try:
         while (message := bus.recv(timeout=0)) is not None:
             if message.is_error_frame:
@@ -151,7 +153,8 @@ def send_stop(
     may be full for a moment.
 
     Every frame is tried at least once, even if the one before failed; all of it takes 20 ms at
-    most. Raises DeviceError if one was not accepted."""
+    most. Raises DeviceError if one was not accepted.
+    """
     until_s = clock.now_s() + STOPPING_S
     failures = [
         failure

@@ -35,7 +35,8 @@ class FrameCount:
 
     `fault` is set if there are more frames than the host clock allows in two windows of 0.5 s in a
     row. They are then duplicated, or come at another rate. Frames that piled up during a long pause
-    affect only one window."""
+    affect only one window.
+    """
 
     # Relative clock drift allowed between device and host: 200 ppm.
     DRIFT = 2e-4
@@ -112,7 +113,8 @@ class CounterClock:
     The counter gives the device millisecond of an answer. The host time of the query, plus an
     offset, gives the position within it; the offset is moved only as far as the counter requires. A
     late wake-up of the host therefore shifts a time by less than one count, and drifting clocks
-    never disagree by more than one."""
+    never disagree by more than one.
+    """
 
     def __init__(self) -> None:
         self._counter: int | None = None
@@ -179,7 +181,8 @@ def find_wrong_period(look_s: Callable[[], float], set_s: float) -> float | None
     agrees.
 
     `look_s` watches `PERIODS_PER_ATTEMPT` periods and returns the mean one. The period is wrong
-    only if every measurement says so."""
+    only if every measurement says so.
+    """
     measured_s = set_s
     for _ in range(MAX_ATTEMPTS):
         measured_s = look_s()

@@ -43,7 +43,8 @@ class ShaftGear:
     """Base of settings with these three values.
 
     `gear_ratio` is drive turns per shaft turn, `direction` +1 or -1, `zero_turns` the drive's
-    reading with the shaft horizontal."""
+    reading with the shaft horizontal.
+    """
 
     gear_ratio: float
     direction: int
@@ -134,7 +135,8 @@ class EncoderJumpMonitor:
     The allowed speed between two reports is 1.5 times the faster of their speeds, plus half of what
     the largest acceleration adds. A step of 0.1 rad more than this speed allows is a jump. The
     elapsed time is the larger of device time and host time between two reads, so that lost reports
-    do not look like a jump."""
+    do not look like a jump.
+    """
 
     def __init__(self) -> None:
         self.fault: str | None = None
@@ -180,7 +182,8 @@ class Report:
 
     `is_on` means that it is energised and follows commands. `state` is a text. `fault` is None, or
     the error code with its meaning. `temperature_C` is the higher of drive and motor temperature,
-    None if the drive reports none."""
+    None if the drive reports none.
+    """
 
     turns: float
     turns_s: float
@@ -196,7 +199,8 @@ class DriveReports:
 
     With a period, reports are cyclic and are time-stamped by counting them. Without one, each
     report answers a request, and its time is that of the last request. A late answer, or two
-    answers at once, then costs one sample but never breaks the order of time."""
+    answers at once, then costs one sample but never breaks the order of time.
+    """
 
     def __init__(
         self,

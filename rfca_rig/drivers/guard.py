@@ -48,7 +48,8 @@ class TorqueOffResult:
     finished `took_s` later.
 
     `reports` counts the drive's reports since then. The last one showed `torque_Nm` at the shaft,
-    NaN if there was none."""
+    NaN if there was none.
+    """
 
     silent_s: float
     took_s: float = 0.0

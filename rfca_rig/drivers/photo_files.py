@@ -41,7 +41,8 @@ def read_time_taken(content: bytes) -> datetime | None:
     up to the picture data is enough.
 
     Exif had no time zones before 2016. A time without offset is taken as UTC; differences between
-    such times are still right."""
+    such times are still right.
+    """
     tiff = _tiff_part(content)
     if tiff is None:
         return None
@@ -376,7 +377,8 @@ class PhotoFolder:
     one, else by file times.
 
     The two are never mixed: the clocks of camera and computer differ by more than the duration of a
-    stage."""
+    stage.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Raises BadInput if the folder holds no photo."""
@@ -398,7 +400,8 @@ class PhotoFolder:
         """The next photo (rows, columns, 3) in BGR order.
 
         Raises DeviceError after the last one, and BadInput for a broken one, which the next call
-        skips."""
+        skips.
+        """
         if self._next == len(self._files):
             raise DeviceError(
                 f"{self._folder}: no photo after the {self._next} that it holds; add "

@@ -41,7 +41,8 @@ class UdpDatagrams:
 
     `receive_buffer_bytes` is what the kernel granted of the requested 4 MiB (Linux includes its own
     bookkeeping, twice the payload, and caps it at net.core.rmem_max). Raises DeviceError if the
-    host cannot be addressed."""
+    host cannot be addressed.
+    """
 
     def __init__(self, host: str, port: int) -> None:
         self._peer = f"{host}:{port}"

@@ -2,7 +2,8 @@
 for all drivers.
 
 `RecordStream` is the base class of plug-in drivers, for devices that stream records as bytes. See
-docs/add-a-force-sensor.md."""
+docs/add-a-force-sensor.md.
+"""
 
 import struct
 from abc import ABC, abstractmethod
@@ -55,7 +56,8 @@ class RecordSequence:
     From each batch the records that continue the stream are picked, in the order of their numbers.
     A record older than those already handed out is never handed out: it is a duplicate, or it is
     late and stays lost. Differences are signed 32 bit differences, so that an old record does not
-    look four billion records ahead."""
+    look four billion records ahead.
+    """
 
     def __init__(self, first: int = 1) -> None:
         self._next = first
@@ -158,7 +160,8 @@ class FrozenRecordCounter:
     measurements.
 
     A working converter is never constant for long in all six axes, so 50 equal records in a row
-    count as frozen."""
+    count as frozen.
+    """
 
     def __init__(self) -> None:
         self.frozen = 0
@@ -215,12 +218,21 @@ class Record:
     time_s: float | None = None
 
 
+def _encode_status(record: Record) -> int:
+    if record.is_saturated:
+        return SATURATED
+    if record.is_wrong:
+        return GENERIC_ERROR
+    return 0
+
+
 class RecordStream(ABC, Generic[Keys]):
     """A `ForceSensor` on a serial port, or on any object with the four members of `SerialPort`.
 
     Inherit, set `make`, the `header` that every record begins with ("" for none) and its length,
     and implement the decoding. This class handles resynchronisation after noise, time stamps,
-    losses, the rate check, saturation, silence and a broken line."""
+    losses, the rate check, saturation, silence and a broken line.
+    """
 
     make: ClassVar[str]
     header: ClassVar[bytes] = b""
@@ -259,7 +271,8 @@ class RecordStream(ABC, Generic[Keys]):
     def _reset_stream(self, buffer: bytes) -> None:
         self._buffer = bytearray(buffer)
         self._in_garbage = False
-        self._sequence, self._count = RecordSequence(), FrameCount(1.0 / self.keys.rate_Hz)
+        self._sequence = RecordSequence()
+        self._count = FrameCount(1.0 / self.keys.rate_Hz)
         self._number = 0
         self._elapsed_s = 0.0
         self._last_s: float | None = None
@@ -372,13 +385,7 @@ class RecordStream(ABC, Generic[Keys]):
         # A refused record has a place among the others all the same, as the time of records without
         # a clock comes from counting.
         accepted, numbers, device_s = self._stamp_records(records, is_good)
-        status = np.array(
-            [
-                SATURATED if one.is_saturated else GENERIC_ERROR if one.is_wrong else 0
-                for one in accepted
-            ],
-            np.uint32,
-        )
+        status = np.array([_encode_status(record) for record in accepted], np.uint32)
         raw = np.array([one.counts for one in accepted], np.float64).reshape(-1, 6)
         # Only a record with an error may have counts that are no numbers; its status says not to
         # use them.

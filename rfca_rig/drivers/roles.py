@@ -21,7 +21,8 @@ class ShaftSamples:
 
     `host_s` is the host clock when the sample was drained. `device_s` is the drive's own time, 0 at
     its first sample. `angle_rad`, `speed_rad_s` and `torque_Nm` are those of the shaft, after gear,
-    direction and zero."""
+    direction and zero.
+    """
 
     host_s: Floats
     device_s: Floats
@@ -37,7 +38,8 @@ class MotorStatus:
     `state` is a text. `fault` is None, or the drive's own error code with its meaning. `silent_s`
     is the time since the last heartbeat. `temperature_C` is the higher of drive and motor
     temperature, None if the drive reports none. `torque_age_s` is the age of the torque for a drive
-    that reports it in a message of its own; it is 0 where torque and angle come together."""
+    that reports it in a message of its own; it is 0 where torque and angle come together.
+    """
 
     state: str
     fault: str | None
@@ -113,7 +115,8 @@ class ForceSamples:
     `counts` (m, 6) holds fx fy fz tx ty tz in counts, see `SensorScale`. `host_s` (m,) is the host
     clock at the read. `device_s` (m,) is the time from the record counter, 0 at record 1, and
     `sequence` (m,) that counter without wrap. `status` (m,) is 0 if healthy. For every make, bit 31
-    marks an error and bit 17 saturation."""
+    marks an error and bit 17 saturation.
+    """
 
     host_s: Floats
     device_s: Floats
@@ -128,7 +131,8 @@ class StreamHealth:
 
     `malformed` counts datagrams, or pieces of a stream, that were not records. `stalled` records
     repeat old values because the sensor stopped measuring. `saturated` is the part of
-    `faulty_status` in which the sensor was beyond its range."""
+    `faulty_status` in which the sensor was beyond its range.
+    """
 
     received: int = 0
     lost: int = 0
@@ -238,9 +242,7 @@ def concatenate_blocks(blocks: Sequence[Block]) -> Block:
     if len(blocks) == 1:
         return blocks[0]
     kind = type(blocks[0])
-    return kind(
-        *(
-            np.concatenate([getattr(block, column.name) for block in blocks])
-            for column in fields(kind)
-        )
-    )
+    columns = []
+    for column in fields(kind):
+        columns.append(np.concatenate([getattr(block, column.name) for block in blocks]))
+    return kind(*columns)

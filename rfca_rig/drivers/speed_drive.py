@@ -71,7 +71,8 @@ class SpeedDrive(ABC, Generic[Keys]):
     enabling, the watchdog test, stopping with a full queue, time stamps, restarts, lost zeros,
     silence and bus failures. The drive needs a speed loop with an integrator, and a watchdog that
     every command feeds. Frames are sent only from within calls, so the watchdog stops the motor
-    when the caller hangs."""
+    when the caller hangs.
+    """
 
     make: ClassVar[str]
 
@@ -132,7 +133,8 @@ class SpeedDrive(ABC, Generic[Keys]):
         """Energises the motor and holds the shaft at its present angle.
 
         Raises DeviceError with the missing message, or with the error of a drive that refuses; the
-        motor is then off."""
+        motor is then off.
+        """
         self.disable()
         self._reports.drain()
         # Frames that piled up during a pause may have gaps, so they are discarded.
@@ -235,7 +237,8 @@ class SpeedDrive(ABC, Generic[Keys]):
         time in s. The motor is off afterwards.
 
         A drive without cyclic reports is asked once, at the end. Raises DeviceError if it still
-        runs after `limit_s`."""
+        runs after `limit_s`.
+        """
         began_s = self._clock.now_s()
         try:
             self._wait_for_off(limit_s) if self._period_s is not None else self._ask_after(limit_s)

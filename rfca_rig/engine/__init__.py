@@ -8,4 +8,5 @@
    stage measured.
 
 `interfaces` defines what comes from outside: the bench, stop requests, and observers, which see
-every tick."""
+every tick.
+"""

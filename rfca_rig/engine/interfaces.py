@@ -39,7 +39,8 @@ class Tick:
 
     The shaft should be at `target_rad`, moving at `target_speed_rad_s`. The tick came `late_s`
     after it should have; the longest so far took `worst_gap_s`. `status` is the drive's status as
-    of the tick before, None at first."""
+    of the tick before, None at first.
+    """
 
     now_s: float
     shaft: ShaftSamples
@@ -104,7 +105,8 @@ class StopRequest:
 
     `is_ticking` means that the loop runs and sees a request within milliseconds; otherwise the run
     waits for a person, with the motor off. `is_over` means that the stop is under way and further
-    requests change nothing."""
+    requests change nothing.
+    """
 
     level: StopLevel = StopLevel.GO_ON
     why: str = ""

@@ -394,7 +394,8 @@ class LimitMonitor:
     """Raises Tripped, with code, value and limit, as soon as a limit is passed.
 
     One loop checks and commands: where the checks stall, the commands stall too, and the drive's
-    watchdog stops the motor."""
+    watchdog stops the motor.
+    """
 
     def __init__(self, limits: Limits, scale: SensorScale, now_s: float) -> None:
         self._limits = limits

@@ -52,7 +52,8 @@ class Loop:
 
     `worst_gap_s` is the longest time between two ticks, with whatever was done between them. Trips
     and urgent stop requests are raised at the end of a tick. After `end` the loop sends no command
-    any more."""
+    any more.
+    """
 
     def __init__(
         self,
@@ -62,10 +63,10 @@ class Loop:
         observer: RunObserver = NULL_OBSERVER,
         helpers: HelperWatch | None = None,
     ) -> None:
+        scale = bench.sensor.scale()
         self._bench = bench
         self._observer = observer
         self._helpers = helpers or HelperWatch()
-        scale = bench.sensor.scale()
         self._counts_per_unit = np.repeat([scale.counts_per_N, scale.counts_per_Nm], 3)
         self._limits = limits
         self._stop_request = stop_request or StopRequest()
@@ -102,9 +103,8 @@ class Loop:
         # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's
         # noise. Only when asked: strokes do not.
         counts = self._force.counts
-        wrench: np.ndarray = (
-            np.add.reduce(counts, axis=0, dtype=np.float64) / len(counts) / self._counts_per_unit
-        )
+        sum_counts = np.add.reduce(counts, axis=0, dtype=np.float64)
+        wrench: np.ndarray = sum_counts / len(counts) / self._counts_per_unit
         return wrench
 
     @property
@@ -211,19 +211,24 @@ class Loop:
         self._stop_request.raise_if_urgent()
 
     def _read(self) -> bool:
-        shaft, force = self._hear()
+        shaft, force = self._read_devices()
         # Listeners take the samples before the limits are checked: a trip must not lose the samples
         # that led to it.
         for listener in self._listeners:
             listener(shaft, force)
         # Put together only where an observer is attached.
         if self._observer is not NULL_OBSERVER:
-            target = self.target_rad, self._target_speed_rad_s
-            self._observer.tick(
-                Tick(
-                    self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status
-                )
+            tick = Tick(
+                self.now_s,
+                shaft,
+                force,
+                self.target_rad,
+                self._target_speed_rad_s,
+                self._late_s,
+                self.worst_gap_s,
+                self._status,
             )
+            self._observer.tick(tick)
         self._monitor.reports(self.now_s, shaft, force)
         if len(force.counts):
             self._force = force
@@ -232,7 +237,7 @@ class Loop:
             self.speed_rad_s = float(shaft.speed_rad_s[-1])
         return len(shaft.angle_rad) > 0
 
-    def _hear(self) -> tuple[ShaftSamples, ForceSamples]:
+    def _read_devices(self) -> tuple[ShaftSamples, ForceSamples]:
         with trip_on_bus_error():
             shaft = self._shaft_check.accept(self._bench.motor.read())
         try:

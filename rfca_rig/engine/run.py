@@ -40,7 +40,8 @@ def stages_to_safe_point(done: Sequence[Stage], to_come: Sequence[Stage]) -> Seq
 
     A leg bent on the ground must go on in the direction of its stroke: the plan's next move
     forwards does that. From the start angle the shaft turns to where it waits without torque, as at
-    the end of every height."""
+    the end of every height.
+    """
     if not done or isinstance(done[-1], SetHeight):
         return ()
     # Only up to the next setting of the rack: moves beyond it belong to another height.
@@ -77,7 +78,8 @@ class RampUp:
     The load at full speed is extrapolated in three ways: in the ratio of the model's loads,
     linearly in the speed (momentum of an impact), and linearly in its square (energy of an impact).
     The largest counts. It is an estimate, not a bound: the limits are checked in motion as always.
-    The linear ways need two first strokes of different speeds."""
+    The linear ways need two first strokes of different speeds.
+    """
 
     def __init__(self, limits: Limits, expected: Mapping[Stage, Load]) -> None:
         self._limits = limits
@@ -327,7 +329,8 @@ def prove_stop(bench: Bench) -> float:
     the drive removed its torque.
 
     Raises DeviceError where the drive refuses to be enabled or keeps its torque. In every case the
-    motor is without torque afterwards."""
+    motor is without torque afterwards.
+    """
     try:
         bench.motor.enable()
         return bench.motor.prove_watchdog(SILENCE_S)

@@ -22,7 +22,8 @@ def sum_shaft(shaft: ShaftSamples) -> float:
     """A sum that is finite only if all numbers of the drive are.
 
     Times are left out: they are compared by the limits of age and of jumps, which a time that is no
-    number passes."""
+    number passes.
+    """
     # Lists, because a tick brings a few reports, for which numpy takes longer.
     total: float = (
         sum(shaft.angle_rad.tolist())

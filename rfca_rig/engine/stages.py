@@ -1,7 +1,8 @@
 """How each stage of a plan is carried out.
 
 In fatigue cycles the shaft turns without pause. Of each turn a few numbers are kept, in memory that
-does not grow."""
+does not grow.
+"""
 
 import math
 from collections import deque
@@ -369,7 +370,8 @@ class CycleProfile:
         end of the last cycle.
 
         At a distance s from either end it is sqrt(2 a s), where a is the stage's speed divided by
-        MOVE_RAMP_S; at most the stage's speed."""
+        MOVE_RAMP_S; at most the stage's speed.
+        """
         # The same profile serves both ends: the shorter distance decides. Rounding may make it
         # slightly negative, hence the 0.
         top = self._stage.speed_rad_s

@@ -36,7 +36,8 @@ class Standstill:
 
     `latency_s` is the time until the shaft stood. It is NaN where the shaft did not stand within
     the observed time, or the drive reported nothing. `turned_rad` is the angle that the shaft moved
-    meanwhile."""
+    meanwhile.
+    """
 
     latency_s: float
     turned_rad: float
@@ -59,7 +60,8 @@ def stop(bench: Bench) -> Standstill:
     number of times.
 
     Every step is tried, whatever became of the one before, and bounded in time. Raises DeviceError
-    where the drive could not be reached."""
+    where the drive could not be reached.
+    """
     try:
         try:
             disable_motor(bench.motor, bench.clock)
@@ -145,7 +147,8 @@ class RecordedSamples:
 
     `start_s` is the host time of the commanded start, before which the shaft had stood for
     `stood_s`. `turns_rad` is to be subtracted from the continuous shaft angle to get an angle
-    within one turn of the stage's own. `photo_fault` says why a planned photo is missing."""
+    within one turn of the stage's own. `photo_fault` says why a planned photo is missing.
+    """
 
     shaft: ShaftSamples
     force: ForceSamples
@@ -176,7 +179,8 @@ class Sink(Protocol):
     """Receives what a stage records as it comes, and the stage as soon as it is done.
 
     Called from within the control loop, so slow work belongs elsewhere. What a method raises ends
-    the run."""
+    the run.
+    """
 
     def begin(self, stage: Flap | Hold | Cycles) -> None:
         """The stage records from now on. One that never gets to `flap`, `hold` or `cycles` was
@@ -213,4 +217,5 @@ class Sink(Protocol):
         """The motor is without torque and the run is over.
 
         `worst_gap_s` is the longest time without a command to the drive, `bad_samples` how many
-        samples were no numbers, by column."""
+        samples were no numbers, by column.
+        """

@@ -9,7 +9,8 @@ are fitted to all.
 
 rfca-statements/1 is JSON: `words` say what was simulated, and each entry of `statements` has
 `case`, `rig`, `kind` ("effect" or "family"), `values` (the support, as in diagnosis.json) and
-`true`."""
+`true`.
+"""
 
 import argparse
 import json

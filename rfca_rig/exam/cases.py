@@ -4,7 +4,8 @@ gross relative to the noise of one sample.
 The ranges of sizes shift the trace of fz before the valley by about 2 to 50 times the noise of a
 sample, 0.15 N, at 215 mm and 2.4 rad/s. They stay within what is plausible on a leg of 0.3 kg and
 0.3 m. Strength 0 is the first value, 1 the second, geometric in between. `either_sign` draws a
-sign; `around` is a nominal value to which the amount is added."""
+sign; `around` is a nominal value to which the amount is added.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -314,7 +315,8 @@ def draw_cases(
     """Draw `numbers` of cases of each kind, in random order, so that a case's name reveals nothing.
 
     The same seed gives the same cases. Except for its id, case i of a kind does not depend on the
-    numbers of cases."""
+    numbers of cases.
+    """
     # One generator per case, seeded by kind and number: that makes a case independent of all
     # others.
     drawn = [

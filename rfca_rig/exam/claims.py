@@ -6,7 +6,8 @@ whether a place is right.
 A statement is an effect that is stated as identified or as most of what is missing, or a family
 where no effect is stated. An effect is true if the case hides it, or an effect of its
 indistinguishable set. A family is true if the case hides a member, or an effect outside the
-catalogue that belongs to it."""
+catalogue that belongs to it.
+"""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -76,7 +77,8 @@ class ClaimCalibration:
 
     A true effect that was not listed has no stated probability; the counts of effects include it,
     these scores do not. `bins` (10, 3): number of claims, their mean probability, share of them
-    right."""
+    right.
+    """
 
     brier: float
     log_score: float
@@ -180,7 +182,8 @@ def parameter_errors(truth: Truth, claim: Claim) -> list[tuple[float, bool | Non
     empty for a false claim.
 
     Errors are relative to what the effect changes: a gain of 1.03 found as 1.02 is off by a third.
-    A whole number is right or wrong."""
+    A whole number is right or wrong.
+    """
     true = truth.effects.get(claim.id, {})
     return [
         _error(claim.id, name, true[name], value)

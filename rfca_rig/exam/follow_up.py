@@ -8,7 +8,8 @@ rig's range.
 
 An ablation diagnoses without an effect in the catalogue. Its cases are those of a finished exam
 with one detectable hidden effect. Each is diagnosed again without that effect. Then no name is
-right, and a confident one is the worst possible answer."""
+right, and a confident one is the worst possible answer.
+"""
 
 import json
 import shutil
@@ -218,9 +219,12 @@ def ways(folder: Path) -> tuple[ArmResult, ...]:
     else:
         faint = set()
     shown = [each for each in found if each.case not in faint]
-    return tuple(
-        way for arm in ARMS if (way := _way(arm, [each for each in shown if each.arm == arm])).of
-    )
+    results = []
+    for arm in ARMS:
+        result = _way(arm, [each for each in shown if each.arm == arm])
+        if result.of:
+            results.append(result)
+    return tuple(results)
 
 
 def _way(arm: str, found: Sequence[FollowUp]) -> ArmResult:

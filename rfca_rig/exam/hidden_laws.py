@@ -70,7 +70,8 @@ class Law:
 
     The pin's friction is full after `pin_creep_deg`. Ground friction falls with the power
     `stribeck_power` of the sliding speed. Adhesion builds up over `adhesion_hold_mm`. Drag grows
-    with `drag_power` of the speed. The ripple of the shaft's speed has a phase."""
+    with `drag_power` of the speed. The ripple of the shaft's speed has a phase.
+    """
 
     of_hinge: tuple[float, ...]
     pin_creep_deg: float

@@ -2,7 +2,8 @@
 differences from it.
 
 Usual model errors: links and hinges that are not identical, a contact law of another shape. Small,
-and no effect of the catalogue."""
+and no effect of the catalogue.
+"""
 
 from dataclasses import dataclass, replace
 

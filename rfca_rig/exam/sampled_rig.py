@@ -4,7 +4,8 @@ effects and their laws.
 The catalogue's effects in the exam's simulator: each function adds one effect to a world.
 
 Ids and parameters are those of the catalogue. The laws are independent implementations of the
-catalogue's descriptions."""
+catalogue's descriptions.
+"""
 
 import math
 from collections.abc import Callable, Mapping

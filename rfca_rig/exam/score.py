@@ -55,7 +55,8 @@ class WorstCase:
     """One bad answer.
 
     `badness` is 3 or more for a false name, 2 to 3 for another false statement, 1 to 2 for a missed
-    effect, below 1 for a wrong value."""
+    effect, below 1 for a wrong value.
+    """
 
     case: str
     kind: str
@@ -228,7 +229,13 @@ def score(
         (truth, diagnoses.get(truth.case, ParsedDiagnosis("refused")))
         for truth in map(parse_truth, truths)
     ]
-    by_kind = {kind: [pair for pair in everything if pair[0].kind == kind] for kind in cases.KINDS}
+    by_kind = {}
+    outcomes = {}
+    for kind in cases.KINDS:
+        group = [(truth, answer) for truth, answer in everything if truth.kind == kind]
+        by_kind[kind] = group
+        if group:
+            outcomes[kind] = dict(Counter(outcome(*pair) for pair in group))
     judged = [pair for kind in cases.LEG_KINDS for pair in by_kind[kind]]
     single = by_kind[cases.SINGLE]
     pairs = by_kind[cases.PAIR]
@@ -243,11 +250,7 @@ def score(
     ]
     named = [(truth, answer) for truth, answer in judged if answer.named]
     return ExamScores(
-        outcomes={
-            kind: dict(Counter(outcome(*pair) for pair in group))
-            for kind, group in by_kind.items()
-            if group
-        },
+        outcomes=outcomes,
         confusion=confusion(single),
         null_false_claims=Share(sum(bool(answer.named) for _, answer in null), len(null)),
         false_discoveries=Share(
@@ -329,13 +332,11 @@ def power(single: Judged) -> tuple[Share, ...]:
     level = np.searchsorted(
         POWER_AT, [truth.faintest_above / DETECTABLE for truth, _ in single], side="right"
     )
-    by_level = (
-        [pair for pair, each in zip(single, level, strict=True) if each == k]
-        for k in range(len(POWER_AT) + 1)
-    )
-    return tuple(
-        Share(sum(has_right_family(*pair) for pair in group), len(group)) for group in by_level
-    )
+    shares = []
+    for k in range(len(POWER_AT) + 1):
+        group = [pair for pair, of_pair in zip(single, level, strict=True) if of_pair == k]
+        shares.append(Share(sum(has_right_family(*pair) for pair in group), len(group)))
+    return tuple(shares)
 
 
 def _share(judged: Judged, *outcomes: str) -> Share:

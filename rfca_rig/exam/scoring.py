@@ -24,7 +24,8 @@ class ScoreGoal:
     """One score, its goal, and whether it passes; a score without cases neither passes nor fails.
 
     `bound`: how bad the true share may still be, at 95 % confidence; None for a score that is no
-    share."""
+    share.
+    """
 
     name: str
     value: float

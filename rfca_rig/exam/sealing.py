@@ -2,7 +2,8 @@
 checks the hash.
 
 Seed and case numbers of an exam, kept in its folder, so that only the same exam can be continued
-there."""
+there.
+"""
 
 import base64
 import binascii
@@ -32,7 +33,8 @@ def seal_all(truths: Sequence[Truth], out: Path) -> None:
     into a separate folder.
 
     Do this before the first campaign is written, so that no truth can be adapted to a diagnosis. A
-    truth holds its case's name."""
+    truth holds its case's name.
+    """
     contents = {truth["case"]: _content(truth) for truth in truths}
     lines = [
         f"{hashlib.sha256(content).hexdigest()}  {case}\n" for case, content in contents.items()
@@ -122,6 +124,11 @@ class ExamPlan:
         return f"seed {self.seed}, {sum(self.numbers.values())} cases{only}"
 
 
+def _drop_zeros(numbers: Mapping[str, int]) -> dict[str, int]:
+    """A kind with zero cases is the same as a kind that is not listed."""
+    return {kind: number for kind, number in numbers.items() if number}
+
+
 def begin(folder: Path, plan: ExamPlan) -> None:
     """Create the folder with the plan, or check that it holds the same plan. Raises BadInput
     where `folder` holds anything else.
@@ -129,12 +136,7 @@ def begin(folder: Path, plan: ExamPlan) -> None:
     path = folder / FILE
     if path.is_file():
         begun = read_plan(folder)
-        # A kind with zero cases is the same as a kind that is not listed.
-        numbers = [
-            {kind: number for kind, number in each.numbers.items() if number}
-            for each in (plan, begun)
-        ]
-        if plan.seed != begun.seed or numbers[0] != numbers[1]:
+        if plan.seed != begun.seed or _drop_zeros(plan.numbers) != _drop_zeros(begun.numbers):
             raise BadInput(
                 f"{folder}: holds an exam with {begun.words}, not {plan.words}; ask for "
                 "the same again, or name a new folder"

@@ -96,7 +96,8 @@ def add_experiment(case: Case, folder: Path, proposal: Mapping[str, Any], number
     """Add one more experiment on the case's rig to its campaign folder, as a diagnosis proposes it.
 
     `proposal` is a height with a speed and repeats, or with stages. `number`, from 1, distinguishes
-    the experiments on one rig: it is part of their names and seeds their scatter."""
+    the experiments on one rig: it is part of their names and seeds their scatter.
+    """
     random = np.random.default_rng([case.seed, number])
     path = folder / "campaign.toml"
     written = path.read_text(encoding="utf-8")
@@ -127,7 +128,8 @@ def _strokes(
     """Write the recordings of all strokes and return their entries in the campaign file.
 
     `before` is the number of earlier strokes. The effect's size varies between conditions where the
-    case says so."""
+    case says so.
+    """
     entries: list[str] = []
     speeds = tuple(speed for _, speed in case.design.conditions)
     for height_mm, speed in case.design.conditions:

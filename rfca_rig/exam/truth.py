@@ -1,7 +1,8 @@
 """The truth of a case, as it is sealed.
 
 Visibility of a case's hidden effects in the forces, as they are and after the nominal values have
-been fitted."""
+been fitted.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -149,7 +150,8 @@ def _remainder(
     priors.
 
     `shift` and `units` are (3, m), `moves` (3, m, p). The Jacobian is computed again after each
-    large step, because far from the prior means the model is not linear."""
+    large step, because far from the prior means the model is not linear.
+    """
     there = np.zeros(NOMINAL_VALUES)
     rest = shift
     least = np.inf

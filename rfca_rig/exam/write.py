@@ -89,7 +89,8 @@ def write_cases(
 
     The truths are sealed before the first campaign is written. `workers` processes share the work,
     see `executors.local`. Cases that exist already from the same plan are kept. Raises BadInput
-    where `folder` holds something else, or where a kind is unknown."""
+    where `folder` holds something else, or where a kind is unknown.
+    """
     plan = ExamPlan(seed, numbers)
     with process_executor(workers) as executor:
         return write_all(folder, plan, executor)

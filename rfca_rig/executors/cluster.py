@@ -37,7 +37,8 @@ def import_distributed() -> Any:
     """The package `distributed`. Raises BadInput if it is not installed.
 
     Its log messages on lost workers and late heartbeats are suppressed, as the executor reports
-    them itself."""
+    them itself.
+    """
     try:
         package = importlib.import_module("distributed")
     except ImportError:
@@ -217,7 +218,8 @@ def _cancel_too(remote: "ref[Future[T]]", future: Future[T]) -> None:
     """Cancels the Dask future with the local one.
 
     The reference is weak: as long as a Dask future is referenced, its worker keeps the result, and
-    a lost result is computed again."""
+    a lost result is computed again.
+    """
     if future.cancelled() and (running := remote()) is not None:
         running.cancel()
 

@@ -30,7 +30,8 @@ def use_one_thread_if_processes_are_few() -> None:
     those that it starts.
 
     OpenBLAS prints four lines and ends the process with SIGINT where it cannot start its threads.
-    Settings of the user stay. Call it before linear algebra is loaded."""
+    Settings of the user stay. Call it before linear algebra is loaded.
+    """
     if sys.platform == "win32":
         return
     import resource  # noqa: PLC0415 - not on Windows
@@ -81,7 +82,8 @@ def single_threaded_blas() -> Iterator[None]:
     not depend on the number of cores.
 
     BLAS threads wait for each other by spinning. Beside other threads, or another program, they
-    cost many times what they save."""
+    cost many times what they save.
+    """
     # Every command imports this module, and few need this package.
     from threadpoolctl import threadpool_limits  # noqa: PLC0415
 

@@ -6,7 +6,8 @@ lost, its tasks are submitted once more, one by one. A task that ends its worker
 is reported as failed.
 
 Each local process has its own `ProcessPoolExecutor` of one thread. The loss of one then breaks no
-other, and it is known which task it had."""
+other, and it is known which task it had.
+"""
 
 import os
 import signal
@@ -69,7 +70,8 @@ class TaskExecutor(Executor):
 
     Functions must be importable by name on the workers, arguments and results picklable. A lost
     task is not submitted again before `retry_delay_s` has passed. If several workers end together,
-    the task must not be blamed for the next one as well."""
+    the task must not be blamed for the next one as well.
+    """
 
     retry_delay_s = 0.0
 
@@ -297,7 +299,8 @@ def process_executor(workers: int) -> Iterator[TaskExecutor]:
     """Executor on `workers` processes; with 0 the tasks run in this process.
 
     Functions must be importable by name. The processes end with the block, during a task if the
-    block ends with an exception, and when this process dies. A lost process is replaced."""
+    block ends with an exception, and when this process dies. A lost process is replaced.
+    """
     if workers == 0:
         yield InProcessExecutor()
         return

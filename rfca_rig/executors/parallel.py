@@ -4,7 +4,8 @@ process and copies of it.
 Threads suit tasks of compiled code, which releases the interpreter's lock. Tasks with much Python
 hold that lock, and two of them take as long as one after the other. A copy of the process has a
 lock of its own, and all that the process had in memory; only the results travel. It costs 10 to 20
-ms to make, so it is worth it for tasks of about as long."""
+ms to make, so it is worth it for tasks of about as long.
+"""
 
 import gc
 import io
@@ -71,7 +72,8 @@ def map_in_processes(
     Notes
     -----
     A copy has only the thread that made it, so no other thread may hold a lock that `work` needs.
-    The callers use threads only within `map_in_threads`, which is over before."""
+    The callers use threads only within `map_in_threads`, which is over before.
+    """
     copies = min(cores(), len(items)) - 1
     if copies < 1 or not CAN_COPY:
         return map_in_threads(work, items)

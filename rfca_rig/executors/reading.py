@@ -2,7 +2,8 @@
 file can hang or exhaust this one.
 
 The copy costs about 10 ms. Where the system makes no copies (Windows, macOS), files are read in
-this process, without limits."""
+this process, without limits.
+"""
 
 import faulthandler
 import gc

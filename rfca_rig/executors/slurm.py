@@ -1,7 +1,8 @@
 """Workers in a SLURM job array, with a Dask scheduler inside this process.
 
 Workers that lose their scheduler, because this process was killed, end by themselves within
-DEATH_TIMEOUT_S seconds."""
+DEATH_TIMEOUT_S seconds.
+"""
 
 import os
 import resource
@@ -52,7 +53,8 @@ class JobArray:
 
     `time` is in the format of sbatch. `setup` are shell lines before the workers start, `options`
     further options of sbatch, for example --qos=long. `interface` names the network over which
-    workers reach this computer, if it has several."""
+    workers reach this computer, if it has several.
+    """
 
     jobs: int
     workers_per_job: int
@@ -139,7 +141,8 @@ def slurm_workers(
     """Executor on the workers of a job array, which is cancelled whenever the block ends.
 
     Script, keys and output of the jobs are in a new folder in `shared`, which is kept if the block
-    ends with an error."""
+    ends with an error.
+    """
     import_distributed()
     if which("sbatch") is None:
         raise BadInput(

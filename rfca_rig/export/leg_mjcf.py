@@ -3,7 +3,8 @@ a CSV file per stroke.
 
 The rack's height and the shaft's motion are prescribed. Where the drive tracks its command, the
 motion is the commanded one from the measured start. Otherwise it is the mean of the measured
-motions, as in the diagnosis of the leg."""
+motions, as in the diagnosis of the leg.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.campaign.opening import open_with_nominal_model
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.leg.findings import PreparedData
-from rfca_rig.diagnosis.leg.simulator import SAGS, SAGS_PER_S
+from rfca_rig.diagnosis.leg.simulator import SWING_RATE_STD_PER_S, SWING_SHARE_STD
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import toml_comment
@@ -115,9 +116,8 @@ class _Files:
         ]
         # One list of signals for all recordings: a channel that a single condition lacks is
         # exported for none.
-        self.signals = tuple(
-            name for name in SENSORS if all(name in flap.signals for flap in prepared.flaps)
-        )
+        common = set(SENSORS).intersection(*(flap.signals for flap in prepared.flaps))
+        self.signals = tuple(name for name in SENSORS if name in common)
 
     def write(self, folder: Path) -> None:
         (folder / MODEL).write_text(write_leg_mjcf(self.prepared.rig), encoding="utf-8")
@@ -244,8 +244,8 @@ def _priors(rig: RigModel, known_to: Mapping[str, float]) -> dict[str, float]:
     return {
         **priors,
         **dict.fromkeys(seldom, SELDOM_MEASURED),
-        "start_swing_relative": SAGS,
-        "start_swing_rate_per_s": SAGS_PER_S,
+        "start_swing_relative": SWING_SHARE_STD,
+        "start_swing_rate_per_s": SWING_RATE_STD_PER_S,
     }
 
 

@@ -122,7 +122,8 @@ class _Channels:
         """Channel id and layout for a stream.
 
         A channel has one schema. A later stream of the same name with other columns gets a topic of
-        its own, with "_" appended."""
+        its own, with "_" appended.
+        """
         layout = layout_of(stream)
         topic = f"/{stream.name}"
         while topic in self.layouts and self.layouts[topic] != layout:
@@ -378,7 +379,8 @@ def host_time_of_zero(stage: StoredStage) -> float | None:
     """Host time of t_s = 0 in seconds, None where no host time was recorded.
 
     It is the smallest difference of host time and t_s over all records: a record never arrives
-    before it was sampled."""
+    before it was sampled.
+    """
     with stage.samples.open_streams() as streams:
         least = [
             _least_delay(stream)
@@ -428,7 +430,8 @@ def _parts(events: Iterable[Event]) -> Iterator[_Part]:
     """Parts of a run; a resumed run has several.
 
     Each part of a simulated run begins in the year 2000 again. A part is therefore shifted to begin
-    after the previous one."""
+    after the previous one.
+    """
     free_ns = 0
     for part in _split(events):
         times = [_utc_ns(event) for event in part if "utc" in event]

@@ -7,7 +7,8 @@ names that Foxglove knows.
 Samples encoded as Protocol Buffers, one message per record, some thousand messages at a time.
 
 Every field has a fixed width (double, sfixed64). All messages of a stream are therefore equally
-long, and numpy writes them as one array."""
+long, and numpy writes them as one array.
+"""
 
 import base64
 import json

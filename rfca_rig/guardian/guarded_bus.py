@@ -83,7 +83,8 @@ class GuardedBus(can.BusABC):
     a longer gap the guardian disables the motor; the next call raises LetGo, and so does every
     later frame that could move the drive, until `arm`. Errors of the real bus are raised by the
     next call. If the guardian itself ends or hangs, this process opens the bus and disables the
-    motor; the next call reports it."""
+    motor; the next call reports it.
+    """
 
     def __init__(
         self,

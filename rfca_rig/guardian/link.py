@@ -57,7 +57,8 @@ class GuardianRecord:
     bus, the frame's own time stamp.
 
     `number` identifies the arming, or the frame to be confirmed. `flags`, `dlc` and
-    `arbitration_id` belong to frames."""
+    `arbitration_id` belong to frames.
+    """
 
     kind: RecordKind
     t_s: float

@@ -53,7 +53,8 @@ class TorqueOffSequence:
     """One torque-off sequence, begun at `began_s`.
 
     It ends when the drive shows no torque, or after 0.5 s, but not before the frames have been sent
-    once."""
+    once.
+    """
 
     def __init__(
         self, bus: can.BusABC, last_word: TorqueOffFrames, began_s: float, silent_s: float
@@ -101,7 +102,7 @@ class TorqueOffSequence:
                 failure = f"{type(error).__name__}: {error}"
         return failure
 
-    def hear(self, message: can.Message, now_s: float) -> None:
+    def note_report(self, message: can.Message, now_s: float) -> None:
         """Takes in a frame of the bus. Reports already under way prove nothing, so only those
         after the third sending count.
         """
@@ -113,7 +114,7 @@ class TorqueOffSequence:
         if abs(torque_Nm) < self._last_word.min_visible_torque_Nm():
             self._ended_s = now_s
 
-    def did(self) -> TorqueOffResult:
+    def result(self) -> TorqueOffResult:
         """Result of the sequence, for the parent process."""
         end_s = self._began_s if self._ended_s is None else self._ended_s
         return TorqueOffResult(
@@ -180,7 +181,8 @@ def run_guardian(parent: Connection) -> None:
     the parent is done, or gone.
 
     SIGTERM, SIGHUP and SIGINT end it, after it has disabled the motor. It has its own session, so
-    ^C in the terminal goes to the parent."""
+    ^C in the terminal goes to the parent.
+    """
     # Raises the priority above processes without a deadline. If the system refuses, the guardian
     # runs at normal priority.
     with suppress(PermissionError):
@@ -373,7 +375,7 @@ class Guardian:
                     and not message.is_error_frame
                     and not message.is_remote_frame
                 ):
-                    self._torque_off.hear(message, now_s)
+                    self._torque_off.note_report(message, now_s)
             self._is_off = self._bus.state is can.BusState.ERROR
         # Exceptions of any type, see `run_guardian`; the error is reported to the parent.
         except Exception as error:
@@ -416,7 +418,7 @@ class Guardian:
                 )
             )
         if self._torque_off.is_over:
-            self._report(from_result(self._torque_off.did(), now_s, self._arming))
+            self._report(from_result(self._torque_off.result(), now_s, self._arming))
             self._torque_off = None
 
     def _show_life(self, now_s: float) -> None:

@@ -64,7 +64,8 @@ class Entry:
     that of a trip. `why` is the reason of the end, or the damage. "interrupted" means cut off and
     recovered, "unfinished" going on or cut off. `swings` counts the recordings of a pendulum,
     `motions` those of a mechanism; `named_conditions` are its conditions, and `seconds` their
-    duration in all."""
+    duration in all.
+    """
 
     folder: str
     title: str

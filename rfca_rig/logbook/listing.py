@@ -4,7 +4,8 @@ valid.
 One SQLite file in the folder of all runs. It is never changed: a process that has read something
 new writes another one beside it, which replaces it at once and whole. So any number of processes
 may use it, on any disk, without waiting for each other. What one of them overwrites of another's is
-merely read once more."""
+merely read once more.
+"""
 
 import json
 import os

@@ -6,7 +6,8 @@ this law depends on depth and speed alone. It replaces MuJoCo's contact between 
 References
 ----------
 Hunt and Crossley, Journal of Applied Mechanics 42 (1975) 440; Dahl 1968 for the presliding, here
-linear up to Coulomb's limit."""
+linear up to Coulomb's limit.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -113,7 +114,8 @@ class ContactArrays(NamedTuple):
     `law` (c, 7), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root`
     of each body. `stretch` (c, 3) is the displacement of the lowest point from where it sticks,
     `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s` (c,) the time of
-    each first contact; `work` is (3, 3). The others are MuJoCo's own arrays."""
+    each first contact; `work` is (3, 3). The others are MuJoCo's own arrays.
+    """
 
     law: Floats
     radius: Floats
@@ -166,66 +168,75 @@ def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) ->
     wrench[5] += x * force[1] - y * force[0]
 
 
+@jit_internal
+def add_contact_force(arrays: ContactArrays, c: int, h: float) -> None:
+    """Adds the force of contact `c` to MuJoCo's external forces, and updates its sticking point
+    over a step of `h` [s].
+    """
+    point = arrays.work[0]
+    normal = arrays.work[1]
+    slip = arrays.work[2]
+    sphere = arrays.sphere[c]
+    plane = arrays.plane[c]
+    height = 0.0
+    for i in range(3):
+        # The plane's normal is the third column of its rotation matrix.
+        normal[i] = arrays.geom_xmat[plane, 3 * i + 2]
+        height += normal[i] * (arrays.geom_xpos[sphere, i] - arrays.geom_xpos[plane, i])
+    depth = arrays.radius[c] - height
+    before_N = arrays.normal[c]
+    arrays.normal[c] = 0.0
+    if depth <= 0.0:
+        arrays.stretch[c, :] = 0.0
+        return
+    for i in range(3):
+        point[i] = arrays.geom_xpos[sphere, i] - arrays.radius[c] * normal[i]
+    velocity_at(arrays, arrays.body[c], point, slip)
+    rate = 0.0
+    for i in range(3):
+        rate -= normal[i] * slip[i]
+    law = arrays.law[c]
+    N = law[STIFFNESS] * depth * np.sqrt(depth) * max(1.0 + law[DAMPING] * rate, 0.0)
+    if law[MORE_POWER] != 0.0:
+        N *= (depth / law[USUAL_DEPTH]) ** law[MORE_POWER]
+    arrays.normal[c] = N
+    arrays.touch_s[c] = min(arrays.touch_s[c], arrays.clock[0])
+    # Under a growing N a tie keeps its force, so its stretch shrinks; otherwise it would create
+    # energy.
+    kept = min(1.0, before_N / N) if N > 0.0 else 1.0
+    length = 0.0
+    for i in range(3):
+        slip[i] += rate * normal[i]
+        arrays.stretch[c, i] = kept * arrays.stretch[c, i] + 0.5 * (1.0 + kept) * h * slip[i]
+        length += arrays.stretch[c, i] ** 2
+    drag = law[DRAG] * min(1.0, N / FULL_DRAG_N)
+    # A stretch beyond the presliding has slipped: the sticking point follows.
+    if length > law[PRESLIDING] ** 2:
+        reach = law[PRESLIDING] / np.sqrt(length)
+    else:
+        reach = 1.0
+    for i in range(3):
+        arrays.stretch[c, i] *= reach
+        slip[i] = (
+            N * normal[i]
+            - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING]
+            - drag * slip[i]
+        )
+    add_force(arrays, arrays.body[c], point, slip)
+    for i in range(3):
+        slip[i] = -slip[i]
+    add_force(arrays, arrays.plane_body[c], point, slip)
+
+
 @jit
 def apply_contact_forces(arrays: ContactArrays, h: float) -> None:
     """Writes the forces of all contacts as MuJoCo's external forces, and updates the sticking
     points over a step of `h` [s].
     """
     # Several contacts may share a body, so all wrenches are cleared first.
-    point = arrays.work[0]
-    normal = arrays.work[1]
-    slip = arrays.work[2]
     for c in range(arrays.radius.size):
         arrays.xfrc_applied[arrays.body[c], :] = 0.0
         arrays.xfrc_applied[arrays.plane_body[c], :] = 0.0
     for c in range(arrays.radius.size):
-        sphere = arrays.sphere[c]
-        plane = arrays.plane[c]
-        height = 0.0
-        for i in range(3):
-            # The plane's normal is the third column of its rotation matrix.
-            normal[i] = arrays.geom_xmat[plane, 3 * i + 2]
-            height += normal[i] * (arrays.geom_xpos[sphere, i] - arrays.geom_xpos[plane, i])
-        depth = arrays.radius[c] - height
-        before_N = arrays.normal[c]
-        arrays.normal[c] = 0.0
-        if depth <= 0.0:
-            arrays.stretch[c, :] = 0.0
-            continue
-        for i in range(3):
-            point[i] = arrays.geom_xpos[sphere, i] - arrays.radius[c] * normal[i]
-        velocity_at(arrays, arrays.body[c], point, slip)
-        rate = 0.0
-        for i in range(3):
-            rate -= normal[i] * slip[i]
-        law = arrays.law[c]
-        N = law[STIFFNESS] * depth * np.sqrt(depth) * max(1.0 + law[DAMPING] * rate, 0.0)
-        if law[MORE_POWER] != 0.0:
-            N *= (depth / law[USUAL_DEPTH]) ** law[MORE_POWER]
-        arrays.normal[c], arrays.touch_s[c] = N, min(arrays.touch_s[c], arrays.clock[0])
-        # Under a growing N a tie keeps its force, so its stretch shrinks; otherwise it would create
-        # energy.
-        kept = min(1.0, before_N / N) if N > 0.0 else 1.0
-        length = 0.0
-        for i in range(3):
-            slip[i] += rate * normal[i]
-            arrays.stretch[c, i] = kept * arrays.stretch[c, i] + 0.5 * (1.0 + kept) * h * slip[i]
-            length += arrays.stretch[c, i] ** 2
-        drag = law[DRAG] * min(1.0, N / FULL_DRAG_N)
-        # A stretch beyond the presliding has slipped: the sticking point follows.
-        if length > law[PRESLIDING] ** 2:
-            reach = law[PRESLIDING] / np.sqrt(length)
-        else:
-            reach = 1.0
-        for i in range(3):
-            arrays.stretch[c, i] *= reach
-            slip[i] = (
-                N * normal[i]
-                - law[FRICTION] * N * arrays.stretch[c, i] / law[PRESLIDING]
-                - drag * slip[i]
-            )
-        add_force(arrays, arrays.body[c], point, slip)
-        for i in range(3):
-            slip[i] = -slip[i]
-        add_force(arrays, arrays.plane_body[c], point, slip)
+        add_contact_force(arrays, c, h)
     arrays.clock[0] += h

@@ -6,7 +6,8 @@ contact law in each of the four stages. The error is of fourth order where no co
 and no friction changes its sign, and of second order there.
 
 Calls MuJoCo's C functions by their addresses from compiled code, with the interpreter lock
-released."""
+released.
+"""
 
 import ctypes
 from collections.abc import Callable
@@ -112,6 +113,27 @@ def _copy_sticking(stretch: Floats, normal: Floats, to_stretch: Floats, to_norma
 
 
 @jit_internal
+def _choose_time_ahead(stage: int, h: float) -> float:
+    """Time of a stage after the beginning of a step of `h` [s]."""
+    if stage == 0:
+        return 0.0
+    if stage == 3:
+        return h
+    return 0.5 * h
+
+
+@jit_internal
+def _move_ahead(stages: StageArrays, ahead: float, q: Floats, w: Floats) -> None:
+    """Sets positions and speeds (n,) to those `ahead` [s] after the step's beginning, by the rates
+    of the stage before.
+    """
+    for i in range(q.size):
+        speed = w[i]
+        w[i] = stages.w[i] + ahead * stages.qacc[i]
+        q[i] = stages.q[i] + ahead * speed
+
+
+@jit_internal
 def _take_stages(
     addresses: NDArray[np.int64],
     model: int,
@@ -125,18 +147,18 @@ def _take_stages(
     noted: Floats,
 ) -> None:
     for i in range(q.size):
-        stages.q[i], stages.w[i], stages.total[0, i], stages.total[1, i] = q[i], w[i], 0.0, 0.0
+        stages.q[i] = q[i]
+        stages.w[i] = w[i]
+        stages.total[0, i] = 0.0
+        stages.total[1, i] = 0.0
     _copy_sticking(contacts.stretch, contacts.normal, stages.stretch, stages.normal)
     begin_s = contacts.clock[0]
     for stage in range(4):
-        ahead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+        ahead = _choose_time_ahead(stage, h)
         if stage == 0:
             call_mujoco(addresses[STEP_1], model, data)
         else:
-            for i in range(q.size):
-                speed = w[i]
-                w[i] = stages.w[i] + ahead * stages.qacc[i]
-                q[i] = stages.q[i] + ahead * speed
+            _move_ahead(stages, ahead, q, w)
             _copy_sticking(stages.stretch, stages.normal, contacts.stretch, contacts.normal)
             call_mujoco(addresses[POSITION], model, data)
             call_mujoco(addresses[VELOCITY], model, data)

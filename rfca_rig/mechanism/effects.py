@@ -2,7 +2,8 @@
 
 MJCF can express most of these laws. `Plant` has the others: friction that depends on speed or load,
 and changes of commands and readings. A law that may act in a single joint makes two effects: one in
-all joints, each with its own size, and one in one joint."""
+all joints, each with its own size, and one in one joint.
+"""
 
 from collections.abc import Callable, Iterator
 
@@ -39,9 +40,8 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 
 Floats = NDArray[np.float64]
 
-MOST_DEFLECTION = (
-    0.3  # of a gear, as a share of the usual travel: with more, a controller would hardly be stable
-)
+# of a gear, as a share of the usual travel: with more, a controller would hardly be stable
+MOST_DEFLECTION = 0.3
 # Least inertia, as a share of the usual one, of a rotor that crosses the play of its gear. With
 # 0.005 and 0.02 the results for rotors of 0.06, 0.02 and 0.004 kg m2 are equal; with 0.1 the error
 # doubles in the joint of the lightest one, for a play of 0.03 rad.
@@ -341,7 +341,8 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     share of the usual travel.
 
     Dry friction is a limit of this law and of Stribeck's, so none of them counts as evidence
-    against another."""
+    against another.
+    """
     torques = _torques(mechanism, usual)
 
     def apply(plant: Plant, values: Values) -> Plant:
@@ -418,11 +419,6 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         plant.command_dead_band = values["band_relative"] * usual.command
         return plant
 
-    def fall(plant: Plant, values: Values) -> Plant:
-        plant.torque_speed[0, motors] = usual.command[motors]
-        plant.torque_speed[1, motors] = values["fall_relative"] / usual.speed[joints]
-        return plant
-
     def drift(plant: Plant, values: Values) -> Plant:
         plant.command_clock_rate += values["rate_relative"]
         return plant
@@ -472,26 +468,7 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
             (Parameter("band_relative", 0.005, 0.3, may_be_zero=False),),
             ignore_small,
         )
-        # Only a command that is a torque has a line of torque over speed; position servos are
-        # excluded.
-        motors = [place for place in torque_motors(mechanism) if usual.command[place] > 0.0]
-        joints = mechanism.model.actuator_trnid[motors, 0]
-        if motors:
-            yield Effect(
-                "torque_falls_with_speed",
-                "commands",
-                "the largest torque of the motors falls with speed",
-                (
-                    "|u| <= u_m (1 - fall |w| / w_u) where u drives, u_m the largest "
-                    "recorded command, w_u the usual speed"
-                ),
-                (
-                    "torque-speed line of a DC motor at its supply voltage: Hughes and "
-                    "Drury, Electric Motors and Drives, ch. 3"
-                ),
-                (Parameter("fall_relative", FALLS_BY, LARGEST, may_be_zero=False),),
-                fall,
-            )
+        yield from _of_torque_lines(mechanism, usual)
         yield Effect(
             "clock_rate",
             "commands",
@@ -510,6 +487,34 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
             "first-order low-pass",
             (late,),
             read_late,
+        )
+
+
+def _of_torque_lines(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    # Only a command that is a torque has a line of torque over speed; position servos are excluded.
+    motors = [place for place in torque_motors(mechanism) if usual.command[place] > 0.0]
+    joints = mechanism.model.actuator_trnid[motors, 0]
+
+    def fall(plant: Plant, values: Values) -> Plant:
+        plant.torque_speed[0, motors] = usual.command[motors]
+        plant.torque_speed[1, motors] = values["fall_relative"] / usual.speed[joints]
+        return plant
+
+    if motors:
+        yield Effect(
+            "torque_falls_with_speed",
+            "commands",
+            "the largest torque of the motors falls with speed",
+            (
+                "|u| <= u_m (1 - fall |w| / w_u) where u drives, u_m the largest "
+                "recorded command, w_u the usual speed"
+            ),
+            (
+                "torque-speed line of a DC motor at its supply voltage: Hughes and "
+                "Drury, Electric Motors and Drives, ch. 3"
+            ),
+            (Parameter("fall_relative", FALLS_BY, LARGEST, may_be_zero=False),),
+            fall,
         )
 
 
@@ -663,7 +668,8 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         # The effect has one offset, so it exists only where exactly one joint of this kind is
         # prescribed.
         if len(of_kind) == 1:
-            (joint,), offset = of_kind, Parameter(f"offset_{unit}", -most, most)
+            joint = of_kind[0]
+            offset = Parameter(f"offset_{unit}", -most, most)
             yield Effect(
                 name,
                 "rig",

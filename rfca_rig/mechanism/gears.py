@@ -17,7 +17,8 @@ References
 ----------
 Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109 (1987) 310.
 Nordin and Gutman, Controlling mechanical systems with backlash, a survey, Automatica 38 (2002)
-1633."""
+1633.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -95,7 +96,8 @@ def add_deflection(
     to those of the motors, in place.
 
     `by_actuators` (k, n) are the actuators' torques in the steps. Recorded commands are constant
-    over a sample, so speeds are differences over a sample at least."""
+    over a sample, so speeds are differences over a sample at least.
+    """
     h = plant.step_s
     torque = by_actuators - plant.model.dof_armature * np.diff(path_w, axis=0) / h
     bend = plant.gear_compliance * torque

@@ -35,7 +35,7 @@ QUANTITIES = ("speed", "position")
 
 # Share of a value's rms that another one may add to it: more than in any sensor that was calibrated
 # at all.
-LEAKS = 0.5
+MAX_CROSSTALK_SHARE = 0.5
 DRIFTS_BY = 0.3  # of a sensor's rms, per second: a larger drift is visible without a model
 
 
@@ -46,7 +46,8 @@ class PlaceLaw:
 
     `groups` are names and places, within `places`, of those that share a size; each has its own
     where there are none. `starts` are values from which the search begins, an even number in
-    ascending order."""
+    ascending order.
+    """
 
     id: str
     left_out: str
@@ -81,11 +82,11 @@ def group_places(
     """Indices of objects of the same type by the name of their group, and of each other one by
     its own name.
     """
-    groups = {
-        name: members
-        for name, of_make in mechanism.alike.items()
-        if (members := tuple(names.index(n) for n in of_make if n in names))
-    }
+    groups = {}
+    for name, of_make in mechanism.alike.items():
+        members = tuple(names.index(member) for member in of_make if member in names)
+        if members:
+            groups[name] = members
     grouped = {member for members in groups.values() for member in members}
     single = {name: (place,) for place, name in enumerate(names) if place not in grouped}
     return tuple({**single, **groups}.items())
@@ -207,7 +208,8 @@ def compute_own_law(plant: Plant, joint: int, by_speed: bool, u: Floats) -> Floa
     (k,), with all else at the reference.
 
     Friction that depends on the load is no function of the speed and is not included. None where
-    the plant has no torque there."""
+    the plant has no torque there.
+    """
     import mujoco  # noqa: PLC0415  (optional)
 
     data = mujoco.MjData(plant.model)
@@ -319,7 +321,12 @@ def _sensor_crosstalk(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effe
             f"{number}: {to} reads {source}" for number, (to, source) in enumerate(pairs, start=1)
         )
         pair = Parameter("pair", 1.0, float(len(pairs)), may_be_zero=False, whole=True)
-        share = Parameter("share_relative", -LEAKS, LEAKS, starts=(-0.2 * LEAKS, 0.2 * LEAKS))
+        share = Parameter(
+            "share_relative",
+            -MAX_CROSSTALK_SHARE,
+            MAX_CROSSTALK_SHARE,
+            starts=(-0.2 * MAX_CROSSTALK_SHARE, 0.2 * MAX_CROSSTALK_SHARE),
+        )
         yield Effect(
             "sensor_crosstalk",
             "readings",

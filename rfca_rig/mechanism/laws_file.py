@@ -57,9 +57,8 @@ def _text(
     plant: Plant, beyond: Sequence[str], stated: Sequence[str], model_file: str, module: str
 ) -> str:
     # Several entries may need the same function; `dict.fromkeys` keeps the first of each, in order.
-    parts = [
-        make(plant) for make in dict.fromkeys(PARTS[words] for words in beyond if words in PARTS)
-    ]
+    makers = dict.fromkeys(PARTS[words] for words in beyond if words in PARTS)
+    parts = [make(plant) for make in makers]
     missing = [words for words in beyond if words not in PARTS]
     acts = [line for part in parts for line in part.act.strip("\n").splitlines()]
     head = [

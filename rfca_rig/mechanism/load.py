@@ -154,7 +154,8 @@ class Mechanism:
         """Lends an MjData in its initial state, for a copy of this model.
 
         To make one takes 0.26 ms, a window of an arm 0.9 ms. Threads may borrow at the same time;
-        each gets its own."""
+        each gets its own.
+        """
         import mujoco  # noqa: PLC0415  (optional)
 
         # `deque.pop` is atomic, so no lock is needed; an exception instead of a check leaves no gap

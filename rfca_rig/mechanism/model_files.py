@@ -3,10 +3,12 @@ flexible leg in MJCF.
 
 The leg is on a rack that slides to its height, with a prescribed shaft and hinges with springs.
 Plane of motion y-z, angles positive downwards from +y. The force sensor stands between world and
-rack, `below_shaft` under the shaft, with its z axis down."""
+rack, `below_shaft` under the shaft, with its z axis down.
+"""
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,28 +40,55 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     tuple of str
         Laws that MJCF cannot express, in words.
     """
-    import mujoco  # noqa: PLC0415  (optional)
-
     spec = read_spec(plant.mechanism.path)
     model = plant.model
     # Compiling gives every geom its index.
     spec.compile()
+    _amend_joints(spec, plant)
+    _amend_bodies(spec, plant)
+    _amend_actuators(spec, plant)
+    for geom in spec.geoms:
+        geom.solref = model.geom_solref[geom.id]
+        geom.friction = model.geom_friction[geom.id]
+    for pair in spec.pairs:
+        pair.solref = model.pair_solref[pair.id]
+        pair.friction = model.pair_friction[pair.id]
+    spec.option.gravity = model.opt.gravity
+    spec.compile()
+    # The file may be in another folder than the meshes that it names.
+    for kind, has_files in (
+        ("meshdir", bool(spec.meshes or spec.hfields or spec.skins)),
+        ("texturedir", bool(spec.textures)),
+    ):
+        if has_files:
+            assets = plant.mechanism.path.parent / getattr(spec, kind)
+            setattr(spec, kind, Path(os.path.relpath(assets, path.parent)).as_posix())
+    write_atomically(path, spec.to_xml().encode("utf-8"))
+    return tuple(words for words, is_there in _beyond_mjcf(plant) if is_there)
+
+
+def _amend_joints(spec: Any, plant: Plant) -> None:
+    model = plant.model
+    original = plant.mechanism.model
     for place, joint in enumerate(spec.joints):
         # A prescribed joint of the plant has an armature that no load can move; the file gets the
         # original one.
         heavy = place in plant.mechanism.prescribed
         joint.frictionloss = plant.friction[place]
-        joint.armature = (plant.mechanism.model if heavy else model).dof_armature[place]
+        joint.armature = (original if heavy else model).dof_armature[place]
         joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
         # A stop that was found. MJCF states angles in the unit of its compiler, the compiled model
         # in rad.
-        if model.jnt_limited[place] and not plant.mechanism.model.jnt_limited[place]:
+        if model.jnt_limited[place] and not original.jnt_limited[place]:
             in_degrees = spec.compiler.degree and not plant.mechanism.is_slide[place]
-            joint.limited, joint.range = (
-                1,
-                np.degrees(model.jnt_range[place]) if in_degrees else model.jnt_range[place],
-            )
+            travel = model.jnt_range[place]
+            joint.limited = 1
+            joint.range = np.degrees(travel) if in_degrees else travel
         joint.stiffness = [model.jnt_stiffness[place], *model.jnt_stiffnesspoly[place]]
+
+
+def _amend_bodies(spec: Any, plant: Plant) -> None:
+    model = plant.model
     for place, body in enumerate(spec.bodies):
         if place > 0 and model.body_mass[place] > 0.0:
             # Inertia along principal axes; NaN marks the full tensor as not given.
@@ -67,7 +96,14 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
             body.mass = model.body_mass[place]
             body.ipos = model.body_ipos[place]
             body.iquat = model.body_iquat[place]
-            body.inertia, body.fullinertia = model.body_inertia[place], np.full(6, np.nan)
+            body.inertia = model.body_inertia[place]
+            body.fullinertia = np.full(6, np.nan)
+
+
+def _amend_actuators(spec: Any, plant: Plant) -> None:
+    import mujoco  # noqa: PLC0415  (optional)
+
+    model = plant.model
     for place, actuator in enumerate(spec.actuators):
         gain = plant.command_gain[place]
         # Of a muscle other parameters than the gain stand beside it.
@@ -81,22 +117,6 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
             actuator.gainprm = model.actuator_gainprm[place] * gain
         else:
             actuator.gear = model.actuator_gear[place] * gain
-    for geom in spec.geoms:
-        geom.solref, geom.friction = model.geom_solref[geom.id], model.geom_friction[geom.id]
-    for pair in spec.pairs:
-        pair.solref, pair.friction = model.pair_solref[pair.id], model.pair_friction[pair.id]
-    spec.option.gravity = model.opt.gravity
-    spec.compile()
-    # The file may be in another folder than the meshes that it names.
-    for kind, has_files in (
-        ("meshdir", bool(spec.meshes or spec.hfields or spec.skins)),
-        ("texturedir", bool(spec.textures)),
-    ):
-        if has_files:
-            assets = plant.mechanism.path.parent / getattr(spec, kind)
-            setattr(spec, kind, Path(os.path.relpath(assets, path.parent)).as_posix())
-    write_atomically(path, spec.to_xml().encode("utf-8"))
-    return tuple(words for words, is_there in _beyond_mjcf(plant) if is_there)
 
 
 def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:

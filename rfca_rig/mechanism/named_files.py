@@ -5,7 +5,8 @@ Also numbers in these texts that are none: MuJoCo takes a mass of "nan" for one 
 and computes another.
 
 MuJoCo's own reader of XML is more lenient than others, so the text is searched instead of parsed:
-every attribute that may name a file counts, wherever it stands."""
+every attribute that may name a file counts, wherever it stands.
+"""
 
 import os
 import re

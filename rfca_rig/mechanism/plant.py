@@ -261,7 +261,8 @@ def scale_contact_stiffness(plant: Plant, factor: float) -> None:
     ----------
     MuJoCo documentation, Modeling, solver parameters: the damping is 2 / (d t) and the stiffness 1
     / (d t r)^2 of a contact with time constant t, damping ratio r and impedance d; of negative
-    values, stiffness and damping themselves."""
+    values, stiffness and damping themselves.
+    """
     for solref in (plant.model.geom_solref, plant.model.pair_solref):
         is_direct = solref[:, 0] < 0.0
         # Stiffness ~ 1 / (t r)^2 at constant damping ~ 1 / t: only the ratio r changes.

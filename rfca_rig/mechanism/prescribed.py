@@ -3,7 +3,8 @@ simulated.
 
 Such a joint gets an armature beside which every load is negligible, and a force that accelerates it
 along the trajectory. At the beginning of each step its state is set to the trajectory, so that no
-error accumulates."""
+error accumulates.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

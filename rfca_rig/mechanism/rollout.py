@@ -7,7 +7,8 @@ lock released.
 
 A motion may begin in the rest pose, in which no joint accelerates under its commands and effects.
 The spring of a joint may have play: within half the gap to either side of its rest position it does
-nothing."""
+nothing.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,7 +38,8 @@ class PlayArrays(NamedTuple):
     of x, x |x| and x^3 of its spring.
 
     The torque is that at `ahead_s` after a step's beginning: the mean over the step under
-    Runge-Kutta; an implicit step takes its springs at its beginning."""
+    Runge-Kutta; an implicit step takes its springs at its beginning.
+    """
 
     half_gap: Floats
     rest: Floats
@@ -176,7 +178,8 @@ class Motion:
     and `sensors` (k, d) in SI units.
 
     `touch_s` (c,) is the time at which each contact that has a law of its own first touched, inf
-    where it never did."""
+    where it never did.
+    """
 
     position: Floats
     speed: Floats
@@ -217,7 +220,8 @@ def act_tables(
     earlier.
 
     A braking torque becomes dry friction, which cannot reverse the motion within a step. As an
-    explicit torque, a steep law would need steps shorter than inertia over slope."""
+    explicit torque, a steep law would need steps shorter than inertia over slope.
+    """
     for m in range(numbers.shape[0]):
         i = int(numbers[m, 0])
         by_speed = numbers[m, 1] > 0.0
@@ -237,6 +241,38 @@ def act_tables(
         # Rate of the argument: its sign selects the branch of a hysteresis, smoothly about zero.
         rate = (w[i] - before[i]) / h if by_speed else w[i]
         applied[i] -= look_up(tables[m], 2, count, u) * np.tanh(rate / numbers[m, 3])
+
+
+@jit_internal
+def apply_friction(
+    friction: Floats,
+    by_actuators: Floats,
+    w: Floats,
+    h: float,
+    bristle: Floats,
+    applied: Floats,
+    frictionloss: Floats,
+) -> None:
+    """Sets the dry friction of a step, and adds Dahl's friction to `applied`; `friction` (7, n)
+    and `bristle` (n,) as in `run_steps`, the others (n,).
+    """
+    for i in range(w.size):
+        if friction[1, i] > 0.0:
+            rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i])
+        else:
+            rise = 0.0
+        # The load is that of the step before, which MuJoCo has computed already.
+        frictionloss[i] = (
+            friction[0, i] + friction[1, i] * (1.0 + rise) + friction[4, i] * abs(by_actuators[i])
+        )
+        if friction[5, i] > 0.0:
+            # Dahl's equation, solved exactly for a constant speed during the step; the mean over
+            # the step acts.
+            slip = h * w[i] / friction[6, i]
+            towards = 1.0 if slip > 0.0 else -1.0
+            after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
+            applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
+            bristle[i] = after
 
 
 @jit
@@ -281,32 +317,17 @@ def run_steps(
 
     `torque_speed` (2, u) or (2, 0): the largest command at rest, and its relative decrease per unit
     of speed of the actuator's joint, `joints` (u,); the second is negative where the gear reverses
-    the direction. `path_torque` (k, n) or (k, 0): the torques of the actuators in each step."""
+    the direction. `path_torque` (k, n) or (k, 0): the torques of the actuators in each step.
+    """
     for k in range(command.shape[0]):
         for i in range(q.size):
             applied[i] = offset[i]
         prescribe(prescribed, k, h, q, w, applied)
         add_spring_play(play, q, w, applied)
         for i in range(q.size):
-            path_q[k, i], path_w[k, i] = q[i], w[i]
-            if friction[1, i] > 0.0:
-                rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i])
-            else:
-                rise = 0.0
-            # The load is that of the step before, which MuJoCo has computed already.
-            frictionloss[i] = (
-                friction[0, i]
-                + friction[1, i] * (1.0 + rise)
-                + friction[4, i] * abs(by_actuators[i])
-            )
-            if friction[5, i] > 0.0:
-                # Dahl's equation, solved exactly for a constant speed during the step; the mean
-                # over the step acts.
-                slip = h * w[i] / friction[6, i]
-                towards = 1.0 if slip > 0.0 else -1.0
-                after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
-                applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
-                bristle[i] = after
+            path_q[k, i] = q[i]
+            path_w[k, i] = w[i]
+        apply_friction(friction, by_actuators, w, h, bristle, applied, frictionloss)
         if law_numbers.shape[0] > 0:
             act_tables(
                 law_numbers, law_tables, q, w, path_w[max(k - 1, 0)], h, applied, frictionloss
@@ -327,7 +348,8 @@ def run_steps(
     # The last state, after the last step, has its prescribed joints on the trajectory as well.
     prescribe(prescribed, command.shape[0], h, q, w, applied)
     for i in range(q.size):
-        path_q[-1, i], path_w[-1, i] = q[i], w[i]
+        path_q[-1, i] = q[i]
+        path_w[-1, i] = w[i]
 
 
 @jit
@@ -513,11 +535,9 @@ def _integrate(
             gears = estimate_gear_start(
                 plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S)
             )
-            data.qpos[:], data.qvel[:], data.ctrl[:] = (
-                data.qpos - gears.ahead,
-                data.qvel - gears.rate,
-                commands[0],
-            )
+            data.qpos[:] = data.qpos - gears.ahead
+            data.qvel[:] = data.qvel - gears.rate
+            data.ctrl[:] = commands[0]
             mujoco.mj_forward(model, data)
         path_torque = np.empty((steps, 0 if gears is None else model.nv))
         run_steps(

@@ -5,7 +5,8 @@ keeps its effects as Python files in a folder that RFCA_RIG_EFFECTS names; each 
 The package needs no change for it.
 
 A family holds the effects that are hard to tell apart. An effect may belong to several families:
-hysteresis both dissipates energy and has memory. A family has one place."""
+hysteresis both dissipates energy and has memory. A family has one place.
+"""
 
 import importlib
 import importlib.util
@@ -112,7 +113,8 @@ def set_up(
     """The setup of a rig with all its effects in it; `strokes_before` as in `Setup`.
 
     Raises BadInput for an effect that is not in the catalogue, and for one whose law needs k2 where
-    the hinges follow a measured curve."""
+    the hinges follow a measured curve.
+    """
     setup = Setup(rig, height_m, motion, strokes_before=strokes_before)
     for present in rig.effects:
         effect, values = resolve_effect(present)

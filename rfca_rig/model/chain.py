@@ -30,9 +30,8 @@ from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 NEWTON_LIMIT = 200
 # Time since the last step that laws with memory are given: at rest everything has relaxed.
 LONG_S = 1e9
-LONGEST_TURN_RAD = (
-    0.1  # per iteration, so that a leg far from rest does not jump through the ground
-)
+# per iteration, so that a leg far from rest does not jump through the ground
+LONGEST_TURN_RAD = 0.1
 
 Floats = NDArray[np.float64]
 
@@ -57,6 +56,18 @@ def close_shaft_row(shaft: Shaft, q: Floats, work: Work) -> None:
         work.J[0, 0] = 1.0
 
 
+@jit_inline
+def find_largest(x: Floats) -> float:
+    """The largest absolute value in x (c,); inf where one is not finite."""
+    largest = 0.0
+    for i in range(x.size):
+        # Written so that NaN counts as not finite, too.
+        if not abs(x[i]) < np.inf:
+            return np.inf
+        largest = max(largest, abs(x[i]))
+    return largest
+
+
 @jit
 def settle(
     chain: Chain, laws: Laws, shaft: Shaft, state: State, tolerance: float, work: Work
@@ -70,7 +81,8 @@ def settle(
 
     For an equilibrium, `chain` must be without friction: the force of a stuck end depends on its
     path, which a rest pose does not contain. Loops, because assignments of whole arrays make the
-    compiler include the texts of their errors, which takes some seconds."""
+    compiler include the texts of their errors, which takes some seconds.
+    """
     q = state.q
     still = work.base_w
     change = np.inf
@@ -85,12 +97,9 @@ def settle(
         close_shaft_row(shaft, q, work)
         if not solve(work.J, work.R):
             return False
-        change = 0.0
-        for i in range(q.size):
-            # Written so that NaN ends the iteration, too.
-            if not abs(work.R[i]) < np.inf:
-                return False
-            change = max(change, abs(work.R[i]))
+        change = find_largest(work.R)
+        if np.isinf(change):
+            return False
         # All coordinates are scaled alike, which keeps Newton's direction.
         for i in range(q.size):
             q[i] -= work.R[i] * min(1.0, LONGEST_TURN_RAD / max(change, 1e-300))
@@ -114,7 +123,8 @@ class Tolerance:
 
     `longest_s` bounds a step that the errors would allow, as at rest: an event within a step goes
     unnoticed. `most_steps` bounds a simulation whose steps are so short that it would take hours,
-    as where a tip chatters: a stroke takes some thousands."""
+    as where a tip chatters: a stroke takes some thousands.
+    """
 
     angle_rad: float = 1e-5
     speed_rad_s: float = 3e-2
@@ -267,7 +277,8 @@ def find_rest_state(
     drive; without friction on the ground.
 
     `work` is unused memory of `allocate_workspace_of`, if the caller has some. Raises
-    SimulationFailed where no rest pose is found."""
+    SimulationFailed where no rest pose is found.
+    """
     state = make_unloaded_state(chain, shaft_angle_rad, laws, shaft)
     # Friction would make the pose depend on how the leg got there; 1e-12 rad is close to rounding,
     # so that forces are smooth in fits.
@@ -323,7 +334,8 @@ def resolve_integrator(
     not be called with other types.
 
     Per call the compiler's dispatcher finds out the type of each of some sixty arrays, which takes
-    several times as long as a short span."""
+    several times as long as a short span.
+    """
     compiled: Any = integrate
     # Without compilation, as for coverage, it is the Python function itself.
     if not hasattr(compiled, "typeof_pyval"):

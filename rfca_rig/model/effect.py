@@ -21,7 +21,8 @@ class Parameter:
     `low` is not, not zero unless `may_be_zero`, smaller in magnitude than `below`, and an integer
     where it counts something (`whole`). `starts` are values from which a search begins, where steps
     over the plausible range would miss the effect. `neutral` is the value of a shape parameter, or
-    of one of `begins`, that is used where no value is given."""
+    of one of `begins`, that is used where no value is given.
+    """
 
     name: str
     low: float
@@ -54,7 +55,8 @@ class EqualLimit:
 
     `other` is the id of that one, `words` the limit. `holds` says whether values of parameters and
     shape are so near to it that the other law, fitted again, differs by less than a fifth of the
-    effect. A fifth is the usual error of a law."""
+    effect. A fifth is the usual error of a law.
+    """
 
     other: str
     words: str
@@ -80,7 +82,8 @@ class Effect:
     `family` is the id of a family of the catalogue whose laws act alike, for an effect that the
     catalogue does not list there. `needs_order`: its law counts the strokes that the leg has made
     before. It is tried only where recordings state their order. `needs_k2`: its law is written in
-    k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve."""
+    k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve.
+    """
 
     id: str
     where: str

@@ -47,7 +47,8 @@ class SplineTable(NamedTuple):
 
     Of `cubic` the first column is the energy at the origin, the others are the coefficients of the
     torque by ascending power, all divided by k0. The first and the last piece of a joint are
-    straight. Unused pieces begin at infinity. No spline: p = 0."""
+    straight. Unused pieces begin at infinity. No spline: p = 0.
+    """
 
     origin: Floats
     cubic: Floats
@@ -158,7 +159,8 @@ def polynomial(angles_rad: Sequence[float], torques: Floats) -> "PPoly":
     inner: Any = CubicSpline(x, y, bc_type="not-a-knot")
     c = np.zeros((4, len(x) + 1, *y.shape[1:]))
     c[:, 1:-1] = inner.c
-    c[2, 0], c[2, -1] = inner(x[0], 1), inner(x[-1], 1)
+    c[2, 0] = inner(x[0], 1)
+    c[2, -1] = inner(x[-1], 1)
     # The first piece counts from one radian before the first knot.
     c[3, 0] = y[0] - c[2, 0]
     c[3, -1] = y[-1]

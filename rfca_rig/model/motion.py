@@ -16,7 +16,8 @@ class ShaftMotion:
 
     `breaks_s` (m + 1,) starts the pieces and ends the last; `coefficients` (m, 4) are angle, speed,
     half the acceleration and a sixth of the jerk at each start. `landings_s` are moments where the
-    acceleration jumps, on which a step must end."""
+    acceleration jumps, on which a step must end.
+    """
 
     breaks_s: Floats
     coefficients: Floats
@@ -88,9 +89,8 @@ def ramp_to_speed(
     )
 
 
-KNOT_SPACING_S = (
-    0.02  # wide against encoder noise, narrow against a drive that sags over a tenth of a second
-)
+# wide against encoder noise, narrow against a drive that sags over a tenth of a second
+KNOT_SPACING_S = 0.02
 
 
 def follow(t_s: Floats, angle_rad: Floats) -> ShaftMotion:
@@ -98,7 +98,8 @@ def follow(t_s: Floats, angle_rad: Floats) -> ShaftMotion:
     acceleration.
 
     `t_s` (m,) ascending, `angle_rad` (m,). Features shorter than two knots (40 ms) are averaged
-    out. The knots next to t = 0 stand closer, because the ramp begins there."""
+    out. The knots next to t = 0 stand closer, because the ramp begins there.
+    """
     from scipy.interpolate import PPoly, make_lsq_spline  # noqa: PLC0415  (0.4 s that a plain prediction need not pay)
 
     count = max(int((t_s[-1] - t_s[0]) / KNOT_SPACING_S), 2)

@@ -13,7 +13,8 @@ class TorqueSpline:
     `hinge_springs`.
 
     `torques_rad` are divided by k0 of the leg, so that k0 scales the curve. Angles that begin at 0
-    hold for both sides."""
+    hold for both sides.
+    """
 
     angles_rad: tuple[float, ...]
     torques_rad: tuple[float, ...]
@@ -37,7 +38,8 @@ class Leg:
 
     `torque_splines`, one for all hinges or one for each, replace k0 phi + k0 k2 phi^3: the torque
     is then k0 times the spline, k0 is the stiffness at rest (the mean of all hinges), and k2 is 0
-    and unused."""
+    and unused.
+    """
 
     link_lengths_m: tuple[float, ...]
     link_masses_kg: tuple[float, ...]
@@ -61,7 +63,8 @@ class Ground:
     link's end: None for the radius of the tip, since friction acts at the circle's lowest point.
     Where a tip is deep in the floor, friction may act higher: by `friction_rise_share` of the
     depth, where 1 is the floor's surface. The damping of a tip that leaves is
-    `leaving_damping_share` of that of a tip that enters."""
+    `leaving_damping_share` of that of a tip that enters.
+    """
 
     stiffness_N_per_m1p5: float
     damping_s_per_m: float
@@ -86,7 +89,8 @@ class Drive:
 
     `holds_start` concerns only a compliant drive. If true, its integrator carries the weight of the
     leg at the start, and the shaft rests at its commanded angle; otherwise it rests where its angle
-    gain carries the weight."""
+    gain carries the weight.
+    """
 
     ramp_s: float
     holds_start: bool = False
@@ -124,7 +128,8 @@ class Swing:
     """Initial oscillation of the leg, `before_s` before the start of the stroke.
 
     The leg is above its rest pose by `share` of its sag (1 is straight), and rises by `rate_per_s`
-    sags per second. A leg that was held straight and released some time ago swings like that."""
+    sags per second. A leg that was held straight and released some time ago swings like that.
+    """
 
     before_s: float
     share: float

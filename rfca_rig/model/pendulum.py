@@ -4,7 +4,8 @@ torques.
 They use the compiled chain of the leg. A link without length or mass is held still in front of the
 first one, so that every joint is a hinge between two links and all laws of hinges act on it. The
 angle of joint 1 counts from the hanging position, that of any other joint from the direction of the
-link before."""
+link before.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -47,7 +48,8 @@ class PendulumLink:
     `inertia_kg_m2` about the joint. Viscous damping and dry friction of the joint and the inertia
     of a rotor, as reflected to it by the gear, are nominal values. A `driven` joint turns under the
     recorded torque plus `torque_offset_Nm`, `torque_delay_s` later than recorded; others have no
-    torque. The reading of the joint's angle is too large by `zero_offset_rad`."""
+    torque. The reading of the joint's angle is too large by `zero_offset_rad`.
+    """
 
     length_m: float
     mass_kg: float
@@ -257,7 +259,8 @@ def make_driven_pendulum(
     setup = _set_up(pendulum)
     for present in effects:
         effect, values = resolve_effect(present)
-        setup, before = effect.apply(setup, values), setup
+        before = setup
+        setup = effect.apply(before, values)
         # A law of the ground or the sensor would be accepted by the chain and do nothing; a silent
         # effect would mislead a fit.
         if effect.where == "ground" or not _acts(before, setup):
@@ -358,7 +361,8 @@ def _set_masses(chain: Chain, pendulum: Pendulum) -> Chain:
     """The chain with the masses, inertias and joint damping of the pendulum.
 
     M_ij = L_i S_j for links i before j, with S_j the first moment of link j and of all mass beyond
-    it at its end; see `state`."""
+    it at its end; see `state`.
+    """
     links = pendulum.links
     n = len(chain.length)
     mass_beyond = np.append(np.cumsum([link.mass_kg for link in links[::-1]])[::-1][1:], 0.0)

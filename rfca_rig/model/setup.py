@@ -48,7 +48,8 @@ class CompliantDrive:
 
     Before the motion it rests where k carries the weight of the leg. If it `holds_start`, it rests
     at the commanded angle instead, and a constant torque carries the weight. `effect` is the id of
-    the effect that added it."""
+    the effect that added it.
+    """
 
     effect: str
     angle_gain_Nm_per_rad: float
@@ -88,7 +89,8 @@ class Setup:
 
     `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had
     made before; () where not counted. `moved_by` holds the effects that change more than
-    `sensor_changes`: without the others, the leg moves in the same way."""
+    `sensor_changes`: without the others, the leg moves in the same way.
+    """
 
     rig: RigModel
     height_m: float

@@ -133,13 +133,17 @@ def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:
     """The fields (...) of eight legs as arrays (..., 8).
 
     A law is called for one leg at a time, so its memory is (m, n, 8, 4), and its parameters are (m,
-    8, ...)."""
+    8, ...).
+    """
     shafts = [[getattr(leg.shaft, name) for name in _OF_LANES] for leg in legs]
     whole = [(*leg.chain, *shaft, *leg.state[:-1]) for leg, shaft in zip(legs, shafts, strict=True)]
-    numbers, arrays = (
-        [i for i, one in enumerate(whole[0]) if isinstance(one, np.ndarray) == is_array]
-        for is_array in (False, True)
-    )
+    numbers = []
+    arrays = []
+    for i, field in enumerate(whole[0]):
+        if isinstance(field, np.ndarray):
+            arrays.append(i)
+        else:
+            numbers.append(i)
     of_numbers, *of_arrays = _divide([(len(numbers),), *(whole[0][i].shape for i in arrays)])
     # All numbers at once: assigning one by one takes most of the time.
     of_numbers[:] = np.array([[fields[i] for i in numbers] for fields in whole]).T
@@ -147,16 +151,19 @@ def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:
         for lane, fields in enumerate(whole):
             out[..., lane] = fields[i]
     stacked = dict(zip((*numbers, *arrays), (*of_numbers, *of_arrays), strict=True))
-    fields_of = iter([stacked[i] for i in range(len(stacked))])
-    chain = Chain._make(next(fields_of) for _ in Chain._fields)
-    shaft = legs[0].shaft._asdict() | {name: next(fields_of) for name in _OF_LANES}
+    in_order = [stacked[i] for i in range(len(stacked))]
+    after_chain = len(Chain._fields)
+    after_shaft = after_chain + len(_OF_LANES)
+    chain = Chain._make(in_order[:after_chain])
+    of_shaft = dict(zip(_OF_LANES, in_order[after_chain:after_shaft], strict=True))
+    shaft = legs[0].shaft._asdict() | of_shaft
     # A step ends where the acceleration of any shaft jumps.
     shaft["landings"] = np.array(
         sorted({time for leg in legs for time in leg.shaft.landings.tolist()})
     )
     state = State._make(
         [
-            *(next(fields_of) for _ in State._fields[:-1]),
+            *in_order[after_shaft:],
             np.stack([leg.state.memory for leg in legs], axis=2),
         ]
     )

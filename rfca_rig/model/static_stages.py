@@ -9,7 +9,8 @@ with fast moves must be compared with these states.
 
 Effects of the rig act here as in a stroke; those with memory keep it from stage to stage. Effects
 of the sensor are applied to its channels at rest: a lag or a shifted clock has no effect there, a
-drift counts from the beginning of the table."""
+drift counts from the beginning of the table.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,7 +53,8 @@ class StaticState:
     `tangential_N` (n,) and `touch` (n,) at the end of each link, as they act on the leg (up, and
     along +y). SLIDING means that friction is at its limit mu N. `jumped` if the leg has passed a
     place without equilibrium since the state before; never set for a path that is simulated in
-    time."""
+    time.
+    """
 
     q_rad: Floats
     fy_N: float
@@ -120,7 +122,8 @@ class StageMoves:
     then `hold_s` before the reading.
 
     On the ground the slowest vibration of the paper's leg has died out after 0.3 s; in the air it
-    swings for 2 s. Raises BadInput where one of them is not above 0."""
+    swings for 2 s. Raises BadInput where one of them is not above 0.
+    """
 
     speed_rad_s: float
     ramp_s: float

@@ -5,7 +5,8 @@ The ground is that of `contact`: Hertz under every link end, and a tie to an anc
 N at the presliding stretch and slips beyond, acting at the lowest point of the end's circle. At
 rest it has neither damping nor drag. Inertia enters only where no equilibrium continues the path,
 for instance where a link end snaps off the floor. The speed of the shaft between the stages has no
-influence here; in reality it has one at 1 rad/s (see `static_stages`)."""
+influence here; in reality it has one at 1 rad/s (see `static_stages`).
+"""
 
 from collections.abc import Sequence
 
@@ -48,7 +49,8 @@ def balance(
 
     `nothing` (n,) are zeros: at rest the ground has neither damping nor drag. The first iteration
     goes along the tangent of the path, because row 0 requires the new shaft angle. A slipping end
-    keeps |F| = mu N, which the derivative includes, so it is not symmetric."""
+    keeps |F| = mu N, which the derivative includes, so it is not symmetric.
+    """
     turned = 0.0
     for _ in range(NEWTON_LIMIT):
         assemble_stiffness(chain, laws, state, 0.0, q, nothing, nothing, work)
@@ -77,14 +79,16 @@ def turn_shaft(
     before. `nothing` (n,) are zeros.
 
     A step that finds no equilibrium nearby is repeated at half the length. After each step the
-    anchors follow slipping ends, so that friction depends on the path."""
+    anchors follow slipping ends, so that friction depends on the path.
+    """
     q = state.q
     step = STEP_RAD
     trial = q.copy()
     # An infinite limit: at the beginning the force of each tie follows from its stretch alone.
     work.limit[2] = np.inf
     assemble_stiffness(chain, laws, state, 0.0, q, nothing, nothing, work)
-    work.ends[:], work.limit[2] = work.place, work.limit[0]
+    work.ends[:] = work.place
+    work.limit[2] = work.limit[0]
     while q[0] != angle:
         remaining = angle - q[0]
         if abs(remaining) <= step:

@@ -40,7 +40,8 @@ class SimulatedStroke:
 
     `t_s` (m,); `q_rad`, `w_rad_s` (m, n) absolute link angles and their speeds; `fy_N`, `fz_N`,
     `tx_Nm`, `shaft_torque_Nm` (m,); `normal_N`, `tangential_N` (m, n) at the end of each link.
-    `shaft_angle_rad` is (m,)."""
+    `shaft_angle_rad` is (m,).
+    """
 
     t_s: Floats
     q_rad: Floats
@@ -195,7 +196,8 @@ def recall_stroke(request: StrokeRequest, only_sensed: bool = False) -> Simulate
     SimulationFailed.
 
     For a search, which tries dozens of effects of the sensor on one motion of the leg. If
-    `only_sensed`, the stroke holds no more than the shaft's angle and the forces."""
+    `only_sensed`, the stroke holds no more than the shaft's angle and the forces.
+    """
     samples, cost = _move_once(_Motion((request.motion, only_sensed), request, only_sensed))
     # Whoever gets a stroke may change its arrays.
     return _sense(request.setup, Samples(*(column.copy() for column in samples)), cost)
@@ -255,7 +257,8 @@ def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
     # There may be fewer columns than coordinates and links.
     out.q[:resting] = leg.state.q[: out.q.shape[1]]
     out.w[:resting] = 0.0
-    out.force[:resting], out.contact[:resting] = force, leg.work.contact[:, : out.contact.shape[2]]
+    out.force[:resting] = force
+    out.contact[:resting] = leg.work.contact[:, : out.contact.shape[2]]
     return Samples(*(column[resting:] for column in out))
 
 
@@ -314,7 +317,8 @@ def simulate_strokes(
     short as the worst of eight needs. On `threads`, or as many as there are cores: compiled code
     releases the interpreter lock. If `only_sensed`, strokes of a block hold no more than the
     shaft's angle and the forces; new memory for the shapes takes a third of the time. Raises
-    BadInput for effects that do not fit, as for a single stroke."""
+    BadInput for effects that do not fit, as for a single stroke.
+    """
     requests = [StrokeRequest(job.setup(), job.t_s, job.tolerance or Tolerance()) for job in jobs]
     blocks = _divide_into_blocks(requests, LANES, _order_by_likeness)
     results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(
@@ -341,7 +345,8 @@ def compile_side_by_side(rig: RigModel) -> None:
     millisecond, far above the ground.
 
     They do not begin at rest: what finds their rest is compiled by every run, perhaps at this
-    moment."""
+    moment.
+    """
     motion = ramp_to_speed(rig.leg.start_angle_rad, 1.0, rig.drive.ramp_s, 1e-3)
     setup = set_up(rig, 10.0, motion)
     chain = setup.chain()

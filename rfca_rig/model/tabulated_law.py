@@ -36,9 +36,8 @@ TABULATED_LAW = "tabulated_law"
 # the compiled law searches them one by one
 FEWEST_KNOTS = 2
 MOST_KNOTS = 200
-SURE_OF_SIGN_RAD_S = (
-    0.05  # below this rate its sign is smoothed, or no step of the integrator would converge
-)
+# below this rate its sign is smoothed, or no step of the integrator would converge
+SURE_OF_SIGN_RAD_S = 0.05
 # depth over which a normal force builds up, so that it does not jump where the tip touches
 REACH_M = 5e-5
 

@@ -153,7 +153,8 @@ class OpenedRecordings:
         """The samples of motion `number` in SI units, as measured.
 
         A leg's devices have time bases of their own, so each has a dimension of its own:
-        `force_t_s`, `shaft_t_s`."""
+        `force_t_s`, `shaft_t_s`.
+        """
         motion = self._motion(number)
         dataset = require("xarray").Dataset
         if isinstance(motion, Stroke):

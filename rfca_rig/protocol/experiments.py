@@ -1,7 +1,8 @@
 """Experiments as plans: flapping at heights and speeds, static stages, and fatigue.
 
 Fatigue: turns of the shaft, now and then one recorded in full, and checks of the stiffness in
-between."""
+between.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -53,7 +54,8 @@ class StaticStages:
     """Shaft angles at each height, each with its direction of loading.
 
     After the leg has settled, `dwell_s` is waited and `average_s` measured. `photo` requests a
-    photo at every stage of a rig with a camera."""
+    photo at every stage of a rig with a camera.
+    """
 
     title: str
     heights_m: Sequence[float]
@@ -71,7 +73,8 @@ class RigFacts:
 
     `photo_limit_s` is how long a photo may take; 0 without a camera. `first_strokes` are shares of
     a condition's speed, for first strokes that predict the force at full speed; empty where nothing
-    can be damaged."""
+    can be damaged.
+    """
 
     start_angle_rad: float
     parked_angle_rad: float

@@ -69,7 +69,8 @@ class MoveShaft:
     """The shaft turns to an angle at a bounded speed: the nearest way, or forwards, over the top.
 
     `longest_turn_rad` bounds the way for the plan's duration, because the plan does not know where
-    the shaft will stand."""
+    the shaft will stand.
+    """
 
     angle_rad: float
     speed_rad_s: float
@@ -250,7 +251,8 @@ class Limits:
 
     `above_expected` times the predicted load of a stage may be passed for `above_expected_s`, as
     impacts do, and no longer. `late_s` is how late the control loop may be, which must be less than
-    the drive's watchdog. `reading_age_s` is how old the drive's angle and torque may be."""
+    the drive's watchdog. `reading_age_s` is how old the drive's angle and torque may be.
+    """
 
     force_N: float
     torque_Nm: float

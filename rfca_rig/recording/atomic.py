@@ -31,7 +31,8 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Writes `content` to `path`; an existing file stays until the new one is on disk.
 
     Raises RigError where the disk refuses and for anything that is no file, DiskFull where it is
-    full."""
+    full.
+    """
     refuse_devices(path)
     # Beside the target: a rename is atomic only within one file system.
     partial = path.with_name(path.name + ".writing")
@@ -165,7 +166,8 @@ class ErrorDeferringFile:
 
     HDF5 that fails to close a file can take the whole process down at exit (h5py issue 914). So a
     refused write, and all later ones, stay in memory; `check` raises the error. The file stands
-    beside `path` until `put_in_place`."""
+    beside `path` until `put_in_place`.
+    """
 
     def __init__(self, path: Path) -> None:
         refuse_devices(path)
@@ -314,7 +316,8 @@ def atomic_directory(folder: Path) -> Iterator[Path]:
     """Yields a path to write the folder at; it gets its final name at the end of the block.
 
     Where another process was faster, for example a worker that counted as lost, the existing folder
-    stays."""
+    stays.
+    """
     folder.parent.mkdir(parents=True, exist_ok=True)
     # A random part, not the process id: workers on several computers may share the disk.
     partial = folder.with_name(f".{folder.name}.{token_hex(4)}{ENDING}")

@@ -59,7 +59,8 @@ class RunBackend(Protocol):
         change it any more.
 
         Returns its path in the run's folder. The stage is acknowledged when the photo, too, is on
-        disk. Raises as `give` does."""
+        disk. Raises as `give` does.
+        """
         ...
 
     def watch(self, helpers: HelperWatch) -> None:
@@ -124,7 +125,8 @@ class RecorderClient:
     """Implements `RunBackend` with a process of its own, which survives this one.
 
     A recorder so far behind that the queue is full ends the run. With `patient`, for rigs whose
-    time stands still meanwhile, the caller waits instead."""
+    time stands still meanwhile, the caller waits instead.
+    """
 
     def __init__(
         self,
@@ -138,7 +140,8 @@ class RecorderClient:
         RigError where it cannot start.
 
         `warn` gets a line where the recorder takes longer than a disk that works would. `started`
-        is a process from `start_recorder`, which has begun to import its modules already."""
+        is a process from `start_recorder`, which has begun to import its modules already.
+        """
         self._folder = folder
         self._warn = warn
         self._patient = patient
@@ -156,7 +159,8 @@ class RecorderClient:
             self._queue.remove()
             reason = NO_MORE_PROCESSES if error.errno == errno.EAGAIN else error.strerror or error
             raise RigError(f"{folder}: no process can be started to record: {reason}") from error
-        self._photos, self._sender = count(next_photo(folder)), PhotoSender(self._child)
+        self._photos = count(next_photo(folder))
+        self._sender = PhotoSender(self._child)
         kind, message = self._receive(STARTED_WITHIN_S)
         if kind != READY:
             self._let_go()

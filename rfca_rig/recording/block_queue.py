@@ -18,7 +18,8 @@ class BlockQueue:
     that it counts are there.
 
     Two further words lead back from the taker, so that the putter learns of them without a system
-    call."""
+    call.
+    """
 
     def __init__(self, memory: SharedMemory) -> None:
         if memory.buf is None:

@@ -145,12 +145,7 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     if has_ending or ENDING in sums or _has_ended(folder, texts):
         yield sums.finding_of_end(ending, partial(_ending, folder, texts))
     elif not has_recording and not journals(folder):
-        missing = "is not there: the run goes on, or was not finished; then"
-        if any(event.get("event") == "run ends" for event in happened):
-            missing = (
-                "is not there, though the run ended: it was cut off while it was closed, or "
-                f"{ENDING} was removed;"
-            )
+        missing = _describe_missing_end(happened)
         yield FileFinding(ENDING, f"{missing} type rfca-rig recover {folder}")
     if has_recording or RECORDING in sums or closed:
         yield sums.finding(RECORDING, partial(recorded.like, stages))
@@ -158,15 +153,30 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
         yield FileFinding(RECORDING, f"is not made yet; type rfca-rig recover {folder}")
     # Versions that do not say whether a run was closed made the checksums right after `run.h5`.
     yield from sums.rest(is_finished=has_recording if closed is None else closed)
-    # Photos that the run's end names, where neither they nor their hashes are there.
-    for stage in ending.static if ending is not None and ending.static is not None else ():
-        for name in filter(None, (stage.photo, stage.overlay)):
-            if not (folder / name).is_file() and not sums.has_listed(name):
-                yield FileFinding(name, "is missing", False)
+    yield from _check_photos(folder, ending, sums)
     if closed is False and has_recording:
         yield FileFinding(
             SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}"
         )
+
+
+def _describe_missing_end(happened: Iterable[Mapping[str, object]]) -> str:
+    if any(event.get("event") == "run ends" for event in happened):
+        return (
+            "is not there, though the run ended: it was cut off while it was closed, or "
+            f"{ENDING} was removed;"
+        )
+    return "is not there: the run goes on, or was not finished; then"
+
+
+def _check_photos(folder: Path, ending: Ending | None, sums: "_Sums") -> Iterator[FileFinding]:
+    """Photos that the run's end names, where neither they nor their hashes are there."""
+    if ending is None or ending.static is None:
+        return
+    for stage in ending.static:
+        for name in filter(None, (stage.photo, stage.overlay)):
+            if not (folder / name).is_file() and not sums.has_listed(name):
+                yield FileFinding(name, "is missing", False)
 
 
 def _check_older_run(folder: Path) -> Iterator[FileFinding]:

@@ -1,7 +1,8 @@
 """A column as an HDF5 dataset. Raw counts stay raw; value = raw * conversion + offset, in `units`.
 
 Samples on their way to the disk are rows of packed records, one kind of record per device, which
-become streams of columns."""
+become streams of columns.
+"""
 
 import json
 import math
@@ -132,7 +133,8 @@ class RowBatches:
             yield stream, rows[at : at + self._rows]
         # A copy: the remainder must not keep the whole joined buffer in memory.
         remainder = rows[complete:].tobytes()
-        self._pieces[stream], self._gathered[stream] = [remainder], len(remainder)
+        self._pieces[stream] = [remainder]
+        self._gathered[stream] = len(remainder)
 
     def rest(self) -> Iterator[tuple[int, Rows]]:
         """The remainder of each stream, (n,) records with n below a full batch, with the number

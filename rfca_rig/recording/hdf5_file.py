@@ -18,7 +18,8 @@ links can show one dataset under any number of names. Entry point: `open_plain`.
 References
 ----------
 HDF5 File Format Specification 3.0, III.E (link messages), IV.A.2.h (external file list), IV.A.2.i
-(layout messages)."""
+(layout messages).
+"""
 
 import hashlib
 from collections.abc import Generator, Iterator

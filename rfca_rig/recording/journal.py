@@ -4,7 +4,8 @@ The control loop hands a block to the recorder in the very bytes that the journa
 crash or a power cut, everything behind the last whole block is ignored.
 
 Messages of the control loop about a stage are such blocks: its begin, its commanded start, its
-samples, its end."""
+samples, its end.
+"""
 
 import json
 import struct

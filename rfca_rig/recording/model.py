@@ -49,7 +49,8 @@ class Stroke:
     "table" where one file held all.
 
     `strokes_before` is the number of strokes that the leg had made before in this campaign, None
-    where it was not counted."""
+    where it was not counted.
+    """
 
     height_m: float
     speed_rad_s: float
@@ -75,7 +76,8 @@ class StaticStage:
     deviation of each hinge angle, is NaN where unknown. `settled` is None where the recording does
     not say. `photo` and `overlay` are paths in the run's folder, `photo_doubts` what the photo did
     not show; "" for none. `strokes_before` as in `Stroke`. `held_s` is how long the shaft had stood
-    in the middle of the reading, None where unknown."""
+    in the middle of the reading, None where unknown.
+    """
 
     height_m: float
     stage: int
@@ -134,7 +136,8 @@ class RawStage:
     that was cut short.
 
     `cut_short` is the reason, "" for a complete stage. Times count from the commanded start, or
-    from the first sample where that never came."""
+    from the first sample where that never came.
+    """
 
     label: str
     height_m: float
@@ -149,7 +152,8 @@ class Recording:
 
     `nominal` holds the sections leg, ground, sensor, drive of the nominal model, `known_to` one
     standard deviation of each nominal value, both as plain data in the file's own units.
-    `provenance` is text by name (versions, seed, plan ...)."""
+    `provenance` is text by name (versions, seed, plan ...).
+    """
 
     title: str
     source: Source

@@ -2,7 +2,8 @@
 
 A folder from a stranger may hold links to any file of its reader, and models that name such files.
 What a command then prints or writes, even the message about a file that it cannot read, would show
-their content."""
+their content.
+"""
 
 from collections.abc import Iterable
 from pathlib import Path

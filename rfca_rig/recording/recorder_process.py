@@ -3,7 +3,8 @@
 A process and not a thread: compressing a stroke holds the interpreter, and the control loop stands
 still while the drive's watchdog runs. Measured at 500 Hz with 7000 records/s, worst gap between
 commands beyond the ticks of 10 ms: written by the loop itself 254 ms, by a thread 18 ms, by this
-process 0.6 ms (python -m tests.benchmarks.recording)."""
+process 0.6 ms (python -m tests.benchmarks.recording).
+"""
 
 import atexit
 import gc
@@ -37,7 +38,8 @@ class RecorderAssignment:
     """Which run to record, and the queue that its blocks come from.
 
     With `patient` each stage is on disk before the next block is taken, so that the order of events
-    is the same every time."""
+    is the same every time.
+    """
 
     folder: Path
     queue_name: str
@@ -57,7 +59,8 @@ def record_run(parent: Connection) -> None:
 
     Messages to the parent are pairs: at most one COMPLAINT with the reason that ends the run, and
     at last DONE with what could not be kept, "" for nothing. If the parent dies, the run ends too,
-    with everything that it had handed over."""
+    with everything that it had handed over.
+    """
     # ^C stops the run, which the control process does in its own order; the recorder must see the
     # end of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

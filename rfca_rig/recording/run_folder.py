@@ -112,7 +112,8 @@ def create(folder: Path, header: Recording) -> None:
     returns.
 
     `header` has title, source, nominal model, known_to and provenance. Raises BadInput where there
-    is a run already, RigError when the disk refuses."""
+    is a run already, RigError when the disk refuses.
+    """
     if (folder / HEADER).exists() or (folder / RECORDING).exists():
         raise BadInput(
             f"{folder}: holds a run already; recordings are never written over, choose "
@@ -196,7 +197,8 @@ def build_recording(folder: Path, report_progress: ProgressCount = ignore_progre
 
     `report_progress` is called with the number of stages copied so far. The run's end says last
     that all of it was done: a file that is missing after that was removed, and not left unwritten
-    by a crash."""
+    by a crash.
+    """
     path = run_to_completion(write_run(folder, report_progress))
     ending = read_ending(folder)
     if ending is None:
@@ -239,7 +241,8 @@ def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
 
     `resumed` is how many such events there were when the run was read. Raises BadInput where the
     run is still going on, or where somebody else has resumed it since; RigError when the disk
-    refuses."""
+    refuses.
+    """
     events = AppendOnlyFile(folder / EVENTS)
     lock(events)
     try:
@@ -293,7 +296,8 @@ def recover_partial(path: Path) -> Path:
     """Makes `path` from its partial folder, with every part in it. Returns `path`.
 
     Where `path` was already complete at the crash, only the leftovers are removed: a recording is
-    never overwritten."""
+    never overwritten.
+    """
     if path.is_file():
         # Reads all of it: the parts are removed only if the file is sound.
         read_recording(path)

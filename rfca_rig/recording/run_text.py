@@ -27,7 +27,8 @@ class Ending:
     """How a run ended: text by name, and its static stages with the angles read from their photos.
 
     `is_closed` says that `run.h5` and the checksums were made too. None in files of versions that
-    did not say so."""
+    did not say so.
+    """
 
     provenance: Mapping[str, str]
     static: tuple[StaticStage, ...] | None = None

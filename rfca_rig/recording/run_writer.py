@@ -2,7 +2,8 @@
 disk.
 
 Photos of static stages become lossless PNG files. A thread sends them to the recorder, so that the
-control loop never waits."""
+control loop never waits.
+"""
 
 import importlib
 import queue
@@ -168,7 +169,8 @@ class RunWriter:
     A stage that ends is safe in its journal. `work` makes its file from it, step by step, while the
     next stage may go on already. `acknowledged` stages are on disk, whatever happens later. A full
     disk uses up the reserve: what is under way is still recorded, and `complaint` then says that
-    the run must stop."""
+    the run must stop.
+    """
 
     def __init__(self, folder: Path) -> None:
         """`folder` was made by `run_folder.create`. Raises BadInput where another process writes

@@ -2,7 +2,8 @@
 that a crash left.
 
 The journal is read twice: once to learn how long the stage is and when it began, once to copy. A
-stage of hours takes no more memory than one of seconds."""
+stage of hours takes no more memory than one of seconds.
+"""
 
 import json
 import struct
@@ -48,7 +49,8 @@ class Survey:
     """Content of a journal.
 
     Per stream, in the order of `begin.forms`: `lengths` are numbers of samples, `host_offsets_s`
-    what to add to the device's clock to get the host's."""
+    what to add to the device's clock to get the host's.
+    """
 
     begin: Begin
     start: CommandedStart

@@ -9,7 +9,8 @@
     /raw/001     samples of stages that are no strokes, see `strokes`
 
 Behind the end stands a seal, see `hdf5_file`. `summarize` and `outline_of` say what a file holds
-without holding it in memory."""
+without holding it in memory.
+"""
 
 import json
 from collections import Counter
@@ -55,7 +56,8 @@ def write_recording(recording: Recording, path: Path) -> Path:
     same bytes. Returns `path`.
 
     Raises RigError when the disk refuses, ValueError for columns that are not equally long rows of
-    numbers."""
+    numbers.
+    """
     with new_hdf5_file(path) as made:
         mark_recording(
             made.root, recording, has_strokes=bool(recording.strokes or not recording.raw)
@@ -209,7 +211,8 @@ class RecordingSummary:
     """Counts of a recording. `samples` are by name of the stream.
 
     `missing` has, for each stream with gaps, the number of records that the sensor's own numbering
-    leaves out. `cut_short` are the labels of stages that were."""
+    leaves out. `cut_short` are the labels of stages that were.
+    """
 
     strokes: int
     static: int

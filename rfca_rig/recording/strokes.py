@@ -2,7 +2,8 @@
 
 Each stream is a group of equally long 1-d datasets with its own `t_s`, to which the others are
 bound as a dimension scale: that is how xarray, MATLAB and HDFView find the axis. NeXus attributes
-let viewers find something to plot: a chain of defaults that ends at a signal and its axis."""
+let viewers find something to plot: a chain of defaults that ends at a signal and its axis.
+"""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence

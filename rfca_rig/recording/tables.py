@@ -159,11 +159,10 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
     ]
     names += [name for name in (BEFORE, "held_s") if name in group]
     columns = {name: read_column(group, name).raw.tolist() for name in names}
-    texts = {
-        name: [text.decode() for text in group[name][:].tolist()]
-        for name in ("direction", *_TEXTS)
-        if name in group
-    }
+    texts = {}
+    for name in ("direction", *_TEXTS):
+        if name in group:
+            texts[name] = [text.decode() for text in group[name][:].tolist()]
     rows = zip(*columns.values(), *texts.values(), strict=True)
     return tuple(
         _stage(dict(zip((*columns, *texts), row, strict=True)), hinges, std) for row in rows

@@ -10,4 +10,5 @@ Entry point: `strokes.page.write_report`. One package per page, in the order of 
 4. `diagnosis` has the omitted physics, `exam` the blind benchmark.
 
 Pages are made of tables (`table`), figures (`style`) and text (`text`) by `templates`. `provenance`
-states where a page comes from."""
+states where a page comes from.
+"""

@@ -2,7 +2,8 @@
 
 Chromium, Chrome, Edge and Brave print without a window. WeasyPrint was tried instead: it is slower,
 joins lines of the figures that are interrupted, ignores clipping of curves, and needs system
-libraries as well."""
+libraries as well.
+"""
 
 import os
 import re

@@ -81,7 +81,8 @@ class Origin:
     """Origin of a page.
 
     `command` is the command line, "" where no command made the page. `again` states what it
-    reproduces, by default the same bytes."""
+    reproduces, by default the same bytes.
+    """
 
     command: str = ""
     recordings: tuple["RecordingSource", ...] = ()
@@ -153,7 +154,8 @@ class PageContext:
     """Origin of a page, the pages beside it, and the model.
 
     `model_file` names the model that all recordings were compared with; None where each was
-    compared with its own nominal model."""
+    compared with its own nominal model.
+    """
 
     origin: Origin
     links: tuple[PageLink, ...] = ()
@@ -165,15 +167,17 @@ def command_line(*words: str | PurePath, options: Mapping[str, object] | None = 
     bare option.
 
     Only the last part of an absolute path is shown: pages are passed on, and need not show the
-    folders of their author."""
+    folders of their author.
+    """
     given = [path_text(word) if isinstance(word, PurePath) else word for word in words]
     for name, value in (options or {}).items():
-        if value is not None and value is not False:
-            given += (
-                [name]
-                if value is True
-                else [name, path_text(value) if isinstance(value, PurePath) else f"{value}"]
-            )
+        if value is None or value is False:
+            continue
+        given.append(name)
+        if isinstance(value, PurePath):
+            given.append(path_text(value))
+        elif value is not True:
+            given.append(f"{value}")
     return shlex.join([PROGRAM, *given])
 
 
@@ -295,14 +299,7 @@ def find_pages(out: Path, origin: Origin, own: Collection[str]) -> tuple[PageLin
             for place in (out / name, out.parent / folder / name)
             if name not in own and place.is_file()
         ]
-        found = next(
-            (
-                place
-                for place in candidates
-                if any(one in place.read_text("utf-8") for one in hashes)
-            ),
-            None,
-        )
+        found = _find_page_with_hash(candidates, hashes)
         if found is not None:
             links.append(
                 PageLink(found.name if found.parent == out else f"../{folder}/{name}", words)
@@ -314,3 +311,10 @@ def find_pages(out: Path, origin: Origin, own: Collection[str]) -> tuple[PageLin
         ):
             links.append(PageLink("", words, f"{PROGRAM} {command} {paths}"))
     return tuple(links)
+
+
+def _find_page_with_hash(pages: Sequence[Path], hashes: Sequence[str]) -> Path | None:
+    for page in pages:
+        if any(sha256 in page.read_text("utf-8") for sha256 in hashes):
+            return page
+    return None

@@ -6,7 +6,8 @@ other (WCAG 2, graphics), and both remain visible where they coincide.
 
 Inline figures refer to the colours by name, so that a page in dark mode replaces them. Also panels
 on one scale, values that a pointer shows, decimation of lines, inline SVG without ids that two
-figures could share, and pictures as files."""
+figures could share, and pictures as files.
+"""
 
 import io
 import re
@@ -207,7 +208,8 @@ def make_panel(
     """A figure of one panel. `quantity` with its unit is above the axis, where no tick label
     pushes it out of the figure.
     """
-    (wide, high), figure = size_in, Figure(figsize=size_in)
+    wide, high = size_in
+    figure = Figure(figsize=size_in)
     box = (
         LEFT_IN / wide,
         BOTTOM_IN / high,

@@ -149,11 +149,11 @@ class Table:
     @cached_property
     def numeric(self) -> frozenset[str]:
         """Keys of the columns that hold numbers, which are aligned right."""
-        return frozenset(
-            column.key
-            for column in self.columns
-            if any(_is_number(row.values.get(column.key)) for row in self.rows)
-        )
+        keys = set()
+        for column in self.columns:
+            if any(_is_number(row.values.get(column.key)) for row in self.rows):
+                keys.add(column.key)
+        return frozenset(keys)
 
     def groups(self) -> list[tuple[str, tuple[TableRow, ...]]]:
         """The rows by their group; without a name where there is only one."""
@@ -202,8 +202,10 @@ def cell(column: TableColumn, row: TableRow) -> TableCell:
     half = row.values.get(column.half) if column.half else None
     if value is None or (isinstance(value, float) and not isfinite(value)):
         return TableCell("")
-    if isinstance(value, bool | str):
-        return TableCell(value if isinstance(value, str) else ("yes" if value else "no"))
+    if isinstance(value, str):
+        return TableCell(value)
+    if isinstance(value, bool):
+        return TableCell("yes" if value else "no")
     if column.set_value:
         return TableCell(f"{value:.6g}", is_number=True)
     if isinstance(half, int | float) and isfinite(half) and half > 0:
@@ -331,11 +333,12 @@ def _plain(value: Value) -> Value:
         if value:
             return "yes"
         return "no"
-    return (
-        (float(f"{value:.12g}") + 0.0 if isfinite(value) else "")
-        if isinstance(value, float)
-        else value
-    )
+    if not isinstance(value, float):
+        return value
+    if not isfinite(value):
+        return ""
+    # Adding zero turns -0.0 into 0.0.
+    return float(f"{value:.12g}") + 0.0
 
 
 def as_tex(table: Table) -> str:
@@ -481,7 +484,8 @@ def table_files(tables: Iterable[Table]) -> dict[str, str]:
     """CSV and LaTeX of each table, by file name.
 
     A table without rows is written too: otherwise the file of an earlier report would remain beside
-    the page."""
+    the page.
+    """
     each = (
         ((f"{table.name}.csv", as_csv(table)), (f"{table.name}.tex", as_tex(table)))
         for table in tables

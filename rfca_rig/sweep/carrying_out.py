@@ -218,7 +218,8 @@ def run_sweep(
     Notes
     -----
     The files are bitwise the same however often the sweep was interrupted. Results received before
-    an exception are on disk."""
+    an exception are on disk.
+    """
     shards = Shards(folder, claim_folder(plan, folder))
     with shards.lock():
         # A finished sweep that stopped before its shards were removed only needs that.

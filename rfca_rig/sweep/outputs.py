@@ -4,7 +4,8 @@ Over a stroke, t runs from the commanded start, 0, to the end of the shaft's tur
 the ground's forces on the end of link k, up and along +y. fy, fz, tx are the sensor's values; tau
 is the torque of the shaft, w its speed; phi_i are hinge angles. The leg presses where sum N_k > 0
 and more than 30 ms have passed since touchdown. t* is the moment of the greatest load, -fz, while
-it presses."""
+it presses.
+"""
 
 import difflib
 from collections.abc import Callable, Sequence
@@ -151,7 +152,8 @@ class CaseResults:
         2).
 
         It is a plain sum, because the rounding of a dot product may depend on the number of
-        threads."""
+        threads.
+        """
         moving = values[self.moving]
         t_s = self.stroke.t_s[self.moving]
         return float(np.sum(0.5 * (moving[1:] + moving[:-1]) * np.diff(t_s)))

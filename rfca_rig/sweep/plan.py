@@ -16,7 +16,8 @@ so that a parameter without influence has S_i = 0 on average instead of (p - 1) 
 independent samples serve; no pairs of sample matrices are needed. The standard error comes from a
 bootstrap of the cases. Points of a hypercube or a Sobol sequence are more even than the independent
 points of a bootstrap, so it is rather too large. The rest of 1 after all S_i is due to interactions
-of parameters."""
+of parameters.
+"""
 
 import hashlib
 import json
@@ -202,7 +203,8 @@ class SweepPlan:
     set in all cases.
 
     Cases are numbered with the samples running fastest and the first axis slowest. The plan is sent
-    to the workers, which draw the sample points again from their seed."""
+    to the workers, which draw the sample points again from their seed.
+    """
 
     title: str
     rig: RigModel
@@ -258,16 +260,7 @@ def check_plan(plan: SweepPlan) -> SweepPlan:
     if plan.count > MAX_CASES:
         raise BadInput(f"{plan.count} cases: at most {MAX_CASES} in one sweep; take fewer values")
     _check_names((*(name for name, _ in plan.fixed), *plan.varied))
-    for name, value in plan.fixed:
-        _check_value(name, value)
-    for axis in plan.axes:
-        for value in axis.values:
-            _check_value(axis.name, value)
-    # Limits are intervals, so the ends of a range are checked, and a value between them for
-    # quantities that take whole numbers only.
-    for each in plan.samples.ranges if plan.samples else ():
-        for value in (each.low, each.high, each.low + INSIDE * (each.high - each.low)):
-            _check_value(each.name, value)
+    _check_values(plan)
     effects = plan.design(0).rig.effects
     for present in effects:
         # Refuses an effect of which only some parameters are set.
@@ -298,6 +291,21 @@ def _check_names(names: Iterable[str]) -> None:
                 else f"{setting[what]} and {name} set the same; leave one out"
             )
         setting[what] = name
+
+
+def _check_values(plan: SweepPlan) -> None:
+    for name, value in plan.fixed:
+        _check_value(name, value)
+    for axis in plan.axes:
+        for value in axis.values:
+            _check_value(axis.name, value)
+    if plan.samples is None:
+        return
+    # Limits are intervals, so the ends of a range are checked, and a value between them for
+    # quantities that take whole numbers only.
+    for span in plan.samples.ranges:
+        for value in (span.low, span.high, span.low + INSIDE * (span.high - span.low)):
+            _check_value(span.name, value)
 
 
 def _check_value(name: str, value: Value) -> None:

@@ -67,7 +67,8 @@ class SweepCase:
     `links` and `first_link_m` are applied last.
 
     k0, k2 and hinge damping are therefore always those of the nominal leg. Other links and strips
-    are derived from it."""
+    are derived from it.
+    """
 
     rig: RigModel
     height_m: float = 0.215

@@ -114,7 +114,8 @@ class SweepFile(Section):
     """A whole sweep file.
 
     `rig` is a name in calibration/ or a rig file, `model` a model file; their paths count from this
-    file's folder."""
+    file's folder.
+    """
 
     title: str = Field(description="name of the sweep")
     rig: str | None = Field(default=None, description="name or rig file")

@@ -93,7 +93,8 @@ class SocketcandPort:
     `error` message.
 
     Every bus name leads to the same bus. Frames carry the time since the epoch; `epoch_s` is that
-    of the clock's zero."""
+    of the clock's zero.
+    """
 
     def __init__(self, wire: SharedWire, host: str, port: int, epoch_s: float) -> None:
         self._wire = wire
@@ -319,7 +320,8 @@ class FdcanusbPort(_SerialAdapter):
     everything else.
 
     Every sent line carries a checksum. Once a received line had one, all must have one, as on the
-    UART of a drive."""
+    UART of a drive.
+    """
 
     def __init__(self, wire: SharedWire) -> None:
         super().__init__(wire)

@@ -4,7 +4,8 @@ runs.
 Also how the faults of a drive and its bus act. Those of one make are in its folder (`devices`).
 
 The schedule comes from the command line, NAME@SECONDS or NAME@FROM-TO, or from text commands to the
-TCP port of the running server, which is always on the loopback address only."""
+TCP port of the running server, which is always on the loopback address only.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -100,14 +101,16 @@ class FaultPanel:
 
     def lines(self) -> list[str]:
         """One line per fault with its state and meaning."""
-        return [
-            (
-                f"{fault.name:<18} "
-                f"{'once' if fault.once else 'on  ' if self.is_on(fault.name) else 'off '} "
-                f"{fault.meaning}"
-            )
-            for fault in self._known.values()
-        ]
+        lines = []
+        for fault in self._known.values():
+            if fault.once:
+                state = "once"
+            elif self.is_on(fault.name):
+                state = "on"
+            else:
+                state = "off"
+            lines.append(f"{fault.name:<18} {state:<4} {fault.meaning}")
+        return lines
 
     def _check_name(self, name: str) -> str:
         if name not in self._known:

@@ -77,7 +77,8 @@ class SensorWire:
     other programs.
 
     This one is a serial line. Override both methods for another wire. `faults` can happen to any
-    twin on it, `port_faults` only to one on ports."""
+    twin on it, `port_faults` only to one on ports.
+    """
 
     faults: tuple[Fault, ...] = ()
     port_faults: tuple[Fault, ...] = ()
@@ -108,7 +109,8 @@ class SensorWire:
         here a pseudo terminal.
 
         Returns a function that puts the twin on them. Raises BadInput for ports that cannot be
-        opened."""
+        opened.
+        """
         # Windows has none.
         from rfca_rig.twin_server.can_ports import PseudoTerminal  # noqa: PLC0415
 

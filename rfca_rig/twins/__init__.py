@@ -3,4 +3,5 @@ devices. Entry point: `world.TwinWorld`.
 
 Twins of devices stand on `wires`. `drive_parts` has what drives share, `image_noise` what a camera
 adds. `plugins` has base classes for plug-ins. The twins of motors and force sensors are in
-`devices`."""
+`devices`.
+"""

@@ -2,7 +2,8 @@
 
 Black nylon shells with red marks, a black cloth behind, an acrylic plate below. Outlines are
 projected point by point and painted in linear light. The module shares no drawing or geometry code
-with the image analysis, so that the images are an independent test of it."""
+with the image analysis, so that the images are an independent test of it.
+"""
 
 from typing import Protocol
 

@@ -47,7 +47,8 @@ class ThermalParameters:
 
     The steady-state rise above the air is `rise_K_per_Nm2` times the squared torque, as copper
     losses grow with the squared current. By default 10 N m at the shaft lead to a rise of 30 K,
-    after some ten minutes."""
+    after some ten minutes.
+    """
 
     air_degC: float = 30.0
     time_constant_s: float = 600.0
@@ -93,7 +94,8 @@ class DriveTwin(ABC):
     `MotorTwin`.
 
     `tells_temperature`: reports carry the motor's temperature. `tolerances` replaces values of
-    `contracts.motor_rig.MotorHooks`, for a protocol that is coarser than most."""
+    `contracts.motor_rig.MotorHooks`, for a protocol that is coarser than most.
+    """
 
     tells_temperature: ClassVar[bool] = False
     tolerances: ClassVar[Mapping[str, float]] = {}
@@ -158,7 +160,8 @@ class SpeedLoop:
 
         Beyond the limit the whole law is scaled down to it for that step, so that the torque still
         decreases with the error. A constant torque would drive a light shaft past its set-point
-        within one step, and cause chatter."""
+        within one step, and cause chatter.
+        """
         free = self._law_without_limit(wanted)
         torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
         self._limited = torque_Nm > self._gains.torque_limit_Nm

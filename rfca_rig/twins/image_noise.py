@@ -216,7 +216,8 @@ def _make_count_table() -> tuple[NDArray[np.uint8], Light]:
     more.
 
     An interval has all numbers with the same leading bits. It is 0.4 % of the light wide, so no
-    interval has a third count."""
+    interval has a third count.
+    """
     ends = (
         np.arange(1, (int(np.float32(1.0).view(np.uint32)) >> TABLE_SHIFT) + 2, dtype=np.uint32)
         << TABLE_SHIFT

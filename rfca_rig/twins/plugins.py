@@ -46,7 +46,8 @@ class SpeedDriveTwin(DriveTwin):
 
     `is_on` means that the drive is energised. `fault` is its error code, 0 for none; `refuses_with`
     is the error that every attempt to energise ends in. A world advances it in steps:
-    `take_frames`, `drive`, then, after the plant has moved, `advance`."""
+    `take_frames`, `drive`, then, after the plant has moved, `advance`.
+    """
 
     def __init__(
         self, bus: can.BusABC, keys: TwinnedKeys, gains: LoopGains, watchdog_s: float | None
@@ -199,7 +200,8 @@ class RecordStreamTwin(ABC):
     """Handles noise, range and time. Inherit, and implement the commands and the record format.
 
     A world advances it in steps: `take_requests`, `due`, then, after the plant has moved,
-    `take_wrench`."""
+    `take_wrench`.
+    """
 
     # Range per axis, in N and N m.
     full_scale: tuple[float, ...] = (1000.0,) * 3 + (50.0,) * 3
@@ -214,7 +216,8 @@ class RecordStreamTwin(ABC):
         """`noise_std`: noise standard deviation of a sample per axis, in N and N m."""
         self._line = line
         self._ticks = SampleGrid(1.0 / keys.rate_Hz)
-        self._noise_std, self._range = np.array(noise_std), np.array(self.full_scale)
+        self._noise_std = np.array(noise_std)
+        self._range = np.array(self.full_scale)
         self._random = random
         self.is_streaming = False
 

@@ -29,7 +29,8 @@ class CanEnd(can.BusABC):
 
     python-can's `virtual` bus does the same and can replace it. It makes a deep copy of each
     message, behind thread locks, which takes half the time of a simulated rig. Here no message is
-    changed after sending, so none is copied."""
+    changed after sending, so none is copied.
+    """
 
     def __init__(self, name: str, others: list["CanEnd"]) -> None:
         super().__init__(channel=name)

@@ -142,7 +142,8 @@ class TwinWorld:
 
     Steps are at most `longest_step_s` long, or five times that while the shaft is at rest.
     Integrator, torque limit and watchdog of the drive are updated once per step. Encoder reports
-    within a step lie on a cubic between its ends; force samples come from the plant."""
+    within a step lie on a cubic between its ends; force samples come from the plant.
+    """
 
     def __init__(
         self,

@@ -2,7 +2,8 @@
 streams.
 
 A gauge has the current value, its share of the limit, and the largest share since the stage began.
-A stream has its data rate, its losses and delays, and its sample times on the run's clock."""
+A stream has its data rate, its losses and delays, and its sample times on the run's clock.
+"""
 
 from collections import deque
 from collections.abc import Mapping
@@ -296,7 +297,8 @@ class StreamClock:
     """Adds to the device's time the smallest recent difference between arrival and device time.
 
     A recording does the same with the smallest difference of a whole stage. A restarted stream is
-    recognised by a step of its time."""
+    recognised by a step of its time.
+    """
 
     def __init__(self) -> None:
         self._minima: deque[tuple[float, float]] = deque()

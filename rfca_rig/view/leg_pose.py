@@ -62,7 +62,8 @@ class LegShapes:
     stroke once; the rest is a look-up.
 
     The first `prepare` or `hanging` of a process compiles the model. Never call it in the process
-    whose loop drives a motor."""
+    whose loop drives a motor.
+    """
 
     def __init__(self, rig: RigModel) -> None:
         self._rig = rig
@@ -82,7 +83,8 @@ class LegShapes:
         """Shape (links + 1, 2) m in the stroke of a condition at a shaft angle, modulo whole turns.
 
         Where the stroke was not prepared, or does not pass this angle (as on the way back over the
-        top), the leg hangs in the air."""
+        top), the leg hangs in the air.
+        """
         stroke = self._strokes.get(_condition(height_m, speed_rad_s))
         if stroke is None:
             return self.hanging(shaft_rad)
@@ -171,7 +173,8 @@ class LegMoment:
     """State of the leg at one moment.
 
     `shaft_rad` is the measured angle, `planned_rad` the commanded one, `hinge_deg` (6,) the hinge
-    angles from a photo, `force_N` the measured fy and fz."""
+    angles from a photo, `force_N` the measured fy and fz.
+    """
 
     scene: Scene
     shaft_rad: float

@@ -111,14 +111,13 @@ def trace(
 
 
 def _as_json_numbers(values: Floats, decimals: int) -> list[float | None]:
-    rounded = np.round(values, decimals).tolist()
+    rounded = np.round(values, decimals)
     # JSON has no NaN. The test for any at all comes first because most traces have none, and the
     # loop is slow.
-    return (
-        [None if isnan(value) else value for value in rounded]
-        if np.isnan(values).any()
-        else rounded
-    )
+    if np.isnan(values).any():
+        return [None if isnan(value) else value for value in rounded.tolist()]
+    numbers: list[float | None] = rounded.tolist()
+    return numbers
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class Feed(Protocol):
         """Messages that the page has not had yet."""
         ...
 
-    def hear(self, message: Mapping[str, Any]) -> None:
+    def handle_message(self, message: Mapping[str, Any]) -> None:
         """Takes in a message from the page; one that makes no sense is ignored."""
         ...
 

@@ -3,7 +3,8 @@ need it.
 
 It reads the run's queue, builds messages, and feeds each page at the resolution that it shows. It
 outlives the run for as long as a page is open, so that the operator sees how the run ended. It
-stays a while longer for a page that is opened late or loaded again."""
+stays a while longer for a page that is opened late or loaded again.
+"""
 
 import asyncio
 import json
@@ -307,7 +308,7 @@ class LiveFeed:
         self._level = level_for(self._span_s)
         self._sent: int | None = None
 
-    def hear(self, message: Mapping[str, Any]) -> None:
+    def handle_message(self, message: Mapping[str, Any]) -> None:
         if message.get("kind") == "span":
             span_s = number_in(message, "span_s")
         else:
@@ -384,7 +385,8 @@ def _lower_priority() -> None:
     the run's terminal may be gone.
 
     Must come first: Python's tracker of shared memory is a process of its own, which keeps the
-    streams that it inherits."""
+    streams that it inherits.
+    """
     os.nice(NICE)
     if os.environ.get(DEBUG_VARIABLE):
         return

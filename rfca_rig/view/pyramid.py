@@ -120,7 +120,8 @@ class Pyramid:
     more.
 
     Bucket n of level k begins at n * 2**k * BASE_S. A sample that comes too late for its bucket
-    counts in the first open one, so that no peak is lost."""
+    counts in the first open one, so that no peak is lost.
+    """
 
     def __init__(self, channels: int) -> None:
         self._levels = [Extrema.none(CAPACITY, channels) for _ in range(LEVELS)]
@@ -199,7 +200,8 @@ class Pyramid:
         """Content so far of each level's open bucket.
 
         It is the open bucket of the level below, and, where that is the second half, also the
-        closed bucket before it."""
+        closed bucket before it.
+        """
         open_buckets = [Extrema.none(1, self._levels[0].low.shape[1])]
         for level in range(1, LEVELS):
             first = 2 * self._closed[level]

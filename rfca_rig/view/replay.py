@@ -156,7 +156,7 @@ class ReplayFeed:
         self._sent: int | None = None
         self._beats = 0
 
-    def hear(self, message: Mapping[str, Any]) -> None:
+    def handle_message(self, message: Mapping[str, Any]) -> None:
         # The time until now was played at the old speed.
         self._play()
         match message.get("kind"):

@@ -5,7 +5,8 @@ A scene is what a picture of the leg needs besides the shaft's angle: rack heigh
 presents the token may watch the run and stop it.
 
 `Progress` estimates the time that a plan will still take. Planned times are the longest that stages
-may take. The stages done so far show which share of that each kind of stage needs."""
+may take. The stages done so far show which share of that each kind of stage needs.
+"""
 
 import secrets
 from collections import defaultdict
@@ -243,7 +244,8 @@ class ViewAssignment:
     """The run to show, and where to serve it; port 0 is any free port.
 
     `clock` is that of the run's queue. Both processes read the same monotonic clock of the machine,
-    so its times can be compared."""
+    so its times can be compared.
+    """
 
     facts: RunFacts
     queue_name: str

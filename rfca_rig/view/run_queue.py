@@ -3,7 +3,8 @@ stop request comes back.
 
 It costs the loop microseconds a tick, whatever happens to the view. A view that is slow, stopped or
 gone leaves a full queue, and what does not fit is dropped. A `LiveView` is started before anything
-moves, fed during the run, and left open at the end."""
+moves, fed during the run, and left open at the end.
+"""
 
 import json
 import struct
@@ -64,7 +65,8 @@ class SeenTicks:
     does not report it; `shaft_samples` and `force_records`, the numbers that the tick brought; the
     others as in `Tick`. `lost` is that of the last tick. `shaft` (5, m) holds host time, device
     time, angle, speed and torque. `force_host_s` and `force_device_s` are (n,), `counts` (n, 6)
-    those of the force sensor."""
+    those of the force sensor.
+    """
 
     wall_s: Floats
     now_s: Floats
@@ -166,7 +168,8 @@ class RunQueue:
     `lost` counts force records that the view did not get; the recording has them all. The queue's
     word for acknowledged stages, which a recorder uses, carries the operator's stop request here.
     `vitals` returns the state of the sensor's stream, and the bytes that the recorder is behind.
-    `announce` is called with a line of text when a stop is requested."""
+    `announce` is called with a line of text when a stop is requested.
+    """
 
     def __init__(
         self,
@@ -317,7 +320,8 @@ class LiveView:
     the operator.
 
     Close it when the motor is off. A view that ends by itself does not disturb the run; `is_alive`
-    shows it."""
+    shows it.
+    """
 
     def __init__(
         self,

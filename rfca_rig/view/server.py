@@ -165,7 +165,7 @@ async def _listen(socket: WebSocket, feed: Feed) -> None:
         with suppress(ValueError, KeyError, RecursionError):
             message = json.loads(await socket.receive_text())
             if isinstance(message, dict):
-                feed.hear(message)
+                feed.handle_message(message)
 
 
 async def _read_body(request: Request) -> Mapping[str, Any]:
@@ -230,7 +230,8 @@ class BoundedProtocol(H11Protocol):
     WebSocket may stay.
 
     Clients that send nothing, or a byte now and then, would otherwise hold their connections for
-    ever."""
+    ever.
+    """
 
     _expiry: asyncio.TimerHandle | None = None
 
@@ -381,7 +382,8 @@ class Admission:
 
     A page from elsewhere, open in the same browser, can send requests to this machine. It does not
     know the token, and its Origin differs. A domain name that resolves to this machine (DNS
-    rebinding) shows in Host."""
+    rebinding) shows in Host.
+    """
 
     def __init__(self, application: ASGIApp, token: str) -> None:
         self._application = application

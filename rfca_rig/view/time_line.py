@@ -67,7 +67,8 @@ class StageSamples:
     """Samples of a whole stage; times in s from its first sample.
 
     `shaft_rad` (m, 2) holds times and shaft angles as recorded; `sizes` (m, 3) times, force [N] and
-    moment [N m] as vector lengths. Either may be empty."""
+    moment [N m] as vector lengths. Either may be empty.
+    """
 
     tracks: Sequence[Track]
     shaft_rad: Floats
@@ -118,7 +119,8 @@ class Clip:
 
     `rest_s` is the time recorded before the commanded start. `planned_rad` gives the commanded
     shaft angle at a time from the commanded start; None where it is unknown. `hinge_deg` (6,) are
-    hinge angles from a photo."""
+    hinge angles from a photo.
+    """
 
     label: str
     kind: str

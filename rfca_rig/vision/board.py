@@ -2,7 +2,8 @@
 
 A chessboard with a numbered marker in every white square, so that any visible part can be located.
 The sheet is in true scale: PDF with vector squares, or PNG with its resolution. Corners are found
-to a part of a pixel, and photos checked for being usable."""
+to a part of a pixel, and photos checked for being usable.
+"""
 
 import re
 import struct
@@ -58,7 +59,8 @@ class Board:
     (4x4, 5x5 or 6x6), numbered from 0.
 
     The board's frame has its origin at the upper left corner; the first axis points right, the
-    second downwards."""
+    second downwards.
+    """
 
     columns: int
     rows: int
@@ -340,19 +342,17 @@ def _edges(
     # The profile ends before the marker in the white square.
     reach = 0.45 * (1.0 - board.marker_m / board.square_m)
     # Corners are numbered row by row, so neighbours differ by 1 or by the length of a row.
-    pairs = (
-        [
-            (at, place.get(number + step))
-            for number, at in place.items()
-            if step > 1 or (number + 1) % in_a_row
-        ]
-        for step in (1, in_a_row)
-    )
-    both = [
-        [_edge(grey, first, second, reach) for first, second in ends if second is not None]
-        for ends in pairs
-    ]
-    widths = [np.median(each, axis=0) for each in both if each]
+    widths = []
+    for step in (1, in_a_row):
+        edges = []
+        for number, first in place.items():
+            is_last_in_row = (number + 1) % in_a_row == 0
+            second = place.get(number + step)
+            if second is None or (step == 1 and is_last_in_row):
+                continue
+            edges.append(_edge(grey, first, second, reach))
+        if edges:
+            widths.append(np.median(edges, axis=0))
     return max((float(width) for width, _ in widths), default=0.0), max(
         (float(square) for _, square in widths), default=0.0
     )

@@ -2,7 +2,8 @@
 OpenCV's model of five coefficients).
 
 The pose of the plane of motion relative to the camera comes from one photo of the board held in
-this plane or parallel to it."""
+this plane or parallel to it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +41,8 @@ class CameraCalibration:
     are standard deviations.
 
     `error_px` is the root mean square reprojection error of a corner over all `photos`; `errors_px`
-    (n,) is that of each photo."""
+    (n,) is that of each photo.
+    """
 
     size_px: tuple[int, int]
     matrix: Floats
@@ -70,7 +72,8 @@ def calibrate(found: Sequence[BoardPhoto | RefusedPhoto]) -> CameraCalibration:
     """Calibrate the camera that took the photos; rejected ones are in `refused`.
 
     Raises BadInput where too few photos remain, or where all show the board from about the same
-    side, so that focal length and distance cannot be separated."""
+    side, so that focal length and distance cannot be separated.
+    """
     refused = [photo for photo in found if isinstance(photo, RefusedPhoto)]
     photos, other_size = _split_by_size([photo for photo in found if isinstance(photo, BoardPhoto)])
     refused += other_size
@@ -92,9 +95,8 @@ def calibrate(found: Sequence[BoardPhoto | RefusedPhoto]) -> CameraCalibration:
     if not outliers:
         return _calibration(photos, fit, refused)
     refused += outliers
-    photos = [
-        photo for photo in photos if photo.name not in {left_out.name for left_out in outliers}
-    ]
+    left_out = {outlier.name for outlier in outliers}
+    photos = [photo for photo in photos if photo.name not in left_out]
     _check_enough(photos, refused)
     _check_tilts(photos)
     return _calibration(photos, _fit(photos), refused)
@@ -146,7 +148,8 @@ def _tilt(photo: BoardPhoto) -> Floats:
     known.
 
     The board's vanishing line lies f / tan(tilt) from the picture's centre; the focal length f is
-    taken as the picture's longer side, which for usual lenses is right to a factor of two."""
+    taken as the picture's longer side, which for usual lenses is right to a factor of two.
+    """
     longer = float(max(photo.size_px))
     to_picture = cv2.findHomography(
         photo.on_board_m, (photo.px - 0.5 * np.array(photo.size_px)) / longer
@@ -244,7 +247,8 @@ class PlanePose:
     board's corners, root mean square.
 
     `tilt_std_rad` (2,), about the picture's two directions, and `distance_std_m` are standard
-    deviations of the plane's pose."""
+    deviations of the plane's pose.
+    """
 
     rotation: Floats
     translation_m: Floats

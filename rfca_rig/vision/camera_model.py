@@ -4,7 +4,8 @@ Plane frame: the shaft axis is the origin, y runs along the ground, z up in the 
 completes the right-handed frame. A link at the absolute angle a (from +y, positive downwards)
 therefore ends at (y, z) = (L cos a, -L sin a). The plane is the one in which the marks lie. Camera
 frame and distortion are OpenCV's: x right, y down, z along the view; coefficients k1, k2, p1, p2,
-k3 (Brown 1966; OpenCV, "Camera Calibration and 3D Reconstruction")."""
+k3 (Brown 1966; OpenCV, "Camera Calibration and 3D Reconstruction").
+"""
 
 from dataclasses import dataclass
 
@@ -76,7 +77,8 @@ class CameraModel:
         Newton's method to 1e-8 px.
 
         Raises BadInput where the lens model has no inverse, which happens only far outside the
-        picture that it was calibrated on."""
+        picture that it was calibrated on.
+        """
         target = np.asarray(px, dtype=np.float64)
         # Start of the search: points where straight rays through the pixels meet the plane.
         rays = np.linalg.solve(

@@ -11,7 +11,8 @@ leave two solutions that are reflections of each other; one is reported only if 
 the leg exclude its reflection.
 
 The standard deviations do not include the camera's calibration or the placement of the marks within
-the plane."""
+the plane.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -64,7 +65,8 @@ class HingeAngles:
     None where it is not determined.
 
     Standard deviations accordingly. Covariances (links, links) rad2 are NaN in rows and columns of
-    undetermined angles."""
+    undetermined angles.
+    """
 
     link_rad: tuple[float | None, ...]
     link_std_rad: tuple[float | None, ...]
@@ -81,7 +83,8 @@ class LegFit:
     `offsets_m` (marks,) are the marks' distances from their mean plane towards the camera, with
     standard deviations `offset_std_m` (marks,); NaN for marks that no photo shows. `misfit_m` is
     the root mean square difference between seen and fitted marks. `refused` says why no angle is
-    reported, else ""."""
+    reported, else "".
+    """
 
     angles: tuple[HingeAngles, ...]
     offsets_m: Floats
@@ -326,7 +329,8 @@ class _NormalEquations:
 
     The angles of different photos have no common entries. So only blocks are kept: `own` (photos,
     links, links), `cross` (photos, links, shared), `shared` (shared, shared). The sizes are the
-    square roots of the diagonal before."""
+    square roots of the diagonal before.
+    """
 
     own: Floats
     cross: Floats
@@ -406,7 +410,8 @@ def _descend(
 
     Full steps (Gauss-Newton) follow the curved valley of hidden hinges quickly. Where these leave
     two solutions, full steps may jump between them and end at neither; damped ones
-    (Levenberg-Marquardt) only go down."""
+    (Levenberg-Marquardt) only go down.
+    """
     values = prior.nominal.copy()
     damping = 0.0
     here = _linearize(prior.nominal, problem)
@@ -441,7 +446,8 @@ def _mix(solutions: Sequence[_Solution]) -> _Solution:
 
     The evidence prefers small offsets, by up to a factor of ten for each mark. That decides where
     the marks hardly do, and a leg that is glued to 1 mm is then stated as one glued to 0.1 mm. So
-    each deviation keeps a share, unless the marks exclude it."""
+    each deviation keeps a share, unless the marks exclude it.
+    """
     logs = np.array([one.log_evidence for one in solutions])
     misfits = np.array([one.squared_misfit for one in solutions])
     weights = np.exp(logs - logs.max())
@@ -471,14 +477,10 @@ def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
     straight ones are between two solutions.
     """
     bends = _bends(len(problem.lengths_m))
-    on_axis = [
-        {
-            i
-            for i, mark in enumerate(problem.plan.marks)
-            if mark.link == link and mark.along_m == mark.across_m == 0.0
-        }
-        for link in range(1, len(bends) + 1)
-    ]
+    on_axis: list[set[int]] = [set() for _ in bends]
+    for i, mark in enumerate(problem.plan.marks):
+        if 1 <= mark.link <= len(bends) and mark.along_m == mark.across_m == 0.0:
+            on_axis[mark.link - 1].add(i)
     shown = np.array([[marks <= set(seen.planned) for marks in on_axis] for seen in problem.photos])
     hinges = np.array([bends @ start for start in starts])
     for place, start in enumerate(starts):
@@ -681,5 +683,6 @@ def _offsets(problem: _Problem, fit: _Solution) -> tuple[Floats, Floats]:
     covariance = centring @ fit.covariance[np.ix_(first + seen, first + seen)] @ centring.T
     offsets = np.full(len(problem.plan.marks), np.nan)
     std = np.full(len(problem.plan.marks), np.nan)
-    offsets[seen], std[seen] = centring @ fit.values[first + seen], np.sqrt(np.diag(covariance))
+    offsets[seen] = centring @ fit.values[first + seen]
+    std[seen] = np.sqrt(np.diag(covariance))
     return offsets, std

@@ -2,7 +2,8 @@
 range of the hinges.
 
 Nothing is guessed: a mark that another, about equally good assignment places elsewhere or not at
-all is reported and omitted."""
+all is reported and omitted.
+"""
 
 import heapq
 from collections.abc import Iterator, Sequence
@@ -171,7 +172,8 @@ def assignments_within(
 
     A best-first search over partial assignments, from the shaft outwards. Costs only grow, so
     complete assignments are found in the order of their costs. `most` limits the number of extended
-    partial assignments."""
+    partial assignments.
+    """
     planned = len(bounds.nearest_m) - 1
     open_ones = [MarkAssignment(0.0, ())]
     done: list[MarkAssignment] = []
@@ -211,7 +213,8 @@ def _misfit(
     None where it is impossible.
 
     It is twice the negative log likelihood of the distances, above that of a mark without an error
-    of its own: a mark of large deviation, as a reflection has, fits anywhere, and pays for it."""
+    of its own: a mark of large deviation, as a reflection has, fits anywhere, and pays for it.
+    """
     here = candidates.places_m[found]
     own_std = float(candidates.std_m[found])
     index = len(chosen) + 1
@@ -424,12 +427,15 @@ def _report(
     ]
     for i, found in enumerate(best.chosen):
         if found < 0 and i not in reasons:
-            kind: Kind = "dropped" if i in dropped else "misplaced" if i in nearly else "missing"
-            doubts.append(
-                MarkDoubt(
-                    kind, i, f"{plan.name(i)}: {dropped.get(i) or nearly.get(i) or 'not seen'}"
-                )
-            )
+            kind: Kind
+            if i in dropped:
+                kind = "dropped"
+            elif i in nearly:
+                kind = "misplaced"
+            else:
+                kind = "missing"
+            words = dropped.get(i) or nearly.get(i) or "not seen"
+            doubts.append(MarkDoubt(kind, i, f"{plan.name(i)}: {words}"))
     extra = tuple(mark for number, mark in enumerate(marks) if number not in best.chosen)
     doubts += [
         MarkDoubt(

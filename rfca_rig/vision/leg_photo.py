@@ -38,7 +38,8 @@ def draw_overlay(
     """A copy of the photo (height, width, 3) with the reading drawn over it.
 
     Green rings are identified marks, yellow ones are partly hidden; purple crosses do not belong to
-    the leg. Every doubt is in words."""
+    the leg. Every doubt is in words.
+    """
     picture = np.ascontiguousarray(photo).copy()
     pen = max(1.0, photo.shape[1] / WIDTH_OF_PLAIN_PEN_PX)
     _axis(picture, camera, pen)

@@ -3,7 +3,8 @@ a pixel.
 
 Every mark is measured twice: first alone, then with the shape that the whole marks of the photo
 share. The shared shape gives partly hidden marks a correct centre. Pixel (0, 0) is the centre of
-the first pixel."""
+the first pixel.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -93,7 +94,8 @@ def is_on_black(image_bgr: Pixels) -> bool:
 
     It has less noise than a difference of channels, and JPEG, which stores colours at half the
     resolution, keeps most of its sharpness. In front of something light the red channel has no rim,
-    and redness is used."""
+    and redness is used.
+    """
     peak = float(np.percentile(redness(image_bgr), RED_PEAK_PERCENTILE))
     return float(np.median(whiteness(image_bgr))) < DARK_SHARE * peak
 
@@ -103,7 +105,8 @@ def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, 
 
     Patches are searched at several thresholds, relative to the reddest part of the photo. Shadows
     make marks darker than others, and a mark and a cable beside it are separate at some thresholds
-    only."""
+    only.
+    """
     shrink = max(1, int(expected_diameter_px / SEARCH_DIAMETER_PX))
     small = _shrink(image_bgr, shrink)
     diameter = expected_diameter_px / shrink
@@ -236,7 +239,8 @@ class Mark:
 
     Roundness is the share of the rim that is seen and round: 1 for a whole mark, 0.5 for one half
     hidden. Contrast is the difference in redness between the mark and its surroundings, in counts
-    of the picture."""
+    of the picture.
+    """
 
     px: Floats
     std_px: Floats
@@ -266,7 +270,8 @@ class _Assumption:
 
     `linear`: counts are made proportional to light, as if the camera had the sRGB curve; otherwise
     they count as they are. `local`: the level inside is that of each part of the rim, otherwise a
-    plane through the disc. `share`: the rim's level between outside and inside."""
+    plane through the disc. `share`: the rim's level between outside and inside.
+    """
 
     linear: bool
     local: bool
@@ -302,7 +307,8 @@ class _Cutout:
     linear in light, redness and whiteness.
 
     `corner_px` (2,) is the position of the first pixel in the photo. `inside_px` (2, 2) are the
-    first and last position (x, y) of the cutout that are well inside the photo."""
+    first and last position (x, y) of the cutout that are well inside the photo.
+    """
 
     rims: NDArray[np.float32]
     linear_rims: NDArray[np.float32]
@@ -367,10 +373,10 @@ def find_marks_and_rejected(
     cutouts = [_cutout(image_bgr_uint8, patch, expected_diameter_px) for patch in patches]
     alone = _fit_alone(cutouts, patches, expected_diameter_px / 2)
     # A blurred disc's radius depends on the assumption, so each of them has its own shape.
-    shapes = [
-        _estimate_shape([found[k] for found in alone if found], expected_diameter_px / 2)
-        for k in range(len(ASSUMPTIONS))
-    ]
+    shapes = []
+    for k in range(len(ASSUMPTIONS)):
+        fits = [found[k] for found in alone if found]
+        shapes.append(_estimate_shape(fits, expected_diameter_px / 2))
     waves = [
         found[0].waves_px
         for found in alone
@@ -379,15 +385,17 @@ def find_marks_and_rejected(
     typical_waves_px = float(np.median(waves)) if waves else 0.0
     results = _measure_marks(cutouts, alone, shapes, typical_waves_px)
     marks = _without_duplicates([mark for mark in results if isinstance(mark, Mark)])
-    rejected = [
-        RejectedPatch(np.array(patch.middle_px), reason)
-        for patch, reason in zip(patches, results, strict=True)
-        if isinstance(reason, str)
-        and all(
-            np.linalg.norm(mark.px - patch.middle_px) > 0.5 * mark.diameter_px for mark in marks
-        )
-    ]
+    rejected = []
+    for patch, result in zip(patches, results, strict=True):
+        if isinstance(result, str) and not _is_on_mark(patch, marks):
+            rejected.append(RejectedPatch(np.array(patch.middle_px), result))
     return marks, tuple(rejected)
+
+
+def _is_on_mark(patch: Patch, marks: Sequence[Mark]) -> bool:
+    return any(
+        np.linalg.norm(mark.px - patch.middle_px) <= 0.5 * mark.diameter_px for mark in marks
+    )
 
 
 def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
@@ -531,7 +539,8 @@ def _find_rims(
     are rejected.
 
     Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts
-    are used as well."""
+    are used as well.
+    """
     view = np.array(list(views), np.int64)
     level = seen.level
     rays = len(seen.rays.directions)
@@ -617,11 +626,12 @@ def _measure_marks(
             _find_rims(seen[key], range(len(chosen)), [assumption] * len(chosen), square=True)
         )
     rims = list(zip(*by_assumption, strict=True))
-    measured = iter(zip(chosen, rims, _fit(rims, starts, [shapes] * len(chosen)), strict=True))
-    return [
-        "no round rim" if first is None else _mark(*next(measured), typical_waves_px)
-        for first in firsts
-    ]
+    outlines = _fit(rims, starts, [shapes] * len(chosen))
+    marks: list[Mark | str] = ["no round rim"] * len(cutouts)
+    with_rim = [number for number, first in enumerate(firsts) if first is not None]
+    for number, cutout, own_rims, measured in zip(with_rim, chosen, rims, outlines, strict=True):
+        marks[number] = _mark(cutout, own_rims, measured, typical_waves_px)
+    return marks
 
 
 def _mark(

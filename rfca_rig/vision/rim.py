@@ -3,7 +3,8 @@ round ellipse through these points.
 
 A mark's centre is computed from its rim, never from its centre of mass. A glint, uneven light or a
 partial cover move the centre of mass, but not the rim that is still visible. The fit is robust
-against hidden and glaring parts."""
+against hidden and glaring parts.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -76,7 +77,8 @@ class Rays:
     """Pictures sampled along rays from a centre each, `middle_px` (views, 2).
 
     All views have the same directions (rays, 2) and radii_px (steps,); counts are (views, rays,
-    steps)."""
+    steps).
+    """
 
     middle_px: Floats
     directions: Floats
@@ -116,7 +118,8 @@ class Whiteness:
     surroundings, and the noise of the latter.
 
     `lightest` (views, rays, steps) is the largest value of a ray and the two beside it: a glint
-    between two rays is not missed."""
+    between two rays is not missed.
+    """
 
     core: Floats
     lightest: Floats
@@ -228,7 +231,8 @@ def measure_levels(rays: Rays, white: Whiteness, radius_px: float) -> Levels:
 
     Outside, the level follows the surroundings: sheen on a shell, or the edge of the shell, changes
     them along the rim. `white` are the same rays in the pictures' whiteness; where it has one view,
-    it serves all views of `rays`."""
+    it serves all views of `rays`.
+    """
     beyond = rays.between(SPILL_FROM * radius_px, SPILL_TO * radius_px)
     core = rays.between(*(share * radius_px for share in CORE))
     flat = (len(core), -1)
@@ -330,7 +334,8 @@ def measure_glare(points: RimPoints, views: Indices, white: Whiteness, radius_px
     surroundings (n,).
 
     Something light distorts the rim, or is mistaken for it. `views` (rims,) are those of the rims
-    in `white`."""
+    in `white`.
+    """
     reach = round(max(GLARE_REACH_PX, GLARE_REACH * radius_px) / STEP_PX)
     near = np.clip(points.step[:, None] + np.arange(-reach, reach), 0, white.lightest.shape[2] - 1)
     view = views[points.rim]
@@ -387,7 +392,8 @@ class Shape:
     to it.
 
     `radius_std` (relative) and `bend_std` are the standard deviations between the marks of one
-    photo."""
+    photo.
+    """
 
     radius_px: float
     bend: tuple[float, float] = (0.0, 0.0)
@@ -401,7 +407,8 @@ class MarkOutline:
     that lies on the outline.
 
     `waves_px` is the root mean square amplitude of the Fourier terms of WAVE_ORDERS of the rim's
-    deviations from the outline; NaN where too little of the rim is seen."""
+    deviations from the outline; NaN where too little of the rim is seen.
+    """
 
     middle_px: Floats
     covariance_px2: Floats
@@ -543,7 +550,8 @@ class _Fits:
     five values (rims, 5) each.
 
     `known` are the reciprocal variances of the `nominal` values, `scatter` (rims,) is that of the
-    points in px."""
+    points in px.
+    """
 
     points: Floats
     is_point: Flags
@@ -577,7 +585,8 @@ def _measure_waves(fit: _Fits) -> Floats:
     distances from the outlines.
 
     An error of the centre is the Fourier term of order 1 of the rim, which the fit hides; what
-    disturbs a rim has higher orders as well."""
+    disturbs a rim has higher orders as well.
+    """
     residual, jacobian = _residuals(fit.points, fit.values)
     on_rim = (np.abs(residual) < TUKEY * fit.scatter[:, None]) & fit.is_point
     # The first two columns are cosine and sine of the direction; its powers have those of the

@@ -188,16 +188,17 @@ def bounced(at_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     position = np.where(
         t_s < 0.0, -t_s, np.where(t_s < 0.02, -np.sin(fast * t_s) / fast, t_s - 0.02)
     )
+    if at_s < 0.0:
+        speed = -1.0
+    elif at_s < 0.02:
+        speed = float(-np.cos(fast * at_s))
+    else:
+        speed = 1.0
     noise = np.full(2, 5e-5)
     measured = np.column_stack([position, 0.1 * np.sin(slow * t_s)]) + np.random.default_rng(
         3
     ).normal(0.0, noise, (t_s.size, 2))
-    return (
-        t_s,
-        measured,
-        noise,
-        float(-1.0 if at_s < 0.0 else -np.cos(fast * at_s) if at_s < 0.02 else 1.0),
-    )
+    return t_s, measured, noise, speed
 
 
 @pytest.mark.parametrize("at_s", [-0.03, -0.024, 0.044, 0.05])

@@ -55,7 +55,8 @@ def compare_s(
     before and after each time.
 
     The speed of a shared machine changes by half within seconds: only neighbours in time can be
-    compared."""
+    compared.
+    """
     work()
     reference()
     times = []
@@ -105,11 +106,12 @@ def main() -> None:
 
 def read_history() -> list[dict[str, float]]:
     """The ratios of earlier versions, oldest first."""
+    history = []
     with HISTORY.open(encoding="utf-8", newline="") as file:
-        return [
-            {name: float(value) for name, value in row.items() if name != "version"}
-            for row in csv.DictReader(file)
-        ]
+        for row in csv.DictReader(file):
+            ratios = {name: float(value) for name, value in row.items() if name != "version"}
+            history.append(ratios)
+    return history
 
 
 def find_slower(history: Sequence[Mapping[str, float]], ratios: Mapping[str, float]) -> list[str]:

@@ -4,7 +4,8 @@ tests.benchmarks.acquisition [--seconds 600]
 A box in a process of its own sends 7000 and 15 000 records/s, one and 40 to a datagram. This
 process reads them through the acquisition process, and commands a drive in a third process over
 socketcand at 500 Hz. Shown are records lost, processor shares in per cent of one core, and the gaps
-between commands as the drive saw them."""
+between commands as the drive saw them.
+"""
 
 import argparse
 import socket

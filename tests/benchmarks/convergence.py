@@ -2,7 +2,8 @@
 tests.benchmarks.convergence --out DIR
 
 Writes convergence.csv with all numbers, and convergence.svg and .png, into DIR. About fifteen
-seconds."""
+seconds.
+"""
 
 import argparse
 import csv

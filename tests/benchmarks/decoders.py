@@ -5,7 +5,8 @@ Half of what each is given is noise of any length, half a good frame that was da
 bytes lost, doubled or added. What it takes must have a length and a checksum that its protocol
 allows, worked out here anew from the bytes; what it refuses must be refused with its own error.
 Printed are the shares taken and refused, and frames/s; any other exception or a wrong frame taken
-ends it."""
+ends it.
+"""
 
 import argparse
 import time

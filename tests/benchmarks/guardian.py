@@ -4,7 +4,8 @@
 A serial CAN adapter (slcan) on a pseudo terminal, of which this program plays the far end: the time
 from `send` until the frame is there, and from a frame there until `recv` gives it, with the bus
 opened here and with a guardian that holds it; 2 ms apart, as the control loop sends them. Then the
-time beyond the agreed silence until the last word is on the wire."""
+time beyond the agreed silence until the last word is on the wire.
+"""
 
 import argparse
 import os

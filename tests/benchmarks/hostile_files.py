@@ -3,7 +3,8 @@
 
 Each is one file of an experiment that is otherwise sound, or a TOML file alone. Each must end in
 one line with exit code 2, or be taken where it is harmless, within 15 s. Prints what ends
-otherwise, and a summary. WORDS select inputs by their names."""
+otherwise, and a summary. WORDS select inputs by their names.
+"""
 
 import argparse
 import os

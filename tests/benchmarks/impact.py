@@ -2,7 +2,8 @@
 tests.benchmarks.impact
 
 Prints the tables of docs/impact-test.md, each cause alone, then together, beside what it does to
-Table II. About a minute."""
+Table II. About a minute.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

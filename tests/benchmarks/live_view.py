@@ -7,7 +7,8 @@ without and with a view, which has one page open that takes in everything in a p
 Shown are: how late ticks come in either case; what a tick costs to hand over; processor shares in
 per cent of one core; the time from a sample to the message that brings it; and how many of the
 recording's extrema are found in what was sent. Those are the least and the greatest of every
-channel in every 20 ms of every stroke."""
+channel in every 20 ms of every stroke.
+"""
 
 import argparse
 import builtins
@@ -271,7 +272,8 @@ def extrema_found(outcome: Outcome) -> tuple[int, int]:
     buckets that the piece lies in.
 
     A bucket more on either side, for the view knows less of the stream's delay than the recording
-    does."""
+    does.
+    """
     found = every = 0
     for side, extreme, sign in (("low", np.min, 1.0), ("high", np.max, -1.0)):
         shown = drawn(outcome, side)

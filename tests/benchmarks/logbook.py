@@ -3,7 +3,8 @@
 
 Runs without samples, as they are listed from three small text files each. First without an index,
 then with it, then with one run changed; the same as commands, which also start Python; and what the
-shell waits for behind <TAB>."""
+shell waits for behind <TAB>.
+"""
 
 import argparse
 import json

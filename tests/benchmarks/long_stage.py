@@ -3,7 +3,8 @@
 A journal as the recorder leaves it of a shaft at 500 Hz and a force sensor at 15 000 records/s is
 made into a stage file, that into run.h5, and the run is checked, each in a process of its own.
 Shown are bytes a second and the most memory that the process ever took, above what it took when it
-began. The stage file is made twice, and its bytes compared."""
+began. The stage file is made twice, and its bytes compared.
+"""
 
 import argparse
 import hashlib
@@ -84,7 +85,8 @@ def make_journal(folder: Path, seconds: int) -> None:
 def take_up(folder: Path) -> None:
     """As the recorder does with a stage that has ended, the events included."""
     writer = RunWriter(folder)
-    writer._number, writer._ended = 2, writer._ended.__class__([1])
+    writer._number = 2
+    writer._ended = writer._ended.__class__([1])
     writer.work_off()
     writer.close("done")
 

@@ -8,7 +8,8 @@ Every case draws a mechanism, nominal values that are off by their standard unce
 concealed: nothing, or one effect. Its law is wrong by 20 to 40 %: dry friction is LuGre's or rises
 at rest, and a share of it follows the load; contacts are Hunt and Crossley's; behind gears that
 yield the rotors are bodies of their own. Answers stay in FOLDER; the same command goes on. FILE
-gets all statements with their truth, for `rfca_rig.exam.calibrate`."""
+gets all statements with their truth, for `rfca_rig.exam.calibrate`.
+"""
 
 import argparse
 import json
@@ -147,7 +148,8 @@ def draw_hopper(kind, random, own_contact=False):
     """A hopper whose masses, sole and zeros are off by their standard uncertainties.
 
     With `own_contact` the experiment states Hunt and Crossley's sole, and a concealed sole has
-    other exponents."""
+    other exponents.
+    """
     known_to = {
         "mass_relative": 0.01,
         "zero_offset_m": 0.0002,

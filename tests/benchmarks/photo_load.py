@@ -4,7 +4,8 @@
 A loop of 500 Hz hands its samples, 30 records of force a tick, to the recorder process, in real
 time; now and then a photo of 1920 x 1080 noise as well, which the recorder packs and forces to
 disk. Shown is the time between ticks, without and with photos; half the drive's watchdog, 50 ms, is
-the limit. For comparison the same photos packed in the loop's own process."""
+the limit. For comparison the same photos packed in the loop's own process.
+"""
 
 import argparse
 import tempfile

@@ -7,7 +7,8 @@ and prints a table. What is in FOLDER already is not done again, so that it can 
 the legs that have their photos.
 
 A mark is visible where 60 % or more of it is not hidden, and it is inside the picture. An error is
-silent where it is larger than three stated standard deviations."""
+silent where it is larger than three stated standard deviations.
+"""
 
 import argparse
 import json

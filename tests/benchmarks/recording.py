@@ -4,7 +4,8 @@
 A motor and a sensor that exist in memory only are run through a flapping plan by the engine, at 500
 Hz, with 7000 and 15 000 records/s. Shown are the gaps between commands to the motor, with nothing
 recorded, with each stroke written by the loop itself when it is done, with a thread that records,
-and with the recorder process. Half the drive's watchdog, 50 ms, is the limit."""
+and with the recorder process. Half the drive's watchdog, 50 ms, is the limit.
+"""
 
 import argparse
 import queue

@@ -382,7 +382,8 @@ def compare_in_pendulum(id_: str) -> Comparison:
     """The line of one effect of joints.
 
     The model begins from readings within the motion, so that the past of a lag is that of the
-    motion."""
+    motion.
+    """
     values = choose_values(id_)
     t_s, read, true = swing_of_exam(id_, values)
     begin = round(FROM_S / READ_S)

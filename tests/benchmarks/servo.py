@@ -445,20 +445,27 @@ def mark(said):
     stated = frozenset(said["effects"])
     family = said["family"]
     if said["kind"] == NOTHING:
-        if not stated and family is None:
-            if said["grade"] == "nothing missing":
-                return "right"
-            return "silent"
-        if stated:
-            if stated <= LAWS_OF_SERVO:
-                return "law of the servo"
-            return "wrong"
-        if members_of(family["id"]) & LAWS_OF_SERVO:
-            return "law of the servo"
-        return "wrong"
+        return mark_unchanged(stated, family, said["grade"])
+    return mark_changed(stated, family)
+
+
+def mark_unchanged(stated, family, grade):
     if stated:
-        is_right = stated & BODY_EFFECTS and stated <= BODY_EFFECTS | RIGHT_BESIDE_BODY
-        if is_right:
+        is_of_servo = stated <= LAWS_OF_SERVO
+    elif family is not None:
+        is_of_servo = members_of(family["id"]) & LAWS_OF_SERVO
+    elif grade == "nothing missing":
+        return "right"
+    else:
+        return "silent"
+    if is_of_servo:
+        return "law of the servo"
+    return "wrong"
+
+
+def mark_changed(stated, family):
+    if stated:
+        if stated & BODY_EFFECTS and stated <= BODY_EFFECTS | RIGHT_BESIDE_BODY:
             return "right"
         return "wrong"
     if family is not None:

@@ -7,7 +7,8 @@ until the time is up. Above the 7912 records/s that the box can be set to, a sen
 process is the force sensor; its counts are numbers and no forces, so that load is not watched.
 Shown every minute, and in the end: memory of this process and of the recorder, records lost by the
 sensor's own numbers, the longest gap of the loop, and what tripped. A trip ends its plan and the
-next one begins; with --runs what was recorded stays there, and another soak goes on behind it."""
+next one begins; with --runs what was recorded stays there, and another soak goes on behind it.
+"""
 
 import argparse
 import builtins
@@ -163,7 +164,8 @@ def one_run(rig: RigFile, folder: Path, seen: Watched, lenient: bool, rate_Hz: f
         finally:
             keeper.finish(why)
         health = bench.sensor.health()
-        seen.lost, seen.received = seen.lost + health.lost, seen.received + health.received
+        seen.lost += health.lost
+        seen.received += health.received
         seen.worst_gap_s = max(seen.worst_gap_s, recorder.worst_gap_s)
 
 

@@ -7,7 +7,8 @@ tells when its motor last gave torque. Errors of the adapter come from this proc
 bus, and signals from the system. Each cause is tried several times without further load, and while
 every core has a process that computes. What cannot be brought about like this is listed as not
 measured. With --record the times go to `tests/runner_faults/stop_times.json`, from where the fault
-table takes them; --compare only compares those with the simulated ones."""
+table takes them; --compare only compares those with the simulated ones.
+"""
 
 import argparse
 import json

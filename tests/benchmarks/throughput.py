@@ -7,7 +7,8 @@ this machine, or two workers of a Dask scheduler that lives in this process. Sho
 rounds of both. Two shares of the same time are disturbed less by what else the machine does: `busy`
 is the share of the workers' time in which they simulate, too low where others make them wait; `cpu`
 is the share that simulating has in the processor time of workers and of this process, scheduler
-included, which knows nothing of waiting. `head` is this process's own for each case."""
+included, which knows nothing of waiting. `head` is this process's own for each case.
+"""
 
 import argparse
 import os

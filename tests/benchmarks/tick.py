@@ -3,7 +3,8 @@
 The loop as in a run: the driver of an ODrive with two reports of angle and torque per tick, a force
 sensor of 14 records, all limits, a helper process that is watched. The devices' samples are ready,
 and the clock does not wait, so only the loop's own work is timed. With --against, another tree of
-this project is timed right before and after each time: the median of the ratios is printed."""
+this project is timed right before and after each time: the median of the ratios is printed.
+"""
 
 import argparse
 import os

@@ -62,10 +62,11 @@ def without(name, slip):
 
     def both(recording):
         def less(stroke):
-            streams = {
-                key: replace(one, columns={k: v for k, v in one.columns.items() if k != name})
-                for key, one in stroke.streams.items()
-            }
+            streams = {}
+            for key, stream in stroke.streams.items():
+                columns = dict(stream.columns)
+                columns.pop(name, None)
+                streams[key] = replace(stream, columns=columns)
             return replace(stroke, streams=streams)
 
         return slip(replace(recording, strokes=tuple(map(less, recording.strokes))))

@@ -3,7 +3,8 @@
 
 A case is a folder with a mutated file, or a strange argument, and a command typed there. It must
 end in one line and exit code 2 with nothing written, or in a normal result where the input happens
-to be legal."""
+to be legal.
+"""
 
 import contextlib
 import io
@@ -41,7 +42,8 @@ class Case:
     """A command, typed in a folder that `prepare` fills.
 
     `failures` are exit codes other than 0 and 2 that it may have, as 1 where nothing can be written
-    and 3 where a run trips."""
+    and 3 where a run trips.
+    """
 
     label: str
     words: Words
@@ -545,7 +547,7 @@ def _misspell(chance: random.Random, line: str) -> str:
 def _change_number(chance: random.Random, line: str) -> str:
     key, _, value = line.partition("=")
     words = value.split()
-    places = [place for place, word in enumerate(words) if any(letter.isdigit() for letter in word)]
+    places = [place for place, word in enumerate(words) if _has_digit(word)]
     if places:
         place = chance.choice(places)
         end = "".join(letter for letter in words[place] if letter in ",]}")
@@ -556,6 +558,10 @@ def _change_number(chance: random.Random, line: str) -> str:
             + end
         )
     return f"{key}= {' '.join(words)}"
+
+
+def _has_digit(word: str) -> bool:
+    return any(letter.isdigit() for letter in word)
 
 
 def _without_section(chance: random.Random, text: str) -> str:
@@ -1296,12 +1302,19 @@ def _typed_in(folder: Path, words: Words) -> Ended:
 
 
 def _judge(case: Case, ended: Ended, before: set[str], after: set[str]) -> Iterator[str]:
-    last = ended.err.strip().rpartition("\n")[2]
     if ended.code is None:
         yield f"took longer than {LONGEST_S} s, or {LONGEST_CPU_S} s of a processor"
         return
+    yield from _judge_output(ended)
+    yield from _judge_files(before, after)
+    if ended.code != 0:
+        yield from _judge_failure(case, ended, after - before)
+
+
+def _judge_output(ended: Ended) -> Iterator[str]:
+    """What no command may print, however it ends."""
     if "mistake in rfca-rig" in ended.err or "Traceback" in ended.err:
-        yield f"a mistake: {last[:300]}"
+        yield f"a mistake: {_last_line(ended)[:300]}"
     if any(
         unicodedata.category(letter) == "Cc" and letter not in "\n\t"
         for letter in ended.out + ended.err
@@ -1309,16 +1322,26 @@ def _judge(case: Case, ended: Ended, before: set[str], after: set[str]) -> Itera
         yield "control characters reach the terminal"
     if ended.warned:
         yield f"Python warns: {ended.warned[0][:200]}"
-    if lost := {name for name in before - after if name.endswith(("|", "@"))}:
+
+
+def _judge_files(before: set[str], after: set[str]) -> Iterator[str]:
+    """What no command may do to the files, however it ends."""
+    lost = {name for name in before - after if name.endswith(("|", "@"))}
+    if lost:
         yield f"replaced {sorted(lost)[:3]}"
     if any(name.endswith(".writing") or ".writing-" in name for name in after):
         yield f"something half written: {sorted(after - before)[:3]}"
-    if ended.code == 0:
-        return
+
+
+def _judge_failure(case: Case, ended: Ended, written: set[str]) -> Iterator[str]:
+    """What a command that fails may not do: end with another exit code, write a file and refuse
+    then, or say more or less than one line.
+    """
+    last = _last_line(ended)
     if ended.code != 2 and ended.code not in case.failures and "mistake" not in last:
         yield f"exit code {ended.code}: {last[:300]}"
-    if after - before and ended.code == 2:
-        yield f"wrote {sorted(after - before)[:3]} and refused: {last[:200]}"
+    if written and ended.code == 2:
+        yield f"wrote {sorted(written)[:3]} and refused: {last[:200]}"
     own = [
         line
         for line in ended.err.splitlines()
@@ -1334,6 +1357,11 @@ def _judge(case: Case, ended: Ended, before: set[str], after: set[str]) -> Itera
         yield f"{len(own)} lines: {' | '.join(own)[:300]}"
     elif len(own[0]) > LONGEST_LINE:
         yield f"a line of {len(own[0])} characters: {own[0][:100]}"
+
+
+def _last_line(ended: Ended) -> str:
+    """The last line on standard error."""
+    return ended.err.strip().rpartition("\n")[2]
 
 
 def _listing(folder: Path) -> set[str]:

@@ -23,11 +23,13 @@ from tests.cli.typed import typed
 PROGRAM = typer.main.get_command(app)
 # Once: it makes all commands again, and every worker imports this file.
 PATHS = list(every_command())
-LEAVES = [
-    path
-    for path in PATHS
-    if path and not any(other[: len(path)] == path for other in PATHS if other != path)
-]
+
+
+def has_commands(path):
+    return any(other[: len(path)] == path for other in PATHS if other != path)
+
+
+LEAVES = [path for path in PATHS if path and not has_commands(path)]
 # Types of Python, in brackets, and units in words: a unit stands in capitals behind the option's
 # name.
 TYPES = re.compile(r"<[a-z]")

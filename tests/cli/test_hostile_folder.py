@@ -2,7 +2,8 @@
 starts.
 
 The folder has a file for every module name that the program or a library of it could import. Each
-writes a marker where it is imported."""
+writes a marker where it is imported.
+"""
 
 import ast
 import os

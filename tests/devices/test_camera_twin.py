@@ -164,7 +164,8 @@ def test_out_of_focus_keeps_the_light_and_the_place():
     sharp = rendered()
     soft = rendered(ImageDisturbance(defocus_px=5.0))
     for px in by_hand():
-        (here, light), (there, same) = centre_near(sharp, px), centre_near(soft, px)
+        here, light = centre_near(sharp, px)
+        there, same = centre_near(soft, px)
         assert there == pytest.approx(here, abs=0.05)
         assert same == pytest.approx(light, rel=0.06)
     assert (

@@ -61,7 +61,8 @@ def test_driver_and_twin_understand_each_other_on_their_wire(kind, with_panel):
 
     panel = FaultPanel(faults) if with_panel else None
     if wire is None:
-        twin, way = (made := make_twin(None), made)
+        twin = make_twin(None)
+        way = twin
     else:
         twin, way = wire.connect(keys, make_twin, panel)
 

@@ -94,14 +94,14 @@ def test_what_a_long_pause_has_dammed_up_is_not_too_many_though_its_tail_comes_l
 def test_the_warmest_of_what_is_told_counts_and_that_it_is_told_no_more() -> None:
     temperature = TemperatureTelemetry()
     assert temperature.fault(100.0) is None
-    temperature.hear(1.0, 35.0, float("nan"))
+    temperature.update(1.0, 35.0, float("nan"))
     assert temperature.warmest_C == 35.0
-    temperature.hear(2.0, 35.0, 61.5)
+    temperature.update(2.0, 35.0, 61.5)
     assert temperature.warmest_C == 61.5
     assert temperature.fault(11.9) is None
     assert "no temperature for 11 s" in (temperature.fault(13.0) or "")
-    temperature.hear(14.0, 35.0, float("nan"))
+    temperature.update(14.0, 35.0, float("nan"))
     assert temperature.warmest_C == 61.5
-    temperature.hear(15.0, 35.0, 1e30)
+    temperature.update(15.0, 35.0, 1e30)
     with pytest.raises(BadReading, match="motor temperature nan degC, 3 bad reports"):
-        temperature.hear(16.0, 35.0, float("nan"))
+        temperature.update(16.0, 35.0, float("nan"))

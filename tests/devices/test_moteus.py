@@ -84,10 +84,11 @@ def answer(bus: can.BusABC, *subframes: Subframe, source: int = 1, destination: 
 
 def orders_in(messages: list[can.Message]) -> list[dict[int, float]]:
     """What the frames of a driver wrote, register by register."""
-    return [
-        {item.register: item.value for item in moteus.decode(m.data) if isinstance(item, Write)}
-        for m in messages
-    ]
+    orders = []
+    for message in messages:
+        writes = [item for item in moteus.decode(message.data) if isinstance(item, Write)]
+        orders.append({write.register: write.value for write in writes})
+    return orders
 
 
 # -- enabling

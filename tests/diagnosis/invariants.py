@@ -46,6 +46,7 @@ def list_contradictions(diagnosis: Diagnosis) -> list[str]:
     checks = (
         _check_table,
         _check_grade,
+        _check_criteria,
         _check_other_families,
         _check_nothing,
         _check_stated_set,
@@ -101,10 +102,15 @@ def _check_grade(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"The effects {_join(stated - written)} are stated, but the fitted model lacks them."
     if grade not in STATED_GRADES and written:
         yield f"The grade is {grade!r}, but the fitted model has {_join(written)}."
-    if grade == "identified":
-        for criterion in diagnosis.criteria:
-            if not criterion.passed:
-                yield f"The grade is 'identified', but {criterion.name} failed: {criterion.found}."
+
+
+def _check_criteria(diagnosis: Diagnosis) -> Iterator[str]:
+    """What is identified passed every criterion."""
+    if diagnosis.grade != "identified":
+        return
+    for criterion in diagnosis.criteria:
+        if not criterion.passed:
+            yield f"The grade is 'identified', but {criterion.name} failed: {criterion.found}."
 
 
 def _check_other_families(diagnosis: Diagnosis) -> Iterator[str]:
@@ -158,9 +164,6 @@ def _check_stated_set(diagnosis: Diagnosis) -> Iterator[str]:
 
 def _check_exclusions(diagnosis: Diagnosis) -> Iterator[str]:
     """No effect is excluded that is stated, may be there, or may hide in a nominal value."""
-    stated = {effect.id for effect in diagnosis.effects}
-    alternatives = {other for effect in diagnosis.effects for other in effect.cannot_tell_from}
-    members = set(diagnosis.family.members) if diagnosis.family is not None else set()
     moved = {parameter.name: parameter for parameter in diagnosis.moved_priors}
     same_as = _list_same_as()
     times = Counter(exclusion.id for exclusion in diagnosis.not_seen)
@@ -170,28 +173,36 @@ def _check_exclusions(diagnosis: Diagnosis) -> Iterator[str]:
     for exclusion in diagnosis.not_seen:
         if exclusion.would_have_seen is None:
             continue
-        effect_id = exclusion.id
         limits = [f"{name} {value:g}" for name, value in exclusion.would_have_seen.items()]
-        excluded = f"{effect_id} is excluded from {_join(limits)}"
+        excluded = f"{exclusion.id} is excluded from {_join(limits)}"
         for name, value in exclusion.would_have_seen.items():
             # a factor does nothing at 1, any other size at 0
             if value == (1.0 if name.endswith("factor") else 0.0):
                 yield f"{excluded}, where it does nothing."
-        if effect_id in stated:
-            yield f"{excluded}, but it is stated."
-        elif effect_id in alternatives:
-            yield f"{excluded}, but a stated effect cannot be told from it."
-        elif effect_id in members:
-            yield f"{excluded}, but it is a member of the stated family {diagnosis.family.id}."
-        for row in diagnosis.rivals:
-            if effect_id in row.ids and row.probability > MAX_EXCLUDED_PROBABILITY:
-                yield f"{excluded}, but the table gives {_name(row)} {row.probability:.4f}."
-        parameter = moved.get(same_as.get(effect_id, ""))
+        for objection in _list_objections(diagnosis, exclusion.id):
+            yield f"{excluded}, but {objection}."
+        parameter = moved.get(same_as.get(exclusion.id, ""))
         if parameter is not None:
             yield (
                 f"{excluded}, but {parameter.name}, which acts exactly like it,"
                 f" moved by {parameter.deviations:+.1f} prior standard deviations."
             )
+
+
+def _list_objections(diagnosis: Diagnosis, effect_id: str) -> Iterator[str]:
+    """What the statement and the table say against the exclusion of an effect."""
+    stated = {effect.id for effect in diagnosis.effects}
+    alternatives = {other for effect in diagnosis.effects for other in effect.cannot_tell_from}
+    members = set(diagnosis.family.members) if diagnosis.family is not None else set()
+    if effect_id in stated:
+        yield "it is stated"
+    elif effect_id in alternatives:
+        yield "a stated effect cannot be told from it"
+    elif effect_id in members:
+        yield f"it is a member of the stated family {diagnosis.family.id}"
+    for row in diagnosis.rivals:
+        if effect_id in row.ids and row.probability > MAX_EXCLUDED_PROBABILITY:
+            yield f"the table gives {_name(row)} {row.probability:.4f}"
 
 
 def _check_held_out(diagnosis: Diagnosis) -> Iterator[str]:

@@ -56,7 +56,8 @@ def test_many_fits_from_a_poor_start_with_a_poor_jacobian_arrive(found):
     them it is computed again.
 
     Each fit alone is a matter of luck: of the seeds up to 12, these and one more arrive, and none
-    where the Jacobian is not computed again."""
+    where the Jacobian is not computed again.
+    """
     optimizer, best = found
     arrived = (
         seed for seed in (1, 3, 4, 5, 6, 9) if arrives_from_a_poor_start(optimizer, best, seed)

@@ -153,19 +153,18 @@ def test_beside_another_fit_only_effects_that_promise_something_are_simulated_ag
     ).probes
 
     beside = model_selection._projection(state, state.nothing)
-    gains = {
-        name: max(beside.gain(one.signature)[0] for one in known if one.choice.effect.id == name)
-        for name in ("tip_mass", "sensor_clock_rate")
-    }
+    gains = {}
+    for name in ("tip_mass", "sensor_clock_rate"):
+        probes = [probe for probe in known if probe.choice.effect.id == name]
+        gains[name] = max(beside.gain(probe.signature)[0] for probe in probes)
 
     def kept(promise):
         screen = model_selection._screen_promising(
             state, state.nothing, known, promise / config.worth_a_probe, config
         )
         assert {probe.choice for probe in screen.probes} == {probe.choice for probe in known}
-        return {
-            probe.choice.effect.id for probe in screen.probes if any(probe is one for one in known)
-        }
+        known_objects = {id(probe) for probe in known}
+        return {probe.choice.effect.id for probe in screen.probes if id(probe) in known_objects}
 
     assert gains["tip_mass"] > 10.0 * gains["sensor_clock_rate"]
     assert kept(0.0) == set()

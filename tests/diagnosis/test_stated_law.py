@@ -59,10 +59,9 @@ def test_an_effect_elsewhere_stays_in_the_base(stribeck):
 
 
 def test_every_effect_that_has_a_law_at_a_place_acts_there():
-    at = {
-        place: {name for name in catalogue() if _acts_at(name, place)}
-        for place in (*OF_LEG, *OF_PENDULUM)
-    }
+    at = {}
+    for place in (*OF_LEG, *OF_PENDULUM):
+        at[place] = {name for name in catalogue() if _acts_at(name, place)}
     assert {"spring_hysteresis", "hinge_backlash", "hinge_coulomb_friction"} <= at["hinges"]
     assert at["floor_friction"] == {"ground_stribeck"} and "ground_adhesion" in at["floor_normal"]
     of_channels = {

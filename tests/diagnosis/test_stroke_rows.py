@@ -66,7 +66,8 @@ def test_a_recording_that_ends_soon_after_the_valley(whole, after_s):
 def test_the_shortest_of_several_says_where_the_rows_begin_and_end(whole):
     t_s = whole.streams["table"].t_s
     short = taken(whole, (t_s > -0.05) & (t_s < valley_s(whole) + 0.04))
-    (alone,), (both,) = flaps_of([short]), flaps_of([whole, short])
+    (alone,) = flaps_of([short])
+    (both,) = flaps_of([whole, short])
     assert np.array_equal(both.first, alone.first)
     assert np.array_equal(both.t_s, alone.t_s)
     assert both.repeats[0] == pytest.approx(both.repeats[1])

@@ -70,7 +70,8 @@ def repeated(look: Callable[[], Said], subjects: tuple[str, ...]) -> Said:
     """What `look` says once every one of `subjects` is green, or the last of five times.
 
     The twins of a loaded machine fall behind real time: their rates and losses are then the
-    machine's own affair."""
+    machine's own affair.
+    """
     for _ in range(5):
         said = look()
         seen = by_subject(said)

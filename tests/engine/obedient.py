@@ -22,7 +22,9 @@ class Obedient:
         self._records = 0
 
     def command_angle(self, angle_rad, speed_rad_s=0.0):
-        self._angle_rad, self._speed_rad_s, self._since_s = angle_rad, 0.0, self._clock.now_s()
+        self._angle_rad = angle_rad
+        self._speed_rad_s = 0.0
+        self._since_s = self._clock.now_s()
         self._told_rad_s = speed_rad_s
 
     def command_speed(self, speed_rad_s):

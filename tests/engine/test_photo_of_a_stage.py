@@ -142,7 +142,8 @@ def test_the_photo_is_taken_while_the_mean_is_and_waited_for_no_longer_than_it_t
     recorded, commanded_s, over_s = run(
         tmp_path, lambda clock: Later(clock, after_s), 50.0, average_s=average_s
     )
-    (stage,), (end_s,) = recorded, over_s.values()
+    (stage,) = recorded
+    (end_s,) = over_s.values()
     assert (stage.photo.name, stage.photo_fault) == ("photo-1", "")
     assert end_s - stage.start_s == pytest.approx(lasts_s, abs=3 * HOLD_PERIOD_S)
     assert len(stage.force.counts) / 7000.0 == pytest.approx(average_s, abs=3 * HOLD_PERIOD_S)

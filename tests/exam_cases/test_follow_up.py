@@ -44,12 +44,17 @@ def naming(truths, enough, proposal):
         effects = [
             {"id": id_, "probability": 0.99, "parameters": {}} for id_ in truths[name]["effects"]
         ]
-        seen = conditions_of(campaign) >= enough
-        verdict = ("named" if effects else "nothing missing") if seen else "not enough data"
+        if conditions_of(campaign) < enough:
+            verdict = "not enough data"
+            effects = []
+        elif effects:
+            verdict = "named"
+        else:
+            verdict = "nothing missing"
         said = {
             "format": "rfca-diagnosis/1",
             "verdict": verdict,
-            "effects": effects if seen else [],
+            "effects": effects,
             "next_experiment": proposal,
         }
         (into / "diagnosis.json").write_text(json.dumps(said))

@@ -106,7 +106,8 @@ def let_go(d: Driving, within_s: float) -> float:
     last command.
 
     A drive that only answers is asked by telling it to let go once more: the answer shows how it
-    was before."""
+    was before.
+    """
     d.heard(within_s)
     last_command = d.moving(d.history)[-1]
     words = [m for m in d.history if d.is_last_word(m) and m.timestamp >= last_command.timestamp]

@@ -2,7 +2,8 @@
 mit|servo [silent]
 
 Says `turning` and the guardian's process id once the shaft turns; with `silent` it stops commanding
-a little later and goes on running."""
+a little later and goes on running.
+"""
 
 import sys
 import threading

@@ -2,7 +2,8 @@
 -m tests.guardian.far_end mit|servo
 
 The same bus is there as a serial adapter. Prints where, as JSON. Without torque the shaft creeps;
-turned as `driving` does it takes several N m."""
+turned as `driving` does it takes several N m.
+"""
 
 import json
 import sys

@@ -4,7 +4,8 @@ have no part in it.
 The joints turn in a vertical plane, driven towards a reference by a controller whose torques are
 recorded. Friction is LuGre's: a bristle with a Stribeck curve that falls as a Gaussian, and a share
 of the load. With a `Gear` the rotors are bodies of their own, behind springs with a dead zone, and
-the encoders sit on them."""
+the encoders sit on them.
+"""
 
 from dataclasses import dataclass, field
 
@@ -173,7 +174,10 @@ STAGES = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
 # Loops over numbers: expressions of arrays, and BLAS, take four times as long to compile.
 @numba.njit(cache=True)
 def _runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, h, steps):
-    x, at, rate, total = x.copy(), np.zeros(x.size), np.zeros(x.size), np.zeros(x.size)
+    x = x.copy()
+    at = np.zeros(x.size)
+    rate = np.zeros(x.size)
+    total = np.zeros(x.size)
     for _ in range(steps):
         total[:] = 0.0
         for reach, weight in STAGES:
@@ -222,7 +226,8 @@ def _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness
     for i in range(n):
         for part in range(3):
             rates[part * n + i] = links[part * n + i]
-        rates[3 * n + i], rates[4 * n + i] = x[4 * n + i], (torque[i] - passed[i]) / rotor[i]
+        rates[3 * n + i] = x[4 * n + i]
+        rates[4 * n + i] = (torque[i] - passed[i]) / rotor[i]
     return rates
 
 
@@ -230,7 +235,10 @@ def _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness
 def _geared_runge_kutta(
     x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping, h, steps
 ):
-    x, at, rate, total = x.copy(), np.zeros(x.size), np.zeros(x.size), np.zeros(x.size)
+    x = x.copy()
+    at = np.zeros(x.size)
+    rate = np.zeros(x.size)
+    total = np.zeros(x.size)
     for _ in range(steps):
         total[:] = 0.0
         for reach, weight in STAGES:
@@ -286,7 +294,9 @@ def _rates(state, torque, length, mass, rotor, dry, viscous, shape):
         in_joints[i, i] += rotor[i]
     _solve(in_joints, right)
     for i in range(n):
-        rates[i], rates[n + i], rates[2 * n + i] = w[i], right[i], bend[i]
+        rates[i] = w[i]
+        rates[n + i] = right[i]
+        rates[2 * n + i] = bend[i]
     return rates
 
 

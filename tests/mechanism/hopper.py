@@ -3,7 +3,8 @@ no part in it.
 
 A trunk slides on the rail, and a foot slides below it, driven by a controller whose force is
 recorded. The sole is Hunt and Crossley's, N = k d^1.5 (1 + c d'), or has other exponents. Dry
-friction rises at low speed as a Gaussian. A force plate is under the floor."""
+friction rises at low speed as a Gaussian. A force plate is under the floor.
+"""
 
 from dataclasses import dataclass
 
@@ -29,7 +30,8 @@ class Hopper:
     rest, as a share.
 
     The sole is N = k d^1.5 ((d / d0)^p + c d' (d / d0)^r) with `other_powers` p and r, 0 for Hunt
-    and Crossley's, and the depth d0 at 50 N."""
+    and Crossley's, and the depth d0 at 50 N.
+    """
 
     trunk_kg: float = 1.5
     foot_kg: float = 0.3

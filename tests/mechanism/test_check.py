@@ -84,10 +84,9 @@ def reverse(*columns):
 @pytest.mark.slow
 def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(sound):
     assert not [line for line in sound if line.is_warning]
-    names = {
-        about: [line.name for line in sound if line.about == about]
-        for about in {line.about for line in sound}
-    }
+    names = {}
+    for line in sound:
+        names.setdefault(line.about, []).append(line.name)
     assert names["model"] == ["model.xml"]
     assert names["recording"] == ["sines 1, repeat 1", "sines 2, repeat 1"]
     assert names["signal"] == names["prediction"] == ["q1", "q2", "q3", "w1", "w2", "w3"]

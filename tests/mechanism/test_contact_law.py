@@ -186,7 +186,8 @@ def give_back(contact, along, depth, h):
     F = total = most = passed = 0.0
     for k in range(1, along.size):
         moved = along[k] - along[k - 1]
-        contact.geom_xpos[1, 0], contact.geom_xpos[1, 2] = along[k], contact.radius[0] - depth[k]
+        contact.geom_xpos[1, 0] = along[k]
+        contact.geom_xpos[1, 2] = contact.radius[0] - depth[k]
         contact.cvel[1, 3] = moved / h
         apply_contact_forces(contact, h)
         after = contact.xfrc_applied[1, 0]

@@ -195,13 +195,17 @@ OF_HOPPER = ("slide", "contacts", "sensors")
 ELSEWHERE = ("springs", "starts", "contact laws")  # in test_prescribed and test_contact_law
 
 
+def nuisances_of(words):
+    """Nuisance parameters of objects that one of these words names."""
+    keys = []
+    for key, kind in NUISANCES.items():
+        if any(word in kind.objects for word in words):
+            keys.append(key)
+    return keys
+
+
 @pytest.mark.parametrize(
-    "key",
-    [
-        key
-        for key, kind in NUISANCES.items()
-        if not any(word in kind.objects for word in (*OF_HOPPER, *ELSEWHERE))
-    ],
+    "key", [key for key in NUISANCES if key not in nuisances_of((*OF_HOPPER, *ELSEWHERE))]
 )
 def test_every_nuisance_parameter_changes_the_motion(mechanism, plain, key):
     plant = make_plant(mechanism, 1e-3)
@@ -232,10 +236,7 @@ def plainly_hopped(on_floor):
     return hopped(make_plant(on_floor, 1e-3, reads_sensors=True))
 
 
-@pytest.mark.parametrize(
-    "key",
-    [key for key, kind in NUISANCES.items() if any(word in kind.objects for word in OF_HOPPER)],
-)
+@pytest.mark.parametrize("key", nuisances_of(OF_HOPPER))
 def test_nuisance_parameters_of_slides_contacts_and_sensors_act_where_they_are(
     on_floor, plainly_hopped, key
 ):
@@ -444,13 +445,11 @@ def test_a_search_for_wrong_torque_scales_begins_near_one_for_each_number_of_mot
     to one with 7 % more.
     """
     for effect_id, points in (("torque_scale", 2**3), ("torque_scale_of_one", 3 * 4)):
-        values = [
-            dict(term.present(z).values)
-            for term in terms_of(effects_of(mechanism)[effect_id])
-            for z in grid_of(term)
-        ]
-        factors = np.array(
-            [[value for name, value in one.items() if name.endswith("factor")] for one in values]
-        )
+        starts = []
+        for term in terms_of(effects_of(mechanism)[effect_id]):
+            for z in grid_of(term):
+                values = dict(term.present(z).values)
+                starts.append([value for name, value in values.items() if name.endswith("factor")])
+        factors = np.array(starts)
         assert len(factors) == points
         assert (np.abs(factors - 1.0) < 0.11).all(axis=1).any()

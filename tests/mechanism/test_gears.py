@@ -247,7 +247,8 @@ def test_a_torque_that_falls_with_speed_is_the_line_of_the_motor(geared):
     scaled = simulate_plant(
         plant, CommandTrace(told.t_s, told.command), START_RAD, START_RAD_S, T_S
     ).position
-    plant.command_gain[:], plant.torque_speed[0] = 1.0, 1.3 * plant.torque_speed[0]
+    plant.command_gain[:] = 1.0
+    plant.torque_speed[0] *= 1.3
     assert scaled == pytest.approx(
         simulate_plant(
             plant, CommandTrace(told.t_s, 1.3 * told.command), START_RAD, START_RAD_S, T_S

@@ -103,7 +103,8 @@ def test_commands_act_late_by_the_delay_and_after_the_gain(tmp_path):
     wave = np.column_stack([np.sin(30.0 * (t_s - late)) for late in (0.0, 0.0, 0.0)])
     shifted = np.column_stack([np.sin(30.0 * (t_s - 0.02))] * 3)
     plant = make_plant(mechanism, 1e-3)
-    plant.command_delay_s, plant.command_gain = 0.02, np.full(3, 2.0)
+    plant.command_delay_s = 0.02
+    plant.command_gain = np.full(3, 2.0)
     late = simulate_plant(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
     same = simulate_plant(
         make_plant(mechanism, 1e-3), CommandTrace(t_s, 2.0 * shifted), START_RAD, START_RAD_S, T_S

@@ -4,7 +4,8 @@ discrete elastica.
 EI theta'' = F sin(theta - alpha) with theta(0) = 0 and theta'(L) = 0 is a pendulum. With chi = pi -
 (alpha - theta), k = cos((alpha - theta_L) / 2) and sin(chi / 2) = k sin(phi), its first integral
 gives ds = sqrt(EI / F) dphi / sqrt(1 - k^2 sin^2 phi), phi from phi_0 at the clamp, sin(phi_0) =
-cos(alpha / 2) / k, to pi / 2 at the tip. Holds for 0 < theta_L < alpha < pi."""
+cos(alpha / 2) / k, to pi / 2 at the tip. Holds for 0 < theta_L < alpha < pi.
+"""
 
 import numpy as np
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc

@@ -3,7 +3,8 @@ of joints under the same tip force.
 
 Two-node elements with one integration point; nodal unknowns x, y, theta. With dx, dy the element's
 chord and theta its mean angle, stretch e = (dx cos + dy sin) / h - 1, shear g = (dy cos - dx sin) /
-h, curvature dtheta / h."""
+h, curvature dtheta / h.
+"""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,8 @@
 """The same equations of motion in the hands of scipy's LSODA: slow, but somebody else's integrator.
 
 Friction with memory is no ordinary differential equation, so the floor is without it here; its
-normal forces stay."""
+normal forces stay.
+"""
 
 from dataclasses import replace
 

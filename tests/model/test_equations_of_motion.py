@@ -53,12 +53,10 @@ def vector_mechanics(rig):
     lengths = np.array(rig.leg.link_lengths_m)
     masses = np.array(rig.leg.link_masses_kg)
     n = len(lengths)
-    reach = np.array(
-        [
-            [lengths[i] if i < k else lengths[i] / 2 if i == k else 0.0 for i in range(n)]
-            for k in range(n)
-        ]
-    )
+    reach = np.zeros((n, n))
+    for k in range(n):
+        reach[k, :k] = lengths[:k]
+        reach[k, k] = lengths[k] / 2
 
     def rhs(_, x):
         q = x[:n]

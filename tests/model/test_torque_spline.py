@@ -102,9 +102,8 @@ def test_the_energy_is_the_integral_of_the_torque(curve, x):
     rig = with_curves(curve)
     q = np.array([[0.3, *(0.3 + np.full(6, x))]])  # the first hinge bends, the others are straight
     torque = lambda angle: float(bending_torque_Nm(rig.leg, np.array(angle)))  # noqa: E731
-    knots = [
-        angle for angle in (*curve[0], *(-a for a in curve[0])) if min(0.0, x) < angle < max(0.0, x)
-    ]
+    both_sides = [*curve[0], *(-angle for angle in curve[0])]
+    knots = [angle for angle in both_sides if min(0.0, x) < angle < max(0.0, x)]
     expected = quad(torque, 0.0, x, points=knots or None, epsabs=1e-13)[0]
     assert springs_J(make_chain(rig, NO_GROUND_M), q)[0] == pytest.approx(expected, abs=1e-11)
 

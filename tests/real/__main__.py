@@ -4,7 +4,8 @@ Each set of sets.toml is put together in FOLDER and diagnosed. A row says what i
 published, the rms error of each position (joints by name) on held-out conditions before and after,
 and after a least-squares fit of the published law by hand. The last column is the error that the
 statement closes over the error that the hand fit closes, both as mean squares of all positions.
-Counts follow for each split. Answers stay in FOLDER."""
+Counts follow for each split. Answers stay in FOLDER.
+"""
 
 import json
 import math

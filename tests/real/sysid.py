@@ -8,7 +8,8 @@ each window from the measured state, and is scored as the other fits are: one co
 at a time, and the start of a held-out window is moved within its uncertainty.
 
 Steps are those of the diagnosis, with MuJoCo's Runge-Kutta integrator. All windows of a fit go
-through one call: one call for each compiles the model and starts threads each time."""
+through one call: one call for each compiles the model and starts threads each time.
+"""
 
 import io
 import json
@@ -58,7 +59,8 @@ def spec_of(path, step_s):
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     for place, body in enumerate(spec.bodies):
         if model.body_mass[place] > 0.0:
-            body.explicitinertial, body.fullinertia = True, np.full(6, np.nan)
+            body.explicitinertial = True
+            body.fullinertia = np.full(6, np.nan)
             body.mass = model.body_mass[place]
             body.inertia = model.body_inertia[place]
             body.ipos = model.body_ipos[place]
@@ -151,10 +153,13 @@ def fit(problem, path, free, conditions):
     """
     spec = spec_of(path, problem.simulator.step_s)
     trajectories = measure_and_drive(problem, spec.compile(), conditions)
-    by_length = [
-        [one for one in trajectories if len(one.sensordata.times) == bins]
-        for bins in {len(t.sensordata.times) for t in trajectories}
-    ]
+    bins = [len(trajectory.sensordata.times) for trajectory in trajectories]
+    by_length = []
+    for length in set(bins):
+        alike = [
+            trajectory for trajectory, n in zip(trajectories, bins, strict=True) if n == length
+        ]
+        by_length.append(alike)
 
     def residual_at(x, params):
         build = lambda changed: sysid.apply_param_modifiers(changed, spec)  # noqa: E731

@@ -23,6 +23,7 @@ from tests.recording.growing import exhaust, hand_over, header, run_blocks
 Change = Callable[[bytes, np.random.Generator], bytes]
 # Bytes that an insertion, a deletion or a block of zeros has at most.
 MOST_BYTES = 64
+SUMS = "SHA256SUMS"
 
 
 def finish_run(folder: Path, stages: Sequence[int], older: Path | None = None) -> None:
@@ -114,16 +115,15 @@ def whole_file_edits(run: Path, other: Path, older: Path) -> Iterator[Edit]:
     a time.
     """
     files = files_of(run)
+    yield from _spoil_a_file(files)
+    yield from _spoil_two_files(files)
+    yield from _mix_with_another_run(_list_differing(files, run, other), other)
+    yield from _mix_with_before_the_end(_list_differing(files, run, older), older)
+    for place in ("stages", "photos"):
+        yield Edit(f"remove {place}", lambda folder, place=place: shutil.rmtree(folder / place))
 
-    def remove(*names: str) -> Callable[[Path], object]:
-        return lambda folder: [(folder / name).unlink() for name in names]
 
-    def copy(place: Path, *names: str) -> Callable[[Path], object]:
-        return lambda folder: [shutil.copy(place / name, folder / name) for name in names]
-
-    def both(*edits: Callable[[Path], object]) -> Callable[[Path], object]:
-        return lambda folder: [edit(folder) for edit in edits]
-
+def _spoil_a_file(files: Sequence[str]) -> Iterator[Edit]:
     for name in files:
         yield Edit(f"remove {name}", remove(name))
         yield Edit(f"empty {name}", lambda folder, name=name: (folder / name).write_bytes(b""))
@@ -131,38 +131,53 @@ def whole_file_edits(run: Path, other: Path, older: Path) -> Iterator[Edit]:
             f"rename {name}",
             lambda folder, name=name: (folder / name).rename(folder / f"{name}.bak"),
         )
-    for one, two in itertools.combinations(files, 2):
-        yield Edit(f"remove {one} and {two}", remove(one, two))
-        yield Edit(
-            f"swap {one} and {two}",
-            both(
-                copy_within(one, f"{one}.kept"),
-                copy_within(two, one),
-                move_within(f"{one}.kept", two),
-            ),
+
+
+def _spoil_two_files(files: Sequence[str]) -> Iterator[Edit]:
+    for first, second in itertools.combinations(files, 2):
+        yield Edit(f"remove {first} and {second}", remove(first, second))
+        kept = f"{first}.kept"
+        swap = apply_all(
+            copy_within(first, kept), copy_within(second, first), move_within(kept, second)
         )
-    shared = [
+        yield Edit(f"swap {first} and {second}", swap)
+
+
+def _mix_with_another_run(files: Sequence[str], other: Path) -> Iterator[Edit]:
+    for name in files:
+        yield Edit(f"{name} of another run", copy_from(other, name))
+        without_hashes = copy_from(other, name)
+        if name != SUMS:
+            without_hashes = apply_all(without_hashes, remove(SUMS))
+        yield Edit(f"{name} of another run, without hashes", without_hashes)
+    for first, second in itertools.combinations(files, 2):
+        yield Edit(f"{first} and {second} of another run", copy_from(other, first, second))
+
+
+def _mix_with_before_the_end(files: Sequence[str], older: Path) -> Iterator[Edit]:
+    for name in files:
+        yield Edit(f"{name} of before the end", copy_from(older, name))
+        yield Edit(
+            f"{name} of before the end, without hashes",
+            apply_all(copy_from(older, name), remove(SUMS)),
+        )
+
+
+def _list_differing(files: Sequence[str], run: Path, other: Path) -> list[str]:
+    """The files that both runs have, with different content."""
+    return [
         name
         for name in files
         if (other / name).is_file() and (other / name).read_bytes() != (run / name).read_bytes()
     ]
-    for name in shared:
-        yield Edit(f"{name} of another run", copy(other, name))
-        yield Edit(
-            f"{name} of another run, without hashes",
-            both(copy(other, name), remove("SHA256SUMS") if name != "SHA256SUMS" else bool),
-        )
-    for one, two in itertools.combinations(shared, 2):
-        yield Edit(f"{one} and {two} of another run", copy(other, one, two))
-    for name in files:
-        if (older / name).is_file() and (older / name).read_bytes() != (run / name).read_bytes():
-            yield Edit(f"{name} of before the end", copy(older, name))
-            yield Edit(
-                f"{name} of before the end, without hashes",
-                both(copy(older, name), remove("SHA256SUMS")),
-            )
-    for place in ("stages", "photos"):
-        yield Edit(f"remove {place}", lambda folder, place=place: shutil.rmtree(folder / place))
+
+
+def remove(*names: str) -> Callable[[Path], object]:
+    return lambda folder: [(folder / name).unlink() for name in names]
+
+
+def copy_from(place: Path, *names: str) -> Callable[[Path], object]:
+    return lambda folder: [shutil.copy(place / name, folder / name) for name in names]
 
 
 def copy_within(name: str, to: str) -> Callable[[Path], object]:
@@ -171,6 +186,10 @@ def copy_within(name: str, to: str) -> Callable[[Path], object]:
 
 def move_within(name: str, to: str) -> Callable[[Path], object]:
     return lambda folder: (folder / name).replace(folder / to)
+
+
+def apply_all(*edits: Callable[[Path], object]) -> Callable[[Path], object]:
+    return lambda folder: [edit(folder) for edit in edits]
 
 
 def find_fault(run: Path, edit: Edit, place: Path) -> str:

@@ -3,7 +3,8 @@ memory, or to make a reader fail.
 
 `FILES` change a recording in one HDF5 file, `BYTES` the bytes of such a file, `FOLDERS` a run's
 folder. A canary beside each is what no reader may show. What `check` takes for a run that a crash
-cut off, or for a copy that belongs to no run, is in `NO_DAMAGE`."""
+cut off, or for a copy that belongs to no run, is in `NO_DAMAGE`.
+"""
 
 import json
 import os
@@ -133,7 +134,8 @@ def dangling_soft_link(file, secret):
 
 @of_file
 def soft_links_in_a_circle(file, secret):
-    file["raw"], file["other"] = h5py.SoftLink("/other"), h5py.SoftLink("/raw")
+    file["raw"] = h5py.SoftLink("/other")
+    file["other"] = h5py.SoftLink("/raw")
 
 
 @of_file
@@ -818,12 +820,14 @@ for _file in ("run.json", "end.json", "events.jsonl", "SHA256SUMS"):
 
 def linked(folder, secret, file, goal):
     suffix = Path(file).suffix
+    if goal != "elsewhere":
+        target = goal
+    elif suffix in ("", ".journal"):
+        target = secret
+    else:
+        target = secret.with_suffix(suffix)
     (folder / file).unlink(missing_ok=True)
-    (folder / file).symlink_to(
-        (secret if suffix in ("", ".journal") else secret.with_suffix(suffix))
-        if goal == "elsewhere"
-        else goal
-    )
+    (folder / file).symlink_to(target)
 
 
 def directory(folder, secret, file):

@@ -937,10 +937,8 @@ def test_signals_whose_curves_coincide_are_folded_unless_something_is_located_th
     same = tuple(replace(one, before=1.004 * one.measured, after=one.measured) for one in two)
     found = {one.signal: one.summary for one in pictures_of(same, {"fz_N"})}
     assert found["fy (N)"].startswith("fy: all curves coincide, rms ") and found["fz (N)"] == ""
-    assert all(
-        one.summary == ""
-        for one in pictures_of([one for one in overlays() if one.condition == CONDITIONS[0]])
-    )
+    of_a_condition = [overlay for overlay in overlays() if overlay.condition == CONDITIONS[0]]
+    assert all(picture.summary == "" for picture in pictures_of(of_a_condition))
     text = page(replace(NAMED, overlays=same), PageContext(Origin()))
     assert text.count("<details><summary>fy: all curves") == 1 and "<summary>fz" not in text
 

@@ -2,7 +2,8 @@
 stays a name.
 
 Names of models have no quotes and no control characters, other models are refused. Names of
-conditions, columns, data sets and titles may be anything that a file can hold."""
+conditions, columns, data sets and titles may be anything that a file can hold.
+"""
 
 import csv
 import json

@@ -26,7 +26,8 @@ class BreakableBus(can.BusABC):
     takes it away.
 
     Every frame that the driver wants to send is kept, with the time; `fetch_photo` are those that
-    left."""
+    left.
+    """
 
     def __init__(self, end: can.BusABC, clock: TwinClock) -> None:
         super().__init__(channel=end.channel_info)

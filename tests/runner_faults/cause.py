@@ -18,7 +18,8 @@ class Cause:
     `in_hold` is for what shows only while the shaft is held, `at_arming` for what is there before
     anything moves; all else begins in the middle of the stroke. `by_press` are keys and signals,
     which may come on top of anything. The torque is gone `within_ms`. The stroke is done at
-    `speed_rad_s`, the shaft held for `hold_s`."""
+    `speed_rad_s`, the shaft held for `hold_s`.
+    """
 
     name: str
     family: Family

@@ -5,7 +5,8 @@ It takes the words of `rfca-rig`, here `twin serve`. Three more lines work on it
 `cause NAME` brings about a cause that acts on the drive, the shaft, the sensor or the bus, by the
 same function as in simulated time; the answer is when it began. `heal` takes it back, unless it is
 in PERMANENT. `torque` tells when the motor last gave torque, whatever the drive reports. Times are
-those of the system's monotonic clock, which all processes share."""
+those of the system's monotonic clock, which all processes share.
+"""
 
 import sys
 import time

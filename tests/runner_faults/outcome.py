@@ -24,7 +24,8 @@ class Outcome:
     `energised_s` after the run's end.
 
     `obeyed_s` is how long the drive gave torque after the first order to let go had left; NaN where
-    none left."""
+    none left.
+    """
 
     ended: str
     message: str

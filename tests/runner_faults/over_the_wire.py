@@ -21,6 +21,7 @@ import can
 
 from rfca_rig.bench import factory
 from rfca_rig.bench.factory import open_bench, open_commanding_bus
+from rfca_rig.bench.photo_reader import PhotoReader
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.run_experiment import handle_signals
 from rfca_rig.clock import WallClock
@@ -31,6 +32,7 @@ from rfca_rig.protocol.plan import Flap, Hold, Plan, Rest, Stage
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.model import Recording
+from tests.bench.test_photo_reader import EYE
 from tests.guardian import rigs as guarded_rigs
 from tests.runner_faults.breakable import BreakableBus
 from tests.runner_faults.cause import GOES_ON, Cause
@@ -90,12 +92,18 @@ class Wire:
     proxy: RunningProxy
     server: Server
     recorder_id: int
+    # The process that reads photos, where the run was to have one.
+    photo_reader: PhotoReader | None = None
     # This process's end of the bus, where it was asked for.
     adapter: BreakableBus | None = None
 
     def kill_recorder(self) -> float:
         """Returns when it did."""
         return kill_process(self.recorder_id)
+
+    def kill_photo_reader(self) -> float:
+        """Returns when it did."""
+        return kill_process(self.photo_reader._process.pid)
 
     def kill_guardian(self) -> float:
         """Returns when it did."""
@@ -166,12 +174,14 @@ def run_with_fault(
     begin: Callable[[Wire], float],
     in_hold: bool,
     cause: Cause | None = None,
+    reads_photos: bool = False,
 ) -> WireRun:
     """Runs the short plan; `begin` starts the fault and returns when it did.
 
     It begins in the stroke, or while the shaft is held and nothing is recorded. With a cause of the
     fault table, the stroke, the moment in it and the expected loads are those of the run in
-    simulated time, and the adapter can be made to fail."""
+    simulated time, and the adapter can be made to fail.
+    """
     with (
         can_proxy(server.host, int(server.ports["can_port"])) as proxy,
         tempfile.TemporaryDirectory() as place,
@@ -186,6 +196,8 @@ def run_with_fault(
         run_folder.create(folder, Recording("a run", "SIM", rig.nominal(), {}, (), ()))
         keeper = RecorderClient(folder, patient=False)
         wire = Wire(proxy, server, keeper.process_id)
+        if reads_photos:
+            wire.photo_reader = patches.enter_context(PhotoReader(folder, EYE))
         if cause is not None:
             patches.enter_context(
                 mock.patch.object(
@@ -267,6 +279,8 @@ def _run(
     supervision = Supervision(expected)
     with open_bench(rig, None) as bench, handle_signals(supervision.stop_request, lambda _: None):
         keeper.watch(supervision.helpers)
+        if wire.photo_reader is not None:
+            wire.photo_reader.watch(supervision.helpers)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         try:
             if cause is not None and cause.at_arming:

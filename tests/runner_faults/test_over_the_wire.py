@@ -32,9 +32,14 @@ def wired(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, Ri
         yield served
 
 
-def run_until_judged(wired: tuple[Server, RigFile], begin: object, in_hold: bool) -> WireRun:
+def run_until_judged(
+    wired: tuple[Server, RigFile],
+    begin: object,
+    in_hold: bool,
+    reads_photos: bool = False,
+) -> WireRun:
     for _ in range(5):
-        run = run_with_fault(*wired, begin, in_hold)
+        run = run_with_fault(*wired, begin, in_hold, reads_photos=reads_photos)
         if run.ended not in BY_THE_MACHINE:
             break
     return run
@@ -93,6 +98,14 @@ def test_a_recorder_that_is_killed_takes_the_torque_away(wired, in_hold) -> None
     run = run_until_judged(wired, Wire.kill_recorder, in_hold)
     assert run.ended == "RigError", run.message
     assert "the recorder has ended by itself" in run.message
+    assert run.torque_s < OFF_WITHIN_S
+
+
+@pytest.mark.parametrize("in_hold", [True, False], ids=["held", "moving"])
+def test_a_photo_reader_that_is_killed_takes_the_torque_away(wired, in_hold) -> None:
+    run = run_until_judged(wired, Wire.kill_photo_reader, in_hold, reads_photos=True)
+    assert run.ended == "RigError", run.message
+    assert "the process that reads the photos has ended by itself" in run.message
     assert run.torque_s < OFF_WITHIN_S
 
 

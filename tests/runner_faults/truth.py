@@ -29,7 +29,8 @@ class Truth:
     """A `TwinPlant` around another.
 
     `blocked_rad` holds the shaft fast there, `loose` lets no torque get to it, `pull` is added to
-    the wrench that the sensor feels."""
+    the wrench that the sensor feels.
+    """
 
     plant: TwinPlant
     blocked_rad: float | None = None

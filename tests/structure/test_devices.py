@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.devices import FORCE_SENSORS, MOTORS, OWN
-from tests.structure.counts import find_imports, read_modules
+from tests.structure.tree import find_imports, read_modules
 
 PACKAGE = Path(__file__).parents[2] / "rfca_rig"
 DEVICES = PACKAGE / "devices"

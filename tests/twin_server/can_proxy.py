@@ -3,7 +3,8 @@ python -m tests.twin_server.can_proxy.
 
 A process of its own, so that it takes no time from the control loop that is measured. Its standard
 input takes one fault per line as JSON, `{"kind": "nan", "can_id": 9, "frames": 3}`; when it is
-closed, the log goes to the standard output."""
+closed, the log goes to the standard output.
+"""
 
 import json
 import select
@@ -30,7 +31,8 @@ class FrameFault:
 
     "drop" takes them away, "delay" holds them back for `late_s`, "error" puts `word` into their
     first four bytes; a name of VALUES replaces their floats. "send" sends a frame with `data` to
-    the drive, as another master would. "unplug" cuts the program off."""
+    the drive, as another master would. "unplug" cuts the program off.
+    """
 
     kind: str
     can_id: int

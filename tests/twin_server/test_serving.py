@@ -130,11 +130,11 @@ def test_a_server_that_is_not_there_is_said_so(monkeypatch, capsys):
 
 def test_the_serial_adapter_is_there_too(served):
     bus = can.Bus(interface="slcan", channel=str(served.ports["slcan"]), sleep_after_open=0.0)
-    ids = {
-        message.arbitration_id
-        for message in (bus.recv(0.5) for _ in range(600))
-        if message is not None
-    }
+    ids = set()
+    for _ in range(600):
+        message = bus.recv(0.5)
+        if message is not None:
+            ids.add(message.arbitration_id)
     bus.shutdown()
     assert {0x01, 0x09, 0x1C} <= ids
 

@@ -26,9 +26,8 @@ OPTIONS = [
     "--no-first-run",
 ]
 LOOPBACK = ("127.0.0.1", "localhost")
-PATIENCE_MS = (
-    30_000.0  # a machine that is busy with something else is slow, which is no fault of the page
-)
+# a machine that is busy with something else is slow, which is no fault of the page
+PATIENCE_MS = 30_000.0
 
 
 @contextmanager

@@ -49,10 +49,8 @@ def tick(
 def counts_of(force_N: float, moment_Nm: float = 0.0, rows: int = 1) -> np.ndarray:
     """Records (rows, 6) of so much along z, and about x."""
     counts = np.zeros((rows, 6), np.int32)
-    counts[:, 2], counts[:, 3] = (
-        round(force_N * SCALE.counts_per_N),
-        round(moment_Nm * SCALE.counts_per_Nm),
-    )
+    counts[:, 2] = round(force_N * SCALE.counts_per_N)
+    counts[:, 3] = round(moment_Nm * SCALE.counts_per_Nm)
     return counts
 
 

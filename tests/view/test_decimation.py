@@ -28,7 +28,8 @@ def by_hand(buckets, values, first, count):
     for place in range(count):
         inside = values[buckets == first + place]
         if len(inside):
-            low[place], high[place] = inside.min(axis=0), inside.max(axis=0)
+            low[place] = inside.min(axis=0)
+            high[place] = inside.max(axis=0)
     return low, high
 
 

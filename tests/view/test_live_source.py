@@ -68,7 +68,7 @@ def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own(
         slow = both.run.feed()
         quick = both.run.feed()
         got = []
-        quick.hear({"kind": "span", "span_s": 0.5})
+        quick.handle_message({"kind": "span", "span_s": 0.5})
         for number in range(1, 1500):
             both.run_queue.tick(tick(0.002 * number, counts_of(float(number))))
             if number % 20 == 0:
@@ -76,7 +76,7 @@ def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own(
                 got += quick.new_messages()
         assert drawn(got) == pytest.approx((1.0, 1480.0), abs=1.0)
         assert drawn(traces(slow.new_messages()))[0] == 1.0
-        quick.hear({"kind": "span", "span_s": 2.0})
+        quick.handle_message({"kind": "span", "span_s": 2.0})
         (window,) = traces(quick.new_messages())
         assert window["reset"] and window["dt_s"] == 0.002 and len(window["low"]["fz_N"]) == 1000
         assert window["from_s"] == pytest.approx(0.002 * 1480 - 2.0, abs=0.01)
@@ -98,7 +98,7 @@ def test_nonsense_from_a_page_changes_nothing(nonsense):
         feed = both.run.feed()
         both.run.beat()
         feed.new_messages()
-        feed.hear(nonsense)
+        feed.handle_message(nonsense)
         assert not traces(feed.new_messages())
 
 

@@ -43,8 +43,8 @@ class Shown:
         return got
 
     def seek(self, at_s):
-        self.feed.hear({"kind": "play", "speed": 0.0})
-        self.feed.hear({"kind": "seek", "at_s": at_s})
+        self.feed.handle_message({"kind": "play", "speed": 0.0})
+        self.feed.handle_message({"kind": "seek", "at_s": at_s})
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +95,9 @@ def test_after_a_seek_the_whole_window_comes_anew_as_numpy_finds_it(small):
 def test_time_goes_as_fast_as_the_page_wants_and_stands_where_it_says(small):
     shown = Shown(small)
     shown.feed.new_messages()
-    shown.feed.hear({"kind": "play", "speed": 4.0})
+    shown.feed.handle_message({"kind": "play", "speed": 4.0})
     assert last(shown.after(1.0, beats=25), "state")["now_s"] == pytest.approx(4.0, abs=0.9)
-    shown.feed.hear({"kind": "play", "speed": 0.0})
+    shown.feed.handle_message({"kind": "play", "speed": 0.0})
     before = last(shown.after(0.2), "state")["now_s"]
     state = last(shown.after(5.0, beats=5), "state")
     assert (state["now_s"], state["speed"], state["eta_s"]) == (before, 0.0, None)

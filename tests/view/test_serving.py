@@ -40,7 +40,7 @@ class Nothing:
     def new_messages(self):
         return ()
 
-    def hear(self, said):
+    def handle_message(self, said):
         self.heard.append(said)
 
     def stop(self, how):

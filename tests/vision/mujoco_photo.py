@@ -2,7 +2,8 @@
 pixel; no lens distortion.
 
 In a process of its own, python -m tests.vision.mujoco_photo FOLDER SEED..., since OpenGL without a
-screen may end the process."""
+screen may end the process.
+"""
 
 import os
 import sys

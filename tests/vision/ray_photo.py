@@ -24,6 +24,8 @@ CAPSULE = 1
 SHELL = 2
 NO_MARK = -1
 BACKGROUND_TEXTURE = 40.0
+# The normal of the wall behind the leg, in the tracer's directions.
+TOWARDS_CAMERA = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -298,7 +300,43 @@ def _gap(rows, at, origin, way):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
-def _shade(  # noqa: PLR0912 - one kernel, compiled once
+def _point_at_spot(lights, radii, number, spots, spot, place, towards):
+    """Write the way (3,) from a place to a spot of a lamp."""
+    towards[0] = lights[number, 0] - place[0]
+    towards[1] = lights[number, 1] + radii[number] * spots[spot, 0] - place[1]
+    towards[2] = lights[number, 2] + radii[number] * spots[spot, 1] - place[2]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _is_hidden(blockers, place, to_spot, unused):
+    """Whether a blocker stands between a place and a spot of a lamp."""
+    for blocker in range(len(blockers)):
+        there = _hit(blockers, blocker, place, to_spot, unused)
+        if 1e-4 < there < 1.0:
+            return True
+    return False
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _share_of_lamp(lights, radii, number, spots, blockers, place, towards, to_spot, unused):
+    """Share of a lamp's spots that nothing hides from a place."""
+    is_near = False
+    for blocker in range(len(blockers)):
+        # Most places are far from every shadow: one test for the whole lamp.
+        if _gap(blockers, blocker, place, towards) < blockers[blocker, 7] + 1.5 * radii[number]:
+            is_near = True
+    if not is_near:
+        return 1.0
+    share = 0.0
+    for spot in range(len(spots)):
+        _point_at_spot(lights, radii, number, spots, spot, place, to_spot)
+        if not _is_hidden(blockers, place, to_spot, unused):
+            share += 1.0 / len(spots)
+    return share
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _shade(
     rows,
     at,
     place,
@@ -325,36 +363,17 @@ def _shade(  # noqa: PLR0912 - one kernel, compiled once
         colour[channel] = rows[at, 12 + channel] * ambient[channel]
     length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
     for number in range(len(lights)):
-        towards[0] = lights[number, 0] - place[0]
-        towards[1] = lights[number, 1] + radii[number] * spots[sample, 0] - place[1]
-        towards[2] = lights[number, 2] + radii[number] * spots[sample, 1] - place[2]
+        _point_at_spot(lights, radii, number, spots, sample, place, towards)
         square = towards[0] ** 2 + towards[1] ** 2 + towards[2] ** 2
         away = np.sqrt(square)
         facing = (normal[0] * towards[0] + normal[1] * towards[1] + normal[2] * towards[2]) / away
         if facing <= 0.0:
             continue
-        seen = 1.0
-        is_near = False
-        for blocker in range(len(blockers)):
-            # Most places are far from every shadow: one test for the whole lamp.
-            if _gap(blockers, blocker, place, towards) < blockers[blocker, 7] + 1.5 * radii[number]:
-                is_near = True
-        if is_near:
-            seen = 0.0
-            for spot in range(len(spots)):
-                to_spot[0] = lights[number, 0] - place[0]
-                to_spot[1] = lights[number, 1] + radii[number] * spots[spot, 0] - place[1]
-                to_spot[2] = lights[number, 2] + radii[number] * spots[spot, 1] - place[2]
-                hidden = False
-                for blocker in range(len(blockers)):
-                    there = _hit(blockers, blocker, place, to_spot, unused)
-                    if 1e-4 < there < 1.0:
-                        hidden = True
-                        break
-                if not hidden:
-                    seen += 1.0 / len(spots)
-            if seen == 0.0:
-                continue
+        seen = _share_of_lamp(
+            lights, radii, number, spots, blockers, place, towards, to_spot, unused
+        )
+        if seen == 0.0:
+            continue
         hx = towards[0] / away - way[0] / length
         hy = towards[1] / away - way[1] / length
         hz = towards[2] / away - way[2] / length
@@ -373,7 +392,107 @@ def _shade(  # noqa: PLR0912 - one kernel, compiled once
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
-def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
+def _project_ends(rows, position, axes, camera, aperture):
+    """Both ends of each surface in the picture, and its reach around them, (surfaces, 5) px."""
+    ends = np.empty((len(rows), 5))
+    for number in range(len(rows)):
+        for end in range(2):
+            p = rows[number, 1 + 3 * end : 4 + 3 * end] - position
+            depth = axes[2, 0] * p[0] + axes[2, 1] * p[1] + axes[2, 2] * p[2]
+            x = (axes[0, 0] * p[0] + axes[0, 1] * p[1] + axes[0, 2] * p[2]) / depth
+            y = (axes[1, 0] * p[0] + axes[1, 1] * p[1] + axes[1, 2] * p[2]) / depth
+            square = x * x + y * y
+            radial = 1.0 + square * (camera[3] + square * camera[4])
+            ends[number, 2 * end] = camera[0] * x * radial + camera[1]
+            ends[number, 2 * end + 1] = camera[0] * y * radial + camera[2]
+            blur = aperture[0] * abs(depth / aperture[1] - 1.0)
+            ends[number, 4] = camera[0] * (rows[number, 7] + blur) / depth + 4.0
+    return ends
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _list_near(ends, top, left, near):
+    """Write the surfaces that a tile may show, and return how many."""
+    count = 0
+    mu = left + 0.5 * TILE_PX
+    mv = top + 0.5 * TILE_PX
+    for number in range(len(ends)):
+        eu = ends[number, 2] - ends[number, 0]
+        ev = ends[number, 3] - ends[number, 1]
+        share = ((mu - ends[number, 0]) * eu + (mv - ends[number, 1]) * ev) / max(
+            1e-9, eu * eu + ev * ev
+        )
+        share = min(1.0, max(0.0, share))
+        off = np.hypot(mu - ends[number, 0] - share * eu, mv - ends[number, 1] - share * ev)
+        if off < ends[number, 4] + 0.75 * TILE_PX:
+            near[count] = number
+            count += 1
+    return count
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _aim(position, axes, aperture, disc, x, y, origin, way):
+    """Write where a ray starts on the aperture (3,), and its way (3,), through x, y at depth 1."""
+    right = aperture[0] * disc[0]
+    down = aperture[0] * disc[1]
+    for i in range(3):
+        shift = right * axes[0, i] + down * axes[1, i]
+        origin[i] = position[i] + shift
+        way[i] = x * axes[0, i] + y * axes[1, i] + axes[2, i] - shift / aperture[1]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _meet_first(rows, near, count, wall_m, origin, way, place, normal, unused, hits):
+    """The surface that a ray meets first, or -1 for the wall behind the leg; place (3,) and normal
+    (3,) there are written, and the marks that the ray meets are counted.
+    """
+    best = np.inf
+    first = -1
+    for k in range(count):
+        there = _hit(rows, near[k], origin, way, unused)
+        mark = int(rows[near[k], 17])
+        if there < np.inf and mark >= 0:
+            hits[mark, 1] += 1.0
+        if there < best:
+            best = there
+            first = near[k]
+            for i in range(3):
+                normal[i] = unused[i]
+    behind = (-wall_m - origin[0]) / way[0]
+    if first < 0 or behind < best:
+        best = behind
+        first = -1
+        for i in range(3):
+            normal[i] = TOWARDS_CAMERA[i]
+    for i in range(3):
+        place[i] = origin[i] + best * way[i]
+    if first >= 0 and rows[first, 17] >= 0.0:
+        hits[int(rows[first, 17]), 0] += 1.0
+    return first
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _colour_wall(reflectance, place, wall):
+    """Write the colour of the wall, of a single row, at a place."""
+    folds = np.sin(BACKGROUND_TEXTURE * place[1] + 3.0 * np.sin(17.0 * place[2])) + np.sin(
+        61.0 * place[2]
+    )
+    for i in range(3):
+        wall[0, 12 + i] = reflectance * (1.0 + 0.2 * folds)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _fill_block(picture, v, u, step, light):
+    """Write the light (3,) to all pixels of a block."""
+    height, width, _ = picture.shape
+    for channel in range(3):
+        for down_px in range(min(step, height - v)):
+            for right_px in range(min(step, width - u)):
+                picture[v + down_px, u + right_px, channel] = light[channel]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _trace(
     rows,
     blockers,
     position,
@@ -398,23 +517,10 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
     height = size[1]
     picture = np.zeros((height, width, 3), np.float32)
     hits = np.zeros((marks, 2))
-    ends = np.empty((len(rows), 5))
-    for number in range(len(rows)):
-        for end in range(2):
-            p = rows[number, 1 + 3 * end : 4 + 3 * end] - position
-            depth = axes[2, 0] * p[0] + axes[2, 1] * p[1] + axes[2, 2] * p[2]
-            x = (axes[0, 0] * p[0] + axes[0, 1] * p[1] + axes[0, 2] * p[2]) / depth
-            y = (axes[1, 0] * p[0] + axes[1, 1] * p[1] + axes[1, 2] * p[2]) / depth
-            square = x * x + y * y
-            radial = 1.0 + square * (camera[3] + square * camera[4])
-            ends[number, 2 * end] = camera[0] * x * radial + camera[1]
-            ends[number, 2 * end + 1] = camera[0] * y * radial + camera[2]
-            blur = aperture[0] * abs(depth / aperture[1] - 1.0)
-            ends[number, 4] = camera[0] * (rows[number, 7] + blur) / depth + 4.0
+    ends = _project_ends(rows, position, axes, camera, aperture)
     near = np.empty(len(rows), np.int64)
     colour = np.empty(3)
     normal = np.empty(3)
-    kept = np.empty(3)
     origin = np.empty(3)
     way = np.empty(3)
     place = np.empty(3)
@@ -423,115 +529,59 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
     to_spot = np.empty(3)
     total = np.empty(3)
     wall = np.zeros((1, 18))
-    wall[0, 8] = 1.0
     for top in range(0, height, TILE_PX):
         for left in range(0, width, TILE_PX):
-            count = 0
-            mu = left + 0.5 * TILE_PX
-            mv = top + 0.5 * TILE_PX
-            for number in range(len(rows)):
-                eu = ends[number, 2] - ends[number, 0]
-                ev = ends[number, 3] - ends[number, 1]
-                share = ((mu - ends[number, 0]) * eu + (mv - ends[number, 1]) * ev) / max(
-                    1e-9, eu * eu + ev * ev
-                )
-                share = min(1.0, max(0.0, share))
-                off = np.hypot(mu - ends[number, 0] - share * eu, mv - ends[number, 1] - share * ev)
-                if off < ends[number, 4] + 0.75 * TILE_PX:
-                    near[count] = number
-                    count += 1
+            count = _list_near(ends, top, left, near)
             # Nothing but the smooth background: one set of samples for a block of pixels.
             step = 1 if count else BLOCK_PX
             for v in range(top, min(height, top + TILE_PX), step):
                 for u in range(left, min(width, left + TILE_PX), step):
-                    for channel in range(3):
-                        total[channel] = 0.0
+                    total[:] = 0.0
                     middle_x, middle_y = _ideal(u, v, camera)
                     for sample in range(len(offsets)):
                         # Within a pixel the lens is linear.
                         x = middle_x + offsets[sample, 0] / camera[0]
                         y = middle_y + offsets[sample, 1] / camera[0]
-                        right = aperture[0] * discs[sample, 0]
-                        down = aperture[0] * discs[sample, 1]
-                        for i in range(3):
-                            shift = right * axes[0, i] + down * axes[1, i]
-                            origin[i] = position[i] + shift
-                            way[i] = (
-                                x * axes[0, i] + y * axes[1, i] + axes[2, i] - shift / aperture[1]
-                            )
-                        best = np.inf
-                        first = -1
-                        for k in range(count):
-                            there = _hit(rows, near[k], origin, way, normal)
-                            mark = int(rows[near[k], 17])
-                            if there < np.inf and mark >= 0:
-                                hits[mark, 1] += 1.0
-                            if there < best:
-                                best = there
-                                first = near[k]
-                                for i in range(3):
-                                    kept[i] = normal[i]
-                        behind = (-background[0] - origin[0]) / way[0]
-                        if first < 0 or behind < best:
-                            best = behind
-                            first = -1
-                        for i in range(3):
-                            place[i] = origin[i] + best * way[i]
-                        if first >= 0:
-                            mark = int(rows[first, 17])
-                            if mark >= 0:
-                                hits[mark, 0] += 1.0
-                            _shade(
-                                rows,
-                                first,
-                                place,
-                                kept,
-                                way,
-                                lights,
-                                colours,
-                                radii,
-                                ambient,
-                                blockers,
-                                lamp,
-                                sample,
-                                unused,
-                                towards,
-                                to_spot,
-                                colour,
-                            )
-                        else:
-                            folds = np.sin(
-                                BACKGROUND_TEXTURE * place[1] + 3.0 * np.sin(17.0 * place[2])
-                            ) + np.sin(61.0 * place[2])
-                            for i in range(3):
-                                wall[0, 12 + i] = background[1] * (1.0 + 0.2 * folds)
-                                kept[i] = wall[0, 8 + i]
-                            _shade(
-                                wall,
-                                0,
-                                place,
-                                kept,
-                                way,
-                                lights,
-                                colours,
-                                radii,
-                                ambient,
-                                blockers,
-                                lamp,
-                                sample,
-                                unused,
-                                towards,
-                                to_spot,
-                                colour,
-                            )
+                        _aim(position, axes, aperture, discs[sample], x, y, origin, way)
+                        first = _meet_first(
+                            rows,
+                            near,
+                            count,
+                            background[0],
+                            origin,
+                            way,
+                            place,
+                            normal,
+                            unused,
+                            hits,
+                        )
+                        surfaces = rows
+                        at = first
+                        if first < 0:
+                            _colour_wall(background[1], place, wall)
+                            surfaces = wall
+                            at = 0
+                        _shade(
+                            surfaces,
+                            at,
+                            place,
+                            normal,
+                            way,
+                            lights,
+                            colours,
+                            radii,
+                            ambient,
+                            blockers,
+                            lamp,
+                            sample,
+                            unused,
+                            towards,
+                            to_spot,
+                            colour,
+                        )
                         for channel in range(3):
                             total[channel] += colour[channel]
-                    for channel in range(3):
-                        for down_px in range(min(step, height - v)):
-                            for right_px in range(min(step, width - u)):
-                                picture[v + down_px, u + right_px, channel] = total[channel] / len(
-                                    offsets
-                                )
+                    _fill_block(picture, v, u, step, total / len(offsets))
     return picture, hits
 
 

@@ -2,7 +2,8 @@
 then `photograph` for each stage.
 
 A leg keeps its camera, its glued marks, its lights and its clutter over all its stages; only the
-pose changes, as in a static run."""
+pose changes, as in a static run.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise

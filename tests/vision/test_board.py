@@ -77,13 +77,8 @@ def test_the_pdf_is_in_true_scale_and_says_the_same_as_the_picture():
     assert box == pytest.approx(
         [0, 0, (0.25 + 2 * MARGIN_M) / 0.0254 * 72, (0.175 + 2 * MARGIN_M) / 0.0254 * 72], abs=1e-3
     )
-    rectangles = np.array(
-        [
-            [float(word) for word in line.split()[:4]]
-            for line in document.split(b"\n")
-            if line.endswith(b" re f")
-        ]
-    )
+    drawn_lines = [line for line in document.split(b"\n") if line.endswith(b" re f")]
+    rectangles = np.array([[float(word) for word in line.split()[:4]] for line in drawn_lines])
     widest_mm = rectangles[:, 2].max() * 25.4 / 72
     assert widest_mm == pytest.approx(100.0, abs=1e-3)  # the line to be measured
     px_per_m = 4000.0

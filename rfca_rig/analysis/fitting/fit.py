@@ -10,7 +10,8 @@ Quantities that differ from stroke to stroke (friction, height, how the leg swin
 move all residuals of a stroke together. The textbook covariance counts every value as independent
 and is then several times too small. With enough strokes, their own scatter gives the errors (White,
 Econometrica 48 (1980) 817, summed over clusters as Liang and Zeger, Biometrika 73 (1986) 13). With
-few strokes, the textbook covariance is widened by one factor."""
+few strokes, the textbook covariance is widened by one factor.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -167,7 +168,8 @@ class Residuals:
         """Jacobian (m + q, p) by central differences of order 2, computed in one batch at x (p,).
 
         Differences are one-sided, of order 1, where the model cannot be computed on one side.
-        Raises SimulationFailed where it fails on both."""
+        Raises SimulationFailed where it fails on both.
+        """
         steps = DIFFERENCE_STEP * np.eye(len(x))
         # The two sides of each difference are neighbours, which move side by side with the same
         # steps.
@@ -223,7 +225,8 @@ class Search:
     `start` gives values to begin from, by parameter name; others begin at their nominal value. With
     `starts` above 1, further starts are the best of a Sobol sample of the prior, shifted by `rng`.
     `progress` receives the number of points computed so far and the chi2 of the last one. An
-    `executor` runs several descents at once, with bitwise the same result."""
+    `executor` runs several descents at once, with bitwise the same result.
+    """
 
     starts: int = 1
     start: Mapping[str, float] = field(default_factory=dict)

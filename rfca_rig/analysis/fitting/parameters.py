@@ -200,7 +200,8 @@ def make_prior(
 
     `known_to` is the section of that name: one standard deviation per key. A parameter without a
     key has no prior. Raises BadInput for a name that is unknown or given twice, and where nothing
-    is left to fit."""
+    is left to fit.
+    """
     chosen = select_parameters(names) or tuple(
         p for p in PARAMETERS.values() if known_to.get(p.known_to or "")
     )

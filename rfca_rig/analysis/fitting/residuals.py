@@ -413,6 +413,7 @@ def _noise(values: Floats) -> float:
     ignores the jumps of a touchdown.
 
     A difference 1, -2, 1 of white noise has sqrt(6) times its deviation, and the median magnitude
-    is 0.6745 deviations."""
+    is 0.6745 deviations.
+    """
     # A constant trace has no noise to divide by; 1.0 then keeps the weights finite.
     return float(np.median(np.abs(np.diff(values, 2)))) / 0.6745 / np.sqrt(6.0) or 1.0

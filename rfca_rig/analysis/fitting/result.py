@@ -83,7 +83,8 @@ class FitResult:
     `x` (p,) are the coordinates of `space`, and `covariance` (p, p) is theirs. `chi2_before` and
     `chi2` are sums of the `residuals` whitened squares, without the prior's share. `rms_before`,
     `rms` and `noise` are by channel. `scatter` is one standard deviation of what differs from
-    stroke to stroke, by parameter. `errors_from` describes the source of the standard errors."""
+    stroke to stroke, by parameter. `errors_from` describes the source of the standard errors.
+    """
 
     space: Prior[ModelPoint]
     x: Floats

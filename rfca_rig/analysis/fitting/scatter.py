@@ -4,7 +4,8 @@ The rack stands a tenth of a millimetre elsewhere each time, friction is a littl
 encoder reads a little less. Each of these moves all values of a stroke together, by more than the
 noise. They are modelled as random for each stroke. Their standard deviation is estimated from the
 strokes where there are enough (expectation maximisation: Laird and Ware, Biometrics 38 (1982) 963).
-The residuals are whitened with them before they are squared and summed."""
+The residuals are whitened with them before they are squared and summed.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,7 +31,8 @@ class StrokeWhitening:
     """Transforms residuals that are correlated within a stroke into independent ones of variance 1.
 
     `parts` holds for each stroke its rows, the directions U (m_s, k) in which its values move
-    together, and their shrinkage (k,)."""
+    together, and their shrinkage (k,).
+    """
 
     parts: tuple[tuple[slice, Floats, Floats], ...] = ()
 

@@ -23,7 +23,8 @@ class FitParameter(Generic[S]):
 
     `known_to` is its key in the section of that name. `relative` parameters are scaled, all others
     shifted. `spread` is how far it may plausibly be off where no prior is stated, as a share of the
-    value or in `unit`. It sets steps and bounds but is no prior."""
+    value or in `unit`. It sets steps and bounds but is no prior.
+    """
 
     name: str
     unit: str
@@ -41,7 +42,8 @@ class Prior(Generic[S]):
 
     A point x (p,) counts prior standard deviations, so that one step length suits all. The value is
     centre + std x, or centre exp(std x) for relative parameters, which keeps them positive. `std`
-    (p,) falls back to `spread` where `has_prior` (p,) is False."""
+    (p,) falls back to `spread` where `has_prior` (p,) is False.
+    """
 
     parameters: tuple[FitParameter[S], ...]
     centre: S
@@ -73,7 +75,8 @@ class Prior(Generic[S]):
         """The point x (p,) with every value raised to its lowest possible one.
 
         A search without bounds may pass them: beyond, slopes stay those of the values inside, where
-        clipped values would have none."""
+        clipped values would have none.
+        """
         return np.maximum(x, (self._lowest - self.centres) / self.std)
 
     def point(self, name: str, value: float) -> float:
@@ -127,7 +130,8 @@ def never_below(nominal: float, std: float) -> Callable[[float], float]:
 
     Well above zero both shifts are nearly equal. The value is the positive root v of v (v - u) =
     w^2, for the requested value u and w = ZERO_ROUNDING std / 2. It is smooth, so that it has a
-    Jacobian."""
+    Jacobian.
+    """
     return lambda by: (
         0.5 * (nominal + by + float(np.hypot(nominal + by, ZERO_ROUNDING * std))) - nominal
     )

@@ -1,7 +1,8 @@
 """Fits a rig's model to strokes: to all that a recording holds of them, or to their valleys alone.
 
 Fits the model to valleys alone: rows of time and force, as in Table II of the paper, without any
-recording."""
+recording.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -74,7 +75,8 @@ def fit_recordings(
     Notes
     -----
     Where the shaft follows its recording, `start_angle` is the correct reading of the encoder. Its
-    prior is centred on the mean recorded start."""
+    prior is centred on the mean recorded start.
+    """
     comparison = comparison or StrokeComparison()
     nominal, known_to = _common(recordings)
     rig = nominal_model(nominal)

@@ -11,7 +11,8 @@ w_i is the first moment of weight that link i carries. Joint j then bears
 
 A hinge bears it with its torque, the drive with minus the shaft's. An end in the floor presses by
 Hertz. Its friction is free in sign and size: with one end it is what the sensor reads, and with
-several each has about its share."""
+several each has about its share.
+"""
 
 from dataclasses import dataclass
 
@@ -53,7 +54,8 @@ class LinearConditions:
 
     `by_z` (S, R, m) is by the measured values, `by_c` (S, R, 2 T) by depths and friction of the T
     ends, `by_p` (S, R, P) by curve and systematic errors. `slack` (S, R) is the variance with which
-    a condition holds. `normal_N` is (S, T)."""
+    a condition holds. `normal_N` is (S, T).
+    """
 
     g: Floats
     by_z: Floats
@@ -68,7 +70,8 @@ class Balance:
     """The conditions for a rig, a form of the curve and systematic errors.
 
     `extra` (S, h, e) are further columns of hinge torque, for all stages. Unknowns p (P,) are the
-    coefficients of the form, those of the further columns, and the systematic errors."""
+    coefficients of the form, those of the further columns, and the systematic errors.
+    """
 
     rig: RigModel
     basis: Basis
@@ -291,7 +294,8 @@ class _Conditions:
         self.g[:, h + 1] = self.z[:, h + 2] - mass * self.of.weight_N + self.N.sum(1)
         self.g[:, h + 2] = self.z[:, h + 1] + self.F.sum(1)
         self.by_z[:, [h, h + 1, h + 2], [h + 3, h + 2, h + 1]] = 1.0
-        self.by_z[:, h, :h], self.by_z[:, h, h] = self.load_q[:, 0, 1:], self.load_q[:, 0, 0]
+        self.by_z[:, h, :h] = self.load_q[:, 0, 1:]
+        self.by_z[:, h, h] = self.load_q[:, 0, 0]
         self.by_c[:, h] = self.load_c[:, 0]
         self.by_c[:, h, T:] += below_m
         self.by_c[:, h + 1, :T] = self.N_deep

@@ -60,7 +60,8 @@ class Spline:
     4). The end pieces extend beyond the ends.
 
     Every cubic is among them. The law is therefore a special case, and the gain of the splines over
-    it tests the law."""
+    it tests the law.
+    """
 
     knots_rad: Floats
 
@@ -81,7 +82,8 @@ class SplineThroughRest:
     It is odd, and straight beyond the last knot.
 
     Columns are (..., size). Unlike `Spline` it bears no torque at rest. Rest angles are therefore
-    no part of it, and its coefficients go into a model as they are."""
+    no part of it, and its coefficients go into a model as they are.
+    """
 
     knots_rad: tuple[float, ...]
 
@@ -125,7 +127,8 @@ class TorqueCurve:
     size), valid over `range_rad`.
 
     `freedom` is the number of degrees of freedom. `bends` is the sign of most angles; multiplied by
-    it, the curve has bending positive."""
+    it, the curve has bending positive.
+    """
 
     basis: Basis
     coefficients: Floats

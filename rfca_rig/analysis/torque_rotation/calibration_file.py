@@ -48,7 +48,8 @@ def write_calibration(
     all or nothing.
 
     Where the law does not hold, the uncertainties are no smaller than its distance from the
-    measured curve. Raises RigError where the disk refuses."""
+    measured curve. Raises RigError where the disk refuses.
+    """
     values = result.values
     rests = result.rests[0]
     leg = replace_by_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
@@ -90,7 +91,8 @@ def write_curve(
 
     `k0_relative` is the root mean square of the curve's band over that of its torques: how far a
     fit may scale the curve. Where splines with a torque at rest fit better than chance allows, it
-    is no smaller than their distance from the curve. Raises RigError where the disk refuses."""
+    is no smaller than their distance from the curve. Raises RigError where the disk refuses.
+    """
     keys = curve_keys(result)
     rests = result.rests[1]
     band = relative_std(TorqueRotationSection.model_validate(keys))

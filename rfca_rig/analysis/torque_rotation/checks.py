@@ -67,7 +67,8 @@ class RestAngles:
     """Rest angles (h,) [rad] fitted beside a curve, with their covariance (h, h).
 
     `with_stiffness` is the correlation of their mean with the curve's stiffness at rest: near +-1
-    the data do not separate the two."""
+    the data do not separate the two.
+    """
 
     rest_rad: Floats
     covariance: Floats

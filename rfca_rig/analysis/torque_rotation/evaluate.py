@@ -68,7 +68,8 @@ class StageAssumptions:
 
     `nominal` has the sections of a model, `known_to` the uncertainties of its values, `instruments`
     those of sensor and marks. `hinge_std_deg` is one standard deviation of a hinge angle where a
-    stage does not state it; None to estimate it from the stages."""
+    stage does not state it; None to estimate it from the stages.
+    """
 
     nominal: Mapping[str, Any]
     known_to: Mapping[str, float | None] = field(default_factory=dict)
@@ -134,7 +135,8 @@ def evaluate(
     Notes
     -----
     The form is decided with the errors found with splines: a law that does not hold would attribute
-    its misfit to the instruments."""
+    its misfit to the instruments.
+    """
     case = _case(recordings, supposed)
     watcher(0, SOLVE_COUNT)
     free = _freest(case)

@@ -4,7 +4,8 @@ and unknowns.
 The measured values z with covariance C are moved as little as possible, in units of their errors,
 until the conditions g(z, c, p) = 0 hold. This applies to angles and forces alike; no axis is taken
 to be exact. c are unknowns of one stage, p those of all. Gauss-Newton, linearised again at the
-moved z in each step (Deming 1943; Britt and Luecke, Technometrics 15 (1973) 233)."""
+moved z in each step (Deming 1943; Britt and Luecke, Technometrics 15 (1973) 233).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -58,7 +59,8 @@ class WhitenedConditions:
 
     `factor` (S, R, R) whitens. `beside` (S, R, 1 + P + e) holds the whitened conditions, their
     derivatives by p, and further columns. `q`, `r` are the QR decomposition of the derivatives by
-    c. The last R - 2 T directions of q do not depend on c."""
+    c. The last R - 2 T directions of q do not depend on c.
+    """
 
     line: LinearConditions
     C: Floats
@@ -106,7 +108,8 @@ class Adjustment:
     """The solution; `covariance` (P, P) is that of p.
 
     `chi2` is that of data and systematic errors together, `freedom` its degrees of freedom.
-    `log_likelihood` is that of the noise, with curve and unknowns integrated out (REML)."""
+    `log_likelihood` is that of the noise, with curve and unknowns integrated out (REML).
+    """
 
     balance: Balance
     groups: tuple[Group, ...]

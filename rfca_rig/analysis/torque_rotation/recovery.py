@@ -2,7 +2,8 @@
 together.
 
 Which link ends touch is found by active sets: assume, solve, check. Noise is estimated from the
-stages themselves."""
+stages themselves.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -185,7 +186,8 @@ class Errors:
 
     `hinge_std_rad` applies where no error of an angle was stated. The factors multiply stated
     errors, and the expected error of a mean force. With `chained`, neighbouring angles are
-    correlated through the marks that they share; else each is independent."""
+    correlated through the marks that they share; else each is independent.
+    """
 
     hinge_std_rad: float = float(np.radians(USUAL_HINGE_DEG))
     stated_factor: float = 1.0

@@ -40,7 +40,8 @@ class StageData:
     `hinge_std_rad` (S, h) is NaN where no error was stated, and infinite where the angle is missing
     (its value is then a guess to begin from). `force_std` (S, 3) is the expected error of a mean.
     `turned` (S, h) is the direction, +1 or -1, in which the hinge reached its angle; 0 where the
-    change is within the errors."""
+    change is within the errors.
+    """
 
     stages: tuple[StaticStage, ...]
     recording: NDArray[np.intp]
@@ -200,7 +201,8 @@ class SystematicError:
 
     `says`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm
     of a factor. With a `column` it shifts that column of the measured values, of one recording or
-    of all."""
+    of all.
+    """
 
     name: str
     std: float

@@ -49,7 +49,8 @@ class Points:
     """All arrays (S, h), NaN where no angle was measured. Angles count from rest.
 
     The torques follow from the measured angles, before any curve is assumed. `turned` is +1 where a
-    hinge reached its angle by bending, -1 where it came back, 0 where that is not clear."""
+    hinge reached its angle by bending, -1 where it came back, 0 where that is not clear.
+    """
 
     phi_rad: Floats
     phi_std_rad: Floats
@@ -128,7 +129,8 @@ class StaticResult:
 
     `model` is the curve in the form for a model file, which bears nothing at rest, and `model_form`
     its test. `rests` are the rest angles found with the law and with `model`, None where they count
-    as exact."""
+    as exact.
+    """
 
     rig: RigModel
     data: StageData

@@ -3,4 +3,5 @@ package `measure`.
 
 Related commands share a module: `contract` in `doctor`, `recover` in `check`, `schema` in `check`,
 `import` in `export`, `strip` in `predict`, `view` in `runs`, `trip` in `runs`. `cli.options.GROUPS`
-has their panels and order in the help."""
+has their panels and order in the help.
+"""

@@ -84,7 +84,9 @@ def _check_file(path: Path, as_json: bool) -> None:
         )
     data = read_data(path)
     if isinstance(data.get("rig"), dict):
-        kind, found, usual, further = "rig", *_check_rig(path), f"doctor --rig {path}"
+        kind = "rig"
+        found, usual = _check_rig(path)
+        further = f"doctor --rig {path}"
     elif isinstance(experiment := data.get("experiment"), str) and experiment in PROTOCOLS:
         file = PROTOCOLS[experiment](path)
         kind = "protocol"

@@ -55,7 +55,8 @@ def diagnose_each(
     not be diagnosed.
 
     `job` makes one diagnosis of (recordings, folder), and returns the reason where the recordings
-    cannot be used."""
+    cannot be used.
+    """
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
     from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers
@@ -263,14 +264,7 @@ def diagnose(
         allow_outside=allow_outside,
     )
     printing = Printing(pdf)
-    if each and pdf:
-        raise BadInput(
-            "--pdf prints one diagnosis; with --each, print the pages that matter by themselves"
-        )
-    if law and (each or close_the_loop):
-        raise BadInput(
-            "--law measures the law of one diagnosis; leave out --each and --close-the-loop"
-        )
+    _check_options(each, close_the_loop, law, pdf)
     if each and not close_the_loop:
         diagnose_each(
             paths,
@@ -320,6 +314,20 @@ def diagnose(
         )
     _say(diagnosis, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
+
+
+def _check_options(each: bool, close_the_loop: bool, law: str, pdf: bool) -> None:
+    """Raises BadInput for options that do not go together."""
+    from rfca_rig.errors import BadInput
+
+    if each and pdf:
+        raise BadInput(
+            "--pdf prints one diagnosis; with --each, print the pages that matter by themselves"
+        )
+    if law and (each or close_the_loop):
+        raise BadInput(
+            "--law measures the law of one diagnosis; leave out --each and --close-the-loop"
+        )
 
 
 def diagnose_quietly(

@@ -108,7 +108,12 @@ def sweep(
     if dry_run:
         _print_estimate(plan, workers, as_json)
         return
-    folder = Path(Path(file).stem if file else "sweep") if out is None else out
+    if out is not None:
+        folder = out
+    elif file:
+        folder = Path(Path(file).stem)
+    else:
+        folder = Path("sweep")
     try:
         result = _run_sweep(plan, folder, workers, cluster, quiet=as_json, clocks=WallClock)
     # Completed cases are on disk, so the same command continues.

@@ -158,7 +158,12 @@ def serve(
         )
     if not is_warm():
         say(COMPILE_NOTICE)
-    twin_seed = seed if seed is not None else described.twin.seed if described.twin else 0
+    if seed is not None:
+        twin_seed = seed
+    elif described.twin:
+        twin_seed = described.twin.seed
+    else:
+        twin_seed = 0
     openings = Openings(
         listen, rdt_port, http_port, command_port, can_port, control_port, slcan, 1e-3 * height
     )

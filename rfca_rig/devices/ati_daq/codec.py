@@ -3,7 +3,8 @@ pure.
 
 Sources for elements and attributes: the comment at the head of every such file, and ATI's DAQ F/T C
 library, which also gives the formula of the temperature compensation. `UserAxis` is the matrix for
-user software, `Axis` a scaled one for ATI's software."""
+user software, `Axis` a scaled one for ATI's software.
+"""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -28,7 +29,8 @@ class TemperatureCompensation:
     """Temperature compensation of the gage voltages, by `bias_slopes` (6,) and `gain_slopes` (6,).
 
     compensated = (volts + bias_slope * warmth) / (1 - gain_slope * warmth), with warmth =
-    thermistor - reference, all in volts."""
+    thermistor - reference, all in volts.
+    """
 
     bias_slopes: Floats
     gain_slopes: Floats

@@ -17,7 +17,8 @@ class AtiDaqSection(ForceSensorSection):
     Its path is relative to the folder of the rig file. `unloaded_V` are the voltages of the
     unloaded sensor, in the order of the channels. `channels` are six differential inputs in the
     notation of the card's maker, and a seventh for the thermistor where the calibration compensates
-    temperature."""
+    temperature.
+    """
 
     file_keys: ClassVar = ("calibration_file",)
 

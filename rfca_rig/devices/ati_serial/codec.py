@@ -185,7 +185,8 @@ class AsciiStream:
     neighbours lost or gained a character.
 
     The width is learned: two consecutive lines of the same new length are accepted. Text before the
-    first record (echo, prompt) is ignored."""
+    first record (echo, prompt) is ignored.
+    """
 
     def __init__(self) -> None:
         self.malformed = 0
@@ -225,7 +226,8 @@ class AsciiStream:
         """Count a malformed line and its characters.
 
         The characters give the number of lost records: a line that lost its end contains the next
-        one, one that gained an end became two."""
+        one, one that gained an end became two.
+        """
         # Before the first record there is no width, and nothing was lost.
         if self._width > 0:
             self.malformed += 1
@@ -238,7 +240,8 @@ class BinaryStream:
 
     While records are valid, each begins where the one before ended. After an invalid one, an
     alignment is searched at which several consecutive records are valid. Without checksum there may
-    be many; the one with the smallest changes of values is taken."""
+    be many; the one with the smallest changes of values is taken.
+    """
 
     def __init__(self, form: RecordForm) -> None:
         self.malformed = 0
@@ -307,11 +310,10 @@ class BinaryStream:
         not hide the true one behind it.
         """
         steps = [n * self._size for n in range(ALIGNED_RUN)]
-        fits = [
-            at
-            for at in range(1, 2 * self._size + 1)
-            if all(self._record_at(at + step) is not None for step in steps)
-        ]
+        fits = []
+        for at in range(1, 2 * self._size + 1):
+            if all(self._record_at(at + step) is not None for step in steps):
+                fits.append(at)
         if not fits:
             return None
         best = min(fits, key=self._roughness)

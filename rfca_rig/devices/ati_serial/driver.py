@@ -36,7 +36,8 @@ class AtiSerialSensor:
 
     Records carry no number. A loss shows as bytes that are not records, and as records that lag
     behind the host clock; both advance the sample counter. Records cannot be duplicated or
-    reordered on a serial line."""
+    reordered on a serial line.
+    """
 
     def __init__(self, port: SerialPort, clock: Clock, keys: AtiSerialSection) -> None:
         self._port = port

@@ -14,7 +14,8 @@ class AtiSerialSection(SerialSensorKeys):
     certificate.
 
     `rate_Hz` is the rate at which the controller sends. It follows from its averaging and the
-    serial line. A run measures it and is refused if it differs."""
+    serial line. A run measures it and is refused if it differs.
+    """
 
     device: Literal["ati-serial"]
     counts_per_N: Positive = Field(description="in the calibration certificate")

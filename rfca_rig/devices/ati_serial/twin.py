@@ -35,7 +35,8 @@ class AtiSerialTwinSettings:
     axis, in N and N m.
 
     The default scale is that of a Gamma SI-65-5. A record is sent at every n-th sample, with the
-    smallest n that the line can carry at `bits_per_s`."""
+    smallest n that the line can carry at `bits_per_s`.
+    """
 
     counts_per_N: float = 20.0
     counts_per_Nm: float = 1000.0 / 3.0
@@ -50,7 +51,8 @@ class AtiSerialTwin:
     return. Uses ASCII after power-up.
 
     A world advances it in steps: `take_requests`, `due`, then, after the plant has moved,
-    `take_wrench`."""
+    `take_wrench`.
+    """
 
     def __init__(
         self, line: SerialLine, settings: AtiSerialTwinSettings, random: np.random.Generator
@@ -91,9 +93,9 @@ class AtiSerialTwin:
         alone.
         """
         for number in self._line.read():
-            self._hear(bytes([number]))
+            self._handle_character(bytes([number]))
 
-    def _hear(self, character: bytes) -> None:
+    def _handle_character(self, character: bytes) -> None:
         if character != END:
             # While streaming only the carriage return counts; an echo would break up the records.
             if not self._streaming and len(self._typed) < LONGEST_COMMAND:

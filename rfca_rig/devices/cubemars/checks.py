@@ -3,7 +3,8 @@ its status cyclically.
 
 Listens for an AK drive in MIT mode and, on a quiet bus, asks it by the frame that disables the
 motor. No frame of this mode only asks. EXIT can remove torque but never add any. It is not sent if
-others use the bus, because another program may be using the drive."""
+others use the bus, because another program may be using the drive.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

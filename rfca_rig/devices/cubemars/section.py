@@ -15,7 +15,8 @@ class CubemarsMitSection(MotorSection):
 
     The drive's position covers 12.5 rad either way and starts again when it wraps. Switch it on
     with the leg less than two turns from where its zero was set. `speed_gain_Nm_s_per_rad` (kd) is
-    sent to the drive, `angle_gain_per_s` is the driver's."""
+    sent to the drive, `angle_gain_per_s` is the driver's.
+    """
 
     needs_guardian: ClassVar[bool] = True
 
@@ -48,7 +49,8 @@ class CubemarsServoSection(MotorSection):
     horizontal.
 
     Pole pairs and gear ratio are in CubeMarsTool, the torque constant (of the motor, before the
-    gear) in the data sheet. Without them its speeds and currents have no meaning."""
+    gear) in the data sheet. Without them its speeds and currents have no meaning.
+    """
 
     needs_guardian: ClassVar[bool] = True
 

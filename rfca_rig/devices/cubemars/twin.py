@@ -54,7 +54,8 @@ class MitTwinSettings:
     zeroed after that silence and the drive stays in MIT mode, as in Ben Katz's firmware (25 ms).
     `reply_id` None replies under the drive's own id. `wraps`: the position field wraps at its ends,
     else it stops there. `tells_errors`: replies carry temperature and error. `entering_error` is
-    the error that every attempt to enter MIT mode ends in; 0 for a healthy drive."""
+    the error that every attempt to enter MIT mode ends in; 0 for a healthy drive.
+    """
 
     drive_id: int = 1
     model: str = "AK80-9"
@@ -73,7 +74,8 @@ class CubemarsMitTwin(DriveTwin):
     """A `MotorTwin` that answers each frame with the state of the shaft at that time.
 
     The drive keeps its last command across EXIT and ENTER; a driver that relies on the contrary
-    causes a jerk."""
+    causes a jerk.
+    """
 
     tells_temperature = True
 
@@ -258,7 +260,8 @@ class ServoTwinSettings:
     With `watchdog_s` None the drive keeps its last command for ever, otherwise it is disabled after
     that silence. `wraps`: the position of the status frame wraps at 16 bits, else it stops at
     +-3200 degrees. `ordered_error` is the error that every motion command ends in; 0 for a healthy
-    drive."""
+    drive.
+    """
 
     drive_id: int = 1
     gear_ratio: float = 9.0
@@ -278,7 +281,8 @@ class CubemarsServoTwin(DriveTwin):
     """A `MotorTwin` that sends its status cyclically.
 
     Commands take effect at once and stay in force. A position is absolute, however many turns the
-    shaft has made before."""
+    shaft has made before.
+    """
 
     tells_temperature = True
     # One count of position is 1.7 mrad, with an angle gain of 160 N m/rad. The loop has no speed of

@@ -5,7 +5,8 @@ Sources: moteus reference, "CAN Protocol" and "Register Usage". Little-endian th
 a sequence of subframes. Each has a type byte, a count (in the type's two low bits, or a varuint
 where these are zero), the first register, and for writes and replies the values. The frame is
 padded with NOP to the next length that CAN-FD has. Values are in the register's physical unit, see
-`units_per_count`: revolutions of the output, N m, A, V, degrees Celsius, seconds."""
+`units_per_count`: revolutions of the output, N m, A, V, degrees Celsius, seconds.
+"""
 
 import struct
 from collections.abc import Sequence

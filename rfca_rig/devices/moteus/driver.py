@@ -122,7 +122,8 @@ class MoteusSettings(ShaftGear):
     motor_position.rotor_to_output_ratio already includes. `direction` is +1 or -1, `zero_turns` the
     drive's position with the shaft horizontal. `watchdog_s` is sent with every command: the drive
     stops the motor if no other follows within that time. `torque_limit_Nm` applies at the shaft;
-    None keeps the drive's own. Raises BadInput for invalid values."""
+    None keeps the drive's own. Raises BadInput for invalid values.
+    """
 
     drive_id: int = 1
     own_id: int = OWN_ID
@@ -179,7 +180,8 @@ class MoteusReplies:
     read when it was enabled.
 
     A drive answers each query once. An answer therefore belongs to the query whose time fits its
-    millisecond counter best; older queries without an answer count as lost."""
+    millisecond counter best; older queries without an answer count as lost.
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
         self._bus = bus
@@ -220,7 +222,8 @@ class MoteusReplies:
         """Receives everything the bus holds; never waits.
 
         Raises DeviceError if the bus fails or a frame cannot be decoded, and BadReading for numbers
-        that are impossible."""
+        that are impossible.
+        """
         self.drained_s = self._clock.now_s()
         for message in receive_frames(self._bus, self.health):
             self._take(message)
@@ -307,9 +310,9 @@ class MoteusReplies:
         if (route.source, route.prefix) != (self._settings.drive_id, self._settings.can_prefix):
             self._foreign_ids.add(route.source)
         elif route.destination == self._settings.own_id:
-            self._hear(codec.decode(message.data))
+            self._handle_subframes(codec.decode(message.data))
 
-    def _hear(self, subframes: list[Subframe]) -> None:
+    def _handle_subframes(self, subframes: list[Subframe]) -> None:
         values = {item.register: item.value for item in subframes if isinstance(item, Reply)}
         self._refusals |= {
             item.register: item.code
@@ -397,7 +400,8 @@ class MoteusMotor:
     command registers, so no old set-point can take effect. The drive's own trajectories
     (servo.default_velocity_limit, default_accel_limit) are switched off in each command, as targets
     come every few milliseconds. Only `enable` starts the drive: once it has stopped for any reason,
-    further commands do not move it."""
+    further commands do not move it.
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
         self._bus = bus
@@ -414,7 +418,8 @@ class MoteusMotor:
         itself at that moment.
 
         Raises DeviceError, and leaves the motor off, if no answer of this drive arrives or it comes
-        late, a register is missing, or the drive refuses with a fault."""
+        late, a register is missing, or the drive refuses with a fault.
+        """
         self.disable()
         if self._replies.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
@@ -564,7 +569,8 @@ class MoteusMotor:
         took.
 
         Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError
-        if nothing happened within `limit_s`."""
+        if nothing happened within `limit_s`.
+        """
         started_s = self._clock.now_s()
         while self._state().mode != Mode.TIMEOUT:
             # A query does not feed the watchdog, so the mode can be polled while it runs out.

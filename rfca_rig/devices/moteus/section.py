@@ -14,7 +14,8 @@ class MoteusSection(MotorSection):
 
     A gear in its motor_position.rotor_to_output_ratio is already part of its output; `gear_ratio`
     is for a gear after that. `watchdog_ms` is sent with every command: the drive continues for this
-    long without the next one."""
+    long without the next one.
+    """
 
     device: Literal["moteus"]
     drive_id: Annotated[int, Field(ge=1, le=127)] = Field(description="id.id of the drive")

@@ -95,7 +95,8 @@ class MoteusLoop:
 
     A target at rest acts like a spring during the whole step; a moving one with its force at the
     beginning of the step. The target does not wait for a blocked shaft (servo.max_position_slip is
-    off, the factory setting)."""
+    off, the factory setting).
+    """
 
     def __init__(self, gains: MoteusGains) -> None:
         self._gains = gains
@@ -184,7 +185,8 @@ class MoteusTwinSettings:
 
     With `keeps_timeouts` False the drive has no watchdog. `arming_fault` is the fault code that
     every attempt to start ends in; 0 for a healthy drive. In a timeout the drive brakes with at
-    most `timeout_torque_Nm` (servo.timeout_max_torque_Nm)."""
+    most `timeout_torque_Nm` (servo.timeout_max_torque_Nm).
+    """
 
     drive_id: int = 1
     can_prefix: int = 0
@@ -208,7 +210,8 @@ class MoteusTwin(DriveTwin):
     A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved,
     `advance`. Answers are sent in `drive`. They show the shaft at that time, and the mode before
     the command in the same frame, as the firmware does. Trajectories under velocity or acceleration
-    limits are not planned: targets take effect at once. The diagnostic stream is not answered."""
+    limits are not planned: targets take effect at once. The diagnostic stream is not answered.
+    """
 
     tells_temperature = True
 

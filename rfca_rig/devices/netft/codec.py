@@ -3,7 +3,8 @@ on TCP; pure.
 
 RDT: ATI manual 9620-05-net ft, section 10. Big-endian, no padding. A record is 36 bytes; a datagram
 holds 1..40 of them. Names of the page's elements: the chapter on the CGI interface. Of about
-seventy these are the ones that are needed to interpret a stream."""
+seventy these are the ones that are needed to interpret a stream.
+"""
 
 import struct
 from collections.abc import Callable, Mapping
@@ -135,7 +136,8 @@ class NetFtConfiguration:
     firmware.
 
     `rdt_rate_Hz` is the requested rate; the actual one follows from `decimation`. `low_pass` is the
-    code of its filter, "0" for none."""
+    code of its filter, "0" for none.
+    """
 
     product: str
     serial_number: str
@@ -198,6 +200,7 @@ def encode_configuration(configuration: NetFtConfiguration, others: Mapping[str,
 
 
 def _elements(configuration: NetFtConfiguration) -> dict[str, str]:
+    rdt_state = {None: None, True: "Enabled", False: "Disabled"}
     known = {
         "prodname": configuration.product,
         "cfgcalsn": configuration.serial_number,
@@ -205,9 +208,7 @@ def _elements(configuration: NetFtConfiguration) -> dict[str, str]:
         "scfgtu": configuration.torque_unit,
         "cfgcpf": f"{configuration.counts_per_force:.10g}",
         "cfgcpt": f"{configuration.counts_per_torque:.10g}",
-        "comrdte": None
-        if configuration.rdt_enabled is None
-        else ("Enabled" if configuration.rdt_enabled else "Disabled"),
+        "comrdte": rdt_state[configuration.rdt_enabled],
         "comrdtrate": None
         if configuration.rdt_rate_Hz is None
         else f"{configuration.rdt_rate_Hz:.10g}",

@@ -131,7 +131,8 @@ def refuse_difference(
     """Compares the box's configuration with the settings.
 
     Raises BadInput if counts or rate differ, DeviceError if the box will not stream. `where` names
-    the box in the message."""
+    the box in the message.
+    """
     _refuse_counts(
         "counts_per_N",
         says.counts_per_N,
@@ -184,7 +185,8 @@ class NetFtSensor:
 
     The box does not answer requests, so a missing sensor shows only as silence, see `silent_s`.
     With `box` its configuration is checked before each start. `advice` is a note on the connection
-    for the health report, see `advise_receive_buffer`."""
+    for the health report, see `advise_receive_buffer`.
+    """
 
     def __init__(
         self,
@@ -215,7 +217,8 @@ class NetFtSensor:
         """Starts the stream, after discarding for 20 ms what an earlier one still delivers.
 
         Raises BadInput if the box is configured differently from the settings, DeviceError if it
-        does not answer."""
+        does not answer.
+        """
         if self._box is not None:
             configuration = self._box.says()
             refuse_difference(
@@ -243,7 +246,8 @@ class NetFtSensor:
         """Makes the box take its present load as zero; call it with the sensor unloaded.
 
         Whether a bias ends a running stream differs between boxes, so a running stream is
-        restarted."""
+        restarted.
+        """
         self._send(RdtCommand.SET_BIAS)
         if self._running:
             self.start()

@@ -50,7 +50,8 @@ class NetFtSettings:
 
     With `buffered` the box puts as many records into a datagram as its RDT buffer size says: fewer
     datagrams, each late by up to one buffer. Raises BadInput for a rate that is not
-    `internal_rate_Hz` divided by an integer: the box rounds to such a rate."""
+    `internal_rate_Hz` divided by an integer: the box rounds to such a rate.
+    """
 
     counts_per_N: float = 1e6
     counts_per_Nm: float = 1e6
@@ -89,7 +90,8 @@ class NetFtSection(ForceSensorSection):
     `configuration` states where the box's settings are checked before each stream: on its
     configuration page ("http": counts, units and rate), at its command interface ("commands":
     counts and units), or not at all ("unchecked"). `buffered` takes many records per datagram, as
-    many as the box's RDT buffer size."""
+    many as the box's RDT buffer size.
+    """
 
     device: Literal["ati-net-ft"]
     counts_per_N: Positive = Field(description="on the configuration page of the box")

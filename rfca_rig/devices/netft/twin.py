@@ -45,7 +45,8 @@ class NetFtTwinSettings:
 
     It sends one record per `decimation` internal samples, and `buffer_records` of them per datagram
     in buffered mode. Public drivers disagree on whether setting the bias ends a running stream;
-    `bias_stops_stream` selects it."""
+    `bias_stops_stream` selects it.
+    """
 
     counts_per_N: float = 1e6
     counts_per_Nm: float = 1e6
@@ -71,7 +72,8 @@ class NetFtTwin:
 
     A world advances it in steps: `take_requests`, `due`, then, after the plant has moved,
     `take_wrench`. With `samples_without_stream` it also samples once per step without a stream, so
-    that `latest` is up to date."""
+    that `latest` is up to date.
+    """
 
     def __init__(
         self, link: DatagramLink, settings: NetFtTwinSettings, random: np.random.Generator
@@ -247,7 +249,8 @@ class NetFtBoxTwin:
     """Answers at once, from the settings and the latest measurement of the streaming twin.
 
     With `busy` every page is refused with 503, as the box does when it is queried too often.
-    `configuration` may be changed at run time."""
+    `configuration` may be changed at run time.
+    """
 
     def __init__(self, streaming: NetFtTwin) -> None:
         settings = streaming.settings

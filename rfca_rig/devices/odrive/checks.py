@@ -69,7 +69,8 @@ class OdriveSeen:
     `period_s` is that of the encoder.
 
     `strangers` counts frames of other protocols. `unreadable` is why a frame of the expected node
-    could not be decoded."""
+    could not be decoded.
+    """
 
     others: tuple[int, ...] = ()
     strangers: int = 0
@@ -292,7 +293,7 @@ def _take(observed: _Observations, heard: ReceivedFrame, wanted: OdriveWanted) -
     )
     if not message.is_extended_id and codec.node_of(identifier) == wanted.node_id and message.dlc:
         observed.own_frames += 1
-        _hear(observed, heard, _decode(observed, message, wanted.dialect), wanted)
+        _note_message(observed, heard, _decode(observed, message, wanted.dialect), wanted)
     elif is_telling:
         observed.others.add(codec.node_of(identifier))
     else:
@@ -309,7 +310,7 @@ def _decode(
         return None
 
 
-def _hear(
+def _note_message(
     observed: _Observations, heard: ReceivedFrame, message: Message | None, wanted: OdriveWanted
 ) -> None:
     match message:

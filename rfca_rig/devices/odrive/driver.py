@@ -74,7 +74,8 @@ class OdriveSettings(ShaftGear):
     reading in turns with the shaft horizontal. With `torque_constant_Nm_per_A` None the torque
     comes from message 0x1C, else from the measured current 0x14. `encoder_period_s` is the drive's
     cyclic period of message 0x09. `dialect` is that of its firmware; 0.5 reports no torque, so it
-    needs the torque constant. Raises BadInput for invalid values."""
+    needs the torque constant. Raises BadInput for invalid values.
+    """
 
     node_id: int
     gear_ratio: float = 1.0
@@ -120,7 +121,7 @@ class TemperatureTelemetry:
         self.motor = OptionalReading("the drive", replace(TEMPERATURE, name="motor temperature"))
         self._reported_s = 0.0
 
-    def hear(self, now_s: float, inverter_C: float, motor_C: float) -> None:
+    def update(self, now_s: float, inverter_C: float, motor_C: float) -> None:
         """Takes in one message, received at host time `now_s`."""
         self._reported_s = now_s
         self.inverter.take(inverter_C)
@@ -293,9 +294,11 @@ class OdriveReports:
             self._foreign_nodes.add(codec.node_of(message.arbitration_id))
         else:
             self._own_frames += 1
-            self._hear(codec.decode(message.arbitration_id, message.data, self._settings.dialect))
+            self._handle_message(
+                codec.decode(message.arbitration_id, message.data, self._settings.dialect)
+            )
 
-    def _hear(self, message: messages.Message | None) -> None:
+    def _handle_message(self, message: messages.Message | None) -> None:
         constant = self._settings.torque_constant_Nm_per_A
         match message:
             case EncoderEstimates():
@@ -320,7 +323,7 @@ class OdriveReports:
                 self.beat = message
                 self.beat_s = self.drained_s
             case Temperatures():
-                self.temperature.hear(self.drained_s, message.inverter_degC, message.motor_degC)
+                self.temperature.update(self.drained_s, message.inverter_degC, message.motor_degC)
             case PartError():
                 self.part_errors[message.part] = message.word
             case Version():
@@ -371,7 +374,8 @@ class OdriveMotor:
     Any frame to the drive feeds its watchdog, so this class sends nothing on its own. Outside those
     two methods every frame results directly from a call; a caller that hangs therefore lets the
     drive stop the motor. Firmware 0.5 keeps separate errors for motor, encoder and controller;
-    `read` requests such an error once a heartbeat announces it (the motor is off then)."""
+    `read` requests such an error once a heartbeat announces it (the motor is off then).
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
         self._bus = bus
@@ -577,7 +581,8 @@ class OdriveMotor:
         the time in s that this took.
 
         Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError
-        if nothing happened within `limit_s`. The heartbeat alone takes up to 0.1 s to show it."""
+        if nothing happened within `limit_s`. The heartbeat alone takes up to 0.1 s to show it.
+        """
         started_s = self._clock.now_s()
         while not (
             self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect]

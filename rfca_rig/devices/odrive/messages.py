@@ -4,7 +4,8 @@ words, for both firmware dialects.
 Units are the drive's: motor turns, N m, A.
 
 Sources: firmware 0.6, ODrive API reference, ODrive.Error and ProcedureResult; firmware 0.5, 0.5.6
-API reference, Axis, Motor, Encoder and Controller errors."""
+API reference, Axis, Motor, Encoder and Controller errors.
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
@@ -89,7 +90,8 @@ class Heartbeat:
     """Sent by the drive on its own. `state` is an `AxisState` or one of the calibration states.
 
     `procedure_result` comes from firmware 0.6 only, `failed` (the parts that have an error of their
-    own) from 0.5 only."""
+    own) from 0.5 only.
+    """
 
     error: int
     state: int

@@ -12,7 +12,8 @@ class OdriveSection(MotorSection):
     """An ODrive. `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal.
 
     `dialect` is that of its firmware. 0.5 reports current instead of torque and therefore needs
-    motor.config.torque_constant."""
+    motor.config.torque_constant.
+    """
 
     device: Literal["odrive"]
     node_id: Annotated[int, Field(ge=0, le=63)] = Field(

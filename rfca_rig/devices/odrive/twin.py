@@ -68,7 +68,8 @@ class OdriveTwinSettings:
 
     `arming_error` is the error word that every attempt to close the loop ends in; 0 for a healthy
     drive. Firmware 0.5 reports the motor's current, with `torque_constant_Nm_per_A`; 0.6 reports
-    torque. Only 0.6 reports temperatures; `temperature_period_s` None switches them off."""
+    torque. Only 0.6 reports temperatures; `temperature_period_s` None switches them off.
+    """
 
     node_id: int = 0
     gear_ratio: float = 1.0
@@ -92,7 +93,8 @@ class OdriveTwin(DriveTwin):
     `advance`.
 
     Set-points stay as last commanded when the loop closes. Some firmware sets them to the measured
-    angle then; a driver that relies on it causes a jerk with the others."""
+    angle then; a driver that relies on it causes a jerk with the others.
+    """
 
     tells_temperature = True
     tolerances: ClassVar = {"ANGLE_TOLERANCE_RAD": 1e-3}

@@ -8,7 +8,8 @@ f are the features of its `Support`, each limited to the range in which it is in
 intercept b and the weights w come from benchmark cases with known truth. They are fitted by
 logistic regression with a ridge penalty, and the meaning of a feature fixes the sign of its weight.
 `calibration.json` beside this module holds them with the seeds that were used, and with the scores
-on cases that were not fitted. `python -m rfca_rig.exam.calibrate` writes it."""
+on cases that were not fitted. `python -m rfca_rig.exam.calibrate` writes it.
+"""
 
 import json
 from collections.abc import Mapping

@@ -7,7 +7,8 @@ law is only approximate still competes: what its law leaves is discrepancy.
 
 A relative probability alone claims too much here, since a smooth discrepancy hides how similar
 wrong laws are. The decision rests on how much better held-out conditions are predicted with an
-effect than with the best rival that lacks it; see `calibration`."""
+effect than with the best rival that lacks it; see `calibration`.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -83,7 +84,8 @@ class ScaledHypothesis:
         FEWEST_CONDITIONS.
 
         Stretches of one recording resemble each other, so that a law may predict them and fail in
-        another recording."""
+        another recording.
+        """
         recording = self.result.dataset.rows.recording
         if int(recording.max()) + 1 >= FEWEST_CONDITIONS:
             return self._rms_of_held_out(recording)
@@ -157,7 +159,8 @@ class ScaledHypothesis:
 
         The law of each effect errs by LAW_ERROR of its signature, as smoothly as the discrepancy.
         The fit answers such an error by shifts of nuisance parameters, which say nothing against
-        the effect. Their standard deviations follow from the linear fit."""
+        the effect. Their standard deviations follow from the linear fit.
+        """
         fitted = self.hypothesis.fitted
         rows = self.result.dataset.rows
         x = fitted.x[: fitted.coordinates.nuisances]
@@ -190,7 +193,8 @@ class ScaledHypothesis:
         """Whether it needs an implausible nuisance parameter, and the other one does not.
 
         Where both need one, all nuisance parameters together decide: the difference of their sums
-        of squares counts like the square of one more value."""
+        of squares counts like the square of one more value.
+        """
         if self.max_nuisance_shift <= IMPLAUSIBLE:
             return False
         more = self.sum_of_squared_shifts - other.sum_of_squared_shifts
@@ -328,7 +332,8 @@ class Comparison:
 
         One that needs an implausible nuisance parameter, which the best explanation does not need,
         explains nothing: the effect took the place of that value. It counts only if there is no
-        other."""
+        other.
+        """
         rivals = [one for one in self.ranked if not set(one.ids) & set(ids)]
         return next((one for one in rivals if not one.is_less_plausible_than(self.best)), rivals[0])
 
@@ -337,7 +342,8 @@ class Comparison:
         as without effects.
 
         It is the smaller one of two: that of the median over conditions, and that of the rms over
-        them, so that a few conditions that are predicted far worse count."""
+        them, so that a few conditions that are predicted far worse count.
+        """
         of_median = self._compute_removed_share(self.nothing.misfit, one.misfit)
         return min(
             of_median, self._compute_removed_share(self.nothing.misfit_of_all, one.misfit_of_all)
@@ -372,7 +378,8 @@ class Comparison:
         than usual.
 
         A quantity is all signals of one unit, the angles of all hinges, say, so that its rms is
-        taken in that unit."""
+        taken in that unit.
+        """
         before = self.nothing.squared_residuals
         after = one.squared_residuals
         in_usual_errors = after / self.result.likelihood.usual.variance()
@@ -399,7 +406,8 @@ class Comparison:
         or the rest is no explanation.
 
         The rest does not count if it needs an implausible nuisance parameter that the best
-        explanation does not need."""
+        explanation does not need.
+        """
         others = set(self.best.ids) - {name}
         rest = next((one for one in self.ranked if others and set(one.ids) == others), None)
         if rest is None or rest.is_less_plausible_than(self.best):
@@ -420,7 +428,8 @@ class Comparison:
         explain the recordings nearly as well.
 
         The laws together may then only describe better what a single approximate law is behind, and
-        no more than the family is known."""
+        no more than the family is known.
+        """
         best = set(self.best.ids)
         group = {name for name in best if not list_related((name,)).isdisjoint(best - {name})}
         laws_of_group = self._laws_of(group)
@@ -519,7 +528,8 @@ class Comparison:
         about as well.
 
         A subset does not count if it needs an implausible nuisance parameter that the whole set
-        does not need."""
+        does not need.
+        """
         for simpler in self.ranked:
             is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
             if is_part and not simpler.is_less_plausible_than(one) and _loses_little(simpler, one):
@@ -545,7 +555,8 @@ def compare(result: ModelSelectionResult) -> Comparison:
     """All hypotheses of a search with the discrepancy scale free.
 
     Evidence that an effect brings counts only if held-out conditions confirm it. What one condition
-    alone gains by an effect is a part of its discrepancy that resembles the effect."""
+    alone gains by an effect is a part of its discrepancy that resembles the effect.
+    """
     found = [_integrate_scale(result, hypothesis) for hypothesis in (result.nothing, *result.named)]
     confirmed: set[int] = set()
     while True:
@@ -589,7 +600,8 @@ def _is_unconfirmed(one: ScaledHypothesis, simpler: ScaledHypothesis) -> bool:
     effects.
 
     A part of it, one effect smaller, then predicts them about as well; any other set predicts them
-    better."""
+    better.
+    """
     is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
     if is_part:
         return _loses_little(simpler, one)

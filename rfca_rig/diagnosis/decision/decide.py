@@ -64,9 +64,8 @@ from rfca_rig.diagnosis.result import (
 from rfca_rig.model.catalogue import Family, families_of, list_related
 
 UNKNOWN = ("unknown",)
-MOST_ALTERNATIVES = (
-    5  # sets that are named beside a difference that is visible within the usual model error
-)
+# sets that are named beside a difference that is visible within the usual model error
+MOST_ALTERNATIVES = 5
 HELD_OUT = "held-out misfit"
 PROBABLE = "probability"
 
@@ -107,7 +106,8 @@ class Supported:
         almost nothing remains with it.
 
         A variation of another law always removes most of what that law leaves, so that only the
-        first counts for it."""
+        first counts for it.
+        """
         is_small = self.values["law_error_without"] <= LAW_ERROR
         return not is_small or (
             self.values["removed_share"] > 1.0 - WORTH_ADDING and not self.is_variation
@@ -182,7 +182,8 @@ class Decision:
 
         These are the effects that are stated or closest, every one that is not surely absent or
         part of a set that is not, and all that the data hardly distinguish from them: their
-        families."""
+        families.
+        """
         possible = {
             one.id
             for one in self.supported
@@ -346,7 +347,8 @@ def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
     none, or it explains DOMINANT_SHARE.
 
     The model without effects needs them to predict what it does, and the hypothesis, which needs
-    none, predicts as usual or as well, in no quantity worse."""
+    none, predicts as usual or as well, in no quantity worse.
+    """
     is_needed = comparison.explained_share(one) < DOMINANT_SHARE
     if (
         not is_needed
@@ -373,7 +375,8 @@ def _is_worse(comparison: Comparison, one: ScaledHypothesis) -> bool:
     sum or in a quantity.
 
     A quantity that is predicted worse shows that the law is wrong, which says nothing against its
-    family."""
+    family.
+    """
     return comparison.predicts_worse(one) or comparison.predicts_a_quantity_worse(one)
 
 
@@ -382,7 +385,8 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
 
     The rival of an effect has none of the effects that are as good, no variant of it, and no law
     that its own law turns into: they would predict the same. A family is at least as probable as an
-    effect whose indistinguishable set lies within it, because the effect implies the family."""
+    effect whose indistinguishable set lies within it, because the effect implies the family.
+    """
     found: list[Supported] = []
     for effect_id in comparison.best.ids:
         alike = comparison.as_good_as(effect_id)
@@ -420,7 +424,8 @@ def _families_of_best(comparison: Comparison) -> dict[str, Family]:
     """Families of the effects of the best explanation, by id.
 
     A family of which less than a third of the members were tried belongs to another kind of rig.
-    Such families are used only if there is no other."""
+    Such families are used only if there is no other.
+    """
     known = {
         family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)
     }
@@ -438,7 +443,8 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     """What a hypothesis must meet to be identified; for the one without effects, to lack nothing.
 
     A law may fail in a few conditions, for example where a stop is reached. Where nothing is
-    missing, no condition is predicted badly."""
+    missing, no condition is predicted badly.
+    """
     misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
     strained = describe_strain(one)
@@ -614,7 +620,8 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
     effect count as one.
 
     "Nothing missing" allows the usual model error only, "unknown" a larger one. The discrepancy
-    scale of a set with effects is free."""
+    scale of a set with effects is free.
+    """
     joint: dict[tuple[str, ...], list[tuple[float, float, float]]] = {}
     for one in comparison.ranked:
         if one.ids:
@@ -683,6 +690,12 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         for one in each
         if one.grade != "nothing missing" and (grade != "identified" or one.grade == "identified")
     ]
+    if stated:
+        probability = min(one.probability for one in stated)
+    elif grade == "nothing missing":
+        probability = nothing
+    else:
+        probability = 1.0 - nothing
     return Decision(
         grade=grade,
         explanation=forces.explanation,
@@ -690,9 +703,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         effects=(*forces.effects, *shaft.effects),
         family=families[0] if families else None,
         other_families=(*families[1:], *forces.other_families, *shaft.other_families),
-        probability=min(one.probability for one in stated)
-        if stated
-        else (nothing if grade == "nothing missing" else 1.0 - nothing),
+        probability=probability,
         explained_share=min((one.explained_share for one in stated), default=1.0),
         relieved_strain=next((one.relieved_strain for one in stated if one.relieved_strain), ""),
         criteria=tuple(criterion for one in judged for criterion in one.criteria),

@@ -11,7 +11,8 @@ The standard deviation of a parameter has two independent parts:
    removes.
 
 The detection limit of an effect that was not found is the smallest size that these recordings speak
-against."""
+against.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -109,7 +110,8 @@ def _law_uncertainty(
     """Standard deviation of a value because the law is only approximate.
 
     A size is counted from where the effect does nothing. Both gains of the control loop of a drive
-    are sizes."""
+    are sizes.
+    """
     if term.effect.where == "drive":
         return max(LAW_SIZE_ERROR, law) * abs(value)
     if parameter == size_parameter(term.effect):
@@ -167,7 +169,8 @@ def has_several_sizes(effect: Effect) -> bool:
     """Whether an effect has one size for each of several joints, actuators or sensors.
 
     A limit of the first size says nothing of the others, whose effects are part of the same
-    signature."""
+    signature.
+    """
     first = size_parameter(effect).name.split("_")
     for parameter in effect.parameters:
         other = parameter.name.split("_")
@@ -208,7 +211,8 @@ def power_to_exclude(effects: int) -> float:
     it.
 
     It is twice a log evidence: odds of 20, the choice among all effects, and the cost of one
-    parameter. See docs/method.md."""
+    parameter. See docs/method.md.
+    """
     return 2.0 * (3.0 + float(np.log(max(effects, 1))) + OCCAM)
 
 
@@ -294,7 +298,8 @@ def _threshold(points: Floats, needed: float) -> tuple[float, bool]:
     stiffness it falls.
 
     `points` (k, 2) are distance and power. The line is straight on logarithmic scales between
-    points. Beyond them power grows with the square of the distance."""
+    points. Beyond them power grows with the square of the distance.
+    """
     size = np.log(points[:, 0])
     power = np.log(points[:, 1])
     log_needed = float(np.log(needed))

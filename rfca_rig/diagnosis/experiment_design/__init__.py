@@ -2,4 +2,5 @@
 `mechanism_experiment`.
 
 `choice` lists what is open, computes what an experiment would show, and ranks experiments and bench
-tests. Experiments on a pendulum are designed beside its diagnosis."""
+tests. Experiments on a pendulum are designed beside its diagnosis.
+"""

@@ -42,9 +42,8 @@ from rfca_rig.diagnosis.simulator import ConditionData, Dataset
 from rfca_rig.errors import BadInput, SimulationFailed
 
 PLAUSIBLE = 0.01  # probability: a less probable hypothesis is not worth an experiment
-MAX_HYPOTHESES = (
-    5  # hypotheses: each costs as many simulations of every experiment as it has parameters
-)
+# hypotheses: each costs as many simulations of every experiment as it has parameters
+MAX_HYPOTHESES = 5
 # probability: the most probable hypothesis was not stated, so the others count at least this much
 LEAST_WEIGHT = 0.05
 

@@ -396,7 +396,10 @@ def _stage_designs(
     Two tables of one height would be joined into one sequence.
     """
     heights_m = region.heights_m(flap.height_m for flap in body.flaps)
-    free = [h for h in heights_m if all(abs(h - table.height_m) >= ALIKE_M for table in tables)]
+    free = []
+    for height_m in heights_m:
+        if all(abs(height_m - table.height_m) >= ALIKE_M for table in tables):
+            free.append(height_m)
     for kind in SEQUENCES:
         for height_m in sorted({free[0], free[len(free) // 2], free[-1]}) if free else ():
             yield make_stage_design(kind, height_m, region, body.noise_std, body.strokes_made)

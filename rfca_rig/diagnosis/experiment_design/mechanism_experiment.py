@@ -2,7 +2,8 @@
 commands that were recorded.
 
 Every joint needs a motor of its own. A controller tracks the reference. The windows of the
-recording are compared, each with the commands of the most probable hypothesis as feed-forward."""
+recording are compared, each with the commands of the most probable hypothesis as feed-forward.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -52,7 +53,8 @@ class Excitation:
     """The proposed motion.
 
     `t_s` (m,) are times, `reference` (m, n) positions of the joints in rad or m, and `command` (m,
-    u) the feed-forward of the actuators."""
+    u) the feed-forward of the actuators.
+    """
 
     t_s: Floats
     reference: Floats

@@ -165,7 +165,8 @@ def _prefer_plausible(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hy
     This applies where one of `named` explains the same by an effect. The prior of a nuisance
     parameter is truncated where it is implausible, and the share of the posterior that lies within
     remains as evidence. Six times the nominal damping is no uncertainty of the hinges, but an
-    effect of its own. See "Truncated priors" in section 3 of docs/method.md."""
+    effect of its own. See "Truncated priors" in section 3 of docs/method.md.
+    """
     implausible = max((_log_beyond(hypothesis, wider) for wider in named), default=0.0)
     marginal = hypothesis.marginal
     return replace(

@@ -3,7 +3,8 @@ it changes.
 
 A hypothesis far from the data is fitted under a wide discrepancy, which shrinks as the fit
 improves. Otherwise rows that no value can explain would drive the nuisance parameters to the ends
-of their priors. Section 5 of docs/method.md lists the steps."""
+of their priors. Section 5 of docs/method.md lists the steps.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -247,7 +248,8 @@ class GaussNewton:
         prior.
 
         Evidence that only the Jacobian promises, and no step found, does not count. A Jacobian
-        across a kink promises much, for example at a stop that no hinge reaches."""
+        across a kink promises much, for example at a stop that no hinge reaches.
+        """
         if (known := self._marginals.get(found)) is None:
             known = self._marginals[found] = self._integrate(found)
         return known
@@ -289,7 +291,8 @@ class GaussNewton:
         to its probable error.
 
         It is a Kalman update: columns are known to JACOBIAN_ERROR of their size, and the model is
-        rough by MODEL_ROUGHNESS. Section 5 of docs/method.md has the formula."""
+        rough by MODEL_ROUGHNESS. Section 5 of docs/method.md has the formula.
+        """
         step = x - here.x
         deviation = predicted - here.predicted - here.jacobian @ step
         gain = step * (JACOBIAN_ERROR * here.size) ** 2
@@ -356,7 +359,8 @@ class GaussNewton:
         number of the unknown.
 
         Steps go towards the middle of the prior, or away from it where the model has no answer
-        there. The column is zero where it has none on either side."""
+        there. The column is zero where it has none on either side.
+        """
         inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
         found = self._predict_changes(coordinates, x, predicted, inwards)
         outwards = {i: -step for i, step in inwards.items() if found[i] is None}

@@ -11,7 +11,8 @@ not suffice.
 
 The search is successive halving (Jamieson and Talwalkar, AISTATS 2016): many fits on a subset of
 the conditions, few on all, and the best of them to convergence. Section 6 of docs/method.md
-describes it."""
+describes it.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -436,9 +437,10 @@ def _partner_starts(
         least = config.worth_beside_a_good_fit
     else:
         least = config.worth_a_fit
-    for parent in state.of_size(size)[
-        : config.parents if size == 1 and least == config.worth_a_fit else 1
-    ]:
+    parents = state.of_size(size)[:1]
+    if size == 1 and least == config.worth_a_fit:
+        parents = state.of_size(size)[: config.parents]
+    for parent in parents:
         others = [probe for probe in screen.probes if probe.choice.effect.id not in parent.ids]
         beside_parent = _screen_promising(state, parent, others, least, config)
         found += _single_starts(beside_parent, 1, least)[: config.partners]
@@ -470,9 +472,10 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
     """Fit the starts on the subset, keep the best of each set, and fit the best `full` of these
     sets on all conditions.
     """
-    known = {
-        frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1
-    }
+    known = set()
+    for fit in state.fits:
+        if len(fit.coordinates.choices) > 1:
+            known.add(frozenset(fit.coordinates.choices))
     wanted = [start for start in starts if frozenset(start.terms) not in known]
 
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
@@ -481,24 +484,21 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
             return None
         return (state.coarse.free_log_evidence(fit), fit.x)
 
-    found = zip(wanted, map_in_processes(fit_coarsely, wanted), strict=True)
-    ends = [
-        (end[0], FitStart(start.terms, end[1], start.jacobian))
-        for start, end in found
-        if end is not None
-    ]
-    best_of_each = {
-        frozenset(start.terms): (gain, start)
-        for gain, start in sorted(ends, key=lambda end: end[0])
-    }
-    best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
+    best_of_set: dict[frozenset[EffectTerm], tuple[float, FitStart]] = {}
+    for start, end in zip(wanted, map_in_processes(fit_coarsely, wanted), strict=True):
+        if end is None:
+            continue
+        gain, x = end
+        terms = frozenset(start.terms)
+        if terms not in best_of_set or gain >= best_of_set[terms][0]:
+            best_of_set[terms] = (gain, FitStart(start.terms, x, start.jacobian))
+    ranked = sorted(best_of_set.values(), key=lambda end: -end[0])[:full]
     # The best ALWAYS_FITTED sets are always fitted: the best one without an effect measures the
     # support of that effect.
-    near = [
-        start
-        for n, (gain, start) in enumerate(best)
-        if n < ALWAYS_FITTED or gain > best[0][0] - CLOSE_LOG_EVIDENCE
-    ]
+    near = []
+    for rank, (gain, start) in enumerate(ranked):
+        if rank < ALWAYS_FITTED or gain > ranked[0][0] - CLOSE_LOG_EVIDENCE:
+            near.append(start)
     return state.with_fits(_fit_all(state, near))
 
 
@@ -598,17 +598,14 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     nominal, *fits = evaluated
     least = max(map(optimizer.free_log_evidence, fits)) - CLOSE_LOG_EVIDENCE
     # Fits far behind are not refined, only evaluated where they are.
-    is_worth = [n == 0 or optimizer.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
-    refined = iter(
-        _refine_all(
-            state,
-            optimizer.refine,
-            [fit for fit, worth in zip(fits, is_worth, strict=True) if worth],
-        )
-    )
-    nothing, *others = [
-        next(refined) if worth else fit for fit, worth in zip(fits, is_worth, strict=True)
-    ]
+    near = []
+    for number, fit in enumerate(fits):
+        if number == 0 or optimizer.free_log_evidence(fit) > least:
+            near.append(number)
+    refined = _refine_all(state, optimizer.refine, [fits[number] for number in near])
+    for number, fit in zip(near, refined, strict=True):
+        fits[number] = fit
+    nothing, *others = fits
     return SearchState(
         optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged
     )
@@ -623,7 +620,8 @@ def _exchange(
     An effect is exchanged for another one of its family, or for itself with another size. A
     strained nuisance parameter is exchanged for the equivalent effect. Everything else begins
     unchanged: a rival that began at the prior means may have ended in another mode, and would lose
-    by that alone. `probes` are the effects around the nominal model."""
+    by that alone. `probes` are the effects around the nominal model.
+    """
     terms = tuple(dict.fromkeys(probe.choice for probe in probes))
     parents = [
         fit
@@ -631,16 +629,14 @@ def _exchange(
         if frozenset(fit.coordinates.choices) not in state.exchanged
     ]
     starts: list[FitStart] = []
-    for base, wanted in (
-        pair for parent in parents for pair in _without_each_part(state, parent, terms)
-    ):
-        suitable = [probe for probe in probes if probe.choice.effect.id in wanted]
-        ranked = _single_starts(
-            _screen_again(state, base, _projection(state, base), suitable, config), 1, 0.0
-        )
-        # One variant per effect; `ranked` descends, so in reversed order the best one stays in the
-        # dictionary.
-        starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
+    for parent in parents:
+        for base, wanted in _without_each_part(state, parent, terms):
+            suitable = [probe for probe in probes if probe.choice.effect.id in wanted]
+            screen = _screen_again(state, base, _projection(state, base), suitable, config)
+            ranked = _single_starts(screen, 1, 0.0)
+            # One variant per effect; `ranked` descends, so in reversed order the best one stays in
+            # the dictionary.
+            starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode
     # than that of their prior means.
     strained = [fit for fit in parents if fit.max_nuisance_shift > IMPLAUSIBLE and fit.ids]
@@ -667,7 +663,8 @@ def _without_each_part(
     mean, and the ids that may take that place.
 
     The place of an effect is open to its family, and to effects that are equivalent to a strained
-    nuisance parameter."""
+    nuisance parameter.
+    """
     coordinates = parent.coordinates
     strained = {
         name: place
@@ -705,7 +702,8 @@ def _fit_nested(state: SearchState) -> SearchState:
     subsets were fitted badly.
 
     Each subset also begins with the contribution of the missing effect transferred to the
-    equivalent nuisance parameter."""
+    equivalent nuisance parameter.
+    """
     best = state.best
     starts: list[FitStart] = []
     coordinates = best.coordinates

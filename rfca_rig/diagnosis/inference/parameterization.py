@@ -4,7 +4,8 @@ parameters of effects.
 The coordinate of a nuisance parameter counts the prior standard deviations by which it is off. A
 parameter of an effect that is positive over more than an octave is log-uniform between its
 plausible bounds. Any other one is normal about their middle, with a standard deviation of a quarter
-of their distance. So one step length, one prior and one test for "at a bound" suit all."""
+of their distance. So one step length, one prior and one test for "at a bound" suit all.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -2,7 +2,8 @@
 remove.
 
 This is a score test with few simulations per effect. It decides only where fits begin, see section
-6 of docs/method.md."""
+6 of docs/method.md.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -75,7 +76,8 @@ def grid_of(choice: EffectTerm) -> list[Floats]:
 
     Where an effect counts something, each count is a term of its own. The other sizes then begin at
     their middle, or on either side of zero. Shape parameters begin at their stated starts or at
-    their neutral value, initial states at rest."""
+    their neutral value, initial states at rest.
+    """
     free = choice.sizes
     at_rest = (0.0,) * len(choice.effect.begins)
     # Points per axis: fewer with each further size, so that the grid does not grow too fast.
@@ -139,7 +141,8 @@ class Projection:
 
         The effect is then there, perhaps, and only much larger sizes are excluded: those from the
         factor f on the signature with f^2 power - 2 f match = needed, in chi-square. The result is
-        needed / f^2, which is `power` without a match."""
+        needed / f^2, which is `power` without a match.
+        """
         white = self.whitening(signature)
         power = float(white @ self.project(white))
         match = max(float(white @ self.residual), 0.0)

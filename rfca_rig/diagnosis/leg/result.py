@@ -39,7 +39,7 @@ from rfca_rig.protocol.plan import Limits
 
 T = TypeVar("T")
 
-SHOWS = 3.0  # standard deviations
+SIGNIFICANT_STDS = 3.0  # standard deviations
 DYNAMIC = "dynamic"
 
 
@@ -127,7 +127,8 @@ def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
     """The answer with the delay of the drive among its nuisance parameters.
 
     The search for the drive also varies ground and height, but within what the forces have left of
-    them."""
+    them.
+    """
 
     def add(own: Mapping[str, T], of_drive: Mapping[str, T]) -> Mapping[str, T]:
         return {**own, **{name: each for name, each in of_drive.items() if name == COMMAND_DELAY}}
@@ -199,7 +200,7 @@ def _describe_delay(body: PreparedData, verdicts: Findings) -> tuple[str, ...]:
         f"the drive follows its commands {fitted_ms.value:.1f} ms late (standard deviation "
         f"{fitted_ms.std:.1f} ms)"
     )
-    if fitted_ms.value > SHOWS * fitted_ms.std:
+    if fitted_ms.value > SIGNIFICANT_STDS * fitted_ms.std:
         return (message,)
     return ()
 
@@ -210,7 +211,8 @@ def valley_errors(
     """Mean error of the valley in time and force, in percent, as in Table II of the paper.
 
     The nominal shaft moves as commanded. If a drive effect was found, the accepted model simulates
-    the motion of the shaft itself. Otherwise it follows the turn of each condition."""
+    the motion of the shaft itself. Otherwise it follows the turn of each condition.
+    """
     found = [
         (flap.valley, _valley(flap, nominal, True), _valley(flap, after, drive_found))
         for flap in flaps

@@ -20,9 +20,8 @@ SIGNAL = "shaft_angle_rad"
 BIN_S = 0.010
 AS_COMMANDED_RAD = 0.003  # rms: what 1 ms of delay at 3 rad/s makes, and no leg notices
 DELAYED_RAD = 0.002  # rms beside what a delay makes
-SMALLEST_SCALE_RAD = (
-    0.1  # a model error of 1 % is then a milliradian at least, which no leg notices
-)
+# a model error of 1 % is then a milliradian at least, which no leg notices
+SMALLEST_SCALE_RAD = 0.1
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,9 @@ from rfca_rig.model.stroke import SimulatedStroke, StrokeRequest, simulate_varia
 # and damping of a point that leaves.
 SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_rise", "leaving_damping")
 LATE_MS = 2.0  # an adapter, a bus and a drive's own cycle; a gain of its loop does much the same
-SAGS = (
-    0.3  # a leg that was released straight half a second before still swings by a third of its sag
-)
-SAGS_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg
+# a leg that was released straight half a second before still swings by a third of its sag
+SWING_SHARE_STD = 0.3
+SWING_RATE_STD_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg
 
 
 def nuisances_of(
@@ -125,13 +124,19 @@ def _with_rate(at: ModelPoint, rate_per_s: float) -> ModelPoint:
 
 _SWING = (
     FitParameter(
-        "swing", "sags", False, SAGS, lambda at: _swing(at).share, _with_share, "swing_sags"
+        "swing",
+        "sags",
+        False,
+        SWING_SHARE_STD,
+        lambda at: _swing(at).share,
+        _with_share,
+        "swing_sags",
     ),
     FitParameter(
         "swing_rate",
         "sags/s",
         False,
-        SAGS_PER_S,
+        SWING_RATE_STD_PER_S,
         lambda at: _swing(at).rate_per_s,
         _with_rate,
         "swing_sags_per_s",
@@ -238,7 +243,8 @@ class LegSimulator(Simulator):
         """Scatter of rack height, friction, start angle and trigger.
 
         The trigger is the time at which the clock of the force starts relative to that of the
-        shaft. A recorded start angle is simulated, so its scatter is not left in the mean."""
+        shaft. A recorded start angle is simulated, so its scatter is not left in the mean.
+        """
         std = np.array(list(USUAL_SCATTER.values()))
         parameters = tuple(replace(PARAMETERS[name], relative=False) for name in USUAL_SCATTER)
         space = Prior(parameters, at, std, np.ones(len(std), dtype=bool))

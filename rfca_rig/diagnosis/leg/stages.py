@@ -190,7 +190,8 @@ def _simulate_stages(
     """The three forces and all hinge angles of the model at these stages, (3 + hinges, stages).
 
     Cached: a fit often changes something that no settled reading shows, for example the swing of
-    the leg at the start."""
+    the leg at the start.
+    """
     request = _request_stages(rig, height_m, turned_rad, moves, strokes_before)
     return _read_signals(simulate_setup(request.setup, request.t_s, request.tolerance))
 
@@ -228,16 +229,16 @@ def make_stage_tables(
 def _estimate_noise(
     stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]
 ) -> dict[str, float]:
-    stated = {name: [s.std[name] for s in stages if name in s.std] for name in FORCES}
     # Usual noise of one sample, where neither the table nor the rig file states it.
     usual = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
-    forces = {
-        name: (noise_std.get(name) or usual[name]) / np.sqrt(MEAN_OF_SAMPLES) for name in FORCES
-    }
-    found = {
-        name: float(np.mean(stated[name])) if stated[name] else float(forces[name])
-        for name in FORCES
-    }
-    return found | {
-        f"hinge{i}_deg": HINGE_NOISE_DEG for i in range(2, 2 + len(stages[0].hinge_deg))
-    }
+    noise = {}
+    for name in FORCES:
+        stated = [stage.std[name] for stage in stages if name in stage.std]
+        if stated:
+            noise[name] = float(np.mean(stated))
+        else:
+            of_sample = noise_std.get(name) or usual[name]
+            noise[name] = float(of_sample / np.sqrt(MEAN_OF_SAMPLES))
+    for i in range(2, 2 + len(stages[0].hinge_deg)):
+        noise[f"hinge{i}_deg"] = HINGE_NOISE_DEG
+    return noise

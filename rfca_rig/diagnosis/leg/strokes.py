@@ -27,13 +27,11 @@ BEFORE_TOUCHDOWN_S = 0.010  # repeats touch down some milliseconds apart
 BEFORE_LIFT_OFF_S = 0.020  # the moment of lift-off differs from stroke to stroke
 # of a signal's rms over the stroke: a free leg pulls little, but not with infinite precision
 SMALLEST_SCALE = 0.02
-CORRELATION_LENGTH = (
-    0.06  # of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
-)
+# of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
+CORRELATION_LENGTH = 0.06
 TIMING_ERROR_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
-TRANSIENT_FACTOR = (
-    5.0  # the ringing after touchdown is that much harder to predict than slow swings
-)
+# the ringing after touchdown is that much harder to predict than slow swings
+TRANSIENT_FACTOR = 5.0
 TRANSIENT_DECAY_S = 0.06
 # Means over bins then differ by 4e-5 of a force's range from those of 7000 samples per second (the
 # paper's four conditions), a hundredth of the usual model error; at 1 ms by 1.1e-4.
@@ -208,6 +206,15 @@ def dynamic_label(condition: str, signal: str) -> Label:
     return Label("dynamic", condition, signal, CORRELATION_LENGTH, errs_by_phase=False)
 
 
+def _list_common_signals(strokes: Sequence[Stroke]) -> tuple[str, ...]:
+    """The forces that all strokes have."""
+    common = []
+    for name in FORCES:
+        if all(stroke.channel(name) is not None for stroke in strokes):
+            common.append(name)
+    return tuple(common)
+
+
 def make_dynamic_condition(
     condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn
 ) -> DynamicCondition | Undetermined:
@@ -230,7 +237,7 @@ def make_dynamic_condition(
     moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, _, p in good])
     # The median over repeats: a single badly detected moment does not shift the bins.
     phases = StrokePhases(*(float(m) for m in np.median(moments, axis=0)))
-    signals = tuple(s for s in FORCES if all(stroke.channel(s) is not None for stroke in strokes))
+    signals = _list_common_signals(strokes)
     times = [stroke.channel("fz_N")[0] for stroke in strokes]  # type: ignore[index]
     time = times[0]
     # Only the time that all repeats cover.
@@ -270,7 +277,8 @@ def _thin_out(t_s: Floats, first: NDArray[np.intp]) -> tuple[Floats, NDArray[np.
 
     They are the samples' own times `t_s` (m,). Where these are closer than SIMULATED_EVERY_S, they
     are the middles of equal parts of each bin: a force sensor with 7000 samples per second would
-    cost more than the integration."""
+    cost more than the integration.
+    """
     step_s = float(np.median(np.diff(t_s)))
     if step_s >= SIMULATED_EVERY_S:
         return t_s, first
@@ -289,7 +297,8 @@ def make_turn(condition: Condition, follows_recorded: bool, late_s: float = 0.0)
     start, `late_s` later.
 
     A shaft that follows its command is simulated from the command: the noise of an encoder must not
-    shake the simulated leg."""
+    shake the simulated leg.
+    """
     traces = [
         trace
         for stroke in condition.strokes
@@ -350,7 +359,8 @@ def _error_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats
     section 3 of docs/method.md.
 
     It is the value and its change within TIMING_ERROR_S, at least a share of the rms in the phase
-    and in the whole stroke."""
+    and in the whole stroke.
+    """
     least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
     rms = np.array([np.sqrt(np.mean(values[phase == name] ** 2)) for name in phase])
     return np.sqrt(
@@ -365,7 +375,8 @@ def _transient_scale(
 
     Bounces and stick-slip after the touchdown are as large as the peak there and decay. In the air
     after the start, the sensor feels little but the last tenths of a degree of the hinges, which
-    are hard to predict."""
+    are hard to predict.
+    """
     peak = float(np.abs(values[phase == "touchdown"]).max(initial=0.0))
     after_s = t_s - phases.touchdown_s
     bounces = np.where(

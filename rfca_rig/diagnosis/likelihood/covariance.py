@@ -15,7 +15,8 @@ added by Woodbury's identity.
 
 B is estimated from the repeats. The rack stands a tenth of a millimetre elsewhere in each repeat,
 and the friction is a little higher. In the mean of the repeats this scatter remains, divided by the
-root of their number, in directions that the model predicts."""
+root of their number, in directions that the model predicts.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -138,7 +139,8 @@ class _Shrinking:
     """Whitening W of 1 + V V^T, with V = `along` (m, k).
 
     W = 1 - V G V^T, and its square is the inverse, 1 - V H V^T. With the eigenvalues l of V^T V and
-    r = sqrt(1 + l), G has the eigenvalues 1 / (r (r + 1)) and H has 1 / r^2."""
+    r = sqrt(1 + l), G has the eigenvalues 1 / (r (r + 1)) and H has 1 / r^2.
+    """
 
     along: Floats
     g: Floats
@@ -400,12 +402,12 @@ def _per_condition(dataset: Dataset, effect: Floats) -> Floats:
     less the more repeats are averaged.
     """
     condition = dataset.rows.condition
-    columns = [
-        np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(repeats))
-        for number, repeats in enumerate(part.repeats for part in dataset.parts)
-        for k in range(effect.shape[1])
-        if np.any(effect[condition == number, k])
-    ]
+    columns = []
+    for number, part in enumerate(dataset.parts):
+        for k in range(effect.shape[1]):
+            column = np.where(condition == number, effect[:, k], 0.0)
+            if np.any(column):
+                columns.append(column / np.sqrt(len(part.repeats)))
     if columns:
         return np.column_stack(columns)
     return np.empty((len(condition), 0))

@@ -12,7 +12,8 @@ the model is linear over the width of the posterior.
 Held-out prediction: each condition is predicted from all others, without a new fit per condition. P
 is the inverse covariance of all rows, and o are the rows of the held-out condition. Given all other
 rows, the rows o are normal with precision P_oo. So the information of the other rows is J^T P J -
-(P J)_o^T P_oo^-1 (P J)_o, and only P is needed."""
+(P J)_o^T P_oo^-1 (P J)_o, and only P is needed.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -99,19 +100,17 @@ def laplace_posteriors(
         directions = None
     else:
         directions = turned(extra_directions)
-    found = []
+    posteriors = []
     for whitening in whitenings:
-        parts = whitening.scaled(target), whitening.scaled(jacobian), whitening.log_det
-        found.append(
-            _solve(
-                *(
-                    parts
-                    if directions is None
-                    else _whiten_extra(*parts, whitening.scaled(directions))
-                )
+        white_target = whitening.scaled(target)
+        white_jacobian = whitening.scaled(jacobian)
+        log_det = whitening.log_det
+        if directions is not None:
+            white_target, white_jacobian, log_det = _whiten_extra(
+                white_target, white_jacobian, log_det, whitening.scaled(directions)
             )
-        )
-    return found
+        posteriors.append(_solve(white_target, white_jacobian, log_det))
+    return posteriors
 
 
 def _solve(target: Floats, jacobian: Floats, log_det: float) -> Posterior:
@@ -121,11 +120,10 @@ def _solve(target: Floats, jacobian: Floats, log_det: float) -> Posterior:
     mean = np.asarray(covariance @ (jacobian.T @ target))
     residual = target - jacobian @ mean
     chi2 = float(residual @ residual)
-    sign_log = float(np.linalg.slogdet(precision)[1])
+    log_det_precision = float(np.linalg.slogdet(precision)[1])
     # The terms are misfit, prior, |C| and |A|, as in section 4 of docs/method.md.
-    return Posterior(
-        mean, covariance, -0.5 * (chi2 + float(mean @ mean) + log_det + sign_log), chi2
-    )
+    log_evidence = -0.5 * (chi2 + float(mean @ mean) + log_det + log_det_precision)
+    return Posterior(mean, covariance, log_evidence, chi2)
 
 
 def _whiten_extra(
@@ -146,7 +144,8 @@ class MarginalPosterior:
     """Log evidence, mean discrepancy scale `error`, and posterior of the unknowns.
 
     The posterior is the one at the most probable s, but at least at the usual one. A fit that
-    happens to be better than usual is no reason for a narrower interval."""
+    happens to be better than usual is no reason for a narrower interval.
+    """
 
     log_evidence: float
     error: float
@@ -191,22 +190,22 @@ class MarginalLikelihood:
 
     def evaluate_unknown(self, linear: LinearModel) -> MarginalPosterior:
         """Evidence and posterior if something unlisted is missing beside the hypothesis."""
-        return _integrate_scale(
-            self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None
-        )
+        log_uniform = np.full(len(self.unknown), -np.log(len(self.unknown)))
+        return _integrate_scale(self.unknown, log_uniform, linear, None)
 
     def level(self, linear: LinearModel) -> DiscrepancyWhitening:
         """The whitening at the most probable scale, the usual one at least: it reflects the
         actual misfit of this linear model.
         """
         # Both grids contain the scale where they meet, hence [1:].
-        every = [
+        candidates = [
             whitening
             for whitening in (*self.named, *self.unknown[1:])
             if whitening.s >= USUAL_ERROR
         ]
-        logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
-        return every[int(np.argmax(logs))]
+        posteriors = laplace_posteriors(linear, candidates)
+        log_evidences = [posterior.log_evidence for posterior in posteriors]
+        return candidates[int(np.argmax(log_evidences))]
 
     def compute_held_out_residuals(
         self, linear: LinearModel, condition: NDArray[np.intp], left_out: Iterable[int]
@@ -219,12 +218,8 @@ class MarginalLikelihood:
     @cached_property
     def every_scale(self) -> tuple[DiscrepancyWhitening, ...]:
         """The whitenings at all discrepancy scales of the grid, ascending."""
-        return tuple(
-            sorted(
-                {whitening.s: whitening for whitening in (*self.unknown, *self.named)}.values(),
-                key=lambda one: one.s,
-            )
-        )
+        by_scale = {whitening.s: whitening for whitening in (*self.unknown, *self.named)}
+        return tuple(by_scale[s] for s in sorted(by_scale))
 
     @property
     def usual(self) -> DiscrepancyWhitening:
@@ -247,14 +242,17 @@ def _integrate_scale(
     linear: LinearModel,
     extra_directions: Floats | None,
 ) -> MarginalPosterior:
-    found = laplace_posteriors(linear, whitenings, extra_directions)
-    logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
-    total = float(logsumexp(logs))
+    posteriors = laplace_posteriors(linear, whitenings, extra_directions)
+    scales = np.array([whitening.s for whitening in whitenings])
+    log_joint = np.array([posterior.log_evidence for posterior in posteriors]) + log_weights
+    log_evidence = float(logsumexp(log_joint))
+    mean_scale = float(np.exp(log_joint - log_evidence) @ scales)
     # The posterior is never taken below the usual error, however good the fit is.
-    least = next(i for i, whitening in enumerate(whitenings) if whitening.s >= USUAL_ERROR)
-    at = max(int(np.argmax(logs)), least)
-    error = float(np.exp(logs - total) @ np.array([whitening.s for whitening in whitenings]))
-    return MarginalPosterior(total, error, found[at], whitenings[at])
+    usual = next(i for i, s in enumerate(scales) if s >= USUAL_ERROR)
+    most_probable = max(int(np.argmax(log_joint)), usual)
+    return MarginalPosterior(
+        log_evidence, mean_scale, posteriors[most_probable], whitenings[most_probable]
+    )
 
 
 def loo_residuals(
@@ -283,14 +281,13 @@ def loo_residuals(
         Each prediction uses the parameters that fit the other conditions, but not their
         discrepancy.
     """
-    apart = np.zeros(len(linear.target))
+    residuals = np.zeros(len(linear.target))
     numbers = list(left_out)
-    for number, mean in zip(
-        numbers, loo_estimates(linear, whitening, condition, numbers), strict=True
-    ):
+    means = loo_estimates(linear, whitening, condition, numbers)
+    for number, mean in zip(numbers, means, strict=True):
         out = condition == number
-        apart[out] = linear.target[out] - linear.jacobian[out] @ mean
-    return apart
+        residuals[out] = linear.target[out] - linear.jacobian[out] @ mean
+    return residuals
 
 
 def loo_estimates(
@@ -309,13 +306,10 @@ def loo_estimates(
     weighted = whitening.apply_precision(both)
     means = []
     for number in left_out:
-        others, _ = products_without(both, weighted, whitening, condition == number)
+        products, _ = products_without(both, weighted, whitening, condition == number)
         # The identity is the prior: every unknown is standard normal.
-        means.append(
-            np.linalg.solve(
-                others[:unknowns, :unknowns] + np.eye(unknowns), others[:unknowns, unknowns]
-            )
-        )
+        precision = products[:unknowns, :unknowns] + np.eye(unknowns)
+        means.append(np.linalg.solve(precision, products[:unknowns, unknowns]))
     return np.array(means).reshape(len(means), unknowns)
 
 
@@ -361,13 +355,13 @@ def loo_log_densities(
     weighted = whitening.apply_precision(both)
     # log p(y_o | y_rest) = log p(y) - log p(y_rest). The constant with 2 pi counts only the rows of
     # the condition.
-    everything = _log_evidence(both.T @ weighted, whitening.log_det)
-    found = np.zeros(int(condition.max()) + 1)
+    of_all = _log_evidence(both.T @ weighted, whitening.log_det)
+    log_densities = np.zeros(int(condition.max()) + 1)
     for number in left_out:
         out = condition == number
-        others = _log_evidence(*products_without(both, weighted, whitening, out))
-        found[number] = everything - others - 0.5 * int(out.sum()) * log_2pi
-    return found
+        of_others = _log_evidence(*products_without(both, weighted, whitening, out))
+        log_densities[number] = of_all - of_others - 0.5 * int(out.sum()) * log_2pi
+    return log_densities
 
 
 def _log_evidence(products: Floats, log_det: float) -> float:
@@ -379,9 +373,8 @@ def _log_evidence(products: Floats, log_det: float) -> float:
         products[:-1, :-1] + np.eye(len(products) - 1), lower=True, check_finite=False
     )
     match = solve_triangular(factor, products[:-1, -1], lower=True, check_finite=False)
-    return 0.5 * float(match @ match - products[-1, -1] - log_det) - float(
-        np.log(np.diag(factor)).sum()
-    )
+    misfit = float(match @ match - products[-1, -1] - log_det)
+    return 0.5 * misfit - float(np.log(np.diag(factor)).sum())
 
 
 def products_without(
@@ -408,4 +401,5 @@ def products_without(
     own = cho_factor(whitening.precision(out), check_finite=False)
     taken = weighted[out].T @ cho_solve(own, weighted[out], check_finite=False)
     # log|C_rest| = log|C| + log|P_oo|
-    return both.T @ weighted - taken, whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
+    log_det = whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
+    return both.T @ weighted - taken, log_det

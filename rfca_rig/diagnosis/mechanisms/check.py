@@ -2,7 +2,8 @@
 with them, one line each.
 
 Positions, speeds and accelerations of the joints at moments of the recordings follow from the
-recorded positions alone."""
+recorded positions alone.
+"""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -572,7 +573,8 @@ def _check_prediction(
     """Rms error of the nominal model in each signal.
 
     A warning follows where the error is larger than the change of the signal, for positions of the
-    joints in `upset`."""
+    joints in `upset`.
+    """
     plant = problem.simulator.plant(MechanismInput())
     windows = [each for condition in problem.conditions for each in condition.windows]
     misses = [each.window.measured - problem.simulator.predict(plant, each) for each in windows]

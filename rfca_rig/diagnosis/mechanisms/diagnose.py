@@ -1,7 +1,8 @@
 """`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg.
 
 It measures the torque in one joint as the recordings show it, in place of the effects of the
-catalogue that a diagnosis states there."""
+catalogue that a diagnosis states there.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -2,7 +2,8 @@
 recordings.
 
 `compare_mechanism`: recordings of a mechanism beside its nominal and its fitted model, for the
-report."""
+report.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

@@ -80,8 +80,9 @@ def _parameter(
 
     def write(at: MechanismInput, value: float) -> MechanismInput:
         # Places of one group share one parameter, for example links that are stated to be alike.
-        others = (pair for pair in at.off if pair[0] not in {(key, place) for place in places})
-        return replace(at, off=(*others, *(((key, place), shift(value)) for place in places)))
+        group = [(key, place) for place in places]
+        others = [pair for pair in at.off if pair[0] not in group]
+        return replace(at, off=(*others, *((member, shift(value)) for member in group)))
 
     return FitParameter(f"{name}.{key}" if name else key, kind.unit, False, std, read, write)
 

@@ -3,7 +3,8 @@ hypothesis.
 
 The discrepancy of the model refers to generalised forces. An error of 1 % means: the signals are
 off as those of the nominal model are when the torque in each joint is off by 1 % of that of weight
-and drive."""
+and drive.
+"""
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
@@ -59,9 +60,8 @@ STEADY = 0.02  # relative difference of the readings to those with half the step
 # that rows and simulated time, and with them the time of a diagnosis, are limited.
 LONGEST_MEAN_S = 2.0
 STATES_LOOKED_AT = 20  # of a motion from rest, evenly spread: enough for an rms
-STEP_ERROR = (
-    0.1  # share of the sensors' and the usual model error together that the integrator may add, rms
-)
+# share of the sensors' and the usual model error together that the integrator may add, rms
+STEP_ERROR = 0.1
 
 
 @dataclass(frozen=True)
@@ -236,17 +236,20 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     }
     simulator = replace(plain, effects=effects, scatters=scatters)
     plant = simulator.plant(MechanismInput())
-    every = iter(
-        [
-            correct_window(window, simulator, plant, torque)
-            if motion is None
-            else correct_rest_window(window, simulator, plant, torque, motion)
-            for window, motion in zip(windows, motions, strict=True)
-        ]
-    )
-    corrected = [[next(every) for _ in of_run] for of_run in cut]
+    corrected_windows = []
+    for window, motion in zip(windows, motions, strict=True):
+        if motion is None:
+            corrected_window = correct_window(window, simulator, plant, torque)
+        else:
+            corrected_window = correct_rest_window(window, simulator, plant, torque, motion)
+        corrected_windows.append(corrected_window)
+    corrected = []
+    first = 0
+    for of_run in cut:
+        corrected.append(corrected_windows[first : first + len(of_run)])
+        first += len(of_run)
     # The step is chosen last: its error is compared with the error scales of the corrected windows.
-    step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
+    step_s = choose_step(simulator, corrected_windows)
     conditions = _group_conditions(experiment, match, corrected)
     space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
     simulator = replace(simulator, step_s=step_s)
@@ -343,6 +346,10 @@ def _measure_usual(
             position += list(motion.position[looked_at])
             speed += list(motion.speed[looked_at])
             commands += [window.trace.command[place + 1 : place + 2] for place in looked_at]
+    sensors = {}
+    for k, signal in enumerate(experiment.signals):
+        if signal.quantity == "sensor":
+            sensors[signal.name] = rms(np.concatenate([window.measured[k] for window in windows]))
     return measure_usual_motion(
         mechanism,
         position=np.array(position),
@@ -350,11 +357,7 @@ def _measure_usual(
         commands=commands,
         seconds=float(windows[0].t_s[-1]),
         has_speeds=any(signal.quantity == "speed" for signal in experiment.signals),
-        sensors={
-            signal.name: rms(np.concatenate([window.measured[k] for window in windows]))
-            for k, signal in enumerate(experiment.signals)
-            if signal.quantity == "sensor"
-        },
+        sensors=sensors,
     )
 
 
@@ -490,27 +493,7 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
         for signal in experiment.signals
         if signal.quantity == "position"
     }
-    for place, joint in zip(prescribed, experiment.prescribed, strict=True):
-        expected = "m" if mechanism.is_slide[place] else "rad"
-        if joint.unit != expected:
-            raise BadInput(
-                f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the "
-                f"model has it in {expected}, not in {joint.unit}"
-            )
-        if any(
-            signal.name == joint.name
-            for signal in experiment.signals
-            if signal.quantity != "sensor"
-        ):
-            raise BadInput(
-                f"{where}: joint {joint.name!r} is prescribed and a signal; remove one: "
-                "what is given is not compared"
-            )
-        if mechanism.driven[place]:
-            raise BadInput(
-                f"{where}: joint {joint.name!r} is prescribed and has an actuator; remove "
-                "the actuator, or simulate the joint"
-            )
+    _check_prescribed(experiment, mechanism, prescribed)
     simulated = [place for place in range(len(mechanism.joints)) if place not in prescribed]
     if not simulated:
         raise BadInput(
@@ -532,16 +515,7 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
             f'{where}: known_to.{key} is of motions from rest; remove it, or state = "at '
             'rest" in [start]'
         )
-    names = {*mechanism.joints, *mechanism.bodies, *mechanism.actuators}
-    members = [member for group_ in experiment.alike.values() for member in group_]
-    for place, member in enumerate(members):
-        if member not in names:
-            raise BadInput(
-                f"{where}: alike: {member!r} is no joint, body or actuator of the model; "
-                f"{suggestion(member, sorted(names))}"
-            )
-        if member in members[:place]:
-            raise BadInput(f"{where}: alike: {member!r} is in two groups, or twice in one")
+    _check_alike(experiment, mechanism)
     check_contacts(mechanism.model, experiment.contacts, where)
     return replace(
         mechanism,
@@ -551,6 +525,47 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
         contacts=experiment.contacts,
         has_contacts=mechanism.has_contacts or bool(experiment.contacts),
     )
+
+
+def _check_prescribed(
+    experiment: Experiment, mechanism: Mechanism, prescribed: tuple[int, ...]
+) -> None:
+    where = str(experiment.path)
+    for place, joint in zip(prescribed, experiment.prescribed, strict=True):
+        expected = "m" if mechanism.is_slide[place] else "rad"
+        if joint.unit != expected:
+            raise BadInput(
+                f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the "
+                f"model has it in {expected}, not in {joint.unit}"
+            )
+        if any(
+            signal.name == joint.name
+            for signal in experiment.signals
+            if signal.quantity != "sensor"
+        ):
+            raise BadInput(
+                f"{where}: joint {joint.name!r} is prescribed and a signal; remove one: "
+                "what is given is not compared"
+            )
+        if mechanism.driven[place]:
+            raise BadInput(
+                f"{where}: joint {joint.name!r} is prescribed and has an actuator; remove "
+                "the actuator, or simulate the joint"
+            )
+
+
+def _check_alike(experiment: Experiment, mechanism: Mechanism) -> None:
+    where = str(experiment.path)
+    names = {*mechanism.joints, *mechanism.bodies, *mechanism.actuators}
+    members = [member for group in experiment.alike.values() for member in group]
+    for place, member in enumerate(members):
+        if member not in names:
+            raise BadInput(
+                f"{where}: alike: {member!r} is no joint, body or actuator of the model; "
+                f"{suggestion(member, sorted(names))}"
+            )
+        if member in members[:place]:
+            raise BadInput(f"{where}: alike: {member!r} is in two groups, or twice in one")
 
 
 def arrange_commands(run: MechanismRun, mechanism: Mechanism, match: ColumnMatch) -> Floats:

@@ -3,7 +3,8 @@ others.
 
 A speed column should be the derivative of its position column. Inertia, weight and drive of the
 nominal model balance in every recorded state. Physics that the model lacks, for example friction,
-disturbs that balance less than a wrong sign or unit does."""
+disturbs that balance less than a wrong sign or unit does.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,9 +33,8 @@ from rfca_rig.mechanism.load import Mechanism
 Floats = NDArray[np.float64]
 
 FOLLOWS = 0.9  # correlation from which a ratio of two columns means something
-WELL_ABOVE_NOISE = (
-    4.0  # mean square of a motion over that of its noise, below which columns are not compared
-)
+# mean square of a motion over that of its noise, below which columns are not compared
+WELL_ABOVE_NOISE = 4.0
 FEWEST_BINS = 10  # of a recording, also where its time is in another unit than stated
 OFF = 0.1  # share by which a ratio may differ from 1: speeds are filtered, and clocks are uneven
 
@@ -70,12 +70,12 @@ def compare_speeds(experiment: Experiment) -> dict[int, SpeedRatio]:
     """Ratio of each speed signal that has a position, by its place; omitted where the angle
     wraps, or noise hides the motion.
     """
-    positions = {
-        signal.name: place
-        for place, signal in enumerate(experiment.signals)
-        if signal.quantity == "position"
-        and not any(find_wraps(experiment, run, place).size for run in experiment.runs)
-    }
+    positions = {}
+    for place, signal in enumerate(experiment.signals):
+        if signal.quantity != "position":
+            continue
+        if not any(find_wraps(experiment, run, place).size for run in experiment.runs):
+            positions[signal.name] = place
     pairs = [
         (k, positions[s.name])
         for k, s in enumerate(experiment.signals)
@@ -219,7 +219,8 @@ class AlternativeReading:
     """A way to read columns other than as stated.
 
     `words` says what to write instead; `position` (n,) and `command` (u,) are factors on positions
-    and commands."""
+    and commands.
+    """
 
     words: str
     position: Floats
@@ -283,10 +284,8 @@ def find_corrections(
         return found
     readings = _readings(described, mechanism, ratios)
     # Two signs may be wrong together, so that neither change alone helps.
-    pairs = [
-        one.also(other)
-        for one, other in combinations([reading for reading in readings if reading.is_sign], 2)
-    ]
+    signs = [reading for reading in readings if reading.is_sign]
+    pairs = [first.also(second) for first, second in combinations(signs, 2)]
     before = _imbalance(mechanism, states)
     # At most one correction per reading, so that the loop ends.
     for _ in readings:

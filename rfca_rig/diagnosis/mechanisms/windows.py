@@ -1,7 +1,8 @@
 """Windows of a mechanism's recordings as conditions, and the simulator that predicts them.
 
 Of recordings that begin at rest each condition is one window, the mean of its repeats, simulated
-from static equilibrium."""
+from static equilibrium.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -314,11 +315,11 @@ class MechanismSimulator(Simulator):
 # than slow swings, until they decay.
 LATE_S = 0.1
 SMALLEST_SCALE = 0.1  # of a signal's rms
-JOLT = 5.0
-JOLT_DIES_S = 0.06
-BEFORE_TOUCH_S = 0.010
+TRANSIENT_FACTOR = 5.0
+TRANSIENT_DECAY_S = 0.06
+BEFORE_TOUCHDOWN_S = 0.010
 PEAK_WITHIN_S = 0.030
-MOVES = 0.01  # of the largest speed: below it the mechanism has not begun to move
+MIN_SPEED_SHARE = 0.01  # of the largest speed: below it the mechanism has not begun to move
 
 
 def group_repeats(runs: Sequence[MechanismRun]) -> list[list[MechanismRun]]:
@@ -431,7 +432,7 @@ def correct_rest_window(
     # Whether any of the joints, with speeds (k, s), moves in a bin (b,).
     speed = motion.speed[:, list(simulator.mechanism.simulated)]
     fastest = np.abs(speed) / np.maximum(np.abs(speed).max(axis=0), 1e-300)
-    moves = bin_means(fastest.max(axis=1)[:, None], window.bins)[:, 0] > MOVES
+    moves = bin_means(fastest.max(axis=1)[:, None], window.bins)[:, 0] > MIN_SPEED_SHARE
     for row, column in enumerate(simulator.columns):
         # Positions and speeds stand before the sensors in the columns.
         if column < 2 * joints:
@@ -460,11 +461,13 @@ def _bounces(t_s: Floats, values: Floats, moves: NDArray[np.bool_], touch_s: flo
     if not np.isfinite(touch_s):
         return np.zeros(len(t_s))
     after_s = t_s - touch_s
-    near = (after_s > -BEFORE_TOUCH_S) & (after_s < PEAK_WITHIN_S)
-    before = (after_s <= -BEFORE_TOUCH_S) & moves
+    near = (after_s > -BEFORE_TOUCHDOWN_S) & (after_s < PEAK_WITHIN_S)
+    before = (after_s <= -BEFORE_TOUCHDOWN_S) & moves
     peak = float(np.abs(values[near]).max(initial=0.0))
     bounce = np.where(
-        after_s > -BEFORE_TOUCH_S, peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0
+        after_s > -BEFORE_TOUCHDOWN_S,
+        peak * np.exp(-np.maximum(after_s, 0.0) / TRANSIENT_DECAY_S),
+        0.0,
     )
     swing = np.where(before, 0.5 * float(np.ptp(values[before])) if before.any() else 0.0, 0.0)
-    return JOLT * np.hypot(bounce, swing)
+    return TRANSIENT_FACTOR * np.hypot(bounce, swing)

@@ -2,4 +2,5 @@
 `windows.fit_pendulum`.
 
 `windows` holds the conditions and predicts them; `diagnose` lists the effects that may be missing
-and proposes the next experiment."""
+and proposes the next experiment.
+"""

@@ -3,7 +3,8 @@ Fields that only a leg has stay empty.
 
 The torques of pendulums differ by a factor of ten thousand, so the ranges of the catalogue, which
 suit a leg, are no use. Here the range of a parameter of a candidate follows from its unit and from
-the recordings: torques, speeds, inertias and masses of the rig."""
+the recordings: torques, speeds, inertias and masses of the rig.
+"""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -78,7 +79,8 @@ def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effec
 
     Effects of a lab's own are looked for where the pendulum has a place for them. Effects of the
     torque need a driven run, those of one joint need two joints, and those of the speed channel
-    need a recorded speed."""
+    need a recorded speed.
+    """
     links = problem.pendulum.links
     windows = problem.windows
     is_shown_by = {

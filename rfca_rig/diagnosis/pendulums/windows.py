@@ -10,7 +10,8 @@ than 1 %, that share counts as 1 %: the diagnosis calls 1 % usual. Neighbouring 
 errors, so they do not count as independent.
 
 Nuisance parameters of a pendulum are the values of [known_to], of each link. `fit_pendulum` fits
-them alone, with no effect in the model."""
+them alone, with no effect in the model.
+"""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -66,9 +67,8 @@ SWING_EXPERIMENT = "swings"  # what their experiment is called
 WINDOW_S = 0.5
 # ten rows per window and signal: pendulums of laboratory size turn back a few times a second
 BIN_S = 0.05
-SMOOTH_OVER_S = (
-    0.15  # of the model's error: torques err with the joint's angle, which changes that fast
-)
+# of the model's error: torques err with the joint's angle, which changes that fast
+SMOOTH_OVER_S = 0.15
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,8 @@ class StartedWindow:
     """One window with c channels of n joints in b bins.
 
     `scale` (c, n, b) is the error scale of its rows. `gain` (2 n, c n b) estimates the errors of
-    the start from a residual, in standard deviations."""
+    the start from a residual, in standard deviations.
+    """
 
     window: SwingWindow
     scale: Floats
@@ -142,7 +143,8 @@ class Stretch:
     """A few windows of one run, which are one condition.
 
     `named` is its name, `run` the condition of the run, and `recording` the run itself, both in
-    words."""
+    words.
+    """
 
     named: str
     run: str

@@ -5,7 +5,8 @@ nominal motion. One simulation is made for every bump of torque in every hinge. 
 hinges, or from outside on the leg, are superposed from these.
 
 A prescribed shaft moves on whatever torque acts on it. So a torque on the shaft and a fault of the
-torque channel are one place."""
+torque channel are one place.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -119,12 +120,15 @@ def nominal_conditions(
         for hinge in range(1, hinges + 1)
     ]
     # One map for all conditions, so that no core waits at the end of each.
-    columns = iter(map_in_processes(lambda job: _hinge_response(*job), jobs))
-    found = []
+    columns = map_in_processes(lambda job: _hinge_response(*job), jobs)
+    conditions = []
+    first = 0
     for here in bare:
-        every = np.stack([next(columns) for _ in range(here.bumps.count * hinges)], axis=-1)
-        found.append(replace(here, in_hinge=every.reshape(-1, here.bumps.count, hinges)))
-    return tuple(found)
+        count = here.bumps.count * hinges
+        responses = np.stack(columns[first : first + count], axis=-1)
+        conditions.append(replace(here, in_hinge=responses.reshape(-1, here.bumps.count, hinges)))
+        first += count
+    return tuple(conditions)
 
 
 def _hinge_response(here: NominalCondition, number: int, hinge: int) -> Floats:

@@ -4,7 +4,8 @@ smooth force may act there.
 The force of a place is a Gaussian process over the stroke. Its size and smoothness are integrated
 out over a grid, and conditions share a part of it, by progress from touchdown to valley. A place
 may explain all channels by a small, smooth force that is alike everywhere. It is then more probable
-than a place whose force must be bent to each channel (MacKay, Neural Computation 4 (1992) 415)."""
+than a place whose force must be bent to each channel (MacKay, Neural Computation 4 (1992) 415).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace

@@ -1,7 +1,8 @@
 """Empirical answer where no entry of the catalogue explains the recordings.
 
 It states where a force is missing, how it looks, and which short formula it follows. The cause is
-not known."""
+not known.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,12 +31,10 @@ from rfca_rig.executors.parallel import map_in_processes
 
 Floats = NDArray[np.float64]
 
-EXPLAINED_MISFIT = (
-    2.0  # mean square over what is expected, up to which a channel counts as explained
-)
-EXPLAINED_SHARE = (
-    0.9  # share of the misfit that a large force, whose response is not linear, must remove instead
-)
+# mean square over what is expected, up to which a channel counts as explained
+EXPLAINED_MISFIT = 2.0
+# share of the misfit that a large force, whose response is not linear, must remove instead
+EXPLAINED_SHARE = 0.9
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,8 @@ def state_place(free: FreeForm) -> StatedPlace | None:
     None where no force input explains the misfit, or where the part of the best one is less
     probable than IDENTIFIED_PROBABILITY. In benchmark cases one in ten of the stated parts was
     wrong, by hundreds in log evidence, since responses are linear. So no more than
-    IDENTIFIED_PROBABILITY is stated."""
+    IDENTIFIED_PROBABILITY is stated.
+    """
     of_each: dict[str, list[float]] = {}
     for name, log_evidence in free.ranking:
         of_each.setdefault(_group(name), []).append(log_evidence)

@@ -6,7 +6,8 @@ the law is nearly straight, with rho = 1 it may have any course.
 
 References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapter 5; Lang
 and Brezger, J. Comput. Graph. Statist. 13 (2004) 183 (random-walk priors for the coefficients of
-splines)."""
+splines).
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

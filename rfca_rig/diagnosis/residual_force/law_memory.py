@@ -4,7 +4,8 @@ and a falling argument.
 Beside the law f(u), a second one, g(u) sign(du/dt), acts as a force over time along the motion with
 the law. The response of the observations to it is linear. It is fitted with everything else free. A
 friction that depends on the speed alone leaves g at zero. Presliding, a loop of the spring or play
-do not."""
+do not.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -7,7 +7,8 @@ is found by finite differences there, and recomputed where the fit moves to.
 
 The values have the smooth Gaussian prior of `law`, with the size and roughness of the greatest
 evidence over a grid. All nuisance parameters stay free, and the covariance of the data includes the
-discrepancy."""
+discrepancy.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -163,7 +164,8 @@ def measure_best_law(
 
     With `renew_range` each law is fitted again over the range of the motion with the law. If the
     base brakes too little, windows that begin at a measured state reach speeds that were never
-    recorded."""
+    recorded.
+    """
     fitted = [fit_law(found, argument, base, start, renew_range) for argument in arguments]
     laws = [law for law in fitted if law is not None]
     if not laws:
@@ -484,7 +486,8 @@ def _whole(
     where the model has none.
 
     Both parts move with the nuisance parameters, so the uncertainty of the sum is propagated from
-    all unknowns."""
+    all unknowns.
+    """
     coordinates = law.fitted.coordinates
     term, part = _term_of(law.fitted)
 

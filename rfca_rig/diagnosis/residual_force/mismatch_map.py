@@ -4,7 +4,8 @@ The residual of the nominal model is compared with noise, scatter between stroke
 error, and what the prior standard deviations of the nuisance parameters allow. The tests are
 hierarchical (Meinshausen, Biometrika 95 (2008) 265). First, each signal in each phase is tested by
 a chi-square over all conditions. Then the conditions of each one that is significant are tested.
-Both levels are corrected for the number of tests (Holm, Scand. J. Statist. 6 (1979) 65)."""
+Both levels are corrected for the number of tests (Holm, Scand. J. Statist. 6 (1979) 65).
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +66,8 @@ def lone_channel(rows: Observations, nothing: MapFit, likelihood: MarginalLikeli
     none does.
 
     A faulty sensor changes only its own channel and leaves the motion unchanged. A force on the leg
-    shows in all channels."""
+    shows in all channels.
+    """
     covariance = likelihood.usual.covariance()
     linear = nothing.linear(rows.measured)
     everything = np.ones(len(rows.measured), dtype=bool)

@@ -8,7 +8,8 @@ these fits choose it (stability selection: Meinshausen and Buehlmann, J. R. Stat
 (2010) 417).
 
 The terms are plain functions of what the motion offers, with units. The course of a term comes from
-the simulated motion, which has no noise, never from a differentiated recording."""
+the simulated motion, which has no noise, never from a differentiated recording.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -56,9 +57,8 @@ SERIES = (
     "rate |rate|",
     "|angle| sign(rate)",
 )
-SURE_OF_SIGN_RAD_S = (
-    0.05  # the sign of a rate fades below, or no step of the integrator would converge
-)
+# the sign of a rate fades below, or no step of the integrator would converge
+SURE_OF_SIGN_RAD_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,8 @@ class Signals:
 
     `angle_rad` and `rate_rad_s` are (n, hinges), all others (n,). `t_s` counts from the command,
     `slip_m_s` is the speed of the tip along the floor, `gap_m` its height above it, and `load_N`
-    the force of the floor on all ends."""
+    the force of the floor on all ends.
+    """
 
     t_s: Floats
     angle_rad: Floats
@@ -242,7 +243,8 @@ class _Library:
     """Terms of a place.
 
     `responses` (m, k) are for terms of plausible rms size. `per` (k,) is the force, in the unit of
-    the place, per unit of each term."""
+    the place, per unit of each term.
+    """
 
     place: ForceInput
     terms: tuple[Term, ...]
@@ -378,7 +380,8 @@ def _response(
     """Response (m,) of the rows of one condition to a term of this course and size.
 
     A law of the hinges is simulated. An addition to a channel is direct. Others are superposed from
-    bumps. `course` is (n,), or (n, hinges) with one course per hinge."""
+    bumps. `course` is (n,), or (n, hinges) with one course per hinge.
+    """
     if place.id.startswith("hinge") and term.name in SERIES:
         change = series_in(place, term.name, TRIED * per)
         return here.change_to(try_stroke(here, here.supposed, (change,)), TRIED)

@@ -2,7 +2,8 @@
 
 A bump is a cubic B-spline. The bumps of one stroke are `spacing_s` apart from its beginning to its
 end and add up to one. So their sizes are the force itself, smoothed. The first bump also acts
-before the start, where the leg rests under it."""
+before the start, where the leg rests under it.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -263,7 +263,8 @@ def _remainder(shift: Floats, moves: list[Floats], states: list[Floats], units: 
     values and window starts.
 
     `moves` are the changes by one standard deviation of each nominal value, `states` those by each
-    component of a window's start."""
+    component of a window's start.
+    """
     windows = len(shift)
     rest, *columns = ((each / units).reshape(windows, -1) for each in (shift, *moves))
     # The start of each window is free: its directions are projected out, window by window.

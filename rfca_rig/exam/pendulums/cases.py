@@ -2,7 +2,8 @@
 seed.
 
 Sizes follow the rig: torques are shares of the weight's largest torque, speeds those of its small
-oscillation. Strength 0 is hardly visible in angles read to a milliradian, 1 is gross."""
+oscillation. Strength 0 is hardly visible in angles read to a milliradian, 1 is gross.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -114,7 +115,8 @@ def swing_rad_s(world: PendulumWorld) -> float:
 
 def draw_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCase:
     """Draw case `i` of a kind; its id is left empty."""
-    nominal, world = (rig := _draw_rig(random)), _draw_true_rig(rig, random)
+    nominal = _draw_rig(random)
+    world = _draw_true_rig(nominal, random)
     reading = SamplingErrors(
         float(random.choice([0.002, 0.004, 0.005])), float(random.uniform(2e-4, 1e-3))
     )

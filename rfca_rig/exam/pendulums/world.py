@@ -3,7 +3,8 @@ package's model.
 
 Angles count from the hanging position, the second from the direction of the first link. Dry
 friction is regularised: a joint at rest creeps, where the package's model sticks. All laws are more
-general than the catalogue's: exponents and the form of the sign are free."""
+general than the catalogue's: exponents and the form of the sign are free.
+"""
 
 from dataclasses import dataclass, field
 
@@ -47,7 +48,8 @@ class Friction:
     `dry_Nm` is one value per joint. It is larger by `rise` at rest and falls over the speed
     `rise_rad_s`, with the exponent `rise_power`. `loss` is a share of the motor's torque to the
     power `loss_power`, relative to `loss_at_Nm`. `backward` scales dry friction at negative speed.
-    `sign_rad_s` is the speed at which the regularised sign is about 1, `sign` its form."""
+    `sign_rad_s` is the speed at which the regularised sign is about 1, `sign` its form.
+    """
 
     dry_Nm: tuple[float, ...] = (0.0, 0.0)
     rise: float = 0.0

@@ -78,13 +78,16 @@ def place_bodies(
     joints, from angles and rates (n,).
 
     With a frame, phi[n] is how far the shaft has moved along a line that leans by `lean` from d
-    towards y."""
+    towards y.
+    """
     n = rod.shape[1]
     angle = spin = 0.0
     pose[Y, 0] = pose[VY, 0] = pose[AY, 0] = pose[AD, 0] = pose[D, 0] = pose[VD, 0] = 0.0
     if frame:
-        pose[Y, 0], pose[D, 0] = phi[n] * np.sin(lean), phi[n] * np.cos(lean)
-        pose[VY, 0], pose[VD, 0] = w[n] * np.sin(lean), w[n] * np.cos(lean)
+        pose[Y, 0] = phi[n] * np.sin(lean)
+        pose[D, 0] = phi[n] * np.cos(lean)
+        pose[VY, 0] = w[n] * np.sin(lean)
+        pose[VD, 0] = w[n] * np.cos(lean)
     for k in range(n):
         angle += phi[k]
         spin += w[k]
@@ -94,12 +97,12 @@ def place_bodies(
         pose[COS, k] = c
         pose[SIN, k] = s
         pose[SPIN, k] = spin
-        pose[Y, k + 1], pose[D, k + 1] = pose[Y, k] + L * c, pose[D, k] + L * s
-        pose[VY, k + 1], pose[VD, k + 1] = pose[VY, k] - L * s * spin, pose[VD, k] + L * c * spin
-        pose[AY, k + 1], pose[AD, k + 1] = (
-            pose[AY, k] - L * c * spin * spin,
-            pose[AD, k] - L * s * spin * spin,
-        )
+        pose[Y, k + 1] = pose[Y, k] + L * c
+        pose[D, k + 1] = pose[D, k] + L * s
+        pose[VY, k + 1] = pose[VY, k] - L * s * spin
+        pose[VD, k + 1] = pose[VD, k] + L * c * spin
+        pose[AY, k + 1] = pose[AY, k] - L * c * spin * spin
+        pose[AD, k + 1] = pose[AD, k] - L * s * spin * spin
 
 
 @jit_internal
@@ -119,7 +122,8 @@ def gather(
 
     Row n of both is the whole leg moving along the frame's line. bias[n + 1] and bias[n + 2] are
     the forces along d and y that hold the leg. `lump` (2, n) receives the first moments about each
-    joint."""
+    joint.
+    """
     n = rod.shape[1]
     mass = sy = sd = inertia = fy = fd = torque = 0.0
     for k in range(n - 1, -1, -1):
@@ -153,7 +157,10 @@ def gather(
         M[n, k] = sy * np.cos(lean) - sd * np.sin(lean)
         for i in range(k):
             M[k, i] = inertia + (pose[Y, k] - pose[Y, i]) * sy + (pose[D, k] - pose[D, i]) * sd
-    M[n, n], bias[n], bias[n + 1], bias[n + 2] = mass, fd * np.cos(lean) + fy * np.sin(lean), fd, fy
+    M[n, n] = mass
+    bias[n] = fd * np.cos(lean) + fy * np.sin(lean)
+    bias[n + 1] = fd
+    bias[n + 2] = fy
 
 
 @jit_internal

@@ -7,7 +7,8 @@ The simulator shares no code, coordinates, integrator, friction law or memory la
 that the diagnosis uses.
 
 The two experiments of a campaign run on it: a stroke, and a table of static stages. The sensor
-model makes recorded columns of their true forces, with sensor faults and noise."""
+model makes recorded columns of their true forces, with sensor faults and noise.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -66,7 +67,8 @@ class Traces:
 
     All are (m,) at the times `t_s`, except `joint_angles_rad` (m, 7), the angles of the shaft and
     of the six hinges. `force_y_N` and `force_d_N` are the force of the mount on the leg, along y
-    and d (downwards)."""
+    and d (downwards).
+    """
 
     t_s: Floats
     force_y_N: Floats
@@ -331,7 +333,8 @@ def integrate_second_order(t_s: Floats, x: Floats, rate: float, ratio: float, y:
     (m,) and PIECES steps for each.
 
     w is `rate` in rad/s, d is `ratio`. Second order: half a drift, a kick with half-implicit
-    damping, half a drift."""
+    damping, half a drift.
+    """
     place = x[0]
     speed = 0.0
     for i in range(1, x.size):
@@ -444,7 +447,8 @@ def static_table(
     overshoots.
 
     The sensor is tared at each stage and averages for a while, so lag, ringing, clock, drift and
-    hum do not show."""
+    hum do not show.
+    """
     angles = tuple(angle for angle, _ in stages)
     knots, read_s = plan_stages(world.drive.start_angle_rad, angles, ramp_s)
     traces = simulate(world, knots, read_s, width_s=READ_S, step_s=STEP_S)

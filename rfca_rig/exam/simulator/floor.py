@@ -2,7 +2,8 @@
 hinge.
 
 The floor has normal force, friction, adhesion, and external fields. The memories of friction and
-hysteresis depend on the turned angle only, not on the step."""
+hysteresis depend on the turned angle only, not on the step.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,8 @@ def dahl(share: float, moved: float, creep: float) -> float:
     move in one direction.
 
     df/dx = sgn (1 - f sgn)^(1/2) / creep. Full friction is reached after a finite distance, 2 creep
-    from none."""
+    from none.
+    """
     side = 1.0 if moved >= 0.0 else -1.0
     # The root of 1 - f sgn falls linearly with the distance, down to zero.
     left = np.sqrt(max(1.0 - share * side, 0.0)) - 0.5 * abs(moved) / creep
@@ -104,7 +106,12 @@ def spring_torque(phi: float, hinge: Floats, i: int) -> float:
     """
     x = phi - hinge[i, PRESET]
     gap = hinge[i, GAP]
-    bent = x - gap if x > gap else (x + gap if x < -gap else 0.0)
+    if x > gap:
+        bent = x - gap
+    elif x < -gap:
+        bent = x + gap
+    else:
+        bent = 0.0
     harder = 1.0 + hinge[i, ASYMMETRY] * (1.0 if bent > 0.0 else -1.0)
     return float(harder * hinge[i, K0] * bent * (1.0 + hinge[i, K2] * bent * bent))
 
@@ -239,7 +246,8 @@ def add_contact_forces(
     """Add the floor's forces at all link ends to `load` (3, n), from the `pose` (9, n + 1).
 
     With `keep`, update `used` (n,) instead, the share of friction in use at each end; `seconds` is
-    the time since its last update."""
+    the time since its last update.
+    """
     n = load.shape[1]
     for k in range(n):
         y = pose[Y, k + 1]
@@ -278,10 +286,8 @@ def update_shaking(floor: Floats, t: float) -> None:
     """Store the displacement and speed of a shaking floor at time `t` in `floor` (30,)."""
     if floor[SHAKE] != 0.0:
         rate = 2.0 * np.pi * floor[SHAKE_HZ]
-        floor[SHAKEN], floor[SHAKING] = (
-            floor[SHAKE] * np.sin(rate * t),
-            rate * floor[SHAKE] * np.cos(rate * t),
-        )
+        floor[SHAKEN] = floor[SHAKE] * np.sin(rate * t)
+        floor[SHAKING] = rate * floor[SHAKE] * np.cos(rate * t)
 
 
 @jit_internal

@@ -5,7 +5,8 @@ drift.
 yields.
 
 The shaft's drive has a command, the motor that follows it, and the transmission between motor and
-leg."""
+leg.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +119,8 @@ def pi_torque(
     """Torque of the PI speed loop at mid-step in N m, and by how much it falls per rad/s of speed.
 
     `drive` is (16,), `motor` (4,) with the command after the step, `command_before` the commanded
-    angle before it. `angle` is the rotor's at mid-step, `speed` before the step."""
+    angle before it. `angle` is the rotor's at mid-step, `speed` before the step.
+    """
     command = 0.5 * (command_before + motor[COMMAND_ANGLE])
     demand = drive[KI] * (command - angle) + drive[KP] * (
         (motor[COMMAND_ANGLE] - command_before) / h - speed
@@ -136,7 +138,8 @@ def shaft_torque(drive: Floats, angle: float, speed: float) -> tuple[float, floa
     relative speed.
 
     `drive` is (16,); `angle` and `speed` are those of the motor relative to the leg. Beyond the
-    play the ends press on each other with a loss that grows with the pressure; they never pull."""
+    play the ends press on each other with a loss that grows with the pressure; they never pull.
+    """
     beyond = max(abs(angle) - drive[SHAFT_GAP], 0.0)
     side = 1.0 if angle > 0.0 else -1.0
     pressure = drive[SHAFT] * beyond
@@ -151,7 +154,8 @@ def turn_rotor(drive: Floats, motor: Floats, command_before: float, back: float,
     N m.
 
     `back` is the torque of the twisted shaft on the rotor, `command_before` the commanded angle
-    before the step."""
+    before the step.
+    """
     angle = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED]
     push, falling = pi_torque(drive, motor, command_before, angle, motor[MOTOR_SPEED], h)
     # Implicit in the falling torque: stiff controllers would otherwise limit the step.
@@ -235,7 +239,8 @@ def drive_shaft(
     """Add the torque on a shaft that is free to turn to row 0 of `M` (n, n) and `x` (n,).
 
     `commanded` is the commanded angle before the step. Returns the torque at mid-step without its
-    implicit part."""
+    implicit part.
+    """
     if drive[SHAFT] != 0.0:
         angle = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED]
         speed = motor[MOTOR_SPEED]
@@ -293,7 +298,8 @@ def solve(
     """Solve for the accelerations, into `x` (n,).
 
     Returns the torque of `drive_shaft` where the shaft is free. Where it is `held`, its
-    acceleration is known and 0 is returned."""
+    acceleration is known and 0 is returned.
+    """
     if not held:
         torque = drive_shaft(drive, motor, commanded, phi, w, h, A, x)
         solve_between(A, x, 0, x.size)
@@ -425,7 +431,8 @@ def compute_reactions(
     `now` (6 + n,).
 
     All follow from the accelerations `a` (n,) or (n + 1,). With a frame, the sensor may also feel a
-    share of the frame's mass."""
+    share of the frame's mass.
+    """
     n = lump.shape[1]
     fy = bias[n + 2]
     fd = bias[n + 1]
@@ -466,7 +473,8 @@ def report_motor(
     if not held and drive[SHAFT] != 0.0 and drive[KP] != 0.0:
         now[MOTOR_TORQUE] = turn_rotor(drive, motor, commanded, torque, h)
     elif held or drive[SHAFT] != 0.0:
-        motor[MOTOR_ANGLE], motor[MOTOR_SPEED] = motor[COMMAND_ANGLE], motor[COMMAND_SPEED]
+        motor[MOTOR_ANGLE] = motor[COMMAND_ANGLE]
+        motor[MOTOR_SPEED] = motor[COMMAND_SPEED]
     else:
         motor[MOTOR_ANGLE] = phi[0]
         motor[MOTOR_SPEED] = w[0]

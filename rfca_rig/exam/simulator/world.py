@@ -124,7 +124,8 @@ class DriveModel:
     motor has cogging. `shaft_Nm_per_rad` > 0 is a torsion spring between motor and leg, with play
     `shaft_gap` on either side, whose ends lose energy. `cable_Nm` drags against the turn, and a
     hose turns the leg back to its start like a spring. `ramp_s` is how long the command takes to
-    reach its speed, and `late_s` how long it takes to reach the drive."""
+    reach its speed, and `late_s` how long it takes to reach the drive.
+    """
 
     start_angle_rad: float
     ramp_s: float
@@ -152,7 +153,8 @@ class Mount:
     """Position of the shaft. Gravity leans towards +y by `lean_rad`.
 
     `frame_kg` > 0 lets the shaft yield along a line that leans from down towards +y; the sensor
-    feels a share of this mass."""
+    feels a share of this mass.
+    """
 
     height_m: float
     below_shaft_m: float
@@ -173,7 +175,8 @@ class Sensing:
     shaft angle; `play_N` is half the width of a loop of fz, as of a loose mount; fz creeps on by
     `creep_share` of itself within about `creep_s`; `hum` comes from the mains; `clip_N` is where fz
     saturates, and what is smaller than `dead_N` reads zero. `y_frequency_ratio` is how much faster
-    it rings along y."""
+    it rings along y.
+    """
 
     lag_s: float = 0.0
     clock_offset_s: float = 0.0

@@ -156,7 +156,8 @@ def add_ripple(
 
     With psi = n (theta - theta_0) + phase, d psi / d theta_c = n (1 + a cos psi). So the angle is a
     function of the commanded one alone: tan(psi / 2) = r tan x, x = sqrt(1 - a^2) n (theta_c -
-    theta_0) / 2 + x_0."""
+    theta_0) / 2 + x_0.
+    """
     t = _times(motion)
     start = motion.start_rad
     r = np.sqrt((1.0 + amplitude) / (1.0 - amplitude))
@@ -257,12 +258,10 @@ SHAFT_COMPLIANCE = Effect(
 
 # Play between motor and leg: a loose screw, a worn key.
 
-PLAY_STIFFNESS_NM_PER_RAD = (
-    2000.0  # beyond the play: a steel shaft of 10 mm, which twists by 1 mrad under 2 N m
-)
-PLAY_LOSS_S_PER_RAD = (
-    0.3  # steel on steel: a factor of five up or down changes fz by 0.1 to 0.5 N rms of 26 N
-)
+# beyond the play: a steel shaft of 10 mm, which twists by 1 mrad under 2 N m
+PLAY_STIFFNESS_NM_PER_RAD = 2000.0
+# steel on steel: a factor of five up or down changes fz by 0.1 to 0.5 N rms of 26 N
+PLAY_LOSS_S_PER_RAD = 0.3
 
 
 def apply_shaft_play(setup: Setup, values: Values) -> Setup:

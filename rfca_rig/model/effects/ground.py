@@ -27,7 +27,8 @@ def ground_compliance_force(
     derivatives.
 
     parameter = (stiffness of the ground, of the soft floor, of both with the ground's exponent,
-    exponent of the soft floor, damping of an end that enters, of one that leaves)."""
+    exponent of the soft floor, damping of an end that enters, of one that leaves).
+    """
     hard = parameter[0]
     both = parameter[2]
     exponent = parameter[3]
@@ -112,7 +113,8 @@ def ground_exponent_force(
     """Force beyond that of the nominal contact, and its derivatives.
 
     parameter = (stiffness of the nominal contact, exponent, damping of an end that enters, of one
-    that leaves)."""
+    that leaves).
+    """
     stiffness = parameter[0]
     exponent = parameter[1]
     damping = parameter[2] if rate > 0.0 else parameter[3]

@@ -55,7 +55,8 @@ def dry_friction(
     `damping_s` times the stiffness.
 
     `let_go` is how much less of the bending a pin resists at rest: 0 resists it in full, 1 has no
-    torque, 2 acts the other way."""
+    torque, 2 acts the other way.
+    """
     return LawUse(
         HINGE,
         dry_friction_torque,

@@ -252,7 +252,8 @@ def carry_load(
     The stiffness of a stuck joint is its limit over the presliding. Where the limit falls, the
     torque falls with it. Where it grows, the present torque stays and only further yielding is
     stiffer, as in `contact.carry_stretch`: a torque that grew with the limit would give back more
-    energy than it took. memory = (anchor, limit and angle at the beginning of the step)."""
+    energy than it took. memory = (anchor, limit and angle at the beginning of the step).
+    """
     limit = parameter[0] * abs(torque_at(memory[CLOCK] + elapsed, parameter))
     yielded = phi - memory[0]
     begun = memory[2] - memory[0]

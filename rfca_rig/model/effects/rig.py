@@ -83,7 +83,8 @@ def apply_gravity_tilt(setup: Setup, values: Values) -> Setup:
 
     Shaft, floor and sensor lean together: in their axes only gravity turns. A sensor that was
     zeroed without the leg reads the part of the weight along y, -m g sin(angle); one that was
-    zeroed otherwise reads an additional constant force along y."""
+    zeroed otherwise reads an additional constant force along y.
+    """
 
     def lean(chain: Chain) -> Chain:
         g = chain.gravity

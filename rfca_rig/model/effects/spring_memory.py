@@ -38,7 +38,8 @@ def follow_loop(along: float, travel: float, exponent: float) -> tuple[float, fl
     """z and dz/du after turning on by `travel` in one direction; exact for an exponent of one.
 
     Most travels of a simulation are short. They need a single power, as z' = 1 - s |z|^n gives all
-    further derivatives."""
+    further derivatives.
+    """
     if exponent == 1.0:
         along = 1.0 - (1.0 - along) * np.exp(-travel)
         return along, 1.0 - along

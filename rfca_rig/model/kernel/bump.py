@@ -3,7 +3,8 @@
 The height of the floor over its level is B exp(-((Y - Y_0) / b)^2). The depth of the circle around
 an end is measured along the normal of the floor, from the point of the floor that is nearest to the
 end. The gradient of that depth is the unit normal, so that a force which depends on the depth alone
-is conservative."""
+is conservative.
+"""
 
 import numpy as np
 
@@ -148,7 +149,8 @@ def rotate_arms(
     `work.across` and `work.aside`.
 
     Returns the same along and across for the frame, whose coordinate is the last, from its
-    components over the level floor."""
+    components over the level floor.
+    """
     cos, sin = find_slope_direction(chain, k, work)
     for j in range(k + 1):
         work.across[j] = cos * work.down[j] + sin * work.along[j]

@@ -7,7 +7,8 @@ package and of `mechanism`, so an edited package never runs outdated code.
 The compiler's own library links a callee into its caller at each level of calls, and optimises it
 and makes it executable each time. For the equations of motion, ten levels deep, this took 40 s of
 processor time. Here each callee goes once into the function that Python calls, which takes 25 s;
-the code is as fast."""
+the code is as fast.
+"""
 
 import hashlib
 import os
@@ -191,7 +192,8 @@ def jit(function: Function) -> Function:
     run it in parallel.
 
     It must not allocate arrays. Counting references to the arrays that it passes on would take as
-    long as the work itself."""
+    long as the work itself.
+    """
     return _compile(function, WITHOUT_COUNTING)
 
 
@@ -201,7 +203,8 @@ def jit_allocating(function: Function) -> Function:
 
     Returning an array calls the interpreter, in which a ^C may raise an exception. The compiled
     code does not check for it, and the process ends by a segmentation fault. So the caller provides
-    the arrays for results."""
+    the arrays for results.
+    """
     return _compile(function, {})
 
 
@@ -209,7 +212,8 @@ def jit_internal(function: Function) -> Function:
     """Compiles `function` for compiled callers only; the interpreter runs the Python code.
 
     A wrapper for calls from the interpreter, with some dozens of arguments, takes longer to compile
-    than the function."""
+    than the function.
+    """
     return cast(
         Function,
         _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=_PART_OF_CALLERS)(

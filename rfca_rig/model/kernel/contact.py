@@ -4,7 +4,8 @@ Symbols as in `state`.
 Friction depends on how far an end has slipped, and within a step only the position at its beginning
 is known. An end that reverses its slip inside a step has been farther than where it ends, and one
 that touches down was tied where it touched. The step is therefore cut short just after a reversal,
-and the anchors follow from the path of the end."""
+and the anchors follow from the path of the end.
+"""
 
 import numpy as np
 
@@ -42,7 +43,8 @@ def normal_force(
     but never pulled.
 
     N = stiffness depth^1.5 (1 + damping rate) for a depth [m] above 0 and a depth rate [m/s], after
-    Hunt and Crossley (1975)."""
+    Hunt and Crossley (1975).
+    """
     # Below the rate where `grow` is 0 the law would pull. N is continuous there, and zero slopes
     # are those of the branch N = 0.
     root = np.sqrt(depth)
@@ -127,7 +129,8 @@ def carry_stretch(
     The stiffness of a tie is the limit mu N over presliding. The step began with the stretch
     `begun` under the limit `begun_limit`. Where the limit falls, the force falls with it. Where it
     grows, the present force stays and only further stretch is stiffer: a force that grew with the
-    limit would give back more energy than the tie took."""
+    limit would give back more energy than the tie took.
+    """
     falls = limit < begun_limit
     # The limit grows linearly over the step, so that further stretch meets its mean stiffness:
     # second order in the step.
@@ -157,7 +160,8 @@ def tangential_force(
     the sliding speed alone it would creep to zero. Drag acts in addition, stuck or not, and
     vanishes with the normal force. Where an end is pulled down (N < 0, adhesion) friction has the
     magnitude of N. `friction` is mu with its derivatives by slip and N; `begun` and `begun_limit`
-    are as in `carry_stretch`."""
+    are as in `carry_stretch`.
+    """
     mu, mu_v, mu_N = friction
     pressed = abs(normal)
     side = select(normal >= 0.0, 1.0, -1.0)
@@ -187,7 +191,8 @@ def correct_path(chain: Chain, state: State, k: int, q: Floats, work: Work) -> f
 
     It is the path beyond that along a level floor with the full lever: the end rolls less, and it
     climbs the bump. Second order in the step; end k is located in `work`, and `q` (c,) are the
-    present coordinates."""
+    present coordinates.
+    """
     way = 0.0
     if in_any_lane(chain.lever_rise != 0.0):
         # The lever shrinks with the depth; the mean of both ends of the step makes the integral
@@ -249,7 +254,8 @@ def add_contacts(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, w
     (2, n) = N, F.
 
     With the laws of effects and a frame that yields. `w` is (c,); without `weights` J stays as it
-    is."""
+    is.
+    """
     place = work.place
     contact = work.contact
     for k in range(place.shape[0]):
@@ -371,7 +377,8 @@ def add_frame_contact(
     """Adds the contact at the end of link k to the row and column of the frame's coordinate.
 
     A unit displacement of the frame moves every end by `cos` into the floor and `sin` along it. `w`
-    is (c,); `down` and `along` (n,) are as in `add_contact`."""
+    is (c,); `down` and `along` (n,) are as in `add_contact`.
+    """
     R = work.R
     J = work.J
     b = w.size - 1
@@ -413,7 +420,8 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     ends are located in `work`.
 
     For a leg at rest, or a step in which no end reversed its slip; `update_friction_anchors` treats
-    the others."""
+    the others.
+    """
     if q.size > chain.length.size:
         y = q[chain.length.size] * project_frame_on_floor(chain)[0]
     else:
@@ -472,7 +480,8 @@ def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, wor
     `work`.
 
     True where an end reversed or touched down: a friction force has changed, and the accelerations
-    must be computed again."""
+    must be computed again.
+    """
     changed = chain.presliding < 0.0  # in no lane so far
     if q.size > chain.length.size:
         y = q[chain.length.size] * project_frame_on_floor(chain)[0]
@@ -520,11 +529,10 @@ def store_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
         y = 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = (
-            work.place[k, 0],
-            work.place[k, 1],
-            work.place[k, 3],
-        )
+        work.ends[k, 0] = work.place[k, 0]
+        work.ends[k, 1] = work.place[k, 1]
+        work.ends[k, 3] = work.place[k, 3]
         if in_any_lane(chain.bump_height != 0.0):
-            work.ends[k, Y], work.ends[k, SLOPE] = work.place[k, Y], work.place[k, SLOPE]
+            work.ends[k, Y] = work.place[k, Y]
+            work.ends[k, SLOPE] = work.place[k, SLOPE]
         work.ends[k, 2] = y - chain.lever * q[k] - state.anchor[k]

@@ -12,9 +12,8 @@ from rfca_rig.model.kernel.lanes import in_all_lanes, in_any_lane, select
 from rfca_rig.model.kernel.laws import HINGE, LINK, ROTOR, call_law
 from rfca_rig.model.kernel.state import Chain, Floats, Laws, State, Weights, Work
 
-DRAGGED_FROM_RAD_S = (
-    0.02  # speed at which friction of the shaft is full: no reading resolves a slower turn
-)
+# speed at which friction of the shaft is full: no reading resolves a slower turn
+DRAGGED_FROM_RAD_S = 0.02
 TWO_OVER_PI = 2.0 / np.pi
 # pi / 2 in two parts (Cody and Waite): the first has 33 bits, so that its product with a small
 # integer is exact.
@@ -41,7 +40,8 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     the time of two calls.
 
     The nearest multiple of a right angle is subtracted in two parts; fdlibm's polynomials
-    approximate both on the rest."""
+    approximate both on the rest.
+    """
     quarters = np.floor(angle * TWO_OVER_PI + 0.5)
     r = (angle - quarters * RIGHT_ANGLE_HIGH) - quarters * RIGHT_ANGLE_LOW
     z = r * r
@@ -135,7 +135,8 @@ def add_frame(
     link, 0 where it carries the leg at rest.
 
     It yields along a line that leans from down towards y: for that, sines and cosines are those of
-    q_i plus this angle. `q`, `w` and `a` are (c,)."""
+    q_i plus this angle. `q`, `w` and `a` are (c,).
+    """
     R = work.R
     J = work.J
     b = chain.length.size
@@ -371,7 +372,8 @@ def assemble_stiffness(
     """As `assemble` with J = dR/dq, for equilibria; `q`, `w` and `a` are (c,).
 
     It is called, not inlined, so that it is compiled once for several places where its speed does
-    not matter."""
+    not matter.
+    """
     assemble(chain, laws, state, elapsed, q, w, a, (0.0, 0.0, 1.0), work)
 
 
@@ -480,7 +482,8 @@ def mechanical_energy_J(chain: Chain, q_rad: Floats, w_rad_s: Floats) -> Floats:
     n).
 
     Energy that effects store (a yielding frame, a second spring) is not included, nor that of
-    stretched sticking contacts, a few mJ."""
+    stretched sticking contacts, a few mJ.
+    """
     return (
         kinetic_J(chain, q_rad, w_rad_s)
         + height_J(chain, q_rad)

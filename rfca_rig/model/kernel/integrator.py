@@ -8,7 +8,8 @@ too; the difference is the error. A. Kvaerno, Singly diagonally implicit Runge-K
 explicit first stage, BIT 44 (2004).
 
 Output between the two ends of a step: angles and speeds by cubic Hermite interpolation, forces by
-the laws."""
+the laws.
+"""
 
 import numpy as np
 
@@ -111,10 +112,8 @@ def fill_samples(
         for i in range(out.w.shape[1]):
             out.w[first, i] = work.w[i]
         for i in range(out.contact.shape[2]):
-            out.contact[first, 0, i], out.contact[first, 1, i] = (
-                work.contact[0, i],
-                work.contact[1, i],
-            )
+            out.contact[first, 0, i] = work.contact[0, i]
+            out.contact[first, 1, i] = work.contact[1, i]
         for i in range(3):
             out.force[first, i] = work.force[i]
         first += 1
@@ -127,12 +126,10 @@ def start(chain: Chain, laws: Laws, shaft: Shaft, state: State, t: float, work: 
     step are invalid after a jump.
     """
     for i in range(state.q.size):
-        work.base_q[i], work.base_w[i], work.a[i], work.jerk[i] = (
-            state.q[i],
-            state.w[i],
-            state.a[i],
-            0.0,
-        )
+        work.base_q[i] = state.q[i]
+        work.base_w[i] = state.w[i]
+        work.a[i] = state.a[i]
+        work.jerk[i] = 0.0
     for k in range(state.anchor.size):
         work.limit[2, k] = np.inf  # each tie carries what its stretch says
     # With g = 0 the residual is linear in the accelerations, so the first iteration of Newton
@@ -184,7 +181,9 @@ def prepare(state: State, stage: int, h: float, work: Work) -> None:
 def store_stage(stage: int, q: Floats, w: Floats, a: Floats, work: Work) -> None:
     """Stores `q`, `w` and `a` (c,) of a solved stage."""
     for i in range(q.size):
-        work.stage_q[stage, i], work.stage_w[stage, i], work.stage_a[stage, i] = q[i], w[i], a[i]
+        work.stage_q[stage, i] = q[i]
+        work.stage_w[stage, i] = w[i]
+        work.stage_a[stage, i] = a[i]
 
 
 @jit_inline
@@ -281,7 +280,9 @@ def accept_step(
     old_w = state.w
     old_a = state.a
     for i in range(q.size):
-        q[i], w[i], a[i] = work.stage_q[3, i], work.stage_w[3, i], work.stage_a[3, i]
+        q[i] = work.stage_q[3, i]
+        w[i] = work.stage_w[3, i]
+        a[i] = work.stage_a[3, i]
         # Derivative at the step's end of the parabola through a at both ends whose integral is the
         # change of w.
         work.jerk[i] = (6.0 * (old_w[i] - w[i]) / h + 2.0 * old_a[i] + 4.0 * a[i]) / h
@@ -290,7 +291,9 @@ def accept_step(
     jumped = update_friction_anchors(chain, state, h, q, work)
     update_memory(chain, laws, state, h, work)
     for i in range(q.size):
-        state.q[i], state.w[i], state.a[i] = q[i], w[i], a[i]
+        state.q[i] = q[i]
+        state.w[i] = w[i]
+        state.a[i] = a[i]
     return first, jumped
 
 

@@ -10,7 +10,8 @@ of them with the same instructions. Three rules make a function fit for both:
 
 In memory, lanes are the last axis of an array of floats. Eight of them fill one register of 512
 bits, two of 256 or four of 128; the compiler divides them as the processor needs. All functions
-here are for compiled callers, and for floats in Python."""
+here are for compiled callers, and for floats in Python.
+"""
 
 import math
 import operator

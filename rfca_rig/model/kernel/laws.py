@@ -87,7 +87,8 @@ def _compile_call(call: Law, law: Law) -> int:
     """Compiles `call` with `law` in the place of its global name `law`.
 
     The cache distinguishes functions by name and code of `call`, which all laws share. So each law
-    has its own folder."""
+    has its own folder.
+    """
     # A new function with globals of its own: the module has no name `law`, and each law needs
     # another value for it.
     function = FunctionType(
@@ -197,7 +198,8 @@ def _call_law(
     touched, as that would take time.
 
     Where `x` (8,) and `out` (8,) are lanes, it calls the law once for each, with `memory` (8, 4)
-    and `parameter` (8, p) of that lane."""
+    and `parameter` (8, p) of that lane.
+    """
     del typing_context
     in_lanes = isinstance(x.dtype, LanesType)
 

@@ -2,7 +2,8 @@
 in `state`.
 
 The iteration keeps its factored Jacobian while it is good. The shaft's motion is prescribed or
-under the torque of a drive, which closes row 0 of the equations."""
+under the torque of a drive, which closes row 0 of the equations.
+"""
 
 import numpy as np
 
@@ -35,7 +36,8 @@ def factor(J: Floats, first: int) -> bool:
     singular or not finite.
 
     Rows are not exchanged: inertia, hinges and the normal force of the ground make J positive
-    definite, and friction changes it little."""
+    definite, and friction changes it little.
+    """
     n = J.shape[0]
     for k in range(first, n):
         # Written so that NaN, for which each comparison is false, counts as singular.
@@ -70,6 +72,16 @@ def substitute(J: Floats, first: int, x: Floats) -> None:
         x[k] = v * J[k, k]
 
 
+@jit_inline
+def find_pivot(J: Floats, k: int) -> int:
+    """The row of J (c, c), from `k` on, with the largest entry in column `k`."""
+    p = k
+    for i in range(k + 1, J.shape[0]):
+        if abs(J[i, k]) > abs(J[p, k]):
+            p = i
+    return p
+
+
 @jit_internal
 def solve(J: Floats, x: Floats) -> bool:
     """Solves J y = x for J (c, c) and x (c,), with y in the place of x; J is overwritten. False
@@ -79,10 +91,7 @@ def solve(J: Floats, x: Floats) -> bool:
     """
     n = x.size
     for k in range(n):
-        p = k
-        for i in range(k + 1, n):
-            if abs(J[i, k]) > abs(J[p, k]):
-                p = i
+        p = find_pivot(J, k)
         if not abs(J[p, k]) > 0.0:
             return False
         if p != k:
@@ -173,7 +182,8 @@ def drive_rotor(
     """Adds rotor and drive torque to row 0, eq. (16), of a free shaft; `q`, `w` and `a` are (c,).
 
     A prescribed shaft has no row, because its acceleration is known. `derive` says whether J is
-    wanted, with the stage's g."""
+    wanted, with the stage's g.
+    """
     if not shaft.free:
         return
     angle = shaft.angle
@@ -268,7 +278,8 @@ def solve_stage(
 
     With `reuse`, the factored Jacobian of an earlier stage with the same g is kept while every
     contact and hinge is on the branch of its law on which it was made, and while each iteration
-    gains a digit."""
+    gains a digit.
+    """
     q = work.q
     w = work.w
     a = work.a

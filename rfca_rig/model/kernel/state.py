@@ -38,7 +38,8 @@ class Chain(NamedTuple):
     `frame_aside` are cosine and sine of the line's lean from down towards y. The share
     `frame_on_sensor` of its mass stands between sensor and shaft: the sensor feels its inertia.
     `shaft_friction` acts against the rotation of the shaft. The floor has a bump of `bump_height`,
-    at `bump_at` along it; see `bump`."""
+    at `bump_at` along it; see `bump`.
+    """
 
     length: Floats
     first_moment: Floats
@@ -98,7 +99,8 @@ class Laws(NamedTuple):
 
     `advance` (m,) is the address of the function that updates the memory after a step, 0 for none.
     `only` (m,) is the one hinge or link a law acts on, -1 for all; `parameter` (m, 8) or wider,
-    where a table stands behind the eight numbers."""
+    where a table stands behind the eight numbers.
+    """
 
     address: Integers
     advance: Integers
@@ -124,7 +126,8 @@ class Shaft(NamedTuple):
     The part with k_angle engages only beyond `gap` on either side, there with the factor 1 + `loss`
     (speed - w). The torque stays within `limit`. Cogging is added: cogging sin(cycles (q - angle at
     the start) + phase). `breaks` (m + 1,) and `coefficient` (m, 4) are those of
-    `motion.ShaftMotion`; `landings` (l,) are times on which a step must end."""
+    `motion.ShaftMotion`; `landings` (l,) are times on which a step must end.
+    """
 
     breaks: Floats
     coefficient: Floats

@@ -26,7 +26,8 @@ moves to the right side, and the column of the unknown torque, -1 in its own row
 paper prints it for one joint k; here any may be exchanged.
 
 `simulate_chain` integrates such a chain with scipy's DOP853: readable and exact, but some hundred
-times slower than the compiled chain."""
+times slower than the compiled chain.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -391,7 +392,8 @@ class DrivenChain:
     """A chain and the drive of each joint, as a first-order system.
 
     Its state x (2 f,) holds angles, then speeds, of the f free joints; `free` (n,) says which those
-    are."""
+    are.
+    """
 
     chain: LinkChain
     drives: tuple[Drive, ...]

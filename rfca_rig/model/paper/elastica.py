@@ -12,7 +12,8 @@ multipliers of (4):
 
 Newton-Raphson on dL = 0. By the envelope theorem dU/dbeta_i = -lambda_i, the moment that a hold
 exerts, and dU/dtarget = -mu, its force. The error is of second order in the node distance, and even
-in it, so that one Richardson step gives the fourth order."""
+in it, so that one Richardson step gives the fourth order.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -164,7 +165,8 @@ def _newton(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Ben
         turn = float(np.abs(change[: theta.size]).max())
         # The multipliers are damped alike, or they would belong to another shape.
         change *= min(1.0, LARGEST_TURN_RAD / max(turn, SETTLED_RAD))
-        theta, multipliers = theta + change[: theta.size], multipliers + change[theta.size :]
+        theta = theta + change[: theta.size]
+        multipliers = multipliers + change[theta.size :]
         if turn < SETTLED_RAD:
             return Bent(
                 mesh, theta, multipliers, float(0.5 * theta @ (mesh.stiffness @ theta)), iteration
@@ -195,7 +197,8 @@ def bend_cantilever(
     the branch that begins at rest.
 
     Every shape on the path is stable. Raises SimulationFailed where there is no such path: under a
-    force straight back along the strip, beyond Euler's load, it may buckle to either side."""
+    force straight back along the strip, beyond Euler's load, it may buckle to either side.
+    """
     mesh = even_mesh(EI_Nm2, length_m, elements)
     clamp = Holds(np.array([0]), np.zeros(1))
     force = np.array(force_N)

@@ -141,7 +141,8 @@ def centre_lay(link_lengths_m: tuple[float, ...], strip_length_m: float) -> Lay:
     The paper does not state the position. Its strip, 226 mm, is shorter than from the middle of the
     first link to the middle of the last (243 mm), and longer than from the first hinge to the last
     (197 mm). Centred, it reaches 14.7 mm into either end link, from 39.3 to 265.3 mm of the leg.
-    Raises BadInput where it does not reach beyond the hinges, or sticks out of the leg."""
+    Raises BadInput where it does not reach beyond the hinges, or sticks out of the leg.
+    """
     pins = np.cumsum(link_lengths_m)[:-1]
     beyond = 0.5 * (strip_length_m - (pins[-1] - pins[0]))
     if not 0.0 < beyond <= min(link_lengths_m[0], link_lengths_m[-1]):

@@ -134,7 +134,8 @@ def compute_fixed_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
     elastica, continued from small angles.
 
     `phi_rad` (m,) ascending, above zero. Second order in the length of 200 elements. Raises
-    BadInput where the strip would have to stretch, SimulationFailed where no shape is found."""
+    BadInput where the strip would have to stretch, SimulationFailed where no shape is found.
+    """
     if phi_rad[0] <= 0.0 or (np.diff(phi_rad) <= 0.0).any() or hinge.offset_m < 0.0:
         raise BadInput(
             f"strip fixed in both shells, offset {1e3 * hinge.offset_m:.1f} mm, angles "
@@ -202,7 +203,8 @@ def _first_guess(hinge: HeldHinge, s_m: Floats, phi_rad: float) -> Floats:
     to second order in the slope.
 
     The mean square of the slope is twice the shortening: C^2/2 + C phi/pi + phi^2/12 = 2 (1 -
-    X/2a). The root above zero is the deeper curve."""
+    X/2a). The root above zero is the deeper curve.
+    """
     x = 2.0 * s_m / hinge.free_m - 1.0
     short = 1.0 - float(hinge.chord_m(np.array(phi_rad))) / hinge.free_m
     half = phi_rad / np.pi

@@ -12,7 +12,8 @@ scipy's LSODA to a relative 1e-7.
 y_p is the depth of the tip's circle below the floor, lambda the normal force (positive upwards on
 the leg). The row below the mass matrix requires J_y q'' = -(dJ_y/dt) q' (the print of (15) has lost
 the dot over J_y). Rounding would add up to a drift, so it is stabilised as by Baumgarte: J_y q'' =
--(dJ_y/dt) q' - 2 alpha y' - alpha^2 y, with alpha = 300 /s."""
+-(dJ_y/dt) q' - 2 alpha y' - alpha^2 y, with alpha = 300 /s.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -99,13 +100,11 @@ class RigidFloor:
         J = self.J_y(phi)
         w = np.cumsum(dphi)
         A = np.zeros((n + 1, n + 1))
+        A[:n, :n] = mass_matrix(self.system.chain, phi)
         # Column and row differ where there is friction: it acts on the joints, but is not part of
         # the constraint.
-        A[:n, :n], A[:n, n], A[n, :n] = (
-            mass_matrix(self.system.chain, phi),
-            self.lambda_row(phi, sliding),
-            J,
-        )
+        A[:n, n] = self.lambda_row(phi, sliding)
+        A[n, :n] = J
         dJ_dphi = -self.system.chain.a * np.sin(np.cumsum(phi)) @ w**2
         held = -dJ_dphi - 2.0 * ALPHA_PER_S * (J @ dphi) - ALPHA_PER_S**2 * self.depths(phi)[-1]
         known = self.system.known(t)

@@ -8,7 +8,8 @@ product with (F_x, F_y) is not defined; and its alpha_i is the varphi_i of (9). 
 spring: there k_1 phi_1 stands for the torque of the drive.
 
 `tip_force` estimates the force at the tip from the hinge angles of a photograph: eq. (10) solved by
-SVD."""
+SVD.
+"""
 
 from dataclasses import dataclass
 
@@ -242,7 +243,8 @@ class TipForceEstimate:
 
     `singular_values` (2,) of the matrix that was inverted, largest first, and their ratio;
     `standard_errors_N` (2,) and `covariance_N2` (2, 2) that follow from the noise of the angles to
-    first order; `residual_Nm` (n - 1,) of the hinge moments."""
+    first order; `residual_Nm` (n - 1,) of the hinge moments.
+    """
 
     force_N: Floats
     singular_values: Floats
@@ -289,7 +291,8 @@ def tip_force_weighing_angles(
 
     Errors of the hinge moments are K_t times errors of the angles, K_t the tangent stiffness under
     load. Multiplied by its inverse, (10) yields the force whose shape is nearest to the photograph.
-    K_t contains the force, so the estimate is iterated."""
+    K_t contains the force, so the estimate is iterated.
+    """
     estimate = tip_force(chain, phi, angle_noise_rad)
     for _ in range(REFINEMENTS):
         before = estimate.force_N

@@ -20,7 +20,8 @@ The length over which the strip bends follows from the leg itself: its hinges' c
 ends reaching as far outwards as inwards. That length keeps its place in the leg, and is divided
 equally among the new hinges. Parameters of effects per hinge do not change. In the other reading
 each pin bends a free length of its own, and k0 stays the same; the paper does not state which is
-true."""
+true.
+"""
 
 import tomllib
 from dataclasses import dataclass, replace
@@ -204,7 +205,8 @@ def _cells_m(leg: Leg) -> Floats:
     begin = max(2.0 * pins[0] - between[0], 0.0)
     end = min(2.0 * pins[-1] - between[-1], borders[-1])
     cells = np.empty(2 * pins.size + 1)
-    cells[1::2], cells[::2] = pins, np.concatenate(([begin], between, [end]))
+    cells[::2] = np.concatenate(([begin], between, [end]))
+    cells[1::2] = pins
     return cells
 
 

@@ -2,7 +2,8 @@
 as CSV and LaTeX for papers.
 
 Also its summary for a terminal: at most fifteen lines, the verdict first. Model files, for
-`predict`, `report --model` and the next diagnosis, have the effects found, or a measured law."""
+`predict`, `report --model` and the next diagnosis, have the effects found, or a measured law.
+"""
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,8 @@
 """diagnosis.html: one self-contained page, with the map of residuals.
 
 Residual map of a diagnosis: where model and recordings differ by signal, phase and condition,
-relative to the expected difference."""
+relative to the expected difference.
+"""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -233,18 +234,15 @@ def maps_of(diagnosis: Diagnosis) -> list[Map]:
     groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for (experiment, signal), found in phases.items():
         groups.setdefault((experiment, tuple(sorted(found, key=_place_on_map))), []).append(signal)
-    return [
-        _map(
-            experiment,
-            [
-                cell
-                for cell in diagnosis.cells
-                if cell.experiment == experiment and cell.signal in signals
-            ],
-            located,
-        )
-        for (experiment, _), signals in groups.items()
-    ]
+    maps = []
+    for (experiment, _), signals in groups.items():
+        cells = [
+            cell
+            for cell in diagnosis.cells
+            if cell.experiment == experiment and cell.signal in signals
+        ]
+        maps.append(_map(experiment, cells, located))
+    return maps
 
 
 def band(sigmas: float) -> int:
@@ -267,15 +265,13 @@ def _map(
     grid = condition_grid([cell.condition for cell in cells], len(phases))
     unit, columns = _without_unit(grid.columns)
     signals = dict.fromkeys(cell.signal for cell in cells)
-    rows = tuple(
-        (
-            ", ".join(filter(None, (signal_words(s), words_and_unit(s)[1]))),
-            _rows([cell for cell in cells if cell.signal == s], phases, grid, located),
-        )
-        for s in signals
-    )
+    rows = []
+    for signal in signals:
+        words_with_unit = ", ".join(filter(None, (signal_words(signal), words_and_unit(signal)[1])))
+        of_signal = [cell for cell in cells if cell.signal == signal]
+        rows.append((words_with_unit, _rows(of_signal, phases, grid, located)))
     name = f"{experiment}: {', '.join(signal_words(signal) for signal in signals)}"
-    return Map(name, unit, tuple(phases), columns, rows, any(grid.rows))
+    return Map(name, unit, tuple(phases), columns, tuple(rows), any(grid.rows))
 
 
 def _place_on_map(phase: str) -> tuple[int, str]:

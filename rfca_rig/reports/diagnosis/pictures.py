@@ -91,17 +91,18 @@ def pictures_of(
     for overlay in overlays:
         of_signal.setdefault(overlay.signal, []).append(overlay)
     # Panel by panel, because signals differ in how long they take.
-    tasks = [
-        (number, overlay, limits)
-        for own in of_signal.values()
-        for limits in [_limits_of(own)]
-        for number, overlay in enumerate(own)
-    ]
-    panels = iter(map_in_processes(lambda task: _panel(*task), tasks))
-    return [
-        _picture(name, own, name in never_folded, tuple(next(panels) for _ in own))
-        for name, own in of_signal.items()
-    ]
+    tasks = []
+    for own in of_signal.values():
+        limits = _limits_of(own)
+        tasks += [(number, overlay, limits) for number, overlay in enumerate(own)]
+    panels = map_in_processes(lambda task: _panel(*task), tasks)
+    pictures = []
+    first = 0
+    for name, own in of_signal.items():
+        of_picture = tuple(panels[first : first + len(own)])
+        pictures.append(_picture(name, own, name in never_folded, of_picture))
+        first += len(own)
+    return pictures
 
 
 def _picture(
@@ -219,7 +220,8 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
 
     It is the located signal and phase with the most standard deviations, or, where nothing was
     located, the largest cell of the map, in the condition with the largest residual. The phase is
-    shaded."""
+    shaded.
+    """
     drawn = {
         (one.signal, part): one
         for one in diagnosis.overlays

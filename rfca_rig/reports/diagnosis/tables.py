@@ -1,7 +1,8 @@
 """Tables of a diagnosis, and its words and numbers as text for a reader.
 
 Tables hold parameters with intervals, nuisance parameters, misfits before and after, detection
-limits, and measured laws."""
+limits, and measured laws.
+"""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -372,18 +373,13 @@ def all_misfits(diagnosis: Diagnosis) -> dict[str, BeforeAfter]:
     """Rms misfits by signal; those of signals that are only drawn, as the shaft's, are taken
     from their curves.
     """
-    drawn = {
-        f"rms_{name}": [one for one in diagnosis.overlays if one.signal == name]
-        for name in (o.signal for o in diagnosis.overlays)
-    }
-    return {
-        **diagnosis.fit,
-        **{
-            name: residuals_of(overlays)
-            for name, overlays in drawn.items()
-            if name not in diagnosis.fit
-        },
-    }
+    misfits = dict(diagnosis.fit)
+    for signal in dict.fromkeys(overlay.signal for overlay in diagnosis.overlays):
+        name = f"rms_{signal}"
+        if name not in diagnosis.fit:
+            drawn = [overlay for overlay in diagnosis.overlays if overlay.signal == signal]
+            misfits[name] = residuals_of(drawn)
+    return misfits
 
 
 def _row(

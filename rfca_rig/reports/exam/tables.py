@@ -80,12 +80,12 @@ def matrix_of(marked: Sequence[ScoredCase]) -> Matrix:
         sorted(answers - set(SIZE_RANGES) - {SEVERAL, *VERDICTS})
     )
     verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in answers)
-    by_kind = [(kind, [case for case in shown if case.kind == kind]) for kind in ROWS_OF]
-    return Matrix(
-        names,
-        verdicts,
-        tuple((kind, _rows(of_kind, (*names, *verdicts))) for kind, of_kind in by_kind if of_kind),
-    )
+    kinds = []
+    for kind in ROWS_OF:
+        of_kind = [case for case in shown if case.kind == kind]
+        if of_kind:
+            kinds.append((kind, _rows(of_kind, (*names, *verdicts))))
+    return Matrix(names, verdicts, tuple(kinds))
 
 
 def _answer(case: ScoredCase) -> str:
@@ -98,10 +98,11 @@ def _answer(case: ScoredCase) -> str:
 
 def _rows(marked: Sequence[ScoredCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
     hidden_effects = sorted({_hidden(case) for case in marked}, key=_place)
-    return tuple(
-        _row(name, [case for case in marked if _hidden(case) == name], columns)
-        for name in hidden_effects
-    )
+    rows = []
+    for name in hidden_effects:
+        of_name = [case for case in marked if _hidden(case) == name]
+        rows.append(_row(name, of_name, columns))
+    return tuple(rows)
 
 
 def _hidden(case: ScoredCase) -> str:
@@ -118,10 +119,11 @@ def _place(name: str) -> tuple[int, str]:
 
 
 def _row(name: str, marked: Sequence[ScoredCase], columns: Sequence[str]) -> MatrixRow:
-    return MatrixRow(
-        name,
-        tuple(_cell([case for case in marked if _answer(case) == column]) for column in columns),
-    )
+    cells = []
+    for column in columns:
+        answered = [case for case in marked if _answer(case) == column]
+        cells.append(_cell(answered))
+    return MatrixRow(name, tuple(cells))
 
 
 def _cell(marked: Sequence[ScoredCase]) -> MatrixCell | None:

@@ -57,7 +57,8 @@ class RunPart:
     is None where no event states it.
 
     `peak` is over the recorded axes, `expected` the load that the nominal model predicts; both are
-    None where unknown. `count` is the number of cycles, else 1."""
+    None where unknown. `count` is the number of cycles, else 1.
+    """
 
     kind: Kind
     label: str
@@ -77,7 +78,8 @@ class RunStory:
     time.
 
     `limits` are those at the start, by name, `last_limits` those at the end: a run may be resumed
-    with another rig file."""
+    with another rig file.
+    """
 
     recording: Recording
     plan: Plan | None
@@ -343,10 +345,10 @@ def _peak(streams: Mapping[str, Stream]) -> Load | None:
         for name in WRENCH
         if name in stream.columns
     }
-    peaks = [
-        _largest([columns[name] for name in names if name in columns])
-        for names in (WRENCH[:3], WRENCH[3:])
-    ]
+    peaks = []
+    for axes in (WRENCH[:3], WRENCH[3:]):
+        recorded = [columns[name] for name in axes if name in columns]
+        peaks.append(_largest(recorded))
     if any(columns) and np.isfinite(peaks).any():
         return Load(*peaks)
     return None

@@ -62,7 +62,8 @@ class ClockDrift:
     It comes from `blocks` blocks of a quarter of a second over `span_s`. `half_ppm` bounds the
     error from uneven arrival: the loop polls only so often, so that a sample at either end may be
     early or late by the whole observed spread. It is a bound without a confidence level, because
-    such errors are not noise."""
+    such errors are not noise.
+    """
 
     device: str
     ppm: float
@@ -76,14 +77,16 @@ def clock_drifts(recording: Recording) -> list[ClockDrift]:
 
     A sample arrives late, never early: in each quarter of a second, the sample with the shortest
     delay counts. Where a device was restarted within the run, only samples since the last restart
-    count."""
+    count.
+    """
     stages: Sequence[Stroke | RawStage] = (*recording.strokes, *recording.raw)
     names = dict.fromkeys(name for stage in stages for name in stage.streams if name != CYCLES)
-    drifts = (
-        _drift(name, [stage.streams[name] for stage in stages if name in stage.streams])
-        for name in names
-    )
-    return [drift for drift in drifts if drift is not None]
+    drifts = []
+    for name in names:
+        drift = _drift(name, [stage.streams[name] for stage in stages if name in stage.streams])
+        if drift is not None:
+            drifts.append(drift)
+    return drifts
 
 
 def _drift(device: str, streams: Sequence[Stream]) -> ClockDrift | None:
@@ -91,7 +94,8 @@ def _drift(device: str, streams: Sequence[Stream]) -> ClockDrift | None:
     host_s, device_s = np.array(pairs).reshape(-1, 2).T
     restarts = np.flatnonzero(np.diff(device_s) < 0.0)
     since = int(restarts[-1]) + 1 if len(restarts) else 0
-    host_s, ahead_s = host_s[since:], (device_s - host_s)[since:]
+    ahead_s = (device_s - host_s)[since:]
+    host_s = host_s[since:]
     if len(host_s) < FEWEST_BLOCKS or np.ptp(host_s) < BLOCK_S:
         return None
     # Least squares of (device - host) over host time: the slope is the drift itself, a small number
@@ -197,11 +201,10 @@ def conditions_table(story: RunStory) -> Table:
     planned = _plan_counts(story)
     # Of what was cut short only cycles count as done, as many as were recorded.
     done = [part for part in story.parts if part.kind != "cut short" or part.count > 1]
-    kinds = {
-        key: [part for part in done if _key(part) == key]
-        for key in dict.fromkeys([*planned, *(_key(part) for part in done)])
-    }
-    rows = tuple(_condition_row(key, planned.get(key), parts) for key, parts in kinds.items())
+    rows = []
+    for key in dict.fromkeys([*planned, *(_key(part) for part in done)]):
+        of_key = [part for part in done if _key(part) == key]
+        rows.append(_condition_row(key, planned.get(key), of_key))
     columns = (
         TableColumn("kind", "What"),
         TableColumn("condition", "Condition"),
@@ -218,7 +221,7 @@ def conditions_table(story: RunStory) -> Table:
         "Peaks of all axes: mean ± one standard deviation (n - 1) over what was done; of "
         "static stages, whose angles differ, the largest."
     )
-    return Table("conditions", caption, columns, rows)
+    return Table("conditions", caption, columns, tuple(rows))
 
 
 def _key(part: RunPart) -> tuple[str, str]:

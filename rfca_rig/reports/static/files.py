@@ -2,7 +2,8 @@
 models with law and curve.
 
 Results of the static experiment for other programs: every stage and hinge as a table, and
-static.json in format rfca-static/1."""
+static.json in format rfca-static/1.
+"""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,8 @@
 """Tables of the static experiment, and its recordings with the folders that hold their photos.
 
 Tables hold fitted values, the curve with its stiffness, differences between hinges, and systematic
-errors."""
+errors.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -2,7 +2,8 @@
 nominal and with fitted values.
 
 Residuals are drawn over position and speed of a joint, where omitted physics shows as a step, a
-slope or a wave."""
+slope or a wave.
+"""
 
 import json
 from collections.abc import Iterator, Sequence

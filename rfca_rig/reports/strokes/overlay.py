@@ -59,7 +59,8 @@ class OverlayDrawing:
     """The figure as inline SVG, with the scales that its caption states.
 
     The residual axis spans +-`residual_limit_N`; `beyond_N` is the largest residual where that is
-    larger, else None."""
+    larger, else None.
+    """
 
     svg: str
     force_span_N: float

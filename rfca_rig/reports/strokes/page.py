@@ -199,7 +199,8 @@ def parameter_lines(rig: RigModel) -> list[ParameterLine]:
     """Every parameter of the model that has a value and is not switched off, section by section.
 
     It goes through the fields of the dataclasses, so that new parameters appear without a change
-    here."""
+    here.
+    """
     sections = [line for section in SECTIONS for line in _lines_of(section, getattr(rig, section))]
     effects = [
         _quantity("effect", f"{present.id} {name}", value)

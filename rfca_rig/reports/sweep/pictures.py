@@ -2,7 +2,8 @@
 
 Lines over one quantity, maps with contours over two, scatter plots over each sampled range.
 Sensitivities are first-order Sobol indices of each output for each sampled quantity, for the page
-and sweep.json."""
+and sweep.json.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

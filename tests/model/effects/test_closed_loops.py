@@ -67,7 +67,8 @@ def work_of_laps(law, advance, parameter, phi, rate, acceleration, elapsed):
     through in a lap.
 
     `law` and `advance` are addresses, as the chain calls them, so that this loop is compiled once
-    for all laws; `advance` is 0 where there is no memory. The first lap settles the memory."""
+    for all laws; `advance` is 0 where there is no memory. The first lap settles the memory.
+    """
     x = np.array([0.0, 0.0, elapsed, 11.0, 4.2, 0.0])
     memory = np.zeros(4)
     out = np.zeros(4)
@@ -163,10 +164,14 @@ OF_DRIVEN_JOINTS = (
     "speed_lag",
 )
 OF_CHAINS = [effect for id_, effect in catalogue().items() if id_ not in OF_DRIVEN_JOINTS]
-OF_HINGES = [
-    e for e in OF_CHAINS if any(laws_of(e.id, largest(e), place) for place in (HINGE, ROTOR))
-]
-OF_FLOOR = [e for e in OF_CHAINS if laws_of(e.id, largest(e), NORMAL)]
+
+
+def acts_at(effect, *places):
+    return any(laws_of(effect.id, largest(effect), place) for place in places)
+
+
+OF_HINGES = [effect for effect in OF_CHAINS if acts_at(effect, HINGE, ROTOR)]
+OF_FLOOR = [effect for effect in OF_CHAINS if acts_at(effect, NORMAL)]
 
 
 def test_every_law_of_the_catalogue_has_its_closed_paths_here():
@@ -326,7 +331,8 @@ def work_of_tie(law, parameter, mu, presliding, drag, moved, slip, normal):
     passed.
 
     The end moves by `moved`, at the speed `slip`, under the force `normal`. Its friction falls with
-    speed by the law."""
+    speed by the law.
+    """
     x = np.zeros(6)
     out = np.zeros(4)
     s = 0.0

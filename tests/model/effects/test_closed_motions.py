@@ -3,7 +3,8 @@ its floor and its frame.
 
 The forces that move a leg on a closed path do the work that it dissipates: none without damping and
 friction, whatever its masses, springs, floor and direction of gravity are. Laws with a memory, and
-those that act alone, are in `test_closed_loops`."""
+those that act alone, are in `test_closed_loops`.
+"""
 
 from dataclasses import replace
 

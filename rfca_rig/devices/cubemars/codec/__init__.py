@@ -17,7 +17,8 @@ firmware.
 
 Source: AK Series Module Driver Manual V1.0.18, fault codes over CAN. Earlier manuals give 6 as
 unbalanced phase currents and have no 7. The long list of the serial port (over-voltage = 1 ...) is
-a different one and is never sent over CAN."""
+a different one and is never sent over CAN.
+"""
 
 from dataclasses import dataclass
 

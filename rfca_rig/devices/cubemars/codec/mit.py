@@ -109,7 +109,8 @@ def encode_reply(ranges: MitRanges, reply: MitReply) -> bytes:
     clipped to their ranges.
 
     The position is `position_code`; temperature and error are sent where the reply has them. Raises
-    NotEncodable for a number that does not fit its byte."""
+    NotEncodable for a number that does not fit its byte.
+    """
     v = _truncate(reply.speed_rad_s, ranges.speed_rad_s)
     t = _truncate(reply.torque_Nm, ranges.torque_Nm)
     try:

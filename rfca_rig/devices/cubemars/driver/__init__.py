@@ -1,7 +1,8 @@
 """What the drivers of CubeMars AK drives share, in MIT and in servo mode.
 
 Settings, torque-off frames, unwrapping of positions, a check of speed against angle, and one of
-standstill before energising."""
+standstill before energising.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -65,7 +66,8 @@ class MitSettings:
 
     `zero_rad` is the reported position with the leg horizontal. `speed_gain_Nm_s_per_rad` (kd, up
     to 5) belongs to the drive's loop. `angle_gain_per_s` belongs to the driver: it converts an
-    angle error to a speed."""
+    angle error to a speed.
+    """
 
     drive_id: int
     model: str
@@ -114,7 +116,8 @@ class ServoSettings:
 
     `gear_ratio` is motor turns per shaft turn, `pole_pairs` the motor's (CubeMarsTool shows both).
     `torque_constant_Nm_per_A` is the motor's before the gear, `zero_deg` the reported position with
-    the leg horizontal, `status_period_s` the upload period."""
+    the leg horizontal, `status_period_s` the upload period.
+    """
 
     drive_id: int
     gear_ratio: float
@@ -250,7 +253,8 @@ class SpeedCheck:
     window.
 
     `fault` gives the factor between them, once three windows in a row with motion differ by more
-    than a quarter. `scales` names the settings to check."""
+    than a quarter. `scales` names the settings to check.
+    """
 
     def __init__(self, scales: str) -> None:
         self._scales = scales
@@ -309,7 +313,8 @@ class WrappedPosition:
     code at the end of its range instead. The code then stands still although the drive reports a
     speed, and the angle is lost. `ends` are the codes where this can happen. `fault` reports this,
     or a jump larger than any motion: a restart, a new zero, or an encoder slip. A jump is never
-    cleared, as the zero is lost with it."""
+    cleared, as the zero is lost with it.
+    """
 
     def __init__(self, ends: frozenset[int], most_counts_s: float, margin_counts: float) -> None:
         self._ends = ends
@@ -376,7 +381,8 @@ def await_standstill(clock: Clock, speed_rad_s: Callable[[], float]) -> None:
     """Waits until the shaft has been at rest for 50 ms.
 
     `speed_rad_s` waits one poll interval and returns the shaft speed after it. Raises DeviceError
-    if the shaft still turns after 3 s."""
+    if the shaft still turns after 3 s.
+    """
     began_s = swung_s = clock.now_s()
     while (now_s := clock.now_s()) - swung_s < STANDSTILL_S:
         now_rad_s = speed_rad_s()

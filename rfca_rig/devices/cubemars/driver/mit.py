@@ -56,7 +56,8 @@ class MitReplies:
     shows the shaft at its request.
 
     `angle_rad` (continuous over turns), `speed_rad_s` and `torque_Nm` are those of the shaft at
-    time `at_s`; `reply` is the last reply."""
+    time `at_s`; `reply` is the last reply.
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MitSettings) -> None:
         self._bus = bus
@@ -145,7 +146,8 @@ class MitReplies:
         adapter may only delay replies.
 
         If a request has stayed open for `RESYNC_S`, a reply was lost; the newest replies then
-        belong to the newest requests."""
+        belong to the newest requests.
+        """
         requests_s = list(self._asked_s)
         is_lost = 0 < count < len(requests_s) and self.drained_s - self._whole_s > RESYNC_S
         if is_lost:
@@ -259,7 +261,8 @@ class MovingTarget:
     Under a commanded speed the target moves at that speed, so the lag that a load causes is made up
     later. Together with a drive whose torque is proportional to the speed error, this is a speed
     loop with an integrator. The target stays within `max_lag_rad` of the shaft, where the drive
-    gives its largest torque; this is the anti-windup."""
+    gives its largest torque; this is the anti-windup.
+    """
 
     def __init__(
         self, gain_per_s: float, most_behind_rad: float, angle_rad: float, now_s: float
@@ -303,7 +306,8 @@ class CubemarsMitMotor:
     a turn cannot become a torque. The drive controls speed (kd); the driver computes that speed
     from the angle error at each call. The rounding error of the speed field goes into the torque
     field. The drive sends nothing unasked and does not report whether it is in MIT mode: missing
-    torque shows as a shaft that does not follow."""
+    torque shows as a shaft that does not follow.
+    """
 
     def __init__(
         self, bus: can.BusABC, clock: Clock, settings: MitSettings, guard: Guard | None = None
@@ -464,7 +468,8 @@ class CubemarsMitMotor:
         A drive in MIT mode does not report its state, and not every firmware has a watchdog. The
         evidence is a load, the leg's weight, that the motor held before and no longer holds. A
         drive that does not answer, because its supply was cut, is evidence too. The motor is off
-        afterwards. Raises DeviceError if it still holds, or held too little to decide."""
+        afterwards. Raises DeviceError if it still holds, or held too little to decide.
+        """
         self._replies.drain()
         held_Nm = self._replies.torque_Nm
         if self._guard is not None:
@@ -562,6 +567,12 @@ class CubemarsMitMotor:
         """For the recording. Whether the firmware sends errors is known after `enable`."""
         settings = self._settings
         reply = self._replies.reply
+        if reply is None:
+            errors_told = "unknown"
+        elif reply.error is None:
+            errors_told = "no"
+        else:
+            errors_told = "yes"
         return {
             "make": "CubeMars AK, MIT mode",
             "bus": str(self._bus.channel_info),
@@ -571,7 +582,7 @@ class CubemarsMitMotor:
             "zero_rad": repr(settings.zero_rad),
             "speed_gain_Nm_s_per_rad": repr(settings.speed_gain_Nm_s_per_rad),
             "angle_gain_per_s": repr(settings.angle_gain_per_s),
-            "errors_told": "unknown" if reply is None else "no" if reply.error is None else "yes",
+            "errors_told": errors_told,
             "temperature_degC": "unknown"
             if reply is None or reply.temperature_degC is None
             else str(reply.temperature_degC),

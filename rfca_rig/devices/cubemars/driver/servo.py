@@ -55,7 +55,8 @@ class ServoReports:
     """Receives the status of one drive.
 
     `status` is its last frame, received at host time `heard_s`. Angle (continuous over turns),
-    speed and torque are those of the shaft."""
+    speed and torque are those of the shaft.
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings) -> None:
         self._bus = bus
@@ -202,7 +203,8 @@ class CubemarsServoMotor:
     time: there is no enable frame, and a current of zero disables the motor. Commanded positions
     are absolute over many turns, but the status frame reports them in 16 bits. After more than nine
     turns in an earlier session the reported position is off by 6553.6 degrees; `enable` detects
-    this."""
+    this.
+    """
 
     def __init__(
         self, bus: can.BusABC, clock: Clock, settings: ServoSettings, guard: Guard | None = None
@@ -352,7 +354,8 @@ class CubemarsServoMotor:
         is a load, the leg's weight, that the motor held before and no longer holds. A status that
         ends, because a relay cut the supply, is evidence too. The motor is off afterwards. Raises
         DeviceError if the motor still holds, or held too little to decide. With a guardian and no
-        load, it is enough that the bus took the guardian's frames; `identity` records this."""
+        load, it is enough that the bus took the guardian's frames; `identity` records this.
+        """
         self._reports.drain()
         held_Nm = self._reports.torque_Nm
         started_s = self._clock.now_s()

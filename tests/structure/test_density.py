@@ -1,0 +1,61 @@
+"""No line does more than a reader takes in at once, in the package, its tests and its examples."""
+
+import ast
+import textwrap
+
+import pytest
+
+from tests.structure.density import RULES
+from tests.structure.tree import ROOT
+
+FOLDERS = ("rfca_rig", "tests", "docs")
+
+
+@pytest.fixture(scope="module")
+def trees() -> dict[str, ast.AST]:
+    """The syntax tree of every file, by its path."""
+    trees = {}
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            trees[str(path.relative_to(ROOT))] = ast.parse(path.read_text(encoding="utf-8"))
+    return trees
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_no_line_is_dense(trees, rule):
+    find = RULES[rule]
+    sites = []
+    for path, tree in trees.items():
+        sites += [f"{path}:{line}" for line in find(tree)]
+    assert sites == []
+
+
+@pytest.mark.parametrize(
+    ("rule", "dense", "plain"),
+    [
+        ("packed assignments", "a, b = 1, c", "a, b = f()"),
+        ("packed assignments", "self.a, self.b = a, self.c", "a, b = b, a"),
+        ("packed assignments", "x[i], y = i, x", "x[i], x[j] = x[j], x[i]"),
+        ("packed assignments", "i, v = 0, x", "i, x[i] = 0, v"),
+        (
+            "nested comprehensions with a condition",
+            "[[x for x in row if x] for row in rows]",
+            "[[x for x in row] for row in rows]",
+        ),
+        (
+            "nested comprehensions with a condition",
+            "[sum(x for x in row) for row in rows if row]",
+            "[sum(row) for row in rows if row]",
+        ),
+        ("nested conditional expressions", "a if b else c if d else e", "f(a if b else c)"),
+        (
+            "next() of a shared iterator in a comprehension",
+            "[next(values) for name in names]",
+            "[next(x for x in row) for row in rows]",
+        ),
+    ],
+)
+def test_what_counts_as_dense(rule, dense, plain):
+    find = RULES[rule]
+    assert find(ast.parse(textwrap.dedent(dense))) == [1]
+    assert find(ast.parse(textwrap.dedent(plain))) == []
