@@ -51,11 +51,11 @@ __all__ = [
 def __getattr__(name: str) -> object:
     if name not in _PLACES:
         raise AttributeError(f"module rfca_rig has no name {name!r}; it has {', '.join(__all__)}")
-    module, _, own = _PLACES[name].partition(":")
-    found = import_module(module)
+    module, _, attribute = _PLACES[name].partition(":")
+    loaded_module = import_module(module)
     if _PLACES[name].endswith(":"):
-        return found
-    return getattr(found, own or name)
+        return loaded_module
+    return getattr(loaded_module, attribute or name)
 
 
 def __dir__() -> list[str]:

@@ -111,9 +111,9 @@ def _seal(purpose: bytes, content: bytes) -> bytes:
 def _read_entry(path: Path, purpose: bytes) -> bytes | None:
     """The content of an entry; None where there is none, or none that can be used."""
     try:
-        found = path.stat()
+        status = path.stat()
         # A pipe would wait for somebody to write into it.
-        if stat.S_ISREG(found.st_mode) and found.st_size <= MAX_ENTRY_BYTES:
+        if stat.S_ISREG(status.st_mode) and status.st_size <= MAX_ENTRY_BYTES:
             entry = path.read_bytes()
             content = entry[SEAL_BYTES:]
             if entry[:SEAL_BYTES] == _seal(purpose, content):

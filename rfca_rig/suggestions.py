@@ -40,7 +40,7 @@ def not_there(path: Path) -> str:
     lists runs.
     """
     if path.absolute().parent.is_dir():
-        siblings = [one.name for one in path.absolute().parent.iterdir()]
+        siblings = [sibling.name for sibling in path.absolute().parent.iterdir()]
     else:
         siblings = []
     near = _near(path.name, siblings)
@@ -51,8 +51,8 @@ def not_there(path: Path) -> str:
 
 def _near(name: str, known: Iterable[str]) -> str:
     """The nearest, "" where none is near."""
-    by_lower = {one.casefold(): one for one in known}
-    found = get_close_matches(name.casefold(), by_lower, n=1, cutoff=0.6)
-    if found:
-        return by_lower[found[0]]
+    by_lower = {candidate.casefold(): candidate for candidate in known}
+    matches = get_close_matches(name.casefold(), by_lower, n=1, cutoff=0.6)
+    if matches:
+        return by_lower[matches[0]]
     return ""

@@ -93,16 +93,16 @@ def line_of(text: str, key: Key) -> int | None:
 
 
 def _lines_by_key(text: str) -> dict[Key, int]:
-    found: dict[Key, int] = {}
+    lines: dict[Key, int] = {}
     entries: dict[Key, int] = {}
     table: Key = ()
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
             table = _table(_parts(header[2]), header[1] == "[[", entries)
-            found.setdefault(table, number)
+            lines.setdefault(table, number)
         elif assignment := _ASSIGNMENT.match(line):
-            found.setdefault(table + _parts(assignment[1]), number)
-    return found
+            lines.setdefault(table + _parts(assignment[1]), number)
+    return lines
 
 
 def _parts(dotted: str) -> Key:
@@ -114,9 +114,9 @@ def _table(parts: Key, is_entry: bool, entries: dict[Key, int]) -> Key:
     latest index of each and is updated.
     """
     table: Key = ()
-    for place, part in enumerate(parts):
+    for index, part in enumerate(parts):
         table += (part,)
-        if is_entry and place == len(parts) - 1:
+        if is_entry and index == len(parts) - 1:
             entries[table] = entries.get(table, -1) + 1
         if table in entries:
             table += (entries[table],)
@@ -156,7 +156,9 @@ def _is_number(annotation: Any) -> bool:
     """
     if typing.get_origin(annotation) is tuple:
         return False
-    return annotation is float or any(_is_number(each) for each in typing.get_args(annotation))
+    return annotation is float or any(
+        _is_number(argument) for argument in typing.get_args(annotation)
+    )
 
 
 class Section(BaseModel):
@@ -192,9 +194,9 @@ class Section(BaseModel):
         the same names.
         """
         same = {
-            one.name: getattr(self, one.name)
-            for one in fields(kind)
-            if one.name in type(self).model_fields
+            field.name: getattr(self, field.name)
+            for field in fields(kind)
+            if field.name in type(self).model_fields
         }
         return kind(**(same | others))
 
@@ -228,8 +230,8 @@ def _floats_in(value: Any) -> Iterator[float]:
     if isinstance(value, float):
         yield value
     elif isinstance(value, tuple | list):
-        for each in value:
-            yield from _floats_in(each)
+        for item in value:
+            yield from _floats_in(item)
     elif isinstance(value, Mapping):
         yield from _floats_in(tuple(value.values()))
 
@@ -303,12 +305,12 @@ def read_text(
     and for more than `most_bytes`.
     """
     try:
-        found = path.stat()
-        if not (S_ISREG(found.st_mode) or S_ISDIR(found.st_mode)):
+        status = path.stat()
+        if not (S_ISREG(status.st_mode) or S_ISDIR(status.st_mode)):
             raise BadInput(f"{path}: is a device or a pipe; give a file")
-        if found.st_size > most_bytes:
+        if status.st_size > most_bytes:
             raise BadInput(
-                f"{path}: has {found.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:.0f} "
+                f"{path}: has {status.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:.0f} "
                 f"MB are the most; {way_out}"
             )
         content = path.read_bytes()
@@ -418,9 +420,9 @@ def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> t
 def _key_in_file(error: ErrorDetails, data: Any) -> Key:
     """Pydantic's location without the names of union members, which do not appear in the file."""
     key: Key = ()
-    for place, name in enumerate(error["loc"]):
+    for index, name in enumerate(error["loc"]):
         part = name
-        last = place == len(error["loc"]) - 1
+        last = index == len(error["loc"]) - 1
         if isinstance(data, dict) and part not in data and degrees_key(str(part)) in data:
             part = str(degrees_key(str(part)))
         if isinstance(data, dict) and part in data:
@@ -488,25 +490,29 @@ def _keys_at(table: Key, model: type[BaseModel], tags: set[str], data: Any) -> l
     """Keys that `model` has in that table of `data`, in the order of declaration; for a union
     those of the member that `tags` select.
     """
-    here = [model]
+    members = [model]
     for part in table:
         data = data[part]
         if isinstance(part, str):
-            fields = [outer.model_fields[part] for outer in here if part in outer.model_fields]
+            fields = [outer.model_fields[part] for outer in members if part in outer.model_fields]
             selected = [
                 mark.section_of(data)
                 for field in fields
                 for mark in field.metadata
                 if isinstance(mark, SelectedByData)
             ]
-            inner = [one for one in selected if one] or [
-                one for field in fields for one in _models_in(field.annotation)
+            inner = [section for section in selected if section] or [
+                member for field in fields for member in _models_in(field.annotation)
             ]
             # Of a union such as [force_sensor], only the keys of the chosen device are suggested.
-            here = [member for member in inner if tags & _tags_of(member)] or inner
-    keys = (field.alias or name for found in here for name, field in found.model_fields.items())
+            members = [member for member in inner if tags & _tags_of(member)] or inner
+    keys = (
+        field.alias or name for member in members for name, field in member.model_fields.items()
+    )
     return list(
-        dict.fromkeys((*keys, *(key for found in here for key in degrees_keys(found).values())))
+        dict.fromkeys(
+            (*keys, *(key for member in members for key in degrees_keys(member).values()))
+        )
     )
 
 

@@ -68,9 +68,10 @@ class ComparedCondition:
         return _mean_phases(
             [
                 phases_of_simulation(
-                    one.stroke, one.valley.time_s if isinstance(one.valley, Valley) else np.inf
+                    model.stroke,
+                    model.valley.time_s if isinstance(model.valley, Valley) else np.inf,
                 )
-                for one in self.simulated
+                for model in self.simulated
             ]
         )
 
@@ -140,11 +141,11 @@ def _compare_stroke(stroke: Stroke, model: MatchedSimulation) -> ComparedRepeat:
     return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - simulated_N, valley, phases)
 
 
-def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
+def _mean_phases(all_phases: Sequence[StrokePhases]) -> StrokePhases:
     return StrokePhases(
-        touchdown_s=_mean_of_finite([phases.touchdown_s for phases in each]),
-        valley_s=_mean_of_finite([phases.valley_s for phases in each]),
-        lift_off_s=_mean_of_finite([phases.lift_off_s for phases in each]),
+        touchdown_s=_mean_of_finite([phases.touchdown_s for phases in all_phases]),
+        valley_s=_mean_of_finite([phases.valley_s for phases in all_phases]),
+        lift_off_s=_mean_of_finite([phases.lift_off_s for phases in all_phases]),
     )
 
 

@@ -175,7 +175,7 @@ def stiff_ground(rig: RigModel) -> RigModel:
 
 def average_pct(checked: Sequence[CheckedCondition]) -> float:
     """Mean difference over the whole strokes, to compare with the paper's 4.91 %."""
-    return float(np.mean([one.stroke_pct for one in checked]))
+    return float(np.mean([condition.stroke_pct for condition in checked]))
 
 
 def _times(rig: RigModel, condition: PlannedCondition, sweep_deg: float) -> Floats:

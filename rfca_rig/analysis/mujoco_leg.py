@@ -352,13 +352,13 @@ def stroke_on_springs(
     """
     leg = leg_on_springs(rig, height_m, stiffness_N_per_m)
     settle_at_rest(leg, rig.leg.start_angle_rad)
-    one = np.zeros(6)
+    force = np.zeros(6)
 
     def contact() -> Floats:
         total = np.zeros(2)
         for i in range(leg.data.ncon):
-            leg.mujoco.mj_contactForce(leg.model, leg.data, i, one)
-            total += one[0], np.hypot(one[1], one[2])
+            leg.mujoco.mj_contactForce(leg.model, leg.data, i, force)
+            total += force[0], np.hypot(force[1], force[2])
         return total
 
     return _follow(
@@ -478,7 +478,7 @@ def _follow(
                 leg.mujoco.mjtWarning.mjWARN_BADQACC,
             )
             if (
-                any(leg.data.warning[one].number for one in bad)
+                any(leg.data.warning[warning].number for warning in bad)
                 or not np.isfinite(leg.data.qacc).all()
             ):
                 raise SimulationFailed(

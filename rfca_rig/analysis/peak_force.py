@@ -112,7 +112,7 @@ def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
     end_s = max(float(stream.t_s[-1]) for stroke in strokes for stream in stroke.streams.values())
     measured = [stroke_peak(stroke) for stroke in strokes]
     simulated = [(model, _find_simulated_peak(model, end_s)) for model in compared.simulated]
-    found = [(model, peak) for model, peak in simulated if isinstance(peak, PeakForce)]
+    peaks = [(model, peak) for model, peak in simulated if isinstance(peak, PeakForce)]
     speeds = [model.shaft_speed_rad_s for model in compared.simulated]
     return PeakForceRow(
         source=source,
@@ -120,8 +120,8 @@ def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
         speed_rad_s=compared.condition.speed_rad_s,
         shaft_speed_rad_s=sum(speeds) / len(speeds),
         measured=_spread_of_peaks([peak for peak in measured if isinstance(peak, PeakForce)]),
-        simulated=_spread_of_peaks([peak for _, peak in found]),
-        simulated_touching=_touching(found[0][0], found[0][1].time_s) if found else None,
+        simulated=_spread_of_peaks([peak for _, peak in peaks]),
+        simulated_touching=_touching(peaks[0][0], peaks[0][1].time_s) if peaks else None,
         refused=tuple(
             f"repeat {stroke.repeat}: {peak.reason}"
             for stroke, peak in zip(strokes, measured, strict=True)

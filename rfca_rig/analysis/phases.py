@@ -352,13 +352,13 @@ def describe_stroke(
     none; a caller may know the valley.
     """
     valley = valley or stroke_valley(stroke)
-    found = valley if isinstance(valley, Valley) else None
+    known_valley = valley if isinstance(valley, Valley) else None
     return {
         "height_mm": round(1e3 * stroke.height_m, 6),
         "speed_rad_s": stroke.speed_rad_s,
         "repeat": stroke.repeat,
-        "valley_time_s": None if found is None else found.time_s,
-        "valley_fz_N": None if found is None else found.fz_N,
+        "valley_time_s": None if known_valley is None else known_valley.time_s,
+        "valley_fz_N": None if known_valley is None else known_valley.fz_N,
     }
 
 

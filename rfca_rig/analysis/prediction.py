@@ -27,14 +27,14 @@ class Prediction:
         """The figures by name, each with its unit; `no_valley` says why there is none."""
         stroke = self.stroke
         valley = find_valley(stroke.t_s, stroke.fz_N)
-        found = valley if isinstance(valley, Valley) else None
+        known_valley = valley if isinstance(valley, Valley) else None
         force = np.hypot(stroke.fy_N, stroke.fz_N)
         touching = stroke.normal_N.sum(axis=1) > 0.0
         return {
             "height_mm": round(1e3 * self.height_m, 6),
             "speed_rad_s": self.speed_rad_s,
-            "valley_time_s": None if found is None else round(found.time_s, 5),
-            "valley_fz_N": None if found is None else round(found.fz_N, 4),
+            "valley_time_s": None if known_valley is None else round(known_valley.time_s, 5),
+            "valley_fz_N": None if known_valley is None else round(known_valley.fz_N, 4),
             "no_valley": None if isinstance(valley, Valley) else valley.reason,
             "peak_force_N": round(float(force.max()), 3),
             "peak_force_time_s": round(float(stroke.t_s[force.argmax()]), 4),

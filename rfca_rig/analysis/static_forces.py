@@ -111,17 +111,17 @@ def load_tip(leg: Leg, shaft_rad: float, force_N: Floats) -> LoadedShape:
     """
     chain = tip_chain_of(leg)
     # The second equilibrium, without the force, shows what the weight alone does.
-    found = equilibrium_under_tip_force(chain, shaft_rad, force_N)
+    equilibrium = equilibrium_under_tip_force(chain, shaft_rad, force_N)
     alone = equilibrium_under_tip_force(chain, shaft_rad, np.zeros(2))
     # The first angle is the shaft's, which has no spring: its torque is that of the drive.
-    torques = np.append(found.shaft_torque_Nm, chain.springs.torque_Nm(found.phi)[1:])
+    torques = np.append(equilibrium.shaft_torque_Nm, chain.springs.torque_Nm(equilibrium.phi)[1:])
     return LoadedShape(
         force_N,
-        found.phi,
+        equilibrium.phi,
         torques,
-        _ends_mm(chain.L, found.phi),
+        _ends_mm(chain.L, equilibrium.phi),
         _ends_mm(chain.L, alone.phi),
-        found.stable,
+        equilibrium.stable,
     )
 
 
@@ -160,9 +160,13 @@ def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) 
             f"a standard deviation of {np.degrees(angle_std_rad):g} deg for the angles: "
             "it must be above 0"
         )
-    found = tip_force_weighing_angles(chain, np.array(angles_rad, dtype=np.float64), angle_std_rad)
-    residual = found.residual_Nm
-    return FoundTipForce(found.force_N, found.standard_errors_N, float(np.abs(residual).max()))
+    estimate = tip_force_weighing_angles(
+        chain, np.array(angles_rad, dtype=np.float64), angle_std_rad
+    )
+    residual = estimate.residual_Nm
+    return FoundTipForce(
+        estimate.force_N, estimate.standard_errors_N, float(np.abs(residual).max())
+    )
 
 
 def _ends_mm(lengths_m: Floats, phi: Floats) -> Floats:

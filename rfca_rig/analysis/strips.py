@@ -192,10 +192,10 @@ def compare_strips(
     """
     materials = {material.name: material for material in table_1_materials()}
     fitted = paper_strips(materials[FITTED_STRIP[0]], FITTED_STRIP[1])
-    every = list(product(THICKNESSES_M, materials.values()))
+    strips = list(product(THICKNESSES_M, materials.values()))
     rows = tuple(
         _row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s)
-        for t, m in iterate_with_progress(every, report_progress)
+        for t, m in iterate_with_progress(strips, report_progress)
     )
     return StripComparison(
         height_m,
@@ -313,8 +313,8 @@ def _stroke_cells(row: StripRow) -> list[str]:
     strain = row.strain
     angle = row.stroke.largest_angle_rad
     stroke = row.stroke
-    found = stroke.valley_time_s is not None and stroke.valley_fz_N is not None
-    if found:
+    has_valley = stroke.valley_time_s is not None and stroke.valley_fz_N is not None
+    if has_valley:
         valley = [f"{stroke.valley_time_s:.3f}", f"{stroke.valley_fz_N:.2f}"]
     else:
         valley = ["-", "-"]

@@ -190,8 +190,8 @@ def make_swing_problem(
     lengths_s = [window_s] * len(campaign.runs) if isinstance(window_s, float) else window_s
     powered = any(run.powered for run in campaign.runs)
     nuisances = tuple(
-        Nuisance(f"link{place}.{key}", std)
-        for place, link in enumerate(campaign.pendulum.links, start=1)
+        Nuisance(f"link{number}.{key}", std)
+        for number, link in enumerate(campaign.pendulum.links, start=1)
         for key, std in campaign.known_to.items()
         # The torque error belongs to the whole problem, not to one link. Drive values change
         # nothing without a driven run.
@@ -201,8 +201,8 @@ def make_swing_problem(
     ready = make_driven_pendulum(campaign.pendulum)
     windows = tuple(
         window
-        for place, (run, length_s) in enumerate(zip(campaign.runs, lengths_s, strict=True))
-        for window in _windows(place, run, campaign.noise_std, (length_s, bin_s), ready)
+        for index, (run, length_s) in enumerate(zip(campaign.runs, lengths_s, strict=True))
+        for window in _windows(index, run, campaign.noise_std, (length_s, bin_s), ready)
     )
     if not windows:
         raise BadInput(
@@ -231,15 +231,15 @@ def apply_nuisances(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendu
     for name, value in nuisances.items():
         link, _, key = name.partition(".")
         if link.removeprefix("link").isdecimal():
-            place = int(link.removeprefix("link")) - 1
+            index = int(link.removeprefix("link")) - 1
         else:
-            place = -1
-        if key not in _SHIFTS or not 0 <= place < len(links):
+            index = -1
+        if key not in _SHIFTS or not 0 <= index < len(links):
             raise BadInput(
                 f"{name!r} is no nuisance of a pendulum of {len(links)}; there are link1. "
                 f"and so on with {', '.join(_SHIFTS)}"
             )
-        links[place] = _SHIFTS[key](links[place], value)
+        links[index] = _SHIFTS[key](links[index], value)
     return Pendulum(tuple(links))
 
 
@@ -300,7 +300,7 @@ def sample_noise(run: PendulumRun, noise_std: Mapping[str, float]) -> Floats:
 
 
 def _windows(
-    place: int,
+    index: int,
     run: PendulumRun,
     noise_std: Mapping[str, float],
     cut_s: tuple[float, float],
@@ -313,12 +313,12 @@ def _windows(
     starts = np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - window_s + 1e-9, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     return [
-        _window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts
+        _window(index, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts
     ]
 
 
 def _window(
-    place: int,
+    index: int,
     run: PendulumRun,
     start_s: float,
     cut_s: tuple[float, float],
@@ -334,7 +334,7 @@ def _window(
     counts = np.diff(np.append(bins, len(t_s)))
     measured = np.stack([bin_means(channel[inside], bins).T for channel in channels])
     window = SwingWindow(
-        run=place,
+        run=index,
         start_s=start_s,
         trace=_trace(run, start_s, window_s),
         angle_rad=angle,

@@ -117,14 +117,14 @@ def turn_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     """Load of each stage of cycles, and of moves forwards directly after the rack, which may
     begin anywhere in a turn.
     """
-    found: dict[tuple[float, float], Load] = {}
+    loads: dict[tuple[float, float], Load] = {}
     conditions = dict(_turns(plan))
     for condition in set(conditions.values()):
         turn = _turn(rig, *condition)
-        found[condition] = Load(
+        loads[condition] = Load(
             float(np.hypot(turn.fy_N, turn.fz_N).max()), float(np.abs(turn.tx_Nm).max())
         )
-    return {stage: found[condition] for stage, condition in conditions.items()}
+    return {stage: loads[condition] for stage, condition in conditions.items()}
 
 
 def _turns(plan: Plan) -> Iterator[tuple[Stage, tuple[float, float]]]:
@@ -180,8 +180,8 @@ def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
         )
         if motion not in known:
             known[motion] = _along(height_m, stages, rig)
-        for place, load in known[motion]:
-            expected[stages[place]] = load.max_with(expected.get(stages[place], load))
+        for index, load in known[motion]:
+            expected[stages[index]] = load.max_with(expected.get(stages[index], load))
     return expected
 
 
@@ -189,14 +189,14 @@ def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
     """Moves and holds between two settings of the rack. Strokes and cycles divide them, because
     each ends at the start angle.
     """
-    found: list[tuple[float, list[MoveShaft | Hold]]] = []
+    sequences: list[tuple[float, list[MoveShaft | Hold]]] = []
     for stage in plan.stages:
         if isinstance(stage, SetHeight | Approach | Flap | Cycles):
-            found.append((stage.height_m, []))
-        elif found and isinstance(stage, MoveShaft | Hold):
-            found[-1][1].append(stage)
+            sequences.append((stage.height_m, []))
+        elif sequences and isinstance(stage, MoveShaft | Hold):
+            sequences[-1][1].append(stage)
     with_holds = []
-    for height_m, stages in found:
+    for height_m, stages in sequences:
         if any(isinstance(stage, Hold) for stage in stages):
             with_holds.append((height_m, stages))
     return with_holds
@@ -234,20 +234,20 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
     simulated = simulate_stroke(rig, height_m, ShaftMotion(times_s, pieces, times_s[:-1]), t_s)
     parts = enumerate(pairwise(times))
     return [
-        (_stage_that_counts(place, stages), _load(simulated, (t_s >= begin_s) & (t_s <= end_s)))
-        for place, (begin_s, end_s) in parts
+        (_stage_that_counts(index, stages), _load(simulated, (t_s >= begin_s) & (t_s <= end_s)))
+        for index, (begin_s, end_s) in parts
     ]
 
 
-def _stage_that_counts(place: int, stages: list[MoveShaft | Hold]) -> int:
+def _stage_that_counts(index: int, stages: list[MoveShaft | Hold]) -> int:
     """Index of the hold that this move leads to directly, else of the stage itself."""
     if (
-        place + 1 < len(stages)
-        and isinstance(stages[place + 1], Hold)
-        and isinstance(stages[place], MoveShaft)
+        index + 1 < len(stages)
+        and isinstance(stages[index + 1], Hold)
+        and isinstance(stages[index], MoveShaft)
     ):
-        return place + 1
-    return place
+        return index + 1
+    return index
 
 
 def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:

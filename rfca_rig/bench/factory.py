@@ -201,9 +201,9 @@ def _twin_bench(
     drivers_end, twins_end = stack.enter_context(can_wire())
     # Separate generators: a different number of sensor records then changes nothing in the friction
     # of a touchdown.
-    noise, chance = _randomness(seed)
+    noise, generator = _randomness(seed)
     pair = make_sensor_pair(rig, sensor_twin_maker(rig, twin, noise), faults.panel)
-    twins = _put_together(rig, twin, chance, faults.on_bus(twins_end), pair.twin)
+    twins = _put_together(rig, twin, generator, faults.on_bus(twins_end), pair.twin)
     clock.carry(faults.with_faults(twins.world.process, twins.motor))
     # A third generator, so that photos change neither the sensor's noise nor the scatter.
     if eye:
@@ -242,8 +242,10 @@ def make_twins(
     """The twins of a rig on their ends of the wires; `put_on_ports` makes the sensor's on its
     wire. `seed` decides all their randomness.
     """
-    noise, chance = _randomness(seed)
-    return _put_together(rig, twin, chance, bus, put_on_ports(sensor_twin_maker(rig, twin, noise)))
+    noise, generator = _randomness(seed)
+    return _put_together(
+        rig, twin, generator, bus, put_on_ports(sensor_twin_maker(rig, twin, noise))
+    )
 
 
 def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:
@@ -254,21 +256,21 @@ def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:
 def _put_together(
     rig: RigFile,
     twin: TwinSection,
-    chance: np.random.Generator,
+    generator: np.random.Generator,
     bus: can.BusABC,
     sensor: SensorTwin,
 ) -> Twins:
-    plant = _plant(rig, twin, chance)
+    plant = _plant(rig, twin, generator)
     motor = _make_motor_twin(rig, twin.drive, bus)
     return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor))
 
 
-def _plant(rig: RigFile, twin: TwinSection, chance: np.random.Generator) -> LegPlant:
+def _plant(rig: RigFile, twin: TwinSection, generator: np.random.Generator) -> LegPlant:
     return LegPlant(
         rig=rig.model(),
         height_m=FIRST_HEIGHT_M,
         shaft_angle_rad=rig.facts().parked_angle_rad,
         rotor_inertia_kg_m2=twin.drive.rotor_inertia_kg_m2,
         scatter=TwinScatter(twin.scatter.friction, twin.scatter.height_mm / 1e3),
-        random=chance,
+        random=generator,
     )

@@ -34,8 +34,8 @@ def faults_of_served_rig(rig: RigFile) -> tuple[Fault, ...]:
 
 def drive_faults_of(rig: RigFile) -> DriveFaults:
     """The faults of the rig's drive, none where its make names none."""
-    place = find_motor(rig.motor.device).faults
-    faults: DriveFaults = DriveFaults() if place is None else load_object(place)
+    reference = find_motor(rig.motor.device).faults
+    faults: DriveFaults = DriveFaults() if reference is None else load_object(reference)
     return faults
 
 

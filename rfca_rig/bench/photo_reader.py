@@ -86,16 +86,16 @@ class PhotoReader:
         cannot be read are missing.
         """
         self._send("")
-        found: dict[str, IdentifiedMarks] = {}
+        marks: dict[str, IdentifiedMarks] = {}
         with suppress(EOFError, OSError):
             while (
                 self._child is not None
                 and self._child.poll(SILENT_S)
                 and (answer := self._child.recv()) is not None
             ):
-                found |= answer
+                marks |= answer
         self.close()
-        return found
+        return marks
 
     def close(self) -> None:
         """Ends the process, whatever it does."""
@@ -123,7 +123,7 @@ def read_photos(parent: Connection) -> None:
     cv2.setNumThreads(1)
     assignment: PhotoReaderAssignment = parent.recv()
     waiting: deque[str] = deque()
-    found: dict[str, IdentifiedMarks] = {}
+    marks: dict[str, IdentifiedMarks] = {}
     is_complete = False
     while waiting or not is_complete:
         if not is_complete and parent.poll(LOOK_EVERY_S if waiting else None):
@@ -135,12 +135,12 @@ def read_photos(parent: Connection) -> None:
             # Those that cannot be read are read again by the control process, which reports what is
             # wrong.
             with suppress(BadInput):
-                found[name] = read_marks(read_picture(assignment.folder / name), assignment.eye)
+                marks[name] = read_marks(read_picture(assignment.folder / name), assignment.eye)
         # Not before: until then the control process sends and does not receive, and each would wait
         # for the other.
         if is_complete:
-            parent.send(found)
-            found = {}
+            parent.send(marks)
+            marks = {}
     parent.send(None)
 
 

@@ -155,7 +155,7 @@ def _why(events: list[dict[str, Any]]) -> str:
     takes precedence.
     """
     since = next(
-        (place for place in reversed(range(len(events))) if events[place]["event"] == RESUMED), 0
+        (index for index in reversed(range(len(events))) if events[index]["event"] == RESUMED), 0
     )
     reasons = [
         str(event["why"])
@@ -211,7 +211,8 @@ def ending_of(
         known = {
             **known,
             "resumed": json.dumps(
-                [one for one in events_of(folder) if one["event"] == RESUMED], ensure_ascii=False
+                [event for event in events_of(folder) if event["event"] == RESUMED],
+                ensure_ascii=False,
             ),
         }
     return Ending({**known, **photo_hashes(folder)}, (*earlier, *stages))
@@ -309,8 +310,8 @@ def _other_curve(begun: InterruptedRun, before: RigFile, now: RigFile) -> dict[s
 
 
 def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
+    pairs: list[tuple[str, Any]] = []
     for key, value in values.items():
         name = f"{above}{key}"
-        found += _flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)]
-    return found
+        pairs += _flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)]
+    return pairs

@@ -69,8 +69,8 @@ def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         series = _read_series(bag, columns, request)
     base = series[columns[0].name]
     covered = np.ones(len(base.t_s), dtype=bool)
-    for one in series.values():
-        covered &= _reaches(one.t_s, base.t_s, request.longest_gap_s)
+    for column in series.values():
+        covered &= _reaches(column.t_s, base.t_s, request.longest_gap_s)
     if covered.sum() < FEWEST_SAMPLES:
         raise BadInput(
             f"{path}: {covered.sum()} samples of {columns[0].name} lie where all columns "
@@ -78,7 +78,7 @@ def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
             f"{request.longest_gap_s:g} s, which is windows.bin_s; needs {FEWEST_SAMPLES} or more"
         )
     t_s = base.t_s[covered]
-    values = {name: np.interp(t_s, one.t_s, one.values) for name, one in series.items()}
+    values = {name: np.interp(t_s, column.t_s, column.values) for name, column in series.items()}
     return RecordedColumns(path, t_s, values)
 
 
@@ -94,22 +94,24 @@ def list_bag_columns(path: Path) -> ColumnList:
     with open_bag(path) as bag:
         # A draft lists what can be read, and states for other topics why not.
         readable = sorted(topic for topic in bag.types if topic not in bag.unreadable)
-        found: dict[str, dict[str, list[float]]] = {topic: defaultdict(list) for topic in readable}
+        series: dict[str, dict[str, list[float]]] = {topic: defaultdict(list) for topic in readable}
         messages = dict.fromkeys(bag.types, 0)
         stamped = dict.fromkeys(bag.types, 0)
         for topic, _, message in bag.messages(readable) if readable else ():
             messages[topic] += 1
             stamped[topic] += has_stamp(message, stamp)
             for name, value in list_numbers(message):
-                found[topic][f"{topic}:{name}"].append(value)
+                series[topic][f"{topic}:{name}"].append(value)
         notes = [
             f"topic {topic}: {name}, {bag.unreadable.get(topic, f'{messages[topic]} messages')}"
             for topic, name in sorted(bag.types.items())
         ]
     values = {
-        name: np.array(numbers) for of_topic in found.values() for name, numbers in of_topic.items()
+        name: np.array(numbers)
+        for of_topic in series.values()
+        for name, numbers in of_topic.items()
     }
-    with_numbers = [topic for topic in readable if found[topic]]
+    with_numbers = [topic for topic in readable if series[topic]]
     # Stamps serve as the time only if every message has one.
     has_headers = bool(with_numbers) and all(
         stamped[topic] == messages[topic] for topic in with_numbers

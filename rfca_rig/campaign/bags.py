@@ -87,10 +87,10 @@ class Bag:
         # not; a plain for loop would cover both.
         while True:
             with _refuse_damage(self.path):
-                found = next(read_messages, None)
-            if found is None:
+                message = next(read_messages, None)
+            if message is None:
                 return
-            yield found
+            yield message
 
 
 @contextmanager

@@ -171,7 +171,7 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
         bin_s=described.windows.bin_s,
         most_windows=described.windows.at_most,
         runs=tuple(
-            _read_run(folder, described, place) for place in range(len(described.recordings))
+            _read_run(folder, described, index) for index in range(len(described.recordings))
         ),
         prescribed=tuple(
             PrescribedJoint(
@@ -224,21 +224,21 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
         ("recordings", [(run.file,) for run in described.recordings]),
         ("recordings", [(run.condition, f"repeat {run.repeat}") for run in described.recordings]),
     ]
-    for table, found in keys:
-        for place, key in enumerate(found):
-            if key in found[:place]:
-                first = found.index(key) + 1
+    for table, entries in keys:
+        for index, key in enumerate(entries):
+            if key in entries[:index]:
+                first = entries.index(key) + 1
                 raise BadInput(
-                    f"{place_of(path, (table, place))}: {table}[{place + 1}]: "
+                    f"{place_of(path, (table, index))}: {table}[{index + 1}]: "
                     f"{', '.join(key)} is already {table}[{first}]"
                 )
 
 
-def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismRun:
-    run = described.recordings[place]
+def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismRun:
+    run = described.recordings[index]
     if not (folder / run.file).exists():
-        where = place_of(folder / EXPERIMENT, ("recordings", place, "file"))
-        raise BadInput(f"{where}: recordings[{place + 1}].file: {folder / run.file} is not there")
+        where = place_of(folder / EXPERIMENT, ("recordings", index, "file"))
+        raise BadInput(f"{where}: recordings[{index + 1}].file: {folder / run.file} is not there")
     # An undriven run needs no columns of commands, and its commands are zero.
     signals = described.signals
     commands = described.commands if run.driven else ()
@@ -290,10 +290,10 @@ def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False)
         Where experiment.toml exists, there is no recording, or one cannot be read.
     """
     path = folder / EXPERIMENT
-    found = find_recordings(folder)
+    recordings = find_recordings(folder)
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
-    if not found:
+    if not recordings:
         raise BadInput(
             f"{folder}: holds no recording (.csv, .h5, .hdf5, .mcap, or a ROS 2 bag); "
             "--data names the folder of the recordings"
@@ -302,13 +302,13 @@ def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False)
         refuse_outside(
             [
                 file
-                for files in found.values()
+                for files in recordings.values()
                 for recording in files
                 for file in list_files(recording)
             ],
             [folder],
         )
-    write_atomically(path, make_draft(mechanism, folder, found).encode("utf-8"))
+    write_atomically(path, make_draft(mechanism, folder, recordings).encode("utf-8"))
     return path
 
 
@@ -350,8 +350,8 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         f"column = {time_column}",
         f"unit = {time_unit}",
     ]
-    for place, joint in enumerate(mechanism.joints):
-        slides = bool(mechanism.is_slide[place])
+    for index, joint in enumerate(mechanism.joints):
+        slides = bool(mechanism.is_slide[index])
         if slides:
             position = LENGTH_UNITS
             speed = SPEED_UNITS

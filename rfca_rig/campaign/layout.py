@@ -83,11 +83,11 @@ class CampaignFile(Section):
 
     def dynamic(self) -> Iterator[tuple[int, DynamicRun]]:
         """The dynamic runs, each with its index in `[[runs]]` from 0."""
-        return ((place, run) for place, run in enumerate(self.runs) if isinstance(run, DynamicRun))
+        return ((index, run) for index, run in enumerate(self.runs) if isinstance(run, DynamicRun))
 
     def static(self) -> Iterator[tuple[int, StaticRun]]:
         """The static runs, each with its index in `[[runs]]` from 0."""
-        return ((place, run) for place, run in enumerate(self.runs) if isinstance(run, StaticRun))
+        return ((index, run) for index, run in enumerate(self.runs) if isinstance(run, StaticRun))
 
 
 EXPERIMENT_FORMAT = "rfca-experiment/1"

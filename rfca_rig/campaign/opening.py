@@ -53,11 +53,11 @@ def experiment_among(paths: Sequence[Path]) -> Path | None:
 
 
 def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path | None:
-    found = [path for path in paths if (path / description).is_file()]
-    if found and len(paths) > 1:
-        raise BadInput(f"{found[0]}: {meaning}; give it alone")
-    if found:
-        return found[0]
+    folders = [path for path in paths if (path / description).is_file()]
+    if folders and len(paths) > 1:
+        raise BadInput(f"{folders[0]}: {meaning}; give it alone")
+    if folders:
+        return folders[0]
     return None
 
 
@@ -110,7 +110,7 @@ def _check_stream(where: str, stream: Stream) -> None:
             f"{where}: time runs backwards, by up to {behind_s:g} s, where "
             f"{MOST_DISORDER_S:g} s are the most"
         )
-    for column, values in ((key, one.values) for key, one in stream.columns.items()):
+    for column, values in ((key, samples.values) for key, samples in stream.columns.items()):
         # NaN stands for a value that a device did not give.
         if (np.abs(values) > MOST_VALUE).any():
             raise BadInput(

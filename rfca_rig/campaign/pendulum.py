@@ -151,8 +151,8 @@ class ColumnsSection(Section):
 
     def of(self, quantity: str) -> str | None:
         """The column of "angle1_rad" and so on."""
-        found: str | None = getattr(self, quantity)
-        return found
+        column: str | None = getattr(self, quantity)
+        return column
 
 
 class NoiseSection(Section):
@@ -324,8 +324,8 @@ def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
     """Every run exists, has a file of its own and is another repeat of its condition."""
     files: dict[str, int] = {}
     repeats: dict[tuple[str, int], int] = {}
-    for place, run in enumerate(described.runs):
-        where = f"{place_of(path, ('runs', place, 'file'))}: runs[{place + 1}]"
+    for index, run in enumerate(described.runs):
+        where = f"{place_of(path, ('runs', index, 'file'))}: runs[{index + 1}]"
         if run.file in files:
             raise BadInput(
                 f"{where}.file: {run.file} is already the file of runs[{files[run.file] + 1}]"
@@ -338,7 +338,7 @@ def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
                 f"{where}.repeat: {run.condition}, repeat {run.repeat} is already "
                 f"runs[{first}]; count the repeats up"
             )
-        files[run.file] = repeats[run.condition, run.repeat] = place
+        files[run.file] = repeats[run.condition, run.repeat] = index
 
 
 def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> PendulumRun:
@@ -428,7 +428,7 @@ def write_pendulum_model(
     """
     head = f"format = {format_value(MODEL_FORMAT)}\n"
     links = [
-        table(f"link{place}", asdict(link)) for place, link in enumerate(pendulum.links, start=1)
+        table(f"link{number}", asdict(link)) for number, link in enumerate(pendulum.links, start=1)
     ]
     parts = ["".join(map(toml_comment, comments)) + head, *links, table("known_to", known_to)]
     write_atomically(path, "\n".join(parts).encode("utf-8"))

@@ -222,8 +222,8 @@ def _shaft_slips(where: str, t_s: Floats, angle_rad: Floats, stated_rad_s: float
         STATED_SPEEDS,
     )
     if speed < 0.0 < stated_rad_s:
-        found = f"falls at {abs(speed):.3g} rad/s where the stated speed is positive"
-        yield Slip(where, "shaft angle", found, "is its sign turned?")
+        finding = f"falls at {abs(speed):.3g} rad/s where the stated speed is positive"
+        yield Slip(where, "shaft angle", finding, "is its sign turned?")
 
 
 def _force_slips(

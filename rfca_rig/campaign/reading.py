@@ -116,9 +116,9 @@ def find_name_fault(
 
 
 def _nameless(names: Sequence[str]) -> str | None:
-    for place, name in enumerate(names, start=1):
+    for column, name in enumerate(names, start=1):
         if not name.isprintable() or not name:
-            return f"column {place} has no readable name ({name!r}); name every column or drop it"
+            return f"column {column} has no readable name ({name!r}); name every column or drop it"
     # A file without a header would otherwise lose its first sample.
     if all(_is_number(name) for name in names):
         return "the first line holds numbers; it must name the columns"
@@ -134,11 +134,11 @@ def _is_number(name: str) -> bool:
 
 
 def _twice(names: Sequence[str]) -> str | None:
-    for place, name in enumerate(names):
-        if name in names[:place]:
+    for index, name in enumerate(names):
+        if name in names[:index]:
             return (
                 f"column {name} is there twice, as column {names.index(name) + 1} and as "
-                f"column {place + 1}"
+                f"column {index + 1}"
             )
     return None
 
@@ -331,7 +331,7 @@ def read_campaign(
     # Before the hashes, because it says which file cannot be read.
     strokes = _strokes(folder, campaign, report_progress)
     hashes = {run.file: sha256_of(folder / run.file) for run in campaign.runs}
-    found = {
+    provenance = {
         "format": CAMPAIGN_FORMAT,
         CAMPAIGN: read_text(folder / CAMPAIGN),
         "sha256": json.dumps(hashes),
@@ -343,9 +343,9 @@ def read_campaign(
         "sample": about.specimen,
         "rig": about.rig,
     }
-    found |= {name: text for name, text in stated.items() if text}
+    provenance |= {name: text for name, text in stated.items() if text}
     if extra:
-        found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
+        provenance["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
     return Recording(
         title=campaign.title,
         source="IMPORT",
@@ -353,7 +353,7 @@ def read_campaign(
         known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
         strokes=strokes,
         static=static,
-        provenance=found,
+        provenance=provenance,
     )
 
 
@@ -373,7 +373,7 @@ def _stages(
         run.file: read_stages(folder / run.file, run.strokes_before, run.held_s)
         for _, run in campaign.static()
     }
-    stages = tuple(stage for found, _ in tables.values() for stage in found)
+    stages = tuple(stage for file_stages, _ in tables.values() for stage in file_stages)
     return stages, {file: extra for file, (_, extra) in tables.items() if extra}
 
 
@@ -388,19 +388,19 @@ def _check_files(folder: Path, campaign: CampaignFile) -> None:
     file would be ignored silently.
     """
     named: dict[str, int] = {}
-    for place, run in enumerate(campaign.runs):
+    for index, run in enumerate(campaign.runs):
         if run.file in named:
             raise BadInput(
-                f"{_entry(folder, place, 'file')}: {run.file} is already the file of "
+                f"{_entry(folder, index, 'file')}: {run.file} is already the file of "
                 f"runs[{named[run.file] + 1}]"
             )
         if not (folder / run.file).is_file():
             raise BadInput(
-                f"{_entry(folder, place, 'file')}: {folder / run.file} is not "
+                f"{_entry(folder, index, 'file')}: {folder / run.file} is not "
                 f"there{_hint(folder, campaign, run.file)}"
             )
-        named[run.file] = place
-    left_out = sorted(found for found in _csv_files(folder, campaign) if found not in named)
+        named[run.file] = index
+    left_out = sorted(file for file in _csv_files(folder, campaign) if file not in named)
     if left_out:
         if len(left_out) > 1:
             more = f" (nor {len(left_out) - 1} more)"
@@ -415,12 +415,12 @@ def _check_files(folder: Path, campaign: CampaignFile) -> None:
 def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
     # CSV files directly in the campaign's folder may be anything and are not searched.
     folders = {folder / "runs"} | {(folder / run.file).parent for run in campaign.runs}
-    for place in sorted(folders - {folder}):
-        if place.is_dir():
+    for subfolder in sorted(folders - {folder}):
+        if subfolder.is_dir():
             yield from (
-                found.relative_to(folder).as_posix()
-                for found in place.iterdir()
-                if found.suffix.lower() == ".csv"
+                file.relative_to(folder).as_posix()
+                for file in subfolder.iterdir()
+                if file.suffix.lower() == ".csv"
             )
 
 
@@ -435,12 +435,12 @@ def _hint(folder: Path, campaign: CampaignFile, file: str) -> str:
 def _check_conditions(path: Path, campaign: CampaignFile) -> None:
     first_of: dict[tuple[float, float, int], tuple[int, DynamicRun]] = {}
     counted_at: dict[int, int] = {}
-    for place, run in campaign.dynamic():
+    for index, run in campaign.dynamic():
         if run.strokes_before is not None:
             # Two runs with the same count would stand for the same stroke.
-            first = counted_at.setdefault(run.strokes_before, place)
-            if first != place:
-                where = _entry(path.parent, place, "strokes_before")
+            first = counted_at.setdefault(run.strokes_before, index)
+            if first != index:
+                where = _entry(path.parent, index, "strokes_before")
                 raise BadInput(
                     f"{where}: {run.strokes_before} strokes were before runs[{first + 1}] "
                     "already; count each stroke once"
@@ -449,11 +449,11 @@ def _check_conditions(path: Path, campaign: CampaignFile) -> None:
         if key in first_of:
             before, other = first_of[key]
             raise BadInput(
-                f"{_entry(path.parent, place, 'repeat')}: {run.condition} is already "
+                f"{_entry(path.parent, index, 'repeat')}: {run.condition} is already "
                 f"runs[{before + 1}] ({other.file})"
             )
-        first_of[key] = (place, run)
+        first_of[key] = (index, run)
 
 
-def _entry(folder: Path, place: int, key: str) -> str:
-    return f"{place_of(folder / CAMPAIGN, ('runs', place, key))}: runs[{place + 1}].{key}"
+def _entry(folder: Path, index: int, key: str) -> str:
+    return f"{place_of(folder / CAMPAIGN, ('runs', index, key))}: runs[{index + 1}].{key}"

@@ -102,14 +102,14 @@ def _open(path: Path) -> Iterator[h5py.File]:
 
 
 def _datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
-    found: dict[str, h5py.Dataset] = {}
+    datasets: dict[str, h5py.Dataset] = {}
 
     def visit(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = item
+            datasets[name] = item
 
     file.visititems(visit)
-    return found
+    return datasets
 
 
 def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats:
@@ -123,19 +123,19 @@ def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats
     if dataset is None:
         known = sorted(_datasets(file))
         if known:
-            there = suggestion(of_2d[1] if of_2d else name, known)
+            hint = suggestion(of_2d[1] if of_2d else name, known)
         else:
-            there = "the file has no datasets"
-        raise BadInput(f"{path}: column {name}, which is to hold {meaning}, is missing; {there}")
+            hint = "the file has no datasets"
+        raise BadInput(f"{path}: column {name}, which is to hold {meaning}, is missing; {hint}")
     if fault := _fault_in_column(dataset, index):
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}: {fault}")
     return np.asarray(dataset[:] if index is None else dataset[:, index], dtype=np.float64)
 
 
 def _dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
-    found = file.get(name)
-    if isinstance(found, h5py.Dataset):
-        return found
+    item = file.get(name)
+    if isinstance(item, h5py.Dataset):
+        return item
     return None
 
 
@@ -230,12 +230,12 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
         is_of_bag = any(bag in file.parents for bag in bags)
         if file.is_file() and not is_of_bag:
             files.append(file)
-    found = {
+    recordings = {
         "CSV": [file for file in files if file.suffix.lower() == CSV],
         "HDF5": [file for file in files if file.suffix.lower() in HDF5],
         "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAG_SUFFIXES)]),
     }
-    return {kind: paths for kind, paths in found.items() if paths}
+    return {kind: paths for kind, paths in recordings.items() if paths}
 
 
 def list_files(recording: Path) -> list[Path]:

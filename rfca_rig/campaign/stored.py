@@ -103,8 +103,8 @@ class DatasetInFile:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        found: np.dtype[Any] = self.dataset.dtype
-        return found
+        dtype: np.dtype[Any] = self.dataset.dtype
+        return dtype
 
     def __len__(self) -> int:
         return len(self.dataset)
@@ -147,8 +147,8 @@ def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]
             name,
             stream.t_s,
             {
-                key: StoredColumn(one.raw, one.unit, one.conversion, one.offset)
-                for key, one in stream.columns.items()
+                key: StoredColumn(column.raw, column.unit, column.conversion, column.offset)
+                for key, column in stream.columns.items()
             },
         )
         for name, stream in streams.items()
@@ -302,12 +302,12 @@ def open_stored(path: Path) -> StoredRecording:
 def store_in_memory(folder: Path, recording: Recording) -> StoredRecording:
     """A recording that is read already."""
     strokes = tuple(
-        _stroke(SamplesInMemory(one.streams), one.height_m, one.speed_rad_s, one.repeat)
-        for one in recording.strokes
+        _stroke(SamplesInMemory(stroke.streams), stroke.height_m, stroke.speed_rad_s, stroke.repeat)
+        for stroke in recording.strokes
     )
     raw = tuple(
-        _raw(SamplesInMemory(one.streams), one.label, one.height_m, one.cut_short)
-        for one in recording.raw
+        _raw(SamplesInMemory(stage.streams), stage.label, stage.height_m, stage.cut_short)
+        for stage in recording.raw
     )
     return _make_stored(folder, recording, recording.static, strokes, raw)
 

@@ -247,7 +247,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     texts |= texts_of(config.rig.motor, config.rig.force_sensor)
     texts |= {
         f"effect_{name}_file": text
-        for name, text in lab_texts([one.id for one in config.nominal_source.effects]).items()
+        for name, text in lab_texts([effect.id for effect in config.nominal_source.effects]).items()
     }
     return Recording(
         title=config.plan.title,

@@ -156,7 +156,9 @@ def list_recorded_folders(begun: str) -> list[str]:
     """
     parent, slash, _ = begun.rpartition("/")
     places = [parent or "/"] if slash else [".", "runs"]
-    newest = sorted((one for place in places for one in _folders_in(place, begun)), reverse=True)
+    newest = sorted(
+        (candidate for folder in places for candidate in _folders_in(folder, begun)), reverse=True
+    )
     recorded: list[str] = []
     for _, path in newest:
         if len(recorded) == MAX_FOLDERS:
@@ -166,19 +168,19 @@ def list_recorded_folders(begun: str) -> list[str]:
     return recorded
 
 
-def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:
+def _folders_in(folder: str, begun: str) -> Iterator[tuple[float, str]]:
     """(time of last change, path) of each."""
     try:
-        with os.scandir(place) as listing:
-            inside = [one for one in listing if one.path.removeprefix("./").startswith(begun)]
+        with os.scandir(folder) as listing:
+            inside = [child for child in listing if child.path.removeprefix("./").startswith(begun)]
     # The folder does not exist, or may not be read: there is nothing to offer.
     except OSError:
         return
-    for one in inside:
+    for child in inside:
         # A loop of links, and a folder that is removed meanwhile, are passed over.
         with suppress(OSError):
-            if one.is_dir():
-                yield one.stat().st_mtime, one.path.removeprefix("./")
+            if child.is_dir():
+                yield child.stat().st_mtime, child.path.removeprefix("./")
 
 
 def _stems(folders: Iterable[str | Path], pattern: str) -> list[str]:
@@ -213,7 +215,7 @@ def _add(command: Any, path: str) -> None:
         _add(below, f"{path} {name}")
     for parameter in command.params:
         typed = path.partition(" ")[2]
-        option = next((one for one in parameter.opts if one.startswith("--")), "")
+        option = next((spelling for spelling in parameter.opts if spelling.startswith("--")), "")
         # The more specific wins: by command, then by option, then by metavar.
         offers = {
             **_BY_METAVAR,

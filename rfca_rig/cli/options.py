@@ -151,7 +151,7 @@ def out_folder(folder: Path | None) -> Path | None:
         return None
     # A folder that does not exist yet is made below its nearest existing parent, which must be
     # writable.
-    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not nearest.is_dir():
         raise BadInput(
             f"{folder}: {'is' if nearest == folder else f'{nearest} is'} a file, where a "
@@ -221,9 +221,9 @@ class Command(TyperCommand):
     def format_options(self, ctx: Any, formatter: Any) -> None:
         for title, kind in (("Arguments", "argument"), ("Options", "option")):
             records = [
-                one.get_help_record(ctx)
-                for one in self.get_params(ctx)
-                if one.param_type_name == kind
+                parameter.get_help_record(ctx)
+                for parameter in self.get_params(ctx)
+                if parameter.param_type_name == kind
             ]
             # Behind an argument's name stands its type, as in "RUN <path>".
             rows = [(name.partition(" <")[0], text) for name, text in filter(None, records)]
@@ -313,8 +313,8 @@ def open_executor(
             "decided where they are started"
         )
     if cluster is None:
-        with process_executor(workers or machine_cores()) as here:
-            yield here
+        with process_executor(workers or machine_cores()) as local_executor:
+            yield local_executor
     elif cluster.startswith(SLURM):
         from rfca_rig.executors.slurm import read_cluster_file, slurm_workers
 
@@ -326,15 +326,15 @@ def open_executor(
             collect_facts,
             report_progress,
             _notice,
-        ) as there:
-            yield there
+        ) as cluster_executor:
+            yield cluster_executor
     elif cluster.startswith(ADDRESSES):
         from rfca_rig.executors.cluster import connect_to_scheduler
 
         with connect_to_scheduler(
             cluster, _find_shared_folder(results), collect_facts, report_progress, _notice
-        ) as there:
-            yield there
+        ) as cluster_executor:
+            yield cluster_executor
     else:
         raise BadInput(f"--cluster {cluster}: should be tcp://HOST:PORT or slurm:FILE")
 
@@ -355,5 +355,5 @@ def collect_facts() -> "Facts":
     from rfca_rig.executors.environment import collect_facts, hash_source
     from rfca_rig.model.catalogue import FOLDER_VARIABLE
 
-    own = os.environ.get(FOLDER_VARIABLE)
-    return {**collect_facts(), "own effects": hash_source(Path(own)) if own else "none"}
+    folder = os.environ.get(FOLDER_VARIABLE)
+    return {**collect_facts(), "own effects": hash_source(Path(folder)) if folder else "none"}

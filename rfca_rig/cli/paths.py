@@ -106,7 +106,7 @@ def trust(rig_path: Path) -> None:
         with suppress(OSError):
             _list_file().parent.mkdir(parents=True, exist_ok=True)
             with _list_file().open("a", encoding="utf-8") as file:
-                file.writelines(f"{one}\n" for one in sorted(new))
+                file.writelines(f"{digest}\n" for digest in sorted(new))
 
 
 def _read_trusted_hashes() -> set[str]:

@@ -109,8 +109,8 @@ def split_socketcand(received: bytes) -> tuple[list[list[str]], bytes]:
     *whole, rest = received.split(b">")
     for text in whole:
         # From the last "<": text before it belongs to no message.
-        _, found, inside = text.rpartition(b"<")
-        if found:
+        _, separator, inside = text.rpartition(b"<")
+        if separator:
             messages.append([word.decode("ascii", "replace") for word in inside.split()])
     if len(rest) > LONGEST_MESSAGE:
         raise MalformedFrame(

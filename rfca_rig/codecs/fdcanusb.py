@@ -63,7 +63,7 @@ def split(received: bytes) -> tuple[list[bytes], bytes]:
     *whole, rest = received.replace(b"\r", b"\n").split(b"\n")
     if len(rest) > LONGEST_LINE:
         raise MalformedFrame(f"line of more than {LONGEST_LINE} bytes without an end")
-    return [one for one in whole if one], rest
+    return [line for line in whole if line], rest
 
 
 def parse_line(line: bytes) -> tuple[str, bool]:

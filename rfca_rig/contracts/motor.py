@@ -94,8 +94,8 @@ class MotorMoves(MotorHooks):
 
     def test_a_drive_that_is_not_there_is_reported_within_two_seconds(self) -> None:
         clock = TwinClock()
-        with can_wire() as (here, _), pytest.raises(DeviceError, match="check"):
-            self.driver(here, clock).enable()
+        with can_wire() as (drivers_end, _), pytest.raises(DeviceError, match="check"):
+            self.driver(drivers_end, clock).enable()
         assert clock.now_s() <= 2.0
 
     # -- commanding
@@ -421,10 +421,12 @@ class MotorStops(MotorHooks):
             self.driver(bus, TwinClock()).read()
 
     def test_a_bus_that_went_off_is_an_error_when_reading(self) -> None:
-        with can_wire() as (here, there):
-            there.send(can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False))
+        with can_wire() as (drivers_end, twins_end):
+            twins_end.send(
+                can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False)
+            )
             with pytest.raises(DeviceError, match="CAN bus is off"):
-                self.driver(here, TwinClock()).read()
+                self.driver(drivers_end, TwinClock()).read()
 
     def test_the_identity_is_text_and_names_the_make(self) -> None:
         with self.rig() as rig:

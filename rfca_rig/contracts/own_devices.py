@@ -135,9 +135,9 @@ def find_conformance_tests(rig: RigFile) -> list[str]:
     """Test classes for the plug-in devices of a rig. Raises BadInput for a rig without any, and
     for a device without a twin.
     """
-    own: list[type] = [TestOurMotor] if is_plug_in(rig.motor) else []
-    own += [TestOurForceSensor] if is_plug_in_sensor(rig.force_sensor) else []
-    if not own:
+    test_classes: list[type] = [TestOurMotor] if is_plug_in(rig.motor) else []
+    test_classes += [TestOurForceSensor] if is_plug_in_sensor(rig.force_sensor) else []
+    if not test_classes:
         raise BadInput(
             f'{rig.rig.title}: names no device = "own"; for the others the package keeps '
             "the contracts with tests of its own"
@@ -145,7 +145,7 @@ def find_conformance_tests(rig: RigFile) -> list[str]:
     for keys in (rig.motor, rig.force_sensor):
         if isinstance(keys, MotorKeys | ForceSensorKeys):
             twin_of(keys)
-    return [f"{__file__}::{tests.__name__}" for tests in own]
+    return [f"{__file__}::{tests.__name__}" for tests in test_classes]
 
 
 def run_conformance_tests(rig: RigFile, path: Path) -> bool:

@@ -109,7 +109,7 @@ def replace_by_curve(leg: Mapping[str, Any], curve: Mapping[str, Any]) -> dict[s
 
 def _times(factor: float, value: Any) -> Any:
     if isinstance(value, list | tuple):
-        return [_times(factor, each) for each in value]
+        return [_times(factor, item) for item in value]
     return factor * value
 
 
@@ -138,7 +138,7 @@ def relative_std(section: TorqueRotationSection) -> float | None:
     without a band.
     """
     std = section.standard_deviations_Nm
-    variance = [each**2 for each in std or ()] or [
+    variance = [deviation**2 for deviation in std or ()] or [
         row[i] for i, row in enumerate(section.covariance_Nm2 or ())
     ]
     square = sum(torque**2 for torque in section.torques_Nm or ())
@@ -166,8 +166,8 @@ def read_curve(path: Path) -> TorqueRotationSection:
         )
     places = {key: names.index(name) for name, key in COLUMNS.items() if name in names}
     columns: dict[str, list[float]] = {
-        key: [_number(path, line, row, place) for line, row in enumerate(rows[1:], start=2)]
-        for key, place in places.items()
+        key: [_number(path, line, row, index) for line, row in enumerate(rows[1:], start=2)]
+        for key, index in places.items()
     }
     # A curve that was bent to the negative side is written from rest on, with falling angles.
     if columns["angles_deg"] and columns["angles_deg"][0] > columns["angles_deg"][-1]:
@@ -175,16 +175,16 @@ def read_curve(path: Path) -> TorqueRotationSection:
     return validate(columns, TorqueRotationSection, str(path))
 
 
-def _number(path: Path, line: int, row: list[str], place: int) -> float:
+def _number(path: Path, line: int, row: list[str], index: int) -> float:
     try:
-        return float(row[place])
+        return float(row[index])
     except (ValueError, IndexError):
-        if place < len(row):
-            cell = repr(row[place].strip())
+        if index < len(row):
+            cell = repr(row[index].strip())
         else:
             cell = "nothing"
         raise BadInput(
-            f"{path}:{line}: column {place + 1} should hold a number, not {cell}"
+            f"{path}:{line}: column {index + 1} should hold a number, not {cell}"
         ) from None
 
 

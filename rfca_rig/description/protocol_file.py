@@ -72,7 +72,8 @@ class DynamicFile(Section):
         return Flapping(
             title=self.title,
             conditions=tuple(
-                PlannedCondition(one.height_mm / 1e3, one.speed_rad_s) for one in self.conditions
+                PlannedCondition(condition.height_mm / 1e3, condition.speed_rad_s)
+                for condition in self.conditions
             ),
             repeats=self.repeats,
             sweep_rad=float(np.radians(self.sweep_deg)),

@@ -122,14 +122,14 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     else:
         asked["twin"].pop("camera", None)
     schema = RigFile.model_json_schema()
-    for table, kind, place in (
+    for table, kind, section_name in (
         ("motor", answers.drive, make.section),
         ("force_sensor", answers.sensor, sensor_make.section),
     ):
         makes: dict[str, str] = schema["properties"][table]["discriminator"]["mapping"]
         if kind not in makes:
             # The schema of the file has the built-in kinds only.
-            section = load_object(place)
+            section = load_object(section_name)
             schema["$defs"][section.__name__] = section.model_json_schema()
             makes[kind] = f"#/$defs/{section.__name__}"
     lines = [
@@ -245,18 +245,18 @@ def list_limits(schema: Mapping[str, Any]) -> list[str]:
     """What a JSON schema allows for a value, as texts: words in quotes, and limits of numbers
     and of lists.
     """
-    found: list[str] = []
+    limits: list[str] = []
     for choice in schema.get("anyOf", [schema]):
         if "const" in choice or "enum" in choice:
-            found += [json.dumps(each) for each in choice.get("enum", [choice.get("const")])]
-        found += [f"{sign}{choice[key]:g}" for key, sign in LIMITS.items() if key in choice]
+            limits += [json.dumps(value) for value in choice.get("enum", [choice.get("const")])]
+        limits += [f"{sign}{choice[key]:g}" for key, sign in LIMITS.items() if key in choice]
         if choice.get("type") == "boolean":
-            found.append("true, false")
+            limits.append("true, false")
         if choice.get("type") == "array":
-            found += [f"each {limit}" for limit in list_limits(choice.get("items", {}))]
-            found += [
+            limits += [f"each {limit}" for limit in list_limits(choice.get("items", {}))]
+            limits += [
                 f"{choice[key]} or {word}"
                 for key, word in (("minItems", "more"), ("maxItems", "fewer"))
                 if key in choice
             ]
-    return found
+    return limits

@@ -128,10 +128,10 @@ class TorqueRotationSection(Section):
         if self.torques_by_hinge_Nm is None:
             return [knots_from(self.angles_deg, self.torques_Nm or (), "this curve")]
         # Hinges count from 2: link 1 turns on the shaft.
-        each = enumerate(self.torques_by_hinge_Nm, start=2)
+        hinges = enumerate(self.torques_by_hinge_Nm, start=2)
         return [
             knots_from(self.angles_deg, torques, f"the curve of hinge {hinge}")
-            for hinge, torques in each
+            for hinge, torques in hinges
         ]
 
 
@@ -247,10 +247,10 @@ class LegSection(Section):
     @model_validator(mode="after")
     def _a_curve_per_hinge(self) -> "LegSection":
         hinges = len(self.link_lengths_mm) - 1
-        each = None if self.torque_rotation is None else self.torque_rotation.torques_by_hinge_Nm
-        if each is not None and len(each) != hinges:
+        curves = None if self.torque_rotation is None else self.torque_rotation.torques_by_hinge_Nm
+        if curves is not None and len(curves) != hinges:
             raise ValueError(
-                f"torque_rotation.torques_by_hinge_Nm has {len(each)} curves, and the leg "
+                f"torque_rotation.torques_by_hinge_Nm has {len(curves)} curves, and the leg "
                 f"{hinges} hinges; give one per hinge"
             )
         return self

@@ -55,10 +55,10 @@ def find_class(path: Path, name: str, page: str) -> type:
     the code that ran.
     """
     module = _load(path, read_text(path))
-    found = getattr(module, name, None)
-    if not isinstance(found, type) or found.__module__ != module.__name__:
+    own_class = getattr(module, name, None)
+    if not isinstance(own_class, type) or own_class.__module__ != module.__name__:
         raise BadInput(f"{path}: defines no class of its own as {name}; see docs/{page}")
-    return found
+    return own_class
 
 
 def source_of(found: type) -> str:
@@ -118,10 +118,10 @@ def load_own(
     """
     name, base, page = OWN_CLASSES[table]
     path = (rig_path.parent / section.file).resolve()
-    found = find_class(path, name, page)
-    if not issubclass(found, base):
+    own_class = find_class(path, name, page)
+    if not issubclass(own_class, base):
         raise BadInput(f"{path}: {name} does not inherit {base.__name__}; see docs/{page}")
-    keys = section_of(rig_text, table, found, rig_path)
+    keys = section_of(rig_text, table, own_class, rig_path)
     if keys.twin_file:
         twin = {"twin_file": str((rig_path.parent / keys.twin_file).resolve())}
     else:

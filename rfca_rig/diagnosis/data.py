@@ -118,12 +118,12 @@ class Observations:
 
     def names(self) -> tuple[str, ...]:
         """The conditions in words, in the order in which `condition` counts them."""
-        found: dict[int, str] = {}
+        names: dict[int, str] = {}
         for label, condition in zip(self.label, self.condition, strict=True):
-            found.setdefault(
+            names.setdefault(
                 int(condition), f"{self.labels[label].experiment}, {self.labels[label].condition}"
             )
-        return tuple(found[number] for number in sorted(found))
+        return tuple(names[number] for number in sorted(names))
 
 
 def stack_observations(parts: list[Observations]) -> Observations:

@@ -147,22 +147,28 @@ def diagnose(
     progress("reading", 0.0)
     body, findings = find_omissions(recordings, progress, without)
     progress("summing up", 0.97)
-    found = build_leg_result(body, findings, limits)
+    diagnosis = build_leg_result(body, findings, limits)
     if findings.drive is None and body.shafts:
         tracked = find_excluded_sizes(body.shafts, body.rig, findings.drive_effects)
-        found = replace(found, not_seen=join_not_seen(found.not_seen, tracked))
+        diagnosis = replace(diagnosis, not_seen=join_not_seen(diagnosis.not_seen, tracked))
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
-        found = replace(
-            found,
+        diagnosis = replace(
+            diagnosis,
             stated_law=measure_stated_law(findings.leg, findings.leg_decision.explanation, law_at),
         )
     identified = tuple(
-        Diagnosed(one.title, one.source, identity_of(one.title, one.source, one.provenance))
-        for one in recordings
+        Diagnosed(
+            recording.title,
+            recording.source,
+            identity_of(recording.title, recording.source, recording.provenance),
+        )
+        for recording in recordings
     )
     return replace(
-        found, recordings=identified, remarks=(*found.remarks, *describe_exclusions(without))
+        diagnosis,
+        recordings=identified,
+        remarks=(*diagnosis.remarks, *describe_exclusions(without)),
     )
 
 
@@ -336,10 +342,10 @@ def search_drive(
     def fit_compliant(way: Parameterization) -> float:
         optimizer = without_scatter(dataset)
         nominal = optimizer.at(way, np.zeros(way.size))
-        found = None if nominal is None else fit_most_promising(optimizer, nominal, points, 1)
-        if found is None:
+        fit = None if nominal is None else fit_most_promising(optimizer, nominal, points, 1)
+        if fit is None:
             return -np.inf
-        return optimizer.log_evidence(found)
+        return optimizer.log_evidence(fit)
 
     sagging, holding = map_in_processes(fit_compliant, ways)
     first, second = ways if sagging >= holding else reversed(ways)
@@ -352,18 +358,18 @@ def search_drive(
             lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
         )
 
-    found = search(first)
-    if not found.named:
-        return found
-    optimizer = GaussNewton(dataset, found.likelihood)
-    one = found.named[0].fitted
-    other = optimizer.at(second.with_terms(one.coordinates.choices), one.x, one.jacobian)
+    result = search(first)
+    if not result.named:
+        return result
+    optimizer = GaussNewton(dataset, result.likelihood)
+    fit = result.named[0].fitted
+    other = optimizer.at(second.with_terms(fit.coordinates.choices), fit.x, fit.jacobian)
     suits = other is not None and optimizer.log_evidence(
         optimizer.refine(other)
-    ) > optimizer.log_evidence(one)
+    ) > optimizer.log_evidence(fit)
     if suits:
         return search(second)
-    return found
+    return result
 
 
 def _space_of_drive(

@@ -153,11 +153,13 @@ def join_not_seen(first: Sequence[NotSeen], second: Sequence[NotSeen]) -> tuple[
     """Each effect of two lists once, with the detection limit of the first list, or else of the
     second.
     """
-    found = {one.id: one for one in second}
-    found |= {
-        one.id: one for one in first if one.would_have_seen is not None or one.id not in found
+    not_seen = {effect.id: effect for effect in second}
+    not_seen |= {
+        effect.id: effect
+        for effect in first
+        if effect.would_have_seen is not None or effect.id not in not_seen
     }
-    return tuple(sorted(found.values(), key=lambda one: one.id))
+    return tuple(sorted(not_seen.values(), key=lambda effect: effect.id))
 
 
 @dataclass(frozen=True)
@@ -288,7 +290,9 @@ class Diagnosis:
     @property
     def is_of_stretches(self) -> bool:
         """Whether the conditions are stretches of longer recordings."""
-        return any(one.parts and one.parts != (one.condition,) for one in self.overlays)
+        return any(
+            overlay.parts and overlay.parts != (overlay.condition,) for overlay in self.overlays
+        )
 
 
 def name_parts(text: str, of_stretches: bool) -> str:

@@ -117,11 +117,11 @@ def describe_open(decision: Decision) -> str:
 def describe_alternatives(sets: Sequence[Rival]) -> str:
     """Sets of effects of a table with their probabilities, and the probability of all together."""
     listed = ", ".join(
-        f"{' with '.join(one.ids)} ({describe_probability(one.probability)})" for one in sets
+        f"{' with '.join(row.ids)} ({describe_probability(row.probability)})" for row in sets
     )
     if len(sets) == 1:
         return listed
-    return f"one of {listed}; together {describe_probability(sum(one.probability for one in sets))}"
+    return f"one of {listed}; together {describe_probability(sum(row.probability for row in sets))}"
 
 
 def describe_refusal(decision: Decision) -> tuple[str, ...]:
@@ -223,7 +223,7 @@ def build_result(
         else None,
         remaining=remaining,
         moved_priors=list_moved_priors(explanation),
-        support=tuple(asdict(one) for one in decision.supported),
+        support=tuple(asdict(support) for support in decision.supported),
     )
 
 
@@ -245,7 +245,7 @@ def present_effects(hypothesis: Hypothesis) -> tuple[PresentEffect, ...]:
 
 
 def _find_not_seen(
-    found: ModelSelectionResult,
+    search: ModelSelectionResult,
     explanation: Hypothesis,
     suspects: Collection[str],
     effects: Sequence[Effect],
@@ -259,19 +259,19 @@ def _find_not_seen(
     fit may have found one of two optima. Nor is an effect that is the same as a nuisance parameter.
     """
     fit = explanation.fitted
-    rows = found.in_coarse
+    rows = search.in_coarse
     fitted = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows])
-    measured = found.dataset.rows.measured[rows]
+    measured = search.dataset.rows.measured[rows]
     moved = np.flatnonzero(
         np.abs(explanation.marginal.posterior.mean[: fit.coordinates.nuisances]) > MOVED_PRIOR_STD
     )
     # The probes were simulated on the subset only.
     projection = make_projection(
-        fitted, measured, found.coarse.level(fitted.linear(measured)), moved.tolist()
+        fitted, measured, search.coarse.level(fitted.linear(measured)), moved.tolist()
     )
     names = fit.coordinates.space.names
     same = {effect.id for effect in effects if effect.same_as in names}
-    imitated = same | list_effects_like([names[place] for place in moved])
+    imitated = same | list_effects_like([names[index] for index in moved])
     others = [effect for effect in effects if effect.id not in imitated.union(suspects)]
     needed = power_to_exclude(len(others))
 
@@ -279,7 +279,7 @@ def _find_not_seen(
         return projection.speaks_against(signature, needed)
 
     return find_detection_limits(
-        others, found.probes, power_of, found.nominal.coordinates.space.centre.rig, needed
+        others, search.probes, power_of, search.nominal.coordinates.space.centre.rig, needed
     )
 
 
@@ -289,13 +289,13 @@ def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     posterior = hypothesis.marginal.posterior
     priors = nuisance_priors(hypothesis)
     values = nuisance_values(hypothesis)
-    found = [
+    moved = [
         # In the posterior the effects follow the nuisance parameters, so the zip is not strict.
         MovedPrior(p.name, p.unit, priors[p.name], values[p.name], float(z))
         for p, z in zip(space.parameters, posterior.mean, strict=False)
         if abs(z) > MOVED_PRIOR_STD
     ]
-    return tuple(sorted(found, key=lambda one: -abs(one.deviations)))
+    return tuple(sorted(moved, key=lambda prior: -abs(prior.deviations)))
 
 
 def nuisance_priors(hypothesis: Hypothesis) -> Mapping[str, Value]:
@@ -309,15 +309,18 @@ def nuisance_priors(hypothesis: Hypothesis) -> Mapping[str, Value]:
 
 def nuisance_units(hypothesis: Hypothesis) -> Mapping[str, str]:
     """Units of the nuisance parameters."""
-    return {one.name: one.unit for one in hypothesis.fitted.coordinates.space.parameters}
+    return {
+        parameter.name: parameter.unit
+        for parameter in hypothesis.fitted.coordinates.space.parameters
+    }
 
 
 def nuisance_keys(hypothesis: Hypothesis) -> Mapping[str, str]:
     """Keys of [known_to] that state the priors of the nuisance parameters."""
     return {
-        one.name: one.known_to
-        for one in hypothesis.fitted.coordinates.space.parameters
-        if one.known_to
+        parameter.name: parameter.known_to
+        for parameter in hypothesis.fitted.coordinates.space.parameters
+        if parameter.known_to
     }
 
 
@@ -341,12 +344,12 @@ def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
     }
 
 
-def _settings(found: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:
+def _settings(search: ModelSelectionResult, effects: Sequence[Effect]) -> Mapping[str, object]:
     return {
         "model_error_assumed": "half-normal, 1 % of the signal",
-        "model_error_found": float(found.nothing.marginal.error),
-        "conditions": len(found.dataset.parts),
-        "rows": len(found.dataset.rows.measured),
+        "model_error_found": float(search.nothing.marginal.error),
+        "conditions": len(search.dataset.parts),
+        "rows": len(search.dataset.rows.measured),
         "effects_tried": [effect.id for effect in effects],
         "prior": {
             "nothing missing": PRIOR_NOTHING,
@@ -392,10 +395,10 @@ def compare_held_out(
 
 
 def _by_signal(
-    found: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str
+    search: ModelSelectionResult, name: str, before: Floats, after: Floats, experiment: str
 ) -> dict[str, BeforeAfter]:
-    rows = found.dataset.rows
-    floor = found.floor_std
+    rows = search.dataset.rows
+    floor = search.floor_std
     of_signal = {
         str(signal): (rows.signal == signal) & (rows.experiment == experiment)
         for signal in np.unique(rows.signal)
@@ -423,14 +426,14 @@ def group_by_recording(
     for number, label in enumerate(rows.labels):
         if experiment in ("", label.experiment):
             groups.setdefault((label.recording or label.condition, label.signal), []).append(number)
-    found = {}
-    for place, numbers in groups.items():
-        here = np.flatnonzero(np.isin(rows.label, numbers))
+    curves = {}
+    for key, numbers in groups.items():
+        indices = np.flatnonzero(np.isin(rows.label, numbers))
         if len(numbers) > 1:
-            here = here[np.argsort(rows.t_s[here], kind="stable")]
-        if here.size:
-            found[place] = ([rows.labels[number] for number in numbers], here)
-    return found
+            indices = indices[np.argsort(rows.t_s[indices], kind="stable")]
+        if indices.size:
+            curves[key] = ([rows.labels[number] for number in numbers], indices)
+    return curves
 
 
 def make_overlays(
@@ -445,13 +448,13 @@ def make_overlays(
         SignalOverlay(
             name,
             signal,
-            rows.t_s[here],
-            rows.measured[here],
-            nominal[here],
-            accepted.rows[here],
+            rows.t_s[indices],
+            rows.measured[indices],
+            nominal[indices],
+            accepted.rows[indices],
             np.array([start_s for label in labels for start_s in label.starts_s]),
-            rows.phase[here],
+            rows.phase[indices],
             tuple(label.condition for label in labels),
         )
-        for (name, signal), (labels, here) in group_by_recording(rows, experiment).items()
+        for (name, signal), (labels, indices) in group_by_recording(rows, experiment).items()
     )

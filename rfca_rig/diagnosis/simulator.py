@@ -266,8 +266,8 @@ class Dataset:
         """
         if not self.simulator.varies_many:
             changes: list[Floats | None] = []
-            for there in self.predict_all(inputs):
-                changes.append(None if there is None else there - predicted)
+            for rows in self.predict_all(inputs):
+                changes.append(None if rows is None else rows - predicted)
             return changes
         # Each block of inputs is simulated beside `at`, so blocks should not be smaller than what
         # is simulated at once.

@@ -182,19 +182,19 @@ def fit_effects(
     if not effects:
         return found.nothing
     optimizer = GaussNewton(found.dataset, found.likelihood)
-    here = found.nothing.fitted
+    fit = found.nothing.fitted
     for number, effect in enumerate(effects):
         progress(f"fitting {effect.id}", 0.5 + 0.4 * number / len(effects))
-        more = fit_most_promising(optimizer, here, grid_points(terms_of(effect)), STARTS)
+        more = fit_most_promising(optimizer, fit, grid_points(terms_of(effect)), STARTS)
         if more is None:
             raise SimulationFailed(
                 f"the model cannot be simulated with {effect.id} of any plausible size"
             )
-        here = more
+        fit = more
     progress("fitting all together", 0.9)
     # Effects were added one after the other, so the first ones were fitted without the later ones.
-    here = optimizer.converge(here)
-    return Hypothesis(here.ids, here, optimizer.evaluate(here), found.nothing.log_prior)
+    fit = optimizer.converge(fit)
+    return Hypothesis(fit.ids, fit, optimizer.evaluate(fit), found.nothing.log_prior)
 
 
 def summarize(found: ModelSelectionResult, fitted: Hypothesis) -> WindowFit:
@@ -237,10 +237,10 @@ def _list_shifts(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedShift]:
     space = fitted.fitted.coordinates.space
     mean = fitted.marginal.posterior.mean
     at = space.at(mean[: len(space.std)])
-    for place, parameter in enumerate(space.parameters):
-        prior_std = float(space.std[place])
+    for index, parameter in enumerate(space.parameters):
+        prior_std = float(space.std[index])
         yield FittedShift(
-            parameter.name, prior_std, float(parameter.read(at)), prior_std * float(std_x[place])
+            parameter.name, prior_std, float(parameter.read(at)), prior_std * float(std_x[index])
         )
 
 
@@ -264,16 +264,16 @@ def _list_sizes(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedSize]:
 
 
 def _compare(
-    found: ModelSelectionResult, fitted: Hypothesis
+    search: ModelSelectionResult, fitted: Hypothesis
 ) -> tuple[tuple[SignalError, ...], tuple[SignalError, ...], tuple[SignalOverlay, ...]]:
     """Errors and overlays of each signal of each recording, rows in order of time, and errors of
     each signal of all.
     """
-    rows = found.dataset.rows
-    nominal = found.nominal.predicted
+    rows = search.dataset.rows
+    nominal = search.nominal.predicted
     after = fitted.rows
     held_out = None
-    conditions = len(found.dataset.parts)
+    conditions = len(search.dataset.parts)
     if conditions > 1:
         linear = fitted.fitted.linear(rows.measured)
         held_out = loo_residuals(
@@ -294,7 +294,8 @@ def _compare(
 
     signals = dict.fromkeys(label.signal for label in rows.labels)
     errors = [
-        error(name, signal, here) for (name, signal), (_, here) in group_by_recording(rows).items()
+        error(name, signal, indices)
+        for (name, signal), (_, indices) in group_by_recording(rows).items()
     ]
     totals = [error(ALL, signal, np.flatnonzero(rows.signal == signal)) for signal in signals]
-    return tuple(errors), tuple(totals), make_overlays(found, fitted)
+    return tuple(errors), tuple(totals), make_overlays(search, fitted)

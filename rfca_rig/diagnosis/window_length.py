@@ -136,14 +136,14 @@ def search_in_windows(
 
     problem = shorten_windows(problem)
     # Single effects explain the motion well enough to tell how far a simulation can go.
-    found = search_models(
+    search = search_models(
         problem.dataset,
         coordinates,
         effects,
         progress_of_singles,
         replace(config, singles_only=True),
     )
-    problem, begun = lengthen_windows(problem, found)
+    problem, begun = lengthen_windows(problem, search)
     return problem, search_models(
         problem.dataset, coordinates, effects, progress_of_all, config, begun
     )
@@ -195,13 +195,13 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
     problem, fits
         The very same problem, and no fits, where no window may be longer.
     """
-    begun = tuple(one.fitted for one in (found.nothing, *found.named[:CARRIED]))
+    begun = tuple(hypothesis.fitted for hypothesis in (found.nothing, *found.named[:CARRIED]))
     used = {label.recording for label in problem.dataset.rows.labels}
-    growing = {place for place, name in enumerate(problem.recordings) if name in used}
+    growing = {index for index, name in enumerate(problem.recordings) if name in used}
     fits: tuple[MapFit, ...] = ()
     while growing:
         lengths_s = _double_lengths(problem, growing)
-        growing = {place for place in growing if lengths_s[place] > problem.lengths_s[place]}
+        growing = {index for index in growing if lengths_s[index] > problem.lengths_s[index]}
         if growing:
             longer = _cut_and_fit(problem, lengths_s, fits or begun)
         else:
@@ -210,15 +210,15 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
             break
         errors = measure_window_errors(longer[0], longer[1][0])
         growing = {
-            place
-            for place in growing
-            if (own := errors.get(problem.recordings[place])) and own.are_small
+            index
+            for index in growing
+            if (error := errors.get(problem.recordings[index])) and error.are_small
         }
         if not growing:
             break
         kept_s = [
-            long_s if place in growing else problem.lengths_s[place]
-            for place, long_s in enumerate(lengths_s)
+            long_s if index in growing else problem.lengths_s[index]
+            for index, long_s in enumerate(lengths_s)
         ]
         # Where some recordings keep their former windows, those are fitted beside the longer ones.
         if kept_s != lengths_s:
@@ -234,11 +234,11 @@ def _double_lengths(problem: WindowedProblem, growing: Collection[int]) -> list[
     each recording is divided evenly.
     """
     lengths_s = list(problem.lengths_s)
-    for place in growing:
-        recording_s = problem.recordings_s[place]
-        doubled_s = recording_s / ceil(recording_s / min(2.0 * lengths_s[place], LONGEST_S))
-        if doubled_s > LEAST_GROWTH * lengths_s[place]:
-            lengths_s[place] = doubled_s
+    for index in growing:
+        recording_s = problem.recordings_s[index]
+        doubled_s = recording_s / ceil(recording_s / min(2.0 * lengths_s[index], LONGEST_S))
+        if doubled_s > LEAST_GROWTH * lengths_s[index]:
+            lengths_s[index] = doubled_s
     return lengths_s
 
 
@@ -290,12 +290,12 @@ def _share_of_change(dataset: Dataset, errors: Floats) -> dict[str, float]:
     rows = dataset.rows
     signals = rows.signal
     recordings = np.array([label.recording for label in rows.labels])[rows.label]
-    found = {}
+    by_recording = {}
     for recording in dict.fromkeys(recordings.tolist()):
         shares = []
         for signal in np.unique(signals):
-            here = (recordings == recording) & (signals == signal)
+            mask = (recordings == recording) & (signals == signal)
             change = max(float(np.std(rows.measured[signals == signal])), 1e-300)
-            shares.append(rms(errors[here]) / change)
-        found[recording] = float(np.sqrt(np.mean(np.square(shares))))
-    return found
+            shares.append(rms(errors[mask]) / change)
+        by_recording[recording] = float(np.sqrt(np.mean(np.square(shares))))
+    return by_recording

@@ -209,14 +209,14 @@ def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
             missing.append(extra.name)
     old = [
         package
-        for one in seen
-        for package in one.packages
+        for extra in seen
+        for package in extra.packages
         if package.version is not None and not package.fits
     ]
     summary = (
         "; ".join(
-            f"{one.name}: {', '.join(f'{p.name} {p.version}' for p in one.packages)}"
-            for one in complete
+            f"{extra.name}: {', '.join(f'{p.name} {p.version}' for p in extra.packages)}"
+            for extra in complete
         )
         or "none installed"
     )
@@ -228,7 +228,7 @@ def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
             EXTRAS,
             f"{summary}; too old: {outdated}",
             "install what fits:",
-            "pip install " + " ".join(f'"{one.wanted}"' for one in old),
+            "pip install " + " ".join(f'"{package.wanted}"' for package in old),
         )
     return green(EXTRAS, summary)
 
@@ -237,15 +237,16 @@ def judge_packages(seen: tuple[PackageSeen, ...], python: str, own_version: str)
     bad = [package for package in seen if not package.fits]
     if bad:
         problems = ", ".join(
-            f"{one.name} {'is missing' if one.version is None else one.version}" for one in bad
+            f"{package.name} {'is missing' if package.version is None else package.version}"
+            for package in bad
         )
         return red(
             PACKAGES_SUBJECT,
             f"{problems}",
             "install what fits:",
-            "pip install " + " ".join(f'"{one.wanted}"' for one in bad),
+            "pip install " + " ".join(f'"{package.wanted}"' for package in bad),
         )
-    versions = ", ".join(f"{one.name} {one.version}" for one in seen)
+    versions = ", ".join(f"{package.name} {package.version}" for package in seen)
     return green(PACKAGES_SUBJECT, f"python {python}, rfca-rig {own_version}, {versions}")
 
 
@@ -300,16 +301,16 @@ def look_at_compiled_cache(folder: Path = Path(CACHE_FOLDER)) -> CacheSeen:
 
 def _nearest(folder: Path) -> Path:
     """The folder, or its nearest existing parent."""
-    return next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    return next(path for path in (folder, *folder.absolute().parents) if path.exists())
 
 
 def look_at_packages() -> tuple[PackageSeen, ...]:
     """Requirements of the package, without its extras."""
     requirements = [Requirement(line) for line in metadata.requires("rfca-rig") or ()]
     return tuple(
-        _package(one)
-        for one in requirements
-        if one.marker is None or one.marker.evaluate({"extra": ""})
+        _package(requirement)
+        for requirement in requirements
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""})
     )
 
 
@@ -323,7 +324,9 @@ def look_at_extras() -> tuple[ExtraSeen, ...]:
     ]
     extras = []
     for name in names:
-        packages = tuple(_package(one) for one in requirements if _is_of(one, name))
+        packages = tuple(
+            _package(requirement) for requirement in requirements if _is_of(requirement, name)
+        )
         extras.append(ExtraSeen(name, packages))
     return tuple(extras)
 

@@ -315,5 +315,10 @@ def _query_ip(channel: str) -> dict[str, Any]:
 
 def look_for_adapters() -> tuple[tuple[str, str], ...]:
     """All adapters as (interface, channel). Interfaces without an installed driver find none."""
-    found = can.detect_available_configs(FINDABLE)
-    return tuple(sorted((str(one["interface"]), str(one["channel"])) for one in found))
+    configurations = can.detect_available_configs(FINDABLE)
+    return tuple(
+        sorted(
+            (str(configuration["interface"]), str(configuration["channel"]))
+            for configuration in configurations
+        )
+    )

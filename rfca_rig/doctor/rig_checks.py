@@ -451,7 +451,7 @@ def judge_found_interfaces(seen: tuple[CanInterfaceObservation, ...]) -> list[Fi
         )
         commands = ("sudo modprobe can_raw gs_usb", "sudo slcand -o -c -s8 /dev/ttyACM0 can0")
         return [yellow("CAN interface", "none in the kernel", fix, *commands)]
-    return [_interface(one) for one in seen]
+    return [_interface(interface) for interface in seen]
 
 
 def _interface(seen: CanInterfaceObservation) -> Finding:
@@ -489,7 +489,7 @@ def find_sensors() -> dict[str, FoundSensor]:
     by its kind.
     """
     places = {kind: find_sensor(kind).find for kind in FORCE_SENSORS}
-    return {kind: load_object(place)() for kind, place in places.items() if place is not None}
+    return {kind: load_object(search)() for kind, search in places.items() if search is not None}
 
 
 def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
@@ -500,6 +500,6 @@ def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
     yield from judge_found_adapters(look_for_adapters())
     ports = look_for_serial_ports()
     yield from [judge_found_port(port) for port in ports] or [judge_no_ports()]
-    for found in find_sensors().values():
-        yield from found.findings
+    for sensor in find_sensors().values():
+        yield from sensor.findings
     yield from check_computer(runs, clock, None)

@@ -287,7 +287,7 @@ class DriveReports:
             return
         accepted = [report for report, good in zip(timed, is_good, strict=True) if good]
         gear = self._gear
-        rows = np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted])
+        rows = np.array([(report.turns, report.turns_s, report.torque_Nm) for report in accepted])
         samples = ShaftSamples(
             host_s=np.full(len(rows), self.drained_s),
             device_s=device_s[is_good],
@@ -397,7 +397,7 @@ class DriveReports:
     def missing(self) -> str:
         """Why there is no report, and the remedy."""
         if self._foreign:
-            identifiers = ", ".join(f"0x{one:x}" for one in sorted(self._foreign)[:5])
+            identifiers = ", ".join(f"0x{identifier:x}" for identifier in sorted(self._foreign)[:5])
             return (
                 f"frames {identifiers} but no report of the drive; check its address under "
                 "[motor], and which messages it is set to send"

@@ -50,16 +50,16 @@ def read_time_taken(content: bytes) -> datetime | None:
         # struct.error is raised where an address is outside the file.
         order = "<" if tiff.startswith(b"II") else ">"
         first = struct.unpack_from(order + "I", tiff, 4)[0]
-        found: dict[int, str] = {}
+        texts: dict[int, str] = {}
         for tag, kind, _, value in _directory(tiff, first, order):
             if tag == EXIF_DIRECTORY and kind == LONG:
                 entries = _directory(tiff, struct.unpack(order + "I", value)[0], order)
-                found |= {
+                texts |= {
                     tag: _text(tiff, count, value, order)
                     for tag, kind, count, value in entries
                     if kind == TEXT
                 }
-        return _moment(found)
+        return _moment(texts)
     except (struct.error, ValueError, OverflowError):
         return None
 
@@ -292,11 +292,11 @@ def _size(content: bytes) -> tuple[int, int]:
     except struct.error:
         return 0, 0
     # A SHORT (type 3) takes the first half of its four bytes.
-    found = {
+    values = {
         tag: struct.unpack_from(order + ("H" if kind == 3 else "I"), value)[0]
         for tag, kind, _, value in entries
     }
-    return found.get(256, 0), found.get(257, 0)
+    return values.get(256, 0), values.get(257, 0)
 
 
 def _size_of_jpeg(content: bytes) -> tuple[int, int]:
@@ -342,12 +342,12 @@ def list_photos(folder: Path) -> list[Path]:
 
     Raises BadInput if the folder does not exist, or holds no picture.
     """
-    found = list_pictures(folder)
-    if not found:
+    pictures = list_pictures(folder)
+    if not pictures:
         raise BadInput(
             f"{folder}: holds no picture; expected are files that end in {', '.join(ENDINGS)}"
         )
-    return found
+    return pictures
 
 
 def list_pictures(folder: Path) -> list[Path]:
@@ -355,7 +355,7 @@ def list_pictures(folder: Path) -> list[Path]:
     does not exist.
     """
     try:
-        found = [
+        pictures = [
             file
             for file in folder.iterdir()
             if file.suffix.lower() in ENDINGS and not file.name.startswith(".")
@@ -364,7 +364,7 @@ def list_pictures(folder: Path) -> list[Path]:
         raise BadInput(
             f"{folder}: cannot be read: {error.strerror}; name the folder that holds the photos"
         ) from None
-    return sorted(found, key=_natural_sort_key)
+    return sorted(pictures, key=_natural_sort_key)
 
 
 def _natural_sort_key(file: Path) -> tuple[list[tuple[int, str]], str]:

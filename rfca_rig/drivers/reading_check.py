@@ -51,14 +51,14 @@ class ReadingCheck:
 
         Raises BadReading at the third bad report in a row.
         """
-        place = 0
+        index = 0
         # Plain, because it runs for every report.
         for low, high in self._ranges:
             # A comparison with NaN is false, so this way round NaN is refused too.
-            if not low <= values[place] <= high:
-                self.refuse(self._signals[place], values[place])
+            if not low <= values[index] <= high:
+                self.refuse(self._signals[index], values[index])
                 return False
-            place += 1  # noqa: SIM113
+            index += 1  # noqa: SIM113
         self._bad_in_a_row = 0
         return True
 

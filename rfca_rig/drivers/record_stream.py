@@ -386,7 +386,7 @@ class RecordStream(ABC, Generic[Keys]):
         # a clock comes from counting.
         accepted, numbers, device_s = self._stamp_records(records, is_good)
         status = np.array([_encode_status(record) for record in accepted], np.uint32)
-        raw = np.array([one.counts for one in accepted], np.float64).reshape(-1, 6)
+        raw = np.array([record.counts for record in accepted], np.float64).reshape(-1, 6)
         # Only a record with an error may have counts that are no numbers; its status says not to
         # use them.
         counts = np.clip(np.rint(np.nan_to_num(raw)), -MAX_COUNT, MAX_COUNT).astype(np.int32)
@@ -423,9 +423,9 @@ class RecordStream(ABC, Generic[Keys]):
         steps = [self._step(record.time_s) for record in records]
         picked, numbers = self._sequence.take(np.array([number for number, _ in steps], np.uint32))
         return (
-            [records[place] for place in picked],
+            [records[index] for index in picked],
             numbers,
-            np.array([steps[place][1] for place in picked]),
+            np.array([steps[index][1] for index in picked]),
         )
 
     def _step(self, time_s: float | None) -> tuple[int, float]:

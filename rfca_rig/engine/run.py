@@ -147,13 +147,13 @@ class RampUp:
         return max(estimates)
 
     def _model_ratio(self, stage: Approach, of: str) -> float:
-        here = self._expected.get(stage)
-        there = self._at_full.get((stage.height_m, stage.full_speed_rad_s))
-        if here is None or there is None or not getattr(here, of):
+        load = self._expected.get(stage)
+        full_speed_load = self._at_full.get((stage.height_m, stage.full_speed_rad_s))
+        if load is None or full_speed_load is None or not getattr(load, of):
             # Without a prediction of the model, or with one of zero load, the ratio is not defined:
             # the other two ways remain.
             return 1.0
-        return float(getattr(there, of) / getattr(here, of))
+        return float(getattr(full_speed_load, of) / getattr(load, of))
 
 
 @dataclass(frozen=True)

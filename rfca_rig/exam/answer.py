@@ -118,11 +118,11 @@ def parse_diagnosis(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> P
             place=str((diagnosis.get("place") or {}).get("id", "")),
             support=tuple(
                 (
-                    str(one["kind"]),
-                    frozenset((str(one["id"]), *one.get("cannot_tell_from", ()))),
-                    float(one["probability"]),
+                    str(statement["kind"]),
+                    frozenset((str(statement["id"]), *statement.get("cannot_tell_from", ()))),
+                    float(statement["probability"]),
                 )
-                for one in diagnosis.get("support") or ()
+                for statement in diagnosis.get("support") or ()
             ),
         )
     except (KeyError, TypeError, ValueError) as error:
@@ -145,8 +145,8 @@ def read_diagnosis(path: Path) -> ParsedDiagnosis:
 
 def _read_claim(effect: Mapping[str, Any]) -> Claim:
     values = {
-        name: (float(each["value"]), float(each["std"]))
-        for name, each in effect.get("parameters", {}).items()
+        name: (float(estimate["value"]), float(estimate["std"]))
+        for name, estimate in effect.get("parameters", {}).items()
     }
     return Claim(
         str(effect["id"]),

@@ -99,13 +99,13 @@ def _read_file(path: Path) -> tuple[str, list[Statement]]:
             raise BadInput(f"{path}: format {content['format']!r} should be {STATEMENTS}")
         listed = [
             Statement(
-                f"{path.name}/{one['case']}",
-                str(one["rig"]),
-                str(one["kind"]),
-                one["values"],
-                bool(one["true"]),
+                f"{path.name}/{statement['case']}",
+                str(statement["rig"]),
+                str(statement["kind"]),
+                statement["values"],
+                bool(statement["true"]),
             )
-            for one in content["statements"]
+            for statement in content["statements"]
         ]
         return str(content["words"]), listed
     except (json.JSONDecodeError, KeyError, TypeError) as error:
@@ -116,7 +116,7 @@ def _read_file(path: Path) -> tuple[str, list[Statement]]:
 
 
 def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
-    found = []
+    statements = []
     diagnosed = 0
     for truth in open_all(folder):
         path = folder / DIAGNOSES / truth["case"] / "diagnosis.json"
@@ -124,22 +124,28 @@ def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
             continue
         diagnosed += 1
         rig = PENDULUM if truth["kind"] in PENDULUM_KINDS else LEG
-        for one in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
+        for statement in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
             is_right = is_true(
-                one["kind"], {one["id"], *one.get("cannot_tell_from", ())}, parse_truth(truth)
+                statement["kind"],
+                {statement["id"], *statement.get("cannot_tell_from", ())},
+                parse_truth(truth),
             )
-            found.append(
+            statements.append(
                 Statement(
-                    f"{folder.name}/{truth['case']}", rig, one["kind"], one["values"], is_right
+                    f"{folder.name}/{truth['case']}",
+                    rig,
+                    statement["kind"],
+                    statement["values"],
+                    is_right,
                 )
             )
-    return f"{read_plan(folder).words}, {diagnosed} of them diagnosed", found
+    return f"{read_plan(folder).words}, {diagnosed} of them diagnosed", statements
 
 
 def list_fitted_cases(statements: Sequence[Statement]) -> list[str]:
     """Every second case: a fit to its statements is judged on those of the others."""
     # Names of one rig follow each other in this order, so that each half has as many of its cases.
-    return sorted({one.case for one in statements})[::2]
+    return sorted({statement.case for statement in statements})[::2]
 
 
 def label(statements: Sequence[Statement], kind: str) -> Labelled:
@@ -150,17 +156,17 @@ def label(statements: Sequence[Statement], kind: str) -> Labelled:
     BadInput
         Where there are none.
     """
-    of_kind = [one for one in statements if one.kind == kind]
+    of_kind = [statement for statement in statements if statement.kind == kind]
     if not of_kind:
         raise BadInput(
             f"no diagnosis with support for a calibration of kind {kind!r}; run rfca-rig "
             "prove first"
         )
     return Labelled(
-        np.array([features_in(one.values) for one in of_kind]),
-        np.array([one.true for one in of_kind]),
-        np.array([one.case for one in of_kind]),
-        np.array([one.rig for one in of_kind]),
+        np.array([features_in(statement.values) for statement in of_kind]),
+        np.array([statement.true for statement in of_kind]),
+        np.array([statement.case for statement in of_kind]),
+        np.array([statement.rig for statement in of_kind]),
     )
 
 

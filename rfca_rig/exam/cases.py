@@ -244,7 +244,7 @@ SOFT_DRIVES = (
 # A model that has one coordinate for both cannot distinguish the second of each pair from the
 # first.
 NEVER_TOGETHER = (
-    *({one, other} for one, other in combinations(SOFT_DRIVES, 2)),
+    *({effect, other} for effect, other in combinations(SOFT_DRIVES, 2)),
     {"sensor_lag", "clock_offset"},
     {"sensor_crosstalk", "sensor_crosstalk_matrix"},
 )
@@ -325,7 +325,7 @@ def draw_cases(
         for i in range(numbers.get(kind, 0))
     ]
     order = np.random.default_rng(seed).permutation(len(drawn))
-    return [replace(drawn[j], id=f"case-{place:04d}") for place, j in enumerate(order, start=1)]
+    return [replace(drawn[j], id=f"case-{number:04d}") for number, j in enumerate(order, start=1)]
 
 
 def split_numbers(total: int) -> dict[str, int]:

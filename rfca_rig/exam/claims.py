@@ -106,8 +106,8 @@ def calibration(judged: Judged) -> ClaimCalibration:
         return ClaimCalibration(np.nan, np.nan, np.nan, 0, np.nan, ())
     bounded = np.clip(p, PROBABILITY_FLOOR, 1.0 - PROBABILITY_FLOOR)
     sure = p >= CONFIDENT
-    place = np.minimum((p * BINS).astype(int), BINS - 1)
-    inside = [place == b for b in range(BINS)]
+    bin_numbers = np.minimum((p * BINS).astype(int), BINS - 1)
+    inside = [bin_numbers == b for b in range(BINS)]
     bins = tuple(
         (int(i.sum()), float(p[i].mean()), float(hit[i].mean())) if i.any() else (0, np.nan, np.nan)
         for i in inside
@@ -150,9 +150,12 @@ def calibration_error(
     Naeini et al., AAAI 2015.
     """
     # A probability of exactly 1 belongs to the last bin.
-    place = np.minimum(((probability - least) / (1.0 - least) * bins).astype(int), bins - 1)
+    bin_numbers = np.minimum(((probability - least) / (1.0 - least) * bins).astype(int), bins - 1)
     return float(
-        sum(abs(probability[place == b].sum() - true[place == b].sum()) for b in range(bins))
+        sum(
+            abs(probability[bin_numbers == b].sum() - true[bin_numbers == b].sum())
+            for b in range(bins)
+        )
         / len(true)
     )
 
@@ -161,17 +164,17 @@ def values(judged: Judged) -> ParameterAccuracy:
     """Errors of the parameters of effects that are named by their own id, in cases whose true
     law is the catalogue's.
     """
-    found = [
-        each
+    deviations = [
+        deviation
         for truth, answer in judged
         if not truth.lawless
         for claim in answer.named
-        for each in parameter_errors(truth, claim)
+        for deviation in parameter_errors(truth, claim)
     ]
-    if not found:
+    if not deviations:
         return ParameterAccuracy(0, np.nan, np.nan)
-    errors, covered = zip(*found, strict=True)
-    inside = [each for each in covered if each is not None]
+    errors, covered = zip(*deviations, strict=True)
+    inside = [is_covered for is_covered in covered if is_covered is not None]
     return ParameterAccuracy(
         len(errors), float(np.median(errors)), float(np.mean(inside)) if inside else np.nan
     )
@@ -193,9 +196,9 @@ def parameter_errors(truth: Truth, claim: Claim) -> list[tuple[float, bool | Non
 
 
 def _error(
-    effect: str, name: str, true: float, found: tuple[float, float]
+    effect: str, name: str, true: float, estimate: tuple[float, float]
 ) -> tuple[float, bool | None]:
-    value, std = found
+    value, std = estimate
     if name in WHOLE_NUMBERS:
         return float(round(value) != round(true)), None
     span = SIZE_RANGES.get(effect, {}).get(name)
@@ -293,11 +296,11 @@ def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
 
     `kind` is "effect" or "family". An effect outside the catalogue counts for its family.
     """
-    there = truth.effects.keys() | truth.accepted
+    true_effects = truth.effects.keys() | truth.accepted
     if kind == "effect":
-        return bool(there & set(names))
+        return bool(true_effects & set(names))
     of_strangers = {STRANGERS[name][0] for name in truth.strangers if name in STRANGERS}
-    return any(members_of(name) & there or name in of_strangers for name in names)
+    return any(members_of(name) & true_effects or name in of_strangers for name in names)
 
 
 def has_right_family(truth: Truth, answer: ParsedDiagnosis) -> bool:
@@ -311,12 +314,12 @@ def has_right_family(truth: Truth, answer: ParsedDiagnosis) -> bool:
     ]
     if not stated and _family_alone(answer):
         stated = [{answer.family}]
-    return bool(stated) and all(each & right for each in stated)
+    return bool(stated) and all(families & right for families in stated)
 
 
 def _states_two(truth: Truth, answer: ParsedDiagnosis) -> bool:
-    found = [bool(claim.members & truth.effects.keys()) for claim in answer.stated]
-    return len(found) >= 2 and all(found)
+    hits = [bool(claim.members & truth.effects.keys()) for claim in answer.stated]
+    return len(hits) >= 2 and all(hits)
 
 
 def _count_covered(judged: Judged) -> tuple[int, int]:
@@ -334,9 +337,9 @@ def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
     """Probabilities, and whether each is right, of every effect and family of the best
     explanation, stated or not.
     """
-    found = []
+    pairs = []
     for truth, answer in judged:
         for kind, names, probability in answer.support:
             if probability >= MIN_PROBABILITY:
-                found.append((probability, is_true(kind, names, truth)))
-    return [probability for probability, _ in found], [right for _, right in found]
+                pairs.append((probability, is_true(kind, names, truth)))
+    return [probability for probability, _ in pairs], [right for _, right in pairs]

@@ -118,20 +118,22 @@ def _case_and_arm(job: tuple[Case, Truth, str]) -> str:
 def follow_case(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) -> FollowUp:
     """Follow one case in one arm. Raises RigError where a campaign cannot be written."""
     case, truth, arm = job
-    place = folder / FOLDER / f"{case.id}-{arm.replace(' ', '-')}"
-    result = place / RESULT
+    case_folder = folder / FOLDER / f"{case.id}-{arm.replace(' ', '-')}"
+    result = case_folder / RESULT
     if result.is_file():
         return FollowUp(**json.loads(result.read_text(encoding="utf-8")))
     # Without a result the folder is from an interrupted attempt, whose rounds cannot be continued.
-    shutil.rmtree(place, ignore_errors=True)
-    shutil.copytree(folder / CAMPAIGNS / case.id, place / "campaign")
-    found = _rounds(case, truth, arm, place, folder / DIAGNOSES / case.id / DIAGNOSIS, diagnose)
-    write_atomically(result, json.dumps(asdict(found), indent=1).encode())
-    return found
+    shutil.rmtree(case_folder, ignore_errors=True)
+    shutil.copytree(folder / CAMPAIGNS / case.id, case_folder / "campaign")
+    trial = _rounds(
+        case, truth, arm, case_folder, folder / DIAGNOSES / case.id / DIAGNOSIS, diagnose
+    )
+    write_atomically(result, json.dumps(asdict(trial), indent=1).encode())
+    return trial
 
 
 def _rounds(
-    case: Case, truth: Truth, arm: str, place: Path, first: Path, diagnose: Diagnose
+    case: Case, truth: Truth, arm: str, case_folder: Path, first: Path, diagnose: Diagnose
 ) -> FollowUp:
     # A stream of its own: experiments must not repeat the noise of the case's recordings.
     random = np.random.default_rng([case.seed, 77])
@@ -143,11 +145,11 @@ def _rounds(
             proposal = draw_experiment(random)
         if proposal is None:
             break
-        add_experiment(case, place / "campaign", proposal, number)
-        latest = place / f"diagnosis-{number}" / DIAGNOSIS
+        add_experiment(case, case_folder / "campaign", proposal, number)
+        latest = case_folder / f"diagnosis-{number}" / DIAGNOSIS
         # A refusal is an answer too: the missing file reads as "refused".
         with suppress(BadInput, SimulationFailed):
-            diagnose(place / "campaign", latest.parent)
+            diagnose(case_folder / "campaign", latest.parent)
         # Settled: the verdict is right and each named effect is distinguishable from all others.
         answer = read_diagnosis(latest)
         alone = all(len(claim.members) == 1 for claim in answer.named)
@@ -206,11 +208,11 @@ class ArmResult:
 
 def ways(folder: Path) -> tuple[ArmResult, ...]:
     """Results of the follow-ups in an exam's folder, by arm; empty where none were done."""
-    found = [
+    trials = [
         FollowUp(**json.loads(path.read_text(encoding="utf-8")))
         for path in sorted((folder / FOLDER).glob(f"*/{RESULT}"))
     ]
-    if found:
+    if trials:
         faint = {
             truth.case
             for truth in map(parse_truth, open_all(folder))
@@ -218,21 +220,21 @@ def ways(folder: Path) -> tuple[ArmResult, ...]:
         }
     else:
         faint = set()
-    shown = [each for each in found if each.case not in faint]
+    shown = [trial for trial in trials if trial.case not in faint]
     results = []
     for arm in ARMS:
-        result = _way(arm, [each for each in shown if each.arm == arm])
+        result = _way(arm, [trial for trial in shown if trial.arm == arm])
         if result.of:
             results.append(result)
     return tuple(results)
 
 
-def _way(arm: str, found: Sequence[FollowUp]) -> ArmResult:
-    if found:
-        mean = float(np.mean([each.experiments for each in found]))
+def _way(arm: str, trials: Sequence[FollowUp]) -> ArmResult:
+    if trials:
+        mean = float(np.mean([trial.experiments for trial in trials]))
     else:
         mean = np.nan
-    return ArmResult(arm, sum(each.settled for each in found), len(found), mean)
+    return ArmResult(arm, sum(trial.settled for trial in trials), len(trials), mean)
 
 
 """Reads the campaign in the first folder and writes diagnosis.json into the second, without the

@@ -151,8 +151,8 @@ class LawDeviation:
 def draw_uneven(i: int, random: np.random.Generator) -> LawDeviation:
     """Draw the deviation of case `i`; the effects take turns."""
     # The stride of 4 mixes hinge effects and others among the first few cases.
-    every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
-    effect = every[4 * i % len(every)]
+    effects = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
+    effect = effects[4 * i % len(effects)]
     if effect in HINGE_EFFECTS:
         factors = 1.0 + random.uniform(0.3, 0.6) * random.uniform(-1.0, 1.0, HINGES)
         return LawDeviation(effect, of_hinge=tuple(float(x) for x in factors))
@@ -163,8 +163,8 @@ def draw_uneven(i: int, random: np.random.Generator) -> LawDeviation:
 
 def draw_approximate(i: int, random: np.random.Generator) -> LawDeviation:
     """Draw the deviation of case `i`, a law that is wrong by 20 to 40 %; the effects take turns."""
-    every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
-    effect = every[4 * i % len(every)]
+    effects = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
+    effect = effects[4 * i % len(effects)]
     departure = float(random.uniform(0.2, 0.4))
     if effect in HINGE_EFFECTS:
         # Uniform factors with the departure as their standard deviation: that of a uniform on -1 to
@@ -211,7 +211,7 @@ def with_unknown_fault(world: World, name: str, values: Values, repeat: int) -> 
     """The world with one effect from outside the catalogue, as it is in this repeat (from 1)."""
     if name == "stiffness_falls_with_repeats":
         factor = (1.0 - values["share_per_repeat"]) ** (repeat - 1)
-        k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
+        k0 = tuple(factor * stiffness for stiffness in world.hinges.k0_Nm_per_rad)
         return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
     return STRANGERS[name](world, values)
 
@@ -374,11 +374,11 @@ def true_world(world: World, mislabelled: str | None) -> World:
     links = world.links
     if mislabelled == "links longer than written":
         return replace(
-            world, links=replace(links, length_m=tuple(1.05 * each for each in links.length_m))
+            world, links=replace(links, length_m=tuple(1.05 * length for length in links.length_m))
         )
     if mislabelled == "masses written a fifth too low":
         return replace(
-            world, links=replace(links, mass_kg=tuple(1.25 * each for each in links.mass_kg))
+            world, links=replace(links, mass_kg=tuple(1.25 * mass for mass in links.mass_kg))
         )
     if mislabelled == "heights written 8 mm too high":
         return replace(world, mount=replace(world.mount, height_m=world.mount.height_m - 8e-3))

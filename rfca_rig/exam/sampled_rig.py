@@ -324,7 +324,7 @@ def stiffness_fading(world: World, values: Values) -> World:
     factor = 10.0 ** (
         math.log10(1.0 - values["loss_per_decade_relative"]) * math.log10(world.strokes_before + 1)
     )
-    k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
+    k0 = tuple(factor * stiffness for stiffness in world.hinges.k0_Nm_per_rad)
     return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
 
 

@@ -78,15 +78,15 @@ def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
     ]
     if wrong and not answer.named:
         stated = " and ".join(claim.id for claim in answer.stated) or answer.family
-        there = " and ".join((*truth.effects, *truth.strangers)) or "nothing"
+        hidden_effects = " and ".join((*truth.effects, *truth.strangers)) or "nothing"
         return WorstCase(
             truth.case,
             truth.kind,
             2.0 + max(wrong),
-            f"stated {stated} as {answer.grade} at {max(wrong):.0%}, there is {there}",
+            f"stated {stated} as {answer.grade} at {max(wrong):.0%}, there is {hidden_effects}",
         )
     result = outcome(truth, answer)
-    there = " and ".join(truth.effects) or (
+    hidden_effects = " and ".join(truth.effects) or (
         "an effect outside the catalogue" if truth.nameless else "nothing"
     )
     if result in (WRONG, EXTRA):
@@ -96,11 +96,11 @@ def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
         level = 4.0 if result == WRONG else 3.0
         reason = (
             f"identified {false.id} at {false.probability:.0%}, "
-            f"{'which is not there' if result == EXTRA else f'there is {there}'}"
+            f"{'which is not there' if result == EXTRA else f'there is {hidden_effects}'}"
         )
         return WorstCase(truth.case, truth.kind, level + false.probability, reason)
     if result == SILENT:
-        return _rate_missed_effect(truth, there, truth.left)
+        return _rate_missed_effect(truth, hidden_effects, truth.left)
     if result == PARTIAL:
         missed = sorted(set(truth.effects).difference(*(claim.members for claim in answer.named)))
         return _rate_missed_effect(
@@ -369,8 +369,8 @@ def _truth_in_class(named: Judged) -> Share:
     # An answer that names only some of the effects says nothing about its sets, so it does not
     # count.
     return Share(
-        sum(each in (RIGHT, CLASS, EXTRA) for each in whole),
-        len([each for each in whole if each != PARTIAL]),
+        sum(judgement in (RIGHT, CLASS, EXTRA) for judgement in whole),
+        len([judgement for judgement in whole if judgement != PARTIAL]),
     )
 
 

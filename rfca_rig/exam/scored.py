@@ -155,7 +155,7 @@ def _deviations(truth: Truth, answer: ParsedDiagnosis) -> tuple[ParameterDeviati
         for name in claim.parameters
         if name in truth.effects.get(claim.id, {})
     ]
-    errors = [each for claim in answer.named for each in parameter_errors(truth, claim)]
+    errors = [deviation for claim in answer.named for deviation in parameter_errors(truth, claim)]
     return tuple(
         ParameterDeviation(claim.id, name, error, covered)
         for (claim, name), (error, covered) in zip(named, errors, strict=True)

@@ -193,13 +193,13 @@ def format_scores(marks: ExamScores) -> Iterator[str]:
     for bar in bars(marks):
         yield from _lines(bar)
     yield ""
-    if any(each.of for each in marks.power):
+    if any(share.of for share in marks.power):
         yield (
             (
                 "one effect, it or its family stated, by multiples of the detection limit "
                 f"({', '.join(f'{at:g}' for at in POWER_AT)}): "
             )
-            + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
+            + ", ".join(f"{share.hits}/{share.of}" for share in marks.power)
         )
     if marks.calibration.bins:
         yield (

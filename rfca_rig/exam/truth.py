@@ -139,7 +139,7 @@ def _simulate_condition(case: Case, number: int) -> _Condition:
             _forces(apply_nominal_errors(world, errors_from_sigmas(sigmas)), speed, until)[0] - base
         )
 
-    moves = np.stack([change_by(one) for one in np.eye(NOMINAL_VALUES)], axis=-1)
+    moves = np.stack([change_by(direction) for direction in np.eye(NOMINAL_VALUES)], axis=-1)
     return _Condition(concealed - base, moves, base, change_by)
 
 
@@ -152,7 +152,7 @@ def _remainder(
     `shift` and `units` are (3, m), `moves` (3, m, p). The Jacobian is computed again after each
     large step, because far from the prior means the model is not linear.
     """
-    there = np.zeros(NOMINAL_VALUES)
+    estimate = np.zeros(NOMINAL_VALUES)
     rest = shift
     least = np.inf
     for _ in range(STEPS):
@@ -160,19 +160,21 @@ def _remainder(
         # The identity is the prior: the unknowns are in units of their prior standard deviations.
         J = (moves / units[..., None]).reshape(-1, NOMINAL_VALUES)
         step = np.asarray(
-            np.linalg.solve(J.T @ J + np.eye(NOMINAL_VALUES), J.T @ (rest / units).ravel() - there)
+            np.linalg.solve(
+                J.T @ J + np.eye(NOMINAL_VALUES), J.T @ (rest / units).ravel() - estimate
+            )
         )
         least = min(least, _largest_rms((rest - moves @ step) / units))
         if np.abs(step).max() < CONVERGED_SIGMAS:
             break
-        there = np.clip(there + step, -MAX_SIGMAS, MAX_SIGMAS)
-        moved_there = _change_by(conditions, there)
+        estimate = np.clip(estimate + step, -MAX_SIGMAS, MAX_SIGMAS)
+        moved_there = _change_by(conditions, estimate)
         rest = shift - moved_there
         moves = np.stack(
             [
-                (_change_by(conditions, there + DIFFERENCE_SIGMAS * one) - moved_there)
+                (_change_by(conditions, estimate + DIFFERENCE_SIGMAS * direction) - moved_there)
                 / DIFFERENCE_SIGMAS
-                for one in np.eye(NOMINAL_VALUES)
+                for direction in np.eye(NOMINAL_VALUES)
             ],
             axis=-1,
         )
@@ -180,7 +182,7 @@ def _remainder(
 
 
 def _change_by(conditions: Sequence[_Condition], sigmas: Floats) -> Floats:
-    return np.concatenate([one.change_by(sigmas) for one in conditions], axis=1)
+    return np.concatenate([condition.change_by(sigmas) for condition in conditions], axis=1)
 
 
 def _largest_rms(x: Floats) -> float:
@@ -215,7 +217,7 @@ def truth_of(case: Case) -> dict[str, Any]:
         size = measure_visibility(case)
     else:
         size = EffectVisibility(0.0, 0.0, 0.0)
-    each = _sizes_alone(case, size)
+    sizes = _sizes_alone(case, size)
     return {
         "format": FORMAT,
         "case": case.id,
@@ -231,8 +233,8 @@ def truth_of(case: Case) -> dict[str, Any]:
             "left_over_noise": _round(size.left),
             "left_over_model_error": _round(size.above),
         },
-        "left_of_each": {effect: _round(alone.left) for effect, alone in each.items()},
-        "above_of_each": {effect: _round(alone.above) for effect, alone in each.items()},
+        "left_of_each": {effect: _round(alone.left) for effect, alone in sizes.items()},
+        "above_of_each": {effect: _round(alone.above) for effect, alone in sizes.items()},
         "believed_off_by": asdict(case.off),
         "late_s": case.late_s,
         "model_error": case.model_error,

@@ -172,7 +172,7 @@ def _one_core() -> Iterator[None]:
 class _Writer(pickle.Pickler):
     def __init__(self, file: io.BytesIO, shared: Sequence[object]) -> None:
         super().__init__(file, pickle.HIGHEST_PROTOCOL)
-        self._numbers = {id(one): number for number, one in enumerate(shared)}
+        self._numbers = {id(item): number for number, item in enumerate(shared)}
 
     def persistent_id(self, obj: object) -> int | None:
         return self._numbers.get(id(obj))

@@ -155,24 +155,28 @@ def slurm_workers(
             f"{shared}: has a line break or another character in its path that no script "
             "of SLURM can hold; rename the folder"
         )
-    own = Path(mkdtemp(prefix="rfca-rig-jobs-", dir=shared)).resolve()
-    with _scheduler(array.interface, own / KEYS) as scheduler:
-        (own / SCRIPT).write_text(array.script(scheduler.scheduler_address, own), encoding="utf-8")
+    job_folder = Path(mkdtemp(prefix="rfca-rig-jobs-", dir=shared)).resolve()
+    with _scheduler(array.interface, job_folder / KEYS) as scheduler:
+        (job_folder / SCRIPT).write_text(
+            array.script(scheduler.scheduler_address, job_folder), encoding="utf-8"
+        )
         with (
             _handle_termination(),
-            _submit(own / SCRIPT) as job,
+            _submit(job_folder / SCRIPT) as job,
             connect_workers(
                 scheduler,
                 folder,
                 facts,
-                WorkerStartup(array.workers, report_progress, partial(_check_job_alive, job, own)),
+                WorkerStartup(
+                    array.workers, report_progress, partial(_check_job_alive, job, job_folder)
+                ),
             ) as executor,
         ):
             notice(f"SLURM has job {job}, {array.jobs} times {array.workers_per_job} workers")
             executor.wait_for_first()
             executor.check(notice)
             yield executor
-    rmtree(own)
+    rmtree(job_folder)
 
 
 @contextmanager

@@ -396,9 +396,11 @@ def _clock_of(stage: StoredStage, first_s: float, beginnings: list[StageBeginnin
     """
     # A stage that was cut short and repeated has two beginnings of one label, perhaps in different
     # parts of the run.
-    same_label = [one for one in beginnings if one.label == stage.label] or beginnings
+    same_label = [
+        beginning for beginning in beginnings if beginning.label == stage.label
+    ] or beginnings
     if same_label:
-        return min(same_label, key=lambda one: abs(one.at_s - first_s)).clock
+        return min(same_label, key=lambda beginning: abs(beginning.at_s - first_s)).clock
     return HostClock()
 
 

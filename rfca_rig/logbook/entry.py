@@ -104,7 +104,7 @@ def entry_of(content: Mapping[str, Any]) -> Entry:
     """The entry from the data of `plain`, without a verdict. Raises TypeError or LookupError for
     anything else.
     """
-    conditions = tuple(LoggedCondition(**one) for one in content["conditions"])
+    conditions = tuple(LoggedCondition(**condition) for condition in content["conditions"])
     named = tuple(content["named_conditions"])
     return Entry(
         **{**content, "conditions": conditions, "named_conditions": named, "verdict": None}
@@ -166,8 +166,9 @@ class RunQuery:
         # Both for the same condition: 215 mm at one speed and 230 mm at another do not make 215 mm
         # at the other.
         return any(
-            _at(self.height_mm, one.height_mm) and _at(self.speed_rad_s, one.speed_rad_s)
-            for one in conditions
+            _at(self.height_mm, condition.height_mm)
+            and _at(self.speed_rad_s, condition.speed_rad_s)
+            for condition in conditions
         )
 
 
@@ -241,9 +242,9 @@ def one_of(text: str, known: Iterable[str], option: str) -> str:
     a suggestion.
     """
     listed = list(known)
-    for one in listed:
-        if text.casefold() in (one.casefold(), one.casefold().replace(" ", "-")):
-            return one
+    for name in listed:
+        if text.casefold() in (name.casefold(), name.casefold().replace(" ", "-")):
+            return name
     raise BadInput(f"{option} {text}: is unknown; {suggestion(text, listed)}")
 
 

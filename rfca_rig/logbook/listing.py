@@ -72,51 +72,56 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
     except OSError:  # taken away meanwhile, or not ours to read
         return
     # One listing per folder serves both questions: is it a run, and has it changed.
-    files = {one.name: one for one in inside if one.name in MARKER_FILES}
+    files = {file.name: file for file in inside if file.name in MARKER_FILES}
     if {HEADER, RECORDING, PENDULUM, EXPERIMENT} & set(files):
         telling = [files[name] for name in MARKER_FILES if name in files]
         if EXPERIMENT in files:  # any file in the folder may be a recording
             telling += sorted(
-                (one for one in inside if one.name not in MARKER_FILES and _is_file(one)),
-                key=lambda one: one.name,
+                (file for file in inside if file.name not in MARKER_FILES and _is_file(file)),
+                key=lambda file: file.name,
             )
         yield FoundRun(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
         return
-    for one in inside:
-        if deeper and not one.name.startswith(".") and _is_folder(one) and not _leads_back(one):
-            yield from _below(runs, f"{folder}/{one.name}" if folder else one.name, deeper - 1)
+    for entry in inside:
+        if (
+            deeper
+            and not entry.name.startswith(".")
+            and _is_folder(entry)
+            and not _leads_back(entry)
+        ):
+            yield from _below(runs, f"{folder}/{entry.name}" if folder else entry.name, deeper - 1)
 
 
-def _is_folder(one: "os.DirEntry[str]") -> bool:
+def _is_folder(entry: "os.DirEntry[str]") -> bool:
     """A link that leads to itself is neither a folder nor a file."""
     try:
-        return one.is_dir()
+        return entry.is_dir()
     except OSError:
         return False
 
 
-def _is_file(one: "os.DirEntry[str]") -> bool:
+def _is_file(entry: "os.DirEntry[str]") -> bool:
     try:
-        return one.is_file()
+        return entry.is_file()
     except OSError:
         return False
 
 
-def _leads_back(one: "os.DirEntry[str]") -> bool:
+def _leads_back(entry: "os.DirEntry[str]") -> bool:
     """Whether it is a link to a folder that contains it: following it would list every run again
     and again.
     """
-    return one.is_symlink() and Path(one.path).parent.resolve().is_relative_to(
-        Path(one.path).resolve()
+    return entry.is_symlink() and Path(entry.path).parent.resolve().is_relative_to(
+        Path(entry.path).resolve()
     )
 
 
 def _diagnoses(inside: "list[os.DirEntry[str]]") -> Iterator[str]:
-    for one in inside:
-        if one.name == DIAGNOSIS:
-            yield one.path
-        elif one.name.startswith("diag") and _is_folder(one):
-            yield f"{one.path}/{DIAGNOSIS}"
+    for entry in inside:
+        if entry.name == DIAGNOSIS:
+            yield entry.path
+        elif entry.name.startswith("diag") and _is_folder(entry):
+            yield f"{entry.path}/{DIAGNOSIS}"
 
 
 def _stamp(file: "os.DirEntry[str]") -> str:
@@ -199,9 +204,9 @@ def find_diagnoses(runs: Path, found: Iterable[FoundRun]) -> Iterator[tuple[Path
     listed: set[Path] = set()
     around = (
         file
-        for place in (runs.absolute().parent, Path.cwd())
+        for folder in (runs.absolute().parent, Path.cwd())
         for pattern in (DIAGNOSIS, f"*/{DIAGNOSIS}")
-        for file in place.glob(pattern)
+        for file in folder.glob(pattern)
     )
     within = (Path(file).absolute() for run in found for file in run.diagnoses)
     for file in (*around, *within):
@@ -236,7 +241,7 @@ def read_verdict(file: Path) -> dict[str, Any]:
     """
     try:
         content = json.loads(file.read_bytes())
-        identities = [one["identity"] for one in content.get("recordings", [])]
+        identities = [recording["identity"] for recording in content.get("recordings", [])]
         effects = [str(effect["id"]) for effect in content["effects"]]
         probabilities = [
             effect["probability"]
@@ -265,7 +270,7 @@ def verdicts_by_identity(
     `read_verdict`).
     """
     verdicts: dict[str, Verdict] = {}
-    for file, _, verdict in sorted(verdicts_of_files, key=lambda each: each[1]):
+    for file, _, verdict in sorted(verdicts_of_files, key=lambda triple: triple[1]):
         for identity in verdict["identities"]:
             # In order of time, so that the newest verdict replaces older ones.
             verdicts[identity] = Verdict(
@@ -297,25 +302,25 @@ def list_runs(
             "record one: rfca-rig dynamic run"
         )
     known = read_index(runs)
-    found = list(find_runs(runs))
-    rows = _rows(runs, found, known, report_progress, measure_s)
-    verdicts, diagnoses = _verdicts(runs, found, known)
+    found_runs = list(find_runs(runs))
+    rows = _rows(runs, found_runs, known, report_progress, measure_s)
+    verdicts, diagnoses = _verdicts(runs, found_runs, known)
     rows |= diagnoses
     # Nothing is added to a run's own folder, whose files are covered by its checksums.
-    if rows != known and not is_run(found):
+    if rows != known and not is_run(found_runs):
         write_index(runs, rows)
-    entries = [_entry(rows[one.folder], verdicts) for one in found]
+    entries = [_entry(rows[run.folder], verdicts) for run in found_runs]
     return sorted(entries, key=lambda entry: (-entry.began_s, entry.folder))
 
 
 def is_run(found: list[FoundRun]) -> bool:
     """Whether the folder is itself a run's."""
-    return [one.folder for one in found] == ["."]
+    return [run.folder for run in found] == ["."]
 
 
 def _rows(
     runs: Path,
-    found: list[FoundRun],
+    found_runs: list[FoundRun],
     known: dict[str, IndexRow],
     report_progress: ProgressCount,
     measure_s: Callable[[Path], float | None],
@@ -323,23 +328,23 @@ def _rows(
     """A row of every run, read again where its folder has changed."""
     # Rows of folders that no longer exist are dropped with this.
     rows = {
-        one.folder: known[one.folder]
-        for one in found
-        if one.folder in known and known[one.folder].stamp == one.stamp
+        run.folder: known[run.folder]
+        for run in found_runs
+        if run.folder in known and known[run.folder].stamp == run.stamp
     }
-    new = [one for one in found if one.folder not in rows]
-    for one in iterate_with_progress(new, report_progress):
-        rows[one.folder] = IndexRow(one.stamp, read_entry(runs, one.folder, measure_s).plain())
+    new = [run for run in found_runs if run.folder not in rows]
+    for run in iterate_with_progress(new, report_progress):
+        rows[run.folder] = IndexRow(run.stamp, read_entry(runs, run.folder, measure_s).plain())
     return rows
 
 
 def _verdicts(
-    runs: Path, found: list[FoundRun], known: dict[str, IndexRow]
+    runs: Path, found_runs: list[FoundRun], known: dict[str, IndexRow]
 ) -> tuple[dict[str, Verdict], dict[str, IndexRow]]:
     """The verdict on each recording, and the rows of the diagnoses that they come from."""
     rows = {}
     verdicts_of_files = []
-    for file, stat in find_diagnoses(runs, found):
+    for file, stat in find_diagnoses(runs, found_runs):
         stamp = stamp_of(stat)
         path = f"{OF_DIAGNOSIS}{file}"
         if path in known and known[path].stamp == stamp:

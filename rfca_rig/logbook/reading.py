@@ -248,7 +248,9 @@ def _of_experiment(path: Path, folder: str, seconds: float | None) -> Entry:
         "imported",
         (path / EXPERIMENT).stat().st_mtime,
         motions=len(recordings),
-        named_conditions=tuple(dict.fromkeys(str(one["condition"]) for one in recordings)),
+        named_conditions=tuple(
+            dict.fromkeys(str(recording["condition"]) for recording in recordings)
+        ),
         seconds=seconds,
         identity=identity_of_tables(title, path),
     )

@@ -85,8 +85,8 @@ def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) ->
     """
     import mujoco  # noqa: PLC0415  (optional)
 
-    kinds = {model.geom(place).name: int(model.geom_type[place]) for place in range(model.ngeom)}
-    for place, contact in enumerate(contacts):
+    kinds = {model.geom(geom).name: int(model.geom_type[geom]) for geom in range(model.ngeom)}
+    for index, contact in enumerate(contacts):
         for name, kind, word in (
             (contact.sphere, mujoco.mjtGeom.mjGEOM_SPHERE, "sphere"),
             (contact.plane, mujoco.mjtGeom.mjGEOM_PLANE, "plane"),
@@ -101,7 +101,7 @@ def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) ->
                 )
         if any(
             (contact.sphere, contact.plane) == (other.sphere, other.plane)
-            for other in contacts[:place]
+            for other in contacts[:index]
         ):
             raise BadInput(
                 f"{where}: contacts: {contact.sphere!r} on {contact.plane!r} comes twice"

@@ -107,14 +107,14 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
         low = SMALLEST * size
         high = LARGEST * size
         chosen = list(places)
-        at = tuple(joints[place] for place in places)
+        at = tuple(joints[joint] for joint in places)
         return PlaceLaw(
             id_,
             words,
             law,
             source,
             quantity,
-            tuple(names[place] for place in places),
+            tuple(names[joint] for joint in places),
             at,
             places,
             low[chosen],
@@ -203,8 +203,8 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
             _add_load_loss,
         )
         yield from _laws_of_gears(mechanism, usual, driven)
-        shown = tuple(int(place) for place in np.flatnonzero(usual.command > 0.0))
-        actuators = tuple(mechanism.actuators[place] for place in shown)
+        shown = tuple(int(actuator) for actuator in np.flatnonzero(usual.command > 0.0))
+        actuators = tuple(mechanism.actuators[actuator] for actuator in shown)
         ones = np.ones(len(shown))
         yield PlaceLaw(
             "torque_scale",
@@ -288,7 +288,7 @@ def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[tuple[Parameter, 
     """A torque of each joint, or of all of one make, and the joints' places."""
     moving = mechanism.simulated
     units = joint_units(mechanism, "Nm", "N")
-    groups = group_places(mechanism, tuple(mechanism.joints[place] for place in moving))
+    groups = group_places(mechanism, tuple(mechanism.joints[joint] for joint in moving))
     parameters = []
     for group, members in groups:
         places = [moving[member] for member in members]
@@ -492,7 +492,7 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
 def _of_torque_lines(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     # Only a command that is a torque has a line of torque over speed; position servos are excluded.
-    motors = [place for place in torque_motors(mechanism) if usual.command[place] > 0.0]
+    motors = [motor for motor in torque_motors(mechanism) if usual.command[motor] > 0.0]
     joints = mechanism.model.actuator_trnid[motors, 0]
 
     def fall(plant: Plant, values: Values) -> Plant:
@@ -618,9 +618,9 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
     # no candidates.
     least_kg = PLACEHOLDER * float(model.body_mass.sum())
     heavy = [
-        place
-        for place in range(1, model.nbody)
-        if model.body_mass[place] > least_kg and model.body_weldid[place] != 0
+        index
+        for index in range(1, model.nbody)
+        if model.body_mass[index] > least_kg and model.body_weldid[index] != 0
     ]
 
     def load(plant: Plant, values: Values) -> Plant:
@@ -634,9 +634,9 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         shift_centre(plant, off_centre[int(values["body"]) - 1], values["shift_m"])
         return plant
 
-    off_centre = [place for place in heavy if np.linalg.norm(model.body_ipos[place]) > 0.0]
+    off_centre = [index for index in heavy if np.linalg.norm(model.body_ipos[index]) > 0.0]
     if off_centre:
-        most = max(float(np.linalg.norm(model.body_ipos[place])) for place in off_centre)
+        most = max(float(np.linalg.norm(model.body_ipos[index])) for index in off_centre)
         body = Parameter("body", 1.0, float(len(off_centre)), may_be_zero=False, whole=True)
         shift = Parameter("shift_m", -0.5 * most, 0.5 * most, starts=(-0.1 * most, 0.1 * most))
         yield Effect(
@@ -680,7 +680,7 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
                 _shift_reading(joint, offset),
                 same_as=f"{mechanism.joints[joint]}.zero_offset_{unit}",
             )
-    total = float(sum(model.body_mass[place] for place in heavy))
+    total = float(sum(model.body_mass[index] for index in heavy))
     body = Parameter("body", 1.0, float(len(heavy)), may_be_zero=False, whole=True)
     mass = Parameter("mass_kg", SMALLEST * total, 3.0 * LARGEST * total, may_be_zero=False)
     yield Effect(

@@ -70,11 +70,11 @@ class TorqueBalance:
 
         NaN where the command is 0.
         """
-        own = self.by_actuator[:, actuator]
-        needed = self.remainder + own
-        acts = own.any(axis=0)
-        product = float(np.sum(needed[:, acts] * own[:, acts]))
-        own_square = float(np.sum(own[:, acts] ** 2))
+        torque = self.by_actuator[:, actuator]
+        needed = self.remainder + torque
+        acts = torque.any(axis=0)
+        product = float(np.sum(needed[:, acts] * torque[:, acts]))
+        own_square = float(np.sum(torque[:, acts] ** 2))
         needed_square = float(np.sum(needed[:, acts] ** 2))
         if own_square == 0.0 or needed_square == 0.0:
             return np.nan, np.nan
@@ -134,7 +134,7 @@ def torque_motors(mechanism: Mechanism) -> list[int]:
     plain &= (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
         model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE
     )
-    return [int(place) for place in np.flatnonzero(plain)]
+    return [int(actuator) for actuator in np.flatnonzero(plain)]
 
 
 def has_torque_motors(mechanism: Mechanism) -> bool:

@@ -88,7 +88,7 @@ def group_places(
         if members:
             groups[name] = members
     grouped = {member for members in groups.values() for member in members}
-    single = {name: (place,) for place, name in enumerate(names) if place not in grouped}
+    single = {name: (index,) for index, name in enumerate(names) if index not in grouped}
     return tuple({**single, **groups}.items())
 
 
@@ -98,10 +98,10 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
     """
     places = law.places
     many = len(law.places) > 1
-    groups = law.groups or tuple((one, (place,)) for place, one in enumerate(law.objects))
+    groups = law.groups or tuple((name, (index,)) for index, name in enumerate(law.objects))
     names = [
-        join_name(one if len(groups) > 1 else "", law.quantity, law.units[members[0]])
-        for one, members in groups
+        join_name(name if len(groups) > 1 else "", law.quantity, law.units[members[0]])
+        for name, members in groups
     ]
 
     def in_all(plant: Plant, values: Values) -> Plant:
@@ -215,11 +215,11 @@ def compute_own_law(plant: Plant, joint: int, by_speed: bool, u: Floats) -> Floa
     data = mujoco.MjData(plant.model)
     torque = np.empty(len(u))
     state = data.qvel if by_speed else data.qpos
-    for place, value in enumerate(u):
+    for index, value in enumerate(u):
         state[joint] = value
         mujoco.mj_forward(plant.model, data)
         # MuJoCo's passive forces act on the joint; a table holds their resistance.
-        torque[place] = -(data.qfrc_damper if by_speed else data.qfrc_spring)[joint]
+        torque[index] = -(data.qfrc_damper if by_speed else data.qfrc_spring)[joint]
     if by_speed:
         steady, rise, falls = plant.stribeck[:, joint]
         dry = (
@@ -238,8 +238,8 @@ def pack_laws(laws: tuple[JointLaw, ...]) -> tuple[Floats, Floats]:
     (m, 3, k) knots, values, branches.
     """
     rows = np.zeros((len(laws), 3, max((len(law.knots) for law in laws), default=0)))
-    for place, law in enumerate(laws):
-        rows[place, :, : len(law.knots)] = law.knots, law.values, law.branches
+    for index, law in enumerate(laws):
+        rows[index, :, : len(law.knots)] = law.knots, law.values, law.branches
     return np.array(
         [[law.joint, law.by_speed, len(law.knots), law.turning] for law in laws], dtype=float
     ).reshape(-1, 4), rows
@@ -262,7 +262,7 @@ def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Ef
         return
     names = tuple(usual.sensors)
     places = tuple(mechanism.sensor_values[name][0] for name in names)
-    one = np.ones(len(places))
+    ones = np.ones(len(places))
     yield from expand_law(
         PlaceLaw(
             "sensor_gain",
@@ -273,8 +273,8 @@ def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Ef
             ("",) * len(places),
             names,
             places,
-            0.5 * one,
-            2.0 * one,
+            0.5 * ones,
+            2.0 * ones,
             _scale_sensor,
             "sensor",
         )
@@ -341,18 +341,18 @@ def _sensor_crosstalk(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effe
 def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
     rates = {}
     for name, rms in usual.sensors.items():
-        place, unit = mechanism.sensor_values[name]
+        index, unit = mechanism.sensor_values[name]
         key = join_name(
             name if len(usual.sensors) > 1 else "",
             "rate",
             unit.replace(" ", "").replace("/", "_"),
             "per_s",
         )
-        rates[key] = place, DRIFTS_BY * max(rms, 1e-12)
+        rates[key] = index, DRIFTS_BY * max(rms, 1e-12)
 
     def apply(plant: Plant, values: Values) -> Plant:
-        for key, (place, _) in rates.items():
-            plant.sensor_drift_per_s[place] += values[key]
+        for key, (index, _) in rates.items():
+            plant.sensor_drift_per_s[index] += values[key]
         return plant
 
     parameters = tuple(Parameter(key, -largest, largest) for key, (_, largest) in rates.items())
@@ -367,5 +367,5 @@ def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
     )
 
 
-def _scale_sensor(plant: Plant, place: int, value: float) -> None:
-    plant.sensor_gain[place] *= value
+def _scale_sensor(plant: Plant, sensor: int, value: float) -> None:
+    plant.sensor_gain[sensor] *= value

@@ -188,14 +188,14 @@ class Mechanism:
         """Place in `sensordata` and SI unit of each single value, by the sensor's name and,
         where it has three, the component.
         """
-        found: dict[str, tuple[int, str]] = {}
+        values: dict[str, tuple[int, str]] = {}
         for name, sensor in self.sensors.items():
             components = ("_x", "_y", "_z") if sensor.values == 3 else ("",)
-            found |= {
+            values |= {
                 f"{name}{component}": (sensor.first + k, sensor.unit)
                 for k, component in enumerate(components)
             }
-        return found
+        return values
 
     def joint(self, name: str, where: str) -> int:
         """The place of a joint. Raises BadInput, which begins with `where`."""
@@ -447,9 +447,9 @@ def _list_sensors(model: Any) -> dict[str, Sensor]:
         int(getattr(mujoco.mjtSensor, f"mjSENS_{kind}")): unit
         for kind, unit in SENSOR_UNITS.items()
     }
-    found = [(model.sensor(i).name, int(model.sensor_type[i]), i) for i in range(model.nsensor)]
+    sensors = [(model.sensor(i).name, int(model.sensor_type[i]), i) for i in range(model.nsensor)]
     return {
         name: Sensor(int(model.sensor_adr[i]), int(model.sensor_dim[i]), kinds[kind])
-        for name, kind, i in found
+        for name, kind, i in sensors
         if name and kind in kinds
     }

@@ -70,33 +70,33 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
 def _amend_joints(spec: Any, plant: Plant) -> None:
     model = plant.model
     original = plant.mechanism.model
-    for place, joint in enumerate(spec.joints):
+    for index, joint in enumerate(spec.joints):
         # A prescribed joint of the plant has an armature that no load can move; the file gets the
         # original one.
-        heavy = place in plant.mechanism.prescribed
-        joint.frictionloss = plant.friction[place]
-        joint.armature = (original if heavy else model).dof_armature[place]
-        joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
+        heavy = index in plant.mechanism.prescribed
+        joint.frictionloss = plant.friction[index]
+        joint.armature = (original if heavy else model).dof_armature[index]
+        joint.damping = [model.dof_damping[index], *model.dof_dampingpoly[index]]
         # A stop that was found. MJCF states angles in the unit of its compiler, the compiled model
         # in rad.
-        if model.jnt_limited[place] and not original.jnt_limited[place]:
-            in_degrees = spec.compiler.degree and not plant.mechanism.is_slide[place]
-            travel = model.jnt_range[place]
+        if model.jnt_limited[index] and not original.jnt_limited[index]:
+            in_degrees = spec.compiler.degree and not plant.mechanism.is_slide[index]
+            travel = model.jnt_range[index]
             joint.limited = 1
             joint.range = np.degrees(travel) if in_degrees else travel
-        joint.stiffness = [model.jnt_stiffness[place], *model.jnt_stiffnesspoly[place]]
+        joint.stiffness = [model.jnt_stiffness[index], *model.jnt_stiffnesspoly[index]]
 
 
 def _amend_bodies(spec: Any, plant: Plant) -> None:
     model = plant.model
-    for place, body in enumerate(spec.bodies):
-        if place > 0 and model.body_mass[place] > 0.0:
+    for index, body in enumerate(spec.bodies):
+        if index > 0 and model.body_mass[index] > 0.0:
             # Inertia along principal axes; NaN marks the full tensor as not given.
             body.explicitinertial = True
-            body.mass = model.body_mass[place]
-            body.ipos = model.body_ipos[place]
-            body.iquat = model.body_iquat[place]
-            body.inertia = model.body_inertia[place]
+            body.mass = model.body_mass[index]
+            body.ipos = model.body_ipos[index]
+            body.iquat = model.body_iquat[index]
+            body.inertia = model.body_inertia[index]
             body.fullinertia = np.full(6, np.nan)
 
 
@@ -104,19 +104,19 @@ def _amend_actuators(spec: Any, plant: Plant) -> None:
     import mujoco  # noqa: PLC0415  (optional)
 
     model = plant.model
-    for place, actuator in enumerate(spec.actuators):
-        gain = plant.command_gain[place]
+    for index, actuator in enumerate(spec.actuators):
+        gain = plant.command_gain[index]
         # Of a muscle other parameters than the gain stand beside it.
-        if int(model.actuator_gaintype[place]) in (
+        if int(model.actuator_gaintype[index]) in (
             mujoco.mjtGain.mjGAIN_FIXED,
             mujoco.mjtGain.mjGAIN_AFFINE,
         ):
             # A gear would scale what the actuator feeds back, too, and twice: the position, and the
             # force that answers it.
-            actuator.gear = model.actuator_gear[place]
-            actuator.gainprm = model.actuator_gainprm[place] * gain
+            actuator.gear = model.actuator_gear[index]
+            actuator.gainprm = model.actuator_gainprm[index] * gain
         else:
-            actuator.gear = model.actuator_gear[place] * gain
+            actuator.gear = model.actuator_gear[index] * gain
 
 
 def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:

@@ -43,7 +43,7 @@ def find_named_files(model: Path, folders: tuple[Path, ...] | None) -> set[Path]
     """
     names: set[str] = set()
     bases = {model.parent}
-    found = {model}
+    files = {model}
     to_search = [model]
     for _ in range(MOST_LEVELS):
         for path in to_search:
@@ -52,18 +52,18 @@ def find_named_files(model: Path, folders: tuple[Path, ...] | None) -> set[Path]
             # A part may name its own parts from its own folder, and the folders of all meshes.
             bases.add(path.parent)
             for folder in _values(_NAMES_A_FOLDER, content):
-                bases |= {place.parent for place in _shorten(model.parent / folder / "file")}
+                bases |= {file.parent for file in _shorten(model.parent / folder / "file")}
         if len(names) * len(bases) > MOST_PLACES:
             raise BadInput(
                 f"{model}: names {len(names)} files in {len(bases)} folders; more than "
                 f"{MOST_PLACES} places are not searched"
             )
-        to_search = sorted(_existing(model, bases, names) - found)
+        to_search = sorted(_existing(model, bases, names) - files)
         if folders is not None:
             refuse_outside(to_search, folders)
         if not to_search:
-            return found
-        found.update(to_search)
+            return files
+        files.update(to_search)
     raise BadInput(f"{model}: files that it includes include others, more than {MOST_LEVELS} deep")
 
 
@@ -116,7 +116,8 @@ def _values(pattern: re.Pattern[bytes], content: bytes) -> set[str]:
     takes / and \\ alike.
     """
     texts = {
-        (one or other).decode("utf-8", "surrogateescape") for one, other in pattern.findall(content)
+        (double_quoted or other).decode("utf-8", "surrogateescape")
+        for double_quoted, other in pattern.findall(content)
     }
     plain = {_SCHEME.sub("", text).replace("\\", "/") for text in texts | set(map(unescape, texts))}
     return {text for text in plain if text and "\0" not in text}
@@ -129,11 +130,11 @@ def _existing(model: Path, bases: set[Path], names: set[str]) -> set[Path]:
     parts = names | {Path(name).name for name in names}
     places = {base / part for base in bases for part in parts if part}
     shortened = set().union(*map(_shorten, places))
-    for place in shortened:
+    for path in shortened:
         # Reading one may wait for ever. As for files below, no error for any path, however long.
-        if os.path.exists(place) and not os.path.isfile(place) and not os.path.isdir(place):  # noqa: PTH110, PTH112, PTH113
-            raise BadInput(f"{model}: names {place}, a device or a pipe; name a file")
-    return {place for place in shortened if os.path.isfile(place)}  # noqa: PTH113 - False for any path, however long
+        if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):  # noqa: PTH110, PTH112, PTH113
+            raise BadInput(f"{model}: names {path}, a device or a pipe; name a file")
+    return {path for path in shortened if os.path.isfile(path)}  # noqa: PTH113 - False for any path, however long
 
 
 def _shorten(path: Path) -> set[Path]:

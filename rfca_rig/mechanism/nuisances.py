@@ -64,31 +64,31 @@ def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
         return {}
     if objects in SENSORS:
         return {
-            name: place
-            for name, (place, unit) in mechanism.sensor_values.items()
+            name: index
+            for name, (index, unit) in mechanism.sensor_values.items()
             if unit == SENSORS[objects]
         }
     if objects == "bodies":
         masses = mechanism.model.body_mass[1:]
         return {
-            name: place
-            for place, name in enumerate(mechanism.bodies)
-            if masses[place] > PLACEHOLDER * masses.sum()
+            name: index
+            for index, name in enumerate(mechanism.bodies)
+            if masses[index] > PLACEHOLDER * masses.sum()
         }
     if objects == "actuators":
-        return {name: place for place, name in enumerate(mechanism.actuators)}
+        return {name: index for index, name in enumerate(mechanism.actuators)}
     names = mechanism.joints
     if objects == "springs":
-        return {names[place]: place for place in mechanism.simulated if mechanism.has_spring(place)}
+        return {names[joint]: joint for joint in mechanism.simulated if mechanism.has_spring(joint)}
     # The remaining kinds are joints: "hinges", "moving slides", "hinge motors" and so on.
     slides = "slide" in objects
     driven = objects.endswith("motors")
-    read = [place for place in range(len(names)) if place not in mechanism.unmeasured]
+    read = [joint for joint in range(len(names)) if joint not in mechanism.unmeasured]
     joints = read if objects in ("hinges", "slides") else mechanism.simulated
     return {
-        names[place]: place
-        for place in joints
-        if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)
+        names[joint]: joint
+        for joint in joints
+        if mechanism.is_slide[joint] == slides and (mechanism.driven[joint] or not driven)
     }
 
 
@@ -99,22 +99,22 @@ def find_groups(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]
     for name, members in mechanism.alike.items():
         if places := tuple(single.pop(member) for member in members if member in single):
             groups[name] = places
-    return {**{name: (place,) for name, place in single.items()}, **groups}
+    return {**{name: (index,) for name, index in single.items()}, **groups}
 
 
-# Bodies are counted without the world here, which is body 0 of MuJoCo: hence `place + 1`.
-def _mass(plant: Plant, place: int, share: float) -> None:
-    plant.model.body_mass[place + 1] *= 1.0 + share
-    _inertia(plant, place, share)
+# Bodies are counted without the world here, which is body 0 of MuJoCo: hence `body + 1`.
+def _mass(plant: Plant, body: int, share: float) -> None:
+    plant.model.body_mass[body + 1] *= 1.0 + share
+    _inertia(plant, body, share)
 
 
-def _inertia(plant: Plant, place: int, share: float) -> None:
-    plant.model.body_inertia[place + 1] *= 1.0 + share
+def _inertia(plant: Plant, body: int, share: float) -> None:
+    plant.model.body_inertia[body + 1] *= 1.0 + share
 
 
-def _stiffness(plant: Plant, place: int, share: float) -> None:
-    plant.model.jnt_stiffness[place] *= 1.0 + share
-    plant.model.jnt_stiffnesspoly[place] *= 1.0 + share
+def _stiffness(plant: Plant, joint: int, share: float) -> None:
+    plant.model.jnt_stiffness[joint] *= 1.0 + share
+    plant.model.jnt_stiffnesspoly[joint] *= 1.0 + share
 
 
 def _law(column: int) -> Change:
@@ -129,24 +129,24 @@ def _law(column: int) -> Change:
     return change
 
 
-def _centre(plant: Plant, place: int, by_m: float) -> None:
-    shift_centre(plant, place + 1, by_m)
+def _centre(plant: Plant, body: int, by_m: float) -> None:
+    shift_centre(plant, body + 1, by_m)
 
 
-def _torque_offset(plant: Plant, place: int, by: float) -> None:
-    plant.torque_offset[place] += by
+def _torque_offset(plant: Plant, joint: int, by: float) -> None:
+    plant.torque_offset[joint] += by
 
 
-def _zero_offset(plant: Plant, place: int, by: float) -> None:
-    plant.zero_offset[place] += by
+def _zero_offset(plant: Plant, joint: int, by: float) -> None:
+    plant.zero_offset[joint] += by
 
 
-def _gain(plant: Plant, place: int, share: float) -> None:
-    plant.command_gain[place] *= 1.0 + share
+def _gain(plant: Plant, actuator: int, share: float) -> None:
+    plant.command_gain[actuator] *= 1.0 + share
 
 
-def _sensor_offset(plant: Plant, place: int, by: float) -> None:
-    plant.sensor_offset[place] += by
+def _sensor_offset(plant: Plant, sensor: int, by: float) -> None:
+    plant.sensor_offset[sensor] += by
 
 
 def _of_contacts(scale: Callable[[Plant, float], None]) -> Change:
@@ -173,7 +173,7 @@ def _delay(plant: Plant, place: int, by_s: float) -> None:  # noqa: ARG001
 
 
 def _of_model(field: str) -> Callable[[Mechanism, int], float]:
-    return lambda mechanism, place: float(getattr(mechanism.model, field)[place])
+    return lambda mechanism, index: float(getattr(mechanism.model, field)[index])
 
 
 _damping, _dry, _rotor = (

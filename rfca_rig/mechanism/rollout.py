@@ -416,12 +416,12 @@ def simulate_plant(
         read_w = path_w.copy()
         low_pass(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
     # Positions between steps follow a cubic, speeds a straight line.
-    place = np.minimum((t_s / h).astype(np.intp), steps - 1)
-    x = (t_s / h - place)[:, None]
-    position = _between(path_q, path_w, place, x, h) + plant.zero_offset
+    index = np.minimum((t_s / h).astype(np.intp), steps - 1)
+    x = (t_s / h - index)[:, None]
+    position = _between(path_q, path_w, index, x, h) + plant.zero_offset
     return Motion(
         position,
-        read_w[place] + x * (read_w[place + 1] - read_w[place]),
+        read_w[index] + x * (read_w[index + 1] - read_w[index]),
         _read_sensors(plant, path_s, t_s, since_s),
         touch_s,
     )

@@ -476,11 +476,12 @@ def families() -> tuple[Family, ...]:
 
 @cache
 def _families(folder: str | None) -> tuple[Family, ...]:
-    own: dict[str, set[str]] = {}
+    members: dict[str, set[str]] = {}
     for name, (effect, _) in _lab_effects(folder).items():
-        own.setdefault(effect.family, set()).add(name)
+        members.setdefault(effect.family, set()).add(name)
     return tuple(
-        replace(family, members=family.members | own.get(family.id, set())) for family in FAMILIES
+        replace(family, members=family.members | members.get(family.id, set()))
+        for family in FAMILIES
     )
 
 
@@ -488,8 +489,8 @@ def families_of(effect_id: str) -> tuple[Family, ...]:
     """The families that an effect belongs to; a lab's own effect that names none is a family of
     its own.
     """
-    found = tuple(family for family in families() if effect_id in family.members)
-    return found or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
+    matches = tuple(family for family in families() if effect_id in family.members)
+    return matches or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
 
 
 def members_of(family_id: str) -> frozenset[str]:

@@ -126,20 +126,22 @@ def table_of(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
 
 @lru_cache(maxsize=64)
 def _table(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
-    each = splines * (joints - 1) if len(splines) == 1 else splines
-    polynomials = [polynomial(spline.angles_rad, np.array(spline.torques_rad)) for spline in each]
-    p = max(len(one.x) - 1 for one in polynomials)
+    joint_splines = splines * (joints - 1) if len(splines) == 1 else splines
+    polynomials = [
+        polynomial(spline.angles_rad, np.array(spline.torques_rad)) for spline in joint_splines
+    ]
+    p = max(len(curve.x) - 1 for curve in polynomials)
     origin = np.full((joints, p), np.inf)
     cubic = np.zeros((joints, p, 5))
     origin[0, 0] = 0.0
-    for joint, one in enumerate(polynomials, start=1):
-        pieces = len(one.x) - 1
-        energy = one.antiderivative()
-        origin[joint, :pieces] = one.x[:-1]
+    for joint, curve in enumerate(polynomials, start=1):
+        pieces = len(curve.x) - 1
+        energy = curve.antiderivative()
+        origin[joint, :pieces] = curve.x[:-1]
         # The energy counts from rest, where the torque is zero. scipy orders coefficients by
         # descending power.
-        cubic[joint, :pieces, 0] = energy(one.x[:-1]) - energy(0.0)
-        cubic[joint, :pieces, 1:] = one.c[::-1].T
+        cubic[joint, :pieces, 0] = energy(curve.x[:-1]) - energy(0.0)
+        cubic[joint, :pieces, 1:] = curve.c[::-1].T
     return SplineTable(origin, cubic)
 
 
@@ -184,11 +186,13 @@ def knots_from(
     points = sorted(
         {*zip(map(float, np.radians(angles_deg)), map(float, torques_Nm), strict=True), (0.0, 0.0)}
     )
-    angles, torques = (tuple(each) for each in zip(*points, strict=True))
+    angles, torques = (tuple(values) for values in zip(*points, strict=True))
     # A curve that was measured on the negative side only is odd as well: it is turned to the
     # positive side.
     if angles[-1] == 0.0:
-        angles, torques = (tuple(-value for value in reversed(each)) for each in (angles, torques))
+        angles, torques = (
+            tuple(-value for value in reversed(values)) for values in (angles, torques)
+        )
     _check_monotone(angles, torques, where)
     return angles, torques
 
@@ -312,5 +316,7 @@ def bending_stiffness_Nm_per_rad(leg: Leg, x_rad: Floats) -> Floats:
     return _of_hinges(leg, springs.stiffness_Nm_per_rad(springs.rest_rad + x_rad[..., None]))
 
 
-def _of_hinges(leg: Leg, each: Floats) -> Floats:
-    return np.asarray(each[..., 1:].mean(axis=-1) if len(leg.torque_splines) > 1 else each[..., 1])
+def _of_hinges(leg: Leg, values: Floats) -> Floats:
+    return np.asarray(
+        values[..., 1:].mean(axis=-1) if len(leg.torque_splines) > 1 else values[..., 1]
+    )

@@ -22,8 +22,8 @@ class TorqueSpline:
     def scaled(self, angle: float, torque: float) -> "TorqueSpline":
         """The curve with its angles and torques multiplied by these factors."""
         return TorqueSpline(
-            tuple(angle * each for each in self.angles_rad),
-            tuple(torque * each for each in self.torques_rad),
+            tuple(angle * value for value in self.angles_rad),
+            tuple(torque * value for value in self.torques_rad),
         )
 
 

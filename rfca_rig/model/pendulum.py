@@ -75,13 +75,13 @@ class Pendulum:
     def __post_init__(self) -> None:
         if not self.links:
             raise BadInput("a pendulum without links; give one or more")
-        for place, link in enumerate(self.links, start=1):
+        for number, link in enumerate(self.links, start=1):
             # Steiner's theorem: the inertia about the joint is at least mass times distance
             # squared.
             least = link.mass_kg * link.centre_of_mass_m**2
             if link.inertia_kg_m2 < least * (1.0 - 1e-9):
                 raise BadInput(
-                    f"link {place}: {link.inertia_kg_m2:g} kg m2 about the joint is less "
+                    f"link {number}: {link.inertia_kg_m2:g} kg m2 about the joint is less "
                     f"than its mass has at the centre, {least:g}; "
                     f"give the inertia about the joint, not about the centre of mass"
                 )
@@ -221,9 +221,9 @@ class DrivenPendulum:
         state = State(q, w, np.zeros(links), np.zeros(links), np.zeros((len(self.uses), links, 4)))
         # The laws that read the torque count the time of the assumed rotation too, which ends where
         # the trace begins.
-        for place, use in enumerate(self.uses):
+        for index, use in enumerate(self.uses):
             if use.reads_torque:
-                state.memory[place, :, CLOCK] = -2.0 * EVEN_S
+                state.memory[index, :, CLOCK] = -2.0 * EVEN_S
         work = allocate_workspace(links, links)
         work.w[:] = w
         for ago_s in (EVEN_S, 0.0):
@@ -366,8 +366,8 @@ def _set_masses(chain: Chain, pendulum: Pendulum) -> Chain:
     links = pendulum.links
     n = len(chain.length)
     mass_beyond = np.append(np.cumsum([link.mass_kg for link in links[::-1]])[::-1][1:], 0.0)
-    own = np.array([link.mass_kg * link.centre_of_mass_m for link in links])
-    first = own + mass_beyond * chain.length[1:]
+    link_moments = np.array([link.mass_kg * link.centre_of_mass_m for link in links])
+    first = link_moments + mass_beyond * chain.length[1:]
     moment = np.zeros((n, n))
     first_moment = np.zeros(n)
     damping = chain.hinge_damping.copy()

@@ -209,11 +209,11 @@ def make_stage_motion(
     A move too short to reach its speed within the ramps stays slower.
     """
     pieces: list[tuple[float, list[float]]] = []
-    here = start_rad
+    last_angle = start_rad
     for angle in angles_rad:
-        pieces += _move(here, float(angle), moves)
+        pieces += _move(last_angle, float(angle), moves)
         pieces.append((moves.hold_s + STILL_AFTER_S, [float(angle), 0.0, 0.0, 0.0]))
-        here = float(angle)
+        last_angle = float(angle)
     breaks = np.concatenate([[0.0], np.cumsum([seconds for seconds, _ in pieces])])
     holds = np.array([row[1] == row[2] == 0.0 for _, row in pieces])
     return ShaftMotion(breaks, np.array([row for _, row in pieces]), breaks[:-1]), breaks[1:][
@@ -221,9 +221,9 @@ def make_stage_motion(
     ] - STILL_AFTER_S
 
 
-def _move(here: float, there: float, moves: StageMoves) -> list[tuple[float, list[float]]]:
+def _move(start: float, end: float, moves: StageMoves) -> list[tuple[float, list[float]]]:
     """(seconds, coefficients) of the pieces of one move."""
-    distance = there - here
+    distance = end - start
     ramp_s = moves.ramp_s
     if distance == 0.0:
         return []
@@ -233,7 +233,7 @@ def _move(here: float, there: float, moves: StageMoves) -> list[tuple[float, lis
     ramped = 0.5 * speed * ramp_s
     half_acceleration = 0.5 * speed / ramp_s
     return [
-        (ramp_s, [here, 0.0, half_acceleration, 0.0]),
-        *([(even_s, [here + ramped, speed, 0.0, 0.0])] if even_s > 1e-9 else []),
-        (ramp_s, [there - ramped, speed, -half_acceleration, 0.0]),
+        (ramp_s, [start, 0.0, half_acceleration, 0.0]),
+        *([(even_s, [start + ramped, speed, 0.0, 0.0])] if even_s > 1e-9 else []),
+        (ramp_s, [end - ramped, speed, -half_acceleration, 0.0]),
     ]

@@ -327,13 +327,13 @@ def simulate_strokes(
 
     def simulate(block: Sequence[int]) -> None:
         # Sensed at once, while the samples are in the processor's cache.
-        for number, one in zip(
+        for number, motion in zip(
             block, _move_block([requests[number] for number in block], only_sensed), strict=True
         ):
-            if isinstance(one, SimulationFailed):
-                results[number] = one
+            if isinstance(motion, SimulationFailed):
+                results[number] = motion
             else:
-                results[number] = _sense(requests[number].setup, *one)
+                results[number] = _sense(requests[number].setup, *motion)
 
     with ThreadPoolExecutor(max(1, min(threads or cores(), len(blocks) or 1))) as pool:
         list(pool.map(simulate, blocks))
@@ -398,7 +398,7 @@ def simulate_variations(
     first_of = {0: here}
     for number, request in zip(motion_of, varied, strict=True):
         first_of.setdefault(number, request)
-    found: dict[int, tuple[Moved, SimulatedStroke | None]] = {}
+    motions: dict[int, tuple[Moved, SimulatedStroke | None]] = {}
 
     def store(reference: Moved, block: Sequence[int], moved: Sequence[Moved]) -> None:
         # Sensed once for all variations beside it.
@@ -406,32 +406,38 @@ def simulate_variations(
             stroke = None
         else:
             stroke = _sense(here.setup, *reference)
-        found.update((number, (one, stroke)) for number, one in zip(block, moved, strict=True))
+        motions.update(
+            (number, (motion, stroke)) for number, motion in zip(block, moved, strict=True)
+        )
         # Any of the blocks will do for what shares the motion of `here`, as long as both come from
         # it.
-        found.setdefault(0, (reference, stroke))
+        motions.setdefault(0, (reference, stroke))
 
     beside = [
         number for number, request in first_of.items() if number and request.kind == here.kind
     ]
     apart = [number for number, request in first_of.items() if number and request.kind != here.kind]
     for places in _divide_into_blocks([first_of[number] for number in beside], LANES - 1):
-        block = [beside[place] for place in places]
+        block = [beside[index] for index in places]
         reference, *moved = _move_block(
             [here, *(first_of[number] for number in block)], only_sensed
         )
         store(reference, block, moved)
     for places in _divide_into_blocks([first_of[number] for number in apart], LANES):
-        block = [apart[place] for place in places]
+        block = [apart[index] for index in places]
         moved = _move_block([first_of[number] for number in block], only_sensed)
-        found.update((number, (one, None)) for number, one in zip(block, moved, strict=True))
-    if 0 not in found and 0 in motion_of:
+        motions.update(
+            (number, (motion, None)) for number, motion in zip(block, moved, strict=True)
+        )
+    if 0 not in motions and 0 in motion_of:
         store(_move_alone(here, only_sensed), (), ())
     pairs: list[Pair | SimulationFailed] = []
     for number, request in zip(motion_of, varied, strict=True):
-        one, stroke = found[number]
+        motion, stroke = motions[number]
         pairs.append(
-            one if isinstance(one, SimulationFailed) else (_sense(request.setup, *one), stroke)
+            motion
+            if isinstance(motion, SimulationFailed)
+            else (_sense(request.setup, *motion), stroke)
         )
     return pairs
 
@@ -452,7 +458,7 @@ def _divide_into_blocks(
     for number, request in enumerate(requests):
         groups.setdefault(request.kind, []).append(number)
     ordered = [
-        [group[place] for place in order([requests[number] for number in group])]
+        [group[index] for index in order([requests[number] for number in group])]
         for group in groups.values()
     ]
     return [
@@ -495,13 +501,13 @@ def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Mo
         legs = [_begin(setup) for setup in setups]
         if len(legs) > 1 and len({leg.kind for leg in legs}) == 1:
             out = allocate_samples_of_lanes(t_s, legs[0].state, only_sensed)
-            each = [
+            lanes = [
                 Samples(t_s, *(column[..., lane] for column in out[1:]))
                 for lane in range(len(legs))
             ]
             moving = [
-                _fill_rest(leg, setups[0].begins_s, own)
-                for leg, own in zip(legs, each, strict=True)
+                _fill_rest(leg, setups[0].begins_s, samples)
+                for leg, samples in zip(legs, lanes, strict=True)
             ]
             resting = len(t_s) - len(moving[0].t)
             cost = move_side_by_side(
@@ -510,7 +516,7 @@ def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Mo
                 requests[0].tolerance,
                 Samples(*(column[resting:] for column in out)),
             )
-            return [(own, cost) for own in each]
+            return [(samples, cost) for samples in lanes]
     except SimulationFailed:
         # Below, each stroke succeeds or fails alone.
         pass

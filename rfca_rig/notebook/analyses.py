@@ -80,12 +80,12 @@ class DiagnosisResult:
         """A row per set of effects that was compared, most probable first."""
         rows = (
             {
-                "effects": ", ".join(one.ids) or "none",
-                "probability": one.probability,
-                "log_evidence": one.log_evidence,
-                "model_error": one.model_error,
+                "effects": ", ".join(rival.ids) or "none",
+                "probability": rival.probability,
+                "log_evidence": rival.log_evidence,
+                "model_error": rival.model_error,
             }
-            for one in self.diagnosis.rivals
+            for rival in self.diagnosis.rivals
         )
         return make_frame(list(rows))
 
@@ -130,26 +130,26 @@ class DiagnosisResult:
                 "effect": effect.id,
                 "probability": effect.probability,
                 "parameter": name,
-                "value": one.value,
-                "low_90": one.value - Z_90 * one.std,
-                "high_90": one.value + Z_90 * one.std,
+                "value": value.value,
+                "low_90": value.value - Z_90 * value.std,
+                "high_90": value.value + Z_90 * value.std,
             }
             for effect in self.diagnosis.effects
-            for name, one in effect.parameters.items()
+            for name, value in effect.parameters.items()
         ]
 
     def _error_rows(self) -> list[Row]:
         rows: list[Row] = []
-        for name, one in all_misfits(self.diagnosis).items():
+        for name, misfit in all_misfits(self.diagnosis).items():
             held_out = self.diagnosis.held_out.get(f"held_out_{name}")
             rows.append(
                 {
                     "signal": name,
-                    "before": one.before,
-                    "after": one.after,
+                    "before": misfit.before,
+                    "after": misfit.after,
                     "held_out_before": None if held_out is None else held_out.before,
                     "held_out_after": None if held_out is None else held_out.after,
-                    "noise": one.noise_floor,
+                    "noise": misfit.noise_floor,
                 }
             )
         return rows
@@ -256,12 +256,14 @@ def diagnose(
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    one = _with_own_model(sources)
+    experiment = _with_own_model(sources)
     with show_progress("diagnosis", progress) as move:
-        if isinstance(one, Experiment):
-            return DiagnosisResult(diagnose_mechanism(one, move, without, law_at, as_is).diagnosis)
-        if isinstance(one, PendulumCampaign):
-            return DiagnosisResult(diagnose_pendulum(one, move, without, law_at))
+        if isinstance(experiment, Experiment):
+            return DiagnosisResult(
+                diagnose_mechanism(experiment, move, without, law_at, as_is).diagnosis
+            )
+        if isinstance(experiment, PendulumCampaign):
+            return DiagnosisResult(diagnose_pendulum(experiment, move, without, law_at))
         return DiagnosisResult(
             diagnose_leg(_recordings(sources, as_is), move, None, without, law_at)
         )
@@ -295,30 +297,32 @@ def fit(
     BadInput
         Where the recordings cannot be used, or a name is not known.
     """
-    one = _with_own_model(sources)
-    if effects and not isinstance(one, Experiment):
+    experiment = _with_own_model(sources)
+    if effects and not isinstance(experiment, Experiment):
         raise BadInput(
             "effects: are for recordings of a mechanism (experiment.toml); leave them out here"
         )
     with show_progress("fit", progress) as move:
-        if isinstance(one, Experiment):
-            return _of_windows(fit_mechanism(one, move, list(parameters), list(effects), as_is).fit)
-        if isinstance(one, PendulumCampaign):
-            return _of_windows(fit_pendulum(one, move, list(parameters)).fit)
-        found = fit_recordings(_recordings(sources, as_is), list(parameters))
-    return FittedResult(found, tuple(vars(value) for value in found.parameters))
+        if isinstance(experiment, Experiment):
+            return _of_windows(
+                fit_mechanism(experiment, move, list(parameters), list(effects), as_is).fit
+            )
+        if isinstance(experiment, PendulumCampaign):
+            return _of_windows(fit_pendulum(experiment, move, list(parameters)).fit)
+        leg_fit = fit_recordings(_recordings(sources, as_is), list(parameters))
+    return FittedResult(leg_fit, tuple(vars(value) for value in leg_fit.parameters))
 
 
-def _of_windows(found: WindowFit) -> FittedResult:
+def _of_windows(window_fit: WindowFit) -> FittedResult:
     shifts = tuple(
         {"name": s.name, "shift": s.value, "std": s.std, "prior_std": s.prior_std}
-        for s in found.shifts
+        for s in window_fit.shifts
     )
     sizes = tuple(
         {"name": f"{s.effect}.{s.name}", "shift": s.value, "std": s.std, "prior_std": None}
-        for s in found.sizes
+        for s in window_fit.sizes
     )
-    return FittedResult(found, shifts + sizes)
+    return FittedResult(window_fit, shifts + sizes)
 
 
 def report(*sources: Source, out: str | Path = "report", as_is: bool = False) -> ReportResult:
@@ -349,14 +353,14 @@ def effects() -> "pandas.DataFrame":
     """
     rows = (
         {
-            "id": one.id,
-            "where": one.where,
-            "law": one.law,
-            "families": ", ".join(family.id for family in families_of(one.id)),
-            "parameters": "; ".join(f"{p.name} {p.low:g} to {p.high:g}" for p in one.parameters),
-            "source": one.source,
+            "id": effect.id,
+            "where": effect.where,
+            "law": effect.law,
+            "families": ", ".join(family.id for family in families_of(effect.id)),
+            "parameters": "; ".join(f"{p.name} {p.low:g} to {p.high:g}" for p in effect.parameters),
+            "source": effect.source,
         }
-        for _, one in sorted(catalogue().items())
+        for _, effect in sorted(catalogue().items())
     )
     return make_frame(list(rows))
 

@@ -158,11 +158,11 @@ class OpenedRecordings:
         motion = self._motion(number)
         dataset = require("xarray").Dataset
         if isinstance(motion, Stroke):
-            found: xarray.Dataset = dataset(*_stroke_data(motion))
-            return found
+            samples: xarray.Dataset = dataset(*_stroke_data(motion))
+            return samples
         times = {"t_s": ("t_s", motion.t_s, {"units": "s"})}
         about = {"title": self.title, "run": motion.label, "condition": motion.condition}
-        found = dataset(
+        samples = dataset(
             {
                 name: ("t_s", values, {"units": unit})
                 for name, values, unit in self._columns(motion)
@@ -170,7 +170,7 @@ class OpenedRecordings:
             times,
             about,
         )
-        return found
+        return samples
 
     def table(self) -> "pandas.DataFrame":
         """A row per motion: its condition, and of a stroke the valley."""
@@ -193,9 +193,9 @@ class OpenedRecordings:
         ax = make_axes(ax)
         if isinstance(motion, Stroke):
             shown = [
-                (name, *found)
+                (name, *channel)
                 for name in ("fz_N", "fy_N")
-                if (found := motion.channel(name)) is not None
+                if (channel := motion.channel(name)) is not None
             ]
             ax.set_ylabel("force on the sensor in N")
         else:
@@ -224,8 +224,8 @@ class OpenedRecordings:
 
     def _rows(self) -> list[Row]:
         return [
-            describe_stroke(one) if isinstance(one, Stroke) else _run_row(one)
-            for one in self.strokes
+            describe_stroke(motion) if isinstance(motion, Stroke) else _run_row(motion)
+            for motion in self.strokes
         ]
 
     def _columns(self, run: PendulumRun | MechanismRun) -> list[tuple[str, Any, str]]:
@@ -283,10 +283,10 @@ def _run_row(run: PendulumRun | MechanismRun) -> Row:
 def _static_row(stage: StaticStage) -> Row:
     hinges = {f"hinge{k}_deg": angle for k, angle in enumerate(stage.hinge_deg, start=2)}
     stds = {f"hinge{k}_std_deg": std for k, std in enumerate(stage.hinge_std_deg, start=2)}
-    own = {name: getattr(stage, name) for name in STATIC_COLUMNS[1:]}
+    columns = {name: getattr(stage, name) for name in STATIC_COLUMNS[1:]}
     return {
         "height_mm": round(1e3 * stage.height_m, 6),
-        **own,
+        **columns,
         **hinges,
         **stds,
         "settled": stage.settled,

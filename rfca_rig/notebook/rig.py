@@ -112,8 +112,8 @@ class SimulatedResult:
             "link": np.arange(1, stroke.q_rad.shape[1] + 1),
         }
         figures = {name: value for name, value in self.summary.items() if value is not None}
-        found: xarray.Dataset = require("xarray").Dataset(data, coordinates, figures)
-        return found
+        dataset: xarray.Dataset = require("xarray").Dataset(data, coordinates, figures)
+        return dataset
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw fy and fz over time into `ax`, or into a new figure."""

@@ -217,8 +217,8 @@ def _stages(experiment: Fatigue, rig: RigFacts) -> Iterator[Stage]:
         else:
             # Number of cycles, from that one on, before a check or a full stroke is due.
             until = (
-                every - (number - 1) % every
-                for every in (experiment.check.every, experiment.full_every)
+                interval - (number - 1) % interval
+                for interval in (experiment.check.every, experiment.full_every)
             )
             count = min(*until, experiment.cycles - number + 1)
             yield Cycles(experiment.height_m, experiment.speed_rad_s, number, count)
@@ -229,8 +229,8 @@ def _stages(experiment: Fatigue, rig: RigFacts) -> Iterator[Stage]:
     yield MoveShaft(rig.parked_angle_rad, experiment.return_speed_rad_s)
 
 
-def _is_due(number: int, every: int) -> bool:
-    return (number - 1) % every == 0
+def _is_due(number: int, interval: int) -> bool:
+    return (number - 1) % interval == 0
 
 
 def _first_strokes(experiment: Fatigue, rig: RigFacts, back: MoveShaft) -> Iterator[Stage]:
@@ -246,8 +246,10 @@ def _check(experiment: Fatigue, number: int, back: MoveShaft) -> Iterator[Stage]
     angles = check.angles_rad
     timing = HoldTiming(check.dwell_s, check.average_s)
     # Holds are numbered over the whole run: resuming identifies static stages by height and number.
-    for place, angle_rad in enumerate(angles, start=(number - 1) * len(angles) + 1):
+    for hold_number, angle_rad in enumerate(angles, start=(number - 1) * len(angles) + 1):
         yield MoveShaft(angle_rad, check.move_speed_rad_s)
-        yield Hold(experiment.height_m, place, "loading", angle_rad, experiment.settle, timing)
+        yield Hold(
+            experiment.height_m, hold_number, "loading", angle_rad, experiment.settle, timing
+        )
     yield back
     yield StiffnessCheck(number, len(angles), check.drift_limit)

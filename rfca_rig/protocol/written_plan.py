@@ -137,8 +137,8 @@ def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
     strokes_left = done.strokes
     holds_left = done.holds
     cycle = 0
-    found = None
-    for place, stage in enumerate(stages):
+    open_index = None
+    for index, stage in enumerate(stages):
         match stage:
             case Flap() if strokes_left:
                 strokes_left -= 1
@@ -148,7 +148,7 @@ def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
             case Cycles() if stage.last <= done.cycle:
                 cycle = stage.last
             case Flap() | Hold() | Cycles():
-                found = place
+                open_index = index
                 if isinstance(stage, Cycles) and stage.first <= done.cycle:
                     cycle = done.cycle
                 break
@@ -158,7 +158,7 @@ def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
             f"{done.strokes} strokes, {done.holds} static stages and {done.cycle} cycles "
             "are not what the plan begins with"
         )
-    return found
+    return open_index
 
 
 def _way_there(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
@@ -173,8 +173,8 @@ def _way_there(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
     # From the last visit of the start angle on: only these moves decide the state of a static
     # stage.
     last_home = max(
-        place
-        for place, stage in enumerate(led)
+        index
+        for index, stage in enumerate(led)
         if isinstance(stage, MoveShaft) and stage.angle_rad == home.angle_rad
     )
     yield from (
@@ -188,12 +188,12 @@ def _first_strokes(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
     """First strokes of the condition again, each with its rest and its way back: the rig may
     have changed meanwhile.
     """
-    for place, stage in enumerate(led):
+    for index, stage in enumerate(led):
         if isinstance(stage, Approach) and stage.full_speed_rad_s == getattr(
             to_come, "speed_rad_s", None
         ):
             # The plan puts a rest before each first stroke and the way home behind it.
-            yield from led[place - 1 : place + 2]
+            yield from led[index - 1 : index + 2]
 
 
 def _open_part(stage: Stage, done: PlanProgress) -> Stage:

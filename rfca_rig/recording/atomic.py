@@ -208,9 +208,9 @@ class ErrorDeferringFile:
             self._refused = error
 
     def readinto(self, target: memoryview) -> int:
-        found = self.read(len(target))
-        target[: len(found)] = found
-        return len(found)
+        content = self.read(len(target))
+        target[: len(content)] = content
+        return len(content)
 
     def read(self, length: int = -1) -> bytes:
         """Reads from the current position; shorter at the end of the file. Sees refused writes
@@ -224,15 +224,15 @@ class ErrorDeferringFile:
         os.lseek(self._handle, at, os.SEEK_SET)
         # Bytes that HDF5 never wrote, or that only stand in memory, are not in the file: they read
         # as zeros.
-        found = bytearray(os.read(self._handle, end - at).ljust(end - at, b"\0"))
+        buffer = bytearray(os.read(self._handle, end - at).ljust(end - at, b"\0"))
         # In the order of writing: a later write to the same place wins.
         for start, content in self._unwritten:
             first = max(start, at)
             last = min(start + len(content), end)
             if first < last:
-                found[first - at : last - at] = content[first - start : last - start]
+                buffer[first - at : last - at] = content[first - start : last - start]
         self._at = end
-        return bytes(found)
+        return bytes(buffer)
 
     def truncate(self, size: int) -> None:
         """Sets the file's length."""

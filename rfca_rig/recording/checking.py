@@ -277,9 +277,9 @@ class _Sums:
         for name in list(self._sums):
             yield self.finding(name, lambda: "as it was written")
         pictures = (
-            f"{place}/{file.name}"
-            for place in (PHOTOS, OVERLAYS)
-            for file in sorted((self._folder / place).glob("*.*"))
+            f"{subfolder}/{file.name}"
+            for subfolder in (PHOTOS, OVERLAYS)
+            for file in sorted((self._folder / subfolder).glob("*.*"))
         )
         if self._is_summed_up:
             self._unlisted += [
@@ -362,16 +362,16 @@ class _Recorded:
         """What it holds. Raises BadInput where it is damaged, or holds other than its stages."""
         if self._damage is not None:
             raise self._damage
-        found = summarize(self._path, has_right_seal=True).text()
+        summary = summarize(self._path, has_right_seal=True).text()
         try:
             expected = stages.summary()
         except BadInput:
             expected = None
         if expected is None:
-            return f"{found}; not compared with its stages, of which some are damaged"
-        if found != expected.text():
-            raise BadInput(f"{self._path}: holds {found}, its stages {expected.text()}")
-        return found
+            return f"{summary}; not compared with its stages, of which some are damaged"
+        if summary != expected.text():
+            raise BadInput(f"{self._path}: holds {summary}, its stages {expected.text()}")
+        return summary
 
 
 def _title(folder: Path, texts: Recording | None) -> str:
@@ -432,11 +432,11 @@ def _ending(folder: Path, texts: Recording | None) -> str:
     return ending.provenance.get("ended", "recovered")
 
 
-def _compare(path: Path, name: str, here: object, recorded: object) -> None:
+def _compare(path: Path, name: str, content: object, recorded: object) -> None:
     """Raises BadInput where a file and `run.h5`, which was made of it and has a checksum,
     differ.
     """
-    if json.dumps(here, sort_keys=True) != json.dumps(recorded, sort_keys=True):
+    if json.dumps(content, sort_keys=True) != json.dumps(recorded, sort_keys=True):
         raise BadInput(
             f"{path}: its {name} is not what {RECORDING} was made of: it was edited since"
         )

@@ -270,10 +270,14 @@ def read_names(text: object) -> list[str]:
 
 def check_column(group: h5py.Group, name: str) -> h5py.Dataset:
     """The dataset of a column. Raises ValueError where it is no row of numbers."""
-    found = group.get(link_name(name))
-    if not isinstance(found, h5py.Dataset) or found.ndim != 1 or found.dtype.kind not in "iuf":
+    dataset = group.get(link_name(name))
+    if (
+        not isinstance(dataset, h5py.Dataset)
+        or dataset.ndim != 1
+        or dataset.dtype.kind not in "iuf"
+    ):
         raise ValueError(f"{group.name}/{name} is no row of numbers")
-    return found
+    return dataset
 
 
 def copy_column(source: h5py.Group, target: h5py.Group, name: str) -> h5py.h5d.DatasetID:
@@ -296,7 +300,7 @@ def read_column(group: h5py.Group, name: str) -> Column:
 
 def link_name(name: str) -> str:
     """The name as an HDF5 link, in which "/" and a lone "." would be read as a path."""
-    escaped = re.sub("[%/]", lambda found: urllib.parse.quote(found[0], safe=""), name)
+    escaped = re.sub("[%/]", lambda match: urllib.parse.quote(match[0], safe=""), name)
     if set(escaped) == {"."}:
         return escaped.replace(".", "%2E")
     return escaped

@@ -122,7 +122,7 @@ def collect_strokes_before(recorded: Iterable[Stroke | StaticStage]) -> tuple[in
     """How many strokes the leg had made before each of these; () where one of them was not
     counted.
     """
-    counts = [each.strokes_before for each in recorded]
+    counts = [stage.strokes_before for stage in recorded]
     # All or none: a sequence with gaps is of no use as an order.
     known = tuple(count for count in counts if count is not None)
     if len(known) == len(counts):

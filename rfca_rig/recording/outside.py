@@ -19,10 +19,10 @@ def refuse_outside(files: Iterable[Path], folders: Iterable[Path]) -> None:
     """
     roots = [_resolve(folder) for folder in folders]
     for file in files:
-        place = _resolve(file)
-        if not any(place.is_relative_to(root) for root in roots):
+        target = _resolve(file)
+        if not any(target.is_relative_to(root) for root in roots):
             raise BadInput(
-                f"{file}: leads to {place}, outside {roots[0]}, and is not read; put a "
+                f"{file}: leads to {target}, outside {roots[0]}, and is not read; put a "
                 "copy into the folder, "
                 f"or give {ALLOW_OUTSIDE}, which import, check, report, fit and diagnose "
                 "take, if you trust who made the folder"

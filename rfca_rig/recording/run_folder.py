@@ -144,13 +144,13 @@ def read_stages(folder: Path) -> Recording:
     Raises BadInput, naming the file, where one is damaged.
     """
     ending = read_ending(folder)
-    found = merge_stages(
+    recording = merge_stages(
         read_header(folder), (read_recording(file) for file in stage_files(folder))
     )
     return replace(
-        found,
-        static=with_photo_angles(found.static, ending),
-        provenance=run_provenance(folder, found, ending, len(found.strokes)),
+        recording,
+        static=with_photo_angles(recording.static, ending),
+        provenance=run_provenance(folder, recording, ending, len(recording.strokes)),
     )
 
 
@@ -163,11 +163,11 @@ def read_without_samples(folder: Path) -> Recording:
         with open_sealed(path) as (file, _):
             strokes += len(file[STROKES])
             static += read_static(file)
-    found = replace(read_header(folder), static=tuple(static))
+    recording = replace(read_header(folder), static=tuple(static))
     return replace(
-        found,
-        static=with_photo_angles(found.static, ending),
-        provenance=run_provenance(folder, found, ending, strokes),
+        recording,
+        static=with_photo_angles(recording.static, ending),
+        provenance=run_provenance(folder, recording, ending, strokes),
     )
 
 
@@ -220,8 +220,8 @@ def close_journals(folder: Path) -> int:
     """
     check_not_running(folder)
     header = read_header(folder)
-    found = journals(folder)
-    for journal in found:
+    journal_files = journals(folder)
+    for journal in journal_files:
         path = journal.with_suffix(STAGE)
         # The crash may have come after the stage file was put in place and before its journal was
         # removed.
@@ -232,7 +232,7 @@ def close_journals(folder: Path) -> int:
     for half in folder.rglob(f"*{WRITING}"):
         remove(half)
     DiskReserve(folder).release()
-    return len(found)
+    return len(journal_files)
 
 
 def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
@@ -246,7 +246,7 @@ def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
     events = AppendOnlyFile(folder / EVENTS)
     lock(events)
     try:
-        if sum(one.get("event") == event["event"] for one in events_of(folder)) != resumed:
+        if sum(entry.get("event") == event["event"] for entry in events_of(folder)) != resumed:
             raise BadInput(
                 f"{folder}: another process has resumed the run at this moment; wait for its end"
             )
@@ -284,12 +284,12 @@ def read_partial(path: Path) -> Recording:
         raise BadInput(
             f"{partial_of(path)}: holds no recording; the run was interrupted before it began"
         )
-    found = merge_stages(parts[0], parts[1:])
+    recording = merge_stages(parts[0], parts[1:])
     interruption = (
-        f"the run ended without being finished, after {len(found.strokes)} strokes and "
-        f"{len(found.static)} static stages"
+        f"the run ended without being finished, after {len(recording.strokes)} strokes and "
+        f"{len(recording.static)} static stages"
     )
-    return replace(found, provenance={**found.provenance, INTERRUPTED: interruption})
+    return replace(recording, provenance={**recording.provenance, INTERRUPTED: interruption})
 
 
 def recover_partial(path: Path) -> Path:

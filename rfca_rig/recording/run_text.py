@@ -107,14 +107,14 @@ def run_provenance(
     """Provenance of a run with so many strokes and the static stages of `known`, and how it
     ended, or that it has not.
     """
-    found = {**known.provenance, "events": events_text(folder)}
+    provenance = {**known.provenance, "events": events_text(folder)}
     if ending is None:
         interruption = (
             f"the run ended without being finished, after {strokes} strokes and "
             f"{len(known.static)} static stages"
         )
-        return {**found, INTERRUPTED: interruption}
-    return {**found, **ending.provenance}
+        return {**provenance, INTERRUPTED: interruption}
+    return {**provenance, **ending.provenance}
 
 
 def events_text(folder: Path) -> str:

@@ -132,9 +132,9 @@ def _survey(journal: Path) -> Steps[Survey | None]:
     if first is None or first.kind is not BlockKind.BEGIN:
         return None
     begin = Begin.of(first)
-    found = _Found()
+    bounds = _Found()
     counts = [_Count() for _ in begin.forms]
-    for stream, rows in found.batches(begin, journal):
+    for stream, rows in bounds.batches(begin, journal):
         counts[stream].add(rows)
         yield
     # Without a commanded start the stage was cut short before it; times then count from the first
@@ -142,7 +142,7 @@ def _survey(journal: Path) -> Steps[Survey | None]:
     first_s = min((count.first_s for count in counts if count.length), default=0.0)
     lengths = tuple(count.length for count in counts)
     offsets_s = tuple(count.offset_s for count in counts)
-    return Survey(begin, found.start or CommandedStart(first_s), found.end, lengths, offsets_s)
+    return Survey(begin, bounds.start or CommandedStart(first_s), bounds.end, lengths, offsets_s)
 
 
 class _Found:

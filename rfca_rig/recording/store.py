@@ -144,10 +144,10 @@ def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py
                 raise ValueError(
                     "its checksum is gone from its end, so it was changed after it was written"
                 )
-            found = file.attrs.get("format")
-            if not isinstance(found, str) or found != FORMAT:
-                if isinstance(found, str):
-                    description = f"format {str(found)[:60]!r}"
+            file_format = file.attrs.get("format")
+            if not isinstance(file_format, str) or file_format != FORMAT:
+                if isinstance(file_format, str):
+                    description = f"format {str(file_format)[:60]!r}"
                 else:
                     description = "an HDF5 file without format attribute"
                 raise BadInput(
@@ -244,7 +244,7 @@ def summarize(path: Path, thorough: bool = True, has_right_seal: bool = False) -
         samples: Counter[str] = Counter()
         missing = []
         for name, group in (
-            each for stage in (*strokes, *raw) for each in streams_in(stage, source)
+            stream for stage in (*strokes, *raw) for stream in streams_in(stage, source)
         ):
             samples[name] += len(group[TIME])
             # Only reading every chunk finds all damage: HDF5 decodes a chunk no earlier.

@@ -47,48 +47,52 @@ def text_in_degrees(text: str) -> str:
     return ANGLE.sub(_angle, text)
 
 
-def _angle(found: re.Match[str]) -> str:
-    value, joint, half, space = found.groups()
-    given = [float(each.replace(MINUS, "-")) for each in (value, half) if each]
+def _angle(match: re.Match[str]) -> str:
+    value, joint, half, space = match.groups()
+    given = [float(number.replace(MINUS, "-")) for number in (value, half) if number]
     # As many significant digits as the last number states, and two at least.
     digits = max(2, len(re.sub(r"^[-\u22120.]+|\.", "", half or value)))
     places = max(0, decimals(degrees(given[-1]), digits))
-    text = f"{(joint or '').join(f'{degrees(one):.{places}f}' for one in given)}{space}{DEGREES}"
+    text = (
+        f"{(joint or '').join(f'{degrees(angle):.{places}f}' for angle in given)}{space}{DEGREES}"
+    )
     if MINUS in value:
         return text.replace("-", MINUS)
     return text
 
 
-def _scale(one: Value, factor: float) -> Value:
-    return Value(factor * one.value, factor * one.std)
+def _scale(value: Value, factor: float) -> Value:
+    return Value(factor * value.value, factor * value.std)
 
 
 def _values(
     values: Mapping[str, Value], units: Mapping[str, str] | None = None
 ) -> dict[str, Value]:
     """Values by the names shown; where a name carries no unit, that of `units` counts."""
-    found = {}
-    for name, one in values.items():
+    page_values = {}
+    for name, value in values.items():
         shown, factor = page_name(name)
-        found[shown] = _scale(one, SHOWN.get((units or {}).get(name, ""), ("", factor))[1])
-    return found
+        page_values[shown] = _scale(value, SHOWN.get((units or {}).get(name, ""), ("", factor))[1])
+    return page_values
 
 
 def _misfits(misfits: Mapping[str, BeforeAfter]) -> dict[str, BeforeAfter]:
-    found = {}
-    for name, one in misfits.items():
+    page_misfits = {}
+    for name, misfit in misfits.items():
         shown, k = page_name(name)
-        found[shown] = BeforeAfter(
-            k * one.before, k * one.after, None if one.noise_floor is None else k * one.noise_floor
+        page_misfits[shown] = BeforeAfter(
+            k * misfit.before,
+            k * misfit.after,
+            None if misfit.noise_floor is None else k * misfit.noise_floor,
         )
-    return found
+    return page_misfits
 
 
-def _limits(one: NotSeen) -> NotSeen:
-    limits = {page_name(name): size for name, size in (one.would_have_seen or {}).items()}
+def _limits(effect: NotSeen) -> NotSeen:
+    limits = {page_name(name): size for name, size in (effect.would_have_seen or {}).items()}
     return replace(
-        one,
-        would_have_seen=one.would_have_seen
+        effect,
+        would_have_seen=effect.would_have_seen
         and {name: factor * size for (name, factor), size in limits.items()},
     )
 
@@ -105,15 +109,15 @@ def _cell(cell: MapCell) -> MapCell:
     return replace(cell, signal=signal, size=factor * cell.size)
 
 
-def _prior(one: MovedPrior) -> MovedPrior:
-    name, factor = page_name(one.name)
-    unit, factor = SHOWN.get(one.unit, (one.unit, factor))
+def _prior(moved_prior: MovedPrior) -> MovedPrior:
+    name, factor = page_name(moved_prior.name)
+    unit, factor = SHOWN.get(moved_prior.unit, (moved_prior.unit, factor))
     return replace(
-        one,
+        moved_prior,
         name=name,
         unit=unit.replace("pct", "%"),
-        prior=_scale(one.prior, factor),
-        now=_scale(one.now, factor),
+        prior=_scale(moved_prior.prior, factor),
+        now=_scale(moved_prior.now, factor),
     )
 
 
@@ -134,12 +138,20 @@ def convert_diagnosis(found: Diagnosis) -> Diagnosis:
         remaining=tuple(map(_place, found.remaining)),
         cells=tuple(map(_cell, found.cells)),
         effects=tuple(
-            replace(one, parameters=_values(one.parameters), wording=text_in_degrees(one.wording))
-            for one in found.effects
+            replace(
+                effect,
+                parameters=_values(effect.parameters),
+                wording=text_in_degrees(effect.wording),
+            )
+            for effect in found.effects
         ),
         criteria=tuple(
-            replace(one, found=text_in_degrees(one.found), required=text_in_degrees(one.required))
-            for one in found.criteria
+            replace(
+                criterion,
+                found=text_in_degrees(criterion.found),
+                required=text_in_degrees(criterion.required),
+            )
+            for criterion in found.criteria
         ),
         not_seen=tuple(map(_limits, found.not_seen)),
         fit=_misfits(found.fit),

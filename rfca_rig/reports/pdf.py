@@ -59,10 +59,10 @@ def find_browser() -> Path:
     """A browser that can print. Raises BadInput with advice where there is none."""
     chosen = os.environ.get(VARIABLE)
     if chosen:
-        found = shutil.which(chosen)
+        browser = shutil.which(chosen)
     else:
-        found = next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
-    if found is None:
+        browser = next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
+    if browser is None:
         if chosen:
             missing = f"{chosen!r}, which {VARIABLE} names, is not there"
         else:
@@ -71,7 +71,7 @@ def find_browser() -> Path:
             f"--pdf: {missing}; install one, name it with {VARIABLE}, or open the page in "
             "any browser and print it to a file"
         )
-    return Path(found)
+    return Path(browser)
 
 
 def print_pdfs(browser: Path, pages: Iterable[Path]) -> list[Path]:

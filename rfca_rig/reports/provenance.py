@@ -98,13 +98,13 @@ class Origin:
             names = {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"}
         else:
             names = {}
-        each = {
-            name: list(dict.fromkeys(getattr(one, field) for one in self.recordings))
+        distinct_values = {
+            name: list(dict.fromkeys(getattr(recording, field) for recording in self.recordings))
             for name, field in names.items()
         }
         joined = [
             (name, ", ".join(filter(None, values[:MOST_FACTS])), len(values))
-            for name, values in each.items()
+            for name, values in distinct_values.items()
         ]
         shown = [
             (name, text + (" ..." if count > MOST_FACTS else ""))
@@ -205,12 +205,12 @@ def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recordin
     OSError
         Where a recording cannot be read for its hash.
     """
-    found = tuple(
+    sources = tuple(
         recording_source(recording, path)
         for path, recording in zip(paths, recordings, strict=False)
     )
     later = tuple(recording_source(recording) for recording in recordings[len(paths) :])
-    return Origin(command, (*found, *later), version_text())
+    return Origin(command, (*sources, *later), version_text())
 
 
 def origin_of_import(command: str, path: Path, title: str, about: AboutSection) -> Origin:
@@ -290,19 +290,23 @@ def find_pages(out: Path, origin: Origin, own: Collection[str]) -> tuple[PageLin
     own
         File names that the same command writes.
     """
-    hashes = [one.sha256 for one in origin.recordings if one.sha256]
-    paths = " ".join(shlex.quote(one.path) for one in origin.recordings if one.path)
+    hashes = [recording.sha256 for recording in origin.recordings if recording.sha256]
+    paths = " ".join(
+        shlex.quote(recording.path) for recording in origin.recordings if recording.path
+    )
     links = []
     for name, (words, folder, command) in PAGES.items():
         candidates = [
-            place
-            for place in (out / name, out.parent / folder / name)
-            if name not in own and place.is_file()
+            candidate
+            for candidate in (out / name, out.parent / folder / name)
+            if name not in own and candidate.is_file()
         ]
-        found = _find_page_with_hash(candidates, hashes)
-        if found is not None:
+        page_file = _find_page_with_hash(candidates, hashes)
+        if page_file is not None:
             links.append(
-                PageLink(found.name if found.parent == out else f"../{folder}/{name}", words)
+                PageLink(
+                    page_file.name if page_file.parent == out else f"../{folder}/{name}", words
+                )
             )
         elif (
             command

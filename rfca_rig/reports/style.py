@@ -248,7 +248,7 @@ def hover_values(
     """
     if len(x) < 2:
         return []
-    found = []
+    hovers = []
     edges = np.linspace(x[0], x[-1], count + 1)
     # Rounding errors of a line that is zero are zero to a reader.
     least = 1e-6 * max(
@@ -264,7 +264,7 @@ def hover_values(
             for name, values in series.items()
             if np.isfinite(values[at])
         )
-        found.append(
+        hovers.append(
             Hover(
                 axes,
                 left,
@@ -272,7 +272,7 @@ def hover_values(
                 f"{x[at]:.3f} {x_unit}: {values} {unit}".strip().replace("-", "\u2212"),
             )
         )
-    return found
+    return hovers
 
 
 def compress_paths(svg: str) -> str:
@@ -281,8 +281,8 @@ def compress_paths(svg: str) -> str:
     """
     # Path in relative steps; each piece of an interrupted line begins with M.
     return LINE.sub(
-        lambda found: (
-            f' d="{"".join(_piece(piece) for piece in re.split(r"(?=M)", found[1]) if piece)}"'
+        lambda match: (
+            f' d="{"".join(_piece(piece) for piece in re.split(r"(?=M)", match[1]) if piece)}"'
         ),
         svg,
     )
@@ -375,11 +375,11 @@ def _hover_area(hover: Hover, figure: Figure) -> str:
     )
     box = hover.axes.bbox
     top = 72.0 * figure.get_figheight() - box.y1 * points
-    place = (
+    attributes = (
         f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" '
         f'height="{box.height * points:.1f}"'
     )
-    return f'<rect class="hover" {place}><title>{html_text(hover.text)}</title></rect>'
+    return f'<rect class="hover" {attributes}><title>{html_text(hover.text)}</title></rect>'
 
 
 def _name_colours(svg: str) -> str:

@@ -231,7 +231,7 @@ def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
 def head_span(table: Table, foot: Foot) -> int:
     """Number of shown columns before the first value of a foot, which its words may span."""
     return next(
-        (place for place, column in enumerate(table.shown) if column.key in foot.values),
+        (index for index, column in enumerate(table.shown) if column.key in foot.values),
         len(table.shown),
     )
 
@@ -416,17 +416,17 @@ def _tex_line(cells: Sequence[str]) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def _tex_cell(column: TableColumn, found: TableCell, is_number: bool) -> str:
-    if not found.text:
+def _tex_cell(column: TableColumn, cell: TableCell, is_number: bool) -> str:
+    if not cell.text:
         # An upright table is a matrix of counts, where an empty cell means none.
         if is_number and not column.upright:
             return UNKNOWN_TEX
         return ""
     if column.key == "unit":
-        return tex_unit(found.text)
-    if found.is_number:
-        return tex_number(found.text, found.half)
-    return tex_head(found.text)
+        return tex_unit(cell.text)
+    if cell.is_number:
+        return tex_number(cell.text, cell.half)
+    return tex_head(cell.text)
 
 
 def as_text(table: Table) -> str:
@@ -435,7 +435,7 @@ def as_text(table: Table) -> str:
         [_head_text(column) for column in table.shown],
         *(row_texts(table, row) for row in table.rows),
     ]
-    widths = [max(len(line[place]) for line in lines) for place in range(len(table.shown))]
+    widths = [max(len(line[index]) for line in lines) for index in range(len(table.shown))]
     return "".join(f"{_align(table, line, widths)}\n" for line in lines)
 
 
@@ -459,10 +459,10 @@ def _head_text(column: TableColumn) -> str:
     return f"{over}{column.title}"
 
 
-def _text(found: TableCell) -> str:
-    if found.half:
-        return f"{found.text} +- {found.half}"
-    return found.text
+def _text(cell: TableCell) -> str:
+    if cell.half:
+        return f"{cell.text} +- {cell.half}"
+    return cell.text
 
 
 def write_all(out: Path, contents: Mapping[str, str]) -> None:
@@ -486,8 +486,8 @@ def table_files(tables: Iterable[Table]) -> dict[str, str]:
     A table without rows is written too: otherwise the file of an earlier report would remain beside
     the page.
     """
-    each = (
+    pairs = (
         ((f"{table.name}.csv", as_csv(table)), (f"{table.name}.tex", as_tex(table)))
         for table in tables
     )
-    return {name: text for pair in each for name, text in pair}
+    return {name: text for pair in pairs for name, text in pair}

@@ -86,10 +86,10 @@ class ShownTable:
                 [
                     *map(len, head.text.split()),
                     len(unit) + 2,
-                    *(_characters(row[place]) for row in rows),
+                    *(_characters(row[index]) for row in rows),
                 ]
             )
-            for place, (head, unit) in enumerate(zip(self.heads, self.units, strict=True))
+            for index, (head, unit) in enumerate(zip(self.heads, self.units, strict=True))
         ]
         return sum(widths) + GAP_CHARACTERS * (len(widths) - 1) > PHONE_CHARACTERS
 
@@ -100,7 +100,7 @@ def cells_as_text(table: Table) -> ShownTable:
         heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
         stacked=tuple(_card_head(column) for column in table.shown),
         unit_place=next(
-            (place for place, column in enumerate(table.shown) if column.key == "unit"), None
+            (index for index, column in enumerate(table.shown) if column.key == "unit"), None
         ),
         units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
         overs=tuple(table.overs()),
@@ -136,13 +136,13 @@ def _foot(table: Table, foot: Foot) -> ShownFoot:
     return ShownFoot(foot.words, span, cells)
 
 
-def _to_cell(table: Table, column: TableColumn, found: TableCell) -> ShownCell:
-    if found.is_number:
-        text = in_thousands(found.text).replace("-", MINUS)
+def _to_cell(table: Table, column: TableColumn, cell: TableCell) -> ShownCell:
+    if cell.is_number:
+        text = in_thousands(cell.text).replace("-", MINUS)
     else:
-        text = found.text
-    if found.half:
-        text += f"{NO_BREAK}±{NO_BREAK}{found.half}"
+        text = cell.text
+    if cell.half:
+        text += f"{NO_BREAK}±{NO_BREAK}{cell.half}"
     return ShownCell(
         text or (NOTHING if column.key in table.numeric else ""), column.key in table.numeric
     )
@@ -194,7 +194,7 @@ def contents(body: str) -> list[tuple[str, str]]:
 def with_anchors(body: str) -> str:
     """The body with an id on every second-level heading, for the list of contents."""
     anchors = iter(contents(body))
-    return HEADING.sub(lambda found: f'<h2 id="{next(anchors)[0]}">{found[1]}</h2>', body)
+    return HEADING.sub(lambda match: f'<h2 id="{next(anchors)[0]}">{match[1]}</h2>', body)
 
 
 def beside(name: str) -> str:

@@ -232,9 +232,9 @@ def name_with_unit(name: str) -> str:
 
 
 def _unit(token: str) -> str | None:
-    found = re.fullmatch(r"([A-Za-z]+)(2|3|1p5|)", token)
-    if found and found[1] in UNIT_WORDS:
-        return UNIT_WORDS[found[1]] + POWERS[found[2]]
+    match = re.fullmatch(r"([A-Za-z]+)(2|3|1p5|)", token)
+    if match and match[1] in UNIT_WORDS:
+        return UNIT_WORDS[match[1]] + POWERS[match[2]]
     return None
 
 

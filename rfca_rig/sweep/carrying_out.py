@@ -258,17 +258,19 @@ def _compute_missing(
         report_progress(CASES, computed, plan.count)
     # A lost shard is tried again case by case, so that one case that ends its worker does not take
     # its neighbours along.
-    for span, found in map_unordered(executor, partial(compute, plan), split_gaps(lost, 1), clocks):
-        shards.write(span, _rows(plan, span, found))
+    for span, outcome in map_unordered(
+        executor, partial(compute, plan), split_gaps(lost, 1), clocks
+    ):
+        shards.write(span, _rows(plan, span, outcome))
         computed += 1
         report_progress(CASES, computed, plan.count)
 
 
-def _rows(plan: SweepPlan, span: CaseRange, found: CaseRows | TaskFailure) -> CaseRows:
+def _rows(plan: SweepPlan, span: CaseRange, outcome: CaseRows | TaskFailure) -> CaseRows:
     """Rows of one case; a case that ends its worker counts as failed."""
-    if isinstance(found, TaskFailure):
-        return make_failed_rows(plan, span, found.reason)
-    return found
+    if isinstance(outcome, TaskFailure):
+        return make_failed_rows(plan, span, outcome.reason)
+    return outcome
 
 
 def merge_shards(plan: SweepPlan, shards: Shards) -> SweepResult:
@@ -284,6 +286,6 @@ def merge_shards(plan: SweepPlan, shards: Shards) -> SweepResult:
     rows = [shards.read(span) for span in spans]
     return SweepResult(
         plan,
-        np.concatenate([each.values for each in rows]),
-        tuple(remark for each in rows for remark in each.remarks),
+        np.concatenate([case_rows.values for case_rows in rows]),
+        tuple(remark for case_rows in rows for remark in case_rows.remarks),
     )

@@ -120,10 +120,10 @@ class CaseResults:
     def _valley(self) -> Valley | Undetermined:
         if self.normal_N[0] > 0.0:
             return Undetermined("the leg lies on the ground before it starts")
-        found = find_valley(self.stroke.t_s[::VALLEY_EVERY], self.stroke.fz_N[::VALLEY_EVERY])
-        if isinstance(found, Valley):
-            return found
-        return Undetermined(f"no valley: {found.reason}")
+        valley = find_valley(self.stroke.t_s[::VALLEY_EVERY], self.stroke.fz_N[::VALLEY_EVERY])
+        if isinstance(valley, Valley):
+            return valley
+        return Undetermined(f"no valley: {valley.reason}")
 
     @cached_property
     def touchdown(self) -> int:
@@ -476,11 +476,13 @@ class RequestedOutput:
 
 def parse_outputs(names: Sequence[str]) -> tuple[RequestedOutput, ...]:
     """Parse the names of outputs. Raises BadInput for a name that is unknown or given twice."""
-    found = tuple(parse_output(name) for name in names)
-    if len(set(found)) < len(found):
-        twice = next(each.header for place, each in enumerate(found) if each in found[:place])
+    outputs = tuple(parse_output(name) for name in names)
+    if len(set(outputs)) < len(outputs):
+        twice = next(
+            output.header for index, output in enumerate(outputs) if output in outputs[:index]
+        )
         raise BadInput(f"the output {twice} is named twice")
-    return found
+    return outputs
 
 
 def parse_output(text: str) -> RequestedOutput:

@@ -80,7 +80,7 @@ class SweepSamples:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(each.name for each in self.ranges)
+        return tuple(quantity.name for quantity in self.ranges)
 
 
 def why_unbalanced(method: Method, n: int) -> str | None:
@@ -99,7 +99,9 @@ def why_unbalanced(method: Method, n: int) -> str | None:
 def points(samples: SweepSamples) -> Floats:
     """Sample points (n, ranges), in the units of their quantities."""
     unit = shares(samples)
-    columns = [_between(each, unit[:, place]) for place, each in enumerate(samples.ranges)]
+    columns = [
+        _between(quantity, unit[:, column]) for column, quantity in enumerate(samples.ranges)
+    ]
     return np.stack(columns, axis=1)
 
 
@@ -234,8 +236,8 @@ class SweepPlan:
         on_grid: list[Value] = []
         # Mixed-radix digits of the case number, the fastest one first.
         for axis in reversed(self.axes):
-            case, place = divmod(case, len(axis.values))
-            on_grid.append(axis.values[place])
+            case, digit = divmod(case, len(axis.values))
+            on_grid.append(axis.values[digit])
         return (*reversed(on_grid), *sampled)
 
     def design(self, case: int) -> SweepCase:
@@ -324,7 +326,7 @@ def describe_plan(plan: SweepPlan) -> dict[str, Any]:
     sources = "".join(
         hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep)
     )
-    own = os.environ.get(FOLDER_VARIABLE)
+    effects_folder = os.environ.get(FOLDER_VARIABLE)
     return {
         "format": FORMAT,
         "title": plan.title,
@@ -336,7 +338,7 @@ def describe_plan(plan: SweepPlan) -> dict[str, Any]:
         MADE_WITH: {
             **versions,
             "source": digest(sources)[:12],
-            "own effects": hash_source(Path(own)) if own else "none",
+            "own effects": hash_source(Path(effects_folder)) if effects_folder else "none",
         },
     }
 
@@ -362,7 +364,7 @@ def claim_folder(plan: SweepPlan, folder: Path) -> str:
     if not path.exists():
         # A folder with other content was most likely named by mistake; nothing may be mixed into
         # it.
-        if strangers := sorted(each.name for each in folder.iterdir()):
+        if strangers := sorted(entry.name for entry in folder.iterdir()):
             raise BadInput(
                 f"{folder}: holds {strangers[0]}, which is of no sweep; give a new folder "
                 "with --out"
@@ -376,20 +378,22 @@ def claim_folder(plan: SweepPlan, folder: Path) -> str:
     return digest(text)
 
 
-def _difference(found: str, wanted: dict[str, Any]) -> str:
+def _difference(text: str, wanted: dict[str, Any]) -> str:
     try:
-        there = json.loads(found)
+        stored_plan = json.loads(text)
         # Through JSON and back, so that tuples compare equal to lists.
         differing = [
             key.replace("_", " ")
             for key, value in json.loads(json.dumps(wanted)).items()
-            if there.get(key) != value
+            if stored_plan.get(key) != value
         ]
     except (ValueError, AttributeError):
         return f"{PLAN_FILE} is damaged"
     if differing == [MADE_WITH.replace("_", " ")]:
         unlike = [
-            name for name, value in wanted[MADE_WITH].items() if there[MADE_WITH].get(name) != value
+            name
+            for name, value in wanted[MADE_WITH].items()
+            if stored_plan[MADE_WITH].get(name) != value
         ]
         return (
             f"its sweep was made with another {' and '.join(unlike)}, and results would not "

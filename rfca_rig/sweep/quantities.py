@@ -130,10 +130,10 @@ def set_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigMod
     return replace(
         rig,
         effects=tuple(
-            replace(each, values=tuple({**dict(each.values), name: value}.items()))
-            if each.id == id_
-            else each
-            for each in rig.effects
+            replace(effect, values=tuple({**dict(effect.values), name: value}.items()))
+            if effect.id == id_
+            else effect
+            for effect in rig.effects
         ),
     )
 
@@ -172,14 +172,14 @@ def find_quantity(name: str) -> Quantity:
 @cache
 def list_quantities() -> dict[str, Quantity]:
     """All quantities by name: stroke, strip, links, nominal values, effects."""
-    own = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
+    design = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
     nominal = (_nominal(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
     # The catalogue also holds effects of pendulums, which a leg cannot have.
     of_legs = (effect for _, effect in sorted(catalogue().items()) if effect.where != OF_PENDULUMS)
     effects = (
         _of_effect(effect.id, parameter) for effect in of_legs for parameter in effect.parameters
     )
-    return {each.name: each for each in (*own, *nominal, *effects)}
+    return {quantity.name: quantity for quantity in (*design, *nominal, *effects)}
 
 
 @cache
@@ -320,7 +320,7 @@ def _with_unit(parameter: ModelParameter[ModelPoint]) -> str:
 
 
 def _material(at: SweepCase, value: Value) -> SweepCase:
-    material = next(each for each in table_1_materials() if each.name == value)
+    material = next(candidate for candidate in table_1_materials() if candidate.name == value)
     return replace(at, strip=replace(at.strip, material=material))
 
 

@@ -110,8 +110,8 @@ class SweepResult:
 
     def values_of(self, name: str) -> Floats | NDArray[np.str_]:
         """Values (cases,) of a varied quantity, as text for quantities with names."""
-        place = self.plan.varied.index(name)
-        return np.array([self.plan.point(case)[place] for case in range(self.plan.count)])
+        column = self.plan.varied.index(name)
+        return np.array([self.plan.point(case)[column] for case in range(self.plan.count)])
 
     def output(self, header: str) -> Floats:
         """Values (cases,) of an output."""
@@ -147,7 +147,7 @@ class SweepResult:
                     "…" if any(sign.isdigit() for sign in word) else word for word in reason.split()
                 )
                 counts[key] = counts.get(key, 0) + 1
-        return sorted(counts.items(), key=lambda each: (-each[1], each[0]))
+        return sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
 
 
 def write_result(result: SweepResult, folder: Path) -> None:
@@ -171,7 +171,7 @@ def write_result(result: SweepResult, folder: Path) -> None:
         for name, words, values in columns:
             # HDF5 stores text as bytes.
             if values.dtype.kind == "U":
-                data = np.array([each.encode() for each in values])
+                data = np.array([text.encode() for text in values])
             else:
                 data = values
             dataset = root.create_dataset(name, data=data, compression=1, shuffle=True)

@@ -52,7 +52,7 @@ class VarySection(Section):
 
     @model_validator(mode="after")
     def _one_way(self) -> "VarySection":
-        given = [each is not None for each in (self.from_, self.to, self.steps)]
+        given = [value is not None for value in (self.from_, self.to, self.steps)]
         # Either a list of values or a complete range, never a mixture.
         if any(given) if self.values is not None else not all(given):
             raise ValueError("takes either values, or all of from, to and steps")
@@ -144,14 +144,14 @@ def make_plan(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
     key.
     """
     axes = tuple(
-        _at(path, ("vary", place, "name"), section.axis) for place, section in enumerate(file.vary)
+        _at(path, ("vary", index, "name"), section.axis) for index, section in enumerate(file.vary)
     )
     samples = None
     if file.samples:
         section = file.samples
         ranges = tuple(
-            _at(path, ("samples", "vary", place, "name"), each.range)
-            for place, each in enumerate(section.vary)
+            _at(path, ("samples", "vary", index, "name"), quantity.range)
+            for index, quantity in enumerate(section.vary)
         )
         samples = SweepSamples(ranges, section.method, section.n, section.seed)
     fixed = _at(
@@ -173,14 +173,14 @@ def flatten_names(fixed: Fixed) -> list[tuple[str, Value]]:
     """Names with dots and their values: TOML reads strip.thickness_mm = 0.8 as a table in a
     table.
     """
-    found: list[tuple[str, Value]] = []
+    settings: list[tuple[str, Value]] = []
     for name, value in fixed.items():
-        found += (
-            [(f"{name}.{inner}", each) for inner, each in value.items()]
+        settings += (
+            [(f"{name}.{inner}", inner_value) for inner, inner_value in value.items()]
             if isinstance(value, dict)
             else [(name, value)]
         )
-    return found
+    return settings
 
 
 def _at(path: Path, key: Key, make: Callable[[], Made]) -> Made:
@@ -206,7 +206,7 @@ def plan_from_options(
     seed: int,
 ) -> SweepPlan:
     """The plan of the command line's options. Raises BadInput, naming the option."""
-    parts = [_split_option("--vary", each) for each in vary]
+    parts = [_split_option("--vary", option) for option in vary]
     # One colon makes FROM:TO, a range to sample; two make FROM:TO:STEPS, a grid.
     ranges = [
         (varied, text) for varied, text in parts if text.removesuffix(f":{LOG}").count(":") == 1
@@ -228,7 +228,7 @@ def plan_from_options(
     names = parse_outputs(outputs.split(",") if outputs else DEFAULT_OUTPUTS)
     set_ = tuple(
         (varied.name, _value(varied, text))
-        for varied, text in (_split_option("--set", each) for each in fixed)
+        for varied, text in (_split_option("--set", option) for option in fixed)
     )
     return check_plan(
         SweepPlan(
@@ -253,7 +253,7 @@ def _split_option(option: str, text: str) -> tuple[Quantity, str]:
 
 def _axis(varied: Quantity, text: str) -> Axis:
     if ":" not in text:
-        return Axis(varied.name, tuple(_value(varied, each) for each in text.split(",")))
+        return Axis(varied.name, tuple(_value(varied, part) for part in text.split(",")))
     numbers, log = _parse_numbers(varied, text)
     if len(numbers) != 3 or not (numbers[2].is_integer() and 2 <= numbers[2] <= 100_000):
         raise BadInput(f"--vary {varied.name}={text}: should be {GRID_SYNTAX}")
@@ -269,7 +269,7 @@ def _range(varied: Quantity, text: str) -> Range:
 
 def _parse_numbers(varied: Quantity, text: str) -> tuple[list[float], bool]:
     log = text.endswith(f":{LOG}")
-    numbers = [_number(varied, each) for each in text.removesuffix(f":{LOG}").split(":")]
+    numbers = [_number(varied, part) for part in text.removesuffix(f":{LOG}").split(":")]
     if log and not min(numbers[:2]) > 0.0:
         raise BadInput(f"--vary {varied.name}={text}: equal ratios need both ends above 0")
     return numbers, log

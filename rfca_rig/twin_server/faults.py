@@ -368,5 +368,5 @@ def _shorten(message: can.Message) -> can.Message:
     """Removes the last byte; on CAN-FD as many as lead to the next valid length."""
     length = len(message.data) - 1
     if message.is_fd:
-        length = max((one for one in FD_LENGTHS if one <= length), default=0)
+        length = max((size for size in FD_LENGTHS if size <= length), default=0)
     return replace_data(message, bytes(message.data[: max(length, 0)]))

@@ -72,8 +72,13 @@ def hello(
         "can_stop": is_live,
         "span_s": SPAN_S,
         "channels": [
-            {"name": one.name, "label": one.label, "unit": one.unit, "plot": one.plot}
-            for one in channels
+            {
+                "name": channel.name,
+                "label": channel.label,
+                "unit": channel.unit,
+                "plot": channel.plot,
+            }
+            for channel in channels
         ],
         "stages": [asdict(stage) for stage in stages],
         "limits": list(limits),
@@ -96,8 +101,8 @@ def trace(
     sides = {"low": extrema.low, "high": extrema.high}
     drawn = {
         side: {
-            channel.name: _as_json_numbers(values[:, place], channel.decimals)
-            for place, channel in enumerate(channels)
+            channel.name: _as_json_numbers(values[:, column], channel.decimals)
+            for column, channel in enumerate(channels)
         }
         for side, values in sides.items()
     }

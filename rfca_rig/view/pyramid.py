@@ -105,14 +105,14 @@ def decimate(t_s: Floats, values: Floats, dt_s: float, first: int, count: int) -
     Extrema
         (count, channels).
     """
-    found = Extrema.none(count, values.shape[1])
+    window = Extrema.none(count, values.shape[1])
     buckets = np.floor(t_s / dt_s).astype(np.int64) - first
     inside = (buckets >= 0) & (buckets < count)
     if inside.any():
         inside_buckets, extrema = extrema_by_bucket(buckets[inside], values[inside])
-        found.low[inside_buckets] = extrema.low
-        found.high[inside_buckets] = extrema.high
-    return found
+        window.low[inside_buckets] = extrema.low
+        window.high[inside_buckets] = extrema.high
+    return window
 
 
 class Pyramid:
@@ -175,11 +175,11 @@ class Pyramid:
                 first = self._closed[level]
                 end = bucket >> level
                 slots = np.arange(max(first, end - CAPACITY), end) % CAPACITY
-                here = self._levels[level]
-                here.low[slots] = here.high[slots] = np.nan
+                ring = self._levels[level]
+                ring.low[slots] = ring.high[slots] = np.nan
                 if end - CAPACITY <= first < end:
-                    here.low[first % CAPACITY] = open_buckets[level].low[0]
-                    here.high[first % CAPACITY] = open_buckets[level].high[0]
+                    ring.low[first % CAPACITY] = open_buckets[level].low[0]
+                    ring.high[first % CAPACITY] = open_buckets[level].high[0]
                 self._closed[level] = end
         self._step_to(bucket)
 

@@ -245,13 +245,13 @@ class ReplayFeed:
     def _stage(self) -> dict[str, Any]:
         if not self._player.clips:
             return {"stage": -1, "stage_label": "nothing was recorded", "stage_done": 0.0}
-        place = self._player.place_at(self._at_s)
-        clip = self._player.clips[place]
+        index = self._player.place_at(self._at_s)
+        clip = self._player.clips[index]
         if clip.duration_s:
             done = min((self._at_s - clip.begin_s) / clip.duration_s, 1.0)
         else:
             done = 1.0
-        return {"stage": place, "stage_label": clip.label, "stage_done": round(done, 4)}
+        return {"stage": index, "stage_label": clip.label, "stage_done": round(done, 4)}
 
     def _limit_state(self) -> dict[str, Any]:
         if self._limits is None or not self._player.clips:

@@ -198,7 +198,7 @@ def _scenes(stages: Sequence[Stage]) -> Iterator[Scene]:
                     height_m, SceneStroke(stage.height_m, stage.speed_rad_s, CYCLE_SWEEP_DEG)
                 )
             case _ if height_m is not None and any(
-                isinstance(one, Hold) for one in (stage, *neighbours)
+                isinstance(neighbour, Hold) for neighbour in (stage, *neighbours)
             ):
                 yield Scene(height_m, SceneStroke(height_m, speed_rad_s, STATIC_SWEEP_DEG))
             case _:

@@ -208,16 +208,16 @@ class RunQueue:
         """Index of a stage in the plan; -1 for one that is not in it, or was passed already."""
         # By identity: a plan may hold equal stages. The search starts after the last one found,
         # because a run only goes forward.
-        found = next(
+        number = next(
             (
-                place
-                for place in range(self._next, len(self._stages))
-                if self._stages[place] is stage
+                index
+                for index in range(self._next, len(self._stages))
+                if self._stages[index] is stage
             ),
             -1,
         )
-        self._next = max(self._next, found + 1)
-        return found
+        self._next = max(self._next, number + 1)
+        return number
 
     def energising(self) -> None:
         self._check_stop_request()

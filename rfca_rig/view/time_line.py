@@ -23,7 +23,7 @@ from rfca_rig.view.messages import CHANNELS, Message, hanging_deg
 from rfca_rig.view.pyramid import Extrema, Floats, decimate
 from rfca_rig.view.run_facts import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
 
-_PLACES = {channel.name: place for place, channel in enumerate(CHANNELS)}
+_PLACES = {channel.name: index for index, channel in enumerate(CHANNELS)}
 _SHOWN_AS = {"shaft_angle_rad": "shaft_angle_deg"}
 FORCE = ("fx_N", "fy_N", "fz_N")
 MOMENT = ("tx_Nm", "ty_Nm", "tz_Nm")
@@ -87,12 +87,12 @@ class StageSamples:
         """Extrema (count, channels) in buckets of a time line on which the stage begins at
         `begin_s`.
         """
-        found = Extrema.none(count, len(CHANNELS))
+        extrema = Extrema.none(count, len(CHANNELS))
         for track in self.tracks:
             part = decimate(track.t_s + begin_s, track.values, dt_s, first, count)
-            found.low[:, track.places] = part.low
-            found.high[:, track.places] = part.high
-        return found
+            extrema.low[:, track.places] = part.low
+            extrema.high[:, track.places] = part.high
+        return extrema
 
     def shaft_at(self, t_s: float) -> float | None:
         """Shaft angle at a time from the stage's first sample, linearly interpolated; None where
@@ -104,12 +104,12 @@ class StageSamples:
 
     def value_at(self, channel: str, t_s: float) -> float | None:
         """Last value up to a time; None where the channel was not recorded, or began later."""
-        place = _PLACES[channel]
+        index = _PLACES[channel]
         for track in self.tracks:
-            if place in track.places and (
+            if index in track.places and (
                 row := int(np.searchsorted(track.t_s, t_s, side="right"))
             ):
-                return float(track.values[row - 1, list(track.places).index(place)])
+                return float(track.values[row - 1, list(track.places).index(index)])
         return None
 
 
@@ -356,11 +356,11 @@ class Player:
         self._begins_s = [clip.begin_s for clip in clips]
         self._loaded: OrderedDict[int, StageSamples] = OrderedDict()
 
-    def _samples(self, place: int) -> StageSamples:
-        if place in self._loaded:
-            self._loaded.move_to_end(place)
-            return self._loaded[place]
-        samples = self._loaded[place] = self.clips[place].load()
+    def _samples(self, index: int) -> StageSamples:
+        if index in self._loaded:
+            self._loaded.move_to_end(index)
+            return self._loaded[index]
+        samples = self._loaded[index] = self.clips[index].load()
         # The oldest come first in the dictionary. The stage just loaded is never dropped, however
         # large it is.
         while (
@@ -378,15 +378,15 @@ class Player:
         """Extrema (count, channels) in buckets of `dt_s` s, the first of which begins at first *
         dt_s.
         """
-        found = Extrema.none(count, len(CHANNELS))
+        extrema = Extrema.none(count, len(CHANNELS))
         begin_s = first * dt_s
         end_s = (first + count) * dt_s
-        for place in range(self.place_at(begin_s), self.place_at(end_s) + 1):
-            clip = self.clips[place]
+        for index in range(self.place_at(begin_s), self.place_at(end_s) + 1):
+            clip = self.clips[index]
             if clip.begin_s < end_s and clip.end_s >= begin_s:
-                part = self._samples(place).extrema(clip.begin_s, dt_s, first, count)
-                found = Extrema(np.fmin(found.low, part.low), np.fmax(found.high, part.high))
-        return found
+                part = self._samples(index).extrema(clip.begin_s, dt_s, first, count)
+                extrema = Extrema(np.fmin(extrema.low, part.low), np.fmax(extrema.high, part.high))
+        return extrema
 
     def leg(self, at_s: float) -> Message | None:
         """Pose of the leg at a time; None where no angle of the shaft was recorded."""
@@ -406,9 +406,9 @@ class Player:
         """The clip at a time, its samples, and the time in s since its first sample, within the
         clip.
         """
-        place = self.place_at(at_s)
-        clip = self.clips[place]
-        return clip, self._samples(place), min(at_s - clip.begin_s, clip.duration_s)
+        index = self.place_at(at_s)
+        clip = self.clips[index]
+        return clip, self._samples(index), min(at_s - clip.begin_s, clip.duration_s)
 
     def loads(self, at_s: float) -> tuple[Floats, Floats]:
         """Largest force [N] and moment [N m], each pair (2,): over the last RECENT_S, and since
@@ -427,12 +427,12 @@ class Player:
         stages would take long.
         """
         places = {
-            self.clips[place].kind: place for place in reversed(range(len(self.clips)))
+            self.clips[index].kind: index for index in reversed(range(len(self.clips)))
         }.values()
         recorded = {
-            place
+            index
             for clip in places
             for track in self._samples(clip).tracks
-            for place in track.places
+            for index in track.places
         }
-        return {channel.name: place in recorded for place, channel in enumerate(CHANNELS)}
+        return {channel.name: index in recorded for index, channel in enumerate(CHANNELS)}

@@ -218,7 +218,7 @@ def _pdf(width: float, height: float, drawing: bytes) -> bytes:
     for number, content in enumerate(objects, start=1):
         places.append(len(document))
         document += b"%d 0 obj\n" % number + content + b"\nendobj\n"
-    table = b"".join(b"%010d 00000 n \n" % place for place in places)
+    table = b"".join(b"%010d 00000 n \n" % offset for offset in places)
     size = len(objects) + 1
     ending = b"trailer\n<< /Size %d /Root 1 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (
         size,
@@ -290,12 +290,12 @@ def find_board(image: NDArray[np.uint8], board: Board, name: str) -> BoardPhoto 
         cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8
     )
     numbers, px = _corners(grey, board)
-    found = f"{len(numbers)} of the board's {(board.columns - 1) * (board.rows - 1)} corners"
+    corners = f"{len(numbers)} of the board's {(board.columns - 1) * (board.rows - 1)} corners"
     if len(numbers) < MIN_CORNERS:
         return RefusedPhoto(
             name,
             (
-                f"shows {found}, {MIN_CORNERS} are needed: bring the board nearer, into light "
+                f"shows {corners}, {MIN_CORNERS} are needed: bring the board nearer, into light "
                 "and focus"
             ),
         )
@@ -304,7 +304,7 @@ def find_board(image: NDArray[np.uint8], board: Board, name: str) -> BoardPhoto 
         return RefusedPhoto(
             name,
             (
-                f"shows {found}, on {min(rows, columns)} line: bring more of the board into "
+                f"shows {corners}, on {min(rows, columns)} line: bring more of the board into "
                 "the picture"
             ),
         )
@@ -337,7 +337,7 @@ def _edges(
 
     Camera shake blurs one direction only, so the worse one counts.
     """
-    place = {int(number): at for number, at in zip(numbers, px, strict=True)}
+    positions = {int(number): at for number, at in zip(numbers, px, strict=True)}
     in_a_row = board.columns - 1
     # The profile ends before the marker in the white square.
     reach = 0.45 * (1.0 - board.marker_m / board.square_m)
@@ -345,9 +345,9 @@ def _edges(
     widths = []
     for step in (1, in_a_row):
         edges = []
-        for number, first in place.items():
+        for number, first in positions.items():
             is_last_in_row = (number + 1) % in_a_row == 0
-            second = place.get(number + step)
+            second = positions.get(number + step)
             if second is None or (step == 1 and is_last_in_row):
                 continue
             edges.append(_edge(grey, first, second, reach))

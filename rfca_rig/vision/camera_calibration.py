@@ -317,19 +317,19 @@ def _board_pose(
     return turn, shift, float(np.sqrt(2.0 * np.mean(error**2))), np.sqrt(np.diag(covariance))
 
 
-def _plane_on_board(place: BoardPlacement) -> tuple[Floats, Floats]:
+def _plane_on_board(placement: BoardPlacement) -> tuple[Floats, Floats]:
     """The plane's axes x, y, z as columns (3, 3) in the board's frame (right, down, away from
     the camera), and its origin (3,) there.
     """
-    cosine = np.cos(place.turned_rad)
-    sine = np.sin(place.turned_rad)
+    cosine = np.cos(placement.turned_rad)
+    sine = np.sin(placement.turned_rad)
     # In the frame of a board that is turned clockwise, the horizontal is turned the other way.
     level = np.array([cosine, -sine, 0.0])
     up = np.array([-sine, -cosine, 0.0])
-    along = level if place.reach == "right" else -level
+    along = level if placement.reach == "right" else -level
     axes = np.column_stack([np.cross(along, up), along, up])
-    behind = np.array([0.0, 0.0, place.nearer_m])
-    return axes, behind - axes[:, 1] * place.corner_m[0] - axes[:, 2] * place.corner_m[1]
+    behind = np.array([0.0, 0.0, placement.nearer_m])
+    return axes, behind - axes[:, 1] * placement.corner_m[0] - axes[:, 2] * placement.corner_m[1]
 
 
 def with_origin_at(camera: CameraModel, shaft_px: tuple[float, float]) -> CameraModel:

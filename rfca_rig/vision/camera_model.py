@@ -189,8 +189,8 @@ def _centroid(rim: Floats) -> Floats:
     # The shoelace formula about the mean point, which keeps its digits where the outline is far
     # from the origin.
     middle = rim.mean(axis=-2, keepdims=True)
-    here = rim - middle
-    after = np.roll(here, -1, axis=-2)
-    cross = here[..., 0] * after[..., 1] - after[..., 0] * here[..., 1]
-    moment = ((here + after) * cross[..., None]).sum(axis=-2)
+    points = rim - middle
+    after = np.roll(points, -1, axis=-2)
+    cross = points[..., 0] * after[..., 1] - after[..., 0] * points[..., 1]
+    moment = ((points + after) * cross[..., None]).sum(axis=-2)
     return np.asarray(middle[..., 0, :] + moment / (3.0 * cross.sum(axis=-1)[..., None]))

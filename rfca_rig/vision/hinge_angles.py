@@ -170,7 +170,7 @@ def fit_leg(
     """
     lengths = np.asarray(link_lengths_m, dtype=np.float64)
     seen = [_whiten(identified, camera, plan) for identified in photos]
-    used = [number for number, one in enumerate(seen) if one.planned]
+    used = [number for number, marks in enumerate(seen) if marks.planned]
     angles = [_nothing(len(lengths))] * len(photos)
     unknown = np.full(len(plan.marks), np.nan)
     if not used:
@@ -203,13 +203,16 @@ def fit_leg(
         )
     if refused:
         return LegFit(tuple(angles), offsets, offset_std, misfit, refused)
-    stated = [_photo_angles(problem, fit, place) for place in range(len(used))]
+    stated = [_photo_angles(problem, fit, index) for index in range(len(used))]
     # What the marks of each photo determine with lengths that do not.
-    single = [replace(problem, photos=(one,)) for one in problem.photos]
-    direct = [_photo_angles(one, _solve(one, WEAK_LENGTH_STD_M, 0.0), 0) for one in single]
+    single = [replace(problem, photos=(photo,)) for photo in problem.photos]
+    direct = [
+        _photo_angles(photo_problem, _solve(photo_problem, WEAK_LENGTH_STD_M, 0.0), 0)
+        for photo_problem in single
+    ]
     ranges_rad = _ranges(stated, direct)
-    for place, number in enumerate(used):
-        angles[number] = _only_certain(stated[place], direct[place], ranges_rad)
+    for index, number in enumerate(used):
+        angles[number] = _only_certain(stated[index], direct[index], ranges_rad)
     return LegFit(tuple(angles), offsets, offset_std, misfit)
 
 
@@ -281,17 +284,19 @@ def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solu
     # The prior of the angles is on those between neighbouring links: the start angles are the most
     # probable ones.
     prior = _Prior(nominal, _bends(links) / ANGLE_PRIOR_STD_RAD, np.array(precise))
-    values, there, is_converged = _descend(problem, prior, is_damped=False)
+    values, linearization, is_converged = _descend(problem, prior, is_damped=False)
     if not is_converged:
-        values, there, _ = _descend(problem, prior, is_damped=True)
-    covariance, log_size = _form_normal_equations(values, there, prior).invert()
-    squares = [float(residual @ residual) for residual in there.residuals]
-    evidence = -0.5 * _cost(values, there, prior) - 0.5 * log_size + float(np.log(precise).sum())
+        values, linearization, _ = _descend(problem, prior, is_damped=True)
+    covariance, log_size = _form_normal_equations(values, linearization, prior).invert()
+    squares = [float(residual @ residual) for residual in linearization.residuals]
+    evidence = (
+        -0.5 * _cost(values, linearization, prior) - 0.5 * log_size + float(np.log(precise).sum())
+    )
     scale = [
         max(1.0, square / max(1, 2 * len(seen.planned) - links))
         for square, seen in zip(squares, problem.photos, strict=True)
     ]
-    return _Solution(values, covariance, evidence, sum(squares), there.misses_m, scale)
+    return _Solution(values, covariance, evidence, sum(squares), linearization.misses_m, scale)
 
 
 @dataclass(frozen=True)
@@ -342,7 +347,9 @@ class _NormalEquations:
 
     def step(self, damping: float) -> Floats:
         """The step of all values, by the Schur complement of the angles."""
-        own, shared = (one + damping * np.eye(one.shape[-1]) for one in (self.own, self.shared))
+        own, shared = (
+            block + damping * np.eye(block.shape[-1]) for block in (self.own, self.shared)
+        )
         reduced = np.linalg.solve(
             own, np.concatenate([self.cross, self.pull_own[..., None]], axis=-1)
         )
@@ -364,9 +371,9 @@ class _NormalEquations:
         complement = self.shared - (self.cross.swapaxes(1, 2) @ by_shared).sum(axis=0)
         mapping = np.concatenate([-by_shared.reshape(-1, shared), np.eye(shared)])
         covariance = mapping @ np.linalg.inv(complement) @ mapping.T
-        for photo, own in enumerate(np.linalg.inv(self.own)):
-            here = slice(photo * links, (photo + 1) * links)
-            covariance[here, here] += own
+        for photo, inverse in enumerate(np.linalg.inv(self.own)):
+            part = slice(photo * links, (photo + 1) * links)
+            covariance[part, part] += inverse
         size = np.concatenate([self.size_own.ravel(), self.size_shared])
         log_size = (
             np.linalg.slogdet(self.own)[1].sum()
@@ -376,13 +383,17 @@ class _NormalEquations:
         return covariance / size / size[:, None], float(log_size)
 
 
-def _form_normal_equations(values: Floats, here: _Linearization, prior: _Prior) -> _NormalEquations:
+def _form_normal_equations(
+    values: Floats, linearization: _Linearization, prior: _Prior
+) -> _NormalEquations:
     links = len(prior.of_angles)
-    gram = np.array([jacobian.T @ jacobian for jacobian in here.jacobians])
+    gram = np.array([jacobian.T @ jacobian for jacobian in linearization.jacobians])
     pull = np.array(
         [
             jacobian.T @ residual
-            for jacobian, residual in zip(here.jacobians, here.residuals, strict=True)
+            for jacobian, residual in zip(
+                linearization.jacobians, linearization.residuals, strict=True
+            )
         ]
     )
     angles, shared = prior.split(prior.nominal - values)
@@ -414,29 +425,33 @@ def _descend(
     """
     values = prior.nominal.copy()
     damping = 0.0
-    here = _linearize(prior.nominal, problem)
-    equations = _form_normal_equations(values, here, prior)
+    linearization = _linearize(prior.nominal, problem)
+    equations = _form_normal_equations(values, linearization, prior)
     for _ in range(DAMPED_STEPS if is_damped else FULL_STEPS):
         step = equations.step(damping)
-        there = _linearize(values + step, problem)
-        if is_damped and _cost(values + step, there, prior) > _cost(values, here, prior):
+        trial = _linearize(values + step, problem)
+        if is_damped and _cost(values + step, trial, prior) > _cost(values, linearization, prior):
             damping = max(FIRST_DAMPING, 10.0 * damping)
         else:
             values = values + step
-            here = there
+            linearization = trial
             damping = 0.1 * damping if damping > FIRST_DAMPING else 0.0
-            equations = _form_normal_equations(values, here, prior)
+            equations = _form_normal_equations(values, linearization, prior)
         if np.abs(step).max() < CONVERGED:
-            return values, here, True
-    return values, here, False
+            return values, linearization, True
+    return values, linearization, False
 
 
-def _cost(values: Floats, here: _Linearization, prior: _Prior) -> float:
+def _cost(values: Floats, linearization: _Linearization, prior: _Prior) -> float:
     """Sum of squares, in deviations, of the residuals and of the differences from the nominal
     values.
     """
     angles, shared = prior.split(values - prior.nominal)
-    rows = [*here.residuals, (angles @ prior.of_angles.T).ravel(), shared * prior.of_shared]
+    rows = [
+        *linearization.residuals,
+        (angles @ prior.of_angles.T).ravel(),
+        shared * prior.of_shared,
+    ]
     return float(sum(row @ row for row in rows))
 
 
@@ -448,21 +463,23 @@ def _mix(solutions: Sequence[_Solution]) -> _Solution:
     the marks hardly do, and a leg that is glued to 1 mm is then stated as one glued to 0.1 mm. So
     each deviation keeps a share, unless the marks exclude it.
     """
-    logs = np.array([one.log_evidence for one in solutions])
-    misfits = np.array([one.squared_misfit for one in solutions])
+    logs = np.array([solution.log_evidence for solution in solutions])
+    misfits = np.array([solution.squared_misfit for solution in solutions])
     weights = np.exp(logs - logs.max())
     weights = np.maximum(
         weights / weights.sum(), MIN_WEIGHT * np.exp(-0.5 * (misfits - misfits.min()))
     )
     weights /= weights.sum()
     values = sum(
-        (weight * one.values for weight, one in zip(weights, solutions, strict=True)), np.zeros(1)
+        (weight * solution.values for weight, solution in zip(weights, solutions, strict=True)),
+        np.zeros(1),
     )
     spread = [
-        one.covariance + np.outer(one.values - values, one.values - values) for one in solutions
+        solution.covariance + np.outer(solution.values - values, solution.values - values)
+        for solution in solutions
     ]
     covariance = sum(
-        (weight * one for weight, one in zip(weights, spread, strict=True)), np.zeros(1)
+        (weight * matrix for weight, matrix in zip(weights, spread, strict=True)), np.zeros(1)
     )
     return replace(solutions[int(np.argmax(weights))], values=values, covariance=covariance)
 
@@ -483,12 +500,12 @@ def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
             on_axis[mark.link - 1].add(i)
     shown = np.array([[marks <= set(seen.planned) for marks in on_axis] for seen in problem.photos])
     hinges = np.array([bends @ start for start in starts])
-    for place, start in enumerate(starts):
-        for hinge in np.flatnonzero(~shown[place]):
+    for photo, start in enumerate(starts):
+        for hinge in np.flatnonzero(~shown[photo]):
             others = hinges[shown[:, hinge], hinge]
             if 0 < hinge < len(bends) and len(others):
                 # The chord stays, the links beside the hinge turn by half its angle each.
-                change = 0.5 * (np.median(others) - hinges[place, hinge])
+                change = 0.5 * (np.median(others) - hinges[photo, hinge])
                 start[hinge - 1] -= change
                 start[hinge] += change
 
@@ -516,12 +533,12 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     misses = []
     for seen, angles, marks in zip(problem.photos, poses, positions, strict=True):
         planned = seen.planned
-        there = marks[planned]
+        predicted = marks[planned]
         near = offsets[planned]
         # A mark nearer to the camera is seen farther from the foot of the camera's normal on the
         # plane.
         wider = (1.0 + near / (away - near))[:, None]
-        miss = seen.places_m - foot - (there - foot) * wider
+        miss = seen.places_m - foot - (predicted - foot) * wider
         cos = np.cos(angles)
         sin = np.sin(angles)
         block = np.zeros((len(near), 2, 2 * links + 2 + len(offsets)))
@@ -532,7 +549,7 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
         block[:, 0, links + 2 : 2 * links + 2] = along[planned] * cos
         block[:, 1, links + 2 : 2 * links + 2] = -along[planned] * sin
         block *= wider[:, None]
-        block[np.arange(len(near)), :, 2 * links + 2 + np.array(planned)] = (there - foot) * (
+        block[np.arange(len(near)), :, 2 * links + 2 + np.array(planned)] = (predicted - foot) * (
             away / (away - near) ** 2
         )[:, None]
         residuals.append((seen.whitening @ miss[..., None]).ravel())
@@ -544,13 +561,13 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
 def _compute_lever_arms(plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
     """Distances (marks, links) along and across each link by which its turn moves each mark."""
     links = np.arange(1, len(lengths_m) + 1)
-    own = np.array([[mark.link] for mark in plan.marks]) == links
+    is_own_link = np.array([[mark.link] for mark in plan.marks]) == links
     along = np.where(
         np.array([[mark.link] for mark in plan.marks]) > links,
         lengths_m,
-        own * np.array([[mark.along_m] for mark in plan.marks]),
+        is_own_link * np.array([[mark.along_m] for mark in plan.marks]),
     )
-    return along, own * np.array([[mark.across_m] for mark in plan.marks])
+    return along, is_own_link * np.array([[mark.across_m] for mark in plan.marks])
 
 
 def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
@@ -599,12 +616,12 @@ def _keep_determined(
     )
 
 
-def _photo_angles(problem: _Problem, fit: _Solution, place: int) -> HingeAngles:
+def _photo_angles(problem: _Problem, fit: _Solution, photo: int) -> HingeAngles:
     """Angles of one photo; a photo that fits badly gets larger deviations (Birge ratio)."""
     links = len(problem.lengths_m)
-    here = slice(links * place, links * (place + 1))
-    angles = fit.values[here]
-    covariance = fit.covariance[here, here] * fit.scale[place]
+    part = slice(links * photo, links * (photo + 1))
+    angles = fit.values[part]
+    covariance = fit.covariance[part, part] * fit.scale[photo]
     bends = _bends(links)
     return HingeAngles(
         *_keep_determined(angles, covariance),
@@ -619,9 +636,9 @@ def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Flo
     rows = [
         [
             np.nan if sure is None or angle is None else angle
-            for angle, sure in zip(one.hinge_rad, marks.hinge_rad, strict=True)
+            for angle, sure in zip(photo.hinge_rad, marks.hinge_rad, strict=True)
         ]
-        for one, marks in zip(stated, direct, strict=True)
+        for photo, marks in zip(stated, direct, strict=True)
     ]
     angles = np.array(rows, np.float64)
     empty = np.atleast_1d(np.isnan(angles).all(axis=0))

@@ -193,18 +193,18 @@ def _extensions(
     so_far: MarkAssignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances
 ) -> Iterator[MarkAssignment]:
     yield MarkAssignment(so_far.cost + MISSING_COST, (*so_far.chosen, -1))
-    for found in range(len(candidates.places_m)):
-        looks = candidates.size_cost(found)
-        if found in so_far.chosen or not np.isfinite(looks):
+    for candidate in range(len(candidates.places_m)):
+        looks = candidates.size_cost(candidate)
+        if candidate in so_far.chosen or not np.isfinite(looks):
             continue
-        misfit = _misfit(so_far.chosen, found, candidates, bounds, tolerances)
+        misfit = _misfit(so_far.chosen, candidate, candidates, bounds, tolerances)
         if misfit is not None:
-            yield MarkAssignment(so_far.cost + misfit + looks, (*so_far.chosen, found))
+            yield MarkAssignment(so_far.cost + misfit + looks, (*so_far.chosen, candidate))
 
 
 def _misfit(
     chosen: tuple[int, ...],
-    found: int,
+    candidate: int,
     candidates: Candidates,
     bounds: ChainBounds,
     tolerances: Tolerances,
@@ -215,8 +215,8 @@ def _misfit(
     It is twice the negative log likelihood of the distances, above that of a mark without an error
     of its own: a mark of large deviation, as a reflection has, fits anywhere, and pays for it.
     """
-    here = candidates.places_m[found]
-    own_std = float(candidates.std_m[found])
+    position = candidates.places_m[candidate]
+    own_std = float(candidates.std_m[candidate])
     index = len(chosen) + 1
     seen = [(i + 1, mark) for i, mark in enumerate(chosen) if mark >= 0][-LOOK_BACK:]
     references = [(0, np.zeros(2), tolerances.shaft_m)]
@@ -225,7 +225,7 @@ def _misfit(
     ]
     total = 0.0
     for other, place, other_std in references:
-        excess = bounds.excess_m(other, index, float(np.hypot(*(here - place))))
+        excess = bounds.excess_m(other, index, float(np.hypot(*(position - place))))
         without_own = float(np.hypot(other_std, tolerances.length_m))
         std = float(np.hypot(own_std, without_own))
         if abs(excess) > MAX_SIGMAS * std:
@@ -310,7 +310,7 @@ def identify(
         )
     candidates = _candidates(marks, camera, plan)
     bounds = chain_bounds(plan, link_lengths_m, hinge_range_rad)
-    found, finished = assignments_within(
+    assignments, finished = assignments_within(
         MARGIN, candidates, bounds, Tolerances(length_std_m, shaft_std_m)
     )
     if not finished:
@@ -322,7 +322,7 @@ def identify(
                 "picture of red things"
             ),
         )
-    best = found[0]
+    best = assignments[0]
     seen = sum(mark >= 0 for mark in best.chosen)
     if seen < MIN_SEEN * len(plan.marks):
         return _refuse(
@@ -336,7 +336,7 @@ def identify(
     # Doubtful are planned marks that differ in some other assignment within the margin.
     doubtful = frozenset(
         i
-        for other in found
+        for other in assignments
         for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True))
         if a != b
     )
@@ -386,7 +386,9 @@ def _find_loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBou
     chance.
     """
     # Index -1 is the shaft axis; the bounds count from it, hence + 1 below.
-    identified_ones = [i for i, found in enumerate(best.chosen) if found >= 0 and i not in doubtful]
+    identified_ones = [
+        i for i, candidate in enumerate(best.chosen) if candidate >= 0 and i not in doubtful
+    ]
     runs: list[list[int]] = [[-1]]
     for i in identified_ones:
         tied = bounds.is_tied(runs[-1][-1] + 1, i + 1)
@@ -400,12 +402,13 @@ def _find_odd_sized(
     """Whole marks that differ in size from the leg's others: focus and exposure change the size
     of all marks alike.
     """
-    seen = [(i, found) for i, found in enumerate(best.chosen) if found >= 0]
-    usual = float(np.median([candidates.log_size[found] for _, found in seen]))
+    seen = [(i, candidate) for i, candidate in enumerate(best.chosen) if candidate >= 0]
+    usual = float(np.median([candidates.log_size[candidate] for _, candidate in seen]))
     return [
         i
-        for i, found in seen
-        if marks[found].whole and abs(candidates.log_size[found] - usual) > MAX_SIZE_DEVIATION
+        for i, candidate in seen
+        if marks[candidate].whole
+        and abs(candidates.log_size[candidate] - usual) > MAX_SIZE_DEVIATION
     ]
 
 
@@ -418,15 +421,15 @@ def _report(
     dropped: dict[int, str],
 ) -> IdentifiedMarks:
     chosen = tuple(
-        marks[found] if found >= 0 and i not in reasons else None
-        for i, found in enumerate(best.chosen)
+        marks[number] if number >= 0 and i not in reasons else None
+        for i, number in enumerate(best.chosen)
     )
     doubts = [
         MarkDoubt("ambiguous", i, f"{plan.name(i)}: {words}")
         for i, words in sorted(reasons.items())
     ]
-    for i, found in enumerate(best.chosen):
-        if found < 0 and i not in reasons:
+    for i, number in enumerate(best.chosen):
+        if number < 0 and i not in reasons:
             kind: Kind
             if i in dropped:
                 kind = "dropped"
@@ -456,7 +459,7 @@ def _describe_near_misses(
     """
     unused = [n for n in range(len(candidates.places_m)) if n not in best.chosen]
     reports = {}
-    for i in (i for i, found in enumerate(best.chosen) if found < 0):
+    for i in (i for i, candidate in enumerate(best.chosen) if candidate < 0):
         before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
         start = np.zeros(2) if before is None else candidates.places_m[best.chosen[before]]
         pair = (0 if before is None else before + 1, i + 1)
@@ -491,7 +494,7 @@ def _describe_rejected(
     else:
         places = np.zeros((0, 2))
     reports = {}
-    for i in (i for i, found in enumerate(best.chosen) if found < 0):
+    for i in (i for i, candidate in enumerate(best.chosen) if candidate < 0):
         before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
         after = min(
             (j for j in range(i + 1, len(best.chosen)) if best.chosen[j] >= 0), default=None
@@ -504,9 +507,9 @@ def _describe_rejected(
         for patch, place in zip(rejected, places, strict=True):
             off = [
                 bounds.excess_m(
-                    min(other, i + 1), max(other, i + 1), float(np.linalg.norm(place - there))
+                    min(other, i + 1), max(other, i + 1), float(np.linalg.norm(place - neighbour))
                 )
-                for other, there in ties
+                for other, neighbour in ties
             ]
             if max(map(abs, off)) < REJECTED_WITHIN_M:
                 reports[i] = (

@@ -121,20 +121,22 @@ def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, 
     corner, part = _crop_to_red(red, thresholds[-1], max(sizes))
     patches: list[Patch] = []
     for threshold in thresholds:
-        found = (part > threshold).astype(np.uint8)
+        mask = (part > threshold).astype(np.uint8)
         for size in sizes:
             closed = cv2.morphologyEx(
-                found, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+                mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
             )
             _, _, boxes, middles = cv2.connectedComponentsWithStats(
                 np.asarray(closed, np.uint8), connectivity=8
             )
             # Component 0 is the background.
-            own = (
+            components = (
                 _patch(box, middle + corner, shrink)
                 for box, middle in zip(boxes[1:], middles[1:], strict=True)
             )
-            patches += [patch for patch in own if _has_size_of_mark(patch, expected_diameter_px)]
+            patches += [
+                patch for patch in components if _has_size_of_mark(patch, expected_diameter_px)
+            ]
     return _without_repeats(patches, expected_diameter_px)
 
 
@@ -375,12 +377,12 @@ def find_marks_and_rejected(
     # A blurred disc's radius depends on the assumption, so each of them has its own shape.
     shapes = []
     for k in range(len(ASSUMPTIONS)):
-        fits = [found[k] for found in alone if found]
+        fits = [outlines[k] for outlines in alone if outlines]
         shapes.append(_estimate_shape(fits, expected_diameter_px / 2))
     waves = [
-        found[0].waves_px
-        for found in alone
-        if found and found[0] and np.isfinite(found[0].waves_px)
+        outlines[0].waves_px
+        for outlines in alone
+        if outlines and outlines[0] and np.isfinite(outlines[0].waves_px)
     ]
     typical_waves_px = float(np.median(waves)) if waves else 0.0
     results = _measure_marks(cutouts, alone, shapes, typical_waves_px)
@@ -457,7 +459,7 @@ def _fit_alone(
         ASSUMPTIONS[:1] * len(cutouts),
     )
     circles = [likely_circle(rim.px, radius_px, SIZE_SPREAD) for rim in rims]
-    found = [number for number, circle in enumerate(circles) if circle is not None]
+    numbers = [number for number, circle in enumerate(circles) if circle is not None]
     starts = np.array([circle[:2] for circle in circles if circle is not None]).reshape(-1, 2)
     shapes = [Shape(float(circle[2])) for circle in circles if circle is not None]
     linear = [assumption.linear for assumption in ASSUMPTIONS]
@@ -466,20 +468,20 @@ def _fit_alone(
         _find_rims(
             _look(
                 [cutouts[number]] * 2,
-                starts[[place, place]],
-                shapes[place].radius_px,
+                starts[[index, index]],
+                shapes[index].radius_px,
                 [False, True],
             ),
             linear,
             ASSUMPTIONS,
             square=True,
         )
-        for place, number in enumerate(found)
+        for index, number in enumerate(numbers)
     ]
     outlines = _fit(measured, starts, [[shape] * len(ASSUMPTIONS) for shape in shapes])
     alone: list[list[MarkOutline | None] | None] = [None] * len(cutouts)
-    for number, own in zip(found, outlines, strict=True):
-        alone[number] = own
+    for number, patch_outlines in zip(numbers, outlines, strict=True):
+        alone[number] = patch_outlines
     return alone
 
 
@@ -489,15 +491,15 @@ def _fit(
     """The outlines of patches from first centres (patches, 2): of each patch one for each rim
     and its prior shape.
     """
-    flat = [rim for own in rims for rim in own]
-    each = len(ASSUMPTIONS)
-    found = fit_outlines(
+    flat = [rim for patch_rims in rims for rim in patch_rims]
+    count = len(ASSUMPTIONS)
+    outlines = fit_outlines(
         [rim.px for rim in flat],
-        np.repeat(starts, each, axis=0),
-        [shape for own in shapes for shape in own],
+        np.repeat(starts, count, axis=0),
+        [shape for patch_shapes in shapes for shape in patch_shapes],
         [rim.rays for rim in flat],
     )
-    return [found[first : first + each] for first in range(0, len(found), each)]
+    return [outlines[first : first + count] for first in range(0, len(outlines), count)]
 
 
 @dataclass(frozen=True)
@@ -544,12 +546,12 @@ def _find_rims(
     view = np.array(list(views), np.int64)
     level = seen.level
     rays = len(seen.rays.directions)
-    if any(one.local for one in assumptions):
+    if any(assumption.local for assumption in assumptions):
         inside = follow_rim(level, seen.rays, seen.radius_px).inside
     else:
         inside = level.inside
-    is_local = np.array([one.local for one in assumptions])
-    share = np.array([one.share for one in assumptions])
+    is_local = np.array([assumption.local for assumption in assumptions])
+    share = np.array([assumption.share for assumption in assumptions])
     # The level at this share of the way from outside to inside; NaN where no disc is.
     outside = level.outside[view]
     at = outside + share[:, None] * (
@@ -562,12 +564,12 @@ def _find_rims(
     if square:
         for number in np.unique(of_view):
             cutout = seen.cutouts[number]
-            own = of_view == number
+            mask = of_view == number
             if seen.is_linear[number]:
                 slopes = cutout.linear_slopes
             else:
                 slopes = cutout.slopes
-            spoilt[own] |= is_oblique(points.px[own], seen.rays.middle_px[number], slopes)
+            spoilt[mask] |= is_oblique(points.px[mask], seen.rays.middle_px[number], slopes)
     glare = measure_glare(points, view, seen.white, seen.radius_px)
     limit = np.maximum(
         GLARE * np.maximum(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * seen.white.noise
@@ -588,11 +590,11 @@ def _find_rims(
     return rims
 
 
-def _estimate_shape(found: Sequence[MarkOutline | None], radius_px: float) -> Shape:
+def _estimate_shape(outlines: Sequence[MarkOutline | None], radius_px: float) -> Shape:
     """Median shape of the whole marks, as a prior of a few per cent; the expected circle where
     fewer than three marks are whole.
     """
-    whole = [outline for outline in found if outline and outline.seen >= WHOLE]
+    whole = [outline for outline in outlines if outline and outline.seen >= WHOLE]
     if len(whole) < 3:
         return Shape(radius_px)
     bend = np.median([outline.bend for outline in whole], axis=0)
@@ -611,7 +613,7 @@ def _measure_marks(
     typical_waves_px: float,
 ) -> list[Mark | str]:
     """The measured mark of each patch, or why it is none."""
-    firsts = [found[0] if found else None for found in alone]
+    firsts = [patch_outlines[0] if patch_outlines else None for patch_outlines in alone]
     chosen = [cutout for cutout, first in zip(cutouts, firsts, strict=True) if first is not None]
     if not chosen:
         return ["no round rim"] * len(cutouts)
@@ -646,8 +648,8 @@ def _mark(
     if outline is None:
         return "hardly any of its rim is seen"
     contrast = _contrast(cutout, outline)
-    outlines = [one for one in measured if one is not None]
-    middles = np.array([one.middle_px for one in outlines])
+    outlines = [estimate for estimate in measured if estimate is not None]
+    middles = np.array([estimate.middle_px for estimate in outlines])
     middle = middles.mean(axis=0)
     if len(outlines) == len(measured):
         spread = float(np.sqrt(((middles - middle) ** 2).sum(axis=1).mean()))
@@ -661,10 +663,10 @@ def _mark(
         COVER_ERROR * (1.0 - outline.seen) / 0.5 + GLARE_ERROR * rim.glare_share
     )
     if np.isfinite(outline.waves_px):
-        own = outline.waves_px
+        waves_px = outline.waves_px
     else:
-        own = typical_waves_px
-    waves = WAVE_ERROR * np.hypot(own, typical_waves_px) / np.sqrt(2.0)
+        waves_px = typical_waves_px
+    waves = WAVE_ERROR * np.hypot(waves_px, typical_waves_px) / np.sqrt(2.0)
     std = np.sqrt(
         np.diag(outline.covariance_px2) + systematic**2 + waves**2 + (SPREAD_ERROR * spread) ** 2
     )

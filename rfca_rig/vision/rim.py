@@ -250,15 +250,17 @@ def measure_levels(rays: Rays, white: Whiteness, radius_px: float) -> Levels:
     ring = rays.steps_between(*(share * radius_px for share in CORE))
     at = (rays.directions[:, None, :] * rays.radii_px[None, ring, None]).reshape(-1, 2)
     inside = np.empty_like(around)
-    for view, (one, counts) in enumerate(zip(plain.reshape(flat), core.reshape(flat), strict=True)):
-        kept = counts[one]
+    for view, (mask, counts) in enumerate(
+        zip(plain.reshape(flat), core.reshape(flat), strict=True)
+    ):
+        kept = counts[mask]
         if not len(kept):
             inside[view] = outside[view]
             continue
         inside[view] = typical = float(median(kept))
         # Where too little of the core is free of glints for a plane: one level for all rays.
         if len(kept) >= EVEN_SHARE * len(counts):
-            inside[view] += rays.directions @ _slope(at[one], kept - typical) * radius_px
+            inside[view] += rays.directions @ _slope(at[mask], kept - typical) * radius_px
     return Levels(inside, around)
 
 
@@ -380,10 +382,10 @@ def color_bleed_share(redness: Rays, radius_px: float) -> float:
 
     More than a few mean that the disc touches another red thing.
     """
-    own = float(median(redness.between(*(share * radius_px for share in CORE))[0].ravel()))
+    level = float(median(redness.between(*(share * radius_px for share in CORE))[0].ravel()))
     # The lowest value on the way: behind a dark gap, another red thing leaves the rim alone.
     beyond = redness.between(radius_px, SPILL_FROM * radius_px)[0].min(axis=1)
-    return float((beyond > TOUCHING_SHARE * own).mean())
+    return float((beyond > TOUCHING_SHARE * level).mean())
 
 
 @dataclass(frozen=True)
@@ -513,7 +515,7 @@ def fit_outlines(
             numbers = numbers[has_enough]
             fit = fit.select(has_enough)
             residual, jacobian, weights, is_on = (
-                one[has_enough] for one in (residual, jacobian, weights, is_on)
+                array[has_enough] for array in (residual, jacobian, weights, is_on)
             )
             if not len(numbers):
                 return outlines
@@ -531,15 +533,15 @@ def fit_outlines(
     seen = np.minimum(1.0, is_on.sum(axis=1) / np.array(rays)[numbers])
     covariance = np.linalg.inv(information)[:, :2, :2]
     waves = np.where(seen > WAVES_SEEN, _measure_waves(fit), np.nan)
-    for place, number in enumerate(numbers.tolist()):
-        x, y, size, *bend = fit.values[place].tolist()
+    for index, number in enumerate(numbers.tolist()):
+        x, y, size, *bend = fit.values[index].tolist()
         outlines[number] = MarkOutline(
             np.array([x, y]),
-            covariance[place],
+            covariance[index],
             size,
             (bend[0], bend[1]),
-            float(seen[place]),
-            float(waves[place]),
+            float(seen[index]),
+            float(waves[index]),
         )
     return outlines
 

@@ -148,12 +148,12 @@ class Residuals:
         """Rows (m + q,) of problem and prior for each x (p,); None where the model cannot be
         computed.
         """
-        found = self.problem.residuals([self.space.at(x) for x in points])
+        residuals = self.problem.residuals([self.space.at(x) for x in points])
         self.computed += len(points)
         has_prior = self.space.has_prior
         return [
             None if r is None else np.concatenate([self.whitening(r), x[has_prior]])
-            for r, x in zip(found, points, strict=True)
+            for r, x in zip(residuals, points, strict=True)
         ]
 
     def __call__(self, x: Floats) -> Floats:
@@ -173,20 +173,20 @@ class Residuals:
         steps = DIFFERENCE_STEP * np.eye(len(x))
         # The two sides of each difference are neighbours, which move side by side with the same
         # steps.
-        *around, here = self.at([*(x + sign * step for step in steps for sign in (1.0, -1.0)), x])
+        *around, centre = self.at([*(x + sign * step for step in steps for sign in (1.0, -1.0)), x])
         return np.column_stack(
-            [self._slope(i, here, around[2 * i], around[2 * i + 1]) for i in range(len(x))]
+            [self._slope(i, centre, around[2 * i], around[2 * i + 1]) for i in range(len(x))]
         )
 
     def _slope(
-        self, i: int, here: Floats | None, ahead: Floats | None, behind: Floats | None
+        self, i: int, centre: Floats | None, ahead: Floats | None, behind: Floats | None
     ) -> Floats:
         if ahead is not None and behind is not None:
             return (ahead - behind) / (2.0 * DIFFERENCE_STEP)
-        if here is not None and ahead is not None:
-            return (ahead - here) / DIFFERENCE_STEP
-        if here is not None and behind is not None:
-            return (here - behind) / DIFFERENCE_STEP
+        if centre is not None and ahead is not None:
+            return (ahead - centre) / DIFFERENCE_STEP
+        if centre is not None and behind is not None:
+            return (centre - behind) / DIFFERENCE_STEP
         raise SimulationFailed(
             f"the model cannot be computed around {self.space.names[i]}; are the nominal "
             "values right?"
@@ -295,7 +295,7 @@ def _descend_all(
     """The descents in the order of their starts. Raises SimulationFailed where one was lost."""
     if search.executor is None:
         return [descend(residuals, start, search.most_evaluations) for start in starts]
-    found: dict[int, OptimizeResult] = {}
+    descents: dict[int, OptimizeResult] = {}
     descent = partial(
         _descent,
         _PicklableSpace.of(residuals.space),
@@ -310,10 +310,10 @@ def _descend_all(
             raise SimulationFailed(
                 f"the fit from start {number + 1} of {len(starts)} failed: {back.reason}"
             )
-        found[number], computed = back
+        descents[number], computed = back
         residuals.computed += computed
-        residuals.progress(residuals.computed, 2.0 * float(found[number].cost))
-    return [found[number] for number in range(len(starts))]
+        residuals.progress(residuals.computed, 2.0 * float(descents[number].cost))
+    return [descents[number] for number in range(len(starts))]
 
 
 @dataclass(frozen=True)

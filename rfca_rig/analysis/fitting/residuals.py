@@ -105,15 +105,15 @@ def list_motions(
             for stroke in condition.strokes
         ]
         distinct: list[StrokeMotion] = []
-        own: list[int] = []
+        indices: list[int] = []
         for turn in turns:
             alike = next(
                 (i for i, other in enumerate(distinct) if _same(turn, other)), len(distinct)
             )
             if alike == len(distinct):
                 distinct.append(turn)
-            own.append(alike)
-        return tuple(distinct), tuple(own)
+            indices.append(alike)
+        return tuple(distinct), tuple(indices)
     speed_rad_s = condition.speed_rad_s
     if shaft == "average":
         speed_rad_s = float(
@@ -266,11 +266,11 @@ class StrokeProblem:
 
     def noise(self) -> dict[str, float]:
         """Root mean square of the noise of one sample, by channel."""
-        found: dict[str, list[float]] = {}
+        noises: dict[str, list[float]] = {}
         for _, trace in self._all_traces():
-            found.setdefault(trace.channel, []).append(trace.sample_noise)
+            noises.setdefault(trace.channel, []).append(trace.sample_noise)
         return {
-            channel: float(np.sqrt(np.mean(np.square(all_)))) for channel, all_ in found.items()
+            channel: float(np.sqrt(np.mean(np.square(all_)))) for channel, all_ in noises.items()
         }
 
     def _all_traces(self) -> Iterator[tuple[MeasuredStroke, ChannelResiduals]]:
@@ -299,10 +299,10 @@ def simulate_points(
 
 def _require_all(simulated: Sequence[SimulatedStroke | SimulationFailed]) -> list[SimulatedStroke]:
     """The strokes. Raises SimulationFailed where one of them is none."""
-    for one in simulated:
-        if isinstance(one, SimulationFailed):
-            raise one
-    return [one for one in simulated if isinstance(one, SimulatedStroke)]
+    for outcome in simulated:
+        if isinstance(outcome, SimulationFailed):
+            raise outcome
+    return [outcome for outcome in simulated if isinstance(outcome, SimulatedStroke)]
 
 
 def make_stroke_problem(
@@ -337,17 +337,17 @@ def make_stroke_problem(
     strokes: list[MeasuredStroke] = []
     left_out: list[str] = []
     for condition in conditions:
-        found = [
+        pairs = [
             (stroke, _traces(stroke, noise_std, window or StrokeWindow()))
             for stroke in condition.strokes
         ]
         left_out += [
             f"left out: {condition.label}, repeat {s.repeat}: {t.reason}"
-            for s, t in found
+            for s, t in pairs
             if isinstance(t, Undetermined)
         ]
         usable = [
-            (stroke, traces) for stroke, traces in found if not isinstance(traces, Undetermined)
+            (stroke, traces) for stroke, traces in pairs if not isinstance(traces, Undetermined)
         ]
         if not usable:
             continue
@@ -357,10 +357,10 @@ def make_stroke_problem(
         usable_condition = Condition(
             condition.height_m, condition.speed_rad_s, tuple(stroke for stroke, _ in usable)
         )
-        own_turns, own = list_motions(usable_condition, shaft, ramp_s, end_s)
+        own_turns, indices = list_motions(usable_condition, shaft, ramp_s, end_s)
         strokes += [
-            MeasuredStroke(traces, len(turns) + place)
-            for (_, traces), place in zip(usable, own, strict=True)
+            MeasuredStroke(traces, len(turns) + index)
+            for (_, traces), index in zip(usable, indices, strict=True)
         ]
         turns += own_turns
     if not strokes:
@@ -377,26 +377,28 @@ def _traces(
     fz = stroke.channel("fz_N")
     if fz is None:
         return Undetermined("fz was not recorded, and with it not when the leg touched")
-    valley, found = valley_and_phases(*fz)
+    valley, phases = valley_and_phases(*fz)
     if isinstance(valley, Undetermined):
         return valley
     traces = tuple(
-        t for c in CHANNELS if (t := _trace(stroke, c, window, found, noise_std.get(c))) is not None
+        t
+        for c in CHANNELS
+        if (t := _trace(stroke, c, window, phases, noise_std.get(c))) is not None
     )
     return traces or Undetermined(
-        f"nothing left between touchdown at {found.touchdown_s:.3f} s and valley at "
+        f"nothing left between touchdown at {phases.touchdown_s:.3f} s and valley at "
         f"{valley.time_s:.3f} s"
     )
 
 
 def _trace(
-    stroke: Stroke, channel: str, window: StrokeWindow, found: StrokePhases, noise: float | None
+    stroke: Stroke, channel: str, window: StrokeWindow, phases: StrokePhases, noise: float | None
 ) -> ChannelResiduals | None:
     recorded = stroke.channel(channel)
     if recorded is None:
         return None
     t_s, values = recorded
-    inside = window.inside(t_s, found)
+    inside = window.inside(t_s, phases)
     if not inside.any():
         return None
     sample_noise = noise or _noise(values)

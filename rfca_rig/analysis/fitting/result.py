@@ -336,24 +336,24 @@ def make_fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict
     """[known_to] with the standard errors of the fit in place of the values stated before;
     others stay as stated.
     """
-    found = {key: float(value) for key, value in known_to.items() if value is not None}
+    deviations = {key: float(value) for key, value in known_to.items() if value is not None}
     for fitted, parameter in zip(result.parameters, result.space.parameters, strict=True):
         if parameter.known_to is not None:
             # Keys of relative parameters are shares of the value.
             if parameter.relative:
-                found[parameter.known_to] = fitted.std / abs(fitted.value)
+                deviations[parameter.known_to] = fitted.std / abs(fitted.value)
             else:
-                found[parameter.known_to] = fitted.std
-    return found
+                deviations[parameter.known_to] = fitted.std
+    return deviations
 
 
 def _remarks(result: FitResult) -> list[str]:
     """Comments on fitted parameters that have no key in the sections."""
     fitted = zip(result.parameters, result.space.parameters, strict=True)
     return [
-        _remark(found)
-        for found, parameter in fitted
-        if found.name == "height" or parameter.known_to is None
+        _remark(estimate)
+        for estimate, parameter in fitted
+        if estimate.name == "height" or parameter.known_to is None
     ]
 
 

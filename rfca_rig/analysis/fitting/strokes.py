@@ -190,9 +190,9 @@ class ValleyProblem:
         by_point = simulate_points([row.job for row in self.rows], supposed)
         return [
             _concatenate_if_complete(
-                [row.residual(one) for row, one in zip(self.rows, own, strict=True)]
+                [row.residual(stroke) for row, stroke in zip(self.rows, strokes, strict=True)]
             )
-            for own in by_point
+            for strokes in by_point
         ]
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
@@ -268,8 +268,8 @@ def fit_valleys(
     )
 
 
-def _concatenate_if_complete(found: Sequence[Floats | None]) -> Floats | None:
-    rows = [row for row in found if row is not None]
-    if len(rows) == len(found):
+def _concatenate_if_complete(residuals: Sequence[Floats | None]) -> Floats | None:
+    rows = [row for row in residuals if row is not None]
+    if len(rows) == len(residuals):
         return np.concatenate(rows)
     return None

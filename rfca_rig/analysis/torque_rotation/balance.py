@@ -99,10 +99,10 @@ class Balance:
 
     def systematic_error(self, p: Floats, name: str) -> float:
         """Its value in p (P,), 0 where it is not an unknown."""
-        place = self.systematic_errors.place(name)
-        if place is None:
+        index = self.systematic_errors.place(name)
+        if index is None:
             return 0.0
-        return float(p[self.curve_size + place])
+        return float(p[self.curve_size + index])
 
     def rest_rad(self, p: Floats) -> Floats:
         """Angles (h,) at which the hinges bear nothing: the nominal ones plus their errors in p
@@ -118,12 +118,12 @@ class Balance:
         p (P,); `recording` is (S,).
         """
         mended = z.copy()
-        for place, systematic_error in enumerate(self.systematic_errors.each):
+        for index, systematic_error in enumerate(self.systematic_errors.each):
             if systematic_error.column is not None:
                 mended[:, systematic_error.column] -= np.where(
                     (systematic_error.recording == ALL_RECORDINGS)
                     | (recording == systematic_error.recording),
-                    p[self.curve_size + place],
+                    p[self.curve_size + index],
                     0.0,
                 )
         # Columns after the n angles are the forces; tares are subtracted before the gain.
@@ -358,9 +358,9 @@ class _Conditions:
             self.slack[:, row] = (SHARE_STD * mu * np.maximum(self.N[:, k], NEGLIGIBLE_N)) ** 2
 
     def _add_by_error(self, rows: slice, name: str, slope: Floats) -> None:
-        place = self.of.systematic_errors.place(name)
-        if place is not None:
-            self.by_p[:, rows, self.of.curve_size + place] += slope
+        index = self.of.systematic_errors.place(name)
+        if index is not None:
+            self.by_p[:, rows, self.of.curve_size + index] += slope
 
     def _shifts(self) -> None:
         """Zeros, tares and gain act through the measured values. The chain rule converts
@@ -373,11 +373,11 @@ class _Conditions:
             -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain,
         )
         self.by_z[:, :, self.n :] /= gain
-        for place, systematic_error in enumerate(self.of.systematic_errors.each):
+        for index, systematic_error in enumerate(self.of.systematic_errors.each):
             if systematic_error.column is not None:
-                here = (systematic_error.recording == ALL_RECORDINGS) | (
+                rows = (systematic_error.recording == ALL_RECORDINGS) | (
                     self.group.recording == systematic_error.recording
                 )
-                self.by_p[here, :, self.of.curve_size + place] -= self.by_z[
-                    here, :, systematic_error.column
+                self.by_p[rows, :, self.of.curve_size + index] -= self.by_z[
+                    rows, :, systematic_error.column
                 ]

@@ -140,7 +140,7 @@ def curve_keys(result: StaticResult) -> dict[str, Any]:
         # Rounding and least squares leave tiny asymmetries, which the section would refuse; the
         # mean with the transpose removes them.
         "covariance_Nm2": [
-            [float(f"{each:.{COVARIANCE_DIGITS}g}") for each in row]
+            [float(f"{value:.{COVARIANCE_DIGITS}g}") for value in row]
             for row in 0.5 * (covariance + covariance.T)
         ],
     }
@@ -186,9 +186,9 @@ def _of_form(form: FormCheck) -> list[str]:
 def _of_rests(rests: RestAngles | None) -> list[str]:
     if rests is None:
         return []
-    each = ", ".join(f"{np.degrees(std):.3f}" for std in rests.std_rad)
+    deviations = ", ".join(f"{np.degrees(std):.3f}" for std in rests.std_rad)
     return [
-        f"rest angles known to {each} degrees, their mean to "
+        f"rest angles known to {deviations} degrees, their mean to "
         f"{np.degrees(rests.common_std_rad):.3f}, "
         f"correlated by {rests.with_stiffness:+.2f} with the stiffness at rest"
     ]

@@ -161,7 +161,7 @@ def find_outliers(found: CurveFit, data: StageData) -> tuple[Outlier, ...]:
         ("tx", "N m", 1.0),
     ]
     far = sorted(
-        np.argwhere(np.abs(pulls) > OUTLIER_STD).tolist(), key=lambda place: -abs(pulls[*place])
+        np.argwhere(np.abs(pulls) > OUTLIER_STD).tolist(), key=lambda index: -abs(pulls[*index])
     )
     return tuple(
         Outlier(
@@ -185,7 +185,7 @@ def compare_forms(
     more = free.adjusted.balance.basis.size - law.adjusted.balance.basis.size
     grid = free_curve.grid_rad()
     # Each curve counts angles from its own rest, so the grid is shifted by the difference.
-    rests = [one.adjusted.balance.rest_rad(one.adjusted.point.p).mean() for one in (law, free)]
+    rests = [fit.adjusted.balance.rest_rad(fit.adjusted.point.p).mean() for fit in (law, free)]
     by_law = law_curve.torque_Nm(grid + rests[1] - rests[0])[0]
     by_free = free_curve.torque_Nm(grid)[0]
     worst = int(np.argmax(np.abs(by_law - by_free)))
@@ -262,12 +262,12 @@ def estimate_rest_angles(found: CurveFit, widened: float) -> RestAngles | None:
     )
 
 
-def _score_columns(found: CurveFit, data: StageData, columns: Floats) -> list[tuple[float, float]]:
+def _score_columns(fit: CurveFit, data: StageData, columns: Floats) -> list[tuple[float, float]]:
     """Value and standard deviation of each further column of hinge torque (S, h, e), tested one
     at a time beside all other unknowns.
     """
-    adjusted = found.adjusted
-    C = found.errors.covariance(data, adjusted.balance.rig.leg.link_lengths_m)
+    adjusted = fit.adjusted
+    C = fit.errors.covariance(data, adjusted.balance.rig.leg.link_lengths_m)
     rows = stack_rows(
         adjusted.balance,
         linearise_groups(
@@ -278,13 +278,13 @@ def _score_columns(found: CurveFit, data: StageData, columns: Floats) -> list[tu
     # Columns of equal size keep the least squares well conditioned.
     scale = np.linalg.norm(rows.matrix, axis=0)
     results = []
-    for one in rows.extra.T:
+    for column in rows.extra.T:
         known = rows.matrix / scale
         # Only the part that the other unknowns cannot explain carries information (Frisch-Waugh).
-        own = one - known @ np.linalg.lstsq(known, one, rcond=None)[0]
-        information = float(own @ own)
+        residual = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+        information = float(residual @ residual)
         results.append(
-            (-float(own @ rows.right) / information, information**-0.5)
+            (-float(residual @ rows.right) / information, information**-0.5)
             if information > 0.0
             else (0.0, np.inf)
         )
@@ -299,9 +299,9 @@ def estimate_loop(found: CurveFit, data: StageData) -> BendingLoop | None:
     back = int((bending < 0).sum())
     if not back or not found.adjusted.balance.extra.shape[2]:
         return None
-    place = found.adjusted.balance.basis.size
-    std = float(np.sqrt(found.adjusted.covariance[place, place]))
-    return BendingLoop(float(found.adjusted.point.p[place]), std, int((bending > 0).sum()), back)
+    index = found.adjusted.balance.basis.size
+    std = float(np.sqrt(found.adjusted.covariance[index, index]))
+    return BendingLoop(float(found.adjusted.point.p[index]), std, int((bending > 0).sum()), back)
 
 
 def list_estimated_errors(adjusted: Adjustment) -> tuple[EstimatedSystematicError, ...]:

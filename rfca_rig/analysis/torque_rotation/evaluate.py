@@ -106,7 +106,7 @@ class _Case:
         shares: list[Sequence[float]] = [tuple(np.arange(1, knots + 1) / knots)]
         if len(angles) >= ANGLES_NEAR_REST:
             shares.append(NEAR_REST)
-        return [make_spline_through_rest(angles, each) for each in shares]
+        return [make_spline_through_rest(angles, knot_shares) for knot_shares in shares]
 
 
 def evaluate(
@@ -163,27 +163,27 @@ def evaluate(
     watcher(5, SOLVE_COUNT)
     widened = _repeats(recordings, supposed, law)
     law_curve, free_curve, model_curve = (
-        _curve(found, case.data, widened.widened) for found in (law, free, model)
+        _curve(solution, case.data, widened.widened) for solution in (law, free, model)
     )
     form = compare_forms(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
-    found = law if form.holds else free
+    fit = law if form.holds else free
     return StaticResult(
         rig=case.rig,
         data=case.data,
-        found=found,
+        found=fit,
         law=law_curve,
         values=law_values(law_curve),
         free=free_curve,
         model=model_curve,
         model_form=compare_forms(model, free, model_curve, free_curve),
-        rests=tuple(estimate_rest_angles(each, widened.widened) for each in (law, model)),
+        rests=tuple(estimate_rest_angles(solution, widened.widened) for solution in (law, model)),
         rest_checks=check_rest_angles(law, case.data, law_curve),
         form=form,
         loop=loop,
-        hinges=check_hinges(found, case.data, law_curve if form.holds else free_curve),
-        systematic_errors=list_estimated_errors(found.adjusted),
-        strays=find_outliers(found, case.data),
-        points=points_of(found, case.data),
+        hinges=check_hinges(fit, case.data, law_curve if form.holds else free_curve),
+        systematic_errors=list_estimated_errors(fit.adjusted),
+        strays=find_outliers(fit, case.data),
+        points=points_of(fit, case.data),
         repeats=widened,
     )
 
@@ -239,12 +239,12 @@ def _model(case: _Case, free: CurveFit, law: CurveFit, has_loop: bool) -> CurveF
     else the finest.
     """
     for basis in case.through_rest(law):
-        found = case.solve(basis, free.errors, loop=has_loop, learn=False)
+        fit = case.solve(basis, free.errors, loop=has_loop, learn=False)
         if compare_forms(
-            found, free, _curve(found, case.data, 1.0), _curve(free, case.data, 1.0)
+            fit, free, _curve(fit, case.data, 1.0), _curve(free, case.data, 1.0)
         ).holds:
             break
-    return found
+    return fit
 
 
 def _freest(case: _Case) -> CurveFit:
@@ -260,13 +260,13 @@ def _freest(case: _Case) -> CurveFit:
             last_error = error
     if not solutions and last_error is not None:
         raise last_error
-    return max(solutions, key=lambda one: one.log_likelihood)
+    return max(solutions, key=lambda solution: solution.log_likelihood)
 
 
-def _curve(found: CurveFit, data: StageData, widened: float) -> TorqueCurve:
-    adjusted = found.adjusted
+def _curve(fit: CurveFit, data: StageData, widened: float) -> TorqueCurve:
+    adjusted = fit.adjusted
     # The curve counts as known only over the angles that were measured.
-    angles = from_rest_rad(found, data)[data.seen]
+    angles = from_rest_rad(fit, data)[data.seen]
     size = adjusted.balance.basis.size
     return TorqueCurve(
         basis=adjusted.balance.basis,
@@ -282,7 +282,7 @@ def _repeats(recordings: Sequence[Recording], supposed: StageAssumptions, law: C
     """Each recording by itself with the errors found for all, where several recordings suffice."""
     if len(recordings) < 2:
         return Repeats()
-    each = []
+    values = []
     pulls = 0.0
     freedom = 0
     size = law.adjusted.balance.basis.size
@@ -299,7 +299,7 @@ def _repeats(recordings: Sequence[Recording], supposed: StageAssumptions, law: C
         apart = curve.coefficients - middle
         pulls = pulls + float(apart @ np.linalg.solve(curve.covariance, apart))
         freedom = freedom + size
-        each.append(law_values(curve))
+        values.append(law_values(curve))
     # The common curve was fitted to the same recordings.
     freedom -= size
-    return Repeats(tuple(each), float(np.sqrt(max(1.0, pulls / freedom))) if freedom > 0 else 1.0)
+    return Repeats(tuple(values), float(np.sqrt(max(1.0, pulls / freedom))) if freedom > 0 else 1.0)

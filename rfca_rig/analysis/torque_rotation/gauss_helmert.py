@@ -84,9 +84,9 @@ class WhitenedConditions:
     @property
     def log_det(self) -> float:
         """Log determinant of the covariance of the conditions, without the part that c takes up."""
-        own = np.diagonal(self.r[:, : self.unknowns], axis1=1, axis2=2)
+        of_c = np.diagonal(self.r[:, : self.unknowns], axis1=1, axis2=2)
         whole = np.diagonal(self.factor, axis1=1, axis2=2)
-        return 2.0 * float(np.log(np.abs(whole)).sum() + np.log(np.abs(own)).sum())
+        return 2.0 * float(np.log(np.abs(whole)).sum() + np.log(np.abs(of_c)).sum())
 
     def moves(self, dp: Floats) -> tuple[Floats, Floats]:
         """Distance of z from the measured values, (S, m), and the change of c (S, 2 T), for a
@@ -189,7 +189,9 @@ def linearise_groups(
         for group, c in zip(groups, point.c, strict=True)
     ]
     if slack:
-        lines = [replace(line, slack=own) for line, own in zip(lines, slack, strict=True)]
+        lines = [
+            replace(line, slack=group_slack) for line, group_slack in zip(lines, slack, strict=True)
+        ]
     return tuple(
         _whiten(line, measured[g.rows] - point.z[g.rows], C[g.rows], _of(extra, g))
         for line, g in zip(lines, groups, strict=True)
@@ -218,8 +220,8 @@ def _whiten(
     line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None
 ) -> WhitenedConditions:
     V = line.by_z @ C @ np.swapaxes(line.by_z, 1, 2)
-    every = np.arange(V.shape[1])
-    V[:, every, every] += line.slack
+    diagonal = np.arange(V.shape[1])
+    V[:, diagonal, diagonal] += line.slack
     # Covariance of the conditions: that of the measured values, carried over to first order, plus
     # each condition's own slack.
     factor = np.asarray(np.linalg.cholesky(V), np.float64)
@@ -347,5 +349,5 @@ def _step_from(
     turned = float(np.abs(z - point.z)[:, : measured.shape[1] - 3].max())
     longest = LONGEST_STEP_RAD / max(turned, 1e-12)
     share = min(most, longest)
-    c = tuple(own + share * dc for own, (_, dc) in zip(point.c, moves, strict=True))
+    c = tuple(group_c + share * dc for group_c, (_, dc) in zip(point.c, moves, strict=True))
     return Point(point.z + share * (z - point.z), c, point.p + share * dp), longest >= 1.0

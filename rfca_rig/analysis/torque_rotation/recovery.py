@@ -98,11 +98,13 @@ def solve_contacts(
         tried.add(tuple(ends))
         depth = _depths(balance, data, adjusted.point.z, adjusted.point.p)
         deep = (np.flatnonzero(row > MIN_DEPTH_M).tolist() for row in depth)
-        found = tuple(tuple(sorted({*own, *more})) for own, more in zip(ends, deep, strict=True))
-        if found in tried:
+        contacts = tuple(
+            tuple(sorted({*stage_ends, *more})) for stage_ends, more in zip(ends, deep, strict=True)
+        )
+        if contacts in tried:
             break
-        ends = found
-        point = make_start_point(balance, data, adjusted.point, found)
+        ends = contacts
+        point = make_start_point(balance, data, adjusted.point, contacts)
     return adjusted, tuple(ends)
 
 
@@ -129,13 +131,13 @@ def guess_contacts(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, 
 
 def find_pressing_ends(adjusted: Adjustment, stages: int) -> tuple[Ends, ...]:
     """The ends (S,) that press on the floor."""
-    found: list[Ends] = [()] * stages
+    pressing_ends: list[Ends] = [()] * stages
     for group, c in zip(adjusted.groups, adjusted.point.c, strict=True):
-        for row, own in zip(group.rows, c, strict=True):
-            found[row] = tuple(
-                end for end, deep_m in zip(group.ends, own, strict=False) if deep_m > 0.0
+        for row, depths_m in zip(group.rows, c, strict=True):
+            pressing_ends[row] = tuple(
+                end for end, deep_m in zip(group.ends, depths_m, strict=False) if deep_m > 0.0
             )
-    return tuple(found)
+    return tuple(pressing_ends)
 
 
 def make_start_point(
@@ -170,14 +172,16 @@ def group_by_contacts(data: StageData, ends: Sequence[Ends]) -> tuple[Group, ...
     height = np.searchsorted(data.heights_m, data.height_m)
     groups = []
     for pattern in dict.fromkeys(ends):
-        rows = np.array([i for i, own in enumerate(ends) if own == pattern], dtype=np.intp)
+        rows = np.array(
+            [i for i, stage_ends in enumerate(ends) if stage_ends == pattern], dtype=np.intp
+        )
         groups.append(Group(rows, pattern, data.height_m[rows], height[rows], data.recording[rows]))
     return tuple(groups)
 
 
 def _depths(balance: Balance, data: StageData, z: Floats, p: Floats) -> Floats:
-    every = group_by_contacts(data, [()] * len(z))[0]
-    return balance.depth_m(balance.correct_readings(z, p, data.recording), p, every)
+    group = group_by_contacts(data, [()] * len(z))[0]
+    return balance.depth_m(balance.correct_readings(z, p, data.recording), p, group)
 
 
 @dataclass(frozen=True)
@@ -264,7 +268,7 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
     moved = measured - adjusted.point.z
     unstated = data.unstated & data.seen
     learnable = {"hinge": unstated.any(), "stated": (data.seen & ~unstated).any(), "force": True}
-    names = [name for name, there in learnable.items() if there]
+    names = [name for name, is_learnable in learnable.items() if is_learnable]
 
     def cost(logs: Floats) -> float:
         trial = errors.scale_by_logs(dict(zip(names, logs, strict=True)))
@@ -279,13 +283,13 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
         [np.zeros((1, len(names))), np.diag([FIRST_LOG_STEP[name] for name in names])]
     )
     # At most three unknowns: a simplex search needs no derivatives.
-    found = minimize(
+    optimum = minimize(
         cost,
         first[0],
         method="Nelder-Mead",
         options={"xatol": SEARCH_TOLERANCE, "fatol": SEARCH_TOLERANCE, "initial_simplex": first},
     )
-    return errors.scale_by_logs(dict(zip(names, found.x, strict=True))), -float(found.fun)
+    return errors.scale_by_logs(dict(zip(names, optimum.x, strict=True))), -float(optimum.fun)
 
 
 @dataclass(frozen=True)

@@ -256,7 +256,7 @@ def list_systematic_errors(
     """
     # Each height of the rack is set separately, so each has an error of its own.
     std_m = 1e-3 * (known_to.get("height_mm") or HEIGHT_MM)
-    each = [
+    systematic_errors = [
         *_common(data.hinges, known_to, instruments.gain_relative),
         *(
             SystematicError(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3)
@@ -268,7 +268,9 @@ def list_systematic_errors(
     ]
     # An error with deviation 0 counts as exact and needs no unknown.
     return SystematicErrors(
-        tuple(systematic_error for systematic_error in each if systematic_error.std > 0.0)
+        tuple(
+            systematic_error for systematic_error in systematic_errors if systematic_error.std > 0.0
+        )
     )
 
 

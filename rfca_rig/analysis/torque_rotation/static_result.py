@@ -89,7 +89,7 @@ def points_of(found: CurveFit, data: StageData) -> Points:
         std[group.rows] = np.sqrt(np.einsum("sji,sik,sjk->sj", by_z, C[group.rows], by_z))
     angle_std = np.sqrt(np.diagonal(C, axis1=1, axis2=2))[:, :h]
     angle, angle_std, torque, std = (
-        np.where(data.seen, each, np.nan) for each in (angle, angle_std, torque, std)
+        np.where(data.seen, values, np.nan) for values in (angle, angle_std, torque, std)
     )
     return Points(angle, angle_std, torque, std, data.turned * np.sign(data.measured[:, :h]))
 
@@ -224,11 +224,13 @@ def predict_hinge_curves(
     )
 
 
-def _sliding(EI_Nm2: float, free_m: float, phi_rad: Floats, says: str) -> PredictedHingeCurve:
+def _sliding(
+    EI_Nm2: float, free_m: float, phi_rad: Floats, description: str
+) -> PredictedHingeCurve:
     torque = compute_sliding_curve(HeldHinge(EI_Nm2, free_m), phi_rad).torque_Nm
     law = fit_hardening(phi_rad, torque)
     return PredictedHingeCurve(
-        says,
+        description,
         free_m,
         law.k0_Nm_per_rad,
         law.k2_per_rad2,
@@ -381,19 +383,20 @@ def _rests(result: StaticResult) -> list[str]:
 
 def _implausible_values(result: StaticResult) -> list[str]:
     return [
-        f"The {found.says} would be {found.value:+.3g} {found.unit} from the nominal "
+        f"The {error.says} would be {error.value:+.3g} {error.unit} from the nominal "
         "value, whose standard uncertainty is "
-        f"{found.prior_std:.2g} {found.unit}. Measure it again."
-        for found in result.systematic_errors
-        if found.is_implausible
+        f"{error.prior_std:.2g} {error.unit}. Measure it again."
+        for error in result.systematic_errors
+        if error.is_implausible
     ]
 
 
 def _stages(result: StaticResult) -> list[str]:
     left = result.data.left_out
     sentences = [
-        f"Stage {one.stage.stage} at {1e3 * one.stage.height_m:g} mm is left out: {one.why}."
-        for one in left
+        f"Stage {omitted.stage.stage} at {1e3 * omitted.stage.height_m:g} mm is left out: "
+        f"{omitted.why}."
+        for omitted in left
     ]
     if result.rig.effects:
         names = ", ".join(effect.id for effect in result.rig.effects)

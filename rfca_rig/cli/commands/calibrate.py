@@ -138,10 +138,10 @@ def camera(
         )
     # Before the work, not after it.
     out_file(out)
-    place = _place(plane, board_at, shaft_px, turned, nearer, reach)
+    placement = _place(plane, board_at, shaft_px, turned, nearer, reach)
     say = make_marked_say("REAL", as_json)
     calibration = calibrate([_find_board_in(file, described, say) for file in _files(photos)])
-    section = None if plane is None else _plane(plane, calibration, described, place, shaft_px)
+    section = None if plane is None else _plane(plane, calibration, described, placement, shaft_px)
     file = camera_file(calibration, described.to_text(), section)
     write_camera_file(
         out,
@@ -254,7 +254,7 @@ def _plane(
     photo: Path,
     calibration: "CameraCalibration",
     board: "Board",
-    place: "BoardPlacement",
+    placement: "BoardPlacement",
     shaft_px: str | None,
 ) -> "PlaneSection":
     from dataclasses import replace
@@ -265,20 +265,20 @@ def _plane(
     from rfca_rig.vision.board import RefusedPhoto, find_board
     from rfca_rig.vision.camera_calibration import find_plane, with_origin_at
 
-    found = find_board(read_picture(photo), board, photo.name)
-    if isinstance(found, RefusedPhoto):
-        raise BadInput(f"{photo}: {found.why}")
-    if found.size_px != calibration.size_px:
+    picture = find_board(read_picture(photo), board, photo.name)
+    if isinstance(picture, RefusedPhoto):
+        raise BadInput(f"{photo}: {picture.why}")
+    if picture.size_px != calibration.size_px:
         raise BadInput(
-            f"{photo}: is {found.size_px[0]} x {found.size_px[1]} pixels, the photos of "
+            f"{photo}: is {picture.size_px[0]} x {picture.size_px[1]} pixels, the photos of "
             f"the board {calibration.size_px}"
         )
-    pose = find_plane(found, calibration.matrix, calibration.distortion, place)
+    pose = find_plane(picture, calibration.matrix, calibration.distortion, placement)
     if shaft_px is None:
         return plane_section(
             pose,
             photo.name,
-            f"board at {1e3 * place.corner_m[0]:g}, {1e3 * place.corner_m[1]:g} mm",
+            f"board at {1e3 * placement.corner_m[0]:g}, {1e3 * placement.corner_m[1]:g} mm",
         )
     # Orientation from the board, origin from the pixel of the shaft axis.
     moved = with_origin_at(

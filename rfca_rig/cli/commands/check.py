@@ -85,12 +85,12 @@ def _check_file(path: Path, as_json: bool) -> None:
     data = read_data(path)
     if isinstance(data.get("rig"), dict):
         kind = "rig"
-        found, usual = _check_rig(path)
+        description, usual = _check_rig(path)
         further = f"doctor --rig {path}"
     elif isinstance(experiment := data.get("experiment"), str) and experiment in PROTOCOLS:
         file = PROTOCOLS[experiment](path)
         kind = "protocol"
-        found = f"{experiment} protocol, {file.title}"
+        description = f"{experiment} protocol, {file.title}"
         usual = 0
         further = f"plan {path}"
     else:
@@ -108,11 +108,12 @@ def _check_file(path: Path, as_json: bool) -> None:
     if as_json:
         echo(
             json.dumps(
-                {"file": str(path), "kind": kind, "found": found, "usual_values": usual}, indent=1
+                {"file": str(path), "kind": kind, "found": description, "usual_values": usual},
+                indent=1,
             )
         )
         return
-    echo(f"ok      {path}: {found}")
+    echo(f"ok      {path}: {description}")
     if usual:
         echo(f"{usual} lines hold a usual value; compare them with your rig", err=True)
     echo(f"next: rfca-rig {further}", err=True)
@@ -228,8 +229,10 @@ def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
     except BadInput as error:
         refused = error
     if as_json:
-        found = {"experiment": str(folder), "usable": refused is None, "lines": rows}
-        echo(json.dumps(found if refused is None else {**found, "refused": str(refused)}, indent=1))
+        answer = {"experiment": str(folder), "usable": refused is None, "lines": rows}
+        echo(
+            json.dumps(answer if refused is None else {**answer, "refused": str(refused)}, indent=1)
+        )
     if refused is not None:
         raise refused
     if not as_json:
@@ -308,9 +311,13 @@ def recover(
             recording = _recover_run(path.parent, bars.counting("stages"))
         else:
             recording = _older(path)
-    found = summarize(path, thorough=False)
+    summary = summarize(path, thorough=False)
     if as_json:
-        counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
+        counted = {
+            "strokes": summary.strokes,
+            "static_stages": summary.static,
+            "raw_stages": summary.raw,
+        }
         echo(
             json.dumps(
                 {"source": recording.source, "run": str(path), "title": recording.title, **counted},
@@ -318,8 +325,8 @@ def recover(
             )
         )
         return
-    cut_short = "".join(f", {label} until it was cut short" for label in found.cut_short)
-    counted_text = f"{found.strokes} strokes and {found.static} static stages{cut_short}"
+    cut_short = "".join(f", {label} until it was cut short" for label in summary.cut_short)
+    counted_text = f"{summary.strokes} strokes and {summary.static} static stages{cut_short}"
     echo(
         (
             f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report "
@@ -351,15 +358,15 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
     run_folder.close_journals(folder)
     # A run that ended normally, and only lost run.h5, keeps what its end says.
     if read_ending(folder) is None:
-        found = run_folder.read_without_samples(folder)
-        with_photos = read_missing_photos(found, folder)
+        recording = run_folder.read_without_samples(folder)
+        with_photos = read_missing_photos(recording, folder)
         # Only the texts that reading the photos added; the end file repeats nothing of the header.
         added = {
             name: text
             for name, text in with_photos.provenance.items()
-            if name != "events" and found.provenance.get(name) != text
+            if name != "events" and recording.provenance.get(name) != text
         }
-        interrupted = {INTERRUPTED: found.provenance[INTERRUPTED]}
+        interrupted = {INTERRUPTED: recording.provenance[INTERRUPTED]}
         write_ending(folder, Ending({**interrupted, **added}, with_photos.static))
     run_folder.build_recording(folder, watcher)
     return run_folder.read_without_samples(folder)

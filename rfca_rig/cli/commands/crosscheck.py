@@ -69,14 +69,14 @@ def crosscheck(
     with progress(as_json) as bars:
         announce_first_compile(bars, as_json)
         alike = bars.counting("the same contact in both")
-        own = bars.counting("MuJoCo's own contact")
+        own_count = bars.counting("MuJoCo's own contact")
         same_ground = [
-            check_condition(model, one, plan.sweep_deg)
-            for one in iterate_with_progress(conditions, alike)
+            check_condition(model, condition, plan.sweep_deg)
+            for condition in iterate_with_progress(conditions, alike)
         ]
         own_contact = [
-            check_own_contact(model, one, plan.sweep_deg)
-            for one in iterate_with_progress(conditions, own)
+            check_own_contact(model, condition, plan.sweep_deg)
+            for condition in iterate_with_progress(conditions, own_count)
         ]
     if picture is not None:
         write_crosscheck_picture(same_ground, picture)
@@ -94,8 +94,8 @@ def _say(
         answer = {
             "average_contact_force_difference_pct": round(average_pct(same_ground), 5),
             "paper_against_recurdyn_pct": PAPER_PCT,
-            "same_ground": [one.summary() for one in same_ground],
-            "own_contact_on_stiff_ground": [one.summary() for one in own_contact],
+            "same_ground": [condition.summary() for condition in same_ground],
+            "own_contact_on_stiff_ground": [condition.summary() for condition in own_contact],
         }
         echo(json.dumps(answer, indent=1))
         return
@@ -124,7 +124,11 @@ def _table(checked: "list[CheckedCondition]") -> str:
         TableColumn("loading_pct", digits=3),
     )
     rows = (
-        {"condition": one.label, "whole_stroke_pct": one.stroke_pct, "loading_pct": one.loading_pct}
-        for one in checked
+        {
+            "condition": condition.label,
+            "whole_stroke_pct": condition.stroke_pct,
+            "loading_pct": condition.loading_pct,
+        }
+        for condition in checked
     )
     return as_text(Table("crosscheck", "", columns, tuple(TableRow(row) for row in rows)))

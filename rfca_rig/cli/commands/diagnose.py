@@ -117,7 +117,7 @@ def _diagnose_all(
     """Diagnoses what is missing; returns the reason, by name, for each that failed."""
     from rfca_rig.executors.mapping import TaskFailure, map_unordered
 
-    to_do = [each for each in folders.values() if not (each[1] / ANSWER).is_file()]
+    to_do = [pair for pair in folders.values() if not (pair[1] / ANSWER).is_file()]
     before = len(folders) - len(to_do)
     failed: dict[str, str] = {}
     report_progress("diagnoses", before, len(folders))
@@ -442,31 +442,33 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
 
     experiment = read_experiment(asked.paths[0], asked.allow_outside)
     with progress(asked.quiet) as bars:
-        found = diagnose_mechanism(experiment, bars.share, asked.without, asked.law_at, asked.as_is)
-    diagnosis = _write_imported(found.diagnosis, experiment.about, asked)
-    _write_plant(found.plant, asked.out, "model.xml", "laws.py", found.stated)
+        outcome = diagnose_mechanism(
+            experiment, bars.share, asked.without, asked.law_at, asked.as_is
+        )
+    diagnosis = _write_imported(outcome.diagnosis, experiment.about, asked)
+    _write_plant(outcome.plant, asked.out, "model.xml", "laws.py", outcome.stated)
     measured = [
         asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")
     ]
-    if found.law is None:
+    if outcome.law is None:
         for path in measured:
             # Of an earlier diagnosis in the same folder, which would look like a result of this
             # one.
             path.unlink(missing_ok=True)
     else:
-        law = found.law.stated.law
+        law = outcome.law.stated.law
         write_law_table(measured[2], law)
         _write_plant(
-            found.law.plant,
+            outcome.law.plant,
             asked.out,
             measured[0].name,
             measured[1].name,
-            [f"The law of {law.place} over {law.argument}, {describe_law(found.law.stated)}."],
+            [f"The law of {law.place} over {law.argument}, {describe_law(outcome.law.stated)}."],
         )
     commands = asked.out / "next-commands.csv"
     commands.unlink(missing_ok=True)  # of an earlier diagnosis
-    if found.excitation is not None:
-        write_excitation(commands, found.plant.mechanism, found.excitation)
+    if outcome.excitation is not None:
+        write_excitation(commands, outcome.plant.mechanism, outcome.excitation)
         echo(
             f"{commands}: the proposed motion of the joints, and the commands that it takes",
             err=True,

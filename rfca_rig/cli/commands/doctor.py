@@ -56,13 +56,15 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
         findings = list(checks)
     else:
         findings = list(_print_each(_title(described), checks))
-    counts = {colour.value: sum(one.colour is colour for one in findings) for colour in Colour}
+    counts = {
+        colour.value: sum(finding.colour is colour for finding in findings) for colour in Colour
+    }
     if as_json:
         echo(
             json.dumps(
                 {
                     "title": _title(described),
-                    "findings": [asdict(one) for one in findings],
+                    "findings": [asdict(finding) for finding in findings],
                     **counts,
                 },
                 indent=2,

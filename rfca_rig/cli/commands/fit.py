@@ -178,11 +178,13 @@ def _fit_pendulum(
 
     campaign = read_pendulum_campaign(folder, allow_outside)
     with progress(quiet=as_json) as bars:
-        found = fit_pendulum(campaign, bars.share, names)
+        pendulum_fit = fit_pendulum(campaign, bars.share, names)
     if out is not None:
-        comments = [f"Fitted to {folder} (IMPORT): {campaign.title}", *found.fit.lines()]
-        write_pendulum_model(out, found.pendulum, update_known_to(campaign, found.fit), comments)
-    _print_windows(found.fit, PENDULUM_FIT, folder, out, as_json)
+        comments = [f"Fitted to {folder} (IMPORT): {campaign.title}", *pendulum_fit.fit.lines()]
+        write_pendulum_model(
+            out, pendulum_fit.pendulum, update_known_to(campaign, pendulum_fit.fit), comments
+        )
+    _print_windows(pendulum_fit.fit, PENDULUM_FIT, folder, out, as_json)
 
 
 def _fit_mechanism(
@@ -204,23 +206,23 @@ def _fit_mechanism(
     if out is not None and out.suffix != ".xml":
         raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")
     with progress(quiet=as_json) as bars:
-        found = fit_mechanism(
+        mechanism_fit = fit_mechanism(
             read_experiment(folder, allow_outside), bars.share, names, effects, as_is
         )
-    beyond = () if out is None else write_amended_model(found.plant, out)
+    beyond = () if out is None else write_amended_model(mechanism_fit.plant, out)
     if beyond:
         echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
-    _print_windows(found.fit, MECHANISM_FIT, folder, out, as_json)
+    _print_windows(mechanism_fit.fit, MECHANISM_FIT, folder, out, as_json)
 
 
 def _print_windows(
-    found: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool
+    window_fit: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool
 ) -> None:
     """Prints a fit to windows of recordings."""
     if as_json:
-        echo(json.dumps(found.plain(file_format), indent=1))
+        echo(json.dumps(window_fit.plain(file_format), indent=1))
         return
-    print_lines(found.lines())
+    print_lines(window_fit.lines())
     if out is not None:
         echo(
             f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True

@@ -145,7 +145,7 @@ class _Found:
                 *(" ".join(bus) for bus in self.buses),
                 *self.ports,
                 *files,
-                *(one.name for one in self.sensors.values()),
+                *(sensor.name for sensor in self.sensors.values()),
             )
         )
 
@@ -156,7 +156,7 @@ def _find_devices(folder: Path) -> _Found:
     from rfca_rig.doctor.ports import can_interfaces, look_for_adapters
     from rfca_rig.doctor.rig_checks import find_sensors
 
-    sensors = {kind: found for kind, found in find_sensors().items() if found.name}
+    sensors = {kind: sensor for kind, sensor in find_sensors().items() if sensor.name}
     buses = [*(("socketcan", name) for name in can_interfaces()), *look_for_adapters()]
     ports = [port.path for port in look_for_serial_ports()]
     makes: dict[str, SensorMake] = {}
@@ -180,10 +180,10 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     from rfca_rig.description.rig_draft import RigAnswers
     from rfca_rig.devices import OWN, find_motor, list_motors
 
-    found = _find_devices(folder)
-    makes = found.makes
+    devices = _find_devices(folder)
+    makes = devices.makes
     echo(
-        f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}",
+        f"found on this computer: {devices.describe() or 'no bus, serial port or force sensor'}",
         err=True,
     )
     asked = iter(range(1, QUESTIONS + 1))
@@ -231,17 +231,21 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     drive = ask(
         f"drive: {', '.join(drives)} ({others})", usual["motor"]["device"], _read_word(drives)
     )
-    buses = [" ".join(bus) for bus in found.buses] or ["socketcan can0"]
+    buses = [" ".join(bus) for bus in devices.buses] or ["socketcan can0"]
     interface, channel = ask("its bus: interface and channel of python-can", buses[0], _read_bus)
     number = ask("its number on that bus", str(find_motor(drive).number[1]), _read_count)
     # A sensor that answered is certain; a calibration file beside the rig file speaks for its
     # sensor.
-    probable = [*found.sensors, *(kind for kind, names in found.files.items() if names), *makes][0]
+    probable = [
+        *devices.sensors,
+        *(kind for kind, names in devices.files.items() if names),
+        *makes,
+    ][0]
     sensor = ask(f"force sensor: {', '.join(makes)}", probable, _read_word([*makes]))
     key, question, usual_address = makes[sensor].address
-    address = ask(question, [*found.list_addresses(sensor, key), usual_address][0], str.strip)
-    if sensor in found.sensors:
-        counts = found.sensors[sensor].counts
+    address = ask(question, [*devices.list_addresses(sensor, key), usual_address][0], str.strip)
+    if sensor in devices.sensors:
+        counts = devices.sensors[sensor].counts
     else:
         counts = None
     return RigAnswers(

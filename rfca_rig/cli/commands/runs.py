@@ -130,22 +130,23 @@ def _motions(entry: Entry) -> Iterator[str]:
 
 
 def _conditions(conditions: Sequence[LoggedCondition]) -> str:
-    heights = _values((one.height_mm for one in conditions), "mm")
+    heights = _values((condition.height_mm for condition in conditions), "mm")
     speeds = _values(
-        (one.speed_rad_s for one in conditions if one.speed_rad_s is not None), "rad/s"
+        (condition.speed_rad_s for condition in conditions if condition.speed_rad_s is not None),
+        "rad/s",
     )
     return "; ".join(filter(None, (heights, speeds)))
 
 
 def _values(values: Iterable[float], unit: str) -> str:
     """Each value once; of many the first and the last."""
-    found = sorted(set(values))
-    if not found:
+    distinct = sorted(set(values))
+    if not distinct:
         return ""
-    if len(found) > MOST_VALUES:
-        text = f"{found[0]:g} to {found[-1]:g}"
+    if len(distinct) > MOST_VALUES:
+        text = f"{distinct[0]:g} to {distinct[-1]:g}"
     else:
-        text = ", ".join(f"{value:g}" for value in found)
+        text = ", ".join(f"{value:g}" for value in distinct)
     return f"{text} {unit}"
 
 
@@ -380,9 +381,9 @@ def trip(
     """
     from rfca_rig.errors import BadInput, Trip
 
-    known = [str(one) for one in Trip]
+    known = [str(member) for member in Trip]
     if not code:
-        echo("\n".join(f"{one}  {_title(one)}" for one in known))
+        echo("\n".join(f"{known_code}  {_title(known_code)}" for known_code in known))
         return
     if code.upper() not in known:
         raise BadInput(f"{code}: no code of a trip; known are {', '.join(known)}")

@@ -148,8 +148,8 @@ def _plan_and_command(
     plan = plan_from_options(_model(rig, model), vary, fixed, outputs, samples, method, seed)
     words: list[str | Path] = ["sweep"]
     for option, given in (("--vary", vary), ("--set", fixed)):
-        for each in given:
-            words += [option, each]
+        for text in given:
+            words += [option, text]
     if samples is not None:
         words += ["--samples", f"{samples}", "--method", method, "--seed", f"{seed}"]
     words += ["--outputs", outputs] if outputs else []
@@ -275,8 +275,8 @@ def _print_lists() -> None:
 
     echo(f"sweeps: {', '.join(file_names('sweeps'))}")
     echo("what can be varied, also under its name in fit or in a model file:")
-    for each in list_quantities().values():
-        echo(f"  {each.name}: {each.words}{'; ' if each.choices else ''}{', '.join(each.choices)}")
+    for item in list_quantities().values():
+        echo(f"  {item.name}: {item.words}{'; ' if item.choices else ''}{', '.join(item.choices)}")
     echo("what can be put out:")
     for output in OUTPUTS.values():
         echo(

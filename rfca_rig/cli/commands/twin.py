@@ -146,7 +146,10 @@ def serve(
     described = read_rig(find_rig(rig))
     if lists:
         print_lines(
-            (f"{one.name:<22}{one.meaning}" for one in faults_of_served_rig(described)),
+            (
+                f"{known_fault.name:<22}{known_fault.meaning}"
+                for known_fault in faults_of_served_rig(described)
+            ),
             indent=" " * 22,
         )
         return

@@ -176,15 +176,15 @@ def _axes(element: Xml.Element) -> tuple[Floats, Floats]:
     """The rows of the matrix (6, 6) and the rated loads (6,), in the order of AXES and the
     file's units.
     """
-    found = element.findall("UserAxis")
-    if not found and element.find("Axis") is not None:
+    axes = element.findall("UserAxis")
+    if not axes and element.find("Axis") is not None:
         raise MalformedFrame(
             "has no <UserAxis> elements, only ATI's internal <Axis> matrix; ask ATI for "
             "a file of version 1.1"
         )
-    by_name = {axis.get("Name", ""): axis for axis in found}
-    if sorted(by_name) != sorted(AXES) or len(found) != len(AXES):
-        named = ", ".join(axis.get("Name", "?")[:20] for axis in found) or "none"
+    by_name = {axis.get("Name", ""): axis for axis in axes}
+    if sorted(by_name) != sorted(AXES) or len(axes) != len(AXES):
+        named = ", ".join(axis.get("Name", "?")[:20] for axis in axes) or "none"
         raise MalformedFrame(
             f"names the axes {named} in <UserAxis>, expected each of {', '.join(AXES)} once"
         )

@@ -198,11 +198,11 @@ class DaqFtSensor:
             return [block]
         parts = []
         begin = 0
-        for place, volts in enumerate(block.volts):
+        for index, volts in enumerate(block.volts):
             # Any value of a sample that is not finite makes the sum so.
             if not self._check.accept(float(volts.sum())):
-                parts.append(GageBlock(block.first + begin, block.volts[begin:place]))
-                begin = place + 1
+                parts.append(GageBlock(block.first + begin, block.volts[begin:index]))
+                begin = index + 1
         return [*parts, GageBlock(block.first + begin, block.volts[begin:])]
 
     def _samples(self, volts: Floats, numbers: NDArray[np.int64]) -> ForceSamples:

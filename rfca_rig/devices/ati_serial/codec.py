@@ -120,14 +120,14 @@ def decode_record(data: bytes, form: RecordForm) -> AtiRecord:
 
 
 def _decode_ascii(line: bytes) -> AtiRecord:
-    found = _ASCII.fullmatch(line)
-    if found is None:
+    match = _ASCII.fullmatch(line)
+    if match is None:
         raise MalformedFrame(f"line {line[:60]!r} is no record of an error flag and six counts")
-    counts = [int(word) for word in found[2].split(b",")[1:]]
+    counts = [int(word) for word in match[2].split(b",")[1:]]
     if not all(-MAX_COUNT - 1 <= count <= MAX_COUNT for count in counts):
         raise MalformedFrame(f"line {line[:60]!r} holds a count beyond 16 bits")
     return AtiRecord(
-        int(found[1]), (counts[0], counts[1], counts[2], counts[3], counts[4], counts[5])
+        int(match[1]), (counts[0], counts[1], counts[2], counts[3], counts[4], counts[5])
     )
 
 
@@ -201,7 +201,7 @@ class AsciiStream:
         if len(self._held) > LONGEST_LINE:
             lines = [*lines, self._held]
             self._held = b""
-        return [found for line in lines if (found := self._decode_line(line + b"\n")) is not None]
+        return [record for line in lines if (record := self._decode_line(line + b"\n")) is not None]
 
     def _decode_line(self, line: bytes) -> FoundRecord | None:
         try:
@@ -255,10 +255,10 @@ class BinaryStream:
 
     def feed(self, data: bytes) -> list[FoundRecord]:
         self._held += data
-        found = []
+        records = []
         while (record := self._next()) is not None:
-            found.append(record)
-        return found
+            records.append(record)
+        return records
 
     def _next(self) -> FoundRecord | None:
         if self._in_step and len(self._held) >= self._size:

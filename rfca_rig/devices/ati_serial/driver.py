@@ -136,8 +136,8 @@ class AtiSerialSensor:
         """
         self._read_s = self._clock.now_s()
         data = self._without_head(self._receive())
-        found = self._stream.feed(data) if self._running else []
-        return self._samples(found)
+        records = self._stream.feed(data) if self._running else []
+        return self._samples(records)
 
     def _without_head(self, data: bytes) -> bytes:
         """Removes the echo of the command that started the stream."""
@@ -151,21 +151,23 @@ class AtiSerialSensor:
         self._head = None
         return data
 
-    def _samples(self, found: list[FoundRecord]) -> ForceSamples:
+    def _samples(self, records: list[FoundRecord]) -> ForceSamples:
         # Records missed before each found one take up their time slots.
-        places = np.cumsum([one.missed + 1 for one in found], dtype=np.int64) - 1
-        stamps_s = self._count.stamp(int(places[-1]) + 1 if len(found) else 0, self._read_s)[places]
-        counts = np.array([one.record.counts for one in found], np.int32).reshape(-1, 6)
+        places = np.cumsum([entry.missed + 1 for entry in records], dtype=np.int64) - 1
+        stamps_s = self._count.stamp(int(places[-1]) + 1 if len(records) else 0, self._read_s)[
+            places
+        ]
+        counts = np.array([entry.record.counts for entry in records], np.int32).reshape(-1, 6)
         # The controller has one error flag for saturation and a disconnected transducer; it is
         # reported as saturation.
         status = np.where(
-            [one.record.error for one in found], np.uint32(SATURATED), np.uint32(0)
+            [entry.record.error for entry in records], np.uint32(SATURATED), np.uint32(0)
         ).astype(np.uint32)
-        if found:
+        if records:
             self._inspect(counts, status, int(places[-1]) + 1)
         # The record number follows from the device time, so that losses leave gaps in it.
         numbers = np.rint(stamps_s * self._keys.rate_Hz).astype(np.int64) + 1
-        return ForceSamples(np.full(len(found), self._read_s), stamps_s, numbers, status, counts)
+        return ForceSamples(np.full(len(records), self._read_s), stamps_s, numbers, status, counts)
 
     def _inspect(self, counts: np.ndarray, status: np.ndarray, sent: int) -> None:
         self._heard_s = self._read_s

@@ -133,10 +133,10 @@ class AtiSerialTwin:
         times_s = self._ticks.until(to_s)
         if self._one_wanted or self._bias_wanted:
             return times_s
-        every = self._every
+        interval = self._every
         # Every n-th sample of the grid since power-up, across the borders of steps.
         if self._streaming:
-            return times_s[(-first) % every :: every]
+            return times_s[(-first) % interval :: interval]
         return times_s[:0]
 
     def take_wrench(self, wrench: Floats) -> None:

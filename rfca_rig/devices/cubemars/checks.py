@@ -263,18 +263,20 @@ def observe_servo(frames: Sequence[ReceivedFrame], drive_id: int) -> ServoSeen:
         is_status[
             frame.message.is_extended_id and frame.message.arbitration_id >> 8 == Packet.STATUS
         ].append(frame)
-    own = [frame for frame in is_status[True] if drive_of(frame.message.arbitration_id) == drive_id]
+    drive_frames = [
+        frame for frame in is_status[True] if drive_of(frame.message.arbitration_id) == drive_id
+    ]
     others = tuple(
         sorted({drive_of(frame.message.arbitration_id) for frame in is_status[True]} - {drive_id})
     )
-    status, unreadable = _last_status(own)
-    return ServoSeen(status, mean_period_s(own), others, len(is_status[False]), unreadable)
+    status, unreadable = _last_status(drive_frames)
+    return ServoSeen(status, mean_period_s(drive_frames), others, len(is_status[False]), unreadable)
 
 
-def _last_status(own: Sequence[ReceivedFrame]) -> tuple[Status | None, str | None]:
-    if not own:
+def _last_status(drive_frames: Sequence[ReceivedFrame]) -> tuple[Status | None, str | None]:
+    if not drive_frames:
         return None, None
-    message = own[-1].message
+    message = drive_frames[-1].message
     try:
         status = servo.decode(message.arbitration_id, message.data)
     except MalformedFrame as error:

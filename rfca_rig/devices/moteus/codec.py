@@ -322,8 +322,8 @@ def encode(subframes: Sequence[Subframe]) -> bytes:
         0,
         *(
             at
-            for at, (one, next_one) in enumerate(pairwise(subframes), 1)
-            if not _can_join(one, next_one)
+            for at, (subframe, next_one) in enumerate(pairwise(subframes), 1)
+            if not _can_join(subframe, next_one)
         ),
         len(subframes),
     ]
@@ -337,13 +337,13 @@ def encode(subframes: Sequence[Subframe]) -> bytes:
     return data.ljust(length, bytes([_NOP]))
 
 
-def _can_join(one: Subframe, next_one: Subframe) -> bool:
-    if isinstance(one, Refusal) or isinstance(next_one, Refusal):
+def _can_join(subframe: Subframe, next_one: Subframe) -> bool:
+    if isinstance(subframe, Refusal) or isinstance(next_one, Refusal):
         return False
     return (
-        type(one) is type(next_one)
-        and one.width == next_one.width
-        and next_one.register == one.register + 1
+        type(subframe) is type(next_one)
+        and subframe.width == next_one.width
+        and next_one.register == subframe.register + 1
     )
 
 

@@ -111,9 +111,9 @@ def judge_stream(
     return [_records(seen), _rate(seen, settings), _status(seen.words)]
 
 
-def _name(says: NetFtConfiguration | CalibrationInfo) -> str:
-    if isinstance(says, NetFtConfiguration):
-        return f"{says.product} {says.serial_number}, "
+def _name(configuration: NetFtConfiguration | CalibrationInfo) -> str:
+    if isinstance(configuration, NetFtConfiguration):
+        return f"{configuration.product} {configuration.serial_number}, "
     return ""
 
 
@@ -305,16 +305,16 @@ def judge_found_sensor(seen: BoxObservation) -> Finding:
             fix,
             "sudo ip address add 192.168.1.100/24 dev eth0",
         )
-    says = seen.says
-    if isinstance(says, NetFtConfiguration):
-        name = f"{says.product} {says.serial_number}"
+    reply = seen.says
+    if isinstance(reply, NetFtConfiguration):
+        name = f"{reply.product} {reply.serial_number}"
     else:
         name = "a sensor"
     return green(
         SENSOR,
         (
-            f"{name} at {seen.host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = "
-            f"{says.counts_per_Nm:.10g}"
+            f"{name} at {seen.host}: counts_per_N = {reply.counts_per_N:.10g}, counts_per_Nm = "
+            f"{reply.counts_per_Nm:.10g}"
         ),
     )
 

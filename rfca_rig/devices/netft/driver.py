@@ -160,21 +160,21 @@ def _refuse_counts(name: str, configured: float, expected: float, how: str, wher
         )
 
 
-def _refuse_rate(says: NetFtConfiguration, expected: NetFtSettings, where: str) -> None:
-    if says.rdt_enabled is False:
+def _refuse_rate(configuration: NetFtConfiguration, expected: NetFtSettings, where: str) -> None:
+    if configuration.rdt_enabled is False:
         raise DeviceError(
             f"RDT is disabled on {where}; enable it (comrdte) on its communications page"
         )
-    internal_Hz = says.internal_rate_Hz or expected.internal_rate_Hz
+    internal_Hz = configuration.internal_rate_Hz or expected.internal_rate_Hz
     # The box rounds comrdtrate to an integer fraction of its internal rate, so the effective rates
     # are compared.
-    decimation = says.decimation(internal_Hz)
+    decimation = configuration.decimation(internal_Hz)
     box_Hz = None if decimation is None else internal_Hz / decimation
     expected_Hz = expected.internal_rate_Hz / expected.decimation
     if box_Hz is not None and abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
         raise BadInput(
             f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} "
-            f"records/s (comrdtrate {says.rdt_rate_Hz:g}); "
+            f"records/s (comrdtrate {configuration.rdt_rate_Hz:g}); "
             "correct the one that is wrong"
         )
 

@@ -401,10 +401,10 @@ class NetFtWire(SensorWire):
         self, keys: NetFtSection, make_twin: TwinMaker, panel: FaultPanel | None
     ) -> tuple[SensorTwin, NetFtConnection]:
         """The twin at one end of a link, and what the driver talks to at the other."""
-        here, there = datagram_link()
-        twin = make_twin(there if panel is None else TamperedLink(there, panel))
+        drivers_end, twins_end = datagram_link()
+        twin = make_twin(twins_end if panel is None else TamperedLink(twins_end, panel))
         return twin, NetFtConnection(
-            here, None if keys.configuration == "unchecked" else NetFtBoxTwin(twin)
+            drivers_end, None if keys.configuration == "unchecked" else NetFtBoxTwin(twin)
         )
 
     def open(

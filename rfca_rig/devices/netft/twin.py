@@ -296,10 +296,15 @@ class NetFtBoxTwin:
         except MalformedFrame:
             return b""
         if isinstance(order, ReadCalibrationInfo):
-            says = self.configuration
-            per_unit = round(says.counts_per_force), round(says.counts_per_torque)
+            configuration = self.configuration
+            per_unit = round(configuration.counts_per_force), round(configuration.counts_per_torque)
             return encode_calibration(
-                CalibrationInfo(says.force_unit, says.torque_unit, *per_unit, self._scale_factors())
+                CalibrationInfo(
+                    configuration.force_unit,
+                    configuration.torque_unit,
+                    *per_unit,
+                    self._scale_factors(),
+                )
             )
         # From now on the twin samples without a stream too, so that later readings are current.
         self._streaming.samples_without_stream = True

@@ -141,16 +141,16 @@ class ScaledHypothesis:
         unknowns at their MAP values.
         """
         fitted = self.hypothesis.fitted
-        found = []
+        signatures = []
         coordinates = fitted.coordinates
         for number in range(len(coordinates.choices)):
             others = [term for i, term in enumerate(coordinates.choices) if i != number]
             x = np.delete(fitted.x, np.arange(coordinates.size)[coordinates.part(number)])
             rows = self.result.dataset.predicted(coordinates.with_terms(others).supposed(x))
-            found.append(
+            signatures.append(
                 np.zeros_like(fitted.predicted) if rows is None else fitted.predicted - rows
             )
-        return tuple(found)
+        return tuple(signatures)
 
     @cached_property
     def nuisance_shifts(self) -> Floats:
@@ -253,7 +253,7 @@ class Comparison:
     @cached_property
     def nothing(self) -> ScaledHypothesis:
         """The hypothesis without effects."""
-        return next(one for one in self.ranked if not one.ids)
+        return next(hypothesis for hypothesis in self.ranked if not hypothesis.ids)
 
     @cached_property
     def best(self) -> ScaledHypothesis:
@@ -269,7 +269,9 @@ class Comparison:
         """The compared hypothesis of this fit. Raises StopIteration where it is not part of the
         search.
         """
-        return next(one for one in self.ranked if one.hypothesis.fitted is hypothesis.fitted)
+        return next(
+            scaled for scaled in self.ranked if scaled.hypothesis.fitted is hypothesis.fitted
+        )
 
     def as_good_as(self, name: str) -> tuple[str, ...]:
         """Effects that could take the place of one effect of the best explanation as well, with
@@ -277,13 +279,20 @@ class Comparison:
         """
         kept = set(self.best.ids) - {name}
         swapped = [
-            one
-            for one in self.ranked
-            if len(one.ids) == len(self.best.ids) and kept < set(one.ids) and name not in one.ids
+            rival
+            for rival in self.ranked
+            if len(rival.ids) == len(self.best.ids)
+            and kept < set(rival.ids)
+            and name not in rival.ids
         ]
         return tuple(
             sorted(
-                {other for one in swapped if self._is_as_good(one) for other in set(one.ids) - kept}
+                {
+                    other
+                    for rival in swapped
+                    if self._is_as_good(rival)
+                    for other in set(rival.ids) - kept
+                }
             )
         )
 
@@ -315,15 +324,15 @@ class Comparison:
             )
         )
 
-    def _is_as_good(self, one: ScaledHypothesis) -> bool:
+    def _is_as_good(self, hypothesis: ScaledHypothesis) -> bool:
         """Whether the data do not distinguish a hypothesis from the best one, or would not at
         the usual model error.
         """
         likelihood = self.result.likelihood
         usual = [whitening.s for whitening in likelihood.every_scale].index(likelihood.usual.s)
         behind = (
-            self.best.log_joint - one.log_joint,
-            float(self.best.log_evidence[usual] - one.log_evidence[usual]),
+            self.best.log_joint - hypothesis.log_joint,
+            float(self.best.log_evidence[usual] - hypothesis.log_evidence[usual]),
         )
         return min(behind) < AS_GOOD_LOG_ODDS
 
@@ -334,8 +343,10 @@ class Comparison:
         explains nothing: the effect took the place of that value. It counts only if there is no
         other.
         """
-        rivals = [one for one in self.ranked if not set(one.ids) & set(ids)]
-        return next((one for one in rivals if not one.is_less_plausible_than(self.best)), rivals[0])
+        rivals = [rival for rival in self.ranked if not set(rival.ids) & set(ids)]
+        return next(
+            (rival for rival in rivals if not rival.is_less_plausible_than(self.best)), rivals[0]
+        )
 
     def explained_share(self, one: ScaledHypothesis) -> float:
         """Share of the removable held-out misfit that a hypothesis removes: 1 down to the noise, 0
@@ -368,9 +379,9 @@ class Comparison:
         before = 0.0
         after = 0.0
         for signal in np.unique(signals):
-            own = signals == signal
-            before += (self.nothing.squared_residuals[own] / variance[own]).mean()
-            after += (one.squared_residuals[own] / variance[own]).mean()
+            mask = signals == signal
+            before += (self.nothing.squared_residuals[mask] / variance[mask]).mean()
+            after += (one.squared_residuals[mask] / variance[mask]).mean()
         return bool(after > MOST_RISE * before)
 
     def predicts_a_quantity_worse(self, one: ScaledHypothesis) -> bool:
@@ -385,9 +396,9 @@ class Comparison:
         in_usual_errors = after / self.result.likelihood.usual.variance()
         units = np.array([unit_of(str(signal)) for signal in self.result.dataset.rows.signal])
         for unit in np.unique(units):
-            own = units == unit
-            rises = after[own].mean() > MOST_RISE * before[own].mean()
-            if rises and in_usual_errors[own].mean() > USUAL_MISFIT**2:
+            mask = units == unit
+            rises = after[mask].mean() > MOST_RISE * before[mask].mean()
+            if rises and in_usual_errors[mask].mean() > USUAL_MISFIT**2:
                 return True
         return False
 
@@ -409,7 +420,10 @@ class Comparison:
         explanation does not need.
         """
         others = set(self.best.ids) - {name}
-        rest = next((one for one in self.ranked if others and set(one.ids) == others), None)
+        rest = next(
+            (hypothesis for hypothesis in self.ranked if others and set(hypothesis.ids) == others),
+            None,
+        )
         if rest is None or rest.is_less_plausible_than(self.best):
             return 1.0
         return self.law_error(rest)
@@ -458,31 +472,42 @@ class Comparison:
         """All effects of the hypotheses, by id."""
         return {
             term.effect.id: term.effect
-            for one in self.ranked
-            for term in one.hypothesis.fitted.coordinates.choices
+            for scaled in self.ranked
+            for term in scaled.hypothesis.fitted.coordinates.choices
         }
 
     def whole_set(self, ids: Collection[str]) -> ScaledHypothesis:
         """The most probable plausible set that has these effects: sizes without its other
         effects would make up for those.
         """
-        having = [one for one in self.ranked if set(ids) <= set(one.ids)]
-        return next((one for one in having if not one.is_less_plausible_than(self.best)), having[0])
+        having = [hypothesis for hypothesis in self.ranked if set(ids) <= set(hypothesis.ids)]
+        return next(
+            (
+                hypothesis
+                for hypothesis in having
+                if not hypothesis.is_less_plausible_than(self.best)
+            ),
+            having[0],
+        )
 
     def sets_as_good_as(self, whole: ScaledHypothesis, name: str) -> list[ScaledHypothesis]:
         """Sets with this effect that predict held-out conditions as well, with others of the
         same families in place of its partners.
         """
         others = set(whole.ids) - {name}
-        found = []
-        for one in self.ranked:
-            rest = set(one.ids) - {name}
+        sets = []
+        for hypothesis in self.ranked:
+            rest = set(hypothesis.ids) - {name}
             is_swapped = (
-                name in one.ids and len(rest) == len(others) and rest <= list_related(others)
+                name in hypothesis.ids and len(rest) == len(others) and rest <= list_related(others)
             )
-            if is_swapped and not one.is_less_plausible_than(whole) and _loses_little(one, whole):
-                found.append(one)
-        return found
+            if (
+                is_swapped
+                and not hypothesis.is_less_plausible_than(whole)
+                and _loses_little(hypothesis, whole)
+            ):
+                sets.append(hypothesis)
+        return sets
 
     def support(self, ids: Sequence[str]) -> Support:
         """The support of these effects, some of which are in the best explanation. Raises
@@ -523,7 +548,7 @@ class Comparison:
         ]
         return bool((np.abs(sizes) >= MAX_COORDINATE).any())
 
-    def _as_good_without_one(self, one: ScaledHypothesis) -> ScaledHypothesis | None:
+    def _as_good_without_one(self, hypothesis: ScaledHypothesis) -> ScaledHypothesis | None:
         """The most probable hypothesis with one effect fewer that predicts held-out conditions
         about as well.
 
@@ -531,22 +556,28 @@ class Comparison:
         does not need.
         """
         for simpler in self.ranked:
-            is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
-            if is_part and not simpler.is_less_plausible_than(one) and _loses_little(simpler, one):
+            is_part = len(simpler.ids) == len(hypothesis.ids) - 1 and set(simpler.ids) < set(
+                hypothesis.ids
+            )
+            if (
+                is_part
+                and not simpler.is_less_plausible_than(hypothesis)
+                and _loses_little(simpler, hypothesis)
+            ):
                 return simpler
         return None
 
 
-def _loses_little(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:
+def _loses_little(hypothesis: ScaledHypothesis, other: ScaledHypothesis) -> bool:
     """Whether a hypothesis predicts held-out conditions, or recordings, about as well as another
     one.
 
     In the median over them it is worse by less than WORTH_ADDING.
     """
-    pairs = [(one.held_out_rms, other.held_out_rms)]
-    if len(one.held_out_rms_of_recordings):
-        pairs.append((one.held_out_rms_of_recordings, other.held_out_rms_of_recordings))
-    log_ratios = [float(np.median(np.log(own / others))) for own, others in pairs]
+    pairs = [(hypothesis.held_out_rms, other.held_out_rms)]
+    if len(hypothesis.held_out_rms_of_recordings):
+        pairs.append((hypothesis.held_out_rms_of_recordings, other.held_out_rms_of_recordings))
+    log_ratios = [float(np.median(np.log(errors / others))) for errors, others in pairs]
     # The threshold is a share of the mean square, and a ratio is that of an rms, hence the half.
     return min(log_ratios) < -0.5 * float(np.log1p(-WORTH_ADDING))
 
@@ -557,62 +588,70 @@ def compare(result: ModelSelectionResult) -> Comparison:
     Evidence that an effect brings counts only if held-out conditions confirm it. What one condition
     alone gains by an effect is a part of its discrepancy that resembles the effect.
     """
-    found = [_integrate_scale(result, hypothesis) for hypothesis in (result.nothing, *result.named)]
+    hypotheses = [
+        _integrate_scale(result, hypothesis) for hypothesis in (result.nothing, *result.named)
+    ]
     confirmed: set[int] = set()
     while True:
-        found.sort(key=lambda one: -one.log_joint)
-        place = next(
-            (place for place, one in enumerate(found[:CONFIRMED_SETS]) if id(one) not in confirmed),
+        hypotheses.sort(key=lambda scaled: -scaled.log_joint)
+        index = next(
+            (
+                number
+                for number, scaled in enumerate(hypotheses[:CONFIRMED_SETS])
+                if id(scaled) not in confirmed
+            ),
             None,
         )
-        if place is None:
-            return Comparison(result, tuple(found))
-        found[place] = _without_unconfirmed(found[place], found)
-        confirmed.add(id(found[place]))
+        if index is None:
+            return Comparison(result, tuple(hypotheses))
+        hypotheses[index] = _without_unconfirmed(hypotheses[index], hypotheses)
+        confirmed.add(id(hypotheses[index]))
 
 
 def _without_unconfirmed(
-    one: ScaledHypothesis, found: Sequence[ScaledHypothesis]
+    scaled: ScaledHypothesis, hypotheses: Sequence[ScaledHypothesis]
 ) -> ScaledHypothesis:
     """The hypothesis without evidence that held-out conditions do not confirm against a set with
     fewer effects.
     """
     unconfirmed = 0.0
-    for simpler in found:
-        if len(simpler.ids) >= len(one.ids) or simpler.is_less_plausible_than(one):
+    for simpler in hypotheses:
+        if len(simpler.ids) >= len(scaled.ids) or simpler.is_less_plausible_than(scaled):
             continue
         gained = (
-            one.log_joint
-            - one.hypothesis.log_prior
+            scaled.log_joint
+            - scaled.hypothesis.log_prior
             - (simpler.log_joint - simpler.hypothesis.log_prior)
         )
-        if gained > unconfirmed and _is_unconfirmed(one, simpler):
+        if gained > unconfirmed and _is_unconfirmed(scaled, simpler):
             unconfirmed = gained
     if unconfirmed == 0.0:
-        return one
+        return scaled
     return replace(
-        one, log_joint=one.log_joint - unconfirmed, log_evidence=one.log_evidence - unconfirmed
+        scaled,
+        log_joint=scaled.log_joint - unconfirmed,
+        log_evidence=scaled.log_evidence - unconfirmed,
     )
 
 
-def _is_unconfirmed(one: ScaledHypothesis, simpler: ScaledHypothesis) -> bool:
+def _is_unconfirmed(hypothesis: ScaledHypothesis, simpler: ScaledHypothesis) -> bool:
     """Whether held-out conditions do not confirm what a hypothesis gains over a set with fewer
     effects.
 
     A part of it, one effect smaller, then predicts them about as well; any other set predicts them
     better.
     """
-    is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
+    is_part = len(simpler.ids) == len(hypothesis.ids) - 1 and set(simpler.ids) < set(hypothesis.ids)
     if is_part:
-        return _loses_little(simpler, one)
-    return _predicts_better(simpler, one)
+        return _loses_little(simpler, hypothesis)
+    return _predicts_better(simpler, hypothesis)
 
 
-def _predicts_better(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:
+def _predicts_better(hypothesis: ScaledHypothesis, other: ScaledHypothesis) -> bool:
     """Whether a hypothesis predicts held-out conditions better than another one, in the median
     over them and in the rms over all.
     """
-    return one.misfit < other.misfit and one.misfit_of_all < other.misfit_of_all
+    return hypothesis.misfit < other.misfit and hypothesis.misfit_of_all < other.misfit_of_all
 
 
 def _integrate_scale(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:

@@ -185,9 +185,9 @@ class Decision:
         families.
         """
         possible = {
-            one.id
-            for one in self.supported
-            if one.kind == "effect" and one.probability > 1.0 - IDENTIFIED_PROBABILITY
+            effect.id
+            for effect in self.supported
+            if effect.kind == "effect" and effect.probability > 1.0 - IDENTIFIED_PROBABILITY
         }
         in_table = {
             effect_id
@@ -220,8 +220,8 @@ class Decision:
         always = ((), tuple(sorted(effect.id for effect in self.effects)))
         return tuple(
             rival
-            for place, rival in enumerate(self.rivals)
-            if place < most or tuple(sorted(rival.ids)) in always
+            for number, rival in enumerate(self.rivals)
+            if number < most or tuple(sorted(rival.ids)) in always
         )
 
 
@@ -241,9 +241,9 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     """The decision from the compared hypotheses and the support of the effects and families of
     the best explanation.
     """
-    found = comparison.result
+    result = comparison.result
     rivals = rank_rivals(comparison)
-    of_effects = {one.id: one for one in supported if one.kind == "effect"}
+    of_effects = {effect.id: effect for effect in supported if effect.kind == "effect"}
     is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
     # Where the model without effects predicts as models usually do, its error may look like an
     # effect.
@@ -253,16 +253,18 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         needed = STATED_PROBABILITY
     unsure = comparison.find_unsure_laws()
     sure = {
-        one.id
-        for one in of_effects.values()
-        if one.probability >= needed
-        and one.is_needed
-        and not one.is_at_bound
-        and one.id not in unsure
+        effect.id
+        for effect in of_effects.values()
+        if effect.probability >= needed
+        and effect.is_needed
+        and not effect.is_at_bound
+        and effect.id not in unsure
     }
     # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out
     # misfit.
-    explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
+    explanation = next(
+        (candidate for candidate in comparison.ranked if sure and set(candidate.ids) == sure), None
+    )
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported, comparison.best.ids)
     is_family = (
@@ -275,7 +277,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     is_exact = all(criterion.passed for criterion in criteria)
     decision = Decision(
         "unexplained",
-        found.nothing,
+        result.nothing,
         best if best.ids else None,
         criteria=criteria,
         rivals=rivals,
@@ -334,50 +336,53 @@ def list_alternatives(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
     """
     with_effects = [rival for rival in rivals if rival.ids not in ((), UNKNOWN)]
     total = sum(rival.probability for rival in with_effects)
-    found: list[Rival] = []
+    alternatives: list[Rival] = []
     for rival in with_effects:
-        if sum(one.probability for one in found) >= (1.0 - VISIBLE_PROBABILITY) * total:
+        if (
+            sum(alternative.probability for alternative in alternatives)
+            >= (1.0 - VISIBLE_PROBABILITY) * total
+        ):
             break
-        found.append(rival)
-    return tuple(found[:MOST_ALTERNATIVES])
+        alternatives.append(rival)
+    return tuple(alternatives[:MOST_ALTERNATIVES])
 
 
-def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
+def _describe_relief(comparison: Comparison, hypothesis: ScaledHypothesis) -> str:
     """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are
     none, or it explains DOMINANT_SHARE.
 
     The model without effects needs them to predict what it does, and the hypothesis, which needs
     none, predicts as usual or as well, in no quantity worse.
     """
-    is_needed = comparison.explained_share(one) < DOMINANT_SHARE
+    is_needed = comparison.explained_share(hypothesis) < DOMINANT_SHARE
     if (
         not is_needed
-        or describe_strain(one)
-        or one.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all)
+        or describe_strain(hypothesis)
+        or hypothesis.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all)
     ):
         return ""
-    if comparison.predicts_a_quantity_worse(one):
+    if comparison.predicts_a_quantity_worse(hypothesis):
         return ""
     return describe_strain(comparison.nothing)
 
 
-def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
+def _is_dominant(comparison: Comparison, hypothesis: ScaledHypothesis) -> bool:
     """Whether a hypothesis explains most of what is missing, or replaces an implausible value
     that explains all of it.
     """
-    return comparison.explained_share(one) >= DOMINANT_SHARE or bool(
-        _describe_relief(comparison, one)
+    return comparison.explained_share(hypothesis) >= DOMINANT_SHARE or bool(
+        _describe_relief(comparison, hypothesis)
     )
 
 
-def _is_worse(comparison: Comparison, one: ScaledHypothesis) -> bool:
+def _is_worse(comparison: Comparison, hypothesis: ScaledHypothesis) -> bool:
     """Whether a hypothesis predicts held-out conditions worse than the model without effects, in
     sum or in a quantity.
 
     A quantity that is predicted worse shows that the law is wrong, which says nothing against its
     family.
     """
-    return comparison.predicts_worse(one) or comparison.predicts_a_quantity_worse(one)
+    return comparison.predicts_worse(hypothesis) or comparison.predicts_a_quantity_worse(hypothesis)
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
@@ -387,7 +392,7 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
     that its own law turns into: they would predict the same. A family is at least as probable as an
     effect whose indistinguishable set lies within it, because the effect implies the family.
     """
-    found: list[Supported] = []
+    supported: list[Supported] = []
     for effect_id in comparison.best.ids:
         alike = comparison.as_good_as(effect_id)
         equal = comparison.equals_of(comparison.best, effect_id)
@@ -399,17 +404,17 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
         )
         probability = calibration_of("effect").probability(values)
         at_bound = comparison.is_at_bound(effect_id)
-        found.append(
+        supported.append(
             Supported("effect", effect_id, probability, values, alike, is_variation, at_bound)
         )
     for family in _families_of_best(comparison).values():
         values = support_values(comparison.support(tuple(sorted(family.members))))
         within = [
-            one.probability
-            for one in found
-            if family.members.issuperset((one.id, *one.cannot_tell_from))
+            support.probability
+            for support in supported
+            if family.members.issuperset((support.id, *support.cannot_tell_from))
         ]
-        found.append(
+        supported.append(
             Supported(
                 "family",
                 family.id,
@@ -417,7 +422,7 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
                 values,
             )
         )
-    return tuple(found)
+    return tuple(supported)
 
 
 def _families_of_best(comparison: Comparison) -> dict[str, Family]:
@@ -439,15 +444,17 @@ def _families_of_best(comparison: Comparison) -> dict[str, Family]:
     } or known
 
 
-def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
+def _criteria(
+    hypothesis: ScaledHypothesis, supported: Sequence[Supported]
+) -> tuple[Criterion, ...]:
     """What a hypothesis must meet to be identified; for the one without effects, to lack nothing.
 
     A law may fail in a few conditions, for example where a stop is reached. Where nothing is
     missing, no condition is predicted badly.
     """
-    misfit = one.misfit if one.ids else one.misfit_of_all
+    misfit = hypothesis.misfit if hypothesis.ids else hypothesis.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
-    strained = describe_strain(one)
+    strained = describe_strain(hypothesis)
     needed = f"{IDENTIFIED_PROBABILITY:g} needed"
     at_most = f"{USUAL_MISFIT:g} at most"
     near = f"each within {IMPLAUSIBLE:g} prior standard deviations"
@@ -478,12 +485,12 @@ def describe_strain(one: ScaledHypothesis) -> str:
     """Implausible nuisance parameters in words; empty where there are none."""
     names = one.hypothesis.fitted.coordinates.space.names
     x = one.hypothesis.fitted.x
-    found = zip(names, x, one.nuisance_shifts, strict=False)
+    nuisances = zip(names, x, one.nuisance_shifts, strict=False)
     off = "prior standard deviations off"
     # At the bound the printed value is the fit's, not the one that the data ask for.
     return "; ".join(
         f"{name} {z:+.1f} {off}{', the bound of the fit' if abs(z) >= MAX_COORDINATE else ''}"
-        for name, z, shift in found
+        for name, z, shift in nuisances
         if abs(shift) > IMPLAUSIBLE
     )
 
@@ -500,11 +507,16 @@ def _best_family(
         if not family.members.isdisjoint(of)
     }
     families = [
-        one for one in supported if one.kind == "family" and one.is_needed and one.id in known
+        support
+        for support in supported
+        if support.kind == "family" and support.is_needed and support.id in known
     ]
     if not families:
         return None
-    best = max(families, key=lambda one: (one.probability, len(known[one.id].members), one.id))
+    best = max(
+        families,
+        key=lambda support: (support.probability, len(known[support.id].members), support.id),
+    )
     family = known[best.id]
     return StatedFamily(
         family.id, family.words, family.place, best.probability, tuple(sorted(family.members))
@@ -519,16 +531,16 @@ def _other_families(
 
     Each has an effect that those before do not have.
     """
-    found: list[StatedFamily] = []
+    families: list[StatedFamily] = []
     left = set(comparison.best.ids) - set(stated)
     while left:
         family = _best_family(comparison, supported, left)
         # What is small beside a statement is more often wrong than the statement itself.
         if family is None or family.probability < IDENTIFIED_PROBABILITY:
             break
-        found.append(family)
+        families.append(family)
         left -= set(family.members)
-    return tuple(found)
+    return tuple(families)
 
 
 def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
@@ -549,30 +561,30 @@ def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
 
 
 def _describe_effect(
-    comparison: Comparison, one: ScaledHypothesis, effect_id: str, supported: Supported
+    comparison: Comparison, hypothesis: ScaledHypothesis, effect_id: str, supported: Supported
 ) -> NamedEffect:
     """One stated effect with its sizes, and the effects that the data do not distinguish from
     it.
     """
-    whole = comparison.whole_set(one.ids)
+    whole = comparison.whole_set(hypothesis.ids)
     effect = whole.hypothesis.fitted.coordinates.choices[whole.ids.index(effect_id)].effect
     parameters, shape = estimate_stated_sizes(comparison, whole, effect_id)
-    law_error = comparison.law_error(one)
+    law_error = comparison.law_error(hypothesis)
     off = f"the law is off by about {100.0 * law_error:.0f} % of what it explains"
     # Effects of the same family that could take its place, and whose law error is usual, or no
     # larger than its own.
-    kept = set(one.ids) - {effect_id}
-    most = max(LAW_ERROR, comparison.law_error(one))
+    kept = set(hypothesis.ids) - {effect_id}
+    most = max(LAW_ERROR, comparison.law_error(hypothesis))
     swapped = [
         rival
         for rival in comparison.ranked
-        if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)
+        if len(rival.ids) == len(hypothesis.ids) and kept <= set(rival.ids)
     ]
     others = {
         other
         for rival in swapped
         if comparison.law_error(rival) <= most
-        for other in set(rival.ids) - set(one.ids)
+        for other in set(rival.ids) - set(hypothesis.ids)
     }
     return NamedEffect(
         id=effect_id,
@@ -585,7 +597,7 @@ def _describe_effect(
             sorted(
                 {
                     *supported.cannot_tell_from,
-                    *comparison.equals_of(one, effect_id),
+                    *comparison.equals_of(hypothesis, effect_id),
                     *(others & list_related((effect_id,))),
                 }
             )
@@ -603,16 +615,16 @@ def estimate_stated_sizes(
     Without its partners an effect takes up what they do, and its size is off by that.
     """
     sizes = [
-        _sizes_in(comparison, one, effect_id)
-        for one in (whole, *comparison.sets_as_good_as(whole, effect_id))
+        _sizes_in(comparison, hypothesis, effect_id)
+        for hypothesis in (whole, *comparison.sets_as_good_as(whole, effect_id))
     ]
     return widen(sizes, 0), widen(sizes, 1)
 
 
 def _sizes_in(
-    comparison: Comparison, one: ScaledHypothesis, effect_id: str
+    comparison: Comparison, hypothesis: ScaledHypothesis, effect_id: str
 ) -> tuple[dict[str, Value], dict[str, Value]]:
-    return estimate_sizes(comparison, at_own_scale(one), one.ids.index(effect_id))
+    return estimate_sizes(comparison, at_own_scale(hypothesis), hypothesis.ids.index(effect_id))
 
 
 def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
@@ -623,10 +635,10 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
     scale of a set with effects is free.
     """
     joint: dict[tuple[str, ...], list[tuple[float, float, float]]] = {}
-    for one in comparison.ranked:
-        if one.ids:
-            joint.setdefault(tuple(sorted(one.ids)), []).append(
-                (one.log_joint, one.log_joint - one.hypothesis.log_prior, one.scale)
+    for scaled in comparison.ranked:
+        if scaled.ids:
+            joint.setdefault(tuple(sorted(scaled.ids)), []).append(
+                (scaled.log_joint, scaled.log_joint - scaled.hypothesis.log_prior, scaled.scale)
             )
     nothing = comparison.result.nothing
     unknown = comparison.result.unknown
@@ -659,39 +671,49 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
 
     It is "mostly" where one of the two stays unexplained. The explanation is that of the forces.
     """
-    each = (forces, shaft)
+    decisions = (forces, shaft)
     grades = {forces.grade, shaft.grade}
-    stated = [one for one in each if one.grade in ("identified", "mostly", "family")]
+    stated = [
+        decision for decision in decisions if decision.grade in ("identified", "mostly", "family")
+    ]
     # What is visible within the usual error of one of the two says nothing against what is
     # identified in the other.
     if "identified" in grades and all(
-        one.grade in ("identified", "nothing missing") or one.within_usual for one in each
+        decision.grade in ("identified", "nothing missing") or decision.within_usual
+        for decision in decisions
     ):
         grade: Grade = "identified"
     elif forces.effects or shaft.effects:
         grade = "mostly"
     else:
-        grade = next(one for one in ("family", "unexplained", "nothing missing") if one in grades)
+        grade = next(
+            candidate
+            for candidate in ("family", "unexplained", "nothing missing")
+            if candidate in grades
+        )
     # Nothing is missing only if nothing is missing in either of them.
     nothing = float(
         np.prod(
             [
-                one.probability if one.grade == "nothing missing" else 1.0 - one.probability
-                for one in each
+                decision.probability
+                if decision.grade == "nothing missing"
+                else 1.0 - decision.probability
+                for decision in decisions
             ]
         )
     )
     rivals = _combine_tables(forces.list_rivals(MOST_RIVALS), shaft.list_rivals(MOST_RIVALS))
-    families = [one.family for one in each if one.family is not None]
+    families = [decision.family for decision in decisions if decision.family is not None]
     # What is visible within the usual error is no criterion of what is identified in the other
     # part.
     judged = [
-        one
-        for one in each
-        if one.grade != "nothing missing" and (grade != "identified" or one.grade == "identified")
+        decision
+        for decision in decisions
+        if decision.grade != "nothing missing"
+        and (grade != "identified" or decision.grade == "identified")
     ]
     if stated:
-        probability = min(one.probability for one in stated)
+        probability = min(decision.probability for decision in stated)
     elif grade == "nothing missing":
         probability = nothing
     else:
@@ -699,14 +721,18 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     return Decision(
         grade=grade,
         explanation=forces.explanation,
-        closest=next((one.closest for one in each if one.closest is not None), None),
+        closest=next(
+            (decision.closest for decision in decisions if decision.closest is not None), None
+        ),
         effects=(*forces.effects, *shaft.effects),
         family=families[0] if families else None,
         other_families=(*families[1:], *forces.other_families, *shaft.other_families),
         probability=probability,
-        explained_share=min((one.explained_share for one in stated), default=1.0),
-        relieved_strain=next((one.relieved_strain for one in stated if one.relieved_strain), ""),
-        criteria=tuple(criterion for one in judged for criterion in one.criteria),
+        explained_share=min((decision.explained_share for decision in stated), default=1.0),
+        relieved_strain=next(
+            (decision.relieved_strain for decision in stated if decision.relieved_strain), ""
+        ),
+        criteria=tuple(criterion for decision in judged for criterion in decision.criteria),
         rivals=rivals,
         supported=(*forces.supported, *shaft.supported),
         alternatives=list_alternatives(rivals) if grade == "unexplained" else (),

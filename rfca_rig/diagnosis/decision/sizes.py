@@ -68,11 +68,11 @@ def estimate_sizes(
     ):
         value = value_of(parameter, z)
         of_law = _law_uncertainty(term, parameter, value, law, hypothesis)
-        found = Value(value, float(np.hypot(std_of(parameter, z, std_z), of_law)))
+        estimate = Value(value, float(np.hypot(std_of(parameter, z, std_z), of_law)))
         if parameter in term.sizes:
-            parameters[parameter.name] = found
+            parameters[parameter.name] = estimate
         elif parameter in term.effect.shape:
-            shape[parameter.name] = found
+            shape[parameter.name] = estimate
     return parameters, shape
 
 

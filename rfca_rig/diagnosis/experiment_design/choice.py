@@ -184,10 +184,10 @@ class ExpectedInformation:
         # Woodbury: C_l is whitened without the parameters, and their part is subtracted as a (p, p)
         # system.
         columns = []
-        for k, own in enumerate(white):
+        for k, root in enumerate(white):
             difference = predicted - predicted[:, [k]]
-            along = own.T @ difference
-            explained = along * np.linalg.solve(np.eye(len(along)) + own.T @ own, along)
+            along = root.T @ difference
+            explained = along * np.linalg.solve(np.eye(len(along)) + root.T @ root, along)
             columns.append(0.5 * ((difference**2).sum(axis=0) - explained.sum(axis=0)))
         return np.column_stack(columns)
 
@@ -214,11 +214,11 @@ class ExpectedInformation:
             if rows is None:
                 return None
             columns[k, i] = (rows - self.predicted[k]) / step
-        own = [
+        jacobians = [
             [columns[0 if i < shared else k, i] for i in range(fit.coordinates.size)]
             for k, fit in enumerate(fits)
         ]
-        return [np.reshape(each, (-1, len(self.noise))).T for each in own]
+        return [np.reshape(jacobian, (-1, len(self.noise))).T for jacobian in jacobians]
 
     def _scatter(self, jacobian: Floats) -> Floats:
         """B (m, k), from the columns of the Jacobian of all nuisance parameters.
@@ -243,15 +243,15 @@ def predict_information(
     """
     rows = condition.rows()
     dataset = Dataset((condition,), rows, hypotheses.found.dataset.simulator)
-    found = dataset.predict_all(
+    predictions = dataset.predict_all(
         [h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open]
     )
-    if any(answer is None for answer in found):
+    if any(answer is None for answer in predictions):
         return None
     return ExpectedInformation(
         hypotheses,
         dataset,
-        np.array(found),
+        np.array(predictions),
         rows.noise,
         USUAL_ERROR**2 * discrepancy_covariance(rows),
     )
@@ -469,7 +469,7 @@ def list_options(
     for kind, minutes, effects, words in BENCH_TESTS if with_bench_tests else ():
         # A bench test separates hypotheses that differ in the effects it shows.
         shown = [set(effects.split()) & set(hypothesis.ids) for hypothesis in hypotheses.open]
-        expected = ENOUGH * np.array([[one != other for other in shown] for one in shown])
+        expected = ENOUGH * np.array([[first != other for other in shown] for first in shown])
         if expected.any():
             yield _make_option(
                 hypotheses, ExperimentDesign({"kind": kind}, words, 0.0, minutes), 1, expected
@@ -486,9 +486,9 @@ def propose(options: Sequence[Option]) -> dict[str, object] | None:
     )
     if chosen is None:
         return None
-    one, other, expected = chosen.pairs[0]
+    first, other, expected = chosen.pairs[0]
     reason = (
-        f"it tells {one} from {other}, log evidence {expected:.0f} expected, and yields most "
+        f"it tells {first} from {other}, log evidence {expected:.0f} expected, and yields most "
         "per minute of all that was considered"
     )
     return chosen.design.state(chosen.repeats, f"{chosen.design.words}: {reason}", chosen.pairs)

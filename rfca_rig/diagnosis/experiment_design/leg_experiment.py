@@ -186,15 +186,15 @@ def propose_experiment(
     """
     searches = [(verdicts.leg, verdicts.leg_decision), (verdicts.drive, verdicts.drive_decision)]
     unsettled = [
-        list_open_hypotheses(found, decision, enough)
-        for found, decision in searches
-        if found and decision
+        list_open_hypotheses(search, decision, enough)
+        for search, decision in searches
+        if search and decision
     ]
     options = [
         option
-        for each in unsettled
-        if each
-        for option in _list_options(body, verdicts, each, enough, limits)
+        for hypotheses in unsettled
+        if hypotheses
+        for option in _list_options(body, verdicts, hypotheses, enough, limits)
     ]
     if options or enough:
         return propose(options)
@@ -206,7 +206,7 @@ def propose_experiment(
         for apart, design in designs
         if design.try_simulate(verdicts.leg.nothing) is not None
     ]
-    _, farthest = max(possible, key=lambda one: one[0], default=(0.0, None))
+    _, farthest = max(possible, key=lambda pair: pair[0], default=(0.0, None))
     why = "a verdict needs more conditions; this one is least like those recorded"
     if farthest is None:
         return None
@@ -357,7 +357,7 @@ def make_stroke_design(
         # The ramp delays the end of the sweep by half its duration.
         t_s = np.arange(-before_s, sweep_rad / speed_rad_s + 0.5 * at.rig.drive.ramp_s, 1e-3)
         before = () if strokes_made is None else (strokes_made,)
-        found = simulate_stroke(
+        stroke = simulate_stroke(
             at.rig,
             height_m + at.height_offset_m,
             turn.motion(at, float(t_s[-1])),
@@ -365,9 +365,9 @@ def make_stroke_design(
             STROKE_TOLERANCE,
             before,
         )
-        if not region.allows(_load_of(found)):
+        if not region.allows(_load_of(stroke)):
             return None
-        table = Stream(t_s, {name: Column(getattr(found, name), "") for name in (*FORCES, SIGNAL)})
+        table = Stream(t_s, {name: Column(getattr(stroke, name), "") for name in (*FORCES, SIGNAL)})
         condition = Condition(
             height_m,
             speed_rad_s,
@@ -430,7 +430,7 @@ def make_stage_design(
     angles_deg = SEQUENCES[kind]
     ways = [
         "loading",
-        *("unloading" if there < here else "loading" for here, there in pairwise(angles_deg)),
+        *("unloading" if end < start else "loading" for start, end in pairwise(angles_deg)),
     ]
     stages = [
         {"angle_deg": deg, "direction": way} for deg, way in zip(angles_deg, ways, strict=True)

@@ -209,9 +209,9 @@ def _design(
     like = problem.conditions[0]
     window = like.windows[0].window
     model = simulator.mechanism.model
-    every = round(float(window.t_s[-1]) / STEP_S)
+    steps = round(float(window.t_s[-1]) / STEP_S)
     # Only the stationary part is compared, in windows of the recorded length.
-    starts = range(round(RISE_S / STEP_S), len(sine.t_s) - every, every)
+    starts = range(round(RISE_S / STEP_S), len(sine.t_s) - steps, steps)
     largest = np.where(
         model.actuator_ctrllimited.astype(bool),
         np.abs(model.actuator_ctrlrange).min(axis=1),

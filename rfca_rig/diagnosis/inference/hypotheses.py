@@ -198,11 +198,11 @@ def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
         or wider.marginal.max_nuisance_shift(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE
     ):
         return 0.0
-    place = names.index(equivalent[0])
-    std = float(np.sqrt(posterior.covariance[place, place]))
+    index = names.index(equivalent[0])
+    std = float(np.sqrt(posterior.covariance[index, index]))
     # -log Phi((IMPLAUSIBLE - |m|) / sigma), m and sigma of the posterior in standard normal
     # coordinates.
-    return -float(log_ndtr((IMPLAUSIBLE - abs(posterior.mean[place])) / std))
+    return -float(log_ndtr((IMPLAUSIBLE - abs(posterior.mean[index])) / std))
 
 
 def _log_prior(fitted: MapFit, effects: int) -> float:

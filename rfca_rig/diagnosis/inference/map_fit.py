@@ -160,46 +160,46 @@ class GaussNewton:
         """Steps from `start` until nothing more is gained, at one discrepancy scale after the
         other.
         """
-        here = start
+        fit = start
         last = np.inf
         for _ in range(levels):
-            whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
+            whitening = self.likelihood.level(fit.linear(self.dataset.rows.measured))
             # The same scale twice: the fit has settled.
             if whitening.s == last:
                 break
-            here = self._descend(here, whitening, rounds)
+            fit = self._descend(fit, whitening, rounds)
             last = whitening.s
-        return here
+        return fit
 
     def converge(self, found: MapFit, rounds: int = CONVERGENCE_ROUNDS) -> MapFit:
         """Recompute all columns of the Jacobian and refine again, until that gains less than
         CONVERGED_GAIN.
         """
-        here = found
+        fit = found
         for _ in range(rounds):
-            before = here
-            here = self.refine(self._recompute_jacobian(here))
-            whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
+            before = fit
+            fit = self.refine(self._recompute_jacobian(fit))
+            whitening = self.likelihood.level(fit.linear(self.dataset.rows.measured))
             if (
                 self.misfit(before.x, before.predicted, whitening)
-                - self.misfit(here.x, here.predicted, whitening)
+                - self.misfit(fit.x, fit.predicted, whitening)
                 < CONVERGED_GAIN
             ):
                 break
-        return here
+        return fit
 
-    def _recompute_jacobian(self, here: MapFit) -> MapFit:
+    def _recompute_jacobian(self, fit: MapFit) -> MapFit:
         columns = self._columns(
-            here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size)))
+            fit.coordinates, fit.x, fit.predicted, dict(enumerate(_widths(fit.size)))
         )
         no_columns = np.empty(
-            (len(here.predicted), 0)
+            (len(fit.predicted), 0)
         )  # a hypothesis without unknowns has no column
         return self._make_fit(
-            here.coordinates, here.x, here.predicted, np.column_stack([no_columns, *columns])
+            fit.coordinates, fit.x, fit.predicted, np.column_stack([no_columns, *columns])
         )
 
-    def _descend(self, here: MapFit, whitening: DiscrepancyWhitening, rounds: int) -> MapFit:
+    def _descend(self, fit: MapFit, whitening: DiscrepancyWhitening, rounds: int) -> MapFit:
         """Damped steps at one discrepancy scale towards the optimum of the linear model; a
         failed step shortens the next one.
         """
@@ -207,26 +207,25 @@ class GaussNewton:
         failed = 0
         is_fresh = False
         for _ in range(rounds):
-            goal = _goal(here.linear(self.dataset.rows.measured), whitening)
-            before = self.misfit(here.x, here.predicted, whitening)
+            goal = _goal(fit.linear(self.dataset.rows.measured), whitening)
+            before = self.misfit(fit.x, fit.predicted, whitening)
             # The linear model itself promises too little for a further step.
             if (
-                before
-                - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening)
+                before - self.misfit(goal, fit.predicted + fit.jacobian @ (goal - fit.x), whitening)
                 < LEAST_GAIN
             ):
-                return here
-            x = here.x + share * (goal - here.x)
-            predicted = self.dataset.predicted(here.coordinates.supposed(x))
+                return fit
+            x = fit.x + share * (goal - fit.x)
+            predicted = self.dataset.predicted(fit.coordinates.supposed(x))
             gained = -np.inf if predicted is None else before - self.misfit(x, predicted, whitening)
             if predicted is not None:
                 # A failed step is not taken, but it shows where the Jacobian is wrong.
                 if gained <= 0.0:
-                    here = self._update_by_secant(here, x, predicted)
+                    fit = self._update_by_secant(fit, x, predicted)
                 else:
-                    here = self._refresh_jacobian(here, x, predicted)
+                    fit = self._refresh_jacobian(fit, x, predicted)
             if 0.0 < gained < LEAST_GAIN:
-                return here
+                return fit
             # Damping by step length: it grows back after a success, up to the full step.
             if gained > 0.0:
                 share = min(1.0, 2.0 * share)
@@ -237,11 +236,11 @@ class GaussNewton:
             if failed == FAILED_STEPS and not is_fresh:
                 # The secant updates cannot correct a Jacobian that is wrong in directions the steps
                 # did not take.
-                here = self._recompute_jacobian(here)
+                fit = self._recompute_jacobian(fit)
                 share = 1.0
                 failed = 0
                 is_fresh = True
-        return here
+        return fit
 
     def evaluate(self, found: MapFit) -> MarginalPosterior:
         """Marginal likelihood of a fit, with the discrepancy scale integrated out under the strict
@@ -254,11 +253,11 @@ class GaussNewton:
             known = self._marginals[found] = self._integrate(found)
         return known
 
-    def _integrate(self, found: MapFit) -> MarginalPosterior:
-        linear = found.linear(self.dataset.rows.measured)
+    def _integrate(self, fit: MapFit) -> MarginalPosterior:
+        linear = fit.linear(self.dataset.rows.measured)
         marginal = self.likelihood.evaluate(linear)
         missing = unconfirmed_gain(
-            found, self.dataset.rows.measured, marginal.posterior.mean, marginal.whitening
+            fit, self.dataset.rows.measured, marginal.posterior.mean, marginal.whitening
         )
         return replace(marginal, log_evidence=marginal.log_evidence - missing)
 
@@ -286,36 +285,36 @@ class GaussNewton:
         """Negative log posterior density at x (p,) with predicted rows (m,), without constants."""
         return _misfit(self.dataset.rows.measured - predicted, x, whitening)
 
-    def _update_by_secant(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
+    def _update_by_secant(self, fit: MapFit, x: Floats, predicted: Floats) -> MapFit:
         """Secant update of the whole Jacobian from the model's rows at x, each column in proportion
         to its probable error.
 
         It is a Kalman update: columns are known to JACOBIAN_ERROR of their size, and the model is
         rough by MODEL_ROUGHNESS. Section 5 of docs/method.md has the formula.
         """
-        step = x - here.x
-        deviation = predicted - here.predicted - here.jacobian @ step
-        gain = step * (JACOBIAN_ERROR * here.size) ** 2
-        jacobian = here.jacobian + np.outer(
+        step = x - fit.x
+        deviation = predicted - fit.predicted - fit.jacobian @ step
+        gain = step * (JACOBIAN_ERROR * fit.size) ** 2
+        jacobian = fit.jacobian + np.outer(
             deviation, gain / (float(step @ gain) + MODEL_ROUGHNESS**2)
         )
-        return replace(here, jacobian=self._align_nuisances(here.coordinates, jacobian))
+        return replace(fit, jacobian=self._align_nuisances(fit.coordinates, jacobian))
 
-    def _refresh_jacobian(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
+    def _refresh_jacobian(self, fit: MapFit, x: Floats, predicted: Floats) -> MapFit:
         """Move to x: all columns get the secant update, those of effects are recomputed by
         finite differences.
         """
-        jacobian = self._update_by_secant(here, x, predicted).jacobian
-        of_effects = dict(list(enumerate(_widths(here.size)))[here.coordinates.nuisances :])
+        jacobian = self._update_by_secant(fit, x, predicted).jacobian
+        of_effects = dict(list(enumerate(_widths(fit.size)))[fit.coordinates.nuisances :])
         for i, column in zip(
-            of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True
+            of_effects, self._columns(fit.coordinates, x, predicted, of_effects), strict=True
         ):
             jacobian[:, i] = column
         return replace(
-            here,
+            fit,
             x=x,
             predicted=predicted,
-            jacobian=self._align_nuisances(here.coordinates, jacobian),
+            jacobian=self._align_nuisances(fit.coordinates, jacobian),
         )
 
     def _align_nuisances(self, coordinates: Parameterization, jacobian: Floats) -> Floats:
@@ -341,7 +340,9 @@ class GaussNewton:
             tied = [
                 effect for effect in effects if equivalents[effect - coordinates.nuisances] == name
             ]
-            effect = max(tied or effects, key=lambda one: abs(cosine[one]), default=None)
+            effect = max(
+                tied or effects, key=lambda candidate: abs(cosine[candidate]), default=None
+            )
             if effect is not None and (tied or abs(cosine[effect]) > SAME_COLUMN_COSINE):
                 jacobian[:, nuisance] = (
                     jacobian[:, effect] * cosine[effect] * norm[nuisance] / norm[effect]
@@ -362,12 +363,12 @@ class GaussNewton:
         there. The column is zero where it has none on either side.
         """
         inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
-        found = self._predict_changes(coordinates, x, predicted, inwards)
-        outwards = {i: -step for i, step in inwards.items() if found[i] is None}
-        found = found | self._predict_changes(coordinates, x, predicted, outwards)
+        changes = self._predict_changes(coordinates, x, predicted, inwards)
+        outwards = {i: -step for i, step in inwards.items() if changes[i] is None}
+        changes = changes | self._predict_changes(coordinates, x, predicted, outwards)
         steps = inwards | outwards
         return [
-            np.zeros(len(predicted)) if (change := found[i]) is None else change / steps[i]
+            np.zeros(len(predicted)) if (change := changes[i]) is None else change / steps[i]
             for i in widths
         ]
 

@@ -124,8 +124,8 @@ class SearchState:
 
     def of_size(self, size: int) -> list[MapFit]:
         """The fits with `size` effects, best first."""
-        found = [fit for fit in self.fits if len(fit.coordinates.choices) == size]
-        return sorted(found, key=self.optimizer.free_log_evidence, reverse=True)
+        fits = [fit for fit in self.fits if len(fit.coordinates.choices) == size]
+        return sorted(fits, key=self.optimizer.free_log_evidence, reverse=True)
 
     def with_fits(self, fits: Iterable[MapFit]) -> "SearchState":
         """With these fits added; of each set of effects only the best is kept."""
@@ -290,9 +290,11 @@ def _restrict(fit: MapFit, state: SearchState) -> MapFit:
 
 def _projection(state: SearchState, fit: MapFit) -> Projection:
     """The projection around a fit, on the subset of the conditions."""
-    here = _restrict(fit, state)
+    coarse_fit = _restrict(fit, state)
     measured = state.coarse.dataset.rows.measured
-    return make_projection(here, measured, state.coarse.likelihood.level(here.linear(measured)))
+    return make_projection(
+        coarse_fit, measured, state.coarse.likelihood.level(coarse_fit.linear(measured))
+    )
 
 
 def _screen(
@@ -358,14 +360,14 @@ def _single_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
         by_term.setdefault(probe.choice, []).append(
             (screen.projection.gain(probe.signature)[0], probe)
         )
-    found: list[tuple[float, EffectProbe]] = []
+    pairs: list[tuple[float, EffectProbe]] = []
     for points in by_term.values():
         points.sort(key=lambda pair: -pair[0])
         if points[0][0] < least:
             continue
         # A second point must promise at least half as much as the first.
-        found += [pair for pair in points[:count] if pair[0] >= 0.5 * points[0][0]]
-    return [_beside(screen.base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
+        pairs += [pair for pair in points[:count] if pair[0] >= 0.5 * points[0][0]]
+    return [_beside(screen.base, (probe,)) for _, probe in sorted(pairs, key=lambda pair: -pair[0])]
 
 
 def _family_starts(screen: Screen, starts: Sequence[FitStart], least: float) -> list[FitStart]:
@@ -373,13 +375,13 @@ def _family_starts(screen: Screen, starts: Sequence[FitStart], least: float) -> 
     chi-square.
     """
     tried = list_related(start.terms[-1].effect.id for start in starts)
-    found: dict[str, FitStart] = {}
+    by_family: dict[str, FitStart] = {}
     for start in _single_starts(screen, 1, least):
         effect_id = start.terms[-1].effect.id
         for family in families_of(effect_id):
             if effect_id not in tried:
-                found.setdefault(family.id, start)
-    return list(found.values())
+                by_family.setdefault(family.id, start)
+    return list(by_family.values())
 
 
 def _pair_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
@@ -410,18 +412,20 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
     # Closed solution of the 2 x 2 normal equations for all pairs at once, by Cramer's rule.
     gram = white.T @ projection.project(white)
     match = white.T @ projection.residual
-    own = np.diag(gram)
-    product = np.outer(own, own)
+    squares = np.diag(gram)
+    product = np.outer(squares, squares)
     # Two almost parallel signatures have no useful determinant; the floor keeps the quotient
     # finite.
     determinant = np.maximum(product - gram**2, 1e-9 * product + 1e-300)
     first = np.clip(
-        (np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, MAX_RESCALING
+        (np.outer(match, squares) - gram * match[None, :]) / determinant, 0.0, MAX_RESCALING
     )
     # The factors are limited, so the gain is evaluated by its quadratic form, not by the formula
     # for the optimum.
     second = first.T
-    quadratic = first**2 * own[:, None] + 2.0 * first * second * gram + second**2 * own[None, :]
+    quadratic = (
+        first**2 * squares[:, None] + 2.0 * first * second * gram + second**2 * squares[None, :]
+    )
     return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
 
 
@@ -432,7 +436,7 @@ def _partner_starts(
 
     Effects that promise little there keep their signatures beside the fit without effects.
     """
-    found: list[FitStart] = []
+    starts: list[FitStart] = []
     if _is_adequate(state):
         least = config.worth_beside_a_good_fit
     else:
@@ -443,9 +447,9 @@ def _partner_starts(
     for parent in parents:
         others = [probe for probe in screen.probes if probe.choice.effect.id not in parent.ids]
         beside_parent = _screen_promising(state, parent, others, least, config)
-        found += _single_starts(beside_parent, 1, least)[: config.partners]
-        found += _companion_starts(beside_parent)
-    return found
+        starts += _single_starts(beside_parent, 1, least)[: config.partners]
+        starts += _companion_starts(beside_parent)
+    return starts
 
 
 def _companion_starts(screen: Screen) -> list[FitStart]:
@@ -454,8 +458,8 @@ def _companion_starts(screen: Screen) -> list[FitStart]:
 
     A bearing has both, and each of them makes up for most of the other.
     """
-    for own, other in ((DRY, RISING_WITH_SPEED), (RISING_WITH_SPEED, DRY)):
-        if len(screen.base.ids) == 1 and screen.base.ids[0] in members_of(own):
+    for family, other in ((DRY, RISING_WITH_SPEED), (RISING_WITH_SPEED, DRY)):
+        if len(screen.base.ids) == 1 and screen.base.ids[0] in members_of(family):
             probes = [
                 probe for probe in screen.probes if probe.choice.effect.id in members_of(other)
             ]
@@ -520,10 +524,10 @@ def _list_shared(state: SearchState, hypotheses: Iterable[Terms]) -> list[object
 def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int) -> MapFit | None:
     """MAP fit from a start; None where the model has no answer."""
     known = start.jacobian if optimizer is state.optimizer else start.jacobian[state.in_coarse]
-    here = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
-    if here is None:
+    fit = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
+    if fit is None:
         return None
-    return optimizer.refine(here, levels=levels)
+    return optimizer.refine(fit, levels=levels)
 
 
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
@@ -536,10 +540,10 @@ def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchStat
         - CLOSE_LOG_EVIDENCE
     )
     near = [fit for fit in best if fit is best[0] or state.optimizer.free_log_evidence(fit) > least]
-    found = _refine_all(
+    fits = _refine_all(
         state, state.optimizer.converge, [fit for fit in near if fit not in state.converged]
     )
-    return replace(state.with_fits(found), converged=state.converged.union(found))
+    return replace(state.with_fits(fits), converged=state.converged.union(fits))
 
 
 def _refine_all(
@@ -643,11 +647,11 @@ def _exchange(
     starts += [
         FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in strained
     ]
-    found = _fit_all(state, starts)
-    after = state.with_fits(found)
+    fits = _fit_all(state, starts)
+    after = state.with_fits(fits)
     least = state.optimizer.free_log_evidence(after.best) - CLOSE_LOG_EVIDENCE
     near = [
-        fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least
+        fit for fit in fits if fit in after.fits and state.optimizer.free_log_evidence(fit) > least
     ]
     converged = _refine_all(state, state.optimizer.converge, near)
     exchanged = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
@@ -667,9 +671,9 @@ def _without_each_part(
     """
     coordinates = parent.coordinates
     strained = {
-        name: place
-        for place, name in enumerate(coordinates.space.names)
-        if abs(parent.x[place]) > STRAINED
+        name: index
+        for index, name in enumerate(coordinates.space.names)
+        if abs(parent.x[index]) > STRAINED
     }
     equivalent = {
         term.effect.id: strained[term.effect.same_as]
@@ -684,11 +688,11 @@ def _without_each_part(
     # The effect replaces a value that is not credible, so that it may be one more than a set has
     # otherwise.
     if len(coordinates.choices) <= LARGEST_SET:
-        for place in sorted(set(equivalent.values())):
-            wanted = frozenset(effect for effect, at in equivalent.items() if at == place) - set(
+        for index in sorted(set(equivalent.values())):
+            wanted = frozenset(effect for effect, at in equivalent.items() if at == index) - set(
                 parent.ids
             )
-            x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)
+            x = np.where(np.arange(coordinates.size) == index, 0.0, parent.x)
             if wanted:
                 base = state.optimizer.at(coordinates, x, parent.jacobian)
             else:
@@ -717,13 +721,13 @@ def _fit_nested(state: SearchState) -> SearchState:
                 continue
             predicted = state.optimizer.dataset.predicted(coordinates.with_terms(terms).supposed(x))
             if predicted is not None:
-                place = coordinates.space.names.index(term.effect.same_as)
+                index = coordinates.space.names.index(term.effect.same_as)
                 # Least squares in units of noise: the shift of the nuisance parameter that replaces
                 # the effect best.
-                along = best.jacobian[:, place] / state.optimizer.dataset.rows.noise
+                along = best.jacobian[:, index] / state.optimizer.dataset.rows.noise
                 change = (best.predicted - predicted) / state.optimizer.dataset.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
-                x[place] = np.clip(x[place] + share, -MAX_COORDINATE, MAX_COORDINATE)
+                x[index] = np.clip(x[index] + share, -MAX_COORDINATE, MAX_COORDINATE)
                 starts.append(FitStart(terms, x, of_nuisances))
     return state.with_fits(_fit_all(state, starts))
 

@@ -88,11 +88,11 @@ class EffectTerm:
 
     def present(self, z: Floats) -> PresentEffect:
         """The effect with the values at the coordinates z (p,) of its free parameters."""
-        found = dict(self.whole) | {
+        values = dict(self.whole) | {
             p.name: value_of(p, float(x)) for p, x in zip(self.free, z, strict=True)
         }
-        every = (*self.effect.parameters, *self.effect.shape, *self.effect.begins)
-        return PresentEffect(self.effect.id, tuple((p.name, found[p.name]) for p in every))
+        parameters = (*self.effect.parameters, *self.effect.shape, *self.effect.begins)
+        return PresentEffect(self.effect.id, tuple((p.name, values[p.name]) for p in parameters))
 
 
 @dataclass(frozen=True)

@@ -62,10 +62,10 @@ def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> li
     for choice, z in points:
         wider = coordinates.with_terms((*coordinates.choices, choice))
         supposed.append(wider.add_effects(nuisances, np.concatenate([base.x, z])))
-    found = dataset.predict_changes(coordinates.supposed(base.x), base.predicted, supposed)
+    changes = dataset.predict_changes(coordinates.supposed(base.x), base.predicted, supposed)
     return [
         EffectProbe(c, z, change)
-        for (c, z), change in zip(points, found, strict=True)
+        for (c, z), change in zip(points, changes, strict=True)
         if change is not None
     ]
 

@@ -96,20 +96,20 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Di
         return result
     cells, places = locate_mismatch(drive.dataset.rows, drive.nominal, drive.likelihood)
     if of_drive.effects:
-        found = present_effects(of_drive.explanation)
+        effects = present_effects(of_drive.explanation)
     else:
-        found = ()
+        effects = ()
     rig = result.found_rig
-    if found:
+    if effects:
         # The search for the drive also chose how a compliant drive starts, so its whole drive is
         # taken over.
         rig = replace(
             rig,
             drive=drive.nominal.coordinates.space.centre.rig.drive,
-            effects=(*rig.effects, *found),
+            effects=(*rig.effects, *effects),
         )
     is_left = (
-        any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive))
+        any(verdict.grade == "unexplained" for verdict in (verdicts.leg_decision, of_drive))
         and decision.grade != "unexplained"
     )
     return replace(
@@ -118,7 +118,7 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Di
         cells=(*result.cells, *cells),
         located=(*places, *result.located),
         overlays=(*result.overlays, *make_overlays(drive, of_drive.explanation, DYNAMIC)),
-        found_effects=(*result.found_effects, *found),
+        found_effects=(*result.found_effects, *effects),
         found_rig=rig,
     )
 
@@ -131,7 +131,7 @@ def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
     """
 
     def add(own: Mapping[str, T], of_drive: Mapping[str, T]) -> Mapping[str, T]:
-        return {**own, **{name: each for name, each in of_drive.items() if name == COMMAND_DELAY}}
+        return {**own, **{name: value for name, value in of_drive.items() if name == COMMAND_DELAY}}
 
     return replace(
         result,
@@ -141,7 +141,7 @@ def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
         nuisance_keys=add(result.nuisance_keys, nuisance_keys(explanation)),
         moved_priors=(
             *result.moved_priors,
-            *(one for one in list_moved_priors(explanation) if one.name == COMMAND_DELAY),
+            *(prior for prior in list_moved_priors(explanation) if prior.name == COMMAND_DELAY),
         ),
     )
 
@@ -213,14 +213,14 @@ def valley_errors(
     The nominal shaft moves as commanded. If a drive effect was found, the accepted model simulates
     the motion of the shaft itself. Otherwise it follows the turn of each condition.
     """
-    found = [
+    valleys = [
         (flap.valley, _valley(flap, nominal, True), _valley(flap, after, drive_found))
         for flap in flaps
         if not isinstance(flap.valley, Undetermined)
     ]
     complete = [
         (m, b, a)
-        for m, b, a in found
+        for m, b, a in valleys
         if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)
     ]
     if not complete:

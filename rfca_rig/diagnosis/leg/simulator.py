@@ -193,30 +193,32 @@ class LegSimulator(Simulator):
         """
         if not inputs:
             return super().simulate_changes(at, rows, inputs, condition)
-        here = condition.request(at)
-        varied = [_request_or_none(condition, each) for each in inputs]
+        base = condition.request(at)
+        varied = [_request_or_none(condition, point) for point in inputs]
         prescribed: dict[int, Floats] = {}
         if isinstance(condition, ShaftCondition):
             still = [
-                (number, one)
-                for number, one in enumerate(varied)
-                if one is not None and one.setup.drive is None
+                (number, request)
+                for number, request in enumerate(varied)
+                if request is not None and request.setup.drive is None
             ]
             prescribed = {
-                number: condition.read_prescribed(inputs[number], one) - rows
-                for number, one in still
+                number: condition.read_prescribed(inputs[number], request) - rows
+                for number, request in still
             }
         # Stages have hinge angles, too.
         only_sensed = not isinstance(condition, StageTable)
         simulated = [
-            one for number, one in enumerate(varied) if one is not None and number not in prescribed
+            request
+            for number, request in enumerate(varied)
+            if request is not None and number not in prescribed
         ]
-        pairs = iter(simulate_variations(here, simulated, only_sensed))
+        pairs = iter(simulate_variations(base, simulated, only_sensed))
         changes: list[Floats | None] = []
         read_beside: SimulatedStroke | None = None
         beside = rows
-        for number, (each, one) in enumerate(zip(inputs, varied, strict=True)):
-            if one is None or number in prescribed:
+        for number, (point, request) in enumerate(zip(inputs, varied, strict=True)):
+            if request is None or number in prescribed:
                 pair = None
             else:
                 pair = next(pairs)
@@ -227,7 +229,7 @@ class LegSimulator(Simulator):
                 if pair[1] is not read_beside:
                     read_beside = pair[1]
                     beside = rows if read_beside is None else condition.read(at, read_beside)
-                changes.append(condition.read(each, pair[0]) - beside)
+                changes.append(condition.read(point, pair[0]) - beside)
         return changes
 
     def coarsen(self, conditions: Sequence[LegCondition], count: int) -> list[int]:
@@ -376,18 +378,18 @@ def _log_evidence(
     rows = dataset.rows
     # One wide difference per unknown: no step corrects this Jacobian, so it must average over the
     # roughness of contact.
-    here, *moved = dataset.predict_all(
+    predicted, *moved = dataset.predict_all(
         [input_at(point) for point in (x, *(x + WIDE_STEP * unit for unit in np.eye(len(x))))]
     )
-    if here is None:
+    if predicted is None:
         return -np.inf
     # A difference without an answer counts as no influence.
     jacobian = np.column_stack(
-        [np.zeros(len(here)) if m is None else (m - here) / WIDE_STEP for m in moved]
+        [np.zeros(len(predicted)) if m is None else (m - predicted) / WIDE_STEP for m in moved]
     )
     whitening = make_whitening(
         np.diag(rows.noise**2) + USUAL_ERROR**2 * discrepancy_covariance(rows)
     )
     return laplace_posterior(
-        LinearModel(rows.measured - here + jacobian @ x, jacobian), whitening
+        LinearModel(rows.measured - predicted + jacobian @ x, jacobian), whitening
     ).log_evidence

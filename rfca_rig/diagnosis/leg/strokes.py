@@ -221,16 +221,21 @@ def make_dynamic_condition(
     """The condition as observations; refused where none of its strokes shows a touchdown and a
     valley.
     """
-    found = [(stroke, *_valley_and_phases(stroke)) for stroke in condition.strokes]
+    detections = [(stroke, *_valley_and_phases(stroke)) for stroke in condition.strokes]
     good = [
         (stroke, valley, phases)
-        for stroke, valley, phases in found
+        for stroke, valley, phases in detections
         if not isinstance(valley, Undetermined)
     ]
     if not good:
         # The reason of the first stroke: a sampling rate that is too low is the same in all.
         reason = next(
-            (f": {valley.reason}" for _, valley, _ in found if isinstance(valley, Undetermined)), ""
+            (
+                f": {valley.reason}"
+                for _, valley, _ in detections
+                if isinstance(valley, Undetermined)
+            ),
+            "",
         )
         return Undetermined(f"{condition.label}: no stroke shows a touchdown and a valley{reason}")
     strokes = [stroke for stroke, _, _ in good]
@@ -347,10 +352,10 @@ def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
 
 def _bin_means(stroke: Stroke, signal: str, edges: Floats) -> Floats:
     t_s, values = stroke.channel(signal)  # type: ignore[misc]
-    place = np.searchsorted(edges, t_s, side="right") - 1
-    inside = (place >= 0) & (place < len(edges) - 1)
-    counts = np.bincount(place[inside], minlength=len(edges) - 1)
-    sums = np.bincount(place[inside], values[inside], minlength=len(edges) - 1)
+    bins = np.searchsorted(edges, t_s, side="right") - 1
+    inside = (bins >= 0) & (bins < len(edges) - 1)
+    counts = np.bincount(bins[inside], minlength=len(edges) - 1)
+    sums = np.bincount(bins[inside], values[inside], minlength=len(edges) - 1)
     return np.asarray(sums / np.maximum(counts, 1))
 
 

@@ -114,10 +114,10 @@ class DiscrepancyBasis:
 
     def apply_transpose(self, turned: Floats) -> Floats:
         """Apply the transpose of `turned` to columns (m, p): back to the order of the rows."""
-        found = np.empty_like(turned)
+        columns = np.empty_like(turned)
         for block, part in zip(self.blocks, self.parts(turned), strict=True):
-            found[block.of] = block.turn.T @ part
-        return found
+            columns[block.of] = block.turn.T @ part
+        return columns
 
     def parts(self, turned: Floats) -> list[Floats]:
         """Split an array (m, ...) of this basis into those of the blocks, (b, ...) each."""
@@ -208,8 +208,8 @@ class DiscrepancyWhitening:
         """The block (k, k) of C(s)^-1 that belongs to k of the rows; `rows` is a mask (m,)."""
         # C^-1 = T^T S (1 - V H V^T) S T, with S = diag(`_scale`). Only the columns of S T that
         # belong to these rows are formed. So the full inverse (m, m) is never needed.
-        place = np.cumsum(rows) - 1
-        found = np.zeros((int(rows.sum()),) * 2)
+        index = np.cumsum(rows) - 1
+        precision = np.zeros((int(rows.sum()),) * 2)
         along = np.empty((int(rows.sum()), self.basis.scatter.shape[1]))
         parts = zip(
             self.basis.blocks,
@@ -219,36 +219,36 @@ class DiscrepancyWhitening:
         )
         for block, scale, scatter in parts:
             kept = rows[block.of]
-            own = scale[:, None] * block.turn[:, kept]
-            at = place[block.of[kept]]
-            found[np.ix_(at, at)] = own.T @ own
-            along[at] = own.T @ scatter
-        return np.asarray(found - along @ self._shrinking.h @ along.T)
+            columns = scale[:, None] * block.turn[:, kept]
+            at = index[block.of[kept]]
+            precision[np.ix_(at, at)] = columns.T @ columns
+            along[at] = columns.T @ scatter
+        return np.asarray(precision - along @ self._shrinking.h @ along.T)
 
     def covariance(self) -> Floats:
         """C(s), (m, m)."""
-        found = self.basis.scatter @ self.basis.scatter.T
+        covariance = self.basis.scatter @ self.basis.scatter.T
         for block in self.basis.blocks:
             # T^-1 (1 + s^2 diag(strength)) T^-T is the block of D + s^2 K.
-            found[np.ix_(block.of, block.of)] += (
+            covariance[np.ix_(block.of, block.of)] += (
                 block.back * (1.0 + self.s**2 * block.strength)
             ) @ block.back.T
-        return np.asarray(found)
+        return np.asarray(covariance)
 
     def variance(self) -> Floats:
         """The diagonal of C(s), (m,)."""
-        found = (self.basis.scatter**2).sum(axis=1)
+        variance = (self.basis.scatter**2).sum(axis=1)
         for block in self.basis.blocks:
-            found[block.of] += block.back**2 @ (1.0 + self.s**2 * block.strength)
-        return np.asarray(found)
+            variance[block.of] += block.back**2 @ (1.0 + self.s**2 * block.strength)
+        return np.asarray(variance)
 
 
 def discrepancy_covariance(rows: Observations) -> Floats:
     """K (m, m): the covariance of a discrepancy of relative size 1, in the units of the rows."""
-    found = np.zeros((len(rows.measured),) * 2)
+    covariance = np.zeros((len(rows.measured),) * 2)
     for of in _alike(rows):
-        found[np.ix_(of, of)] = _discrepancy_within(rows, of)
-    return found
+        covariance[np.ix_(of, of)] = _discrepancy_within(rows, of)
+    return covariance
 
 
 def _alike(rows: Observations) -> list[Integers]:
@@ -341,12 +341,12 @@ def estimate_scatter(dataset: Dataset, at: Any) -> RepeatScatter:
     effect = _effects(dataset, directions)
     usual = np.array([direction.std for direction in directions])
     std = _estimate_std(dataset, effect, usual)
-    own = effect * (std / usual)
+    scatter = effect * (std / usual)
     # A quantity that is simulated from its recorded value leaves no scatter in the mean.
-    own[:, [direction.is_corrected for direction in directions]] = 0.0
+    scatter[:, [direction.is_corrected for direction in directions]] = 0.0
     return RepeatScatter(
         {direction.name: float(s) for direction, s in zip(directions, std, strict=True)},
-        _per_condition(dataset, own),
+        _per_condition(dataset, scatter),
     )
 
 
@@ -354,7 +354,7 @@ def _effects(dataset: Dataset, directions: Sequence[ScatterDirection]) -> Floats
     """Effect of one usual deviation of each quantity on the rows, (m, k), by central
     differences; 0 where the model has no answer.
     """
-    found = dataset.predict_all(
+    predictions = dataset.predict_all(
         [
             *(direction.above for direction in directions),
             *(direction.below for direction in directions),
@@ -362,7 +362,7 @@ def _effects(dataset: Dataset, directions: Sequence[ScatterDirection]) -> Floats
     )
     columns = np.zeros((len(dataset.rows.measured), len(directions)))
     for k, (above, below) in enumerate(
-        zip(found[: len(directions)], found[len(directions) :], strict=True)
+        zip(predictions[: len(directions)], predictions[len(directions) :], strict=True)
     ):
         if above is not None and below is not None:
             columns[:, k] = 0.5 * (above - below)
@@ -378,18 +378,18 @@ def _estimate_std(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
     effects: list[Floats] = []
     repeat: list[NDArray[np.intp]] = []
     for number, repeats in enumerate(part.repeats for part in dataset.parts):
-        here = rows.condition == number
+        mask = rows.condition == number
         count = len(repeats)
         if count < 2:
             continue
         # The noise of the rows is that of the mean over the repeats; a single repeat has
         # sqrt(count) times as much.
-        noise = np.sqrt(count) * rows.noise[here]
+        noise = np.sqrt(count) * rows.noise[mask]
         # The mean uses one degree of freedom; the factor restores the variance of a single repeat.
         for deviation in (repeats - repeats.mean(axis=0)) * np.sqrt(count / (count - 1.0)):
             repeat.append(np.full(len(noise), len(repeat)))
             residuals.append(-deviation / noise)
-            effects.append(effect[here] / noise[:, None])
+            effects.append(effect[mask] / noise[:, None])
     if not residuals or not len(usual):
         return usual
     return estimate_scatter_std(

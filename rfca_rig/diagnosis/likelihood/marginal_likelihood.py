@@ -398,8 +398,8 @@ def products_without(
     (k, k), float
         The products, and the log of the determinant of the covariance of the remaining rows.
     """
-    own = cho_factor(whitening.precision(out), check_finite=False)
-    taken = weighted[out].T @ cho_solve(own, weighted[out], check_finite=False)
+    factor = cho_factor(whitening.precision(out), check_finite=False)
+    taken = weighted[out].T @ cho_solve(factor, weighted[out], check_finite=False)
     # log|C_rest| = log|C| + log|P_oo|
-    log_det = whitening.log_det + 2.0 * float(np.log(np.diag(own[0])).sum())
+    log_det = whitening.log_det + 2.0 * float(np.log(np.diag(factor[0])).sum())
     return both.T @ weighted - taken, log_det

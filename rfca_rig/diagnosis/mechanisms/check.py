@@ -90,8 +90,8 @@ def check_signals(
     described: ExperimentFile, experiment: Experiment, ratios: Mapping[int, SpeedRatio]
 ) -> Iterator[CheckLine]:
     """A line per signal, and warnings; `ratios` are those of `compare_speeds`."""
-    for place, signal in enumerate(described.signals):
-        columns = [run.signals[:, place] / signal.factor for run in experiment.runs]
+    for index, signal in enumerate(described.signals):
+        columns = [run.signals[:, index] / signal.factor for run in experiment.runs]
         noise = rms(np.array([float(sample_std(column[:, None])[0]) for column in columns]))
         step = min((step for column in columns if (step := smallest_step(column))), default=0.0)
         low, high = _range_of(columns)
@@ -106,11 +106,11 @@ def check_signals(
         if step > noise:
             values["step"] = step
             words += f", steps of {step:.3g}"
-        if place in ratios:
-            values["ratio"] = ratios[place].ratio
+        if index in ratios:
+            values["ratio"] = ratios[index].ratio
             words += (
-                f", {ratios[place].ratio:.3f} times the derivative of "
-                f"{described.signals[ratios[place].position].column}"
+                f", {ratios[index].ratio:.3f} times the derivative of "
+                f"{described.signals[ratios[index].position].column}"
             )
         yield CheckLine("signal", signal.column, words, values=values)
         is_dead, what_is_constant = _constant(signal.column, columns, experiment.runs)
@@ -137,18 +137,18 @@ def check_signals(
             )
             message += (
                 "it is in the unit of the column: set it in "
-                f"{name_of('signals', place, signal)}, or remove it"
+                f"{name_of('signals', index, signal)}, or remove it"
             )
             yield CheckLine("signal", signal.column, message, is_warning=True)
-        found = (
+        jumps = (
             (run, wraps[0])
             for run in experiment.runs
-            if (wraps := find_wraps(experiment, run, place)).size
+            if (wraps := find_wraps(experiment, run, index)).size
         )
         # One warning is enough: the fix is the same for all jumps.
-        for run, sample in islice(found, 1):
+        for run, sample in islice(jumps, 1):
             size = abs(
-                float(run.signals[sample + 1, place] - run.signals[sample, place]) / signal.factor
+                float(run.signals[sample + 1, index] - run.signals[sample, index]) / signal.factor
             )
             message = (
                 f"jumps by {size:.4g} {signal.unit} at {run.t_s[sample + 1]:.4g} s of "
@@ -192,21 +192,21 @@ def check_speeds(
     balanced
         Joints whose torques balance, so that the sign of their position is right.
     """
-    for found in ratios.values():
-        speed = described.signals[found.speed]
-        position = described.signals[found.position]
+    for speed_ratio in ratios.values():
+        speed = described.signals[speed_ratio.speed]
+        position = described.signals[speed_ratio.position]
         joint = speed.joint or ""
         # A correction of the position changes the ratio already; only the remainder is a fault of
         # the speed.
-        ratio = found.ratio / factors[joint]
-        if abs(found.correlation) < FOLLOWS:
+        ratio = speed_ratio.ratio / factors[joint]
+        if abs(speed_ratio.correlation) < FOLLOWS:
             message = (
                 f"does not follow the derivative of {position.column} (correlation "
-                f"{found.correlation:.2f}); is it of another joint?"
+                f"{speed_ratio.correlation:.2f}); is it of another joint?"
             )
             yield CheckLine("signal", speed.column, message, is_warning=True)
-        elif not found.agrees and not is_one(ratio):
-            fixes = list_fixes(described, found, ratio, position_is_right=joint in balanced)
+        elif not speed_ratio.agrees and not is_one(ratio):
+            fixes = list_fixes(described, speed_ratio, ratio, position_is_right=joint in balanced)
             if fixes:
                 ask = f"set {', or '.join(fixes)}"
             else:
@@ -234,10 +234,10 @@ def check_commands(
     """
     # Without drive a command may hold anything.
     driven = [run for run in experiment.runs if run.driven]
-    for place, (command, (gain, correlation)) in enumerate(
+    for index, (command, (gain, correlation)) in enumerate(
         zip(described.commands, gains, strict=True)
     ):
-        columns = [run.commands[:, place] / command.factor for run in driven]
+        columns = [run.commands[:, index] / command.factor for run in driven]
         if not columns:
             yield CheckLine(
                 "command", command.column, f"of {command.actuator}: no recording is driven"
@@ -264,10 +264,14 @@ def check_commands(
 
 def check_corrections(corrections: Sequence[Correction]) -> Iterator[CheckLine]:
     """A warning for every sign or unit with which the torques balance far better."""
-    for one in corrections:
-        values = {"before": one.before, "after": one.after}
+    for correction in corrections:
+        values = {"before": correction.before, "after": correction.after}
         yield CheckLine(
-            "reading", "signs and units", describe_correction(one), is_warning=True, values=values
+            "reading",
+            "signs and units",
+            describe_correction(correction),
+            is_warning=True,
+            values=values,
         )
 
 
@@ -477,7 +481,7 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
         cut = list_windows(
             replace(experiment, runs=(run,)), mechanism, match, (experiment.window_s,)
         )
-        used = sum(len(of_run) for of_run in cut)
+        used = sum(len(run_windows) for run_windows in cut)
         length_s = float(run.t_s[-1] - run.t_s[0])
         rate_Hz = 1.0 / float(np.median(steps_s))
         gap_s = float(steps_s.max())
@@ -531,11 +535,13 @@ def _gains(
     states.
     """
     for name in experiment.actuators:
-        place = mechanism.actuators.index(name)
+        actuator = mechanism.actuators.index(name)
         # The gain was found for the corrected command; it is converted back to the column as
         # stated.
-        factor = float(np.prod([correction.reading.command[place] for correction in corrections]))
-        gain, correlation = balance.gain(place)
+        factor = float(
+            np.prod([correction.reading.command[actuator] for correction in corrections])
+        )
+        gain, correlation = balance.gain(actuator)
         yield gain * factor, correlation * float(np.sign(factor))
 
 
@@ -576,16 +582,21 @@ def _check_prediction(
     joints in `upset`.
     """
     plant = problem.simulator.plant(MechanismInput())
-    windows = [each for condition in problem.conditions for each in condition.windows]
-    misses = [each.window.measured - problem.simulator.predict(plant, each) for each in windows]
-    changes = [each.window.measured - each.window.measured[:, :1] for each in windows]
+    windows = [corrected for condition in problem.conditions for corrected in condition.windows]
+    misses = [
+        corrected.window.measured - problem.simulator.predict(plant, corrected)
+        for corrected in windows
+    ]
+    changes = [
+        corrected.window.measured - corrected.window.measured[:, :1] for corrected in windows
+    ]
     if experiment.starts_at_rest:
         where = "motions from rest"
     else:
         where = f"windows of {experiment.window_s:g} s"
-    for place, signal in enumerate(described.signals):
+    for index, signal in enumerate(described.signals):
         miss, change = (
-            rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor)
+            rms(np.concatenate([values[index] for values in of_all])) / abs(signal.factor)
             for of_all in (misses, changes)
         )
         words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over {where}, "

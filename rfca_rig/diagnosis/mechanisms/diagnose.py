@@ -145,10 +145,10 @@ def measure_joint_law(
 
     def curve(argument: str, u: Floats) -> Floats | None:
         """Law (k,) of the effects that are left out, as far as it is a function of the argument."""
-        own = [
+        laws = [
             compute_own_law(plant, place.joint, argument.startswith("speed"), u) for plant in plants
         ]
-        having, without = (np.zeros_like(u) if each is None else each for each in own)
+        having, without = (np.zeros_like(u) if values is None else values for values in laws)
         if instead_of and np.any(having != without):
             return having - without
         return None
@@ -181,19 +181,21 @@ def _at_mean(hypothesis: Hypothesis) -> MechanismInput:
 
 
 def _fit_base(
-    found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]
+    search: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]
 ) -> Hypothesis:
     """The hypothesis with these terms in place of its own, fitted again from its posterior mean."""
     coordinates = hypothesis.fitted.coordinates
     mean = hypothesis.marginal.posterior.mean
     x = [mean[: coordinates.nuisances]]
-    for number, (own, term) in enumerate(zip(coordinates.choices, terms, strict=True)):
+    for number, (choice, term) in enumerate(zip(coordinates.choices, terms, strict=True)):
         if term is not None:
             # Only the coordinates of the parameters that remain.
             x.append(
-                mean[coordinates.part(number)][[parameter in term.free for parameter in own.free]]
+                mean[coordinates.part(number)][
+                    [parameter in term.free for parameter in choice.free]
+                ]
             )
-    optimizer = GaussNewton(found.dataset, found.likelihood)
+    optimizer = GaussNewton(search.dataset, search.likelihood)
     start = optimizer.at(
         coordinates.with_terms([term for term in terms if term is not None]), np.concatenate(x)
     )
@@ -220,12 +222,12 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
         if int(dict(term.whole)["joint"]) != place.joint + 1:
             return term
         return None
-    own = _own_parameter(effect, mechanism, place.joint)
-    if own is None:  # a law of the driven joints, of which this is none; or the only joint
+    name = _own_parameter(effect, mechanism, place.joint)
+    if name is None:  # a law of the driven joints, of which this is none; or the only joint
         if len(mechanism.joints) > 1:
             return term
         return None
-    rest = tuple(parameter for parameter in effect.parameters if parameter.name != own)
+    rest = tuple(parameter for parameter in effect.parameters if parameter.name != name)
     if not any(
         _own_parameter(replace(effect, parameters=rest), mechanism, joint)
         for joint in range(len(mechanism.joints))
@@ -236,7 +238,7 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
         effect=replace(
             effect,
             parameters=rest,
-            apply=lambda plant, values: effect.apply(plant, {**values, own: 0.0}),
+            apply=lambda plant, values: effect.apply(plant, {**values, name: 0.0}),
         ),
     )
 
@@ -322,23 +324,23 @@ def diagnose_mechanism(
         place = None
     effects = [effect for effect in problem.simulator.effects.values() if effect.id not in without]
     short = problem
-    problem, found = search_in_windows(
+    problem, search = search_in_windows(
         short, Parameterization(short.space), effects, progress, SEARCH
     )
     simulator = problem.simulator
     progress("summing up", 0.97)
-    decision = decide(found)
+    decision = decide(search)
     enough = len(problem.conditions) >= FEWEST_CONDITIONS
     if not enough:
         length_s = WINDOWS_OF_CONDITION * experiment.window_s
         decision = not_enough_data(
-            found,
+            search,
             (
                 f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} "
                 "are needed"
             ),
         )
-    result = build_result(experiment.title, found, decision, effects, MOTION_EXPERIMENT)
+    result = build_result(experiment.title, search, decision, effects, MOTION_EXPERIMENT)
     settings = {
         "window_s": describe_lengths(problem.lengths_s),
         "bin_s": experiment.bin_s,
@@ -349,18 +351,18 @@ def diagnose_mechanism(
     if result.found_effects:
         stated = decision.explanation
     else:
-        stated = found.nothing
+        stated = search.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
     thinning = (
         f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly "
         "spread; windows.at_most uses more"
     )
     # A proposed motion is short, so it is judged in short windows.
-    next_motion = propose_motion(short, found, decision, enough)
+    next_motion = propose_motion(short, search, decision, enough)
     law = None
     if place is not None:
         progress(f"measuring the law at {law_at}", 0.98)
-        law = measure_joint_law(problem, found, decision.explanation, place)
+        law = measure_joint_law(problem, search, decision.explanation, place)
     thinned = (thinning,) if problem.windows < problem.recorded_windows else ()
     result = replace(
         result,

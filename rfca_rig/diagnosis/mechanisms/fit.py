@@ -113,17 +113,17 @@ def fit_problem(
         Called with the current step and the share that is done.
     """
     scale = 0.5 if effects else 0.9
-    found = search_models(
+    search = search_models(
         problem.dataset,
         Parameterization(space),
         [],
         lambda _, share: progress("fitting nominal values", scale * share),
     )
-    fitted = fit_effects(found, effects, progress)
+    fitted = fit_effects(search, effects, progress)
     plant = problem.simulator.plant(
         fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean)
     )
-    return MechanismFit(summarize(found, fitted), plant)
+    return MechanismFit(summarize(search, fitted), plant)
 
 
 def _select(space: Prior[MechanismInput], names: Collection[str]) -> Prior[MechanismInput]:
@@ -137,11 +137,11 @@ def _select(space: Prior[MechanismInput], names: Collection[str]) -> Prior[Mecha
                 f"{suggestion(name, dict.fromkeys((*keys, *space.names)))}"
             )
     chosen = [
-        place
-        for place, full in enumerate(space.names)
-        if not names or full in names or keys[place] in names
+        index
+        for index, full in enumerate(space.names)
+        if not names or full in names or keys[index] in names
     ]
-    parameters = tuple(space.parameters[place] for place in chosen)
+    parameters = tuple(space.parameters[index] for index in chosen)
     return Prior(parameters, space.centre, space.std[chosen], np.ones(len(chosen), dtype=bool))
 
 

@@ -176,10 +176,12 @@ class MechanismProblem:
         simulator = replace(self.simulator, step_s=STEP_OF_ERRORS_S)
         plant = simulator.plant(MechanismInput())
         corrected = [
-            [correct_window(window, simulator, plant, self.torque) for window in of_run]
-            for of_run in cut
+            [correct_window(window, simulator, plant, self.torque) for window in run_windows]
+            for run_windows in cut
         ]
-        step_s = choose_step(simulator, [window for of_run in corrected for window in of_run])
+        step_s = choose_step(
+            simulator, [window for run_windows in corrected for window in run_windows]
+        )
         return replace(
             self,
             simulator=replace(self.simulator, step_s=step_s),
@@ -211,7 +213,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     match = match_columns(experiment, mechanism)
     lengths_s = (experiment.window_s,) * len(experiment.runs)
     cut, recorded = _cut_and_thin(experiment, mechanism, match, lengths_s)
-    windows = [window for of_run in cut for window in of_run]
+    windows = [window for run_windows in cut for window in run_windows]
     if not windows:
         raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
     # Without effects: ranges of the effects follow from the usual motion, which the plain model
@@ -245,9 +247,9 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         corrected_windows.append(corrected_window)
     corrected = []
     first = 0
-    for of_run in cut:
-        corrected.append(corrected_windows[first : first + len(of_run)])
-        first += len(of_run)
+    for run_windows in cut:
+        corrected.append(corrected_windows[first : first + len(run_windows)])
+        first += len(run_windows)
     # The step is chosen last: its error is compared with the error scales of the corrected windows.
     step_s = choose_step(simulator, corrected_windows)
     conditions = _group_conditions(experiment, match, corrected)
@@ -265,16 +267,19 @@ def _cut_and_thin(
     that of each recording's windows.
     """
     cut = list_windows(experiment, mechanism, match, lengths_s)
-    recorded = sum(len(of_run) for of_run in cut)
-    recorded_s = sum(float(window.t_s[-1]) for of_run in cut for window in of_run)
+    recorded = sum(len(run_windows) for run_windows in cut)
+    recorded_s = sum(float(window.t_s[-1]) for run_windows in cut for window in run_windows)
     # About this share of the windows of each run is used, evenly spread; all if it is 1 or more.
     share = min(
         experiment.most_windows / max(recorded, 1),
         experiment.most_windows * LONGEST_MEAN_S / max(recorded_s, 1e-9),
     )
     return [
-        [of_run[place] for place in spread(len(of_run), max(1, round(share * len(of_run))))]
-        for of_run in cut
+        [
+            run_windows[index]
+            for index in spread(len(run_windows), max(1, round(share * len(run_windows))))
+        ]
+        for run_windows in cut
     ], recorded
 
 
@@ -290,8 +295,10 @@ def _group_conditions(
         if experiment.starts_at_rest
         else experiment.runs
     )
-    for run, of_run in zip(firsts, corrected, strict=True):
-        for part in group_windows(of_run, float(of_run[0].window.t_s[-1]) if of_run else 0.0):
+    for run, run_windows in zip(firsts, corrected, strict=True):
+        for part in group_windows(
+            run_windows, float(run_windows[0].window.t_s[-1]) if run_windows else 0.0
+        ):
             first = part[0].window
             last = part[-1].window
             if experiment.starts_at_rest:
@@ -315,13 +322,13 @@ def list_windows(
             cut_windows(run, experiment, mechanism, match, length_s)
             for run, length_s in with_lengths
         ]
-    found = []
+    windows = []
     for runs in group_repeats(experiment.runs):
         window = cut_rest_window(
             runs, experiment, [arrange_commands(run, mechanism, match) for run in runs]
         )
-        found.append([] if window is None else [window])
-    return found
+        windows.append([] if window is None else [window])
+    return windows
 
 
 def _measure_usual(
@@ -345,7 +352,7 @@ def _measure_usual(
             looked_at = spread(len(window.t_s), STATES_LOOKED_AT)
             position += list(motion.position[looked_at])
             speed += list(motion.speed[looked_at])
-            commands += [window.trace.command[place + 1 : place + 2] for place in looked_at]
+            commands += [window.trace.command[index + 1 : index + 2] for index in looked_at]
     sensors = {}
     for k, signal in enumerate(experiment.signals):
         if signal.quantity == "sensor":
@@ -410,14 +417,16 @@ def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow
         stepping = replace(simulator, step_s=step_s)
         plant = stepping.plant(MechanismInput())
         try:
-            return np.concatenate([stepping.follow(plant, each.window).ravel() for each in sample])
+            return np.concatenate(
+                [stepping.follow(plant, corrected.window).ravel() for corrected in sample]
+            )
         except SimulationFailed:
             return None
 
     allowed = np.concatenate(
         [
-            np.hypot(each.window.sensor_std, USUAL_ERROR * each.error_scale).ravel()
-            for each in sample
+            np.hypot(corrected.window.sensor_std, USUAL_ERROR * corrected.error_scale).ravel()
+            for corrected in sample
         ]
     )
     coarse = simulate_all(STEPS_S[0])
@@ -451,15 +460,15 @@ def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
     columns = []
     for signal in experiment.signals:
         if signal.quantity == "sensor":
-            place, unit = mechanism.sensor_value(signal.name, where)
+            index, unit = mechanism.sensor_value(signal.name, where)
             expected = unit
-            column = 2 * joints + place
+            column = 2 * joints + index
         else:
-            place = mechanism.joint(signal.name, where)
-            expected = ("m" if mechanism.is_slide[place] else "rad") + (
+            index = mechanism.joint(signal.name, where)
+            expected = ("m" if mechanism.is_slide[index] else "rad") + (
                 "/s" if signal.quantity == "speed" else ""
             )
-            column = place + joints * (signal.quantity == "speed")
+            column = index + joints * (signal.quantity == "speed")
         if signal.unit != expected:
             words = f"the unit of the {signal.quantity} {signal.name!r}"
             raise BadInput(
@@ -494,13 +503,13 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
         if signal.quantity == "position"
     }
     _check_prescribed(experiment, mechanism, prescribed)
-    simulated = [place for place in range(len(mechanism.joints)) if place not in prescribed]
+    simulated = [joint for joint in range(len(mechanism.joints)) if joint not in prescribed]
     if not simulated:
         raise BadInput(
             f"{where}: every joint is prescribed, so that nothing is simulated; remove a "
             "[[prescribed]] table"
         )
-    unmeasured = tuple(place for place in simulated if place not in measured)
+    unmeasured = tuple(joint for joint in simulated if joint not in measured)
     if unmeasured and not experiment.starts_at_rest:
         name = mechanism.joints[unmeasured[0]]
         raise BadInput(
@@ -531,8 +540,8 @@ def _check_prescribed(
     experiment: Experiment, mechanism: Mechanism, prescribed: tuple[int, ...]
 ) -> None:
     where = str(experiment.path)
-    for place, joint in zip(prescribed, experiment.prescribed, strict=True):
-        expected = "m" if mechanism.is_slide[place] else "rad"
+    for index, joint in zip(prescribed, experiment.prescribed, strict=True):
+        expected = "m" if mechanism.is_slide[index] else "rad"
         if joint.unit != expected:
             raise BadInput(
                 f"{where}: the unit of prescribed joint {joint.name!r} does not suit: the "
@@ -547,7 +556,7 @@ def _check_prescribed(
                 f"{where}: joint {joint.name!r} is prescribed and a signal; remove one: "
                 "what is given is not compared"
             )
-        if mechanism.driven[place]:
+        if mechanism.driven[index]:
             raise BadInput(
                 f"{where}: joint {joint.name!r} is prescribed and has an actuator; remove "
                 "the actuator, or simulate the joint"
@@ -558,13 +567,13 @@ def _check_alike(experiment: Experiment, mechanism: Mechanism) -> None:
     where = str(experiment.path)
     names = {*mechanism.joints, *mechanism.bodies, *mechanism.actuators}
     members = [member for group in experiment.alike.values() for member in group]
-    for place, member in enumerate(members):
+    for index, member in enumerate(members):
         if member not in names:
             raise BadInput(
                 f"{where}: alike: {member!r} is no joint, body or actuator of the model; "
                 f"{suggestion(member, sorted(names))}"
             )
-        if member in members[:place]:
+        if member in members[:index]:
             raise BadInput(f"{where}: alike: {member!r} is in two groups, or twice in one")
 
 
@@ -624,7 +633,7 @@ def cut_windows(
     stated = [signal.noise_std for signal in experiment.signals]
     # Stated noise comes first; otherwise it is estimated from the samples.
     noise = np.array(
-        [std or found for std, found in zip(stated, sample_std(run.signals), strict=True)]
+        [std or estimate for std, estimate in zip(stated, sample_std(run.signals), strict=True)]
     )
     read = np.array(sorted(set(range(len(mechanism.joints))) - set(mechanism.prescribed)))
     position = run.signals[:, match.positions[read]]

@@ -71,18 +71,18 @@ def compare_speeds(experiment: Experiment) -> dict[int, SpeedRatio]:
     wraps, or noise hides the motion.
     """
     positions = {}
-    for place, signal in enumerate(experiment.signals):
+    for index, signal in enumerate(experiment.signals):
         if signal.quantity != "position":
             continue
-        if not any(find_wraps(experiment, run, place).size for run in experiment.runs):
-            positions[signal.name] = place
+        if not any(find_wraps(experiment, run, index).size for run in experiment.runs):
+            positions[signal.name] = index
     pairs = [
         (k, positions[s.name])
         for k, s in enumerate(experiment.signals)
         if s.quantity == "speed" and s.name in positions
     ]
-    found = [_compare(experiment, speed, position) for speed, position in pairs]
-    return {one.speed: one for one in found if one is not None}
+    ratios = [_compare(experiment, speed, position) for speed, position in pairs]
+    return {ratio.speed: ratio for ratio in ratios if ratio is not None}
 
 
 def _compare(experiment: Experiment, speed: int, position: int) -> SpeedRatio | None:
@@ -165,8 +165,8 @@ def list_fixes(
         else:
             reversed_signals = [(found.speed, speed), (found.position, position)]
         return [
-            f"sign = {-one.sign} in {name_of('signals', place, one)}"
-            for place, one in reversed_signals
+            f"sign = {-signal.sign} in {name_of('signals', index, signal)}"
+            for index, signal in reversed_signals
         ]
     times = [
         f'unit = "{unit}" in [time]'
@@ -179,9 +179,9 @@ def list_fixes(
     ]
 
 
-def _units(signal: SignalSection, place: int, factor: float) -> Iterator[str]:
+def _units(signal: SignalSection, index: int, factor: float) -> Iterator[str]:
     """Units of a signal that are `factor` times the stated one; for counts the number per turn."""
-    name = name_of("signals", place, signal)
+    name = name_of("signals", index, signal)
     if signal.counts_per_turn is not None:
         yield (
             f"counts_per_turn = about {float(f'{signal.counts_per_turn / factor:.3g}'):g} in {name}"
@@ -279,9 +279,9 @@ def find_corrections(
     ratios
         Those of `compare_speeds`: a speed that agrees with its position changes with it.
     """
-    found: list[Correction] = []
+    corrections: list[Correction] = []
     if not len(states.position):
-        return found
+        return corrections
     readings = _readings(described, mechanism, ratios)
     # Two signs may be wrong together, so that neither change alone helps.
     signs = [reading for reading in readings if reading.is_sign]
@@ -294,10 +294,10 @@ def find_corrections(
         )
         if correction is None:
             break
-        found.append(correction)
+        corrections.append(correction)
         states = correction.reading.apply(states)
         before = correction.after
-    return found
+    return corrections
 
 
 def _find_best(
@@ -328,26 +328,26 @@ def _readings(
     alike: dict[tuple[str, str], list[AlternativeReading]] = {}
     joints = np.ones(len(mechanism.joints))
     actuators = np.ones(len(mechanism.actuators))
-    for place, signal in enumerate(described.signals):
+    for index, signal in enumerate(described.signals):
         if signal.quantity == "position":
             # A speed that agrees with its position must change with it, or it would disagree
             # afterwards.
             follow = [
-                ratio.speed for ratio in ratios.values() if ratio.position == place and ratio.agrees
+                ratio.speed for ratio in ratios.values() if ratio.position == index and ratio.agrees
             ]
             for change, factor in _changes_of_position(signal):
                 words = " and ".join(
-                    _write("signals", one, described.signals[one], change)
-                    for one in (place, *follow)
+                    _write("signals", number, described.signals[number], change)
+                    for number in (index, *follow)
                 )
                 factors = _scale(joints, mechanism.joints.index(signal.joint), factor)
                 alike.setdefault(("signals", change), []).append(
                     AlternativeReading(words, factors, actuators)
                 )
-    for place, command in enumerate(described.commands):
+    for index, command in enumerate(described.commands):
         for change, factor in _changes_of_command(command):
             factors = _scale(actuators, mechanism.actuators.index(command.actuator), factor)
-            words = _write("commands", place, command, change)
+            words = _write("commands", index, command, change)
             alike.setdefault(("commands", change), []).append(
                 AlternativeReading(words, joints, factors)
             )
@@ -363,9 +363,9 @@ def _readings(
     ]
 
 
-def _scale(ones: Floats, place: int, factor: float) -> Floats:
+def _scale(ones: Floats, index: int, factor: float) -> Floats:
     """Factors (n,): `factor` at one place, 1 elsewhere."""
-    return np.where(np.arange(len(ones)) == place, factor, ones)
+    return np.where(np.arange(len(ones)) == index, factor, ones)
 
 
 def _changes_of_position(signal: SignalSection) -> Iterator[tuple[str, float]]:
@@ -389,7 +389,7 @@ def _changes_of_command(command: CommandSection) -> Iterator[tuple[str, float]]:
         )
 
 
-def _write(table: str, place: int, section: SignalSection | CommandSection, change: str) -> str:
+def _write(table: str, index: int, section: SignalSection | CommandSection, change: str) -> str:
     """The line for experiment.toml; the unit of a speed follows that of its position."""
     if isinstance(section, SignalSection) and section.quantity == "speed":
         per_s = "/s"
@@ -399,4 +399,4 @@ def _write(table: str, place: int, section: SignalSection | CommandSection, chan
         value = f"sign = {-section.sign}"
     else:
         value = f'unit = "{change}{per_s}"'
-    return f"{value} in {name_of(table, place, section)}"
+    return f"{value} in {name_of(table, index, section)}"

@@ -180,7 +180,7 @@ class Motions:
         """
         count = len(self.windows[0].window.repeats)
         return np.concatenate(
-            [each.window.repeats.reshape(count, -1) for each in self.windows], axis=1
+            [corrected.window.repeats.reshape(count, -1) for corrected in self.windows], axis=1
         )
 
     @property
@@ -192,7 +192,7 @@ class Motions:
 
     def rows(self) -> Observations:
         """The measured rows."""
-        starts_s = tuple(each.window.start_s for each in self.windows)
+        starts_s = tuple(corrected.window.start_s for corrected in self.windows)
         labels = tuple(
             Label(MOTION_EXPERIMENT, self.name, signal, recording=self.recording, starts_s=starts_s)
             for signal in self.signals
@@ -289,7 +289,7 @@ class MechanismSimulator(Simulator):
         conditions: Sequence[Motions],  # noqa: ARG002
     ) -> tuple[ScatterDirection, ...]:
         """Scatter of prescribed joints that their readings do not show."""
-        found = []
+        directions = []
         for name, std in self.scatters.items():
             joint = self.mechanism.joints.index(name)
             # The joint stands elsewhere while its reading stays the same: that is an offset of its
@@ -299,15 +299,15 @@ class MechanismSimulator(Simulator):
             else:
                 key = "zero_offset_rad"
             above, below = (at.shift_value(key, joint, by) for by in (std, -std))
-            found.append(ScatterDirection(f"{name}.{key}", std, above, below))
-        return tuple(found)
+            directions.append(ScatterDirection(f"{name}.{key}", std, above, below))
+        return tuple(directions)
 
     def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
         """Predicted rows (m,) of a condition, from the starts that fit best. Raises
         SimulationFailed.
         """
         plant = self.plant(at)
-        return np.concatenate([self.predict(plant, each).ravel() for each in condition.windows])
+        return np.concatenate([self.predict(plant, window).ravel() for window in condition.windows])
 
 
 # Model error of a sensor, as for the strokes of a leg (`diagnosis.leg.strokes`): 1 % of the signal
@@ -324,10 +324,10 @@ MIN_SPEED_SHARE = 0.01  # of the largest speed: below it the mechanism has not b
 
 def group_repeats(runs: Sequence[MechanismRun]) -> list[list[MechanismRun]]:
     """The recordings of each condition, in the order of their first."""
-    found: dict[str, list[MechanismRun]] = {}
+    groups: dict[str, list[MechanismRun]] = {}
     for run in runs:
-        found.setdefault(run.condition, []).append(run)
-    return list(found.values())
+        groups.setdefault(run.condition, []).append(run)
+    return list(groups.values())
 
 
 def cut_rest_window(
@@ -365,8 +365,8 @@ def cut_rest_window(
     )
     prescribed = np.mean([_resample(grid_s, run.t_s, run.prescribed) for run in runs], axis=0)
     stated = [signal.noise_std for signal in experiment.signals]
-    found = np.mean([sample_std(run.signals) for run in runs], axis=0)
-    noise = np.array([std or of_samples for std, of_samples in zip(stated, found, strict=True)])
+    estimates = np.mean([sample_std(run.signals) for run in runs], axis=0)
+    noise = np.array([std or of_samples for std, of_samples in zip(stated, estimates, strict=True)])
     t_s = grid_s[1:] - grid_s[0]
     bins = bin_starts(t_s, experiment.bin_s)
     counts = np.diff(np.append(bins, len(t_s)))
@@ -395,10 +395,10 @@ def _resample(grid_s: Floats, t_s: Floats, values: Floats) -> Floats:
     # Equal times need no interpolation, so that a single recording stays exactly as it is.
     if grid_s.shape == t_s.shape and np.array_equal(grid_s, t_s):
         return values
-    found = np.empty((len(grid_s), values.shape[1]))
-    for place, column in enumerate(values.T):
-        found[:, place] = np.interp(grid_s, t_s, column)
-    return found
+    columns = np.empty((len(grid_s), values.shape[1]))
+    for index, column in enumerate(values.T):
+        columns[:, index] = np.interp(grid_s, t_s, column)
+    return columns
 
 
 def correct_rest_window(

@@ -90,11 +90,11 @@ def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effec
         OF_SPEED: any(len(window.measured) > 1 for window in windows),
     }
     idle = [effect_id for ids, is_shown in is_shown_by.items() if not is_shown for effect_id in ids]
-    own, _ = own_effects(problem.pendulum)
+    lab_effects, _ = own_effects(problem.pendulum)
     known = [
         effect
         for effect in catalogue().values()
-        if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *own)
+        if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *lab_effects)
     ]
     ranges = plausible_ranges(problem)
     return [
@@ -144,9 +144,9 @@ def _with_ranges(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> E
     """
 
     def scale(parameter: Parameter) -> Parameter:
-        found = [extent for unit, extent in ranges.items() if parameter.name.endswith(unit)]
-        if found:
-            return replace(parameter, low=found[0][0], high=found[0][1])
+        extents = [extent for unit, extent in ranges.items() if parameter.name.endswith(unit)]
+        if extents:
+            return replace(parameter, low=extents[0][0], high=extents[0][1])
         return parameter
 
     return replace(effect, parameters=tuple(map(scale, effect.parameters)))
@@ -207,14 +207,14 @@ def diagnose_pendulum(
         # With a single joint, "joints" and "joint1" would be the same law.
         check_place(law_at, OF_PENDULUM[:1] if len(campaign.pendulum.links) == 1 else OF_PENDULUM)
     progress("reading", 0.0)
-    problem, found, effects = search_pendulum(make_pendulum_problem(campaign), progress, without)
+    problem, search, effects = search_pendulum(make_pendulum_problem(campaign), progress, without)
     progress("summing up", 0.97)
-    decision = decide(found)
-    diagnosis = _build_result(problem, found, decision, effects)
+    decision = decide(search)
+    diagnosis = _build_result(problem, search, decision, effects)
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
         diagnosis = replace(
-            diagnosis, stated_law=measure_stated_law(found, decision.explanation, law_at)
+            diagnosis, stated_law=measure_stated_law(search, decision.explanation, law_at)
         )
     _, refused = own_effects(campaign.pendulum)
     not_tried = tuple(
@@ -232,42 +232,42 @@ def search_pendulum(
     windows, the result, and the effects.
     """
     effects = candidates_of(problem.swings, without)
-    problem, found = search_in_windows(problem, Parameterization(problem.space), effects, progress)
-    return problem, found, effects
+    problem, search = search_in_windows(problem, Parameterization(problem.space), effects, progress)
+    return problem, search, effects
 
 
 def _build_result(
     problem: PendulumProblem,
-    found: ModelSelectionResult,
+    search: ModelSelectionResult,
     decision: Decision,
     effects: Sequence[Effect],
 ) -> Diagnosis:
     """The common answer, with its held-out stretches and its next experiment."""
     campaign = problem.campaign
-    stretches = len(found.dataset.parts)
+    stretches = len(search.dataset.parts)
     enough = stretches >= FEWEST_CONDITIONS
     if not enough:
         decision = not_enough_data(
-            found, f"{stretches} stretches of two seconds, {FEWEST_CONDITIONS} are needed"
+            search, f"{stretches} stretches of two seconds, {FEWEST_CONDITIONS} are needed"
         )
-    result = build_result(campaign.title, found, decision, effects, SWING_EXPERIMENT)
+    result = build_result(campaign.title, search, decision, effects, SWING_EXPERIMENT)
     # The search calls 1 % usual; figures for people refer to the stated torque error.
     usual = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
     return replace(
         result,
-        unexplained=(*result.unexplained, *_describe_closest(found, decision)),
-        next_experiment=propose_swing(campaign, found, decision, enough),
+        unexplained=(*result.unexplained, *_describe_closest(search, decision)),
+        next_experiment=propose_swing(campaign, search, decision, enough),
         settings={
             **result.settings,
             "model_error_assumed": f"half-normal, torques wrong by {100.0 * usual:g} %",
-            "model_error_found": float(found.nothing.marginal.error) * usual / USUAL_ERROR,
+            "model_error_found": float(search.nothing.marginal.error) * usual / USUAL_ERROR,
             "window_s": describe_lengths(problem.lengths_s),
             "bin_s": BIN_S,
         },
     )
 
 
-def _describe_closest(found: ModelSelectionResult, decision: Decision) -> tuple[str, ...]:
+def _describe_closest(search: ModelSelectionResult, decision: Decision) -> tuple[str, ...]:
     """What the closest effects would improve on held-out stretches, although they are not
     stated.
     """
@@ -275,7 +275,7 @@ def _describe_closest(found: ModelSelectionResult, decision: Decision) -> tuple[
         return ()
     figures = ", ".join(
         f"{name} {f.before:.2g} to {f.after:.2g}"
-        for name, f in compare_held_out(found, decision.closest, SWING_EXPERIMENT).items()
+        for name, f in compare_held_out(search, decision.closest, SWING_EXPERIMENT).items()
     )
     if figures:
         return (

@@ -163,7 +163,10 @@ class Stretch:
         starts have errors.
         """
         return np.concatenate(
-            [np.sqrt((each.window.start_effect**2).sum(axis=0)).ravel() for each in self.windows]
+            [
+                np.sqrt((started_window.window.start_effect**2).sum(axis=0)).ravel()
+                for started_window in self.windows
+            ]
         )
 
     @property
@@ -187,7 +190,7 @@ class Stretch:
 
     def rows(self) -> Observations:
         """The measured rows."""
-        starts_s = tuple(each.window.start_s for each in self.windows)
+        starts_s = tuple(started_window.window.start_s for started_window in self.windows)
         labels = tuple(
             Label(SWING_EXPERIMENT, self.named, signal, recording=self.recording, starts_s=starts_s)
             for signal in self.signals
@@ -330,9 +333,9 @@ def _weight_Nm(pendulum: Pendulum, angle_rad: Floats) -> Floats:
         link.mass_kg * link.centre_of_mass_m + far * link.length_m
         for link, far in zip(pendulum.links, beyond, strict=True)
     ]
-    own = GRAVITY_M_S2 * np.array(moment)[:, None] * aside
+    link_torque = GRAVITY_M_S2 * np.array(moment)[:, None] * aside
     # The torque in a joint is the sum over its own link and all links beyond.
-    return np.asarray(np.cumsum(own[::-1], axis=0)[::-1])
+    return np.asarray(np.cumsum(link_torque[::-1], axis=0)[::-1])
 
 
 def _start_window(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> StartedWindow:
@@ -401,9 +404,9 @@ def fit_pendulum(
     problem = _with_nuisances(make_swing_problem(campaign, WINDOW_S, BIN_S), names)
     stretches = cut_stretches(problem)
     space = space_of_pendulum(problem.pendulum, problem.nuisances)
-    found = search_models(make_pendulum_dataset(stretches), Parameterization(space), [], progress)
-    fit = summarize(found, found.nothing)
-    shifts = dict(to_pendulum_input(space.at(found.nothing.marginal.posterior.mean)).off)
+    search = search_models(make_pendulum_dataset(stretches), Parameterization(space), [], progress)
+    fit = summarize(search, search.nothing)
+    shifts = dict(to_pendulum_input(space.at(search.nothing.marginal.posterior.mean)).off)
     return PendulumFit(fit, apply_nuisances(problem.pendulum, shifts))
 
 
@@ -422,7 +425,10 @@ def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProbl
                 "lists and these runs depend on"
             )
     return replace(
-        problem, nuisances=tuple(one for one in problem.nuisances if not names or one.name in names)
+        problem,
+        nuisances=tuple(
+            nuisance for nuisance in problem.nuisances if not names or nuisance.name in names
+        ),
     )
 
 
@@ -431,8 +437,10 @@ def update_known_to(campaign: PendulumCampaign, fit: WindowFit) -> Mapping[str, 
 
     One key holds for several links, so the largest of their standard deviations is kept.
     """
-    found = dict(campaign.known_to)
+    known_to = dict(campaign.known_to)
     # A shift is named LINK.KEY, and [known_to] has one value per KEY.
     for key in {shift.name.partition(".")[2] for shift in fit.shifts}:
-        found[key] = max(shift.std for shift in fit.shifts if shift.name.partition(".")[2] == key)
-    return found
+        known_to[key] = max(
+            shift.std for shift in fit.shifts if shift.name.partition(".")[2] == key
+        )
+    return known_to

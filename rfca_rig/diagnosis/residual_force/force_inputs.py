@@ -114,26 +114,28 @@ def nominal_conditions(
         for flap in flaps
     ]
     jobs = [
-        (here, number, hinge)
-        for here in bare
-        for number in range(here.bumps.count)
+        (condition, number, hinge)
+        for condition in bare
+        for number in range(condition.bumps.count)
         for hinge in range(1, hinges + 1)
     ]
     # One map for all conditions, so that no core waits at the end of each.
     columns = map_in_processes(lambda job: _hinge_response(*job), jobs)
     conditions = []
     first = 0
-    for here in bare:
-        count = here.bumps.count * hinges
+    for condition in bare:
+        count = condition.bumps.count * hinges
         responses = np.stack(columns[first : first + count], axis=-1)
-        conditions.append(replace(here, in_hinge=responses.reshape(-1, here.bumps.count, hinges)))
+        conditions.append(
+            replace(condition, in_hinge=responses.reshape(-1, condition.bumps.count, hinges))
+        )
         first += count
     return tuple(conditions)
 
 
-def _hinge_response(here: NominalCondition, number: int, hinge: int) -> Floats:
-    change = bump_in_hinge(here.bumps, number, TRIED_NM, hinge)
-    return here.change_to(try_stroke(here, here.supposed, (change,)), TRIED_NM)
+def _hinge_response(condition: NominalCondition, number: int, hinge: int) -> Floats:
+    change = bump_in_hinge(condition.bumps, number, TRIED_NM, hinge)
+    return condition.change_to(try_stroke(condition, condition.supposed, (change,)), TRIED_NM)
 
 
 def try_stroke(
@@ -171,7 +173,7 @@ class ForceInput:
 
     def responses(self, conditions: Sequence[NominalCondition]) -> list[Floats]:
         """Response (m, count) of each condition."""
-        return [self.response(here) for here in conditions]
+        return [self.response(condition) for condition in conditions]
 
 
 def list_force_inputs(hinges: int) -> tuple[ForceInput, ...]:
@@ -186,7 +188,7 @@ def list_force_inputs(hinges: int) -> tuple[ForceInput, ...]:
             "a torque in all hinges alike",
             "N m",
             0.05,
-            lambda here: here.in_hinge.sum(axis=2),
+            lambda condition: condition.in_hinge.sum(axis=2),
         ),
         *single,
         ForceInput("tip_down", "a force on the tip, downwards", "N", 1.0, _pull(of_tip, down=True)),
@@ -216,44 +218,47 @@ def list_force_inputs(hinges: int) -> tuple[ForceInput, ...]:
 
 
 def _hinge(hinge: int) -> Callable[[NominalCondition], Floats]:
-    return lambda here: here.in_hinge[:, :, hinge - 1]
+    return lambda condition: condition.in_hinge[:, :, hinge - 1]
 
 
 def _channel(signal: str) -> Callable[[NominalCondition], Floats]:
-    return lambda here: here.rows_of({signal: here.bumps.at(here.flap.t_s)})
+    return lambda condition: condition.rows_of({signal: condition.bumps.at(condition.flap.t_s)})
 
 
-def _shaft_angle(here: NominalCondition) -> Floats:
+def _shaft_angle(condition: NominalCondition) -> Floats:
     """Response (m, count) to a shaft angle. The first bump is a wrong start angle, which every
     hypothesis may have, so it is zero.
     """
-    motion = here.flap.turn.motion(here.supposed, float(here.flap.t_s[-1]))
+    motion = condition.flap.turn.motion(condition.supposed, float(condition.flap.t_s[-1]))
     bent = [
-        bump_in_turn(motion, here.bumps, number, TRIED_RAD) for number in range(1, here.bumps.count)
+        bump_in_turn(motion, condition.bumps, number, TRIED_RAD)
+        for number in range(1, condition.bumps.count)
     ]
     columns = [
-        here.change_to(try_stroke(here, here.supposed, (), turn), TRIED_RAD) for turn in bent
+        condition.change_to(try_stroke(condition, condition.supposed, (), turn), TRIED_RAD)
+        for turn in bent
     ]
-    return np.column_stack([here.rows_of({}), *columns])
+    return np.column_stack([condition.rows_of({}), *columns])
 
 
-def _floor_height(here: NominalCondition) -> Floats:
+def _floor_height(condition: NominalCondition) -> Floats:
     """Response (m, count) to the height of the floor, as if the leg followed a slow change at once.
 
     It is exact for a floor that is higher all the time.
     """
     higher = try_stroke(
-        here, replace(here.supposed, height_offset_m=here.supposed.height_offset_m - TRIED_M)
+        condition,
+        replace(condition.supposed, height_offset_m=condition.supposed.height_offset_m - TRIED_M),
     )
     if higher is None:
-        return np.zeros((len(here.rows_of({})), here.bumps.count))
+        return np.zeros((len(condition.rows_of({})), condition.bumps.count))
     # The change of the whole stroke, weighted over time by each bump.
-    windows = here.bumps.at(here.flap.t_s)
+    windows = condition.bumps.at(condition.flap.t_s)
     changes = {
-        s: (getattr(higher, s) - getattr(here.stroke, s))[:, None] / TRIED_M * windows
-        for s in here.flap.signals
+        s: (getattr(higher, s) - getattr(condition.stroke, s))[:, None] / TRIED_M * windows
+        for s in condition.flap.signals
     }
-    return here.rows_of(changes)
+    return condition.rows_of(changes)
 
 
 def of_tip(stroke: SimulatedStroke) -> Floats:
@@ -295,12 +300,12 @@ def _pull(
         else:
             fy = -windows
             fz = 0.0 * windows
-        own = here.rows_of(
+        direct_part = here.rows_of(
             {"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy}
         )
         # `in_hinge` is for a torque that resists a hinge, and these torques act along the turn,
         # hence the minus.
-        return np.asarray(own - np.einsum("mji,jki->mk", here.in_hinge, levers))
+        return np.asarray(direct_part - np.einsum("mji,jki->mk", here.in_hinge, levers))
 
     return response
 

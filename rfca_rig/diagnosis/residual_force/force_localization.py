@@ -92,7 +92,8 @@ class ForceScene:
     def roots(self) -> list[Floats]:
         """For each smoothness a root (k, r) of the covariance of all forces at size 1."""
         way_s = [
-            here.flap.phases.valley_s - here.flap.phases.touchdown_s for here in self.conditions
+            nominal.flap.phases.valley_s - nominal.flap.phases.touchdown_s
+            for nominal in self.conditions
         ]
         # Time is scaled so that touchdown and valley of all conditions coincide, since they share a
         # part of the force.
@@ -117,14 +118,14 @@ class ForceScene:
         """Columns (m_c, k_c) of the rows of each condition, side by side in all rows, (m, sum
         k_c).
         """
-        found = np.zeros((len(self.target), sum(block.shape[1] for block in blocks)))
+        matrix = np.zeros((len(self.target), sum(block.shape[1] for block in blocks)))
         done = 0
         for number, block in enumerate(blocks):
-            found[np.flatnonzero(self.rows.condition == number), done : done + block.shape[1]] = (
+            matrix[np.flatnonzero(self.rows.condition == number), done : done + block.shape[1]] = (
                 block
             )
             done += block.shape[1]
-        return found
+        return matrix
 
 
 @dataclass(frozen=True)
@@ -280,8 +281,10 @@ class NormalEquations:
         factor = cholesky(
             scale[:, None] * gram * scale + np.eye(len(gram)), lower=True, check_finite=False
         )
-        found = solve_triangular(factor, scale * match, lower=True, check_finite=False)
-        return self.constant + 0.5 * float(found @ found) - float(np.log(np.diag(factor)).sum())
+        solution = solve_triangular(factor, scale * match, lower=True, check_finite=False)
+        return (
+            self.constant + 0.5 * float(solution @ solution) - float(np.log(np.diag(factor)).sum())
+        )
 
     def solve(self, root: Floats) -> tuple[Floats, Floats, Floats]:
         """Posterior for a root (k, r): nuisance parameters (p,), forces (k,), and the covariance
@@ -310,12 +313,12 @@ def make_held_out_equations(
     """Systems of the same response (m, k), each without the rows of one condition."""
     both = np.column_stack([scene.jacobian, response, scene.target])
     weighted = whitening.apply_precision(both)
-    found = []
+    systems = []
     for number in range(len(scene.conditions)):
         products, log_det = products_without(
             both, weighted, whitening, scene.rows.condition == number
         )
-        found.append(
+        systems.append(
             NormalEquations(
                 products[:-1, :-1],
                 products[:-1, -1],
@@ -323,7 +326,7 @@ def make_held_out_equations(
                 scene.jacobian.shape[1],
             )
         )
-    return found
+    return systems
 
 
 def _root(covariance: Floats) -> Floats:

@@ -90,7 +90,7 @@ def estimate_free_force(found: ModelSelectionResult) -> FreeForm | None:
         place=best.placed.place.id,
         words=best.placed.place.words,
         terms=best.law.terms,
-        ranking=tuple((one.placed.place.id, one.log_evidence) for one in ranked),
+        ranking=tuple((candidate.placed.place.id, candidate.log_evidence) for candidate in ranked),
         is_located=best.log_evidence >= AS_GOOD_LOG_ODDS and _explains(best),
         text=_describe(ranked),
     )
@@ -99,19 +99,19 @@ def estimate_free_force(found: ModelSelectionResult) -> FreeForm | None:
 def rank_places(scene: ForceScene) -> tuple[PlaceCandidate, ...]:
     """All places, most probable first; no formula is sought for those far behind."""
     blocks = map_in_processes(lambda place: place.responses(scene.conditions), scene.places)
-    responses = {place.id: own for place, own in zip(scene.places, blocks, strict=True)}
+    responses = {place.id: block for place, block in zip(scene.places, blocks, strict=True)}
     free = [localize_force(scene, place, responses[place.id]) for place in scene.places]
-    best = max(one.log_evidence for one in free)
-    near = [one for one in free if one.log_evidence > best - CLOSE_LOG_EVIDENCE]
-    laws = sparse_laws(scene, [(one.place, responses[one.place.id]) for one in near])
+    best = max(force.log_evidence for force in free)
+    near = [force for force in free if force.log_evidence > best - CLOSE_LOG_EVIDENCE]
+    laws = sparse_laws(scene, [(force.place, responses[force.place.id]) for force in near])
     # A formula counts only if it explains most of what the free force explains.
     lasting = {
-        one.place.id: law
-        for one, law in zip(near, laws, strict=True)
-        if law.explained > DOMINANT_SHARE * one.explained["all"]
+        force.place.id: law
+        for force, law in zip(near, laws, strict=True)
+        if law.explained > DOMINANT_SHARE * force.explained["all"]
     }
-    found = [PlaceCandidate(one, lasting.get(one.place.id, SparseLaw())) for one in free]
-    return tuple(sorted(found, key=lambda one: -one.log_evidence))
+    candidates = [PlaceCandidate(force, lasting.get(force.place.id, SparseLaw())) for force in free]
+    return tuple(sorted(candidates, key=lambda candidate: -candidate.log_evidence))
 
 
 def _explains(best: PlaceCandidate) -> bool:

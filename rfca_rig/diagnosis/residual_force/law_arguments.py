@@ -96,17 +96,19 @@ def courses_of_motions(
     simulator = _simulator(dataset)
     plant = simulator.plant(supposed)
     joint = simulator.mechanism.joints.index(place)
-    found = []
-    for each in (each for part in motions for each in part.windows):
-        motion = simulator.roll(plant, each.window)
+    argument_courses = []
+    for started_window in (window for part in motions for window in part.windows):
+        motion = simulator.roll(plant, started_window.window)
         if argument.startswith("speed"):
             values = motion.speed
         else:
             values = motion.position - plant.zero_offset
-        found.append(
-            Course(each.window.t_s, values[:, [joint]], np.ones((len(values), 1), dtype=bool))
+        argument_courses.append(
+            Course(
+                started_window.window.t_s, values[:, [joint]], np.ones((len(values), 1), dtype=bool)
+            )
         )
-    return found
+    return argument_courses
 
 
 def own_law_of_joint(
@@ -127,10 +129,13 @@ def turning_rate(
     counts as none.
     """
     motions = [part for part in dataset.parts if isinstance(part, Motions)]
-    found = courses_of_motions(dataset, motions, supposed, table.place, table.argument)
+    argument_courses = courses_of_motions(dataset, motions, supposed, table.place, table.argument)
     return (
         share
-        * max(float(np.abs(np.gradient(each.values, each.t_s, axis=0)).max()) for each in found)
+        * max(
+            float(np.abs(np.gradient(course.values, course.t_s, axis=0)).max())
+            for course in argument_courses
+        )
         + 1e-12
     )
 
@@ -154,8 +159,8 @@ def response_to_branch(
     branch = size * (np.arange(len(law.knots)) == knot)
     moved = replace(plant, laws=(*others, replace(law, branches=branch, turning=turning)))
     rows = [
-        (simulator.predict(moved, each) - simulator.predict(plant, each)).ravel() / size
-        for each in part.windows
+        (simulator.predict(moved, window) - simulator.predict(plant, window)).ravel() / size
+        for window in part.windows
     ]
     return np.concatenate(rows)
 
@@ -207,26 +212,26 @@ def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[
     motions = [part for part in dataset.parts if isinstance(part, Motions)]
     if motions:
         return courses_of_motions(dataset, motions, supposed, place, argument)
-    found = [
+    argument_courses = [
         course_of_stroke(flap, supposed, place, argument) for flap in select_strokes(dataset.parts)
     ]
-    found += [
-        each
+    argument_courses += [
+        course
         for part in dataset.parts
         if isinstance(part, Stretch)
-        for each in course_of_stretch(part, supposed, place, argument)
+        for course in course_of_stretch(part, supposed, place, argument)
     ]
-    if not found:
+    if not argument_courses:
         raise BadInput(
             f"no recording moves, so that a law of {argument} at {place} cannot be "
             "measured; record strokes"
         )
-    return found
+    return argument_courses
 
 
 def find_visited_range(found: Sequence[Course]) -> tuple[float, float]:
     """Range of the argument, without a thousandth of the time at either end."""
-    counted = np.concatenate([each.values[each.counts] for each in found])
+    counted = np.concatenate([course.values[course.counts] for course in found])
     if counted.size:
         low, high = np.quantile(counted, [SELDOM, 1.0 - SELDOM])
     else:
@@ -361,9 +366,9 @@ def course_of_stretch(
         apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)),
         supposed.rig.effects,
     )
-    found = []
-    for each in stretch.windows:
-        window = each.window
+    argument_courses = []
+    for started_window in stretch.windows:
+        window = started_window.window
         swing = ready.swing(window.trace, window.angle_rad, window.speed_rad_s, window.t_s)
         if argument == "rate_rad_s":
             values = swing.speed_rad_s
@@ -371,5 +376,5 @@ def course_of_stretch(
             values = swing.angle_rad
         if place != "joints":
             values = values[:, int(place.removeprefix("joint")) - 1][:, None]
-        found.append(Course(window.t_s, values, np.ones(values.shape, dtype=bool)))
-    return found
+        argument_courses.append(Course(window.t_s, values, np.ones(values.shape, dtype=bool)))
+    return argument_courses

@@ -123,22 +123,22 @@ def detect_memory(
     return MemoryTest(values + half, values - half, 2.0 * std, gain, has_memory)
 
 
-def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size: float) -> Floats:
+def _responses(search: ModelSelectionResult, supposed: Any, table: LawTable, size: float) -> Floats:
     """Response (m, k) of all rows to a unit of g at each knot."""
-    rows = found.dataset.rows
+    rows = search.dataset.rows
     count = len(table.knots)
-    if isinstance(found.dataset.parts[0], Motions):
-        turning = turning_rate(found.dataset, supposed, table, TURNING)
+    if isinstance(search.dataset.parts[0], Motions):
+        turning = turning_rate(search.dataset, supposed, table, TURNING)
     else:
         turning = 0.0
     jobs = [
         (number, part, knot)
-        for number, part in enumerate(found.dataset.parts)
+        for number, part in enumerate(search.dataset.parts)
         for knot in range(count)
     ]
     of_strokes = {
         number: _Stroke.of(part, supposed, table)
-        for number, part in enumerate(found.dataset.parts)
+        for number, part in enumerate(search.dataset.parts)
         if isinstance(part, DynamicCondition)
     }
 
@@ -147,7 +147,7 @@ def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size
         if number in of_strokes:
             return of_strokes[number].response(knot, size)
         if isinstance(part, Motions):
-            return response_to_branch(found.dataset, part, supposed, knot, TRIED * size, turning)
+            return response_to_branch(search.dataset, part, supposed, knot, TRIED * size, turning)
         if isinstance(part, Stretch):
             return _of_stretch(part, supposed, table, knot, size)
         return None
@@ -180,23 +180,23 @@ class _Stroke:
     @classmethod
     def of(cls, flap: DynamicCondition, supposed: ModelPoint, table: LawTable) -> "_Stroke":
         stroke = flap.stroke(supposed)
-        here = NominalCondition(flap, supposed, stroke, make_basis(flap), np.empty(0))
-        return cls(here, table, course_of_stroke(flap, supposed, table.place, table.argument))
+        condition = NominalCondition(flap, supposed, stroke, make_basis(flap), np.empty(0))
+        return cls(condition, table, course_of_stroke(flap, supposed, table.place, table.argument))
 
     def response(self, knot: int, size: float) -> Floats:
         """Change of the rows (m,) per unit of the knot."""
-        here = self.here
+        condition = self.here
         place = self.table.place
         branch = _branch(self.course, self.table, knot)
         if place.startswith("hinge"):
-            links = range(1, here.stroke.q_rad.shape[1])
+            links = range(1, condition.stroke.q_rad.shape[1])
             if place == "hinges":
                 only = list(links)
             else:
                 only = [int(place.removeprefix("hinge")) - 1]
             return self._respond_to_torque(branch, only, size)
         if not place.startswith("floor"):
-            return here.rows_of({place: branch[:, 0]})
+            return condition.rows_of({place: branch[:, 0]})
         down = place == "floor_normal"
         if down:
             force = -branch[:, 0]
@@ -214,35 +214,39 @@ class _Stroke:
         """Response (m,) to a force (n,) on the tip, downwards or along +y: torques about the
         hinges, and the direct part at the mount.
         """
-        here = self.here
-        arms = arms_of(here, of_tip(here.stroke), down)
+        condition = self.here
+        arms = arms_of(condition, of_tip(condition.stroke), down)
         torque = -force * arms[:, 0]
         nothing = np.zeros_like(force)
         fy, fz = (nothing, force) if down else (-force, nothing)
-        own = here.rows_of(
-            {"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy}
+        direct_part = condition.rows_of(
+            {
+                "fy_N": fy,
+                "fz_N": fz,
+                "tx_Nm": torque + condition.supposed.rig.sensor.below_shaft_m * fy,
+            }
         )
         levers = -force[:, None] * arms[:, 1:]
-        return own + self._respond_to_torque(levers, list(range(1, arms.shape[1])), size)
+        return direct_part + self._respond_to_torque(levers, list(range(1, arms.shape[1])), size)
 
     def _respond_to_torque(self, torque: Floats, only: Sequence[int], size: float) -> Floats:
         """Response (m,) per unit to torques (n, k) over time that resist the hinges `only`; zero
         where the model has no answer.
         """
-        here = self.here
+        condition = self.here
         largest = float(np.abs(torque).max())
         if largest == 0.0:
-            return here.rows_of({})
+            return condition.rows_of({})
         scale = TRIED * size / largest
         changes = tuple(
-            course_in_hinge(here.flap.t_s, scale * column, hinge)
+            course_in_hinge(condition.flap.t_s, scale * column, hinge)
             for column, hinge in zip(torque.T, only, strict=True)
         )
         try:
-            stroke = simulate_forced_stroke(here.flap, here.supposed, changes)
+            stroke = simulate_forced_stroke(condition.flap, condition.supposed, changes)
         except SimulationFailed:
-            return here.rows_of({})
-        return here.change_to(stroke, scale)
+            return condition.rows_of({})
+        return condition.change_to(stroke, scale)
 
 
 BEGINS, STEP, COUNT = range(3)

@@ -258,7 +258,7 @@ def fit_law(
 
 
 def _fit(
-    found: ModelSelectionResult,
+    search: ModelSelectionResult,
     argument: LawArgument,
     base: Hypothesis,
     starts: Sequence[tuple[float, LawStart]],
@@ -267,9 +267,9 @@ def _fit(
     """The law over its range in the motion of `moving`, from starts with the roughness of their
     first prior.
     """
-    optimizer = GaussNewton(found.dataset, found.likelihood)
+    optimizer = GaussNewton(search.dataset, search.likelihood)
     supposed = moving.fitted.coordinates.supposed(moving.fitted.x)
-    visited = find_visited_range(courses(found.dataset, supposed, argument.place, argument.name))
+    visited = find_visited_range(courses(search.dataset, supposed, argument.place, argument.name))
     if visited[1] - visited[0] < 1e-9:
         return None
     knots = place_knots(visited, argument.is_signed)
@@ -287,10 +287,10 @@ def _fit(
         if start is not None:
             # Twice: the prior is chosen by the Jacobian of the first fit, and the second fit uses
             # it.
-            here = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS))
+            fit = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS))
             laws.append(
                 _hypothesis(
-                    optimizer, optimizer.converge(optimizer.refine(here, LEVELS, ROUNDS), CONVERGE)
+                    optimizer, optimizer.converge(optimizer.refine(fit, LEVELS, ROUNDS), CONVERGE)
                 )
             )
     # Fits that are about as probable as the best are kept: their differences widen the band.
@@ -329,27 +329,27 @@ def _root(argument: LawArgument, knots: Floats, size: float, roughness: float) -
     return prior_root(knots, size * argument.plausible, roughness, argument.zero_at_zero)
 
 
-def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
+def _with_likeliest_prior(optimizer: GaussNewton, fit: MapFit) -> MapFit:
     """The fit at the same values with the prior size and roughness of the greatest evidence, by
     its present Jacobian.
     """
-    term, part = _term_of(here)
+    term, part = _term_of(fit)
     root = np.array(term.root)
     knots = np.array(term.knots)
-    law = root @ here.x[part]
-    slopes = here.jacobian[:, part] @ np.linalg.inv(root)
-    target = here.linear(optimizer.dataset.rows.measured).target
-    best = here
+    law = root @ fit.x[part]
+    slopes = fit.jacobian[:, part] @ np.linalg.inv(root)
+    target = fit.linear(optimizer.dataset.rows.measured).target
+    best = fit
     most = -np.inf
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _term(term.argument, knots, size, roughness)
-        jacobian = np.column_stack([here.jacobian[:, : part.start], slopes @ np.array(other.root)])
+        jacobian = np.column_stack([fit.jacobian[:, : part.start], slopes @ np.array(other.root)])
         log_evidence = optimizer.likelihood.evaluate(LinearModel(target, jacobian)).log_evidence
         if log_evidence > most:
-            coordinates = here.coordinates.with_terms((*here.coordinates.choices[:-1], other))
-            x = np.append(here.x[: part.start], np.linalg.solve(np.array(other.root), law))
+            coordinates = fit.coordinates.with_terms((*fit.coordinates.choices[:-1], other))
+            x = np.append(fit.x[: part.start], np.linalg.solve(np.array(other.root), law))
             size_of = np.linalg.norm(optimizer.likelihood.usual(jacobian), axis=0)
-            best = replace(here, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of)
+            best = replace(fit, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of)
             most = log_evidence
     return best
 
@@ -365,7 +365,7 @@ def _hypothesis(optimizer: GaussNewton, fitted: MapFit) -> Hypothesis:
     return Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), 0.0)
 
 
-def _make_measured_law(found: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> MeasuredLaw:
+def _make_measured_law(search: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> MeasuredLaw:
     """The most probable fit as plain values, with standard deviations that include the spread
     between equally good fits.
     """
@@ -381,11 +381,12 @@ def _make_measured_law(found: ModelSelectionResult, base: Hypothesis, fits: _Fit
     values = _estimate(law)[part]
     knots = np.array(term.knots)
     covariances = [
-        each + spread for each in (_covariance(found, law), _jackknife_covariance(found, law))
+        covariance + spread
+        for covariance in (_covariance(search, law), _jackknife_covariance(search, law))
     ]
-    whole = _whole(found, law, covariances)
-    before, after = (_compute_held_out_misfit(found, each) for each in (base, law))
-    densities = [_compute_held_out_log_density(found, each) for each in (base, law)]
+    whole = _whole(search, law, covariances)
+    before, after = (_compute_held_out_misfit(search, hypothesis) for hypothesis in (base, law))
+    densities = [_compute_held_out_log_density(search, hypothesis) for hypothesis in (base, law)]
     return MeasuredLaw(
         place=argument.place,
         argument=argument.name,
@@ -393,7 +394,7 @@ def _make_measured_law(found: ModelSelectionResult, base: Hypothesis, fits: _Fit
         unit=argument.value_unit,
         knots=knots,
         values=values,
-        std=_widest([each[part, part] for each in covariances]),
+        std=_widest([covariance[part, part] for covariance in covariances]),
         whole=None if whole is None else whole[0],
         whole_std=None if whole is None else whole[1],
         visited=fits.visited,
@@ -416,7 +417,7 @@ def _widest(covariances: Sequence[Floats]) -> Floats:
     """Larger standard deviation (k,) at each knot: where conditions disagree, the posterior
     alone is too narrow.
     """
-    return np.asarray(np.sqrt(np.max([np.diag(each) for each in covariances], axis=0)))
+    return np.asarray(np.sqrt(np.max([np.diag(covariance) for covariance in covariances], axis=0)))
 
 
 def _to_values(size: int, part: slice, root: Floats) -> Floats:
@@ -428,12 +429,12 @@ def _to_values(size: int, part: slice, root: Floats) -> Floats:
     return turn
 
 
-def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
+def _covariance(search: ModelSelectionResult, law: Hypothesis) -> Floats:
     """Covariance (p, p) of nuisance parameters and values, averaged over sizes and roughness of
     the prior by their evidence.
     """
     term, part = _term_of(law.fitted)
-    linear = law.fitted.linear(found.dataset.rows.measured)
+    linear = law.fitted.linear(search.dataset.rows.measured)
     root = np.array(term.root)
     knots = np.array(term.knots)
     slopes = linear.jacobian[:, part] @ np.linalg.inv(root)
@@ -442,7 +443,7 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     moments = []
     for size, roughness in product(SIZES, ROUGHNESS):
         other = _root(term.argument, knots, size, roughness)
-        judged = found.likelihood.evaluate(
+        judged = search.likelihood.evaluate(
             LinearModel(
                 linear.target, np.column_stack([linear.jacobian[:, : part.start], slopes @ other])
             )
@@ -458,14 +459,14 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
     return np.asarray(np.einsum("h,hij->ij", weights / weights.sum(), np.array(moments)))
 
 
-def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
+def _jackknife_covariance(search: ModelSelectionResult, law: Hypothesis) -> Floats:
     """Covariance (p, p) from the change of the estimate when each condition in turn is left out
     (Efron, SIAM 1982).
     """
-    rows = found.dataset.rows
+    rows = search.dataset.rows
     whitening = law.marginal.whitening
     linear = law.fitted.linear(rows.measured)
-    out = _list_held_out(found)
+    out = _list_held_out(search)
     both = np.column_stack([linear.jacobian, linear.target])
     weighed = whitening.apply_precision(both)
     unit = np.eye(linear.jacobian.shape[1])
@@ -480,7 +481,7 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
 
 
 def _whole(
-    found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]
+    search: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]
 ) -> tuple[Floats, Floats] | None:
     """The law plus that of the model at the place, and its standard deviations, (k,) each; None
     where the model has none.
@@ -492,52 +493,54 @@ def _whole(
     term, part = _term_of(law.fitted)
 
     def at(x: Floats) -> Floats | None:
-        own = compute_nominal_law(
-            found.dataset,
+        nominal = compute_nominal_law(
+            search.dataset,
             coordinates.supposed(x),
             term.argument.place,
             term.argument.name,
             np.array(term.knots),
         )
-        if own is None:
+        if nominal is None:
             return None
-        return add_own_law(term.argument.place, own, x[part])
+        return add_own_law(term.argument.place, nominal, x[part])
 
     estimate = _estimate(law)
-    here = at(estimate)
-    if here is None:
+    whole = at(estimate)
+    if whole is None:
         return None
     moved = [at(estimate + STEP * unit) for unit in np.eye(coordinates.size)]
-    jacobian = np.column_stack([(there - here) / STEP for there in moved if there is not None])
-    return here, _widest([jacobian @ each @ jacobian.T for each in covariances])
+    jacobian = np.column_stack(
+        [(neighbour - whole) / STEP for neighbour in moved if neighbour is not None]
+    )
+    return whole, _widest([jacobian @ covariance @ jacobian.T for covariance in covariances])
 
 
-def _list_held_out(found: ModelSelectionResult) -> list[int]:
+def _list_held_out(search: ModelSelectionResult) -> list[int]:
     """Conditions that move; a static table is always among the others."""
-    rows = found.dataset.rows
+    rows = search.dataset.rows
     return sorted({int(number) for number in rows.condition[rows.experiment != "static"]})
 
 
-def _compute_held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+def _compute_held_out_misfit(search: ModelSelectionResult, hypothesis: Hypothesis) -> float:
     """Sum of squares relative to noise and the usual model error, each condition predicted from
     the others.
     """
-    rows = found.dataset.rows
-    out = _list_held_out(found)
+    rows = search.dataset.rows
+    out = _list_held_out(search)
     residual = loo_residuals(
-        hypothesis.fitted.linear(rows.measured), found.likelihood.usual, rows.condition, out
+        hypothesis.fitted.linear(rows.measured), search.likelihood.usual, rows.condition, out
     )
-    return float((residual**2 / found.likelihood.usual.variance()).sum())
+    return float((residual**2 / search.likelihood.usual.variance()).sum())
 
 
-def _compute_held_out_log_density(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+def _compute_held_out_log_density(search: ModelSelectionResult, hypothesis: Hypothesis) -> float:
     """Log predictive density of all conditions, each predicted from the others, at the
     discrepancy scale of this hypothesis.
     """
-    rows = found.dataset.rows
-    linear = hypothesis.fitted.linear(found.dataset.rows.measured)
+    rows = search.dataset.rows
+    linear = hypothesis.fitted.linear(search.dataset.rows.measured)
     return float(
         loo_log_densities(
-            linear, found.likelihood.level(linear), rows.condition, _list_held_out(found)
+            linear, search.likelihood.level(linear), rows.condition, _list_held_out(search)
         ).sum()
     )

@@ -53,12 +53,12 @@ def locate_mismatch(
             [_chance(residual, covariance, np.concatenate(parts)) for parts in places.values()]
         )
     )
-    found = [
-        _locate(rows, residual, covariance, parts, float(chance))
-        for parts, chance in zip(places.values(), chances, strict=True)
-        if chance < CHANCE
+    located = [
+        _locate(rows, residual, covariance, parts, float(p_value))
+        for parts, p_value in zip(places.values(), chances, strict=True)
+        if p_value < CHANCE
     ]
-    return tuple(cell for cell, _ in cells), tuple(sorted(found, key=lambda place: -place.sigmas))
+    return tuple(cell for cell, _ in cells), tuple(sorted(located, key=lambda place: -place.sigmas))
 
 
 def lone_channel(rows: Observations, nothing: MapFit, likelihood: MarginalLikelihood) -> str | None:
@@ -135,13 +135,13 @@ def _locate(
     apart: Floats,
     covariance: Floats,
     parts: list[NDArray[np.intp]],
-    chance: float,
+    combined_p_value: float,
 ) -> Located:
     """The statement about one signal in one phase: the conditions that are significant alone, or
     all of them where none is.
     """
-    each = _holm(np.array([_chance(apart, covariance, of) for of in parts]))
-    shown = [of for of, p_value in zip(parts, each, strict=True) if p_value < CHANCE] or parts
+    p_values = _holm(np.array([_chance(apart, covariance, of) for of in parts]))
+    shown = [of for of, p_value in zip(parts, p_values, strict=True) if p_value < CHANCE] or parts
     cells = [_describe_cell(rows, apart, covariance, of) for of in shown]
     first = cells[0]
     return Located(
@@ -152,5 +152,5 @@ def _locate(
         size=float(np.sqrt(np.mean([cell.size**2 for cell in cells]))),
         unit=unit_of(first.signal),
         sigmas=float(np.sqrt(np.mean([cell.sigmas**2 for cell in cells]))),
-        p_value=chance,
+        p_value=combined_p_value,
     )

@@ -265,31 +265,32 @@ def sparse_laws(
         Each place with its responses per bump, one (m_c, count) for each condition.
     """
     libraries = [_library(scene, place, blocks) for place, blocks in places]
-    found = [SparseLaw()] * len(libraries)
+    best_laws = [SparseLaw()] * len(libraries)
     for whitening in scene.whitenings:
         laws = [
             _law(scene, library, whitening, _votes(scene, library, whitening))
             for library in libraries
         ]
         # Each place is judged at the discrepancy scale that suits it best.
-        found = [
-            max(pair, key=lambda law: law.log_evidence) for pair in zip(found, laws, strict=True)
+        best_laws = [
+            max(pair, key=lambda law: law.log_evidence)
+            for pair in zip(best_laws, laws, strict=True)
         ]
-    return found
+    return best_laws
 
 
 def _library(scene: ForceScene, place: ForceInput, blocks: Sequence[Floats]) -> _Library:
     terms = library_of(place.id)
-    signals = [signals_of(here) for here in scene.conditions]
-    courses = [[term.course(one) for term in terms] for one in signals]
+    signals = [signals_of(condition) for condition in scene.conditions]
+    courses = [[term.course(signal) for term in terms] for signal in signals]
     per = place.size / np.array(
         [_rms([course[k] for course in courses]) for k in range(len(terms))]
     )
-    each = zip(scene.conditions, blocks, courses, strict=True)
+    conditions = zip(scene.conditions, blocks, courses, strict=True)
     jobs = [
-        (here, place, block, *one)
-        for here, block, course in each
-        for one in zip(terms, course, per, strict=True)
+        (condition, place, block, *term_row)
+        for condition, block, course in conditions
+        for term_row in zip(terms, course, per, strict=True)
     ]
     columns = map_in_processes(lambda job: _response(*job), jobs)
     count = len(terms)
@@ -346,10 +347,10 @@ def _votes(scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening
 
 def _stack(scene: ForceScene, responses: Sequence[Sequence[Floats]]) -> Floats:
     """Responses of the terms in every condition, each in its own rows, (m, terms)."""
-    found = np.empty((len(scene.target), len(responses[0])))
+    matrix = np.empty((len(scene.target), len(responses[0])))
     for number, columns in enumerate(responses):
-        found[scene.rows.condition == number] = np.column_stack(columns)
-    return found
+        matrix[scene.rows.condition == number] = np.column_stack(columns)
+    return matrix
 
 
 def _greedy(system: NormalEquations, count: int) -> list[int]:
@@ -361,7 +362,7 @@ def _greedy(system: NormalEquations, count: int) -> list[int]:
             for k in range(count)
             if k not in chosen
         }
-        k = max(logs, key=lambda one: logs[one])
+        k = max(logs, key=lambda term: logs[term])
         # A further term must gain a clear evidence, and pay for having been chosen out of `count`.
         if logs[k] < best + AS_GOOD_LOG_ODDS + np.log(count):
             break
@@ -375,7 +376,12 @@ def _select_columns(count: int, kept: Sequence[int]) -> Floats:
 
 
 def _response(
-    here: NominalCondition, place: ForceInput, block: Floats, term: Term, course: Floats, per: float
+    condition: NominalCondition,
+    place: ForceInput,
+    block: Floats,
+    term: Term,
+    course: Floats,
+    per: float,
 ) -> Floats:
     """Response (m,) of the rows of one condition to a term of this course and size.
 
@@ -384,14 +390,14 @@ def _response(
     """
     if place.id.startswith("hinge") and term.name in SERIES:
         change = series_in(place, term.name, TRIED * per)
-        return here.change_to(try_stroke(here, here.supposed, (change,)), TRIED)
+        return condition.change_to(try_stroke(condition, condition.supposed, (change,)), TRIED)
     if place.id in CHANNELS:
-        return here.rows_of({CHANNELS[place.id]: per * course})
-    sizes = per * np.linalg.lstsq(here.bumps.at(here.flap.t_s), course, rcond=None)[0]
+        return condition.rows_of({CHANNELS[place.id]: per * course})
+    sizes = per * np.linalg.lstsq(condition.bumps.at(condition.flap.t_s), course, rcond=None)[0]
     if sizes.ndim == 1:
         return np.asarray(block @ sizes)
     if place.id == "hinges":
-        return np.asarray(np.einsum("mki,ki->m", here.in_hinge, sizes))
+        return np.asarray(np.einsum("mki,ki->m", condition.in_hinge, sizes))
     return np.asarray(block @ sizes[:, int(place.id.removeprefix("hinge")) - 2])
 
 

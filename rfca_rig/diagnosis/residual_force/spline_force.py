@@ -46,14 +46,14 @@ class SplineBasis:
     def at(self, t_s: Floats) -> Floats:
         """All bumps of size 1 at times (n,), as columns (n, count)."""
         x = (t_s[:, None] - self.centres_s) / self.spacing_s
-        found = _bump(x)
+        bumps = _bump(x)
         # The first bump stands for all bumps before it as well, so that the sum stays one up to the
         # start.
         first = x[:, 0]
-        found[:, 0] = np.where(
+        bumps[:, 0] = np.where(
             first < -1.0, 1.0, _bump(first) + _bump(first + 1.0) + _bump(first + 2.0)
         )
-        return found
+        return bumps
 
 
 def make_basis(flap: DynamicCondition) -> SplineBasis:
@@ -136,11 +136,11 @@ def bump_in_turn(
     breaks = np.union1d(motion.breaks_s, corners[corners < motion.breaks_s[-1]])
     # Breaks that coincide up to rounding would give pieces of zero length.
     breaks = breaks[np.append(True, np.diff(breaks) > 1e-9)]
-    own = np.array([_at(motion, begin) for begin in breaks[:-1]])
+    pieces = np.array([_at(motion, begin) for begin in breaks[:-1]])
     added = np.array([_bump_piece((begin - centre) / h) for begin in breaks[:-1]]) / h ** np.arange(
         4
     )
-    return ShaftMotion(breaks, own + size_rad * added, motion.landings_s)
+    return ShaftMotion(breaks, pieces + size_rad * added, motion.landings_s)
 
 
 def _at(motion: ShaftMotion, t: float) -> Floats:

@@ -72,20 +72,20 @@ def catalogue_curve(
         set_up(replace(rig, effects=effects), ANYWHERE_M, motion) for effects in ((), (present,))
     )
     if place.startswith(("hinge", "joint")):
-        found = _in_hinges(plain, having, argument, u)
+        curve = _in_hinges(plain, having, argument, u)
     elif place == "floor_friction":
         wanted = SLIP if argument == "slip_m_s" else LOAD
         laws = [_values(use, u) for use in having.laws if use.place == wanted]
-        found = np.prod([*laws, np.ones_like(u)], axis=0) - 1.0
+        curve = np.prod([*laws, np.ones_like(u)], axis=0) - 1.0
     elif place == "floor_normal":
         stiffer = having.rig.ground.stiffness_N_per_m1p5 - plain.rig.ground.stiffness_N_per_m1p5
-        found = stiffer * np.maximum(u, 0.0) ** 1.5 + sum(
+        curve = stiffer * np.maximum(u, 0.0) ** 1.5 + sum(
             _values(use, u, 0.0) for use in having.laws if use.place == NORMAL
         )
     else:
-        found = _read(having, place, argument, u)
-    if np.any(found):
-        return found
+        curve = _read(having, place, argument, u)
+    if np.any(curve):
+        return curve
     return None
 
 
@@ -107,13 +107,13 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
         )
     if argument != "angle_rad":
         return np.zeros_like(u)
-    own = [bending_torque_Nm(leg, u) for leg in (before, after)]
+    torques = [bending_torque_Nm(leg, u) for leg in (before, after)]
     bent = [
         _values(use, u, 0.0, 0.0, after.k0_Nm_per_rad, after.k2_per_rad2)
         for use in having.laws
         if use.place == HINGE and use.advance is None and use.only == -1
     ]
-    return np.asarray(own[1] - own[0] + sum(bent))
+    return np.asarray(torques[1] - torques[0] + sum(bent))
 
 
 def _sliding(use: LawUse, u: Floats) -> Floats:

@@ -138,14 +138,14 @@ def _command(case: PendulumCase, number: int) -> Tones:
 def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
     """The truth of a case as plain data, with the same keys as that of a leg (`truth.truth_of`)."""
     hidden = {**case.effects, **case.strangers}
-    each = {
+    sizes = {
         name: _size_of(replace(case, effects={name: values}, strangers={}))
         for name, values in case.effects.items()
     }
     if not hidden:
         shift = left = above = 0.0
-    elif len(each) == len(hidden) == 1:
-        shift, left, above = next(iter(each.values()))
+    elif len(sizes) == len(hidden) == 1:
+        shift, left, above = next(iter(sizes.values()))
     else:
         shift, left, above = _size_of(case)
     return {
@@ -163,8 +163,8 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
             "left_over_noise": left,
             "left_over_model_error": above,
         },
-        "left_of_each": {name: each[name][1] for name in case.effects},
-        "above_of_each": {name: each[name][2] for name in case.effects},
+        "left_of_each": {name: sizes[name][1] for name in case.effects},
+        "above_of_each": {name: sizes[name][2] for name in case.effects},
         "structured": None,
         "uneven": None,
         "world": asdict(case.world),
@@ -202,15 +202,15 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
         """Simulated windows (windows, samples, channels) in units of noise, started at the true
         states plus `start_off` (2 n,).
         """
-        found = []
+        simulated_windows = []
         for number, start_s in starts:
             trace = traces[number - 1]
             row = int(np.searchsorted(trace.t_s, start_s))
             state = trace.state[row] + (0.0 if start_off is None else start_off)
             t_s = trace.t_s[row] + np.linspace(0.0, WINDOW_S, 26)
             part = swing(world, state, _command(case, number), t_s, case.driven[number - 1])
-            found.append(np.column_stack([part.angle_rad, part.speed_rad_s]) / noise)
-        return np.array(found)
+            simulated_windows.append(np.column_stack([part.angle_rad, part.speed_rad_s]) / noise)
+        return np.array(simulated_windows)
 
     base = windows(plain)
     shift = windows(case.concealed) - base
@@ -266,10 +266,10 @@ def _remainder(shift: Floats, moves: list[Floats], states: list[Floats], units: 
     component of a window's start.
     """
     windows = len(shift)
-    rest, *columns = ((each / units).reshape(windows, -1) for each in (shift, *moves))
+    rest, *columns = ((change / units).reshape(windows, -1) for change in (shift, *moves))
     # The start of each window is free: its directions are projected out, window by window.
     starts = [
-        np.linalg.qr(np.stack([(each / units)[w].ravel() for each in states], axis=1))[0]
+        np.linalg.qr(np.stack([(state / units)[w].ravel() for state in states], axis=1))[0]
         for w in range(windows)
     ]
 

@@ -136,16 +136,18 @@ class PendulumWorld:
         masses = np.array([*self.mass_kg[:-1], self.mass_kg[-1] + self.tip_mass_kg])
         moments = np.multiply(self.mass_kg, self.centre_m)
         moments[-1] += self.tip_mass_kg * self.length_m[-1]
-        own = np.array(self.inertia_kg_m2)
-        own[-1] += self.tip_mass_kg * self.length_m[-1] ** 2
+        inertias = np.array(self.inertia_kg_m2)
+        inertias[-1] += self.tip_mass_kg * self.length_m[-1] ** 2
         lean = np.sin(angle + self.tilt_rad)
         if self.joints == 1:
-            return np.array([[own[0] + self.rotor_kg_m2]]), -G_M_S2 * moments * lean
+            return np.array([[inertias[0] + self.rotor_kg_m2]]), -G_M_S2 * moments * lean
         between = angle[0] - angle[1]
         coupling = moments[1] * self.length_m[0]
         cross = coupling * np.cos(between)
         rotor = self.rotor_kg_m2
-        matrix = np.array([[own[0] + masses[1] * self.length_m[0] ** 2, cross], [cross, own[1]]])
+        matrix = np.array(
+            [[inertias[0] + masses[1] * self.length_m[0] ** 2, cross], [cross, inertias[1]]]
+        )
         # The second rotor turns with the relative angle of the joint.
         matrix += rotor * np.array([[2.0, -1.0], [-1.0, 1.0]])
         turning = coupling * np.sin(between) * np.array([-(speed[1] ** 2), speed[0] ** 2])

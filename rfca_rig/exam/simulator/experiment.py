@@ -335,18 +335,18 @@ def integrate_second_order(t_s: Floats, x: Floats, rate: float, ratio: float, y:
     w is `rate` in rad/s, d is `ratio`. Second order: half a drift, a kick with half-implicit
     damping, half a drift.
     """
-    place = x[0]
+    position = x[0]
     speed = 0.0
     for i in range(1, x.size):
         h = (t_s[i] - t_s[i - 1]) / PIECES
         for piece in range(PIECES):
-            place += 0.5 * h * speed
+            position += 0.5 * h * speed
             now = x[i - 1] + (x[i] - x[i - 1]) * (piece + 0.5) / PIECES
-            speed = (speed * (1.0 - h * ratio * rate) + h * rate * rate * (now - place)) / (
+            speed = (speed * (1.0 - h * ratio * rate) + h * rate * rate * (now - position)) / (
                 1.0 + h * ratio * rate
             )
-            place += 0.5 * h * speed
-        y[i] = place
+            position += 0.5 * h * speed
+        y[i] = position
 
 
 def apply_play(x: Floats, half_width: float) -> Floats:
@@ -492,14 +492,14 @@ def plan_stages(
     speeds = [0.0]
     read_s = []
     now = 0.0
-    here = start_rad
+    shaft_rad = start_rad
     for angle in angles_rad:
-        for seconds, reached in (*_moves(angle - here, ramp_s), (HOLD_S, 0.0)):
+        for seconds, reached in (*_moves(angle - shaft_rad, ramp_s), (HOLD_S, 0.0)):
             now += seconds
             times.append(now)
             speeds.append(float(reached))
         read_s.append(now - 0.5 * READ_S)
-        here = angle
+        shaft_rad = angle
     return np.array([times, speeds]), np.array(read_s)
 
 

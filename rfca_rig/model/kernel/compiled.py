@@ -92,16 +92,16 @@ def _list_callees(libraries: Sequence[Any]) -> list[Any]:
     """These libraries, and those that parts among them call, in order of the first call, each
     once.
     """
-    found = dict.fromkeys(libraries)
-    waiting = list(found)
+    callees = dict.fromkeys(libraries)
+    waiting = list(callees)
     for library in waiting:
         if isinstance(library, _Part):
-            new = [one for one in library._linking_libraries if one not in found]
+            new = [callee for callee in library._linking_libraries if callee not in callees]
         else:
             new = []
-        found |= dict.fromkeys(new)
+        callees |= dict.fromkeys(new)
         waiting += new
-    return list(found)
+    return list(callees)
 
 
 def _link_parts(module: Any, libraries: Sequence[Any]) -> None:

@@ -499,7 +499,7 @@ def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, wor
         back = measure_slip_reversal(chain, h, k, work)
         # An end that reversed slips to the farthest point first, which drags the anchor along; then
         # the tie relaxes by the way back.
-        there = back * sign(work.ends[k, 3])
+        excursion = back * sign(work.ends[k, 3])
         # After a touchdown the limit has grown from zero since then, which halves the force of the
         # stretch.
         touches_down = (depth > 0.0) & (work.ends[k, 0] <= 0.0)
@@ -507,7 +507,7 @@ def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, wor
         stretch = select(
             touches_down,
             0.5 * slip * touched_s,
-            stretch_after(chain, k, stretch + there, limit, work) - there,
+            stretch_after(chain, k, stretch + excursion, limit, work) - excursion,
         )
         changed = changed | touches_down | (back > 0.0)
         reach = select(depth > 0.0, chain.presliding, 0.0)

@@ -210,11 +210,11 @@ def _test_bits(symbol: str, value: int) -> Callable[..., Any]:
 
 def _extreme(symbol: str) -> Callable[..., Any]:
     def build(builder: Any, x: Any) -> Any:
-        found = builder.extract_element(x, _INT32(0))
+        extreme = builder.extract_element(x, _INT32(0))
         for lane in range(1, LANES):
             other = builder.extract_element(x, _INT32(lane))
-            found = builder.select(builder.fcmp_ordered(symbol, other, found), other, found)
-        return found
+            extreme = builder.select(builder.fcmp_ordered(symbol, other, extreme), other, extreme)
+        return extreme
 
     return build
 

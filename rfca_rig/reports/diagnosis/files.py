@@ -96,7 +96,7 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
             f"acts on the {diagnosis.place.id} "
             f"({format_probability(diagnosis.place.probability)}): {diagnosis.place.words}"
         )
-    yield from (describe_moved_prior(one) for one in diagnosis.moved_priors[:2])
+    yield from (describe_moved_prior(moved_prior) for moved_prior in diagnosis.moved_priors[:2])
     yield from _figures(diagnosis)
     failed = [criterion for criterion in diagnosis.criteria if not criterion.passed]
     if failed and diagnosis.grade != "nothing missing":
@@ -107,7 +107,7 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     yield from (
         f"unexplained: {text}" for text in diagnosis.unexplained[:1] if text.startswith("closest")
     )
-    ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
+    ruled_out = sum(effect.would_have_seen is not None for effect in diagnosis.not_seen)
     if diagnosis.not_seen:
         yield (
             f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: "
@@ -161,8 +161,8 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
         yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
     if diagnosis.valley:
         yield ", ".join(
-            f"{words_and_unit(name)[0]} {_change(each)} %"
-            for name, each in diagnosis.valley.items()
+            f"{words_and_unit(name)[0]} {_change(misfit)} %"
+            for name, misfit in diagnosis.valley.items()
         )
 
 
@@ -212,7 +212,7 @@ def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = Non
     contents = {
         "diagnosis.json": as_json(diagnosis),
         **table_files(tables),
-        **{f"{one.name}.csv": as_csv(one) for one in plain},
+        **{f"{table.name}.csv": as_csv(table) for table in plain},
     }
     known = origin or Origin()
     context = PageContext(known, find_pages(out, known, ("diagnosis.html",)))
@@ -254,19 +254,19 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
         sections["drive"] = {**sections["drive"], "holds_start": True}
     # A height offset beyond its uncertainty means that the rack stood elsewhere, which the model
     # file states as an effect.
-    found = [_to_found_effect(effect) for effect in diagnosis.effects]
+    effects = [_to_found_effect(effect) for effect in diagnosis.effects]
     height = diagnosis.believed_values.get("height")
     if (
         height
         and abs(height.value) >= height.std
-        and all(effect.id != HEIGHT_OFFSET for effect in found)
+        and all(effect.id != HEIGHT_OFFSET for effect in effects)
     ):
-        found.append(
+        effects.append(
             FoundEffect(HEIGHT_OFFSET, {"offset_mm": height.value}, {"offset_mm": height.std})
         )  # the rack stood elsewhere
     comments = [f"Diagnosed from {diagnosis.title}", diagnosis.sentence]
     write_model(
-        path, sections, _refine_known_to(diagnosis.believed_values, recording), comments, found
+        path, sections, _refine_known_to(diagnosis.believed_values, recording), comments, effects
     )
     return True
 
@@ -312,10 +312,10 @@ def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> 
 
 
 def _to_found_effect(effect: NamedEffect) -> FoundEffect:
-    found = {**effect.parameters, **effect.shape}
-    values = {name: value.value for name, value in found.items()}
+    parameters = {**effect.parameters, **effect.shape}
+    values = {name: value.value for name, value in parameters.items()}
     return FoundEffect(
-        effect.id, values, {name: value.std for name, value in found.items() if value.std}
+        effect.id, values, {name: value.std for name, value in parameters.items() if value.std}
     )
 
 

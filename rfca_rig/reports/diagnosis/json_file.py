@@ -36,8 +36,8 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
     # none, without.
     forces = {**all_misfits(diagnosis), **diagnosis.held_out}
     floored = {
-        name: _before_after(each) | {"noise_floor": each.noise_floor}
-        for name, each in forces.items()
+        name: _before_after(misfit) | {"noise_floor": misfit.noise_floor}
+        for name, misfit in forces.items()
     }
     return {
         "format": FORMAT,
@@ -45,11 +45,11 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "located": [_place_record(place) for place in diagnosis.located],
         "effects": [_effect(effect) for effect in diagnosis.effects],
         "not_seen": [
-            {"id": one.id, "would_have_seen": one.would_have_seen}
-            for one in diagnosis.not_seen
-            if one.would_have_seen is not None
+            {"id": effect.id, "would_have_seen": effect.would_have_seen}
+            for effect in diagnosis.not_seen
+            if effect.would_have_seen is not None
         ],
-        "fit": floored | {name: _before_after(each) for name, each in diagnosis.valley.items()},
+        "fit": floored | {name: _before_after(misfit) for name, misfit in diagnosis.valley.items()},
         "unexplained": diagnosis.unexplained,
         "next_experiment": diagnosis.next_experiment,
         "grade": diagnosis.grade,
@@ -60,9 +60,11 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "family": None if diagnosis.family is None else asdict(diagnosis.family),
         "other_families": [asdict(family) for family in diagnosis.other_families],
         "place": None if diagnosis.place is None else asdict(diagnosis.place),
-        "not_tested": [one.id for one in diagnosis.not_seen if one.would_have_seen is None],
+        "not_tested": [
+            effect.id for effect in diagnosis.not_seen if effect.would_have_seen is None
+        ],
         "title": diagnosis.title,
-        "recordings": [asdict(one) for one in diagnosis.recordings],
+        "recordings": [asdict(recording) for recording in diagnosis.recordings],
         "sentence": diagnosis.sentence,
         "gates": [asdict(criterion) for criterion in diagnosis.criteria],
         "rivals": [
@@ -80,7 +82,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "priors": {name: _prior(name, diagnosis) for name in diagnosis.priors},
         "remaining": [_place_record(place) for place in diagnosis.remaining],
-        "moved_priors": [asdict(one) for one in diagnosis.moved_priors],
+        "moved_priors": [asdict(moved_prior) for moved_prior in diagnosis.moved_priors],
         "remarks": diagnosis.remarks,
         "settings": diagnosis.settings,
         "support": diagnosis.support,
@@ -116,9 +118,9 @@ def to_json_types(value: object) -> Any:
     NaN and infinity as null.
     """
     if isinstance(value, Mapping):
-        return {str(name): to_json_types(each) for name, each in value.items()}
+        return {str(name): to_json_types(item) for name, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [to_json_types(each) for each in value]
+        return [to_json_types(item) for item in value]
     if isinstance(value, np.generic):
         return to_json_types(value.item())
     if isinstance(value, float):
@@ -164,15 +166,15 @@ def _prior(name: str, diagnosis: Diagnosis) -> dict[str, Any]:
         "unit": diagnosis.nuisance_units.get(name),
         "known_to": diagnosis.nuisance_keys.get(name),
     }
-    return _value(diagnosis.priors[name]) | {key: each for key, each in facts.items() if each}
+    return _value(diagnosis.priors[name]) | {key: fact for key, fact in facts.items() if fact}
 
 
 def _value(value: Value) -> dict[str, float]:
     return {"value": value.value, "std": value.std}
 
 
-def _before_after(each: BeforeAfter) -> dict[str, float | None]:
-    return {"before": each.before, "after": each.after}
+def _before_after(misfit: BeforeAfter) -> dict[str, float | None]:
+    return {"before": misfit.before, "after": misfit.after}
 
 
 def _cell(cell: MapCell) -> dict[str, Any]:

@@ -232,8 +232,10 @@ def maps_of(diagnosis: Diagnosis) -> list[Map]:
     for cell in diagnosis.cells:
         phases.setdefault((cell.experiment, cell.signal), {})[cell.phase] = None
     groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
-    for (experiment, signal), found in phases.items():
-        groups.setdefault((experiment, tuple(sorted(found, key=_place_on_map))), []).append(signal)
+    for (experiment, signal), signal_phases in phases.items():
+        groups.setdefault((experiment, tuple(sorted(signal_phases, key=_place_on_map))), []).append(
+            signal
+        )
     maps = []
     for (experiment, _), signals in groups.items():
         cells = [
@@ -308,12 +310,12 @@ def _shade(
 ) -> Shade:
     if cell is None:
         return Shade("", 0, "", False)
-    found = (cell.signal, cell.experiment, cell.phase, cell.condition) in located
+    is_located = (cell.signal, cell.experiment, cell.phase, cell.condition) in located
     return Shade(
         format_decimals(cell.size, places),
         band(cell.sigmas),
         format_significant(cell.sigmas, 2),
-        found,
+        is_located,
     )
 
 
@@ -340,15 +342,15 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
     diagnosis = convert_diagnosis(diagnosis)
     probability = diagnosis.probability
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
-    differing = {one.signal for one in (*diagnosis.located, *diagnosis.remaining)}
+    differing = {place.signal for place in (*diagnosis.located, *diagnosis.remaining)}
     pictures = pictures_of(diagnosis.overlays, differing)
     next_step, next_command = describe_next_step(diagnosis)
     proposal: Mapping[str, Any] = diagnosis.next_experiment or {}
     why = str(proposal.get("why", ""))
     # Each pair of hypotheses with the log evidence that the experiment is expected to give.
     pairs = [
-        f"{one} from {other}: {format_significant(log, 2)}"
-        for one, other, log in proposal.get("separates", ())
+        f"{rival} from {other}: {format_significant(log, 2)}"
+        for rival, other, log in proposal.get("separates", ())
     ]
     if pairs:
         separates = {"separates by log evidence": pairs}
@@ -379,8 +381,8 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         identified=diagnosis.grade == "identified",
         family=diagnosis.family,
         other_families=[
-            asdict(one) | {"probability": format_probability(one.probability)}
-            for one in diagnosis.other_families
+            asdict(family) | {"probability": format_probability(family.probability)}
+            for family in diagnosis.other_families
         ],
         place=diagnosis.place,
         place_probability=format_probability(diagnosis.place.probability)
@@ -391,15 +393,19 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         else f"{100.0 * diagnosis.explained_share:.0f}\u00a0%",
         remaining=[_place(place, diagnosis) for place in diagnosis.remaining],
         law=None if diagnosis.stated_law is None else _law(diagnosis.stated_law),
-        moved_priors=[describe_moved_prior(one) for one in diagnosis.moved_priors],
+        moved_priors=[describe_moved_prior(moved_prior) for moved_prior in diagnosis.moved_priors],
         before_after=before_after_table(diagnosis),
-        pictures=[one for one in pictures if not one.summary],
-        folded=[one for one in pictures if one.summary],
+        pictures=[picture for picture in pictures if not picture.summary],
+        folded=[picture for picture in pictures if picture.summary],
         acceptance=acceptance_table(diagnosis),
         rivals=shown_rivals,
         other_rivals=other_rivals,
-        ruled_out=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is not None],
-        not_tested=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is None],
+        ruled_out=[
+            _not_seen(effect) for effect in diagnosis.not_seen if effect.would_have_seen is not None
+        ],
+        not_tested=[
+            _not_seen(effect) for effect in diagnosis.not_seen if effect.would_have_seen is None
+        ],
         unexplained_title="Why it is not identified"
         if diagnosis.grade in ("mostly", "family")
         else "Still unexplained",
@@ -427,7 +433,7 @@ def describe_evidence(diagnosis: Diagnosis) -> str:
     """
     if not diagnosis.located:
         return ""
-    place = max(diagnosis.located, key=lambda one: one.sigmas)
+    place = max(diagnosis.located, key=lambda located: located.sigmas)
     sentence = (
         f"It shows in {signal_words(place.signal)}, {place.phase}: "
         f"{format_significant(place.size)} {place.unit} rms, "
@@ -463,7 +469,7 @@ def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """Nuisance parameters in prior standard deviations from their priors, as a forest plot, with
     values in their units.
     """
-    found = []
+    nuisances = []
     for name, value in diagnosis.believed_values.items():
         words, unit = words_and_unit(name)
         unit = nuisance_unit(diagnosis, name) or unit
@@ -486,8 +492,8 @@ def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
             texts["forest"] = draw_forest(
                 (-STDS_90, 0.0, STDS_90), (z - half, z, z + half), FOREST_STDS, shown_text, 0.0
             )
-        found.append(texts)
-    return found
+        nuisances.append(texts)
+    return nuisances
 
 
 def _text(text: str) -> str:
@@ -512,13 +518,13 @@ def _conditions(place: Located, diagnosis: Diagnosis) -> str:
     labels.
     """
     of_place = (place.signal, place.experiment, place.phase)
-    every = {
+    conditions = {
         cell.condition
         for cell in diagnosis.cells
         if (cell.signal, cell.experiment, cell.phase) == of_place
     }
-    if len(place.conditions) > 1 and every == set(place.conditions):
-        return f"all {len(every)}"
+    if len(place.conditions) > 1 and conditions == set(place.conditions):
+        return f"all {len(conditions)}"
     return keep_units_together("; ".join(place.conditions)) or NOTHING
 
 
@@ -549,7 +555,10 @@ def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
     }
     known = catalogue().get(effect_id)
     if known:
-        plausible = next((one for one in known.parameters if page_name(one.name)[0] == name), None)
+        plausible = next(
+            (parameter for parameter in known.parameters if page_name(parameter.name)[0] == name),
+            None,
+        )
     else:
         plausible = None
     if not isfinite(value.value):
@@ -610,8 +619,8 @@ def _rivals(rivals: Sequence[Rival]) -> tuple[list[dict[str, Any]], str]:
     best_evidence = max((rival.log_evidence for rival in ranked), default=0.0)
     listed = [
         r
-        for place, r in enumerate(ranked)
-        if r.ids in ((), ("unknown",)) or (place < SHOWN_RIVALS and r.probability >= NEGLIGIBLE)
+        for rank, r in enumerate(ranked)
+        if r.ids in ((), ("unknown",)) or (rank < SHOWN_RIVALS and r.probability >= NEGLIGIBLE)
     ]
     rest = [rival.probability for rival in ranked if rival not in listed]
     if rest:
@@ -643,6 +652,6 @@ def _rival(rival: Rival, best_evidence: float) -> dict[str, Any]:
     }
 
 
-def _not_seen(one: NotSeen) -> dict[str, str]:
-    detectable: Mapping[str, float] = one.would_have_seen or {}
-    return {"id": one.id, "left_out": describe_effect(one.id), "size": sizes(detectable)}
+def _not_seen(effect: NotSeen) -> dict[str, str]:
+    detectable: Mapping[str, float] = effect.would_have_seen or {}
+    return {"id": effect.id, "left_out": describe_effect(effect.id), "size": sizes(detectable)}

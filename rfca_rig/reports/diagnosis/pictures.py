@@ -92,16 +92,16 @@ def pictures_of(
         of_signal.setdefault(overlay.signal, []).append(overlay)
     # Panel by panel, because signals differ in how long they take.
     tasks = []
-    for own in of_signal.values():
-        limits = _limits_of(own)
-        tasks += [(number, overlay, limits) for number, overlay in enumerate(own)]
+    for signal_overlays in of_signal.values():
+        limits = _limits_of(signal_overlays)
+        tasks += [(number, overlay, limits) for number, overlay in enumerate(signal_overlays)]
     panels = map_in_processes(lambda task: _panel(*task), tasks)
     pictures = []
     first = 0
-    for name, own in of_signal.items():
-        of_picture = tuple(panels[first : first + len(own)])
-        pictures.append(_picture(name, own, name in never_folded, of_picture))
-        first += len(own)
+    for name, signal_overlays in of_signal.items():
+        of_picture = tuple(panels[first : first + len(signal_overlays)])
+        pictures.append(_picture(name, signal_overlays, name in never_folded, of_picture))
+        first += len(signal_overlays)
     return pictures
 
 
@@ -112,9 +112,9 @@ def _picture(
     fit = residuals_of(overlays)
     largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
     coincide = np.isfinite(largest) and largest < COINCIDE * _span(
-        np.concatenate([each.measured for each in overlays])
+        np.concatenate([overlay.measured for overlay in overlays])
     )
-    if any(each.parts and each.parts != (each.condition,) for each in overlays):
+    if any(overlay.parts and overlay.parts != (overlay.condition,) for overlay in overlays):
         caption = f"{count_noun(len(overlays), 'recording')} on one scale."
     else:
         caption = f"Means over the repeats, {count_noun(len(overlays), 'condition')} on one scale."
@@ -131,9 +131,12 @@ def residuals_of(overlays: Sequence[SignalOverlay]) -> BeforeAfter:
     """
     before, after = (
         np.concatenate(
-            [each.measured - model for each, model in zip(overlays, models, strict=True)]
+            [overlay.measured - model for overlay, model in zip(overlays, models, strict=True)]
         )
-        for models in ([each.before for each in overlays], [each.after for each in overlays])
+        for models in (
+            [overlay.before for overlay in overlays],
+            [overlay.after for overlay in overlays],
+        )
     )
     return BeforeAfter(_rms(before), _rms(after))
 
@@ -223,15 +226,15 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     shaded.
     """
     drawn = {
-        (one.signal, part): one
-        for one in diagnosis.overlays
-        for part in one.parts or (one.condition,)
+        (curve.signal, part): curve
+        for curve in diagnosis.overlays
+        for part in curve.parts or (curve.condition,)
     }
     signals = {signal for signal, _ in drawn}
     places = [
-        (one.sigmas, one.signal, one.phase, one.conditions)
-        for one in diagnosis.located
-        if one.signal in signals
+        (place.sigmas, place.signal, place.phase, place.conditions)
+        for place in diagnosis.located
+        if place.signal in signals
     ]
     if not places:
         places = [
@@ -242,12 +245,14 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     if not places:
         return None
     _, signal, phase, conditions = max(places, key=lambda place: place[0])
-    there = [drawn[signal, name] for name in conditions if (signal, name) in drawn]
-    if not there:
+    curves = [drawn[signal, name] for name in conditions if (signal, name) in drawn]
+    if not curves:
         return None
     overlay = max(
-        there,
-        key=lambda one: float(np.nan_to_num(np.abs(one.measured - one.before)).max(initial=0.0)),
+        curves,
+        key=lambda curve: float(
+            np.nan_to_num(np.abs(curve.measured - curve.before)).max(initial=0.0)
+        ),
     )
     if overlay.phase.size:
         inside = overlay.phase == phase
@@ -294,7 +299,7 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
         label = html_text(f"residual of {words} over time at {overlay.condition}, before and after")
         svg = inline_svg(figure, "residual located", label, hovers)
     where = f"{phase}, shaded" if inside.any() else phase
-    count = len({one.condition for one in there})
+    count = len({curve.condition for curve in curves})
     if count > 1:
         others = f" The worst of {count} conditions where it shows."
     else:

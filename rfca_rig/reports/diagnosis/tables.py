@@ -190,7 +190,7 @@ def format_value(value: object) -> str:
             return f"{value:.6g}".replace("-", "\u2212")
         return NOTHING
     if hasattr(value, "__iter__"):
-        return ", ".join(format_value(each) for each in value)
+        return ", ".join(format_value(item) for item in value)
     return str(value)
 
 
@@ -247,16 +247,16 @@ def acceptance_table(diagnosis: Diagnosis) -> Table:
     rows = tuple(
         TableRow(
             {
-                "test": one.name,
-                "required": one.required,
-                "observed": one.found.removesuffix(f", {one.required}")
-                if one.required
-                else one.found,
-                "result": "passed" if one.passed else "failed",
+                "test": criterion.name,
+                "required": criterion.required,
+                "observed": criterion.found.removesuffix(f", {criterion.required}")
+                if criterion.required
+                else criterion.found,
+                "result": "passed" if criterion.passed else "failed",
             },
-            marked=not one.passed,
+            marked=not criterion.passed,
         )
-        for one in diagnosis.criteria
+        for criterion in diagnosis.criteria
     )
     columns = tuple(
         TableColumn(key, head)
@@ -273,14 +273,14 @@ def hypotheses_table(diagnosis: Diagnosis) -> Table:
     rows = tuple(
         TableRow(
             {
-                "missing": hypothesis(one.ids),
-                "prior_probability": one.prior,
-                "probability": one.probability,
-                "log_evidence": one.log_evidence - best,
-                "model_error": one.model_error,
+                "missing": hypothesis(rival.ids),
+                "prior_probability": rival.prior,
+                "probability": rival.probability,
+                "log_evidence": rival.log_evidence - best,
+                "model_error": rival.model_error,
             }
         )
-        for one in diagnosis.rivals
+        for rival in diagnosis.rivals
     )
     return Table("hypotheses", "", tuple(TableColumn(key) for key in HYPOTHESES), rows)
 
@@ -298,10 +298,14 @@ def signals_table(diagnosis: Diagnosis) -> Table:
     the unit of the signal's name.
     """
     rows = tuple(
-        TableRow(dict(zip(SIGNALS, (one.condition, one.signal, *values), strict=True)))
-        for one in diagnosis.overlays
+        TableRow(dict(zip(SIGNALS, (overlay.condition, overlay.signal, *values), strict=True)))
+        for overlay in diagnosis.overlays
         for values in zip(
-            *(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True
+            *(
+                part.tolist()
+                for part in (overlay.t_s, overlay.measured, overlay.before, overlay.after)
+            ),
+            strict=True,
         )
     )
     return Table("signals", "", tuple(TableColumn(key) for key in SIGNALS), rows)
@@ -334,7 +338,7 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         _row("signals", name, fit.get(name), diagnosis.held_out.get(f"held_out_{name}"))
         for name in names
     ]
-    rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
+    rows += [_row("Table II", name, misfit) for name, misfit in diagnosis.valley.items()]
     held_out = (
         (
             TableColumn("held_out_before", "before", over=HELD_OUT),
@@ -389,9 +393,9 @@ def _row(
     so that they can be compared.
     """
     floors = [
-        each.noise_floor
-        for each in (fit, held_out)
-        if each is not None and each.noise_floor is not None
+        misfit.noise_floor
+        for misfit in (fit, held_out)
+        if misfit is not None and misfit.noise_floor is not None
     ]
     numbers = {
         "before": fit.before if fit else None,
@@ -418,9 +422,11 @@ def detection_limits_table(diagnosis: Diagnosis) -> Table:
     An effect without a size could not have been detected in these data.
     """
     rows = [
-        TableRow({"effect": one.id.replace("_", " "), "means": describe_effect(one.id), **size})
-        for one in diagnosis.not_seen
-        for size in _sizes(one.would_have_seen)
+        TableRow(
+            {"effect": effect.id.replace("_", " "), "means": describe_effect(effect.id), **size}
+        )
+        for effect in diagnosis.not_seen
+        for size in _sizes(effect.would_have_seen)
     ]
     columns = (
         TableColumn("effect", "Effect"),

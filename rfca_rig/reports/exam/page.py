@@ -191,7 +191,9 @@ def _outcomes(marks: ExamScores) -> dict[str, Any]:
     return {
         "words": words,
         "lines": lines,
-        "totals": [sum(counts[place] for _, _, counts in lines) for place in range(len(OUTCOMES))],
+        "totals": [
+            sum(counts[column] for _, _, counts in lines) for column in range(len(OUTCOMES))
+        ],
     }
 
 
@@ -218,22 +220,24 @@ def _power(marks: ExamScores) -> str:
 
 
 def _calibration(marks: ExamScores) -> str:
-    found = marks.calibration
+    scores = marks.calibration
     return (
-        f"Calibration error {share_text(found.ece)}, Brier score {number(found.brier, 3)}, "
-        f"logarithmic score {number(found.log_score, 3)}."
+        f"Calibration error {share_text(scores.ece)}, Brier score {number(scores.brier, 3)}, "
+        f"logarithmic score {number(scores.log_score, 3)}."
     )
 
 
 def _values(marks: ExamScores) -> str:
-    found = marks.values
-    if isfinite(found.coverage_90):
-        covered = f"; {share_text(found.coverage_90)} of the 90 % intervals contain the true value"
+    accuracy = marks.values
+    if isfinite(accuracy.coverage_90):
+        covered = (
+            f"; {share_text(accuracy.coverage_90)} of the 90 % intervals contain the true value"
+        )
     else:
         covered = ""
     return (
-        f"{count_noun(found.count, 'parameter')}: median error "
-        f"{share_text(found.median_error)}{covered}."
+        f"{count_noun(accuracy.count, 'parameter')}: median error "
+        f"{share_text(accuracy.median_error)}{covered}."
     )
 
 
@@ -268,8 +272,8 @@ def _time(marked: Sequence[ScoredCase]) -> str:
     median = np.median(seconds)
     longest = max(seconds)
     total = sum(seconds)
-    each = f"A diagnosis took {median:.0f} s of one core (median), {longest:.0f} s at most"
-    return f"{each}; all {len(seconds)} together {total / 3600.0:.1f} h."
+    clause = f"A diagnosis took {median:.0f} s of one core (median), {longest:.0f} s at most"
+    return f"{clause}; all {len(seconds)} together {total / 3600.0:.1f} h."
 
 
 def _command_line(exam: ExamResult) -> str:
@@ -317,8 +321,10 @@ def draw_parameter_errors(marked: Sequence[ScoredCase]) -> str:
     """Relative error of each parameter of a right answer, by effect; hollow where the truth is
     outside the 90 % interval.
     """
-    deviations = [each for case in marked if case.kind in SCORED_KINDS for each in case.deviations]
-    effects = sorted({each.effect for each in deviations}, reverse=True)
+    deviations = [
+        deviation for case in marked if case.kind in SCORED_KINDS for deviation in case.deviations
+    ]
+    effects = sorted({deviation.effect for deviation in deviations}, reverse=True)
     height_in = max(HEIGHT_IN, 0.75 + LINE_IN * len(effects))
     return _draw_figure(
         lambda axes: _errors(axes, deviations, effects),
@@ -356,9 +362,9 @@ def _draw_figure(
         return inline_svg(figure, label, html_text(label))
 
 
-def _reliability(axes: Axes, found: ClaimCalibration) -> None:
+def _reliability(axes: Axes, scores: ClaimCalibration) -> None:
     axes.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
-    for count, mean, right in found.bins:
+    for count, mean, right in scores.bins:
         if count:
             # Two one-sided bounds of 95 % (Clopper and Pearson) make an interval of 90 %.
             share = Share(round(count * right), count)
@@ -382,7 +388,7 @@ def _draw_power_axes(axes: Axes, single: Sequence[ScoredCase]) -> None:
     total = np.bincount(level, minlength=cases.LEVELS)
     centres = (np.arange(cases.LEVELS) + 0.5) / cases.LEVELS
     below = np.zeros(cases.LEVELS)
-    listed = {each for outcomes, _, _ in PARTS for each in outcomes}
+    listed = {outcome for outcomes, _, _ in PARTS for outcome in outcomes}
     for outcomes, colour, words in PARTS:
         inside = np.array(
             [
@@ -406,8 +412,8 @@ def _unit_axes(axes: Axes) -> None:
     axes.set_ylim(0.0, 1.0)
     # Markers on the border of the unit square are not cut in half.
     for spread in (axes.lines, axes.collections):
-        for each in spread:
-            each.set_clip_on(False)
+        for artist in spread:
+            artist.set_clip_on(False)
 
 
 def _errors(axes: Axes, deviations: Sequence[ParameterDeviation], effects: Sequence[str]) -> None:
@@ -416,11 +422,11 @@ def _errors(axes: Axes, deviations: Sequence[ParameterDeviation], effects: Seque
         (None, FAINT, FAINT),
         (False, "none", BAD),
     ):
-        some = [each for each in deviations if each.covered is covered]
-        x = np.clip([each.error for each in some], SMALLEST, LARGEST)
+        some = [deviation for deviation in deviations if deviation.covered is covered]
+        x = np.clip([deviation.error for deviation in some], SMALLEST, LARGEST)
         axes.plot(
             x,
-            [effects.index(each.effect) for each in some],
+            [effects.index(deviation.effect) for deviation in some],
             ls="",
             marker="o",
             ms=4.2,
@@ -537,8 +543,8 @@ def as_json(exam: ExamResult) -> str:
         "marks": scores | {"confusion": confused},
         "follow_ups": [asdict(way) for way in exam.ways],
         "taken_out": {
-            one.name: _plain_score(getattr(exam.taken_out, one.name))
-            for one in fields(exam.taken_out)
+            field.name: _plain_score(getattr(exam.taken_out, field.name))
+            for field in fields(exam.taken_out)
         }
         if exam.taken_out
         else None,
@@ -558,5 +564,5 @@ def _plain_score(value: object) -> object:
             "upper": value.upper,
         }
     if isinstance(value, tuple):
-        return [_plain_score(each) for each in value]
+        return [_plain_score(item) for item in value]
     return asdict(value) if hasattr(value, "__dataclass_fields__") else value  # type: ignore[call-overload]

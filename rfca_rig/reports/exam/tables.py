@@ -79,7 +79,7 @@ def matrix_of(marked: Sequence[ScoredCase]) -> Matrix:
     names = tuple(name for name in SIZE_RANGES if name in answers) + tuple(
         sorted(answers - set(SIZE_RANGES) - {SEVERAL, *VERDICTS})
     )
-    verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in answers)
+    verdicts = tuple(verdict for verdict in (SEVERAL, *VERDICTS) if verdict in answers)
     kinds = []
     for kind in ROWS_OF:
         of_kind = [case for case in shown if case.kind == kind]
@@ -216,12 +216,12 @@ def ablation_table(found: AblationResult) -> Table:
     rows = (
         TableRow(
             {
-                "concealed": each.effect.replace("_", " "),
-                "named": " and ".join(each.named).replace("_", " "),
-                "probability": each.probability,
+                "concealed": mistake.effect.replace("_", " "),
+                "named": " and ".join(mistake.named).replace("_", " "),
+                "probability": mistake.probability,
             }
         )
-        for each in found.named
+        for mistake in found.named
     )
     return Table("taken-out", caption, columns, tuple(rows))
 

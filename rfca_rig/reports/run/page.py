@@ -141,14 +141,14 @@ def _changes_text(event: Mapping[str, Any]) -> str:
 
 def devices(kept: Mapping[str, str]) -> Pairs:
     """What the devices reported of themselves: pairs of name and text."""
-    own = {
+    facts = {
         name: text
         for name, text in kept.items()
         if name not in SHOWN_ELSEWHERE and not name.startswith("camera_file")
     }
     return [
         (_words(name), shorten(text))
-        for name, text in sorted(own.items())
+        for name, text in sorted(facts.items())
         if name.startswith(DEVICES)
     ]
 
@@ -203,7 +203,7 @@ def page(
     shown = pictures.select_traces(story.parts)
     stages_shown = pictures.select_static_stages(recording.static)
     # The first rows, and all marked ones: stages that were cut short.
-    rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
+    rows = tuple(row for index, row in enumerate(stages.rows) if index < MOST_ROWS or row.marked)
     strokes = _of(len(shown), sum(part.trace is not None for part in story.parts), "stroke")
     return template("run.html").render(
         sheets=("verdict.css",),
@@ -269,7 +269,7 @@ def _thin_out(checks: Table) -> Table:
         chosen = set(range(count))
     return replace(
         checks,
-        rows=tuple(row for place, row in enumerate(checks.rows) if place in chosen or row.marked),
+        rows=tuple(row for index, row in enumerate(checks.rows) if index in chosen or row.marked),
     )
 
 
@@ -334,7 +334,7 @@ def _loads_sentence(story: RunStory) -> str:
     peaks = [(part.peak, part) for part in story.parts if part.peak is not None]
     if not peaks:
         return "No force was recorded."
-    peak, part = max(peaks, key=lambda each: each[0].force_N)
+    peak, part = max(peaks, key=lambda pair: pair[0].force_N)
     limit = part.begun.limits.get("force_N") if part.begun else None
     expected = part.expected
     sentence = f"The largest force was {peak.force_N:.1f} N, in {part.label}"

@@ -113,9 +113,9 @@ def _beginnings(
     the end.
     """
     begun: dict[str, list[PartBeginning]] = defaultdict(list)
-    for place, event in enumerate(events):
+    for index, event in enumerate(events):
         if event["event"] == "stage begins":
-            begun[event["stage"]].append(PartBeginning(place, event["t_s"], limits))
+            begun[event["stage"]].append(PartBeginning(index, event["t_s"], limits))
         # A resumed run states what changed in its rig file; from then on the new limits are in
         # force.
         changed = {
@@ -207,14 +207,14 @@ class _PredictedLoads:
             return None
         end_s = max(float(stream.t_s[-1]) for stream in stroke.streams.values())
         try:
-            found = simulate_stroke_at_speed(
+            simulation = simulate_stroke_at_speed(
                 self._rig, stroke.height_m, stroke.speed_rad_s, np.arange(0.0, end_s, SAMPLE_S)
             )
         except SimulationFailed:
             return None
         return Load(
-            float(np.hypot(found.fy_N, found.fz_N).max(initial=0.0)),
-            float(np.abs(found.tx_Nm).max(initial=0.0)),
+            float(np.hypot(simulation.fy_N, simulation.fz_N).max(initial=0.0)),
+            float(np.abs(simulation.tx_Nm).max(initial=0.0)),
         )
 
 
@@ -252,10 +252,10 @@ def _parts(
             count=count,
         )
     holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
-    for place, static in enumerate(recording.static):
+    for index, static in enumerate(recording.static):
         # Samples belong to means one for one, or it is not known which belong to which.
         if len(holds) == len(recording.static):
-            raw = holds[place]
+            raw = holds[index]
         else:
             raw = None
         yield _static(static, raw, expected, _next(begun, raw.label) if raw else None)

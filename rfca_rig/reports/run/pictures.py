@@ -70,8 +70,8 @@ def select_traces(parts: Sequence[RunPart]) -> list[RunPart]:
     with_trace = [part for part in parts if part.trace is not None]
     if len(with_trace) <= MOST_TRACES:
         return with_trace
-    evenly = {round(place) for place in np.linspace(0, len(with_trace) - 1, MOST_TRACES)}
-    return [part for place, part in enumerate(with_trace) if place in evenly or part.ended]
+    evenly = {round(position) for position in np.linspace(0, len(with_trace) - 1, MOST_TRACES)}
+    return [part for index, part in enumerate(with_trace) if index in evenly or part.ended]
 
 
 def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
@@ -137,12 +137,12 @@ def _predict_stroke(
     rig: RigModel, height_m: float, speed_rad_s: float, end_s: float
 ) -> tuple[Floats, Floats] | None:
     try:
-        found = simulate_stroke_at_speed(
+        simulation = simulate_stroke_at_speed(
             rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S)
         )
     except SimulationFailed:
         return None
-    return found.t_s, found.fz_N
+    return simulation.t_s, simulation.fz_N
 
 
 def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
@@ -153,8 +153,8 @@ def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
         return list(stages)
     pieces = np.split(np.arange(len(stages)), _sequence_starts(stages))
     count = max(2, MOST_STAGES * len(pieces) // len(stages))
-    chosen = sorted({round(place) for place in np.linspace(0, len(pieces) - 1, count)})
-    return [stages[place] for number in chosen for place in pieces[number]]
+    chosen = sorted({round(position) for position in np.linspace(0, len(pieces) - 1, count)})
+    return [stages[index] for number in chosen for index in pieces[number]]
 
 
 def draw_static_forces(stages: Sequence[StaticStage]) -> list[Panel]:
@@ -204,8 +204,8 @@ def _sequence_starts(stages: Sequence[StaticStage]) -> list[int]:
     """Indices at which the shaft has returned to a smaller angle to load the leg again."""
     pairs = enumerate(pairwise(stages), start=1)
     return [
-        place
-        for place, (a, b) in pairs
+        index
+        for index, (a, b) in pairs
         if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad
     ]
 
@@ -215,9 +215,9 @@ def draw_cycles(story: RunStory, is_narrow: bool) -> str:
     """Largest force and smallest fz of each cycle over its number, with the force that the model
     predicts.
     """
-    found = cycle_table(story.recording)
-    order = np.argsort(found.numbers, kind="stable")
-    numbers = found.numbers[order].astype(float)
+    cycles = cycle_table(story.recording)
+    order = np.argsort(cycles.numbers, kind="stable")
+    numbers = cycles.numbers[order].astype(float)
     expected = next(
         (part.expected for part in story.parts if part.kind == "cycles" and part.expected), None
     )
@@ -226,8 +226,8 @@ def draw_cycles(story: RunStory, is_narrow: bool) -> str:
         if expected is not None:
             axes.axhline(expected.force_N, color=SIMULATED, lw=2.2)
         for values, dashes in (
-            (found.peak_force_N[order], "-"),
-            (found.min_fz_N[order], (0, (3, 1.5))),
+            (cycles.peak_force_N[order], "-"),
+            (cycles.min_fz_N[order], (0, (3, 1.5))),
         ):
             axes.plot(
                 *envelope(numbers, values, CYCLE_COLUMNS // (2 if is_narrow else 1)),

@@ -313,7 +313,7 @@ def _event(event: Mapping[str, Any]) -> dict[str, Value]:
 
 def _plain(value: object) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name.replace('_', ' ')} {_plain(each)}" for name, each in value.items())
+        return ", ".join(f"{name.replace('_', ' ')} {_plain(item)}" for name, item in value.items())
     return str(value)
 
 
@@ -361,14 +361,14 @@ def _cycles_before(story: RunStory) -> dict[int, int]:
     """Planned number of cycles before each check by its number; a single stroke counts as a
     cycle.
     """
-    found = {}
+    counts = {}
     turned = 0
     for stage in story.plan.stages if story.plan else ():
         match stage:
             case StiffnessCheck():
-                found[stage.number] = turned
+                counts[stage.number] = turned
             case Cycles():
                 turned += stage.count
             case Flap():
                 turned += 1
-    return found
+    return counts

@@ -196,8 +196,8 @@ def _rests(result: StaticResult) -> dict[str, Any] | None:
     if rests is None:
         return None
     return {
-        "deg": [_round(each, 4) for each in np.degrees(rests.rest_rad)],
-        "std_deg": [_round(each, 4) for each in np.degrees(rests.std_rad)],
+        "deg": [_round(angle, 4) for angle in np.degrees(rests.rest_rad)],
+        "std_deg": [_round(std, 4) for std in np.degrees(rests.std_rad)],
         "mean_std_deg": _round(np.degrees(rests.common_std_rad), 4),
         "correlation_with_stiffness": _round(rests.with_stiffness, 4),
     }

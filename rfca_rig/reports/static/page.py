@@ -143,8 +143,8 @@ def page(
         angles=count_noun(int(result.data.seen.sum()), "hinge angle"),
         curve=curve_table(result.curve, int(result.data.seen.sum())),
         elastica=[
-            {"says": one.says, "style": style}
-            for one, style in zip(elastica, ELASTICA_STYLES, strict=True)
+            {"says": curve.says, "style": style}
+            for curve, style in zip(elastica, ELASTICA_STYLES, strict=True)
         ],
         elastica_table=elastica_table(elastica, result),
         hinges=hinges_table(result),
@@ -154,7 +154,7 @@ def page(
         common=_with_apostrophes(systematic_errors_table(result)),
         noise=_noise(result),
         gain_counts_as_exact=all(
-            found.says != "gain of the force sensor" for found in result.systematic_errors
+            error.says != "gain of the force sensor" for error in result.systematic_errors
         ),
         repeats=repeats_table(result, [source.name for source in sources]),
         strips=[
@@ -347,7 +347,9 @@ def _stages(result: StaticResult, sources: Sequence[StaticSource]) -> list[dict[
     """Rows for each source: readings and angles, with torques below them."""
     tables = []
     for number_of, source in enumerate(sources):
-        rows = [row for row, own in enumerate(result.data.recording) if own == number_of]
+        rows = [
+            row for row, recording in enumerate(result.data.recording) if recording == number_of
+        ]
         tables.append(
             {
                 "name": source.name,

@@ -60,7 +60,7 @@ def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -
     """
 
     def draw(axes: Axes) -> None:
-        _draw_elastica(axes, elastica, lambda one: one.torque_Nm)
+        _draw_elastica(axes, elastica, lambda prediction: prediction.torque_Nm)
         _draw_curve(axes, result.curve, result.curve.torque_Nm, flips=True)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
@@ -99,7 +99,7 @@ def draw_stiffness(result: StaticResult, elastica: Sequence[PredictedHingeCurve]
     """
 
     def draw(axes: Axes) -> None:
-        _draw_elastica(axes, elastica, lambda one: one.stiffness_Nm_per_rad)
+        _draw_elastica(axes, elastica, lambda prediction: prediction.stiffness_Nm_per_rad)
         _draw_curve(axes, result.curve, result.curve.stiffness_Nm_per_rad, flips=False)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
@@ -200,8 +200,10 @@ def _draw_curve(
 def _draw_elastica(
     axes: Axes, elastica: Sequence[PredictedHingeCurve], of: Callable[[PredictedHingeCurve], Floats]
 ) -> None:
-    for one, style in zip(elastica, ELASTICA_STYLES, strict=False):
-        axes.plot(np.degrees(one.phi_rad), of(one), color=FAINT, lw=1.0, ls=DASHES[style])
+    for prediction, style in zip(elastica, ELASTICA_STYLES, strict=False):
+        axes.plot(
+            np.degrees(prediction.phi_rad), of(prediction), color=FAINT, lw=1.0, ls=DASHES[style]
+        )
 
 
 def _dots(axes: Axes, x: Floats, y: Floats, back: NDArray[np.bool_]) -> None:
@@ -242,13 +244,13 @@ def write_tip_load_picture(shape: LoadedShape, path: Path) -> None:
         axes = figure.subplots()
         axes.plot(*alone.T, "--", color=FAINT, lw=1.2, label="weight alone")
         axes.plot(*ends.T, "o-", color=SIMULATED, lw=2.8, ms=4.5, label="under the force")
-        for torque, place, before, after in zip(
+        for torque, point, before, after in zip(
             shape.torques_Nm[1:], ends[1:-1], ends[:-2], ends[2:], strict=True
         ):
             # Numbers are placed beside the leg: perpendicular to the line between the neighbouring
             # points.
             across = np.array([before[1] - after[1], after[0] - before[0]])
-            away = place - 0.055 * length * across / np.hypot(*across)
+            away = point - 0.055 * length * across / np.hypot(*across)
             axes.text(
                 float(away[0]),
                 float(away[1]),

@@ -104,7 +104,7 @@ def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: boo
     numbers = zip(
         np.degrees(side * phi), side * torque, torque_std, stiffness, stiffness_std, strict=True
     )
-    rows = tuple(_curve_row(curve.reach, *(float(number) for number in each)) for each in numbers)
+    rows = tuple(_curve_row(curve.reach, *(float(number) for number in point)) for point in numbers)
     caption = (
         "Torque and stiffness of a hinge, ± half of the 95 % band, which holds at each angle "
         f"by itself; {words}."
@@ -150,10 +150,14 @@ def hinges_table(result: StaticResult) -> Table:
     """
     rows = tuple(
         TableRow(
-            {"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std},
-            marked=one.is_significant,
+            {
+                "hinge": check.hinge,
+                "stiffer_pct": 100.0 * check.stiffer,
+                "std_pct": 100.0 * check.std,
+            },
+            marked=check.is_significant,
         )
-        for one in result.hinges
+        for check in result.hinges
     )
     stiffer = with_common_decimals(
         TableColumn("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows
@@ -208,13 +212,13 @@ def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
         TableRow(
             {
                 "recording": name,
-                "k0_Nm_per_rad": one.k0_Nm_per_rad,
-                "k0_half": one.reach * one.k0_std,
-                "k2_per_rad2": one.k2_per_rad2,
-                "k2_half": one.reach * one.k2_std,
+                "k0_Nm_per_rad": law.k0_Nm_per_rad,
+                "k0_half": law.reach * law.k0_std,
+                "k2_per_rad2": law.k2_per_rad2,
+                "k2_half": law.reach * law.k2_std,
             }
         )
-        for name, one in zip(names, result.repeats.each, strict=False)
+        for name, law in zip(names, result.repeats.each, strict=False)
     )
     columns = (
         TableColumn("recording", "Recording"),
@@ -231,12 +235,12 @@ def elastica_table(predicted: Sequence[PredictedHingeCurve], result: StaticResul
     values = result.values
     rows: list[dict[str, Value]] = [
         {
-            "held": one.says,
-            "free_mm": 1e3 * one.free_m,
-            "k0_Nm_per_rad": one.k0_Nm_per_rad,
-            "k2_per_rad2": one.k2_per_rad2,
+            "held": curve.says,
+            "free_mm": 1e3 * curve.free_m,
+            "k0_Nm_per_rad": curve.k0_Nm_per_rad,
+            "k2_per_rad2": curve.k2_per_rad2,
         }
-        for one in predicted
+        for curve in predicted
     ]
     measured: dict[str, Value] = {
         "held": "measured here",
@@ -279,4 +283,4 @@ def static_sources(
         for i, title in enumerate(titles)
     ]
     folders = [path if path.is_dir() else path.parent for path in paths]
-    return tuple(StaticSource(*each) for each in zip(names, folders, recordings, strict=True))
+    return tuple(StaticSource(*parts) for parts in zip(names, folders, recordings, strict=True))

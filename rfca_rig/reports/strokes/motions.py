@@ -100,19 +100,19 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
 
     Arrays of the overlays are (m,). A signal that does not belong to a joint has no picture.
     """
-    states = {(one.condition, one.signal): one for one in overlays}
-    found = []
-    for signal in dict.fromkeys(one.signal for one in overlays):
+    states = {(overlay.condition, overlay.signal): overlay for overlay in overlays}
+    pictures = []
+    for signal in dict.fromkeys(overlay.signal for overlay in overlays):
         joint, unit = _split(signal)
         position_name = f"{joint}{POSITION}{unit}"
         speed_name = f"{joint}{SPEED}{_speed_unit(unit)}"
-        here = [one for one in overlays if one.signal == signal]
-        if (here[0].condition, position_name) not in states:
+        signal_overlays = [overlay for overlay in overlays if overlay.signal == signal]
+        if (signal_overlays[0].condition, position_name) not in states:
             continue
         # A speed that was not recorded is derived from the position.
-        positions = [states[one.condition, position_name] for one in here]
-        speeds = [states.get((one.condition, speed_name)) for one in here]
-        position = np.concatenate([one.measured for one in positions])
+        positions = [states[overlay.condition, position_name] for overlay in signal_overlays]
+        speeds = [states.get((overlay.condition, speed_name)) for overlay in signal_overlays]
+        position = np.concatenate([overlay.measured for overlay in positions])
         # Where no speed was recorded: central differences of the binned position.
         factor = np.radians(1.0) if unit == "deg" else 1.0
         speed = np.concatenate(
@@ -121,14 +121,24 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
                 for p, s in zip(positions, speeds, strict=True)
             ]
         )
-        residuals = [(OTHER, np.concatenate([one.measured - one.before for one in here]))]
+        residuals = [
+            (
+                OTHER,
+                np.concatenate([overlay.measured - overlay.before for overlay in signal_overlays]),
+            )
+        ]
         if with_fit:
             residuals.append(
-                (SIMULATED, np.concatenate([one.measured - one.after for one in here]))
+                (
+                    SIMULATED,
+                    np.concatenate(
+                        [overlay.measured - overlay.after for overlay in signal_overlays]
+                    ),
+                )
             )
         series = [_Series(color, position, speed, residual) for color, residual in residuals]
-        found.append(Picture(name_with_unit(signal), _draw(signal, position_name, series)))
-    return found
+        pictures.append(Picture(name_with_unit(signal), _draw(signal, position_name, series)))
+    return pictures
 
 
 def _split(signal: str) -> tuple[str, str]:
@@ -136,8 +146,8 @@ def _split(signal: str) -> tuple[str, str]:
     signals.
     """
     for kind in (SPEED, POSITION):
-        joint, found, unit = signal.rpartition(kind)
-        if found:
+        joint, separator, unit = signal.rpartition(kind)
+        if separator:
             # A page has angles in degrees, and their speeds in rad/s as the shaft's.
             return joint, unit.removesuffix("_s").replace("rad", "deg")
     return "", ""
@@ -153,22 +163,22 @@ def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
     """One picture for each joint: the torque that the recorded motion requires and the nominal
     model lacks.
     """
-    found = []
-    for one in joints:
-        unit = "m" if one.is_slide else "deg"
-        if one.is_slide:
-            position = one.position
+    pictures = []
+    for joint in joints:
+        unit = "m" if joint.is_slide else "deg"
+        if joint.is_slide:
+            position = joint.position
         else:
-            position = np.asarray(np.degrees(one.position))
-        if one.is_slide:
-            name = f"{one.joint} force_N"
+            position = np.asarray(np.degrees(joint.position))
+        if joint.is_slide:
+            name = f"{joint.joint} force_N"
         else:
-            name = f"{one.joint} torque_Nm"
-        series = [_Series(MEASURED, position, one.speed, one.remainder)]
-        found.append(
-            Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series))
+            name = f"{joint.joint} torque_Nm"
+        series = [_Series(MEASURED, position, joint.speed, joint.remainder)]
+        pictures.append(
+            Picture(name_with_unit(name), _draw(name, f"{joint.joint}{POSITION}{unit}", series))
         )
-    return found
+    return pictures
 
 
 def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, Panel]:
@@ -189,25 +199,25 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
         with drawing():
             figure, axes = make_panel(f"residual ({unit})", label)
             axes.axhline(0.0, color=FAINT, lw=0.6)
-            for one in series:
+            for points in series:
                 # Every n-th point, n rounded up: more points only blacken the panel.
-                every = max(1, -(-len(one.residual) // MOST_POINTS))
+                step = max(1, -(-len(points.residual) // MOST_POINTS))
                 axes.plot(
-                    getattr(one, part)[::every],
-                    one.residual[::every],
+                    getattr(points, part)[::step],
+                    points.residual[::step],
                     ls="",
                     marker=".",
                     ms=3.4,
                     mew=0.0,
-                    color=one.color,
+                    color=points.color,
                 )
             # The edge of the figure would cut the label of a tick at the right end.
             low, high = axes.get_xlim()
             axes.set_xticks(
                 [
-                    each
-                    for each in axes.get_xticks()
-                    if low <= each <= high - CUT_SHARE * (high - low)
+                    tick
+                    for tick in axes.get_xticks()
+                    if low <= tick <= high - CUT_SHARE * (high - low)
                 ]
             )
             axes.set_xlim(low, high)
@@ -309,12 +319,15 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
     """
     shown_fit = convert_fit(fit)
     tables, shown_tables = (
-        (_error_table(report, one), *((_shift_table(report, one, is_shown),) if one.shifts else ()))
-        for one, is_shown in ((fit, False), (shown_fit, True))
+        (
+            _error_table(report, window_fit),
+            *((_shift_table(report, window_fit, is_shown),) if window_fit.shifts else ()),
+        )
+        for window_fit, is_shown in ((fit, False), (shown_fit, True))
     )
     overlays = list(_worst_recordings(shown_fit))
-    recordings = len({one.condition for one in fit.overlays})
-    shown = len({one.condition for one in overlays})
+    recordings = len({overlay.condition for overlay in fit.overlays})
+    shown = len({overlay.condition for overlay in overlays})
     contents = {
         report.json_file: json.dumps(
             {"title": report.title, **fit.plain(report.file_format)}, indent=1
@@ -413,14 +426,18 @@ def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
             dict(
                 zip(
                     ("run", "signal", "t_s", "measured", "nominal", "fitted"),
-                    (one.condition, one.signal, *values),
+                    (overlay.condition, overlay.signal, *values),
                     strict=True,
                 )
             )
         )
-        for one in fit.overlays
+        for overlay in fit.overlays
         for values in zip(
-            *(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True
+            *(
+                part.tolist()
+                for part in (overlay.t_s, overlay.measured, overlay.before, overlay.after)
+            ),
+            strict=True,
         )
     ]
     return Table(f"{report.stem}-signals", "", SIGNALS, tuple(rows))
@@ -439,7 +456,7 @@ def _worst_recordings(fit: WindowFit) -> Iterator[SignalOverlay]:
             usual[error.signal], 1e-300
         )
     worst = sorted(misses, key=lambda run: -misses[run])[:MOST_SHOWN]
-    chosen = (one for one in fit.overlays if one.condition in worst)
+    chosen = (overlay for overlay in fit.overlays if overlay.condition in worst)
     if fit.shifts:
         return chosen
-    return (replace(one, after=np.full(len(one.after), np.nan)) for one in chosen)
+    return (replace(overlay, after=np.full(len(overlay.after), np.nan)) for overlay in chosen)

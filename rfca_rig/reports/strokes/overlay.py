@@ -147,10 +147,10 @@ def _draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: 
 def _mark_valleys(
     axes: Axes, valleys: Iterable[object], *, marker: str, mfc: str, mec: str, ms: float, mew: float
 ) -> None:
-    found = [v for v in valleys if isinstance(v, Valley)]
+    known_valleys = [v for v in valleys if isinstance(v, Valley)]
     axes.plot(
-        [v.time_s for v in found],
-        [v.fz_N for v in found],
+        [v.time_s for v in known_valleys],
+        [v.fz_N for v in known_valleys],
         ls="",
         marker=marker,
         mfc=mfc,
@@ -177,7 +177,7 @@ def _mark_phases(axes: Axes, phases: StrokePhases, end_s: float) -> None:
         (phases.valley_s, "valley", "right"),
         (phases.lift_off_s, "lift-off", "right" if last else "left"),
     ]
-    for at_s, word, side in [each for each in words if each[0] <= end_s]:
+    for at_s, word, side in [border for border in words if border[0] <= end_s]:
         axes.plot(
             [at_s, at_s],
             [0.0, WORDS_AT],
@@ -293,21 +293,21 @@ def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) ->
         axes = figure.subplots(
             2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0)
         )
-        for column, one in zip(axes.T, checked, strict=True):
-            _draw(column[0], column[1], one)
+        for column, condition in zip(axes.T, checked, strict=True):
+            _draw(column[0], column[1], condition)
         axes[0, 0].set_ylabel("contact force (N)")
         axes[1, 0].set_ylabel("difference (N)")
         axes[0, 0].legend(frameon=False, fontsize=SMALL)
         save_picture(figure, path)
 
 
-def _draw(force: Axes, difference: Axes, one: CheckedCondition) -> None:
-    t_s = one.ours.t_s
-    force.plot(t_s, one.contact_N, color=SIMULATED, lw=2.8, label="this model")
-    force.plot(t_s, one.theirs.normal_N, color=MEASURED, lw=0.7, label="MuJoCo")
-    force.set_title(f"{one.label}: {one.stroke_pct:.2g} %", fontsize=9.2)
-    difference.plot(t_s, one.contact_N - one.theirs.normal_N, color=MEASURED, lw=0.6)
+def _draw(force: Axes, difference: Axes, condition: CheckedCondition) -> None:
+    t_s = condition.ours.t_s
+    force.plot(t_s, condition.contact_N, color=SIMULATED, lw=2.8, label="this model")
+    force.plot(t_s, condition.theirs.normal_N, color=MEASURED, lw=0.7, label="MuJoCo")
+    force.set_title(f"{condition.label}: {condition.stroke_pct:.2g} %", fontsize=9.2)
+    difference.plot(t_s, condition.contact_N - condition.theirs.normal_N, color=MEASURED, lw=0.6)
     difference.set_xlabel("time from the start of the motion (s)")
     # Only the contact is of interest: the axis shows it with 50 ms on either side.
-    touching = t_s[(one.contact_N > 0.0) | (one.theirs.normal_N > 0.0)]
+    touching = t_s[(condition.contact_N > 0.0) | (condition.theirs.normal_N > 0.0)]
     force.set_xlim(float(np.min(touching)) - 0.05, float(np.max(touching)) + 0.05)

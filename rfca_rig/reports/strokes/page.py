@@ -223,8 +223,8 @@ def _lines_of(section: str, part: Any) -> list[ParameterLine]:
         if value is not None and value is not False and value != ()
     ]
     return lines + [
-        _of_curve(f" of hinge {n}" if len(curves) > 1 else "", part.k0_Nm_per_rad, each)
-        for n, each in enumerate(curves, start=2)
+        _of_curve(f" of hinge {n}" if len(curves) > 1 else "", part.k0_Nm_per_rad, curve)
+        for n, curve in enumerate(curves, start=2)
     ]
 
 
@@ -259,7 +259,7 @@ def _quantity(section: str, name: str, value: Any) -> ParameterLine:
 
 def _number(value: Any, factor: float) -> str:
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return ", ".join(_number(each, factor) for each in value)
+        return ", ".join(_number(item, factor) for item in value)
     if isinstance(value, int | float) and not isinstance(value, bool):
         return f"{factor * value:.6g}"
     return str(value)
@@ -359,11 +359,11 @@ def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, 
     several = sum(bool(source.compared) for source in sources) > 1
     all_compared = [(source, compared) for source in sources for compared in source.compared]
     figures = []
-    for place, (source, compared) in enumerate(all_compared, start=1):
-        drawn = overlay.draw_overlay(compared, salt=f"figure {place}")
+    for figure_number, (source, compared) in enumerate(all_compared, start=1):
+        drawn = overlay.draw_overlay(compared, salt=f"figure {figure_number}")
         figures.append(
             {
-                "number": place,
+                "number": figure_number,
                 "label": compared.condition.label,
                 "source": source.name if several else "",
                 "svg": drawn.svg,
@@ -417,10 +417,10 @@ def _beyond_curves(sharing: Sequence[ComparedSource]) -> str:
     """
     leg = sharing[0].rig.leg if sharing[0].rig is not None else None
     poses = [
-        one.stroke.q_rad
+        simulation.stroke.q_rad
         for source in sharing
         for compared in source.compared
-        for one in compared.simulated
+        for simulation in compared.simulated
     ]
     if leg is None or not leg.torque_splines or not poses:
         return ""
@@ -492,10 +492,10 @@ def write_report(
         (f"run-{number}.html" if len(sources) > 1 else "run.html", source)
         for number, source in enumerate(sources, start=1)
     ]
-    found = find_pages(out_dir, page_origin, ("report.html", "run.html"))
+    page_links = find_pages(out_dir, page_origin, ("report.html", "run.html"))
     runs = {
-        name: _run(name, source, page_origin, place, found)
-        for place, (name, source) in enumerate(run_sources)
+        name: _run(name, source, page_origin, index, page_links)
+        for index, (name, source) in enumerate(run_sources)
     }
     links = tuple(
         PageLink(name, f"How {source.name} went" if len(run_sources) > 1 else "How the run went")
@@ -510,7 +510,7 @@ def write_report(
             table,
             shown_peaks,
             shaft,
-            PageContext(page_origin, (*links, *found), None if given is None else given.file),
+            PageContext(page_origin, (*links, *page_links), None if given is None else given.file),
         ),
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
@@ -524,7 +524,7 @@ def write_report(
 
 
 def _run(
-    name: str, source: ComparedSource, origin: Origin, place: int, found: tuple[PageLink, ...]
+    name: str, source: ComparedSource, origin: Origin, index: int, page_links: tuple[PageLink, ...]
 ) -> dict[str, str]:
     """The page on one run and its tables, by file name."""
     story = story_of(source.recording)
@@ -536,6 +536,6 @@ def _run(
     files = table_files(
         replace(table, name=f"{stem}-{table.name}") for table in written if table.rows
     )
-    own = replace(origin, recordings=origin.recordings[place : place + 1])
-    links = (PageLink("report.html", "Compared with the model"), *found)
-    return {name: run_page(story, tables, PageContext(own, links), tuple(files)), **files}
+    run_origin = replace(origin, recordings=origin.recordings[index : index + 1])
+    links = (PageLink("report.html", "Compared with the model"), *page_links)
+    return {name: run_page(story, tables, PageContext(run_origin, links), tuple(files)), **files}

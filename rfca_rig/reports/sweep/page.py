@@ -108,14 +108,14 @@ def _standfirst(result: SweepResult) -> str:
 
 
 def _figures(
-    result: SweepResult, found: list[OutputSensitivity]
+    result: SweepResult, sensitivities: list[OutputSensitivity]
 ) -> tuple[list[dict[str, Any]], int]:
     """Figures of a grid or of samples, and the number of combinations that are not drawn."""
     if result.plan.samples is not None:
         groups = list(sample_groups(result.plan))
         shown_groups = groups[:MOST_GROUPS]
         drawn = [
-            _points_figure(result, asked, group, found)
+            _points_figure(result, asked, group, sensitivities)
             for group in shown_groups
             for asked in _with_values(result)
         ]
@@ -149,11 +149,18 @@ def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dic
 
 
 def _points_figure(
-    result: SweepResult, asked: RequestedOutput, group: SampleGroup, found: list[OutputSensitivity]
+    result: SweepResult,
+    asked: RequestedOutput,
+    group: SampleGroup,
+    sensitivities: list[OutputSensitivity],
 ) -> dict[str, Any]:
     samples = result.plan.samples
     assert samples is not None
-    indices = [each.found for each in found if each.output == asked.header and each.at == group.at]
+    indices = [
+        sensitivity.found
+        for sensitivity in sensitivities
+        if sensitivity.output == asked.header and sensitivity.at == group.at
+    ]
     titles = [
         "" if index is None else f"explains {number(index.index, 2)} ± {index.std:.2f}"
         for index in indices
@@ -193,12 +200,12 @@ def _quantities_table(result: SweepResult) -> Table:
         rows.append(
             _row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}")
         )
-    for each in plan.samples.ranges if plan.samples else ():
+    for quantity in plan.samples.ranges if plan.samples else ():
         rows.append(
             _row(
-                each.name,
-                f"{value_text(each.low)} to {value_text(each.high)}",
-                "evenly in the logarithm" if each.log else "",
+                quantity.name,
+                f"{value_text(quantity.low)} to {value_text(quantity.high)}",
+                "evenly in the logarithm" if quantity.log else "",
                 "drawn",
             )
         )
@@ -280,23 +287,23 @@ def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, An
         "reasons": [{"reason": reason, "cases": count} for reason, count in result.reasons()],
         "varied": list(plan.varied),
         "fixed": dict(plan.fixed),
-        "outputs": [_output(result, place) for place in range(len(plan.outputs))],
+        "outputs": [_output(result, index) for index in range(len(plan.outputs))],
         "sensitivities": [
             {
-                "at": dict(each.at),
-                "output": each.output,
-                "of": each.name,
-                "index": each.found.index if each.found else None,
-                "std": each.found.std if each.found else None,
+                "at": dict(sensitivity.at),
+                "output": sensitivity.output,
+                "of": sensitivity.name,
+                "index": sensitivity.found.index if sensitivity.found else None,
+                "std": sensitivity.found.std if sensitivity.found else None,
             }
-            for each in found
+            for sensitivity in found
         ],
     }
 
 
-def _output(result: SweepResult, place: int) -> dict[str, Any]:
-    asked = result.plan.outputs[place]
-    values = result.values[:, place]
+def _output(result: SweepResult, index: int) -> dict[str, Any]:
+    asked = result.plan.outputs[index]
+    values = result.values[:, index]
     description = {
         "name": asked.header,
         "words": asked.words,
@@ -347,11 +354,11 @@ def lines(result: SweepResult) -> list[str]:
 
 def _end_line(result: SweepResult, end: dict[str, Any]) -> str:
     """An extreme with its point on the grid. Sampled values are left out: they are in sweep.csv."""
-    place = [
+    settings = [
         with_unit(name, value)
         for name, value in end["at"].items()
         if result.plan.samples is None or name not in result.plan.samples.names
     ]
-    if place:
-        return f"{value_text(end['value'])} ({', '.join(place)})"
+    if settings:
+        return f"{value_text(end['value'])} ({', '.join(settings)})"
     return value_text(end["value"])

@@ -148,10 +148,10 @@ def sample_groups(plan: SweepPlan) -> Iterator[SampleGroup]:
         return
     n = plan.samples.n
     names: Sequence[str] = [axis.name for axis in plan.axes]
-    for place in range(prod(len(axis.values) for axis in plan.axes)):
+    for number in range(prod(len(axis.values) for axis in plan.axes)):
         yield SampleGroup(
-            tuple(zip(names, plan.point(place * n), strict=False)),
-            slice(place * n, (place + 1) * n),
+            tuple(zip(names, plan.point(number * n), strict=False)),
+            slice(number * n, (number + 1) * n),
         )
 
 
@@ -223,12 +223,12 @@ def _compute_sensitivities(result: SweepResult) -> Iterator[OutputSensitivity]:
     for group in list(sample_groups(result.plan))[:MOST_GROUPS]:
         for asked in result.plan.outputs:
             values = result.output(asked.header)[group.cases]
-            for place, name in enumerate(samples.names):
+            for column, name in enumerate(samples.names):
                 # A generator of its own for each quantity, so that the order of computation does
                 # not matter.
-                rng = np.random.default_rng((samples.seed, place))
+                rng = np.random.default_rng((samples.seed, column))
                 yield OutputSensitivity(
-                    group.at, asked.header, name, first_order(share[:, place], values, rng)
+                    group.at, asked.header, name, first_order(share[:, column], values, rng)
                 )
 
 
@@ -236,7 +236,7 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
     """A row for each output, a column for each quantity, and the sum of its indices; what it
     lacks of 1 is due to interactions.
     """
-    names = list(dict.fromkeys(each.name for each in found))
+    names = list(dict.fromkeys(sensitivity.name for sensitivity in found))
     columns = [TableColumn("at", role="group"), TableColumn("output")]
     for name in names:
         # A share has no unit, so its key does not end as the name of the quantity.
@@ -248,23 +248,29 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
         ]
     columns.append(TableColumn("sum", "together", digits=2))
     rows = []
-    for at, output in dict.fromkeys((each.at, each.output) for each in found):
+    for at, output in dict.fromkeys((sensitivity.at, sensitivity.output) for sensitivity in found):
         values: dict[str, str | float | None] = {
-            "at": ", ".join(with_unit(*each) for each in at),
+            "at": ", ".join(with_unit(*setting) for setting in at),
             "output": name_and_unit(output)[0],
         }
-        of_row = [each for each in found if (each.at, each.output) == (at, output)]
-        for each in of_row:
-            if each.found:
-                values[f"{each.name} share"] = each.found.index
+        of_row = [
+            sensitivity
+            for sensitivity in found
+            if (sensitivity.at, sensitivity.output) == (at, output)
+        ]
+        for sensitivity in of_row:
+            if sensitivity.found:
+                values[f"{sensitivity.name} share"] = sensitivity.found.index
             else:
-                values[f"{each.name} share"] = None
-            if each.found:
-                values[f"{each.name} std"] = each.found.std
+                values[f"{sensitivity.name} share"] = None
+            if sensitivity.found:
+                values[f"{sensitivity.name} std"] = sensitivity.found.std
             else:
-                values[f"{each.name} std"] = None
-        if all(each.found for each in of_row):
-            values["sum"] = sum(each.found.index for each in of_row if each.found)
+                values[f"{sensitivity.name} std"] = None
+        if all(sensitivity.found for sensitivity in of_row):
+            values["sum"] = sum(
+                sensitivity.found.index for sensitivity in of_row if sensitivity.found
+            )
         else:
             values["sum"] = None
         rows.append(TableRow(values))
@@ -330,7 +336,7 @@ def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
         x = np.arange(len(view.x.values), dtype=np.float64)
     else:
         x = np.array(view.x.values, dtype=np.float64)
-    for place, (line, look) in enumerate(zip(values, LINES, strict=False)):
+    for index, (line, look) in enumerate(zip(values, LINES, strict=False)):
         colour, dash, marker = look
         if is_named(view.x):
             lw = 0.0
@@ -341,7 +347,7 @@ def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
         if view.second is None:
             label = ""
         else:
-            label = with_unit(view.second.name, view.second.values[place])
+            label = with_unit(view.second.name, view.second.values[index])
         axes.plot(
             x, line, color=colour, ls=dash if lw else "", lw=lw, marker=marker, ms=ms, label=label
         )
@@ -445,10 +451,10 @@ def draw_points(
             figsize=(PANEL_IN * across + 0.3, PANELS_HIGH_IN * rows), layout="constrained"
         )
         panels = figure.subplots(rows, across, sharey=True, squeeze=False).ravel()
-        for place, (each, axes) in enumerate(zip(ranges, panels, strict=False)):
+        for column, (quantity, axes) in enumerate(zip(ranges, panels, strict=False)):
             # Lines without length and with round ends, all in one path: a quarter of the bytes of
             # markers.
-            x = points[:MOST_POINTS, place]
+            x = points[:MOST_POINTS, column]
             y = values[:MOST_POINTS]
             # NaN after each point interrupts the path.
             nowhere = np.full(x.size, np.nan)
@@ -460,9 +466,9 @@ def draw_points(
                 alpha=0.6,
                 solid_capstyle="round",
             )
-            axes.set_title(titles[place], fontsize=SMALL)
-            axes.set_xlabel(axis_label(each.name), fontsize=SMALL)
-            if each.log:
+            axes.set_title(titles[column], fontsize=SMALL)
+            axes.set_xlabel(axis_label(quantity.name), fontsize=SMALL)
+            if quantity.log:
                 _in_ratios(axes.xaxis)
             else:
                 axes.xaxis.set_major_locator(MaxNLocator(4))

@@ -175,11 +175,11 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
     """Prints the last lines: cycles done, drift of the stiffness, and what to type next."""
     import json
 
-    found = _results(folder)
+    summary = _results(folder)
     if as_json:
-        echo(json.dumps({"source": mark, "run": str(folder), **found}, indent=1))
+        echo(json.dumps({"source": mark, "run": str(folder), **summary}, indent=1))
         return
-    last = found["checks"][-1] if found["checks"] else None
+    last = summary["checks"][-1] if summary["checks"] else None
     if last is None:
         drift = ""
     else:
@@ -189,7 +189,7 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
         )
     echo(
         (
-            f"{mark} {found['cycles']} of {found['planned']} cycles done in {folder}{drift}; "
+            f"{mark} {summary['cycles']} of {summary['planned']} cycles done in {folder}{drift}; "
             f"next: rfca-rig check {folder}"
         ),
         err=True,

@@ -175,10 +175,10 @@ def force(
 
     if (run is None) == (angles is None):
         raise BadInput("static force takes either a run or --angles; give one of them")
-    found: list[tuple[str, FoundTipForce, tuple[float, float] | None]] = []
+    rows: list[tuple[str, FoundTipForce, tuple[float, float] | None]] = []
     if angles is not None:
         shape = [np.radians(angle) for angle in _numbers(angles)]
-        found.append(
+        rows.append(
             (
                 "these angles",
                 find_tip_force(_leg(rig, model), shape, float(np.radians(angle_std))),
@@ -208,18 +208,18 @@ def force(
             shape = [stage.shaft_angle_rad, *np.radians(stage.hinge_deg)]
             # From the sensor's force to that at the tip: reversed along the ground, and without the
             # leg's weight, which the sensor carries too.
-            found.append(
+            rows.append(
                 (label, find_tip_force(leg, shape, std), (-stage.fy_N, stage.fz_N - weight_N))
             )
-        if not found:
+        if not rows:
             raise BadInput(
                 f"{run}: has no static stage with all hinge angles; give --angles, or "
                 "record with a camera"
             )
     if as_json:
-        echo(json.dumps([_summary(*one) for one in found], indent=1))
+        echo(json.dumps([_summary(*row) for row in rows], indent=1))
     else:
-        print_lines(_line(*one) for one in found)
+        print_lines(_line(*row) for row in rows)
 
 
 def _leg(rig: str, model: Path | None) -> "Leg":
@@ -247,26 +247,26 @@ def _numbers(text: str) -> list[float]:
     return angles
 
 
-def _line(label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | None") -> str:
+def _line(label: str, tip_force: "FoundTipForce", felt_N: "tuple[float, float] | None") -> str:
     from rfca_rig.reports.diagnosis.tables import STDS_90
 
-    each = zip(found.force_N, found.std_N, ("along", "down"), strict=True)
-    parts = [f"{force:+.2f} +- {STDS_90 * std:.2f} N {way}" for force, std, way in each]
+    components = zip(tip_force.force_N, tip_force.std_N, ("along", "down"), strict=True)
+    parts = [f"{force:+.2f} +- {STDS_90 * std:.2f} N {way}" for force, std, way in components]
     felt = "" if felt_N is None else f"; the sensor felt {felt_N[0]:+.2f} and {felt_N[1]:+.2f} N"
     return (
         f"{label}: {', '.join(parts)} (90 %){felt}; hinge moments are left open by "
-        f"{found.residual_Nm:.2g} N m at most"
+        f"{tip_force.residual_Nm:.2g} N m at most"
     )
 
 
 def _summary(
-    label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | None"
+    label: str, tip_force: "FoundTipForce", felt_N: "tuple[float, float] | None"
 ) -> dict[str, object]:
     return {
         "of": label,
-        "force_N": found.force_N.tolist(),
-        "std_N": found.std_N.tolist(),
-        "residual_Nm": found.residual_Nm,
+        "force_N": tip_force.force_N.tolist(),
+        "std_N": tip_force.std_N.tolist(),
+        "residual_Nm": tip_force.residual_Nm,
         "felt_N": None if felt_N is None else list(felt_N),
     }
 
@@ -355,7 +355,8 @@ def photo_lines(stages: "Sequence[StaticStage]") -> "Iterator[str]":
     for stage in stages:
         if stage.photo:
             angles = " ".join(
-                _with_std(*one) for one in zip(stage.hinge_deg, stage.hinge_std_deg, strict=True)
+                _with_std(*hinge)
+                for hinge in zip(stage.hinge_deg, stage.hinge_std_deg, strict=True)
             )
             doubts = f"; {stage.photo_doubts}" if stage.photo_doubts else ""
             yield (
