@@ -314,6 +314,17 @@ def test_an_implausible_value_is_relieved_where_both_predict_worse_than_usual(
     assert bool(decision.relieved_strain) == is_stated
 
 
+@pytest.mark.parametrize(("remains", "is_stated"), [(1.0, True), (IMPLAUSIBLE - 0.5, False)])
+def test_a_value_that_moves_from_beyond_the_limit_to_within_it_is_not_relieved(
+    gained, remains, is_stated
+):
+    best = strained(gained.best, remains)
+    nothing = _with_rms(strained(gained.nothing, IMPLAUSIBLE + 0.5), best.held_out_rms)
+    supported = [Supported("effect", "sensor_gain", 0.85, ALONE)]
+    comparison = _with(Comparison(gained.result, (best, nothing)), "best", best)
+    assert bool(decide_from(comparison, supported).relieved_strain) == is_stated
+
+
 @pytest.mark.parametrize(
     ("law_error_without", "removed_share", "grade"),
     [

@@ -352,14 +352,16 @@ def _describe_relief(comparison: Comparison, hypothesis: ScaledHypothesis) -> st
     none, or it explains DOMINANT_SHARE.
 
     The model without effects needs them to predict what it does, and the hypothesis, which needs
-    none, predicts as usual or as well, in no quantity worse.
+    none, predicts as usual or as well, in no quantity worse. All nuisance parameters together move
+    closer to their priors by as much as a value at the limit is away.
     """
-    is_needed = comparison.explained_share(hypothesis) < DOMINANT_SHARE
-    if (
-        not is_needed
-        or describe_strain(hypothesis)
-        or hypothesis.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all)
-    ):
+    if comparison.explained_share(hypothesis) >= DOMINANT_SHARE or describe_strain(hypothesis):
+        return ""
+    # A value that moves from just beyond the limit to just within it is not replaced.
+    relieved = comparison.nothing.sum_of_squared_shifts - hypothesis.sum_of_squared_shifts
+    if relieved < IMPLAUSIBLE**2:
+        return ""
+    if hypothesis.misfit_of_all > max(USUAL_MISFIT, comparison.nothing.misfit_of_all):
         return ""
     if comparison.predicts_a_quantity_worse(hypothesis):
         return ""
