@@ -1,5 +1,6 @@
-"""Writes cases of the exam and seals their truths: python -m rfca_rig.exam.write --out DIR
---seed 1 --cases 40.
+"""Writes cases of the exam and seals their truths.
+
+Run: python -m rfca_rig.exam.write --out DIR --seed 1 --cases 40
 """
 
 import argparse

@@ -1,5 +1,6 @@
-"""Speed of the parts that people wait for, as ratios within one run: python -m tests.benchmarks
-[--short] [--check | --record NAME]
+"""Speed of the parts that people wait for, as ratios within one run.
+
+Run: python -m tests.benchmarks [--short] [--check | --record NAME]
 
 Absolute times depend on the machine and are printed for orientation only. `history.csv` holds the
 ratios of earlier versions, one row each: `--record` appends one. `--check` ends with exit code 1

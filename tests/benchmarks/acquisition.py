@@ -1,5 +1,6 @@
-"""Force records and a command loop at full speed, over real sockets: python -m
-tests.benchmarks.acquisition [--seconds 600]
+"""Force records and a command loop at full speed, over real sockets.
+
+Run: python -m tests.benchmarks.acquisition [--seconds 600]
 
 A box in a process of its own sends 7000 and 15 000 records/s, one and 40 to a datagram. This
 process reads them through the acquisition process, and commands a drive in a third process over

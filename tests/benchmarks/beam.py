@@ -1,5 +1,6 @@
-"""Where the seven joints depart from a strip between stiff shells, and what either costs: python -m
-tests.benchmarks.beam
+"""Where the seven joints depart from a strip between stiff shells, and what either costs.
+
+Run: python -m tests.benchmarks.beam
 
 Also the discrete elastica against elliptic integrals, by angle of the tip.
 """

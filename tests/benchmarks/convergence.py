@@ -1,5 +1,6 @@
-"""How fast the integrator converges and what it loses of the energy: python -m
-tests.benchmarks.convergence --out DIR
+"""How fast the integrator converges and what it loses of the energy.
+
+Run: python -m tests.benchmarks.convergence --out DIR
 
 Writes convergence.csv with all numbers, and convergence.svg and .png, into DIR. About fifteen
 seconds.

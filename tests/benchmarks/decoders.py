@@ -1,5 +1,6 @@
-"""Random and damaged frames into every decoder: python -m tests.benchmarks.decoders [--frames
-1000000]
+"""Random and damaged frames into every decoder.
+
+Run: python -m tests.benchmarks.decoders [--frames 1000000]
 
 Half of what each is given is noise of any length, half a good frame that was damaged: bits turned,
 bytes lost, doubled or added. What it takes must have a length and a checksum that its protocol

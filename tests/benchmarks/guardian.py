@@ -1,5 +1,6 @@
-"""What a guardian costs, and how soon it lets go: python -m tests.benchmarks.guardian [--frames
-500]
+"""What a guardian costs, and how soon it lets go.
+
+Run: python -m tests.benchmarks.guardian [--frames 500]
 
 A serial CAN adapter (slcan) on a pseudo terminal, of which this program plays the far end: the time
 from `send` until the frame is there, and from a frame there until `recv` gives it, with the bus

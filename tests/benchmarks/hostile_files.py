@@ -1,5 +1,6 @@
-"""Every hostile model, TOML file, table and bag through `rfca-rig check`, as a user would: python
--m tests.benchmarks.hostile_files [WORDS]
+"""Every hostile model, TOML file, table and bag through `rfca-rig check`, as a user would.
+
+Run: python -m tests.benchmarks.hostile_files [WORDS]
 
 Each is one file of an experiment that is otherwise sound, or a TOML file alone. Each must end in
 one line with exit code 2, or be taken where it is harmless, within 15 s. Prints what ends

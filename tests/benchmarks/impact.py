@@ -1,5 +1,6 @@
-"""What the paper's impact test (155 mm, 15 rad/s, 232 and 188 N) says of the model: python -m
-tests.benchmarks.impact
+"""What the paper's impact test (155 mm, 15 rad/s, 232 and 188 N) says of the model.
+
+Run: python -m tests.benchmarks.impact
 
 Prints the tables of docs/impact-test.md, each cause alone, then together, beside what it does to
 Table II. About a minute.

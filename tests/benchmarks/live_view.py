@@ -1,5 +1,6 @@
-"""What the live view costs a run of 15 kHz, and what it shows of it: python -m
-tests.benchmarks.live_view [--seconds 60] [--short]
+"""What the live view costs a run of 15 kHz, and what it shows of it.
+
+Run: python -m tests.benchmarks.live_view [--seconds 60] [--short]
 
 As in `soak` the twin server is the rig and a sender the force sensor, whose every axis jumps about
 so that each record may be a peak. The engine runs at 500 Hz with the recorder behind it, in turn

@@ -1,5 +1,6 @@
-"""How long `rfca-rig runs` and <TAB> take: python -m tests.benchmarks.logbook [--runs 5000]
-[--short]
+"""How long `rfca-rig runs` and <TAB> take.
+
+Run: python -m tests.benchmarks.logbook [--runs 5000] [--short]
 
 Runs without samples, as they are listed from three small text files each. First without an index,
 then with it, then with one run changed; the same as commands, which also start Python; and what the

@@ -1,5 +1,6 @@
-"""Marks and hinge angles from ray-traced photos with every disturbance: python -m
-tests.benchmarks.photos FOLDER [--legs 60]
+"""Marks and hinge angles from ray-traced photos with every disturbance.
+
+Run: python -m tests.benchmarks.photos FOLDER [--legs 60]
 
 Draws legs from a seed, photographs each in several stages, reads the photos as a static run does,
 and prints a table. What is in FOLDER already is not done again, so that it can be interrupted;

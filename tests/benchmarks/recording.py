@@ -1,5 +1,6 @@
-"""What recording costs the control loop, in real time: python -m tests.benchmarks.recording
-[--strokes 4]
+"""What recording costs the control loop, in real time.
+
+Run: python -m tests.benchmarks.recording [--strokes 4]
 
 A motor and a sensor that exist in memory only are run through a flapping plan by the engine, at 500
 Hz, with 7000 and 15 000 records/s. Shown are the gaps between commands to the motor, with nothing

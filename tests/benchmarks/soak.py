@@ -1,5 +1,6 @@
-"""Flapping without end, in real time, over real sockets: python -m tests.benchmarks.soak [--seconds
-3600] [--rate 15000] [--lenient]
+"""Flapping without end, in real time, over real sockets.
+
+Run: python -m tests.benchmarks.soak [--seconds 3600] [--rate 15000] [--lenient]
 
 The twin server in a process of its own is the rig: force records by UDP, the drive as socketcand.
 This process runs the engine at 500 Hz with the recorder process behind it, one plan after the other

@@ -1,5 +1,6 @@
-"""From each cause of the fault table to the last torque of the motor, over the wire: python -m
-tests.benchmarks.stop_times [NAMES]
+"""From each cause of the fault table to the last torque of the motor, over the wire.
+
+Run: python -m tests.benchmarks.stop_times [NAMES]
 
 A run as on a real rig, with the wall clock and a recorder process, against a twin server in a
 process of its own. The server brings the cause about by the same function as in simulated time, and

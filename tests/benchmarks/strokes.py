@@ -1,5 +1,6 @@
-"""What strokes cost: batches on all cores, links, effects, the first one of a process: python -m
-tests.benchmarks.strokes
+"""What strokes cost: batches on all cores, links, effects, the first one of a process.
+
+Run: python -m tests.benchmarks.strokes
 """
 
 import subprocess

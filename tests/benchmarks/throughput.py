@@ -1,5 +1,6 @@
-"""Simulations through the executor, as share of the kernel's own rate: python -m
-tests.benchmarks.throughput [--short]
+"""Simulations through the executor, as share of the kernel's own rate.
+
+Run: python -m tests.benchmarks.throughput [--short]
 
 Two workers simulate strokes, each in a loop of its own: that is the kernel's own rate. Then the
 same strokes, cut into cases of 5, 50 and 500 ms, are handed to the same workers: two processes of

@@ -1,5 +1,6 @@
-"""Time from a photo of 12 megapixels to hinge angles, and where it goes: python -m
-tests.benchmarks.vision
+"""Time from a photo of 12 megapixels to hinge angles, and where it goes.
+
+Run: python -m tests.benchmarks.vision
 """
 
 import time

@@ -1,5 +1,6 @@
-"""A real SLURM of one node, all of it in one folder and gone with its block: python -m
-tests.cluster.slurm_node FOLDER
+"""A real SLURM of one node, all of it in one folder and gone with its block.
+
+Run: python -m tests.cluster.slurm_node FOLDER
 
 Needs Debian's packages (apt-get install --no-install-recommends slurm-wlm munge), no root, and
 nothing of /etc. As a program it runs until ^C; in another terminal `export

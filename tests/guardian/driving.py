@@ -1,5 +1,6 @@
-"""A program that turns the shaft for ever, for others to stop: python -m tests.guardian.driving
-mit|servo [silent]
+"""A program that turns the shaft for ever, for others to stop.
+
+Run: python -m tests.guardian.driving mit|servo [silent]
 
 Says `turning` and the guardian's process id once the shaft turns; with `silent` it stops commanding
 a little later and goes on running.

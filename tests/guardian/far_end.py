@@ -1,5 +1,6 @@
-"""An AK drive's twin on a loaded shaft behind a socketcand, light enough for a busy machine: python
--m tests.guardian.far_end mit|servo
+"""An AK drive's twin on a loaded shaft behind a socketcand, light enough for a busy machine.
+
+Run: python -m tests.guardian.far_end mit|servo
 
 The same bus is there as a serial adapter. Prints where, as JSON. Without torque the shaft creeps;
 turned as `driving` does it takes several N m.

@@ -1,5 +1,6 @@
-"""The twin server, in which the causes of the fault table can be brought about: python -m
-tests.runner_faults.fault_server, as `rfca-rig`.
+"""The twin server, in which the causes of the fault table can be brought about.
+
+Run: python -m tests.runner_faults.fault_server, as `rfca-rig`
 
 It takes the words of `rfca-rig`, here `twin serve`. Three more lines work on its control port.
 `cause NAME` brings about a cause that acts on the drive, the shaft, the sensor or the bus, by the

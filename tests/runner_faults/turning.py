@@ -1,5 +1,6 @@
-"""A program that turns the shaft for ever, for others to kill: python -m
-tests.runner_faults.turning
+"""A program that turns the shaft for ever, for others to kill.
+
+Run: python -m tests.runner_faults.turning
 
 Where the bus is it takes from python-can's own environment. Says `turning` once the shaft turns.
 """

@@ -1,5 +1,6 @@
-"""A proxy between a program and a socketcand server that damages frames and remembers all of them:
-python -m tests.twin_server.can_proxy.
+"""A proxy between a program and a socketcand server that damages frames and remembers all of them.
+
+Run: python -m tests.twin_server.can_proxy
 
 A process of its own, so that it takes no time from the control loop that is measured. Its standard
 input takes one fault per line as JSON, `{"kind": "nan", "can_id": 9, "frames": 3}`; when it is

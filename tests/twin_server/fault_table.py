@@ -1,5 +1,6 @@
-"""Each named fault, and what the drivers make of it: python -m tests.twin_server.fault_table prints
-the table.
+"""Each named fault, and what the drivers make of it.
+
+Run: python -m tests.twin_server.fault_table prints the table
 
 One second of a turning shaft, then the fault for a second, in simulated time.
 """
