@@ -44,30 +44,30 @@ STATEMENT_BINS = 7
 NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR, PENDULUM_NOTHING)
 SINGLE_KINDS = (cases.SINGLE, PENDULUM_SINGLE)
 
-# Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it
+# Of each effect outside the catalogue: the families it belongs to, and the part of the rig where it
 # acts.
-STRANGERS: Mapping[str, tuple[str, str]] = {
-    "force_cogging": ("", "sensor"),
-    "hinge_asymmetry": ("hinge_stiffness", "hinges"),
-    "floor_magnet": ("floor_holds", "ground"),
-    "friction_by_direction": ("floor_friction", "ground"),
-    "sensor_curvature": ("sensor_scale", "sensor"),
-    "stiffness_falls_with_repeats": ("hinge_stiffness", "hinges"),
-    "sensor_play": ("sensor_scale", "sensor"),
-    "sensor_creep": ("sensor_scale", "sensor"),
-    "mains_hum": ("", "sensor"),
-    "sensor_dead_band": ("sensor_scale", "sensor"),
-    "coarse_digits": ("sensor_scale", "sensor"),
-    "hinge_detents": ("hinge_stiffness", "hinges"),
-    "tendon": ("hinge_stiffness", "hinges"),
-    "slick_patch": ("floor_friction", "ground"),
-    "soft_patch": ("floor_yields", "ground"),
-    "shaking_floor": ("floor_geometry", "ground"),
-    "hose_at_the_shaft": ("", "shaft"),
-    "cable_spring": ("", "joints"),
-    "torque_cogging": ("", "joints"),
-    "torque_saturation": ("torque_scale", "joints"),
-    "joint_friction_by_direction": ("joint_dissipation", "joints"),
+STRANGERS: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "force_cogging": ((), "sensor"),
+    "hinge_asymmetry": (("hinge_stiffness",), "hinges"),
+    "floor_magnet": (("floor_holds",), "ground"),
+    "friction_by_direction": (("floor_friction",), "ground"),
+    "sensor_curvature": (("sensor_scale",), "sensor"),
+    "stiffness_falls_with_repeats": (("hinge_stiffness",), "hinges"),
+    "sensor_play": (("sensor_scale",), "sensor"),
+    "sensor_creep": (("sensor_scale",), "sensor"),
+    "mains_hum": ((), "sensor"),
+    "sensor_dead_band": (("sensor_scale",), "sensor"),
+    "coarse_digits": (("sensor_scale",), "sensor"),
+    "hinge_detents": (("hinge_stiffness",), "hinges"),
+    "tendon": (("hinge_stiffness",), "hinges"),
+    "slick_patch": (("floor_friction",), "ground"),
+    "soft_patch": (("floor_yields",), "ground"),
+    "shaking_floor": (("floor_geometry",), "ground"),
+    "hose_at_the_shaft": ((), "shaft"),
+    "cable_spring": (("joint_position_torque", "joint_stiffness"), "joints"),
+    "torque_cogging": ((), "joints"),
+    "torque_saturation": (("torque_scale",), "joints"),
+    "joint_friction_by_direction": (("joint_dissipation", "joint_dry_loss"), "joints"),
 }
 
 
@@ -299,7 +299,10 @@ def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
     true_effects = truth.effects.keys() | truth.accepted
     if kind == "effect":
         return bool(true_effects & set(names))
-    of_strangers = {STRANGERS[name][0] for name in truth.strangers if name in STRANGERS}
+    of_strangers: set[str] = set()
+    for stranger in truth.strangers:
+        families, _ = STRANGERS.get(stranger, ((), ""))
+        of_strangers.update(families)
     return any(members_of(name) & true_effects or name in of_strangers for name in names)
 
 
