@@ -626,6 +626,26 @@ def _with(comparison, name, value):
 
 
 @pytest.mark.parametrize(
+    ("ids", "share", "unsure"),
+    [
+        (("added_mass", "gravity_tilt"), 0.2, {"added_mass", "gravity_tilt"}),
+        (("added_mass", "gravity_tilt"), 0.6, set()),
+        (("added_mass", "joint_friction"), 0.2, set()),
+    ],
+    ids=["they only replace values", "they explain", "of two families"],
+)
+def test_laws_of_a_family_that_only_replace_implausible_values_are_not_told_apart(
+    ids, share, unsure
+):
+    best = SimpleNamespace(ids=ids)
+    shares = {id(best): share}
+    comparison = SimpleNamespace(
+        best=best, ranked=(), explained_share=lambda one: shares[id(one)], _laws_of=set
+    )
+    assert Comparison.find_unsure_laws(comparison) == unsure
+
+
+@pytest.mark.parametrize(
     ("of_memory", "expected"), [(0.85, "hinge_dissipation"), (0.9, "spring_memory")]
 )
 def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, expected):

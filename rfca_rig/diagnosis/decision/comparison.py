@@ -21,6 +21,7 @@ from scipy.special import logsumexp
 from rfca_rig.diagnosis.config import (
     AS_GOOD_LOG_ODDS,
     CONFIRMED_SETS,
+    DOMINANT_SHARE,
     FEWEST_CONDITIONS,
     IMPLAUSIBLE,
     LARGE_ERROR,
@@ -446,6 +447,10 @@ class Comparison:
         """
         best = set(self.best.ids)
         group = {name for name in best if not list_related((name,)).isdisjoint(best - {name})}
+        if group and self.explained_share(self.best) < DOMINANT_SHARE:
+            # They are stated for the implausible values that they replace, if at all, and several
+            # laws of a family replace these in equal measure.
+            return frozenset(group)
         laws_of_group = self._laws_of(group)
         for simpler in self.ranked:
             instead = set(simpler.ids) - (best - group)
