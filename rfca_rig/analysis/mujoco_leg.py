@@ -124,19 +124,17 @@ def leg_xml(rig: RigModel, height_m: float, floor: bool, integrator: str) -> str
             f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" '
             f"{NEVER_COLLIDES}/>"
         )
-    else:
-        plane = ""
-    if floor:
         pairs = "".join(_pair_xml(i, rig.ground.friction_coefficient) for i in range(links))
     else:
+        plane = ""
         pairs = ""
     # Numbers are written with repr, which keeps all digits. Automatic resets are off: a failed
     # simulation must be seen, not restarted.
     return (
         f'<mujoco><compiler angle="radian"/><option gravity="0 0 {-GRAVITY_M_S2!r}" '
         f'integrator="{integrator}" cone="elliptic">'
-        "<flag "
-        f'autoreset="disable"/></option><worldbody>{plane}{bodies}</worldbody><contact>{pairs}</contact></mujoco>'
+        '<flag autoreset="disable"/></option>'
+        f"<worldbody>{plane}{bodies}</worldbody><contact>{pairs}</contact></mujoco>"
     )
 
 

@@ -186,14 +186,10 @@ def group_windows(windows: Sequence[W], length_s: float) -> list[Sequence[W]]:
     """The windows of one run in groups of about CONDITION_S, in their order; `length_s` is the
     length of a window.
     """
-    if windows:
-        of_condition = min(max(round(CONDITION_S / length_s), 1), WINDOWS_OF_CONDITION)
-    else:
-        of_condition = 1
-    if windows:
-        count = max(1, round(len(windows) / of_condition))
-    else:
-        count = 0
+    if not windows:
+        return []
+    of_condition = min(max(round(CONDITION_S / length_s), 1), WINDOWS_OF_CONDITION)
+    count = max(1, round(len(windows) / of_condition))
     bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
     return [windows[a:b] for a, b in pairwise(bounds)]
 

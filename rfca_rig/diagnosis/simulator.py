@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.data import Observations, stack_observations
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.executors.parallel import map_in_processes, map_in_threads
+from rfca_rig.executors.parallel import map_in_processes, map_in_threads, split_results
 from rfca_rig.model.parameters import PresentEffect
 
 Floats = NDArray[np.float64]
@@ -282,11 +282,10 @@ class Dataset:
             return self.simulator.simulate_changes(at, rows, block, self.parts[number])
 
         apply = map_in_processes if is_long else map_in_threads
-        of_tasks = apply(predict_block, tasks)
+        of_blocks = split_results(apply(predict_block, tasks), [len(self.parts)] * len(blocks))
         joined: list[Floats | None] = []
-        for first in range(0, len(of_tasks), len(self.parts)):
-            # The parts of one block, each with its changes for all inputs of the block.
-            of_parts = of_tasks[first : first + len(self.parts)]
+        for of_parts in of_blocks:
+            # Each part has its changes for all inputs of the block.
             joined += [_join_or_none(of_input) for of_input in zip(*of_parts, strict=True)]
         return joined
 

@@ -351,8 +351,7 @@ class ShaftMonitor:
                 Trip.OVERSPEED,
                 f"shaft at {now.speed_rad_s:.2f} rad/s, limit "
                 f"{self._limits.speed_rad_s:g} rad/s; does the drive obey, and are gear "
-                "and "
-                "encoder as the rig file says?",
+                "and encoder as the rig file says?",
             )
         self._check_behind(now)
         self._check_jam(now_s, now)
@@ -385,8 +384,7 @@ class ShaftMonitor:
                 f"the shaft has stood for {1e3 * (now_s - self._moved_s):.0f} ms where it "
                 "should turn at "
                 f"{now.target_speed_rad_s:.2f} rad/s, with {self._torque_Nm:.1f} N m from "
-                "the motor; "
-                "look for what holds it, or for a drive too weak for this load",
+                "the motor; look for what holds it, or for a drive too weak for this load",
             )
 
 

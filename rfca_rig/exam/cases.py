@@ -352,11 +352,9 @@ def _draw(kind: str, i: int, random: np.random.Generator) -> Case | PendulumCase
     # A spawned generator does not consume the main stream, so this draw does not shift the others.
     if at_prior_means:
         late_s = 0.0
-    else:
-        late_s = float(random.spawn(1)[0].uniform(0.0, MAX_DELAY_S))
-    if at_prior_means:
         off = NominalErrors()
     else:
+        late_s = float(random.spawn(1)[0].uniform(0.0, MAX_DELAY_S))
         off = draw_nominal_errors(random)
     case = Case(
         id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off, late_s=late_s

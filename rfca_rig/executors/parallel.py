@@ -13,7 +13,7 @@ import os
 import pickle
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context
@@ -40,6 +40,18 @@ def map_in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> lis
         return [work(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(work, items))
+
+
+def split_results(results: Sequence[Result], sizes: Iterable[int]) -> list[Sequence[Result]]:
+    """The results of a map over several groups of items, group by group; `sizes` are their
+    numbers of items.
+    """
+    groups = []
+    first = 0
+    for size in sizes:
+        groups.append(results[first : first + size])
+        first += size
+    return groups
 
 
 def map_in_processes(

@@ -310,8 +310,7 @@ def told(outcome: Outcome) -> Iterator[str]:
             f"worst {delays.max():.0f} ms; "
             f"{len(outcome.sent)} messages, "
             f"{1e-3 * size / (outcome.sent[-1]['came_s'] - outcome.sent[0]['came_s']):.0f} "
-            "kB/s; "
-            f"{outcome.lost} records lost to the view"
+            f"kB/s; {outcome.lost} records lost to the view"
         )
 
 

@@ -189,8 +189,7 @@ def main() -> None:
                 print(
                     f"{rate_Hz:6.0f} records/s, {name:24s}: median "
                     f"{np.median(found):.2f}, p99 {np.percentile(found, 99):.2f}, "
-                    "worst five "
-                    f"{' '.join(f'{gap:.1f}' for gap in np.sort(found)[:-6:-1])} ms; "
+                    f"worst five {' '.join(f'{gap:.1f}' for gap in np.sort(found)[:-6:-1])} ms; "
                     f"loop's process {cpu:.1f} s",
                     flush=True,
                 )

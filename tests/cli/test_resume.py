@@ -66,12 +66,11 @@ def stopped(of_two, here):
         second = [number for number, line in enumerate(lines) if "stage begins" in line][1]
         if why:
             last = [json.dumps({"event": "run ends", "why": why}) + "\n"]
-        else:
-            last = []
-        if why:
             (run / "end.json").write_text(
                 json.dumps({"provenance": {"ended": why, "lasted_s": "3.5"}, "static": None})
             )
+        else:
+            last = []
         (run / "events.jsonl").write_text("".join([*lines[:second], *last]))
         header = json.loads((run / "run.json").read_text())
         header["provenance"]["rig"] = "rig.toml"

@@ -61,11 +61,9 @@ def given_back(presliding, mu, stretch, normal):
         before = mu * normal[k - 1]
         if limit > 0.0:
             carried = carry_stretch(s + moved, limit, s, before)[0]
-        else:
-            carried = 0.0
-        if limit > 0.0:
             s = min(max(carried / limit, -presliding), presliding)
         else:
+            carried = 0.0
             s = 0.0
         after = -limit * s / presliding
         work = 0.5 * (F + after) * moved

@@ -176,11 +176,9 @@ def test_dry_friction_takes_twice_its_torque_over_the_weight_off_each_swing(nomi
     period = 2 * np.pi * np.sqrt(0.11 / WEIGHT_Nm)
     if nominal:
         pendulum = Pendulum((PendulumLink(0.5, 0.6, 0.4, 0.11, joint_friction_Nm=friction),))
-    else:
-        pendulum = SINGLE
-    if nominal:
         effects = {}
     else:
+        pendulum = SINGLE
         effects = {"joint_friction": {"torque_Nm": friction}}
     angle = let_go(pendulum, start, np.arange(1, 10) * period / 2, **effects).angle_rad[:, 0]
     peaks = [

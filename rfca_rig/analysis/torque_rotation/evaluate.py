@@ -196,8 +196,7 @@ def _case(recordings: Sequence[Recording], supposed: StageAssumptions) -> _Case:
     if len(data.stages) < FEWEST_STAGES or int(data.seen.sum()) < FEWEST_ANGLES:
         raise BadInput(
             f"{len(data.stages)} settled stages with "
-            f"{int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a "
-            "curve needs "
+            f"{int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a curve needs "
             f"at least {FEWEST_STAGES} stages and {FEWEST_ANGLES} angles; take more stages"
         )
     angles_deg = np.degrees(data.measured[:, : data.hinges][data.seen])
@@ -229,8 +228,7 @@ def _check(recordings: Sequence[Recording], rig: RigModel) -> None:
                 raise BadInput(
                     f"{recording.title!r}: stage {stage.stage} at "
                     f"{1e3 * stage.height_m:g} mm has {len(stage.hinge_deg)} hinges and "
-                    "the "
-                    f"model's leg has {hinges}; give the model of this leg with --model"
+                    f"the model's leg has {hinges}; give the model of this leg with --model"
                 )
 
 

@@ -46,15 +46,10 @@ def judge_card(seen: CardsSeen, channels: str) -> Finding:
     if name not in seen.devices:
         if seen.devices:
             existing = f"; there is {', '.join(seen.devices)}"
-        else:
-            existing = "; there is no card at all"
-        if seen.devices:
             fix = f'put channels = "{seen.devices[0]}/ai0:5" under [force_sensor]'
-        else:
-            fix = "plug the card in; NI's tool lists cards:"
-        return red(
-            CARD, f"there is no {name}{existing}", fix, *(() if seen.devices else ("nilsdev",))
-        )
+            return red(CARD, f"there is no {name}{existing}", fix)
+        fix = "plug the card in; NI's tool lists cards:"
+        return red(CARD, f"there is no {name}; there is no card at all", fix, "nilsdev")
     return green(CARD, f"{name} is there")
 
 

@@ -212,11 +212,9 @@ def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
         return green(TORQUE, "reported")
     if wanted.dialect == OdriveFirmware.V0_5:
         message = "iq"
-    else:
-        message = "torques"
-    if wanted.dialect == OdriveFirmware.V0_5:
         fix = "set its period, in odrivetool:"
     else:
+        message = "torques"
         fix = 'put dialect = "0.5" if its firmware is, else in odrivetool:'
     return red(
         TORQUE,

@@ -174,7 +174,10 @@ class Decision:
         """The grade in the words of rfca-diagnosis/1."""
         if self.grade == "identified":
             return "named"
-        return "unexplained" if self.grade == "mostly" or self.grade == "family" else self.grade  # noqa: PLR1714  (narrows the type)
+        # Two comparisons, since they narrow the type.
+        if self.grade == "mostly" or self.grade == "family":  # noqa: PLR1714
+            return "unexplained"
+        return self.grade
 
     @property
     def suspects(self) -> frozenset[str]:

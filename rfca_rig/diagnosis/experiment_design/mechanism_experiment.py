@@ -186,12 +186,10 @@ def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) ->
     grown = np.sin(0.5 * np.pi * np.minimum(t_s / RISE_S, 1.0)) ** 2
     if joint == joints:
         moving = np.ones(joints, dtype=bool)
-    else:
-        moving = np.arange(joints) == joint
-    # Joints that move together differ in phase, so that their torques differ.
-    if joint == joints:
+        # Joints that move together differ in phase, so that their torques differ.
         phase = np.arange(joints) * np.pi / 3.0
     else:
+        moving = np.arange(joints) == joint
         phase = np.zeros(joints)
     wave = np.sin(2.0 * np.pi * frequency_Hz * t_s[:, None] + phase) * grown[:, None]
     position = usual.middle + travel * usual.half_range * moving * wave

@@ -39,6 +39,7 @@ from rfca_rig.diagnosis.mechanisms.windows import (
 )
 from rfca_rig.diagnosis.simulator import Dataset, make_dataset, spread
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.executors.parallel import split_results
 from rfca_rig.mechanism.contact_law import check_contacts
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Mechanism
@@ -245,11 +246,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         else:
             corrected_window = correct_rest_window(window, simulator, plant, torque, motion)
         corrected_windows.append(corrected_window)
-    corrected = []
-    first = 0
-    for run_windows in cut:
-        corrected.append(corrected_windows[first : first + len(run_windows)])
-        first += len(run_windows)
+    corrected = split_results(corrected_windows, map(len, cut))
     # The step is chosen last: its error is compared with the error scales of the corrected windows.
     step_s = choose_step(simulator, corrected_windows)
     conditions = _group_conditions(experiment, match, corrected)

@@ -25,7 +25,7 @@ from rfca_rig.diagnosis.residual_force.spline_force import (
     simulate_forced_stroke,
 )
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.executors.parallel import map_in_processes
+from rfca_rig.executors.parallel import map_in_processes, split_results
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.stroke import SimulatedStroke
 
@@ -121,15 +121,13 @@ def nominal_conditions(
     ]
     # One map for all conditions, so that no core waits at the end of each.
     columns = map_in_processes(lambda job: _hinge_response(*job), jobs)
+    of_conditions = split_results(columns, [condition.bumps.count * hinges for condition in bare])
     conditions = []
-    first = 0
-    for condition in bare:
-        count = condition.bumps.count * hinges
-        responses = np.stack(columns[first : first + count], axis=-1)
+    for condition, own_columns in zip(bare, of_conditions, strict=True):
+        responses = np.stack(own_columns, axis=-1)
         conditions.append(
             replace(condition, in_hinge=responses.reshape(-1, condition.bumps.count, hinges))
         )
-        first += count
     return tuple(conditions)
 
 

@@ -168,21 +168,18 @@ def _bump_piece(x: float) -> Floats:
     y = x + 1e-6
     if not -2.0 < y < 2.0:
         return np.zeros(4)
-    outer = abs(y) > 1.0
     side = 1.0 if y > 0.0 else -1.0
-    if outer:
+    if abs(y) > 1.0:
         value = (2.0 - side * x) ** 3 / 6.0
+        slope = -0.5 * side * (2.0 - side * x) ** 2
+        bend = 0.5 * (2.0 - side * x)
+        third = -side / 6.0
     else:
         value = 2.0 / 3.0 - x * x + 0.5 * side * x**3
-    if outer:
-        slope = -0.5 * side * (2.0 - side * x) ** 2
-    else:
         slope = -2.0 * x + 1.5 * side * x * x
-    if outer:
-        bend = 0.5 * (2.0 - side * x)
-    else:
         bend = -1.0 + 1.5 * side * x
-    return np.array([value, slope, bend, -side / 6.0 if outer else 0.5 * side])
+        third = 0.5 * side
+    return np.array([value, slope, bend, third])
 
 
 def simulate_forced_stroke(

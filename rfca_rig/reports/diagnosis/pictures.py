@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, SignalOverlay
 from rfca_rig.escaping import html_text, printable
-from rfca_rig.executors.parallel import map_in_processes
+from rfca_rig.executors.parallel import map_in_processes, split_results
 from rfca_rig.reports.style import (
     ALIKE,
     FAINT,
@@ -96,12 +96,11 @@ def pictures_of(
         limits = _limits_of(signal_overlays)
         tasks += [(number, overlay, limits) for number, overlay in enumerate(signal_overlays)]
     panels = map_in_processes(lambda task: _panel(*task), tasks)
+    of_pictures = split_results(panels, map(len, of_signal.values()))
     pictures = []
-    first = 0
-    for name, signal_overlays in of_signal.items():
-        of_picture = tuple(panels[first : first + len(signal_overlays)])
-        pictures.append(_picture(name, signal_overlays, name in never_folded, of_picture))
-        first += len(signal_overlays)
+    for (name, signal_overlays), own_panels in zip(of_signal.items(), of_pictures, strict=True):
+        is_kept = name in never_folded
+        pictures.append(_picture(name, signal_overlays, is_kept, tuple(own_panels)))
     return pictures
 
 

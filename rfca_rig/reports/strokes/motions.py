@@ -165,14 +165,13 @@ def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
     """
     pictures = []
     for joint in joints:
-        unit = "m" if joint.is_slide else "deg"
         if joint.is_slide:
+            unit = "m"
             position = joint.position
-        else:
-            position = np.asarray(np.degrees(joint.position))
-        if joint.is_slide:
             name = f"{joint.joint} force_N"
         else:
+            unit = "deg"
+            position = np.asarray(np.degrees(joint.position))
             name = f"{joint.joint} torque_Nm"
         series = [_Series(MEASURED, position, joint.speed, joint.remainder)]
         pictures.append(

@@ -261,11 +261,9 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
         for sensitivity in of_row:
             if sensitivity.found:
                 values[f"{sensitivity.name} share"] = sensitivity.found.index
-            else:
-                values[f"{sensitivity.name} share"] = None
-            if sensitivity.found:
                 values[f"{sensitivity.name} std"] = sensitivity.found.std
             else:
+                values[f"{sensitivity.name} share"] = None
                 values[f"{sensitivity.name} std"] = None
         if all(sensitivity.found for sensitivity in of_row):
             values["sum"] = sum(

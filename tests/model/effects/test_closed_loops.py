@@ -347,11 +347,9 @@ def work_of_tie(law, parameter, mu, presliding, drag, moved, slip, normal):
         limit = mu * out[0] * normal[k]
         if limit > 0.0:
             carried = carry_stretch(s + moved[k], limit, s, before)[0]
-        else:
-            carried = 0.0
-        if limit > 0.0:
             s = min(max(carried / limit, -presliding), presliding)
         else:
+            carried = 0.0
             s = 0.0
         after = -limit * s / presliding
         before = limit
