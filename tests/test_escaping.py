@@ -7,6 +7,7 @@ import csv
 import html
 import io
 import json
+import shutil
 import tomllib
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -16,9 +17,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import make_draft
 from rfca_rig.campaign.pendulum import write_pendulum_model
+from rfca_rig.cli.main import app
 from rfca_rig.cli.terminal import echo
 from rfca_rig.description.model_file import write_model
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, write_excitation
@@ -285,3 +288,43 @@ def test_a_model_with_unusable_names_is_refused(tmp_path, kind, sign):
 def test_usual_names_are_taken():
     for name in ("joint1", "left knee", "Gelenk ä", "robot/arm.1-a", "膝", "a+b", "50%", "<x>"):
         assert find_unusable_sign(name) is None
+
+
+TRICK = "<img src=x onerror=alert(1)>\x1b]0;owned\x07\u202e\n[known_to]"
+# Control characters and quotes are refused in the names of a model.
+JOINT = "<img src=x onerror=alert(1)>{{ 7 * 7 }}"
+
+
+@pytest.mark.slow
+def test_a_whole_diagnosis_keeps_hostile_texts_as_texts(tmp_path):
+    recorded = Path(__file__).parent / "data" / "pendulums" / "free-swing" / "runs"
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    model = (Path(__file__).parent / "real" / "free-swing" / "model.xml").read_text("utf-8")
+    (folder / "model.xml").write_text(model.replace('"pivot"', f'"{html.escape(JOINT)}"'), "utf-8")
+    head = {"format": "rfca-experiment/1", "title": TRICK, "model": "model.xml"}
+    text = "".join(f"{key} = {format_value(value)}\n" for key, value in head.items())
+    text += '[time]\ncolumn = "time_s"\nunit = "s"\n[[signals]]\n'
+    text += f"joint = {format_value(JOINT)}\n"
+    text += 'quantity = "position"\ncolumn = "angle_rad"\nunit = "rad"\n'
+    text += "[known_to]\ninertia_relative = 0.08\nzero_offset_rad = 0.01\n"
+    for number, (name, from_s) in enumerate((("45", 0.5), ("90", 0.78), ("135", 0.68))):
+        file = f"<b>{number}.csv"
+        shutil.copy(recorded / f"release-{name}.csv", folder / file)
+        text += f"[[recordings]]\nfile = {format_value(file)}\nfrom_s = {from_s}\nto_s = 4.6\n"
+        text += f"condition = {format_value(f'{number} {TRICK}')}\n"
+    (folder / "experiment.toml").write_text(text, encoding="utf-8")
+    out = tmp_path / "<b>out"
+    result = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert not {"\x1b", "\x07", "\u202e"} & set(result.output)
+    page = (out / "diagnosis.html").read_text(encoding="utf-8")
+    assert "onerror=alert" in html.unescape(page)
+    assert not any(element.startswith(("img", "b ")) for element in _elements(page))
+    assert not {"\x1b", "\x07", "\u202e"} & set(page)
+    answer = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert answer["title"] == TRICK
+    if (out / "laws.py").is_file():
+        ast.parse((out / "laws.py").read_text(encoding="utf-8"))
+    for model_file in out.glob("*.xml"):
+        assert load_mechanism(model_file).joints == (JOINT,)

@@ -58,7 +58,7 @@ ENDINGS = (
     Ending(
         "recorder killed",
         "1",
-        "off at the next tick",
+        "off within some 15 ms, when the system has closed its connection",
         "all acknowledged stages; `rfca-rig recover` for the rest",
         "test_a_recorder_that_is_killed_ends_it",
     ),

@@ -29,9 +29,8 @@ and the leg swings on it as on a hinge. A dash means: not within {watched:g} s a
 "Over the wire" is measured with the wall clock and sockets, by `python -m tests.benchmarks.stop_times --record`. It runs the same
 stroke against `rfca-rig twin serve` in a process of its own, which brings the cause about as in simulated time. Errors of the adapter come
 from the program's end of the bus, signals from the system. The time goes from the cause until the motor gives no torque, as the server sees
-it. The two numbers are medians of up to five tries: without further load from the test, and with a computing process on every core. Other
-programs computed on the machine of this table both times. Tries that ended for another reason, such as a late machine, are not among them.
-Times with "(reported)" are older. They go to the last torque that the drive reports, in a stroke at 3 rad/s, in three to ten tries.
+it. The two numbers are medians of up to five tries: without further load, and with a computing process on every core. Tries that ended
+for another reason, such as a late machine, are not among them. Of 54 of the 86 causes, other programs computed on the machine both times.
 
 Both times agree within a factor of two and one period of what the program waits for. That is 6 ms: two ticks of the control loop and a
 step of the server. It is 100 ms for the heartbeat and 500 ms for the temperatures. Of a recorder that was killed it is 15 ms, until the
@@ -40,7 +39,7 @@ system has closed its connection. `--compare` prints the causes where they do no
 A drive that reports an error stops by itself, which takes no time. One that reports an error and goes on is stopped by the program with the
 next heartbeat: after 83 ms (median; 76 to 87 ms in 5 tries).
 
-"Not measured" are causes that were not tried, and six that cannot be brought about. A socket without a network raises nothing while the
+"Not measured" are six causes that cannot be brought about. A socket without a network raises nothing while the
 program only listens (`network-gone`). A full queue takes seconds to fill (`recorder-behind`), a full disk needs a file system of its own
 (`disk-full`). The server has no camera (`camera-frozen`, `camera-gone`). The computer's clock is not set for a test (`wall-clock-set`).
 
@@ -109,10 +108,7 @@ def over_the_wire(cause: Cause) -> str:
         return "not measured"
     if cause.ends == GOES_ON:
         return "goes on"
-    times = ", ".join(_median_text(kept[state]["times_ms"]) for state in ("idle", "busy"))
-    if kept.get("by_report"):
-        return f"{times} (reported)"
-    return times
+    return ", ".join(_median_text(kept[state]["times_ms"]) for state in ("idle", "busy"))
 
 
 def _median_text(times_ms: Sequence[float]) -> str:
