@@ -1,8 +1,9 @@
-"""Gear between a drive and the shaft, and the time-stamped reports of a plug-in drive (see
-docs/add-a-motor.md).
+"""Gear between a drive and the shaft, what receives the reports of a drive, and that of a plug-in
+drive (see docs/add-a-motor.md).
 """
 
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, tau
@@ -22,7 +23,7 @@ from rfca_rig.drivers.reading_check import (
     ReadingCheck,
     describe_bad,
 )
-from rfca_rig.drivers.roles import ShaftSamples, concatenate_blocks
+from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
 
 # Margin in rad on top of any possible motion.
@@ -176,6 +177,90 @@ WATCHDOG_REMEDY = "the drive's watchdog stops the motor"
 NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))
 
 
+class DriveReceiver(ABC):
+    """Receives the reports of one drive. `drained_s` is the host time of the last `drain`, `heard`
+    counts the reports since `reset_counters`.
+    """
+
+    heard: int
+
+    def __init__(self, bus: can.BusABC, clock: Clock, remedy: str) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._remedy = remedy
+        self._rows: list[tuple[float, float, float, float, float]] = []
+        self.health = BusHealth()
+        self.drained_s = clock.now_s()
+
+    def drain(self) -> None:
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
+        a frame cannot be decoded.
+        """
+        # The time is read before the first frame, so that no frame gets a time later than its
+        # arrival.
+        before_s = self.drained_s
+        self.drained_s = self._clock.now_s()
+        try:
+            for message in receive_frames(self._bus, self.health, self._remedy):
+                self._take(message)
+        # Reports decoded before a failure are still stamped and handed out. After a long pause
+        # frames may be missing anywhere.
+        finally:
+            self._stamp(is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
+
+    def samples(self) -> ShaftSamples:
+        """Samples (m,) drained since the last call."""
+        rows = np.array(self._rows, np.float64).reshape(-1, 5)
+        self._rows = []
+        return ShaftSamples(*rows.T)
+
+    @abstractmethod
+    def _take(self, message: can.Message) -> None:
+        """Takes in one frame. A report with known time becomes a row: host and device time, shaft
+        angle, speed and torque.
+        """
+
+    def _stamp(self, is_whole: bool) -> None:  # noqa: B027 (nothing to do where reports are not counted)
+        """Time-stamps the reports of this `drain`, for a drive whose reports are counted. Without
+        `is_whole` frames may be missing among them.
+        """
+
+    @abstractmethod
+    def reset_counters(self) -> None:
+        """Restarts the counters behind `heard` and `missing`."""
+
+    @abstractmethod
+    def missing(self) -> str | None:
+        """The first kind of report that has not arrived since `reset_counters`, with the remedy;
+        None if none is missing.
+        """
+
+    @property
+    @abstractmethod
+    def silent_s(self) -> float:
+        """Time in s for which a due report has been missing, at the last `drain`."""
+
+    @property
+    @abstractmethod
+    def zero_lost(self) -> str | None:
+        """Why the angle can no longer be trusted, or None. Never reset."""
+
+    @property
+    def doubts(self) -> str | None:
+        """An error of the reports themselves that the drive does not report, or None."""
+        return None
+
+    @property
+    def temperature_C(self) -> float | None:
+        """As in `MotorStatus`."""
+        return None
+
+    @property
+    def torque_age_s(self) -> float:
+        """As in `MotorStatus`."""
+        return 0.0
+
+
 @dataclass(frozen=True)
 class Report:
     """One report of a drive: turns, turns/s and torque of its motor, before the gear.
@@ -194,7 +279,7 @@ class Report:
     temperature_C: float | None = None
 
 
-class DriveReports:
+class DriveReports(DriveReceiver):
     """Receives the reports of one drive. `last` is its last report, drained at host time `heard_s`.
 
     With a period, reports are cyclic and are time-stamped by counting them. Without one, each
@@ -210,8 +295,7 @@ class DriveReports:
         period_s: float | None,
         understand: Callable[[can.Message], Report | None],
     ) -> None:
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, WATCHDOG_REMEDY)
         self._gear = gear
         self._understand = understand
         self._count = None if period_s is None else FrameCount(period_s)
@@ -219,16 +303,15 @@ class DriveReports:
         self._check = ReadingCheck("the drive", POSITION, SPEED, TORQUE)
         self._temperature = OptionalReading("the drive", TEMPERATURE)
         self._asked_s = self._stamped_s = self._open_s = self._first_s = np.nan
-        self._samples: list[ShaftSamples] = []
-        self.health = BusHealth()
+        # Reports that have no time stamp yet.
+        self._arrived: list[Report] = []
         self.last: Report | None = None
         self.restarted: str | None = None
         self.angle_rad = self.speed_rad_s = np.nan
-        self.drained_s = self.heard_s = clock.now_s()
+        self.heard_s = self.drained_s
         self.reset_counters()
 
     def reset_counters(self) -> None:
-        """Restarts the counters behind `heard` and `missing`."""
         self.heard = 0
         self._foreign: set[int] = set()
 
@@ -239,23 +322,7 @@ class DriveReports:
         if np.isnan(self._open_s):
             self._open_s = self._asked_s
 
-    def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
-        a frame cannot be decoded.
-        """
-        before_s = self.drained_s
-        self.drained_s = self._clock.now_s()
-        reports: list[Report] = []
-        try:
-            for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
-                self._take(message, reports)
-        # Reports decoded before a bad frame are still stamped and handed out.
-        finally:
-            # A long pause may have overflowed the receive buffer: frames are then missing, and no
-            # jump can be inferred.
-            self._stamp(reports, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
-
-    def _take(self, message: can.Message, reports: list[Report]) -> None:
+    def _take(self, message: can.Message) -> None:
         try:
             report = self._understand(message)
         # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions
@@ -268,9 +335,11 @@ class DriveReports:
         if report is None:
             self._foreign.add(message.arbitration_id)
         else:
-            reports.append(report)
+            self._arrived.append(report)
 
-    def _stamp(self, reports: list[Report], is_whole: bool) -> None:
+    def _stamp(self, is_whole: bool) -> None:
+        reports = self._arrived
+        self._arrived = []
         if not reports:
             return
         self.heard_s = self.drained_s
@@ -281,41 +350,25 @@ class DriveReports:
         timed = reports if self._count is not None else reports[-1:]
         # A refused report keeps its place until then, because the time of the others comes from
         # counting.
-        device_s = self._device_s(len(timed))
-        is_good = np.array([self._accept(report) for report in timed])
-        if not is_good.any():
-            return
-        accepted = [report for report, good in zip(timed, is_good, strict=True) if good]
+        stamps_s = self._list_stamps(len(timed))
+        is_good = [self._accept(report) for report in timed]
         gear = self._gear
-        rows = np.array([(report.turns, report.turns_s, report.torque_Nm) for report in accepted])
-        samples = ShaftSamples(
-            host_s=np.full(len(rows), self.drained_s),
-            device_s=device_s[is_good],
-            angle_rad=(rows[:, 0] - gear.zero_turns) * gear.shaft_rad_per_turn,
-            speed_rad_s=rows[:, 1] * gear.shaft_rad_per_turn,
-            torque_Nm=rows[:, 2] * gear.shaft_torque_per_drive_torque,
-        )
-        for stamp_s, angle_rad, speed_rad_s in zip(
-            samples.device_s, samples.angle_rad, samples.speed_rad_s, strict=True
-        ):
+        for device_s, report, good in zip(stamps_s, timed, is_good, strict=True):
+            if not good:
+                continue
+            self.angle_rad = (report.turns - gear.zero_turns) * gear.shaft_rad_per_turn
+            self.speed_rad_s = report.turns_s * gear.shaft_rad_per_turn
             self._leap.follow(
-                self.drained_s,
-                float(stamp_s),
-                float(angle_rad),
-                float(speed_rad_s),
-                judged=is_whole,
+                self.drained_s, device_s, self.angle_rad, self.speed_rad_s, judged=is_whole
             )
-        self.angle_rad = float(samples.angle_rad[-1])
-        self.speed_rad_s = float(samples.speed_rad_s[-1])
-        # Time must increase strictly in a recording; a second answer to the same request is
-        # dropped.
-        is_new = (
-            self._count is not None
-            or np.isnan(self._stamped_s)
-            or samples.device_s[-1] > self._stamped_s
-        )
-        self._stamped_s = float(samples.device_s[-1])
-        self._samples += [samples] if is_new else []
+            # Time must increase strictly in a recording; a second answer to the same request is
+            # dropped.
+            if self._count is not None or not device_s <= self._stamped_s:
+                torque_Nm = report.torque_Nm * gear.shaft_torque_per_drive_torque
+                self._rows.append(
+                    (self.drained_s, device_s, self.angle_rad, self.speed_rad_s, torque_Nm)
+                )
+            self._stamped_s = device_s
 
     def _accept(self, report: Report) -> bool:
         """Whether the numbers of a report are possible. Raises BadReading at the third bad one
@@ -350,26 +403,25 @@ class DriveReports:
         """How many reports were refused because of impossible numbers, by signal."""
         return describe_bad(self._check.bad, self._temperature.check.bad)
 
-    def _device_s(self, reports: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    def _list_stamps(self, reports: int) -> list[float]:
         if self._count is not None:
-            return np.asarray(self._count.stamp(reports, self.drained_s)).reshape(reports)
+            return self._count.list_stamps(reports, self.drained_s)
         if np.isnan(self._asked_s):
             moment_s = self.drained_s
         else:
             moment_s = self._asked_s
         if np.isnan(self._first_s):
             self._first_s = moment_s
-        return np.full(reports, moment_s - self._first_s)
+        return [moment_s - self._first_s] * reports
 
-    def samples(self) -> ShaftSamples:
-        """Samples (m,) drained since the last call."""
-        blocks = self._samples
-        self._samples = []
-        return concatenate_blocks(blocks or [NO_SAMPLES])
+    @property
+    def temperature_C(self) -> float | None:
+        if self.last is None:
+            return None
+        return self.last.temperature_C
 
     @property
     def silent_s(self) -> float:
-        """Time in s for which a due report has been missing, at the last `drain`."""
         if self._count is not None:
             since_s = self.heard_s
         elif np.isnan(self._open_s):
@@ -386,12 +438,10 @@ class DriveReports:
 
     @property
     def zero_lost(self) -> str | None:
-        """Why the angle can no longer be trusted, or None. Never reset."""
         return self.restarted or self._leap.fault
 
     @property
     def doubts(self) -> str | None:
-        """An error of the reports themselves that the drive does not report, or None."""
         return self.zero_lost or (self._count.fault if self._count else None) or self.health.fault
 
     def missing(self) -> str:

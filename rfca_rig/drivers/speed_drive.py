@@ -2,7 +2,7 @@
 docs/add-a-motor.md.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 import can
 
 from rfca_rig.clock import Clock
-from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, find_wrong_period
 from rfca_rig.drivers.drive_report import (
     WATCHDOG_REMEDY,
@@ -19,6 +18,7 @@ from rfca_rig.drivers.drive_report import (
     ShaftGear,
     check_command,
 )
+from rfca_rig.drivers.motor_drive import MotorDrive
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 
@@ -27,9 +27,6 @@ __all__ = ["DriveKeys", "Report", "SpeedDrive"]
 Frames = Sequence[can.Message]
 
 FILES = ("file", "twin_file")
-# Interval between two polls while enabling, in s; docs/add-a-motor.md promises plug-ins a call
-# every 2 ms.
-POLL_S = 2e-3
 # Limits in s for enabling, and for one answer at the end of the watchdog test.
 ENABLE_S = 1.0
 ANSWER_S = 0.05
@@ -62,7 +59,7 @@ class _Gear(ShaftGear):
         self.check_gear()
 
 
-class SpeedDrive(ABC, Generic[Keys]):
+class SpeedDrive(MotorDrive, Generic[Keys]):
     """A `ShaftMotor` that commands its drive by speed only; an angle command becomes a speed
     towards that angle.
 
@@ -75,17 +72,19 @@ class SpeedDrive(ABC, Generic[Keys]):
     """
 
     make: ClassVar[str]
+    wire_name = "the wiring"
+    remedy = WATCHDOG_REMEDY
+
+    _reports: DriveReports
 
     def __init__(self, bus: can.BusABC, clock: Clock, keys: Keys, silent_s: float) -> None:
         """`silent_s`: time without a report after which the drive is at fault."""
+        super().__init__(bus, clock, silent_s)
         self.keys = keys
-        self._bus = bus
-        self._clock = clock
-        self._silent_s = silent_s
         self._gear = _Gear(keys)
         self._period_s = None if keys.report_period_ms is None else 1e-3 * keys.report_period_ms
         self._reports = DriveReports(bus, clock, self._gear, self._period_s, self.hear)
-        self._armed = self._has_asked = False
+        self._has_asked = False
 
     # -- frames of the drive, to be implemented
     # ------------------------------------------------------------------------------
@@ -135,12 +134,9 @@ class SpeedDrive(ABC, Generic[Keys]):
         Raises DeviceError with the missing message, or with the error of a drive that refuses; the
         motor is then off.
         """
-        self.disable()
-        self._reports.drain()
+        self._begin_enabling()
         # Frames that piled up during a pause may have gaps, so they are discarded.
         self._reports.samples()
-        if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
         self._say(self.to_clear())
         self._await_reports()
         period_s = self._period_s
@@ -187,10 +183,7 @@ class SpeedDrive(ABC, Generic[Keys]):
     def _refuse_if(self, refused: bool, how: str) -> None:
         if refused:
             last = self._last()
-            self.disable()
-            raise DeviceError(
-                f"drive not enabled: it {how} {last.fault or 'no error'}, state {last.state}"
-            )
+            self._refuse(f"it {how} {last.fault or 'no error'}, state {last.state}")
 
     def _last(self) -> Report:
         if self._reports.last is None:
@@ -229,39 +222,30 @@ class SpeedDrive(ABC, Generic[Keys]):
         """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; the
         watchdog then stops the motor.
         """
-        self._armed = False
-        send_stop(self._bus, self._clock, self.to_let_go(), WATCHDOG_REMEDY)
+        self._stop(self.to_let_go())
 
-    def prove_watchdog(self, limit_s: float) -> float:
-        """Sends nothing to the enabled drive until its watchdog disables the motor; returns the
-        time in s. The motor is off afterwards.
+    def _await_torque_off(self, limit_s: float) -> float:
+        """A drive without cyclic reports is asked once, at the end."""
+        if self._period_s is None:
+            took_s = self._ask_after(limit_s)
+        else:
+            took_s = self._await_watchdog(limit_s, self._is_off, self._wait_and_drain)
+        if took_s is None:
+            raise DeviceError(
+                f"drive's watchdog let it run through {limit_s:g} s of silence; "
+                "switch it on in the drive, such a drive is not moved"
+            )
+        return took_s
 
-        A drive without cyclic reports is asked once, at the end. Raises DeviceError if it still
-        runs after `limit_s`.
-        """
+    def _is_off(self) -> bool:
+        return not self._last().is_on
+
+    def _ask_after(self, limit_s: float) -> float | None:
+        """The time in s until the drive reports that it is off; None if it still runs."""
         began_s = self._clock.now_s()
-        try:
-            self._wait_for_off(limit_s) if self._period_s is not None else self._ask_after(limit_s)
-            # The answer that ends the silence, or the last cyclic report, decides; a drive that
-            # still runs is not safe to use.
-            if self._last().is_on:
-                raise DeviceError(
-                    f"drive's watchdog let it run through {limit_s:g} s of silence; "
-                    "switch it on in the drive, such a drive is not moved"
-                )
-            return self._clock.now_s() - began_s
-        finally:
-            self.disable()
-
-    def _wait_for_off(self, limit_s: float) -> None:
-        until_s = self._clock.now_s() + limit_s
-        while self._last().is_on and self._clock.now_s() < until_s:
-            self._wait_and_drain()
-
-    def _ask_after(self, limit_s: float) -> None:
         # The single question comes at the end: a request in between could feed a watchdog that
         # counts any frame.
-        self._clock.wait_until(self._clock.now_s() + limit_s - ANSWER_S)
+        self._clock.wait_until(began_s + limit_s - ANSWER_S)
         self._reports.drain()
         self._reports.reset_counters()
         self._ask()
@@ -272,8 +256,8 @@ class SpeedDrive(ABC, Generic[Keys]):
                     "drive's watchdog not proven: the drive says nothing after "
                     f"{limit_s:g} s of silence; check its power"
                 )
-            self._clock.wait_until(self._clock.now_s() + POLL_S)
-            self._reports.drain()
+            super()._wait_and_drain()
+        return self._clock.now_s() - began_s if self._is_off() else None
 
     def read(self) -> ShaftSamples:
         """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
@@ -292,30 +276,14 @@ class SpeedDrive(ABC, Generic[Keys]):
         """
         last = self._reports.last
         if last is None:
-            state = "unknown"
-            temperature_C = None
-        else:
-            state = last.state
-            temperature_C = last.temperature_C
-        return MotorStatus(state, self._fault(last), self._reports.silent_s, temperature_C)
-
-    def _fault(self, last: Report | None) -> str | None:
-        silent_s = self._reports.silent_s
-        if last is not None and last.fault is not None:
-            return last.fault
-        if self._reports.doubts is not None:
-            return self._reports.doubts
-        if last is not None and self._armed and not last.is_on:
-            return (
+            return self._make_status("unknown")
+        exit_text = None
+        if not last.is_on:
+            exit_text = (
                 f"let go by itself without an error, state {last.state}; was it stopped from "
                 "elsewhere, or restarted?"
             )
-        if silent_s > self._silent_s:
-            return (
-                f"no report for {silent_s:.2f} s, limit {self._silent_s:g} s; check the "
-                "drive's power and the wiring"
-            )
-        return None
+        return self._make_status(last.state, last.fault, exit_text)
 
     def identity(self) -> dict[str, str]:
         """For the recording: make, bus, and all keys of the section except its files, which are
@@ -337,12 +305,12 @@ class SpeedDrive(ABC, Generic[Keys]):
 
     def _say(self, frames: Frames) -> None:
         for message in frames:
-            send(self._bus, message, WATCHDOG_REMEDY)
+            self._send(message)
         self._ask()
 
     def _ask(self) -> None:
         for message in self.to_ask() if self._period_s is None else ():
-            send(self._bus, message, WATCHDOG_REMEDY)
+            self._send(message)
         self._reports.note_query()
         self._has_asked = True
 
@@ -350,5 +318,4 @@ class SpeedDrive(ABC, Generic[Keys]):
         if self._period_s is None and not self._has_asked:
             self._ask()
         self._has_asked = False
-        self._clock.wait_until(self._clock.now_s() + POLL_S)
-        self._reports.drain()
+        super()._wait_and_drain()
