@@ -174,7 +174,6 @@ class EncoderJumpMonitor:
 
 
 WATCHDOG_REMEDY = "the drive's watchdog stops the motor"
-NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))
 
 
 class DriveReceiver(ABC):

@@ -4,12 +4,14 @@ and of stopping.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import ClassVar, NoReturn
 
 import can
 
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import EMERGENCY_STOP_REMEDY, send, send_stop
+from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, find_wrong_period
 from rfca_rig.drivers.drive_report import DriveReceiver
 from rfca_rig.drivers.roles import MotorStatus
 from rfca_rig.errors import DeviceError
@@ -77,6 +79,28 @@ class MotorDrive(ABC):
         self._reports.drain()
         if self._reports.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
+
+    def _await_cyclic_reports(self, period_s: float, timeout_s: float) -> float | None:
+        """Waits until no kind of report is missing, and measures their period. Returns the measured
+        one in s if it is not `period_s`, which would stretch the time base of the recording.
+
+        Raises DeviceError with what is missing after `timeout_s`.
+        """
+        self._reports.drain()
+        # Frames that piled up during a pause may have gaps, so they are discarded.
+        self._reports.samples()
+        return find_wrong_period(partial(self._measure_period_s, period_s, timeout_s), period_s)
+
+    def _measure_period_s(self, period_s: float, timeout_s: float) -> float:
+        reports = self._reports
+        reports.reset_counters()
+        started_s = self._clock.now_s()
+        look_s = PERIODS_PER_ATTEMPT * period_s
+        while reports.missing() is not None or self._clock.now_s() - started_s < look_s:
+            if self._clock.now_s() - started_s > max(timeout_s, look_s):
+                raise DeviceError(f"drive not enabled: within {timeout_s:g} s {reports.missing()}")
+            self._wait_and_drain()
+        return (self._clock.now_s() - started_s) / reports.heard
 
     def _refuse(self, why: str) -> NoReturn:
         """Disables a drive that cannot be enabled, then raises DeviceError."""

@@ -32,17 +32,17 @@ from rfca_rig.devices.odrive.messages import (
     state_text,
 )
 from rfca_rig.devices.odrive.section import OdriveSection
-from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames, send, send_stop
-from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, FrameCount, find_wrong_period
+from rfca_rig.drivers.device_time import FrameCount
 from rfca_rig.drivers.drive_report import (
-    NO_SAMPLES,
     WATCHDOG_REMEDY,
+    DriveReceiver,
     EncoderJumpMonitor,
     ShaftGear,
     check_command,
     check_positive,
     refuse_late_answers,
 )
+from rfca_rig.drivers.motor_drive import MotorDrive
 from rfca_rig.drivers.reading_check import (
     CURRENT,
     POSITION,
@@ -53,12 +53,10 @@ from rfca_rig.drivers.reading_check import (
     ReadingCheck,
     describe_bad,
 )
-from rfca_rig.drivers.roles import MotorStatus, ShaftSamples, concatenate_blocks
+from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
 
-# Poll interval while waiting, and the time given to a drive to answer a request for part errors, in
-# s.
-POLL_S = 2e-3
+# Time given to a drive to answer a request for part errors, in s.
 PART_ERROR_S = 0.05
 # Time given to a drive to answer a question.
 ANSWER_PATIENCE_S = 0.5
@@ -143,7 +141,7 @@ class TemperatureTelemetry:
         )
 
 
-class OdriveReports:
+class OdriveReports(DriveReceiver):
     """Receives the messages of one node. `beat` is its last heartbeat, received at host time
     `beat_s`; `turns` its encoder position.
 
@@ -151,26 +149,23 @@ class OdriveReports:
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, WATCHDOG_REMEDY)
         self._settings = settings
         self._rad_per_turn = settings.shaft_rad_per_turn
         self._torque_ratio = settings.shaft_torque_per_drive_torque
         self._count = FrameCount(settings.encoder_period_s)
         # Turns, turns/s and motor torque of frames that have no time stamp yet; None for one that
         # was refused.
-        self._rows: list[tuple[float, float, float] | None] = []
+        self._arrived: list[tuple[float, float, float] | None] = []
         self._encoder_check = ReadingCheck("the drive", POSITION, SPEED)
         self._torque_check = ReadingCheck(
             "the drive", TORQUE if settings.torque_constant_Nm_per_A is None else CURRENT
         )
-        self._samples: list[ShaftSamples] = []
         self._torque_Nm = np.nan
         self._leap = EncoderJumpMonitor()
-        self.health = BusHealth()
         self.temperature = TemperatureTelemetry()
         self.beat: Heartbeat | None = None
-        self.drained_s = self.beat_s = self._torque_s = clock.now_s()
+        self.beat_s = self._torque_s = self.drained_s
         self.turns = np.nan
         self.firmware = "unknown"
         self.firmware_s = -inf
@@ -178,44 +173,28 @@ class OdriveReports:
         self.reset_counters()
 
     def reset_counters(self) -> None:
-        """Restarts the counters behind `missing`."""
         self._foreign_nodes: set[int] = set()
         self._own_frames = self._torque_frames = 0
-        self.encoder_frames = self.heartbeats = 0
-
-    def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
-        a frame cannot be decoded.
-        """
-        # The time is read before the first frame, so that no frame gets a time later than its
-        # arrival.
-        before_s = self.drained_s
-        self.drained_s = self._clock.now_s()
-        try:
-            for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
-                self._take(message)
-        # Rows received before a failure are still stamped and handed out.
-        finally:
-            self._stamp_rows(is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
-
-    def samples(self) -> ShaftSamples:
-        """Samples (m,) drained since the last call."""
-        blocks = self._samples
-        self._samples = []
-        return concatenate_blocks(blocks or [NO_SAMPLES])
+        self.heard = self.heartbeats = 0
 
     @property
     def lost_frames(self) -> int:
         return self._count.lost
 
     @property
+    def silent_s(self) -> float:
+        return self.drained_s - self.beat_s
+
+    @property
     def zero_lost(self) -> str | None:
-        """Why the angle can no longer be trusted, or None. Never reset."""
         return self._leap.fault
 
     @property
+    def temperature_C(self) -> float | None:
+        return self.temperature.warmest_C
+
+    @property
     def doubts(self) -> str | None:
-        """An error of the reports themselves that the drive does not report, or None."""
         return (
             self.zero_lost
             or self._count.fault
@@ -225,7 +204,6 @@ class OdriveReports:
 
     @property
     def torque_age_s(self) -> float:
-        """Time in s since the last torque, at the last `drain`."""
         return self.drained_s - self._torque_s
 
     @property
@@ -241,9 +219,6 @@ class OdriveReports:
         return "motor currents (0x14)"
 
     def missing(self) -> str | None:
-        """The first required message that has not arrived since `reset_counters`, with the
-        remedy; None if all have.
-        """
         node = self._settings.node_id
         if self._own_frames == 0 and self._foreign_nodes:
             others = ", ".join(map(str, sorted(self._foreign_nodes)))
@@ -260,7 +235,7 @@ class OdriveReports:
             return (
                 f"no heartbeat from node {node}; set the drive's {self._rate('heartbeat')} to 100"
             )
-        if self.encoder_frames == 0:
+        if self.heard == 0:
             return (
                 f"no encoder estimates from node {node}; set its {self._rate('encoder')} to "
                 f"{1e3 * self._settings.encoder_period_s:g}"
@@ -302,16 +277,16 @@ class OdriveReports:
         constant = self._settings.torque_constant_Nm_per_A
         match message:
             case EncoderEstimates():
-                self.encoder_frames += 1
+                self.heard += 1
                 if self._encoder_check.accept(message.position_turns, message.speed_turns_s):
                     self.turns = message.position_turns
                     # Torque comes in its own message; each encoder row carries the latest torque.
-                    self._rows.append(
+                    self._arrived.append(
                         (message.position_turns, message.speed_turns_s, self._torque_Nm)
                     )
                 else:
                     # It keeps its place, because the time of the others comes from counting.
-                    self._rows.append(None)
+                    self._arrived.append(None)
             # Firmware 0.6 reports torque. With a torque constant set, the measured q current is
             # used instead.
             case Torques() if constant is None:
@@ -337,23 +312,21 @@ class OdriveReports:
             self._torque_s = self.drained_s
             self._torque_Nm = torque_per_reported_Nm * reported
 
-    def _stamp_rows(self, is_whole: bool) -> None:
+    def _stamp(self, is_whole: bool) -> None:
         """Time-stamps the new rows. After a long pause frames may be missing anywhere, so no
         jump is looked for.
         """
-        if not self._rows:
+        arrived = self._arrived
+        if not arrived:
             return
-        rows = self._rows
-        self._rows = []
+        self._arrived = []
         zero_turns = self._settings.zero_turns
         rad = self._rad_per_turn
         ratio = self._torque_ratio
         host_s = self.drained_s
         follow = self._leap.follow
-        # Plain numbers, and one array for all columns: a tick brings two reports, for which numpy
-        # takes longer.
-        table = []
-        for device_s, row in zip(self._count.list_stamps(len(rows), host_s), rows, strict=True):
+        stamps_s = self._count.list_stamps(len(arrived), host_s)
+        for device_s, row in zip(stamps_s, arrived, strict=True):
             # Without a torque, which follows in its own message, a row of the first moments is no
             # sample yet.
             if row is None or row[2] != row[2]:
@@ -362,28 +335,27 @@ class OdriveReports:
             angle_rad = (turns - zero_turns) * rad
             speed_rad_s = turns_s * rad
             follow(host_s, device_s, angle_rad, speed_rad_s, is_whole)
-            table.append((host_s, device_s, angle_rad, speed_rad_s, torque_Nm * ratio))
-        if table:
-            self._samples.append(ShaftSamples(*np.array(table).T))
+            self._rows.append((host_s, device_s, angle_rad, speed_rad_s, torque_Nm * ratio))
 
 
-class OdriveMotor:
-    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and
-    `prove_watchdog`.
+class OdriveMotor(MotorDrive):
+    """Commands an ODrive, which closes the position loop itself.
 
-    Any frame to the drive feeds its watchdog, so this class sends nothing on its own. Outside those
-    two methods every frame results directly from a call; a caller that hangs therefore lets the
-    drive stop the motor. Firmware 0.5 keeps separate errors for motor, encoder and controller;
-    `read` requests such an error once a heartbeat announces it (the motor is off then).
+    Any frame to the drive feeds its watchdog, so this class sends nothing on its own. Firmware 0.5
+    keeps separate errors for motor, encoder and controller; `read` requests such an error once a
+    heartbeat announces it (the motor is off then).
     """
 
+    report_name = "heartbeat"
+    remedy = WATCHDOG_REMEDY
+
+    _reports: OdriveReports
+
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, settings.heartbeat_timeout_s)
         self._settings = settings
         self._reports = OdriveReports(bus, clock, settings)
         self._mode: ControlMode | None = None
-        self._armed = False
         self._asked_parts: set[OdrivePart] = set()
         self._can_be_asked = True
 
@@ -399,13 +371,10 @@ class OdriveMotor:
         - it answers late, so that its readings are old from the start;
         - the drive refuses with an error.
         """
-        self.disable()
-        # With a lost zero every angle is wrong, so the zero must be found again before a new start.
-        if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
+        self._begin_enabling()
         self._reports.part_errors.clear()
         self._asked_parts.clear()
-        self._send(codec.clear_errors(self._settings.node_id, self._settings.dialect))
+        self._send_frame(codec.clear_errors(self._settings.node_id, self._settings.dialect))
         asked_s = self._ask_version()
         self._await_reports()
         # Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong
@@ -420,15 +389,15 @@ class OdriveMotor:
         # Set-point first, then mode, then closed loop: an old set-point in the drive would make the
         # shaft jump.
         hold = codec.set_input_pos(self._settings.node_id, self._reports.turns)
-        self._send(hold)
+        self._send_frame(hold)
         self._set_mode(ControlMode.POSITION)
-        self._send(codec.set_axis_state(self._settings.node_id, AxisState.CLOSED_LOOP))
+        self._send_frame(codec.set_axis_state(self._settings.node_id, AxisState.CLOSED_LOOP))
         self._await_closed_loop(hold)
         self._armed = True
 
     def _ask_version(self) -> float:
         """Asks for the firmware; returns when."""
-        self._send(codec.request(self._settings.node_id, OdriveCommand.VERSION), remote=True)
+        self._send_frame(codec.request(self._settings.node_id, OdriveCommand.VERSION), remote=True)
         return self._clock.now_s()
 
     def _await_version(self, asked_s: float) -> float | None:
@@ -442,16 +411,12 @@ class OdriveMotor:
                 return None
             self._wait_and_drain()
             # The watchdog may run in idle too; a set-point does nothing there.
-            self._send(codec.set_input_pos(self._settings.node_id, self._reports.turns))
+            self._send_frame(codec.set_input_pos(self._settings.node_id, self._reports.turns))
         return self._reports.firmware_s
 
     def _await_reports(self) -> None:
-        """Waits for every required message, and for enough encoder frames to measure their rate."""
-        self._reports.drain()
-        # Frames that piled up during a pause may have gaps, so they are discarded.
-        self._reports.samples()
         configured_s = self._settings.encoder_period_s
-        measured_s = find_wrong_period(self._measure_period_s, configured_s)
+        measured_s = self._await_cyclic_reports(configured_s, self._settings.enable_timeout_s)
         if measured_s is not None:
             raise DeviceError(
                 f"drive not enabled: encoder estimates come every {1e3 * measured_s:.2g} "
@@ -460,26 +425,10 @@ class OdriveMotor:
                 "encoder_period_s"
             )
 
-    def _measure_period_s(self) -> float:
-        """Measures the mean period of the encoder frames in s, and waits until all required
-        messages have arrived.
-        """
-        self._reports.reset_counters()
-        started_s = self._clock.now_s()
-        timeout_s = self._settings.enable_timeout_s
-        look_s = PERIODS_PER_ATTEMPT * self._settings.encoder_period_s
-        while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
-            if self._clock.now_s() - started_s > max(timeout_s, look_s):
-                raise DeviceError(
-                    f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}"
-                )
-            self._wait_and_drain()
-        return (self._clock.now_s() - started_s) / self._reports.encoder_frames
-
     def _ask_for_part_errors(self) -> None:
         failed = set() if self._reports.beat is None else set(self._reports.beat.failed)
         for part in sorted(failed - self._asked_parts):
-            self._send(codec.request(self._settings.node_id, codec.PART_COMMANDS[part]))
+            self._send_frame(codec.request(self._settings.node_id, codec.PART_COMMANDS[part]))
             self._asked_parts.add(part)
 
     def _await_closed_loop(self, hold: codec.Frame) -> None:
@@ -497,7 +446,7 @@ class OdriveMotor:
             )
             self._wait_and_drain()
             # The watchdog may already run in closed loop, so the same set-point is repeated.
-            self._send(hold)
+            self._send_frame(hold)
         self._refuse_if(_is_faulty(self._beat()), "refuses closed loop with")
 
     def _refuse_if(self, refused: bool, how: str) -> None:
@@ -543,7 +492,7 @@ class OdriveMotor:
 
     def command_speed(self, speed_rad_s: float) -> None:
         """Commands a shaft speed. Raises DeviceError if the frame cannot be sent."""
-        self._send(
+        self._send_frame(
             codec.set_input_vel(
                 self._settings.node_id, self._settings.turns_s(check_command(speed_rad_s, "speed"))
             )
@@ -556,7 +505,7 @@ class OdriveMotor:
         """
         turns = self._settings.turns(check_command(angle_rad, "angle"))
         turns_s = self._settings.turns_s(check_command(speed_rad_s, "speed"))
-        self._send(codec.set_input_pos(self._settings.node_id, turns, turns_s))
+        self._send_frame(codec.set_input_pos(self._settings.node_id, turns, turns_s))
         self._set_mode(ControlMode.POSITION)
 
     def _set_mode(self, mode: ControlMode) -> None:
@@ -564,39 +513,32 @@ class OdriveMotor:
         acts on an old set-point.
         """
         if mode != self._mode:
-            self._send(codec.set_controller_mode(self._settings.node_id, mode))
+            self._send_frame(codec.set_controller_mode(self._settings.node_id, mode))
             self._mode = mode
 
     def disable(self) -> None:
         """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its
         watchdog then stops the motor.
         """
-        self._armed = False
         self._mode = None
-        idle = _message(codec.set_axis_state(self._settings.node_id, AxisState.IDLE))
-        send_stop(self._bus, self._clock, [idle], WATCHDOG_REMEDY)
+        self._stop([_message(codec.set_axis_state(self._settings.node_id, AxisState.IDLE))])
 
-    def prove_watchdog(self, limit_s: float) -> float:
-        """Sends nothing until the heartbeat shows an expired watchdog and an idle motor; returns
-        the time in s that this took.
-
-        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError
-        if nothing happened within `limit_s`. The heartbeat alone takes up to 0.1 s to show it.
+    def _await_torque_off(self, limit_s: float) -> float:
+        """Sends nothing until the heartbeat shows an expired watchdog and an idle motor; the
+        heartbeat alone takes up to 0.1 s to show it.
         """
-        started_s = self._clock.now_s()
-        while not (
-            self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect]
-            and self._beat().state == AxisState.IDLE
-        ):
-            if self._clock.now_s() - started_s > limit_s:
-                self.disable()
-                raise DeviceError(
-                    f"drive's watchdog let it run through {limit_s:g} s of silence; set "
-                    "enable_watchdog and watchdog_timeout"
-                )
-            self._wait_and_drain()
-        self.disable()
-        return self._clock.now_s() - started_s
+        took_s = self._await_watchdog(limit_s, self._watchdog_has_expired, self._wait_and_drain)
+        if took_s is None:
+            raise DeviceError(
+                f"drive's watchdog let it run through {limit_s:g} s of silence; set "
+                "enable_watchdog and watchdog_timeout"
+            )
+        return took_s
+
+    def _watchdog_has_expired(self) -> bool:
+        beat = self._beat()
+        expired = beat.error & WATCHDOG_EXPIRED[self._settings.dialect]
+        return expired != 0 and beat.state == AxisState.IDLE
 
     def read(self) -> ShaftSamples:
         """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
@@ -611,35 +553,20 @@ class OdriveMotor:
         error word is zero.
         """
         beat = self._reports.beat
-        silent_s = self._reports.drained_s - self._reports.beat_s
-        state = "unknown" if beat is None else state_text(beat.state)
-        temperature_C = self._reports.temperature.warmest_C
-        return MotorStatus(
-            state, self._fault(silent_s), silent_s, temperature_C, self._reports.torque_age_s
-        )
-
-    def _fault(self, silent_s: float) -> str | None:
-        beat = self._reports.beat
-        limit_s = self._settings.heartbeat_timeout_s
-        if beat is not None and _is_faulty(beat):
-            return self._errors(beat)
-        # The firmware-reported error comes first, since it names the cause; doubts about the
-        # reports come second.
-        if self._reports.doubts is not None:
-            return self._reports.doubts
+        if beat is None:
+            return self._make_status("unknown")
+        state = state_text(beat.state)
+        error = exit_text = None
+        if _is_faulty(beat):
+            error = self._errors(beat)
         # Firmware 0.5 can fall back to idle with an error word of zero, so the state is checked,
         # not only the word.
-        if beat is not None and self._armed and beat.state != AxisState.CLOSED_LOOP:
-            return (
-                f"left closed loop for {state_text(beat.state)} without an error; was it "
-                "stopped from elsewhere, or restarted?"
+        if beat.state != AxisState.CLOSED_LOOP:
+            exit_text = (
+                f"left closed loop for {state} without an error; was it stopped from elsewhere, "
+                "or restarted?"
             )
-        if silent_s > limit_s:
-            return (
-                f"no heartbeat for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's "
-                "power and the CAN wiring"
-            )
-        return None
+        return self._make_status(state, error, exit_text)
 
     def identity(self) -> dict[str, str]:
         """For the recording. The firmware version is known after `enable`."""
@@ -659,12 +586,8 @@ class OdriveMotor:
             **self._reports.health.facts(),
         }
 
-    def _send(self, frame: codec.Frame, remote: bool = False) -> None:
-        send(self._bus, _message(frame, remote), WATCHDOG_REMEDY)
-
-    def _wait_and_drain(self) -> None:
-        self._clock.wait_until(self._clock.now_s() + POLL_S)
-        self._reports.drain()
+    def _send_frame(self, frame: codec.Frame, remote: bool = False) -> None:
+        self._send(_message(frame, remote))
 
 
 def _message(frame: codec.Frame, remote: bool = False) -> can.Message:
