@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 
 import can
-import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.devices.moteus import codec
@@ -30,15 +29,17 @@ from rfca_rig.devices.moteus.codec import (
     register_error_text,
 )
 from rfca_rig.devices.moteus.section import MoteusSection
-from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send, send_stop
+from rfca_rig.drivers.can_frames import EMERGENCY_STOP_REMEDY
 from rfca_rig.drivers.device_time import CounterClock
 from rfca_rig.drivers.drive_report import (
+    DriveReceiver,
     EncoderJumpMonitor,
     ShaftGear,
     check_command,
     check_positive,
     refuse_late_answers,
 )
+from rfca_rig.drivers.motor_drive import MotorDrive
 from rfca_rig.drivers.reading_check import (
     POSITION,
     SPEED,
@@ -52,7 +53,6 @@ from rfca_rig.drivers.reading_check import (
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
 
-POLL_S = 2e-3
 # A negative limit switches off the drive's own trajectory planning.
 NO_LIMIT = -1.0
 # Modes that a drive passes through between the first command and position mode.
@@ -175,21 +175,20 @@ class MoteusState:
         return max(reported, default=None)
 
 
-class MoteusReplies:
+class MoteusReplies(DriveReceiver):
     """Receives replies. `state` is the drive's last answer, `facts` holds its identity registers,
     read when it was enabled.
 
     A drive answers each query once. An answer therefore belongs to the query whose time fits its
-    millisecond counter best; older queries without an answer count as lost.
+    millisecond counter best; older queries without an answer count as lost. `host_s` of a sample is
+    the time of the query, within 1 ms of the time of the measurement.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, EMERGENCY_STOP_REMEDY)
         self._settings = settings
         self._time = CounterClock()
         self._asked_s: deque[float] = deque()
-        self._rows: list[tuple[float, float, float, float, float]] = []
         self._stamped_s = -1.0
         self._leap = EncoderJumpMonitor()
         self._check = ReadingCheck("the drive", *STATE_SIGNALS)
@@ -199,49 +198,22 @@ class MoteusReplies:
         self._motor_temperature = OptionalReading(
             "the drive", replace(TEMPERATURE, name="motor temperature")
         )
-        self.health = BusHealth()
         self.state: MoteusState | None = None
         self.facts: dict[int, float] = {}
         self.facts_s = -inf
-        self.drained_s = clock.now_s()
         self.lost = 0
         self.reset_counters()
 
     def reset_counters(self) -> None:
-        """Restarts the counters behind `missing`; open queries are forgotten."""
+        """Open queries are forgotten too."""
         self._asked_s.clear()
         self._foreign_ids: set[int] = set()
         self._refusals: dict[int, int] = {}
-        self.answers = 0
+        self.heard = 0
 
     def note_query(self) -> None:
         """Notes that a state query has been sent."""
         self._asked_s.append(self._clock.now_s())
-
-    def drain(self) -> None:
-        """Receives everything the bus holds; never waits.
-
-        Raises DeviceError if the bus fails or a frame cannot be decoded, and BadReading for numbers
-        that are impossible.
-        """
-        self.drained_s = self._clock.now_s()
-        for message in receive_frames(self._bus, self.health):
-            self._take(message)
-
-    def samples(self) -> ShaftSamples:
-        """Samples (m,) drained since the last call. `host_s` is the time of the query, within 1
-        ms of the time of the measurement.
-        """
-        rows = np.array(self._rows).reshape(-1, 5)
-        self._rows = []
-        settings = self._settings
-        return ShaftSamples(
-            host_s=rows[:, 0],
-            device_s=rows[:, 1],
-            angle_rad=(rows[:, 2] - settings.zero_turns) * settings.shaft_rad_per_turn,
-            speed_rad_s=rows[:, 3] * settings.shaft_rad_per_turn,
-            torque_Nm=rows[:, 4] * settings.shaft_torque_per_drive_torque,
-        )
 
     @property
     def silent_s(self) -> float:
@@ -264,8 +236,15 @@ class MoteusReplies:
         return self._time.restarts
 
     @property
+    def temperature_C(self) -> float | None:
+        return None if self.state is None else self.state.warmest_C
+
+    @property
+    def doubts(self) -> str | None:
+        return self.zero_lost
+
+    @property
     def zero_lost(self) -> str | None:
-        """Why the angle can no longer be trusted, or None. Never reset."""
         if self.restarts:
             return (
                 "the drive restarted, its millisecond counter began again; turns that it had "
@@ -274,9 +253,6 @@ class MoteusReplies:
         return self._leap.fault
 
     def missing(self) -> str | None:
-        """Why there is no usable answer since `reset_counters`, with the remedy; None if there
-        is one.
-        """
         drive = self._settings.drive_id
         if self._refusals:
             refused = ", ".join(
@@ -287,7 +263,7 @@ class MoteusReplies:
                 f"drive {drive} cannot tell {refused}; check that its firmware knows that "
                 "register, and update it"
             )
-        if self.answers > 0:
+        if self.heard > 0:
             return None
         if self._foreign_ids:
             others = ", ".join(map(str, sorted(self._foreign_ids)))
@@ -344,7 +320,7 @@ class MoteusReplies:
         asked_s = self._match_query(counter)
         self._temperature.take(values.get(Register.TEMPERATURE, nan))
         self._motor_temperature.take(values.get(Register.MOTOR_TEMPERATURE, nan))
-        self.answers += 1
+        self.heard += 1
         self.state = MoteusState(
             mode=int(values[Register.MODE]),
             fault=int(values[Register.FAULT]),
@@ -357,23 +333,30 @@ class MoteusReplies:
         # Two answers with the same time carry the same sample.
         if stamp_s > self._stamped_s:
             self._stamped_s = stamp_s
-            self._rows.append(
-                (
-                    asked_s,
-                    stamp_s,
-                    values[Register.POSITION],
-                    values[Register.VELOCITY],
-                    values[Register.TORQUE],
-                )
-            )
-            # A jump is the same in either direction of the shaft, so the sign is left out here.
-            per_turn = abs(self._settings.shaft_rad_per_turn)
-            self._leap.follow(
+            self._add_row(
                 asked_s,
                 stamp_s,
-                per_turn * values[Register.POSITION],
-                per_turn * values[Register.VELOCITY],
+                values[Register.POSITION],
+                values[Register.VELOCITY],
+                values[Register.TORQUE],
             )
+
+    def _add_row(
+        self, asked_s: float, stamp_s: float, turns: float, turns_s: float, torque_Nm: float
+    ) -> None:
+        settings = self._settings
+        per_turn = settings.shaft_rad_per_turn
+        self._rows.append(
+            (
+                asked_s,
+                stamp_s,
+                (turns - settings.zero_turns) * per_turn,
+                turns_s * per_turn,
+                torque_Nm * settings.shaft_torque_per_drive_torque,
+            )
+        )
+        # A jump is the same in either direction of the shaft, so the sign is left out here.
+        self._leap.follow(asked_s, stamp_s, abs(per_turn) * turns, abs(per_turn) * turns_s)
 
     def _match_query(self, counter: int) -> float:
         """Time of the open query that the answer with this counter belongs to. Older ones are
@@ -389,27 +372,27 @@ class MoteusReplies:
         return self._asked_s.popleft()
 
 
-class MoteusMotor:
-    """A `ShaftMotor` over any `can.BusABC` that carries CAN-FD. Waits only through the clock, and
-    only in `enable` and `prove_watchdog`.
+class MoteusMotor(MotorDrive):
+    """Commands a moteus, which closes the position loop itself. Its bus carries CAN-FD.
 
     A moteus replies only when asked. Every command requests a reply, and a `read` without a command
     before it sends its own request, so that a reply is there for the next `read`. Only commands
-    feed the drive's watchdog, and they result directly from calls; a caller that hangs therefore
-    lets the drive stop the motor. Each command writes the mode first, which resets all other
+    feed the drive's watchdog. Each command writes the mode first, which resets all other
     command registers, so no old set-point can take effect. The drive's own trajectories
     (servo.default_velocity_limit, default_accel_limit) are switched off in each command, as targets
     come every few milliseconds. Only `enable` starts the drive: once it has stopped for any reason,
     further commands do not move it.
     """
 
+    report_name = "answer"
+
+    _reports: MoteusReplies
+
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, settings.reply_timeout_s)
         self._settings = settings
-        self._replies = MoteusReplies(bus, clock, settings)
+        self._reports = MoteusReplies(bus, clock, settings)
         self._asked = False
-        self._armed = False
         # State of the drive when it left position mode on its own; None while it has not.
         self._exit_state: MoteusState | None = None
 
@@ -420,11 +403,8 @@ class MoteusMotor:
         Raises DeviceError, and leaves the motor off, if no answer of this drive arrives or it comes
         late, a register is missing, or the drive refuses with a fault.
         """
-        self.disable()
-        if self._replies.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
-        self._replies.drain()
-        self._replies.reset_counters()
+        self._begin_enabling()
+        self._reports.reset_counters()
         asked_s = self._ask_identity()
         self._await_stopped()
         refuse_late_answers(asked_s, self._ask_identity, self._await_identity)
@@ -433,24 +413,24 @@ class MoteusMotor:
 
     def _ask_identity(self) -> float:
         """Asks for registers that no other question reads; returns when."""
-        self._send(IDENTITY_QUERY, wants_reply=True)
+        self._send_query(IDENTITY_QUERY)
         return self._clock.now_s()
 
     def _await_identity(self, asked_s: float) -> float | None:
         """When the answer came; None where it does not come in time."""
-        while self._replies.facts_s <= asked_s:
+        while self._reports.facts_s <= asked_s:
             if self._clock.now_s() - asked_s > self._settings.enable_timeout_s:
                 return None
             self._wait_and_drain()
-        return self._replies.facts_s
+        return self._reports.facts_s
 
     def _await_stopped(self) -> None:
         """Waits for the stopped mode. Stopping clears old faults; a persistent one remains."""
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
-        while self._replies.answers == 0 or self._state().mode != Mode.STOPPED:
+        while self._reports.heard == 0 or self._state().mode != Mode.STOPPED:
             if (
                 self._clock.now_s() > deadline_s
-                and (missing := self._replies.missing()) is not None
+                and (missing := self._reports.missing()) is not None
             ):
                 raise DeviceError(
                     f"drive not enabled: within {self._settings.enable_timeout_s:g} s {missing}"
@@ -459,8 +439,7 @@ class MoteusMotor:
                 self._clock.now_s() > deadline_s,
                 f"does not stop within {self._settings.enable_timeout_s:g} s:",
             )
-            self._ask()
-            self._wait_and_drain()
+            self._ask_and_drain()
 
     def _await_position_mode(self) -> None:
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
@@ -476,19 +455,17 @@ class MoteusMotor:
     def _refuse_if(self, refused: bool, how: str) -> None:
         if refused:
             state = self._state()
-            self.disable()
             fault = f"{fault_text(state.fault)}, " if state.fault else ""
-            raise DeviceError(
-                f"drive not enabled: drive {self._settings.drive_id} {how} {fault}mode "
-                f"{mode_text(state.mode)}"
+            self._refuse(
+                f"drive {self._settings.drive_id} {how} {fault}mode {mode_text(state.mode)}"
             )
 
     def _state(self) -> MoteusState:
-        if self._replies.state is None:
+        if self._reports.state is None:
             raise DeviceError(
                 f"no answer from drive {self._settings.drive_id} yet; enable the drive first"
             )
-        return self._replies.state
+        return self._reports.state
 
     def command_speed(self, speed_rad_s: float) -> None:
         """Commands a shaft speed. Raises DeviceError if the frame cannot be sent."""
@@ -538,61 +515,52 @@ class MoteusMotor:
         )
         writes = (Write(register, Width.FLOAT, value) for register, value in commands)
         # The mode comes first, as writing it resets the registers that follow.
-        self._send(
-            (Write(Register.MODE, Width.INT8, Mode.POSITION), *writes, *STATE_QUERY),
-            wants_reply=True,
-        )
+        mode = Write(Register.MODE, Width.INT8, Mode.POSITION)
+        self._send_query((mode, *writes, *STATE_QUERY))
         self._note_request()
 
     def _ask(self, orders: tuple[Write, ...] = ()) -> None:
-        self._send((*orders, *STATE_QUERY), wants_reply=True)
+        self._send_query((*orders, *STATE_QUERY))
         self._note_request()
 
     def _note_request(self) -> None:
-        self._replies.note_query()
+        self._reports.note_query()
         self._asked = True
 
     def disable(self) -> None:
         """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its
         watchdog then stops the motor.
         """
-        self._armed = False
         self._exit_state = None
-        send_stop(
-            self._bus,
-            self._clock,
-            [self._message((Write(Register.MODE, Width.INT8, Mode.STOPPED),), wants_reply=False)],
-        )
+        stopped = Write(Register.MODE, Width.INT8, Mode.STOPPED)
+        self._stop([self._message((stopped,), wants_reply=False)])
 
-    def prove_watchdog(self, limit_s: float) -> float:
-        """Sends queries only until the drive reports a timeout; returns the time in s that this
-        took.
+    def _await_torque_off(self, limit_s: float) -> float:
+        """Sends queries only until the drive reports a timeout."""
+        took_s = self._await_watchdog(limit_s, self._has_timed_out, self._ask_and_drain)
+        if took_s is None:
+            raise DeviceError(
+                f"drive's watchdog let it run through {limit_s:g} s of silence, mode "
+                f"{mode_text(self._state().mode)}; "
+                f"it was set to time out after {self._settings.watchdog_s:g} s "
+                "(register 0x027), check its firmware"
+            )
+        return took_s
 
-        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError
-        if nothing happened within `limit_s`.
-        """
-        started_s = self._clock.now_s()
-        while self._state().mode != Mode.TIMEOUT:
-            # A query does not feed the watchdog, so the mode can be polled while it runs out.
-            if self._clock.now_s() - started_s > limit_s:
-                self.disable()
-                raise DeviceError(
-                    f"drive's watchdog let it run through {limit_s:g} s of silence, mode "
-                    f"{mode_text(self._state().mode)}; "
-                    f"it was set to time out after {self._settings.watchdog_s:g} s "
-                    "(register 0x027), check its firmware"
-                )
-            self._ask()
-            self._wait_and_drain()
-        self.disable()
-        return self._clock.now_s() - started_s
+    def _has_timed_out(self) -> bool:
+        return self._state().mode == Mode.TIMEOUT
+
+    def _ask_and_drain(self) -> None:
+        # A query does not feed the watchdog, so the mode can be polled while it runs out.
+        self._ask()
+        self._wait_and_drain()
 
     def read(self) -> ShaftSamples:
         """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
         cannot be decoded.
         """
-        self._replies.drain()
-        state = self._replies.state
+        self._reports.drain()
+        state = self._reports.state
         if (
             self._armed
             and self._exit_state is None
@@ -604,51 +572,35 @@ class MoteusMotor:
         if not self._asked:
             self._ask()
         self._asked = False
-        return self._replies.samples()
+        return self._reports.samples()
 
     def status(self) -> MotorStatus:
         """State of the drive. A motor that left position mode on its own is at fault until it is
         enabled again, or disabled.
         """
-        state = self._replies.state
-        silent_s = self._replies.silent_s
-        temperature_C = None if state is None else state.warmest_C
-        return MotorStatus(
-            "unknown" if state is None else _state_text(state),
-            self._fault(silent_s),
-            silent_s,
-            temperature_C,
-        )
-
-    def _fault(self, silent_s: float) -> str | None:
-        state = self._exit_state or self._replies.state
-        limit_s = self._settings.reply_timeout_s
-        # The drive's own fault comes first, since it names the cause.
-        if state is not None and state.mode == Mode.FAULT:
-            return fault_text(state.fault)
-        if self._replies.zero_lost is not None:
-            return self._replies.zero_lost
-        if self._exit_state is not None and self._exit_state.mode == Mode.TIMEOUT:
-            return (
+        state = self._reports.state
+        if state is None:
+            return self._make_status("unknown")
+        last = self._exit_state or state
+        error = exit_text = None
+        if last.mode == Mode.FAULT:
+            error = fault_text(last.fault)
+        if self._exit_state is not None and last.mode == Mode.TIMEOUT:
+            exit_text = (
                 "mode 11 (timeout: no command reached the drive for "
                 f"{self._settings.watchdog_s:g} s)"
             )
-        if self._exit_state is not None:
-            return (
-                f"left position mode for {mode_text(self._exit_state.mode)} without a fault; "
+        elif self._exit_state is not None:
+            exit_text = (
+                f"left position mode for {mode_text(last.mode)} without a fault; "
                 "was it stopped from elsewhere, or restarted?"
             )
-        if silent_s > limit_s:
-            return (
-                f"no answer for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's "
-                "power and the CAN wiring"
-            )
-        return self._replies.health.fault
+        return self._make_status(_state_text(state), error, exit_text)
 
     def identity(self) -> dict[str, str]:
         """For the recording. Model, firmware and serial number are known after `enable`."""
         settings = self._settings
-        facts = self._replies.facts
+        facts = self._reports.facts
         return {
             "make": "moteus, multiplex protocol on CAN-FD",
             "bus": str(self._bus.channel_info),
@@ -662,14 +614,14 @@ class MoteusMotor:
             "direction": str(settings.direction),
             "zero_turns": repr(settings.zero_turns),
             "watchdog_s": repr(settings.watchdog_s),
-            "answers_lost": str(self._replies.lost),
-            "bad_reports": self._replies.bad_reports,
-            "restarts": str(self._replies.restarts),
-            **self._replies.health.facts(),
+            "answers_lost": str(self._reports.lost),
+            "bad_reports": self._reports.bad_reports,
+            "restarts": str(self._reports.restarts),
+            **self._reports.health.facts(),
         }
 
-    def _send(self, subframes: tuple[Subframe, ...], wants_reply: bool) -> None:
-        send(self._bus, self._message(subframes, wants_reply))
+    def _send_query(self, subframes: tuple[Subframe, ...]) -> None:
+        self._send(self._message(subframes, wants_reply=True))
 
     def _message(self, subframes: tuple[Subframe, ...], wants_reply: bool) -> can.Message:
         settings = self._settings
@@ -683,10 +635,6 @@ class MoteusMotor:
             bitrate_switch=settings.bitrate_switch,
             data=codec.encode(subframes),
         )
-
-    def _wait_and_drain(self) -> None:
-        self._clock.wait_until(self._clock.now_s() + POLL_S)
-        self._replies.drain()
 
 
 def _state_text(state: MoteusState) -> str:
