@@ -13,6 +13,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import EMERGENCY_STOP_REMEDY, send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, find_wrong_period
 from rfca_rig.drivers.drive_report import DriveReceiver
+from rfca_rig.drivers.guard import Guard, TorqueOffFrames, arm, prove_guard
 from rfca_rig.drivers.roles import MotorStatus
 from rfca_rig.errors import DeviceError
 
@@ -28,7 +29,7 @@ class MotorDrive(ABC):
     A driver implements the methods of `ShaftMotor` by the rules here. `enable` begins with
     `_begin_enabling` and sets `_armed` at its end, `disable` is `_stop`, `status` is
     `_make_status`. `prove_watchdog` is here; the driver implements `_await_torque_off`, by
-    `_await_watchdog`. Whether an angle is followed by a loop in the drive or
+    `_await_watchdog` or `_prove_guardian`. Whether an angle is followed by a loop in the drive or
     in the driver is up to `command_angle`. Frames are sent only from within calls, so the watchdog
     stops the motor when the caller hangs.
     """
@@ -41,11 +42,18 @@ class MotorDrive(ABC):
 
     _reports: DriveReceiver
 
-    def __init__(self, bus: can.BusABC, clock: Clock, silent_s: float) -> None:
-        """`silent_s`: time without a report after which the drive is at fault."""
+    def __init__(
+        self, bus: can.BusABC, clock: Clock, silent_s: float, guard: Guard | None = None
+    ) -> None:
+        """`silent_s`: time without a report after which the drive is at fault. `guard`: the
+        guardian that holds the bus of a drive without a watchdog, if any.
+        """
         self._bus = bus
         self._clock = clock
         self._silent_s = silent_s
+        self._guard = guard
+        # For the recording: what was seen when the guardian was tested.
+        self._guardian_proof = "none"
         # Set at the end of `enable`, until the motor is disabled.
         self._armed = False
 
@@ -54,8 +62,8 @@ class MotorDrive(ABC):
         """As in `ShaftMotor`."""
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Sends no command to the enabled drive until its watchdog has disabled the motor; returns
-        the time in s that this took.
+        """Sends no command to the enabled drive until its watchdog, or the guardian, has disabled
+        the motor; returns the time in s that this took.
 
         Call it with the shaft at rest. Raises DeviceError if the motor was not seen to be off
         within `limit_s`. The motor is off afterwards, also after an error.
@@ -121,6 +129,23 @@ class MotorDrive(ABC):
                 return None
             poll()
         return self._clock.now_s() - started_s
+
+    def _arm_guardian(self) -> None:
+        """Call it before the frame that energises: from here on a silence must disable the
+        motor.
+        """
+        if self._guard is not None:
+            arm(self._guard)
+
+    def _prove_guardian(
+        self, guard: Guard, frames: TorqueOffFrames, held_Nm: float, limit_s: float, answers: bool
+    ) -> float:
+        """Tests the guardian in place of the watchdog, as `prove_guard` does; returns the time in s
+        that it took.
+        """
+        proof = prove_guard(guard, held_Nm, frames.min_visible_torque_Nm(), limit_s, answers)
+        self._guardian_proof = proof.seen
+        return proof.took_s
 
     def _make_status(
         self, state: str, error: str | None = None, fault_if_enabled: str | None = None

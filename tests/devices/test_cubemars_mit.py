@@ -229,7 +229,7 @@ def pushed_while_enabling(r: MotorRig, load_Nm: float) -> None:
 def off_s(r: MotorRig, shaft: ShaftSamples) -> np.ndarray:
     """By how much each time stamp is wrong, from where the rotor truly was."""
     times_s, angles_rad, _ = np.array(r.turned).T
-    stamped_s = shaft.device_s + r.motor._replies._first_s
+    stamped_s = shaft.device_s + r.motor._reports._first_s
     return np.abs(np.interp(shaft.angle_rad, angles_rad, times_s) - stamped_s)
 
 

@@ -53,6 +53,11 @@ CODES = 1 << 16
 STUCK_S = 0.05
 MIN_SPEED_RAD_S = 0.5
 
+NO_WATCHDOG_REMEDY = (
+    "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when "
+    "this computer falls silent"
+)
+
 MAX_SPEED_RAD_S = 0.3
 # Longer than a swinging leg stays slow at its turning point.
 STANDSTILL_S = 0.05
@@ -246,6 +251,14 @@ class ServoTorqueOffFrames:
 
     def min_visible_torque_Nm(self) -> float:
         return MIN_LOAD_COUNTS * STATUS_A * abs(self.settings.shaft_torque_per_A)
+
+
+def describe_light_load(held_Nm: float, least_Nm: float) -> str:
+    """Why no watchdog is proven by a motor that held less than `least_Nm`."""
+    return (
+        f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it "
+        f"let go (at least {least_Nm:.3f}); park the leg off the vertical, or {NO_WATCHDOG_REMEDY}"
+    )
 
 
 class SpeedCheck:

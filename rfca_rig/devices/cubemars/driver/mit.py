@@ -3,7 +3,6 @@ the time of its request.
 """
 
 from collections import deque
-from collections.abc import Sequence
 
 import can
 import numpy as np
@@ -22,23 +21,25 @@ from rfca_rig.devices.cubemars.codec.mit import (
 )
 from rfca_rig.devices.cubemars.driver import (
     CODES,
+    NO_WATCHDOG_REMEDY,
     MitSettings,
     MitTorqueOffFrames,
     SpeedCheck,
     WrappedPosition,
     await_standstill,
+    describe_light_load,
 )
 from rfca_rig.devices.cubemars.section import CubemarsMitSection
-from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send, send_stop
-from rfca_rig.drivers.drive_report import check_command
-from rfca_rig.drivers.guard import TORQUE_OFF_SHARE, Guard, arm, prove_guard
+from rfca_rig.drivers.can_frames import EMERGENCY_STOP_REMEDY
+from rfca_rig.drivers.drive_report import DriveReceiver, check_command
+from rfca_rig.drivers.guard import TORQUE_OFF_SHARE, Guard
+from rfca_rig.drivers.motor_drive import MotorDrive
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 from rfca_rig.guardian.guarded_bus import GuardedBus
 
 __all__ = ["CubemarsMitMotor", "MitSettings"]
 
-POLL_S = 2e-3
 # Watch time after energising, and the motion in that time from which the scale or sign must be
 # wrong.
 WATCH_S = 0.05
@@ -51,7 +52,7 @@ MAX_OPEN_REQUESTS = 64
 JUMP_MARGIN_RAD = 0.3
 
 
-class MitReplies:
+class MitReplies(DriveReceiver):
     """Receives the replies of one drive. The drive answers each frame once and at once, so a reply
     shows the shaft at its request.
 
@@ -60,8 +61,7 @@ class MitReplies:
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MitSettings) -> None:
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, EMERGENCY_STOP_REMEDY)
         self._settings = settings
         # 16 bits over the range -position_rad..position_rad.
         counts_per_rad = (CODES - 1) / (2.0 * settings.ranges.position_rad)
@@ -73,19 +73,18 @@ class MitReplies:
         self._asked_s: deque[float] = deque(maxlen=MAX_OPEN_REQUESTS)
         self._unanswered_s: float | None = None
         # Last time at which no request was open.
-        self._whole_s = clock.now_s()
+        self._whole_s = self.drained_s
         self._first_s: float | None = None
-        self._rows: list[tuple[float, ...]] = []
-        self.drained_s = clock.now_s()
+        # Replies that have no time stamp yet.
+        self._arrived: list[MitReply] = []
         self.reply: MitReply | None = None
         self.at_s = -np.inf
         self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
         self.lost = 0
-        self.health = BusHealth()
         self.reset_counters()
 
     def reset_counters(self) -> None:
-        """Restarts the counters behind `missing`, and clears motion faults."""
+        """Clears motion faults too."""
         self._position.forgive()
         self._speed.forgive()
         self._foreign: set[int] = set()
@@ -104,19 +103,7 @@ class MitReplies:
         if self._unanswered_s is None:
             self._unanswered_s = self._clock.now_s()
 
-    def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
-        a frame cannot be decoded.
-        """
-        self.drained_s = self._clock.now_s()
-        replies: list[MitReply] = []
-        try:
-            for message in receive_frames(self._bus, self.health):
-                self._take(message, replies)
-        finally:
-            self._stamp(replies)
-
-    def _take(self, message: can.Message, replies: list[MitReply]) -> None:
+    def _take(self, message: can.Message) -> None:
         identifier = message.arbitration_id
         data = message.data
         drive = self._settings.drive_id
@@ -128,14 +115,16 @@ class MitReplies:
         elif not data:
             return
         elif identifier in {0, drive} and data[0] == drive:
-            replies.append(decode_reply(self._settings.ranges, data))
+            self._arrived.append(decode_reply(self._settings.ranges, data))
         elif data[0] == drive:
             # A reply of this drive under a third id: its master id is set otherwise.
             self._masters.add(identifier)
         else:
             self._foreign.add(data[0] if identifier == 0 else identifier)
 
-    def _stamp(self, replies: Sequence[MitReply]) -> None:
+    def _stamp(self, is_whole: bool) -> None:  # noqa: ARG002 (a reply shows the shaft at its request)
+        replies = self._arrived
+        self._arrived = []
         times_s = self._assign_requests(len(replies))
         self.heard += len(replies)
         for reply, t_s in zip(replies[len(replies) - len(times_s) :], times_s, strict=True):
@@ -185,22 +174,21 @@ class MitReplies:
             (self.drained_s, t_s - self._first_s, self.angle_rad, self.speed_rad_s, self.torque_Nm)
         )
 
-    def samples(self) -> ShaftSamples:
-        """Samples (m,) drained since the last call."""
-        rows = np.array(self._rows, np.float64).reshape(-1, 5)
-        self._rows = []
-        return ShaftSamples(*rows.T.copy())
-
     def angle_at(self, now_s: float) -> float:
         """Shaft angle in rad, extrapolated to `now_s` at the last speed."""
         return self.angle_rad + self.speed_rad_s * (now_s - self.at_s)
 
     @property
     def silent_s(self) -> float:
-        """Time in s for which a request has been unanswered, at the last `drain`."""
         if self._unanswered_s is None:
             return 0.0
         return max(self.drained_s - self._unanswered_s, 0.0)
+
+    @property
+    def temperature_C(self) -> float | None:
+        if self.reply is None or self.reply.temperature_degC is None:
+            return None
+        return float(self.reply.temperature_degC)
 
     @property
     def motion_fault(self) -> str | None:
@@ -209,7 +197,6 @@ class MitReplies:
 
     @property
     def zero_lost(self) -> str | None:
-        """Why the angle can no longer be trusted, or None. Never reset."""
         return self._position.leap
 
     @property
@@ -225,7 +212,6 @@ class MitReplies:
         return None
 
     def missing(self) -> str | None:
-        """Why there is no reply since `reset_counters`, and the remedy; None if there is one."""
         drive = self._settings.drive_id
         if self.heard:
             return None
@@ -297,9 +283,8 @@ class MovingTarget:
         return self.speed_to_angle(nearest_rad, speed_rad_s, angle_rad, now_s)
 
 
-class CubemarsMitMotor:
-    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and
-    `prove_watchdog`.
+class CubemarsMitMotor(MotorDrive):
+    """Commands an AK drive in MIT mode. The driver closes the position loop.
 
     The drive's position field is not used (kp = 0). It covers only +-12.5 rad while the shaft turns
     further, and firmware differs in how it treats a target beyond. With kp = 0 a position wrong by
@@ -309,19 +294,20 @@ class CubemarsMitMotor:
     torque shows as a shaft that does not follow.
     """
 
+    report_name = "reply"
+
+    _reports: MitReplies
+
     def __init__(
         self, bus: can.BusABC, clock: Clock, settings: MitSettings, guard: Guard | None = None
     ) -> None:
         """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog
         of its own.
         """
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, settings.reply_timeout_s, guard)
         self._settings = settings
-        self._guard = guard
-        self._proof = "none"
         self._last_word = MitTorqueOffFrames(settings)
-        self._replies = MitReplies(bus, clock, settings)
+        self._reports = MitReplies(bus, clock, settings)
         self._target: MovingTarget | None = None
 
     def enable(self) -> None:
@@ -334,70 +320,60 @@ class CubemarsMitMotor:
         - the drive refuses with an error;
         - the shaft does not come to rest before, or moves afterwards.
         """
-        self.disable()
-        if self._replies.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
+        self._begin_enabling()
         self._await_replies()
         await_standstill(self._clock, self._limp_speed_rad_s)
         self._target = MovingTarget(
             self._settings.angle_gain_per_s,
             self._settings.max_lag_rad,
-            self._replies.angle_rad,
+            self._reports.angle_rad,
             self._clock.now_s(),
         )
-        began_rad = self._replies.angle_rad
+        began_rad = self._reports.angle_rad
         until_s = self._clock.now_s() + WATCH_S
-        # The guardian is armed before the frame that energises, so that no gap is left unguarded.
-        if self._guard is not None:
-            arm(self._guard)
+        self._arm_guardian()
         # ENTER puts the last command into force; the commands without gains sent before make it
         # harmless.
-        self._send(encode_special(Special.ENTER))
+        self._send_data(encode_special(Special.ENTER))
         while self._clock.now_s() < until_s:
             self._command_angle(began_rad, 0.0)
             self._wait_and_drain()
             self._refuse_if_moved(began_rad)
         self._refuse_if_error()
+        self._armed = True
 
     def _await_replies(self) -> None:
-        self._replies.drain()
         # Replies from before a pause could be assigned to requests made now, so they are discarded.
-        self._replies.samples()
-        self._replies.reset_counters()
+        self._reports.samples()
+        self._reports.reset_counters()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
-        while self._replies.missing() is not None:
+        while self._reports.missing() is not None:
             if self._clock.now_s() > deadline_s:
                 raise DeviceError(
                     f"drive not enabled: within {self._settings.enable_timeout_s:g} s "
-                    f"{self._replies.missing()}"
+                    f"{self._reports.missing()}"
                 )
             self._ask_limp()
 
     def _ask_limp(self) -> None:
-        self._send(self._last_word.zero_gain_command().data)
+        self._send_data(self._last_word.zero_gain_command().data)
         self._wait_and_drain()
 
     def _limp_speed_rad_s(self) -> float:
         self._ask_limp()
-        return self._replies.speed_rad_s
+        return self._reports.speed_rad_s
 
     def _refuse_if_moved(self, began_rad: float) -> None:
-        moved_rad = self._replies.angle_rad - began_rad
+        moved_rad = self._reports.angle_rad - began_rad
         if abs(moved_rad) > MAX_MOTION_RAD:
-            self.disable()
-            raise DeviceError(
-                f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when "
-                "energised; check direction and model"
+            self._refuse(
+                f"the shaft moved by {moved_rad:.2f} rad when energised; check direction and model"
             )
 
     def _refuse_if_error(self) -> None:
-        reply = self._replies.reply
+        reply = self._reports.reply
         if reply is not None and reply.error:
-            self.disable()
-            raise DeviceError(
-                f"drive not enabled: drive {self._settings.drive_id} refuses with "
-                f"{error_text(reply.error)}"
-            )
+            self._refuse(f"drive {self._settings.drive_id} refuses with {error_text(reply.error)}")
 
     def command_speed(self, speed_rad_s: float) -> None:
         """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond the
@@ -405,7 +381,7 @@ class CubemarsMitMotor:
         """
         target = self._require_enabled(check_command(speed_rad_s, "speed"))
         now_s = self._clock.now_s()
-        self._send_speed(target.speed_for(speed_rad_s, self._replies.angle_at(now_s), now_s))
+        self._send_speed(target.speed_for(speed_rad_s, self._reports.angle_at(now_s), now_s))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
         """Commands a shaft angle. Raises DeviceError if the frame cannot be sent, or beyond the
@@ -417,7 +393,7 @@ class CubemarsMitMotor:
         target = self._require_enabled(speed_rad_s)
         now_s = self._clock.now_s()
         self._send_speed(
-            target.speed_to_angle(angle_rad, speed_rad_s, self._replies.angle_at(now_s), now_s)
+            target.speed_to_angle(angle_rad, speed_rad_s, self._reports.angle_at(now_s), now_s)
         )
 
     def _require_enabled(self, speed_rad_s: float) -> MovingTarget:
@@ -429,7 +405,7 @@ class CubemarsMitMotor:
                 f"commanded speed {speed_rad_s:g} rad/s, limit {limit_rad_s:g} "
                 f"({self._settings.model}); nothing was sent"
             )
-        self._replies.drain()
+        self._reports.drain()
         return self._target
 
     def _send_speed(self, speed_rad_s: float) -> None:
@@ -441,7 +417,7 @@ class CubemarsMitMotor:
         # The 12 bit speed field is coarse; kd times its rounding error as feed-forward torque makes
         # up for it.
         compensation_Nm = gain * (clipped_rad_s - encoded_rad_s)
-        self._send(
+        self._send_data(
             encode_command(ranges, MitCommand(0.0, encoded_rad_s, 0.0, gain, compensation_Nm))
         )
 
@@ -452,12 +428,12 @@ class CubemarsMitMotor:
         self._target = None
         try:
             # The drive answers both torque-off frames, so two requests are noted afterwards.
-            send_stop(self._bus, self._clock, self._last_word.frames())
+            self._stop(self._last_word.frames())
         finally:
-            self._replies.note_query()
-            self._replies.note_query()
+            self._reports.note_query()
+            self._reports.note_query()
 
-    def prove_watchdog(self, limit_s: float) -> float:
+    def _await_torque_off(self, limit_s: float) -> float:
         """Sends nothing for `limit_s`, then asks once; returns the time in s, within which the
         motor was disabled.
 
@@ -467,106 +443,71 @@ class CubemarsMitMotor:
 
         A drive in MIT mode does not report its state, and not every firmware has a watchdog. The
         evidence is a load, the leg's weight, that the motor held before and no longer holds. A
-        drive that does not answer, because its supply was cut, is evidence too. The motor is off
-        afterwards. Raises DeviceError if it still holds, or held too little to decide.
+        drive that does not answer, because its supply was cut, is evidence too. Raises DeviceError
+        if the motor still holds, or held too little to decide.
         """
-        self._replies.drain()
-        held_Nm = self._replies.torque_Nm
+        self._reports.drain()
+        held_Nm = self._reports.torque_Nm
         if self._guard is not None:
-            return self._prove_guard(self._guard, held_Nm, limit_s)
+            return self._prove_guardian(
+                self._guard, self._last_word, held_Nm, limit_s, answers=True
+            )
         started_s = self._clock.now_s()
         self._clock.wait_until(started_s + limit_s)
         has_answered = self._ask_once()
         elapsed_s = self._clock.now_s() - started_s
-        is_off = not has_answered or abs(self._replies.torque_Nm) < TORQUE_OFF_SHARE * abs(held_Nm)
-        self.disable()
+        is_off = not has_answered or abs(self._reports.torque_Nm) < TORQUE_OFF_SHARE * abs(held_Nm)
         if has_answered:
             self._refuse_proof(held_Nm, is_off, limit_s)
         return elapsed_s
-
-    def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
-        try:
-            proof = prove_guard(
-                guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=True
-            )
-        finally:
-            self.disable()
-        self._proof = proof.seen
-        return proof.took_s
 
     def _ask_once(self) -> bool:
         """Requests one reply by ENTER, which changes neither set-points nor the watchdog count;
         returns whether it came.
         """
-        self._replies.drain()
-        self._replies.reset_counters()
-        self._send(encode_special(Special.ENTER))
+        self._reports.drain()
+        self._reports.reset_counters()
+        self._send_data(encode_special(Special.ENTER))
         # Ten polls of 2 ms: an answer comes at once, plus the delays of adapter and bus.
         for _ in range(10):
             self._wait_and_drain()
-        return self._replies.heard > 0
+        return self._reports.heard > 0
 
     def _refuse_proof(self, held_Nm: float, is_off: bool, limit_s: float) -> None:
         least_Nm = self._last_word.min_visible_torque_Nm()
-        remedy = (
-            "let a guardian hold its bus (guardian = true), or put a relay into its supply "
-            "that opens when this computer falls silent"
-        )
         if abs(held_Nm) < least_Nm:
-            raise DeviceError(
-                f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too "
-                "little to see it let go (at least "
-                f"{least_Nm:.3f}); park the leg off the vertical, or {remedy}"
-            )
+            raise DeviceError(describe_light_load(held_Nm, least_Nm))
         if not is_off:
             raise DeviceError(
                 f"drive has no watchdog that stopped it within {limit_s:g} s of silence, "
-                f"as many AK drives in MIT mode; {remedy}"
+                f"as many AK drives in MIT mode; {NO_WATCHDOG_REMEDY}"
             )
 
     def read(self) -> ShaftSamples:
         """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
         cannot be decoded.
         """
-        self._replies.drain()
-        return self._replies.samples()
+        self._reports.drain()
+        return self._reports.samples()
 
     def status(self) -> MotorStatus:
         """State of the drive. The state text is what was commanded: the drive reports errors
         only.
         """
-        state = "off" if self._target is None else "MIT mode"
-        reply = self._replies.reply
-        if reply is None or reply.temperature_degC is None:
-            temperature_C = None
-        else:
-            temperature_C = float(reply.temperature_degC)
-        return MotorStatus(state, self._fault(), self._replies.silent_s, temperature_C)
-
-    def _fault(self) -> str | None:
-        reply = self._replies.reply
-        silent_s = self._replies.silent_s
-        limit_s = self._settings.reply_timeout_s
+        reply = self._reports.reply
+        error = None
         if reply is not None and reply.error:
-            return error_text(reply.error)
+            error = error_text(reply.error)
         # Motion faults count only while enabled: before, the drive is asked rarely and the shaft
         # may be moved by hand.
-        if (
-            self._target is not None
-            and (fault := self._replies.form_fault or self._replies.motion_fault) is not None
-        ):
-            return fault
-        if silent_s > limit_s:
-            return (
-                f"no reply for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power "
-                "and the CAN wiring"
-            )
-        return self._replies.health.fault
+        motion_fault = self._reports.form_fault or self._reports.motion_fault
+        state = "off" if self._target is None else "MIT mode"
+        return self._make_status(state, error, motion_fault)
 
     def identity(self) -> dict[str, str]:
         """For the recording. Whether the firmware sends errors is known after `enable`."""
         settings = self._settings
-        reply = self._replies.reply
+        reply = self._reports.reply
         if reply is None:
             errors_told = "unknown"
         elif reply.error is None:
@@ -586,22 +527,18 @@ class CubemarsMitMotor:
             "temperature_degC": "unknown"
             if reply is None or reply.temperature_degC is None
             else str(reply.temperature_degC),
-            "replies_lost": str(self._replies.lost),
+            "replies_lost": str(self._reports.lost),
             "guardian": "none" if self._guard is None else self._guard.describe(),
-            "guardian_proof": self._proof,
-            **self._replies.health.facts(),
+            "guardian_proof": self._guardian_proof,
+            **self._reports.health.facts(),
         }
 
-    def _send(self, data: bytes | bytearray) -> None:
-        send(self._bus, self._message(data))
-        self._replies.note_query()
+    def _send_data(self, data: bytes | bytearray) -> None:
+        self._send(self._message(data))
+        self._reports.note_query()
 
     def _message(self, data: bytes | bytearray) -> can.Message:
         return can.Message(arbitration_id=self._settings.drive_id, data=data, is_extended_id=False)
-
-    def _wait_and_drain(self) -> None:
-        self._clock.wait_until(self._clock.now_s() + POLL_S)
-        self._replies.drain()
 
 
 def make_driver(
