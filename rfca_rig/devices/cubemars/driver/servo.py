@@ -7,17 +7,20 @@ from rfca_rig.clock import Clock
 from rfca_rig.devices.cubemars.codec import error_text, servo
 from rfca_rig.devices.cubemars.codec.servo import MAX_ERPM, STATUS_DEG, Packet, Status
 from rfca_rig.devices.cubemars.driver import (
+    NO_WATCHDOG_REMEDY,
     ServoSettings,
     ServoTorqueOffFrames,
     SpeedCheck,
     WrappedPosition,
     await_standstill,
+    describe_light_load,
 )
 from rfca_rig.devices.cubemars.section import CubemarsServoSection
-from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames, send, send_stop
-from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, FrameCount, find_wrong_period
-from rfca_rig.drivers.drive_report import check_command
-from rfca_rig.drivers.guard import TORQUE_OFF_SHARE, Guard, arm, prove_guard
+from rfca_rig.drivers.can_frames import EMERGENCY_STOP_REMEDY
+from rfca_rig.drivers.device_time import FrameCount
+from rfca_rig.drivers.drive_report import DriveReceiver, check_command
+from rfca_rig.drivers.guard import TORQUE_OFF_SHARE, Guard
+from rfca_rig.drivers.motor_drive import POLL_S, MotorDrive
 from rfca_rig.drivers.reading_check import ReadingCheck, Signal, describe_bad
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
@@ -38,8 +41,6 @@ STATUS_SIGNALS = (
 
 __all__ = ["CubemarsServoMotor", "ServoSettings"]
 
-# Poll interval in s while waiting.
-POLL_S = 2e-3
 # Speed and acceleration limits while the drive is energised. A wrong turn counter then shows as
 # slow motion.
 HOLD_SPEED_RAD_S = 0.3
@@ -51,7 +52,7 @@ MAX_MOTION_RAD = 0.08
 TORQUE_OFF_S = 0.05
 
 
-class ServoReports:
+class ServoReports(DriveReceiver):
     """Receives the status of one drive.
 
     `status` is its last frame, received at host time `heard_s`. Angle (continuous over turns),
@@ -59,8 +60,7 @@ class ServoReports:
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings) -> None:
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, EMERGENCY_STOP_REMEDY)
         self._settings = settings
         # The status frame carries no time and no number, so device time comes from counting frames.
         self._count = FrameCount(settings.status_period_s)
@@ -71,41 +71,22 @@ class ServoReports:
         )
         self._speed = SpeedCheck("gear_ratio and pole_pairs")
         self._check = ReadingCheck("the drive", *STATUS_SIGNALS)
-        self._rows: list[tuple[float, ...]] = []
-        self.health = BusHealth()
+        # Frames that have no time stamp yet.
+        self._arrived: list[Status] = []
         self.status: Status | None = None
-        self.drained_s = self.heard_s = clock.now_s()
+        self.heard_s = self.drained_s
         self.position_deg = self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
         self.reset_counters()
 
     def reset_counters(self) -> None:
-        """Restarts the counters behind `missing`, and clears motion faults."""
+        """Clears motion faults too."""
         self._position.forgive()
         self._speed.forgive()
         self._foreign: set[int] = set()
         self._standard = False
         self.heard = 0
 
-    def drain(self) -> None:
-        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or
-        a frame cannot be decoded.
-        """
-        before_s = self.drained_s
-        self.drained_s = self._clock.now_s()
-        reports: list[Status] = []
-        try:
-            for message in receive_frames(self._bus, self.health):
-                self._take(message, reports)
-        # Frames decoded before a failure are still stamped and handed out.
-        finally:
-            for report, device_s in zip(
-                reports, self._count.list_stamps(len(reports), self.drained_s), strict=True
-            ):
-                self._follow(
-                    report, device_s, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S
-                )
-
-    def _take(self, message: can.Message, reports: list[Status]) -> None:
+    def _take(self, message: can.Message) -> None:
         if not message.is_extended_id:
             # MIT mode uses standard frames, servo mode extended ones.
             self._standard = True
@@ -116,9 +97,16 @@ class ServoReports:
             else:
                 report = None
             if isinstance(report, Status):
-                reports.append(report)
+                self._arrived.append(report)
             else:
                 self._foreign.add(drive)
+
+    def _stamp(self, is_whole: bool) -> None:
+        arrived = self._arrived
+        self._arrived = []
+        stamps_s = self._count.list_stamps(len(arrived), self.drained_s)
+        for report, device_s in zip(arrived, stamps_s, strict=True):
+            self._follow(report, device_s, is_whole)
 
     def _follow(self, report: Status, device_s: float, is_whole: bool) -> None:
         """Takes in one status. After a long pause (`is_whole` False) frames may be missing
@@ -145,12 +133,6 @@ class ServoReports:
             (self.drained_s, device_s, self.angle_rad, self.speed_rad_s, self.torque_Nm)
         )
 
-    def samples(self) -> ShaftSamples:
-        """Samples (m,) drained since the last call."""
-        rows = np.array(self._rows, np.float64).reshape(-1, 5)
-        self._rows = []
-        return ShaftSamples(*rows.T.copy())
-
     @property
     def lost_frames(self) -> int:
         return self._count.lost
@@ -162,8 +144,11 @@ class ServoReports:
 
     @property
     def silent_s(self) -> float:
-        """Time in s since the last status frame, at the last `drain`."""
         return self.drained_s - self.heard_s
+
+    @property
+    def temperature_C(self) -> float | None:
+        return None if self.status is None else float(self.status.temperature_degC)
 
     @property
     def motion_fault(self) -> str | None:
@@ -172,11 +157,9 @@ class ServoReports:
 
     @property
     def zero_lost(self) -> str | None:
-        """Why the angle can no longer be trusted, or None. Never reset."""
         return self._position.leap
 
     def missing(self) -> str | None:
-        """Why there is no status since `reset_counters`, and the remedy; None if there is one."""
         drive = self._settings.drive_id
         if self.heard:
             return None
@@ -195,9 +178,8 @@ class ServoReports:
         )
 
 
-class CubemarsServoMotor:
-    """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and
-    `prove_watchdog`.
+class CubemarsServoMotor(MotorDrive):
+    """Commands an AK drive in servo mode.
 
     The control loops run in the drive, with gains set by CubeMarsTool. It accepts commands at any
     time: there is no enable frame, and a current of zero disables the motor. Commanded positions
@@ -206,20 +188,20 @@ class CubemarsServoMotor:
     this.
     """
 
+    report_name = "status frame"
+
+    _reports: ServoReports
+
     def __init__(
         self, bus: can.BusABC, clock: Clock, settings: ServoSettings, guard: Guard | None = None
     ) -> None:
         """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog
         of its own.
         """
-        self._bus = bus
-        self._clock = clock
+        super().__init__(bus, clock, settings.status_timeout_s, guard)
         self._settings = settings
-        self._guard = guard
-        self._proof = "none"
         self._last_word = ServoTorqueOffFrames(settings)
         self._reports = ServoReports(bus, clock, settings)
-        self._armed = False
 
     def enable(self) -> None:
         """Energises the motor and holds the shaft, first by a position command with a low speed
@@ -233,44 +215,24 @@ class CubemarsServoMotor:
         - the shaft starts to turn, because the drive's turn counter differs from the position that
           it reports.
         """
-        self.disable()
-        if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
+        self._begin_enabling()
         self._await_status()
         # Motion while energising is the sign of a wrong turn counter, so the shaft must be at rest
         # before.
         await_standstill(self._clock, self._limp_speed_rad_s)
-        if self._guard is not None:
-            # Before the first frame that energises: from here on a silence must disable the motor.
-            arm(self._guard)
+        self._arm_guardian()
         self._hold_gently(self._reports.position_deg, self._reports.angle_rad)
         self._armed = True
 
     def _await_status(self) -> None:
-        self._reports.drain()
-        # Frames that piled up during a pause may have gaps, so they are discarded.
-        self._reports.samples()
         configured_s = self._settings.status_period_s
-        measured_s = find_wrong_period(self._measure_period_s, configured_s)
+        measured_s = self._await_cyclic_reports(configured_s, self._settings.enable_timeout_s)
         if measured_s is not None:
             raise DeviceError(
                 f"drive not enabled: status frames come every {1e3 * measured_s:.2g} ms, "
                 "the settings say "
                 f"{1e3 * configured_s:g} ms; set the drive's upload rate or status_period_s"
             )
-
-    def _measure_period_s(self) -> float:
-        self._reports.reset_counters()
-        started_s = self._clock.now_s()
-        timeout_s = self._settings.enable_timeout_s
-        look_s = PERIODS_PER_ATTEMPT * self._settings.status_period_s
-        while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
-            if self._clock.now_s() - started_s > max(timeout_s, look_s):
-                raise DeviceError(
-                    f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}"
-                )
-            self._wait_and_drain()
-        return (self._clock.now_s() - started_s) / self._reports.heard
 
     def _limp_speed_rad_s(self) -> float:
         self._wait_and_drain()
@@ -286,19 +248,18 @@ class CubemarsServoMotor:
         )
         until_s = self._clock.now_s() + WATCH_S
         while self._clock.now_s() < until_s:
-            self._send(order)
+            self._send_frame(order)
             self._wait_and_drain()
             self._refuse_if_moved(angle_rad)
         self._refuse_if_error()
         # The same position without a speed limit, now that it is known to be the present one.
-        self._send(servo.set_position(self._settings.drive_id, position_deg))
+        self._send_frame(servo.set_position(self._settings.drive_id, position_deg))
 
     def _refuse_if_moved(self, began_rad: float) -> None:
         moved_rad = self._reports.angle_rad - began_rad
         if abs(moved_rad) > MAX_MOTION_RAD:
-            self.disable()
-            raise DeviceError(
-                f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when "
+            self._refuse(
+                f"the shaft moved by {moved_rad:.2f} rad when "
                 "commanded to stay; the drive counts its turns otherwise "
                 "than it shows: switch it off and on near its zero, or set its origin"
             )
@@ -306,11 +267,7 @@ class CubemarsServoMotor:
     def _refuse_if_error(self) -> None:
         status = self._reports.status
         if status is not None and status.error:
-            self.disable()
-            raise DeviceError(
-                f"drive not enabled: drive {self._settings.drive_id} refuses with "
-                f"{error_text(status.error)}"
-            )
+            self._refuse(f"drive {self._settings.drive_id} refuses with {error_text(status.error)}")
 
     def command_speed(self, speed_rad_s: float) -> None:
         """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond 100 000
@@ -319,7 +276,7 @@ class CubemarsServoMotor:
         Some firmware disables the motor near a speed of zero; to hold the shaft, command an angle.
         """
         erpm = check_command(speed_rad_s, "speed") * self._settings.erpm_s_per_rad
-        self._send(servo.set_speed(self._check_armed(), erpm))
+        self._send_frame(servo.set_speed(self._check_armed(), erpm))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
         """Commands a shaft angle. The drive has no field for the speed of a moving target, so it
@@ -329,7 +286,7 @@ class CubemarsServoMotor:
         """
         check_command(speed_rad_s, "speed")
         position_deg = self._settings.deg(check_command(angle_rad, "angle"))
-        self._send(servo.set_position(self._check_armed(), position_deg))
+        self._send_frame(servo.set_position(self._check_armed(), position_deg))
 
     def _check_armed(self) -> int:
         """The drive id, once enabled. Only `enable` verifies that commanded and reported
@@ -343,24 +300,25 @@ class CubemarsServoMotor:
         """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; then
         only a guardian can stop it.
         """
-        self._armed = False
-        send_stop(self._bus, self._clock, self._last_word.frames())
+        self._stop(self._last_word.frames())
 
-    def prove_watchdog(self, limit_s: float) -> float:
+    def _await_torque_off(self, limit_s: float) -> float:
         """Sends nothing until the motor is disabled, by the drive itself or by its guardian;
         returns the time in s that this took.
 
         The status does not report torque off, and not every firmware has a watchdog. The evidence
         is a load, the leg's weight, that the motor held before and no longer holds. A status that
-        ends, because a relay cut the supply, is evidence too. The motor is off afterwards. Raises
-        DeviceError if the motor still holds, or held too little to decide. With a guardian and no
-        load, it is enough that the bus took the guardian's frames; `identity` records this.
+        ends, because a relay cut the supply, is evidence too. Raises DeviceError if the motor still
+        holds, or held too little to decide. With a guardian and no load, it is enough that the bus
+        took the guardian's frames; `identity` records this.
         """
         self._reports.drain()
         held_Nm = self._reports.torque_Nm
         started_s = self._clock.now_s()
         if self._guard is not None:
-            return self._prove_guard(self._guard, held_Nm, limit_s)
+            return self._prove_guardian(
+                self._guard, self._last_word, held_Nm, limit_s, answers=False
+            )
         holding_s = started_s
         while self._clock.now_s() - started_s <= limit_s:
             self._wait_and_drain()
@@ -373,41 +331,20 @@ class CubemarsServoMotor:
             if self._clock.now_s() - holding_s > TORQUE_OFF_S and (
                 self._is_loaded(held_Nm) or self._reports.silent_s > TORQUE_OFF_S
             ):
-                self.disable()
                 # The torque disappeared within one poll after the last time that it was seen.
                 return holding_s - started_s + POLL_S
-        self.disable()
         raise DeviceError(self._refusal(held_Nm, limit_s))
-
-    def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
-        try:
-            proof = prove_guard(
-                guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=False
-            )
-        finally:
-            self.disable()
-        self._proof = proof.seen
-        return proof.took_s
 
     def _is_loaded(self, held_Nm: float) -> bool:
         return abs(held_Nm) >= self._last_word.min_visible_torque_Nm()
 
     def _refusal(self, held_Nm: float, limit_s: float) -> str:
-        remedy = (
-            "let a guardian hold its bus (guardian = true), or put a relay into its supply "
-            "that opens when this computer falls silent"
-        )
         if self._is_loaded(held_Nm):
             return (
                 f"drive has no watchdog that stopped it within {limit_s:g} s of silence; set "
-                f"its CAN timeout if it has one, or {remedy}"
+                f"its CAN timeout if it has one, or {NO_WATCHDOG_REMEDY}"
             )
-        return (
-            f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too "
-            "little to see it let go (at least "
-            f"{self._last_word.min_visible_torque_Nm():.3f}); park the leg off the "
-            f"vertical, or {remedy}"
-        )
+        return describe_light_load(held_Nm, self._last_word.min_visible_torque_Nm())
 
     def read(self) -> ShaftSamples:
         """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
@@ -421,29 +358,12 @@ class CubemarsServoMotor:
         only.
         """
         status = self._reports.status
-        temperature_C = None if status is None else float(status.temperature_degC)
-        return MotorStatus(
-            "servo mode" if self._armed else "off",
-            self._fault(),
-            self._reports.silent_s,
-            temperature_C,
-        )
-
-    def _fault(self) -> str | None:
-        status = self._reports.status
-        silent_s = self._reports.silent_s
-        limit_s = self._settings.status_timeout_s
+        error = None
         if status is not None and status.error:
-            return error_text(status.error)
+            error = error_text(status.error)
         # Before enabling, a position that jumps does no harm, and `enable` checks it again.
-        if self._armed and self._reports.motion_fault is not None:
-            return self._reports.motion_fault
-        if silent_s > limit_s:
-            return (
-                f"no status frame for {silent_s:.2f} s, limit {limit_s:g} s; check the "
-                "drive's power and the CAN wiring"
-            )
-        return self._reports.health.fault
+        state = "servo mode" if self._armed else "off"
+        return self._make_status(state, error, self._reports.motion_fault)
 
     def identity(self) -> dict[str, str]:
         """For the recording."""
@@ -463,16 +383,12 @@ class CubemarsServoMotor:
             "status_frames_lost": str(self._reports.lost_frames),
             "bad_reports": self._reports.bad_reports,
             "guardian": "none" if self._guard is None else self._guard.describe(),
-            "guardian_proof": self._proof,
+            "guardian_proof": self._guardian_proof,
             **self._reports.health.facts(),
         }
 
-    def _send(self, frame: servo.Frame) -> None:
-        send(self._bus, _message(frame))
-
-    def _wait_and_drain(self) -> None:
-        self._clock.wait_until(self._clock.now_s() + POLL_S)
-        self._reports.drain()
+    def _send_frame(self, frame: servo.Frame) -> None:
+        self._send(_message(frame))
 
 
 def _message(frame: servo.Frame) -> can.Message:
