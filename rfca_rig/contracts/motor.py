@@ -306,6 +306,19 @@ class MotorStops(MotorHooks):
             rig.tick()
             assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
 
+    def test_a_watchdog_test_that_ends_with_an_error_leaves_no_torque(self) -> None:
+        with self.rig() as rig:
+            rig.motor.enable()
+            rig.run(0.1, angle_rad=0.3)
+            # Bus-off for a moment, as from an adapter that restarts its controller by itself.
+            rig.observer.send(
+                can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False)
+            )
+            with pytest.raises(DeviceError, match="CAN bus is off"):
+                rig.motor.prove_watchdog(0.5)
+            rig.tick()
+            assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
+
     def test_the_temperature_is_reported_where_the_drive_reports_it(self) -> None:
         with self.rig() as rig:
             rig.motor.enable()
