@@ -6,17 +6,17 @@ arguments.
 """
 
 import os
-import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.cli.paths import PACKAGE, folders_of
+from rfca_rig.cli.paths import folders_of
 from rfca_rig.errors import Trip
 from rfca_rig.logbook import entry
 from rfca_rig.logbook.entry import VERDICTS as ANY_VERDICT
+from rfca_rig.model.declarations import LEG, MECHANISM, joints, sensor
 
 # Copies of names that other packages define: importing those would take too long for a completion.
 FIT_PARAMETERS = (
@@ -37,51 +37,6 @@ FIT_PARAMETERS = (
     "ramp",
     "start_angle",
     "height",
-)
-MECHANISM_EFFECTS = (
-    "joint_friction",
-    "joint_friction_of_one",
-    "joint_stribeck",
-    "joint_hysteresis",
-    "joint_load_friction",
-    "joint_load_friction_of_one",
-    "gear_compliance",
-    "gear_compliance_of_one",
-    "gear_backlash",
-    "gear_backlash_of_one",
-    "joint_damping",
-    "joint_damping_of_one",
-    "joint_drag",
-    "joint_drag_of_one",
-    "joint_inertia",
-    "joint_inertia_of_one",
-    "joint_spring",
-    "joint_spring_of_one",
-    "joint_stop",
-    "torque_scale",
-    "torque_scale_of_one",
-    "torque_delay",
-    "torque_lag",
-    "torque_saturation",
-    "torque_dead_band",
-    "torque_falls_with_speed",
-    "clock_rate",
-    "speed_lag",
-    "sensor_gain",
-    "sensor_gain_of_one",
-    "sensor_crosstalk",
-    "sensor_drift",
-    "sensor_lag",
-    "clock_offset",
-    "contact_stiffness",
-    "contact_damping",
-    "contact_friction",
-    "contact_power",
-    "gravity_tilt",
-    "prescribed_offset",
-    "prescribed_angle_offset",
-    "added_mass",
-    "centre_of_mass",
 )
 CASE_KINDS = (
     "nothing missing",
@@ -108,7 +63,20 @@ VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)
 TRIP_CODES = tuple(code.value for code in Trip)
 RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml", "experiment.toml")
 MAX_FOLDERS = 50
-EFFECT_ID = re.compile(r'^ +id="(\w+)"', re.MULTILINE)
+MECHANISM_EFFECTS = tuple(declaration.id for declaration in MECHANISM)
+# Effects of pendulums; their files of laws declare them.
+PENDULUM_EFFECTS = (
+    joints.JOINT_FRICTION.id,
+    joints.JOINT_FRICTION.of_one().id,
+    joints.JOINT_STRIBECK.id,
+    joints.JOINT_INERTIA.id,
+    joints.JOINT_LOAD_FRICTION.id,
+    joints.TORQUE_SCALE.id,
+    joints.TORQUE_DELAY.id,
+    joints.TORQUE_LAG.id,
+    sensor.SPEED_LAG.id,
+    "angle_lag",
+)
 
 # Set by the shell's completion script.
 VARIABLE = "_RFCA_RIG_COMPLETE"
@@ -117,18 +85,12 @@ Offer = Callable[[str], Iterable[str]]
 
 
 def effect_names() -> list[str]:
-    """Effects of the package, by their ids in its files, and of the lab's own folder, where an
-    effect's file has its name.
+    """Effects of legs and pendulums, and of the lab's own folder, where an effect's file has its
+    name.
     """
-    text = "".join(
-        file.read_text(encoding="utf-8") for file in (PACKAGE / "model" / "effects").glob("*.py")
-    )
-    return sorted(
-        {
-            *EFFECT_ID.findall(text),
-            *_stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py"),
-        }
-    )
+    of_package = (declaration.id for declaration in LEG)
+    of_lab = _stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py")
+    return sorted({*of_package, *PENDULUM_EFFECTS, *of_lab})
 
 
 def file_names(kind: str) -> list[str]:

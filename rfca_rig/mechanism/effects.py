@@ -6,13 +6,13 @@ all joints, each with its own size, and one in one joint.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.inverse_dynamics import torque_motors
 from rfca_rig.mechanism.laws import (
-    JOINTS,
     LARGEST,
     SMALLEST,
     PlaceLaw,
@@ -36,7 +36,8 @@ from rfca_rig.mechanism.plant import (
     shift_centre,
 )
 from rfca_rig.mechanism.usual_motion import UsualMotion
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import ground, joints, rig, sensor
+from rfca_rig.model.effect import Declaration, Effect, Parameter, Values
 
 Floats = NDArray[np.float64]
 
@@ -87,32 +88,24 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
-    joints = mechanism.joints
     moving = mechanism.simulated
     sprung = tuple(joint for joint in moving if mechanism.has_spring(joint))
 
     def per_joint(
-        id_: str,
-        words: str,
-        law: str,
+        declaration: Declaration,
         quantity: str,
         units: tuple[str, str],
         size: Floats,
         change: Change,
-        of: str = "",
-        source: str = "MuJoCo, XML reference",
         places: tuple[int, ...] = moving,
     ) -> PlaceLaw:
         names = joint_units(mechanism, *units)
         low = SMALLEST * size
         high = LARGEST * size
         chosen = list(places)
-        at = tuple(joints[joint] for joint in places)
+        at = tuple(mechanism.joints[joint] for joint in places)
         return PlaceLaw(
-            id_,
-            words,
-            law,
-            source,
+            declaration,
             quantity,
             tuple(names[joint] for joint in places),
             at,
@@ -120,53 +113,41 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
             low[chosen],
             high[chosen],
             change,
-            variant_of=of,
             groups=group_places(mechanism, at),
         )
 
     torque = usual.torque
     speed = usual.speed
     yield per_joint(
-        "joint_friction",
-        "dry friction of the joints and their gears",
-        "T = T_c sgn(w)",
+        joints.JOINT_FRICTION,
         "torque",
         ("Nm", "N"),
         torque,
         add_friction,
-        "joint_stribeck",
     )
     yield per_joint(
-        "joint_damping",
-        "damping of the joints",
-        "T = c w",
+        joints.JOINT_DAMPING,
         "coefficient",
         ("Nm_s_per_rad", "N_s_per_m"),
         torque / speed,
         add_to("dof_damping"),
     )
     yield per_joint(
-        "joint_drag",
-        "drag that grows with the speed squared",
-        "T = c w |w|",
+        joints.JOINT_DRAG,
         "coefficient",
         ("Nm_s2_per_rad2", "N_s2_per_m2"),
         torque / speed**2,
         add_to("dof_dampingpoly"),
     )
     yield per_joint(
-        "joint_inertia",
-        "inertia of the motors' rotors behind their gears",
-        "T = I a",
+        joints.JOINT_INERTIA,
         "inertia",
         ("kg_m2", "kg"),
         usual.inertia,
         add_to("dof_armature"),
     )
     yield per_joint(
-        "joint_spring",
-        "a spring in the joints",
-        "T = k (q - q_0), q_0 of the model file",
+        joints.JOINT_SPRING,
         "stiffness",
         ("Nm_per_rad", "N_per_m"),
         torque / usual.travel,
@@ -174,14 +155,11 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
     )
     if sprung:
         yield per_joint(
-            "joint_spring_play",
-            "play before the springs of the joints engage",
-            "the spring's torque at q - q_0 less half the gap, 0 within the gap",
+            joints.JOINT_SPRING_PLAY,
             "half_gap",
             ("rad", "m"),
             usual.travel,
             _add_play,
-            source="dead zone",
             places=sprung,
         )
     # Without recorded commands there is no torque for a gear to lose, and no command whose scale
@@ -190,13 +168,10 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
     if usual.is_driven and driven:
         ones = np.ones(len(driven))
         yield PlaceLaw(
-            "joint_load_friction",
-            "friction of the gears that grows with the torque they transmit",
-            "T = loss |tau| sgn(w)",
-            "Hamon, Gautier and Garrec, IROS 2010",
+            joints.JOINT_LOAD_FRICTION,
             "loss",
             ("relative",) * len(driven),
-            tuple(joints[j] for j in driven),
+            tuple(mechanism.joints[joint] for joint in driven),
             driven,
             0.01 * ones,
             0.6 * ones,
@@ -207,10 +182,7 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
         actuators = tuple(mechanism.actuators[actuator] for actuator in shown)
         ones = np.ones(len(shown))
         yield PlaceLaw(
-            "torque_scale",
-            "scale of the recorded commands wrong",
-            "tau = factor tau_recorded",
-            "torque constant of the motors",
+            joints.TORQUE_SCALE,
             "factor",
             ("",) * len(shown),
             actuators,
@@ -218,7 +190,6 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
             0.3 * ones,
             3.0 * ones,
             _scale_command,
-            "actuator",
             starts=NEAR_FACTORS,
         )
 
@@ -229,7 +200,7 @@ def _laws_of_gears(
     """Compliance and play between encoders on the motors' side and the joints; sizes are shares
     of the usual travel.
     """
-    joints = tuple(mechanism.joints[joint] for joint in driven)
+    names = tuple(mechanism.joints[joint] for joint in driven)
     at = list(driven)
     travel = usual.travel[at]
     torque = usual.torque[at]
@@ -245,26 +216,20 @@ def _laws_of_gears(
         plant.gear_play[1, joint] = LEAST_ROTOR * usual.inertia[joint]
 
     yield PlaceLaw(
-        "gear_compliance",
-        "elastic gears, with encoders on the motors' side",
-        "q_read = q + c tau, tau transmitted by the gear",
-        "Spong 1987, quasi-static",
+        joints.GEAR_COMPLIANCE,
         "compliance",
         units("rad_per_Nm", "m_per_N"),
-        joints,
+        names,
         driven,
         SMALLEST * travel / torque,
         MOST_DEFLECTION * travel / torque,
         add_compliance,
     )
     yield PlaceLaw(
-        "gear_backlash",
-        "play of the gears, with encoders on the motors' side",
-        "q_read = q + z, I z'' = tau within the play, |z| <= b / 2, I of the rotor",
-        "Nordin and Gutman 2002",
+        joints.GEAR_BACKLASH,
         "play",
         units("rad", "m"),
-        joints,
+        names,
         driven,
         SMALLEST * travel,
         MOST_DEFLECTION * travel,
@@ -325,12 +290,7 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         Parameter("rise_relative", 0.25, 2.5),
         Parameter("speed_relative", 0.03, 1.0, may_be_zero=False),
     )
-    yield Effect(
-        "joint_stribeck",
-        JOINTS,
-        "dry friction of the joints that falls with speed",
-        "T = T_c (1 + rise exp(-|w| / w_s)) sgn(w), w_s a share of the usual speed",
-        "Stribeck 1902, exponential form",
+    yield joints.JOINT_STRIBECK.make_effect(
         (*(torque for torque, _ in torques), *shape),
         apply,
     )
@@ -339,9 +299,6 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     """Friction that builds up over an angle, in all joints: a torque each, and one angle, as a
     share of the usual travel.
-
-    Dry friction is a limit of this law and of Stribeck's, so none of them counts as evidence
-    against another.
     """
     torques = _torques(mechanism, usual)
 
@@ -352,15 +309,9 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         return plant
 
     bend = Parameter("bend_relative", 0.03, 1.0, may_be_zero=False)
-    yield Effect(
-        "joint_hysteresis",
-        JOINTS,
-        "hysteresis of the joints: friction that builds up over an angle",
-        "T = T_h z, z' = (w / b) (1 - z sgn(w)), b a share of the usual travel",
-        "Dahl 1968",
+    yield joints.JOINT_HYSTERESIS.make_effect(
         (*(torque for torque, _ in torques), bend),
         apply,
-        variant_of="joint_stribeck",
     )
 
 
@@ -386,18 +337,7 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
             "joint", 1.0, float(len(mechanism.simulated)), may_be_zero=False, whole=True
         )
         share = Parameter("position_relative", -0.98, 0.98)
-        yield Effect(
-            "joint_stop",
-            JOINTS,
-            "a stop within the travel of a joint",
-            (
-                "MuJoCo's limit at a share of half the travel from its middle, above it "
-                "where the share is positive"
-            ),
-            "MuJoCo, XML reference",
-            (counted, share),
-            apply,
-        )
+        yield joints.JOINT_STOP.make_effect((counted, share), apply)
 
 
 def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -429,62 +369,29 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
     late = Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1)
     if usual.is_driven:
-        yield Effect(
-            "torque_delay",
-            "commands",
-            "commands act later than recorded (a negative delay: they were recorded late)",
-            "u(t) = u_recorded(t - delay)",
-            "dead time of drive, bus or current sensor",
+        yield joints.TORQUE_DELAY.make_effect(
             (Parameter("delay_s", -0.04, 0.04, below=0.1),),
             delay,
         )
-        yield Effect(
-            "torque_lag",
-            "commands",
-            "the actuators follow their commands with a lag",
-            "T u' = u_recorded - u",
-            "first-order current loop",
+        yield joints.TORQUE_LAG.make_effect(
             (late,),
             follow,
         )
-        yield Effect(
-            "torque_saturation",
-            "commands",
-            "the actuators saturate",
-            "|u| <= limit, a share of the largest recorded command",
-            "limit of current or voltage",
+        yield joints.TORQUE_SATURATION.make_effect(
             (Parameter("limit_relative", 0.2, 0.95, may_be_zero=False),),
             limit,
         )
-        yield Effect(
-            "torque_dead_band",
-            "commands",
-            "the actuators ignore small commands",
-            (
-                "u = sgn(u_r) max(|u_r| - band, 0), the band a share of the largest recorded "
-                "command u_r"
-            ),
-            "dead band of a drive",
+        yield joints.TORQUE_DEAD_BAND.make_effect(
             (Parameter("band_relative", 0.005, 0.3, may_be_zero=False),),
             ignore_small,
         )
         yield from _of_torque_lines(mechanism, usual)
-        yield Effect(
-            "clock_rate",
-            "commands",
-            "the clocks of commands and readings run at different rates",
-            "u(t) = u_recorded(t - rate t)",
-            "two clocks",
+        yield joints.CLOCK_RATE.make_effect(
             (Parameter("rate_relative", -0.004, 0.004),),
             drift,
         )
     if usual.has_speeds:
-        yield Effect(
-            "speed_lag",
-            "readings",
-            "speeds are read later than the positions",
-            "T y' = x - y for speeds alone",
-            "first-order low-pass",
+        yield sensor.SPEED_LAG.make_effect(
             (late,),
             read_late,
         )
@@ -493,26 +400,15 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 def _of_torque_lines(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     # Only a command that is a torque has a line of torque over speed; position servos are excluded.
     motors = [motor for motor in torque_motors(mechanism) if usual.command[motor] > 0.0]
-    joints = mechanism.model.actuator_trnid[motors, 0]
+    driven = mechanism.model.actuator_trnid[motors, 0]
 
     def fall(plant: Plant, values: Values) -> Plant:
         plant.torque_speed[0, motors] = usual.command[motors]
-        plant.torque_speed[1, motors] = values["fall_relative"] / usual.speed[joints]
+        plant.torque_speed[1, motors] = values["fall_relative"] / usual.speed[driven]
         return plant
 
     if motors:
-        yield Effect(
-            "torque_falls_with_speed",
-            "commands",
-            "the largest torque of the motors falls with speed",
-            (
-                "|u| <= u_m (1 - fall |w| / w_u) where u drives, u_m the largest "
-                "recorded command, w_u the usual speed"
-            ),
-            (
-                "torque-speed line of a DC motor at its supply voltage: Hughes and "
-                "Drury, Electric Motors and Drives, ch. 3"
-            ),
+        yield joints.TORQUE_FALLS_WITH_SPEED.make_effect(
             (Parameter("fall_relative", FALLS_BY, LARGEST, may_be_zero=False),),
             fall,
         )
@@ -527,40 +423,13 @@ def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
         return apply
 
     if mechanism.has_contacts:
-        for name, words, change, low, high in (
-            (
-                "contact_stiffness",
-                "the contacts are softer or stiffer",
-                scale_contact_stiffness,
-                0.05,
-                20.0,
-            ),
-            (
-                "contact_damping",
-                "the contacts lose more or less energy",
-                scale_contact_damping,
-                0.05,
-                20.0,
-            ),
-            (
-                "contact_friction",
-                "friction of the contacts differs",
-                scale_contact_friction,
-                0.1,
-                3.0,
-            ),
+        for declaration, change, low, high in (
+            (ground.CONTACT_STIFFNESS, scale_contact_stiffness, 0.05, 20.0),
+            (ground.CONTACT_DAMPING, scale_contact_damping, 0.05, 20.0),
+            (ground.CONTACT_FRICTION, scale_contact_friction, 0.1, 3.0),
         ):
             factor = Parameter("factor", low, high, may_be_zero=False)
-            yield Effect(
-                name,
-                "ground",
-                words,
-                "the model's value times the factor",
-                "MuJoCo, solver parameters",
-                (factor,),
-                make_apply(change),
-                same_as=f"{name}_relative",
-            )
+            yield declaration.make_effect((factor,), make_apply(change))
 
     def harden(plant: Plant, values: Values) -> Plant:
         add_contact_power(plant, values["more_power"])
@@ -568,15 +437,7 @@ def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
 
     if mechanism.contacts:
         power = Parameter("more_power", -0.7, 1.5)
-        yield Effect(
-            "contact_power",
-            "ground",
-            "the force of the contacts grows with another power of their depth",
-            (
-                "N (d / d_0)^p, d_0 the depth that bears the weight; p = -0.5 for a line, 0 "
-                "for a point"
-            ),
-            "Johnson, Contact Mechanics, 1985, ch. 4",
+        yield ground.CONTACT_POWER.make_effect(
             (power,),
             harden,
         )
@@ -605,12 +466,7 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
 
     if np.any(model.opt.gravity != 0.0):
         angles = (Parameter("about_x_rad", -0.2, 0.2), Parameter("about_y_rad", -0.2, 0.2))
-        yield Effect(
-            "gravity_tilt",
-            "rig",
-            "rig not plumb",
-            "gravity turned about the world's x and y axis",
-            "-",
+        yield rig.GRAVITY_TILT_OF_MECHANISM.make_effect(
             angles,
             tilt,
         )
@@ -639,30 +495,13 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         most = max(float(np.linalg.norm(model.body_ipos[index])) for index in off_centre)
         body = Parameter("body", 1.0, float(len(off_centre)), may_be_zero=False, whole=True)
         shift = Parameter("shift_m", -0.5 * most, 0.5 * most, starts=(-0.1 * most, 0.1 * most))
-        yield Effect(
-            "centre_of_mass",
-            "bodies",
-            "the centre of mass of a body is elsewhere",
-            "its distance from the body's frame is larger by the shift, in the same direction",
-            "-",
+        yield rig.CENTRE_OF_MASS.make_effect(
             (body, shift),
             move,
         )
-    for slides, name, words, unit, most in (
-        (
-            True,
-            "prescribed_offset",
-            "a prescribed slide stands elsewhere than it reads",
-            "m",
-            MOST_OFFSET * float(model.stat.extent),
-        ),
-        (
-            False,
-            "prescribed_angle_offset",
-            "a prescribed hinge stands elsewhere than it reads",
-            "rad",
-            MOST_OFFSET,
-        ),
+    for slides, declaration, unit, most in (
+        (True, rig.PRESCRIBED_OFFSET, "m", MOST_OFFSET * float(model.stat.extent)),
+        (False, rig.PRESCRIBED_ANGLE_OFFSET, "rad", MOST_OFFSET),
     ):
         of_kind = [joint for joint in mechanism.prescribed if mechanism.is_slide[joint] == slides]
         # The effect has one offset, so it exists only where exactly one joint of this kind is
@@ -670,25 +509,12 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         if len(of_kind) == 1:
             joint = of_kind[0]
             offset = Parameter(f"offset_{unit}", -most, most)
-            yield Effect(
-                name,
-                "rig",
-                words,
-                "q_read = q + offset, in all recordings alike",
-                "-",
-                (offset,),
-                _shift_reading(joint, offset),
-                same_as=f"{mechanism.joints[joint]}.zero_offset_{unit}",
-            )
+            of_joint = replace(declaration, same_as=f"{mechanism.joints[joint]}.zero_offset_{unit}")
+            yield of_joint.make_effect((offset,), _shift_reading(joint, offset))
     total = float(sum(model.body_mass[index] for index in heavy))
     body = Parameter("body", 1.0, float(len(heavy)), may_be_zero=False, whole=True)
     mass = Parameter("mass_kg", SMALLEST * total, 3.0 * LARGEST * total, may_be_zero=False)
-    yield Effect(
-        "added_mass",
-        "bodies",
-        "a body is heavier",
-        "its mass grows, and its inertia as much",
-        "-",
+    yield rig.ADDED_MASS.make_effect(
         (body, mass),
         load,
     )

@@ -9,7 +9,7 @@ Effects of sensors act on their readings.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Change, JointLaw, Plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import sensor as declared
+from rfca_rig.model.effect import Declaration, Effect, Parameter, Values
 from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 
 Floats = NDArray[np.float64]
 
-JOINTS = "joints"
 # Shares of the usual magnitude on the rig. A smaller effect is lost in the usual model error of 1
 # %; with a larger one the joint would hardly move. With a tenth and ten times these bounds the log
 # evidence of friction of a pendulum changes by less than 1.
@@ -41,18 +41,15 @@ DRIFTS_BY = 0.3  # of a sensor's rms, per second: a larger drift is visible with
 
 @dataclass(frozen=True)
 class PlaceLaw:
-    """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range,
-    `change` puts it into a plant.
+    """A declared law with one size per joint (or actuator): `low` and `high` (k,) are its plausible
+    range, `change` puts it into a plant.
 
     `groups` are names and places, within `places`, of those that share a size; each has its own
     where there are none. `starts` are values from which the search begins, an even number in
     ascending order.
     """
 
-    id: str
-    left_out: str
-    law: str
-    source: str
+    declaration: Declaration
     quantity: str
     units: tuple[str, ...]
     objects: tuple[str, ...]
@@ -60,8 +57,6 @@ class PlaceLaw:
     low: Floats
     high: Floats
     change: Change
-    noun: str = "joint"
-    variant_of: str = ""
     groups: tuple[tuple[str, tuple[int, ...]], ...] = ()
     starts: tuple[float, ...] = ()
 
@@ -125,47 +120,26 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
         Parameter(name, low, high, may_be_zero=False, starts=starts)
         for name, (low, high) in zip(names, ranges, strict=True)
     )
-    yield Effect(
-        law.id,
-        JOINTS,
-        law.left_out,
-        law.law,
-        law.source,
-        parameters,
-        in_all,
-        variant_of=law.variant_of,
-    )
+    yield law.declaration.make_effect(parameters, in_all)
     if many:
+        noun = law.declaration.single
+        declaration = law.declaration.of_one()
         size = join_name(law.quantity, law.units[0] if len(set(law.units)) == 1 else "SI")
 
         def in_one(plant: Plant, values: Values) -> Plant:
-            law.change(plant, places[int(values[law.noun]) - 1], values[size])
+            law.change(plant, places[int(values[noun]) - 1], values[size])
             return plant
 
-        counted = Parameter(law.noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
+        counted = Parameter(noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
         sized = Parameter(
             size, float(law.low.min()), float(law.high.max()), may_be_zero=False, starts=law.starts
         )
-        words = f"{law.left_out}, of one {law.noun}"
         # The numbers are not those of the model, so the text lists them.
         if places != tuple(range(len(places))):
-            words += (
-                " ("
-                + ", ".join(
-                    f"{number} is {name}" for number, name in enumerate(law.objects, start=1)
-                )
-                + ")"
-            )
-        yield Effect(
-            f"{law.id}_of_one",
-            JOINTS,
-            words,
-            law.law,
-            law.source,
-            (counted, sized),
-            in_one,
-            variant_of=law.variant_of or law.id,
-        )
+            numbers = (f"{number} is {name}" for number, name in enumerate(law.objects, start=1))
+            words = f"{declaration.left_out} ({', '.join(numbers)})"
+            declaration = replace(declaration, left_out=words)
+        yield declaration.make_effect((counted, sized), in_one)
 
 
 def name_argument(mechanism: Mechanism, joint: int, quantity: str) -> str:
@@ -265,10 +239,7 @@ def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Ef
     ones = np.ones(len(places))
     yield from expand_law(
         PlaceLaw(
-            "sensor_gain",
-            "scale of the sensors wrong",
-            "y = factor x",
-            "calibration",
+            declared.SENSOR_GAIN_OF_MECHANISM,
             "factor",
             ("",) * len(places),
             names,
@@ -276,26 +247,15 @@ def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Ef
             0.5 * ones,
             2.0 * ones,
             _scale_sensor,
-            "sensor",
         )
     )
     yield from _sensor_crosstalk(mechanism, usual)
     yield _sensor_drift(mechanism, usual)
-    yield Effect(
-        "sensor_lag",
-        "readings",
-        "the sensors are read later than the joints: a filter",
-        "T y' = x - y",
-        "first-order low-pass",
+    yield declared.SENSOR_LAG_OF_MECHANISM.make_effect(
         (Parameter("time_constant_s", 0.002, 0.05, may_be_zero=False, below=0.1),),
         lag,
     )
-    yield Effect(
-        "clock_offset",
-        "readings",
-        "the clocks of sensors and joints differ",
-        "y(t) = x(t - offset)",
-        "two clocks",
+    yield declared.CLOCK_OFFSET_OF_MECHANISM.make_effect(
         (Parameter("offset_s", -0.04, 0.04, below=0.1),),
         delay,
     )
@@ -327,15 +287,9 @@ def _sensor_crosstalk(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effe
             MAX_CROSSTALK_SHARE,
             starts=(-0.2 * MAX_CROSSTALK_SHARE, 0.2 * MAX_CROSSTALK_SHARE),
         )
-        yield Effect(
-            "sensor_crosstalk",
-            "readings",
-            "one value of the sensors leaks into another",
-            f"y_1 = x_1 + share x_2 (rms y_1 / rms y_2); pairs {listed}",
-            "off-diagonal term of the calibration matrix",
-            (pair, share),
-            leak,
-        )
+        declaration = declared.SENSOR_CROSSTALK_OF_MECHANISM
+        numbered = replace(declaration, law=f"{declaration.law}; pairs {listed}")
+        yield numbered.make_effect((pair, share), leak)
 
 
 def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
@@ -356,15 +310,7 @@ def _sensor_drift(mechanism: Mechanism, usual: UsualMotion) -> Effect:
         return plant
 
     parameters = tuple(Parameter(key, -largest, largest) for key, (_, largest) in rates.items())
-    return Effect(
-        "sensor_drift",
-        "readings",
-        "the zero of the sensors drifts with time",
-        "y = x + rate t",
-        "-",
-        parameters,
-        apply,
-    )
+    return declared.SENSOR_DRIFT_OF_MECHANISM.make_effect(parameters, apply)
 
 
 def _scale_sensor(plant: Plant, sensor: int, value: float) -> None:

@@ -1,15 +1,21 @@
-"""Data model of an effect: a piece of physics that a model may lack. Each is one file, here or
-in a lab's folder.
+"""Data model of an effect: a piece of physics that a model may lack.
+
+`Declaration` is what an effect is, `Effect` the declaration with a law for one simulator. Those of
+the package are declared in `declarations`, and an effect that two simulators have is declared once.
+A lab's own effect is one file, which states both at once.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from math import inf, isfinite
 from typing import Any
 
 Values = Mapping[str, float]
 
 OF_PENDULUMS = "pendulum-like rigs"  # where an effect enters that a leg cannot have
+# On which side of the drive's compliance the encoder of the shaft must be to show an effect.
+MOTOR_SIDE = "motor side"
+LEG_SIDE = "leg side"
 
 
 @dataclass(frozen=True)
@@ -64,25 +70,53 @@ class EqualLimit:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """One entry of the catalogue.
+class Declaration:
+    """What an effect is, without the law as code. Everything that lists effects follows from it.
 
-    `where` it enters, `left_out` in a few words what a model without it lacks, the `law` as a
-    formula, its `source`. `apply(setup, values)` returns the setup with the effect in it, in the
-    form of its simulator: `setup.Setup` for a leg. `values` holds one number per parameter, one per
-    parameter of `shape`, and one for each of `begins`. `begins` are initial states where a
-    recording begins, 0 for at rest; they are no property of the rig and are never reported. `shape`
-    are nuisance parameters of the law, which describe its form and not its size. They are optional
-    in a file, where their neutral values apply; a diagnosis fits them together with the effect.
-    Raises ValueError where the neutral value of a shape parameter lies outside of its plausible
-    range. `same_as` names the nominal value, as `fit` calls it, whose error acts exactly like the
-    effect: only the prior of that value distinguishes the two. `variant_of` names the most general
-    effect of which this one is a special case, as dry friction is of Stribeck's. `equal_limits` are
-    those in which its law becomes that of another effect: a diagnosis then reports both as one set.
-    `family` is the id of a family of the catalogue whose laws act alike, for an effect that the
-    catalogue does not list there. `needs_order`: its law counts the strokes that the leg has made
-    before. It is tried only where recordings state their order. `needs_k2`: its law is written in
-    k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve.
+    Parameters
+    ----------
+    id
+        The name in files and answers.
+    where
+        Where it enters.
+    left_out
+        In a few words what a model without it lacks.
+    law
+        As a formula.
+    source
+        Of the law.
+    families
+        Ids of the families whose laws act alike. An effect that names none is a family of its own.
+    single
+        "joint", "actuator" or "sensor" where the law may act in one of them alone, which `of_one`
+        declares.
+    variant_of
+        The most general effect of which this one is a special case, as dry friction is of
+        Stribeck's.
+    same_as
+        The nominal value, as `fit` calls it, whose error acts exactly like the effect: only the
+        prior of that value distinguishes the two.
+    law_of
+        "speed" or "position" where the law is a torque of a joint over that quantity. A law that is
+        measured in the joint takes its place.
+    encoder
+        MOTOR_SIDE where every recorded angle of the shaft shows it: it is then judged by that angle
+        and not by the forces. LEG_SIDE where only an encoder on the leg's side does.
+    in_motion_only
+        A settled reading does not show it.
+    bench_test
+        The kind of the bench test, of `bench_tests`, that shows it whatever the rig does.
+    needs_order
+        Its law counts the strokes that the leg has made before. It is tried only where recordings
+        state their order.
+    needs_k2
+        Its law is written in k0 and k2 of the spring, so that it has no meaning in a leg with a
+        measured curve.
+
+    Raises
+    ------
+    ValueError
+        Where `encoder` is another word.
     """
 
     id: str
@@ -90,18 +124,96 @@ class Effect:
     left_out: str
     law: str
     source: str
+    _: KW_ONLY
+    families: tuple[str, ...] = ()
+    single: str = ""
+    variant_of: str = ""
+    same_as: str = ""
+    law_of: str = ""
+    encoder: str = ""
+    in_motion_only: bool = False
+    bench_test: str = ""
+    needs_order: bool = False
+    needs_k2: bool = False
+
+    def __post_init__(self) -> None:
+        if self.encoder not in ("", MOTOR_SIDE, LEG_SIDE):
+            raise ValueError(
+                f"effect {self.id}: encoder is {self.encoder!r}; it takes {MOTOR_SIDE!r} or "
+                f"{LEG_SIDE!r}"
+            )
+
+    def of_one(self) -> "Declaration":
+        """The same law in one joint, actuator or sensor alone."""
+        return replace(
+            self,
+            id=f"{self.id}_of_one",
+            left_out=f"{self.left_out}, of one {self.single}",
+            single="",
+            variant_of=self.variant_of or self.id,
+            # No bench test is proposed for one actuator or sensor yet.
+            bench_test=self.bench_test if self.single == "joint" else "",
+        )
+
+    def make_effect(
+        self,
+        parameters: tuple[Parameter, ...],
+        apply: Callable[[Any, Values], Any],
+        begins: tuple[Parameter, ...] = (),
+        shape: tuple[Parameter, ...] = (),
+        equal_limits: tuple[EqualLimit, ...] = (),
+    ) -> "Effect":
+        """The effect with its law in one simulator; arguments as in `Effect`."""
+        declared = {item.name: getattr(self, item.name) for item in fields(Declaration)}
+        return Effect(
+            **declared,
+            parameters=parameters,
+            apply=apply,
+            begins=begins,
+            shape=shape,
+            equal_limits=equal_limits,
+        )
+
+
+@dataclass(frozen=True)
+class Effect(Declaration):
+    """A declaration with its law for one simulator: one entry of a catalogue.
+
+    Parameters
+    ----------
+    parameters
+        Its numbers: sizes, and places that are counted.
+    apply
+        `apply(setup, values)` returns the setup with the effect in it, in the form of its
+        simulator: `setup.Setup` for a leg. `values` holds one number per parameter, one per
+        parameter of `shape`, and one for each of `begins`.
+    begins
+        Initial states where a recording begins, 0 for at rest. They are no property of the rig and
+        are never reported.
+    shape
+        Nuisance parameters of the law, which describe its form and not its size. They are optional
+        in a file, where their neutral values apply; a diagnosis fits them together with the effect.
+    equal_limits
+        Those in which its law becomes that of another effect: a diagnosis then reports both as one
+        set.
+    family
+        The only one of `families`, for a lab's own effect.
+
+    Raises
+    ------
+    ValueError
+        Where the neutral value of a shape parameter lies outside of its plausible range.
+    """
+
     parameters: tuple[Parameter, ...]
     apply: Callable[[Any, Values], Any]
     begins: tuple[Parameter, ...] = ()
-    same_as: str = ""
     shape: tuple[Parameter, ...] = ()
-    variant_of: str = ""
-    needs_k2: bool = False
-    needs_order: bool = False
     equal_limits: tuple[EqualLimit, ...] = ()
     family: str = ""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for parameter in self.shape:
             if not parameter.low <= parameter.neutral <= parameter.high:
                 raise ValueError(

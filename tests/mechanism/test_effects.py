@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.cli.names import MECHANISM_EFFECTS
 from rfca_rig.diagnosis.inference.screening import grid_of, terms_of
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.effects import list_effects
@@ -22,6 +21,7 @@ from rfca_rig.mechanism.plant import (
 )
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
+from rfca_rig.model.declarations import MECHANISM
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, mjcf
 
@@ -47,6 +47,13 @@ CART = (
     '<body name="pole"><joint name="pivot" axis="0 1 0"/><geom type="capsule" fromto="0 '
     '0 0 0 0 -0.5" size="0.01" mass="0.2"/></body>'
     '</body></worldbody><actuator><motor name="push" joint="x" gear="2"/></actuator></mujoco>'
+)
+SPRINGS = (
+    '<mujoco><worldbody><body name="upper"><joint name="hip" stiffness="3" axis="0 1 0"/>'
+    '<geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.01" mass="0.2"/>'
+    '<body name="lower" pos="0 0 -0.5"><joint name="knee" stiffness="2" axis="0 1 0"/>'
+    '<geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.01" mass="0.2"/></body></body>'
+    "</worldbody></mujoco>"
 )
 
 
@@ -280,7 +287,7 @@ def test_effects_of_sensors_change_readings_alone_and_those_of_contacts_the_moti
     assert (changed[1] > 1e-3) == effect_id.startswith("contact")
 
 
-def test_the_shell_offers_the_ids_of_all_effects(mechanism, on_floor):
+def test_every_declared_effect_is_one_of_some_mechanism(mechanism, on_floor, tmp_path):
     two_sensors = replace(USUAL_HOP, sensors={"plate_force": 20.0, "other": 1.0})
     sensors = replace(on_floor, sensors=on_floor.sensors | {"other": Sensor(0, 1, "N")})
     sole = SphereOnPlane("sole", "floor", 2e5, 0.4, 0.5, 1e-4, 0.0)
@@ -293,7 +300,12 @@ def test_the_shell_offers_the_ids_of_all_effects(mechanism, on_floor):
         for effect in list_effects(replace(on_floor, prescribed=(joint,)), USUAL_HOP)
     }
     turned = {effect.id for effect in list_effects(replace(mechanism, prescribed=(0,)), USUAL)}
-    assert set(MECHANISM_EFFECTS) == {*effects_of(mechanism), *of_hopper, *held, *turned}
+    (tmp_path / "springs.xml").write_text(SPRINGS, encoding="utf-8")
+    usual = UsualMotion(*(np.ones(2) for _ in range(6)), np.zeros(0), True, {})
+    sprung = {effect.id for effect in list_effects(load_mechanism(tmp_path / "springs.xml"), usual)}
+    declared = [declaration.id for declaration in MECHANISM]
+    assert len(set(declared)) == len(declared)
+    assert set(declared) == {*effects_of(mechanism), *of_hopper, *held, *turned, *sprung}
 
 
 def test_effects_of_sensors_and_contacts_need_them(mechanism, on_floor):

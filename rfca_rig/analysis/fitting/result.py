@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint
 from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.description.model_file import scale_keys, write_model
+from rfca_rig.model.declarations.ground import HEIGHT_OFFSET
 from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
@@ -220,9 +221,6 @@ def _deviations(scatter: Mapping[str, float]) -> str:
     )
 
 
-HEIGHT_OFFSET = "height_offset"
-
-
 def write_model_file(
     path: Path,
     result: FitResult,
@@ -326,10 +324,12 @@ def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
         return effects
     # The nominal model already contains this offset, so the fitted one is added to it.
     nominal_mm = sum(
-        dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET
+        dict(present.values)["offset_mm"]
+        for present in rig.effects
+        if present.id == HEIGHT_OFFSET.id
     )
-    others = [effect for effect in effects if effect["id"] != HEIGHT_OFFSET]
-    return [*others, {"id": HEIGHT_OFFSET, "parameters": {"offset_mm": nominal_mm + offset_mm}}]
+    others = [effect for effect in effects if effect["id"] != HEIGHT_OFFSET.id]
+    return [*others, {"id": HEIGHT_OFFSET.id, "parameters": {"offset_mm": nominal_mm + offset_mm}}]
 
 
 def make_fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str, float]:
@@ -361,7 +361,7 @@ def _remark(fitted: FittedParameter) -> str:
     if fitted.name == "height":
         return (
             f"The rack stood {fitted.value:+.3f} mm, known to {fitted.std:.3f} mm, from the "
-            f"heights stated: effect {HEIGHT_OFFSET}."
+            f"heights stated: effect {HEIGHT_OFFSET.id}."
         )
     return (
         f"{fitted.name} is known to {fitted.std:.3g} {fitted.unit} now; [known_to] has no key "

@@ -33,6 +33,7 @@ from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, va
 from rfca_rig.diagnosis.inference.screening import EffectProbe
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import jackknife_std
 from rfca_rig.diagnosis.result import NotSeen, Value
+from rfca_rig.model.declarations.hinges import STIFFNESS_HARDENING
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel
 
@@ -195,7 +196,7 @@ def without_effect(effect: Effect, rig: RigModel) -> float:
     """
     size = size_parameter(effect)
     # Its size is the whole k2, so the nominal value does nothing.
-    if effect.id == "stiffness_hardening":
+    if effect.id == STIFFNESS_HARDENING.id:
         return rig.leg.k2_per_rad2
     if size.name.endswith("factor"):
         return 1.0

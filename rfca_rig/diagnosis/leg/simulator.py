@@ -27,6 +27,7 @@ from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance, mak
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.simulator import Dataset, ScatterDirection, Simulator, make_dataset, spread
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.declarations.sensor import CLOCK_OFFSET
 from rfca_rig.model.parameters import PresentEffect, RigModel, Swing
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.model.stroke import SimulatedStroke, StrokeRequest, simulate_variations
@@ -254,7 +255,7 @@ class LegSimulator(Simulator):
         starts_recorded = bool(flaps) and all(flap.turn.start_rad is not None for flap in flaps)
         late, early = (
             at.with_effects(
-                (PresentEffect("clock_offset", (("offset_s", sign * 1e-3 * TRIGGER_MS),)),)
+                (PresentEffect(CLOCK_OFFSET.id, (("offset_s", sign * 1e-3 * TRIGGER_MS),)),)
             )
             for sign in (1.0, -1.0)
         )

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import drive as declared
+from rfca_rig.model.effect import Parameter, Values
 from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.setup import CompliantDrive, Setup, with_chain, with_drive
@@ -23,7 +24,7 @@ ROTOR_KG_M2 = 0.006  # motor and gear at the shaft; the sag itself hardly depend
 
 def apply_motor_speed_droop(setup: Setup, values: Values) -> Setup:
     drive = CompliantDrive(
-        "motor_speed_droop",
+        declared.MOTOR_SPEED_DROOP.id,
         values["ki_Nm_per_rad"],
         values["kp_Nm_s_per_rad"],
         ROTOR_KG_M2,
@@ -32,12 +33,7 @@ def apply_motor_speed_droop(setup: Setup, values: Values) -> Setup:
     return with_drive(setup, drive)
 
 
-MOTOR_SPEED_DROOP = Effect(
-    id="motor_speed_droop",
-    where="drive",
-    left_out="speed sags under load and surges after it",
-    law="tau = kp (w_c - w) + ki (theta_c - theta)",
-    source="PI speed control of a rotor",
+MOTOR_SPEED_DROOP = declared.MOTOR_SPEED_DROOP.make_effect(
     parameters=(
         Parameter("kp_Nm_s_per_rad", 0.5, 200.0),
         Parameter("ki_Nm_per_rad", 1.0, 5000.0, may_be_zero=False),
@@ -51,7 +47,7 @@ MOTOR_SPEED_DROOP = Effect(
 
 def apply_motor_torque_limit(setup: Setup, values: Values) -> Setup:
     drive = CompliantDrive(
-        "motor_torque_limit",
+        declared.MOTOR_TORQUE_LIMIT.id,
         values["ki_Nm_per_rad"],
         values["kp_Nm_s_per_rad"],
         ROTOR_KG_M2,
@@ -61,12 +57,7 @@ def apply_motor_torque_limit(setup: Setup, values: Values) -> Setup:
     return with_drive(setup, drive)
 
 
-MOTOR_TORQUE_LIMIT = Effect(
-    id="motor_torque_limit",
-    where="drive",
-    left_out="the motor's torque is limited",
-    law="|tau| <= limit, tau = kp (w_c - w) + ki (theta_c - theta) within it",
-    source="current limit of a servo drive; its integrator goes on, as without anti-windup",
+MOTOR_TORQUE_LIMIT = declared.MOTOR_TORQUE_LIMIT.make_effect(
     parameters=(
         Parameter(
             "limit_Nm", 0.5, 20.0, may_be_zero=False, starts=tuple(0.7 * 1.3**n for n in range(12))
@@ -90,7 +81,7 @@ def apply_motor_cogging(setup: Setup, values: Values) -> Setup:
     if values["torque_Nm"] == 0.0:
         return setup
     drive = CompliantDrive(
-        "motor_cogging",
+        declared.MOTOR_COGGING.id,
         values["ki_Nm_per_rad"],
         values["kp_Nm_s_per_rad"],
         ROTOR_KG_M2,
@@ -102,15 +93,7 @@ def apply_motor_cogging(setup: Setup, values: Values) -> Setup:
     return with_drive(setup, drive)
 
 
-MOTOR_COGGING = Effect(
-    id="motor_cogging",
-    where="drive",
-    left_out="the motor cogs",
-    law="tau = T sin(n (theta - theta_0) + phase) beside kp (w_c - w) + ki (theta_c - theta)",
-    source=(
-        "cogging torque of permanent-magnet motors: teeth and magnets, n is their least "
-        "common multiple"
-    ),
+MOTOR_COGGING = declared.MOTOR_COGGING.make_effect(
     parameters=(
         Parameter("torque_Nm", 0.02, 3.0, starts=(0.5,)),
         # A stroke is half a turn: it distinguishes numbers of cycles that differ by two.
@@ -203,12 +186,7 @@ def _speed(motion: ShaftMotion, t: Floats) -> Floats:
     return np.asarray(c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]))
 
 
-MOTOR_SPEED_RIPPLE = Effect(
-    id="motor_speed_ripple",
-    where="drive",
-    left_out="shaft speed that varies with shaft angle",
-    law="w = w_c (1 + a cos(n (theta - theta_0) + phase))",
-    source="torque ripple of gear and motor",
+MOTOR_SPEED_RIPPLE = declared.MOTOR_SPEED_RIPPLE.make_effect(
     parameters=(
         Parameter("amplitude_relative", 0.005, 0.3, below=1.0, starts=(0.05,)),
         # A stroke is half a turn: it distinguishes numbers of cycles that differ by two.
@@ -236,17 +214,12 @@ def apply_shaft_compliance(setup: Setup, values: Values) -> Setup:
     return with_drive(
         setup,
         CompliantDrive(
-            "shaft_compliance", stiffness, 1e-3 * values["relaxation_ms"] * stiffness, 0.0
+            declared.SHAFT_COMPLIANCE.id, stiffness, 1e-3 * values["relaxation_ms"] * stiffness, 0.0
         ),
     )
 
 
-SHAFT_COMPLIANCE = Effect(
-    id="shaft_compliance",
-    where="drive",
-    left_out="twist between motor and leg",
-    law="tau = k (theta_motor - theta_leg) + k t_r (w_motor - w_leg)",
-    source="torsion spring in series with the shaft",
+SHAFT_COMPLIANCE = declared.SHAFT_COMPLIANCE.make_effect(
     parameters=(Parameter("stiffness_Nm_per_rad", 5.0, 2000.0, may_be_zero=False),),
     apply=apply_shaft_compliance,
     # Internal damping over stiffness: at the neutral value the oscillation of the twist decays
@@ -274,7 +247,7 @@ def apply_shaft_play(setup: Setup, values: Values) -> Setup:
     return with_drive(
         setup,
         CompliantDrive(
-            "shaft_play",
+            declared.SHAFT_PLAY.id,
             PLAY_STIFFNESS_NM_PER_RAD,
             0.0,
             0.0,
@@ -284,15 +257,7 @@ def apply_shaft_play(setup: Setup, values: Values) -> Setup:
     )
 
 
-SHAFT_PLAY = Effect(
-    id="shaft_play",
-    where="drive",
-    left_out="play between motor and leg",
-    law=(
-        "tau = k b (1 + a b'), b = sgn(d) max(|d| - gap, 0), d = theta_motor - theta_leg, k "
-        "= 2000 N m/rad, a = 0.3 s/rad, never pulling"
-    ),
-    source="dead zone whose ends are contacts of Hunt and Crossley (1975)",
+SHAFT_PLAY = declared.SHAFT_PLAY.make_effect(
     parameters=(Parameter("half_gap_deg", 0.1, 5.0),),
     apply=apply_shaft_play,
 )
@@ -310,12 +275,7 @@ def apply_shaft_friction(setup: Setup, values: Values) -> Setup:
     return with_chain(setup, drag)
 
 
-SHAFT_FRICTION = Effect(
-    id="shaft_friction",
-    where="shaft",
-    left_out="friction at the shaft, as of a cable that drags",
-    law="T = T_c sgn(w) against the turn of the shaft, full from 0.02 rad/s on",
-    source="Coulomb",
+SHAFT_FRICTION = declared.SHAFT_FRICTION.make_effect(
     parameters=(Parameter("torque_Nm", 0.005, 1.0),),
     apply=apply_shaft_friction,
 )

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import ground as declared
+from rfca_rig.model.effect import Parameter, Values
 from rfca_rig.model.kernel.laws import NORMAL, SLIP, LawUse
 from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.setup import Setup, with_chain, with_law
@@ -78,24 +79,12 @@ def apply_ground_compliance(setup: Setup, values: Values) -> Setup:
     return with_law(softer, LawUse(NORMAL, ground_compliance_force, shape))
 
 
-GROUND_COMPLIANCE = Effect(
-    id="ground_compliance",
-    where="ground",
-    left_out="soft floor",
-    law=(
-        "N = F (depth / b)^p in series with the nominal contact, F = 20 N, b = (F / "
-        "k)^(2/3), p = 1.5 unless given"
-    ),
-    source=(
-        "Hertz contacts in series; an exponent of 1 for a bed of springs (Winkler), of 2 for "
-        "a cone (Sneddon 1965)"
-    ),
+GROUND_COMPLIANCE = declared.GROUND_COMPLIANCE.make_effect(
     parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0, may_be_zero=False),),
     apply=apply_ground_compliance,
     # At 2e5 N/m^1.5, fz over a stroke (215 mm, 2.433 rad/s) changes by 6.3 N rms with an exponent
     # of 1, and by 2.2 N with 2.
     shape=(Parameter("exponent", 1.0, 2.0, may_be_zero=False, neutral=AS_THE_GROUND),),
-    same_as="contact_stiffness",
 )
 
 
@@ -148,15 +137,7 @@ def apply_ground_exponent(setup: Setup, values: Values) -> Setup:
     return replace(setup, laws_of_chain=(*setup.laws_of_chain, law))
 
 
-GROUND_EXPONENT = Effect(
-    id="ground_exponent",
-    where="ground",
-    left_out="contact of another shape, as along a line",
-    law="N = F (depth / b)^p (1 + c rate), F = 20 N, b where the nominal contact presses with F",
-    source=(
-        "exponent 1 for a line contact (Johnson 1985, ch. 4) or a bed of springs, 1.5 after "
-        "Hertz, 2 for a cone (Sneddon 1965)"
-    ),
+GROUND_EXPONENT = declared.GROUND_EXPONENT.make_effect(
     parameters=(Parameter("exponent", 1.0, 2.0, may_be_zero=False, starts=(1.0, 1.25, 2.0)),),
     apply=apply_ground_exponent,
 )
@@ -187,15 +168,7 @@ def apply_ground_stribeck(setup: Setup, values: Values) -> Setup:
     )
 
 
-GROUND_STRIBECK = Effect(
-    id="ground_stribeck",
-    where="ground",
-    left_out="friction that falls with sliding speed",
-    law="mu (1 + rise exp(-(|v| / v_s)^d)), d = 1 unless given",
-    source=(
-        "Stribeck 1902; exponent as in Bo and Pavelescu 1982 (0.5 to 1) and "
-        "Armstrong-Helouvry 1991 (2)"
-    ),
+GROUND_STRIBECK = declared.GROUND_STRIBECK.make_effect(
     parameters=(
         Parameter("rise_relative", 0.05, 1.0),
         Parameter("speed_m_s", 0.005, 1.0, may_be_zero=False),
@@ -224,15 +197,7 @@ def apply_ground_adhesion(setup: Setup, values: Values) -> Setup:
     )
 
 
-GROUND_ADHESION = Effect(
-    id="ground_adhesion",
-    where="ground",
-    left_out="floor holds the leg back at lift-off",
-    law="N - F (1 - exp(-depth / reach)) while touching",
-    source=(
-        "Derjaguin, Muller and Toporov 1975 (constant); Johnson, Kendall and Roberts 1971 "
-        "(grows with the contact)"
-    ),
+GROUND_ADHESION = declared.GROUND_ADHESION.make_effect(
     parameters=(Parameter("force_N", 0.1, 20.0),),
     apply=apply_ground_adhesion,
     # Depth over which adhesion builds up. The force depends on depth alone, so it creates no energy
@@ -255,12 +220,7 @@ def apply_ground_tilt(setup: Setup, values: Values) -> Setup:
     return with_chain(setup, tilt)
 
 
-GROUND_TILT = Effect(
-    id="ground_tilt",
-    where="ground",
-    left_out="floor not level",
-    law="floor at -height + slope y",
-    source="-",
+GROUND_TILT = declared.GROUND_TILT.make_effect(
     parameters=(Parameter("slope", -0.1, 0.1),),
     apply=apply_ground_tilt,
 )
@@ -278,15 +238,7 @@ def apply_ground_bump(setup: Setup, values: Values) -> Setup:
     return with_chain(setup, raise_floor)
 
 
-GROUND_BUMP = Effect(
-    id="ground_bump",
-    where="ground",
-    left_out="a bump or hollow of the floor",
-    law=(
-        "floor at -height + B exp(-((y - y_0) / b)^2), y from below the shaft to where the "
-        "leg starts; depth along its normal"
-    ),
-    source="signed distance to a smooth profile: the nearest point carries the contact",
+GROUND_BUMP = declared.GROUND_BUMP.make_effect(
     # The paper's tip touches at +174 to +217 mm and leaves at -126 to -156 mm (racks of 195 to 235
     # mm, 2 to 3.3 rad/s), with the valley of fz at -27 to -54 mm. A wider bump acts like a wrong
     # height of the rack: a fitted height leaves 45 to 94 % of the effect of a bump of 50 mm, and 4
@@ -307,15 +259,9 @@ def apply_height_offset(setup: Setup, values: Values) -> Setup:
     return replace(setup, height_m=setup.height_m + 1e-3 * values["offset_mm"])
 
 
-HEIGHT_OFFSET = Effect(
-    id="height_offset",
-    where="rig",
-    left_out="rack height wrong",
-    law="true height = stated height + offset",
-    source="-",
+HEIGHT_OFFSET = declared.HEIGHT_OFFSET.make_effect(
     parameters=(Parameter("offset_mm", -10.0, 10.0),),
     apply=apply_height_offset,
-    same_as="height",
 )
 
 

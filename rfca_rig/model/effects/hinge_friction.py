@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
+from rfca_rig.model.declarations import hinges as declared
+from rfca_rig.model.effect import EqualLimit, Parameter, Values
 from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
@@ -96,12 +97,7 @@ def yields_as_a_loop(values: Values) -> bool:
     )
 
 
-HINGE_COULOMB_FRICTION = Effect(
-    id="hinge_coulomb_friction",
-    where="hinges",
-    left_out="dry friction of the pins",
-    law="T = T_c sgn(phi'), stuck below T_c",
-    source="Coulomb; the paper's eqs. (18)-(19) applied to a hinge, its stuck state damped",
+HINGE_COULOMB_FRICTION = declared.HINGE_COULOMB_FRICTION.make_effect(
     parameters=(Parameter("torque_Nm", 0.002, 0.5),),
     apply=apply_hinge_coulomb_friction,
     # Rotation before a stuck pin slips; the neutral value, 1 mrad, is far below the resolution of a
@@ -123,7 +119,7 @@ HINGE_COULOMB_FRICTION = Effect(
     # loop leaves 3 to 8 % of the effect.
     equal_limits=(
         EqualLimit(
-            "spring_hysteresis",
+            declared.SPRING_HYSTERESIS.id,
             "presliding above T_c / k0: a loop that saturates there, of exponent 2 to 3",
             yields_as_a_loop,
         ),
@@ -142,15 +138,9 @@ def apply_hinge_viscous_damping(setup: Setup, values: Values) -> Setup:
     )
 
 
-HINGE_VISCOUS_DAMPING = Effect(
-    id="hinge_viscous_damping",
-    where="hinges",
-    left_out="more damping than the nominal value",
-    law="T = c phi', on top of the nominal damping",
-    source="Kelvin-Voigt element",
+HINGE_VISCOUS_DAMPING = declared.HINGE_VISCOUS_DAMPING.make_effect(
     parameters=(Parameter("coefficient_Nm_s_per_rad", 0.005, 0.5),),
     apply=apply_hinge_viscous_damping,
-    same_as="hinge_damping",
 )
 
 
@@ -170,15 +160,7 @@ def apply_hinge_quadratic_damping(setup: Setup, values: Values) -> Setup:
     )
 
 
-HINGE_QUADRATIC_DAMPING = Effect(
-    id="hinge_quadratic_damping",
-    where="hinges",
-    left_out="damping that grows with the square of the speed",
-    law="T = c phi' |phi'|, on top of the nominal damping",
-    source=(
-        "turbulent loss of a fluid that the hinge displaces: Bernoulli's pressure drop, "
-        "proportional to the square of the flow"
-    ),
+HINGE_QUADRATIC_DAMPING = declared.HINGE_QUADRATIC_DAMPING.make_effect(
     parameters=(Parameter("coefficient_Nm_s2_per_rad2", 0.001, 0.3),),
     apply=apply_hinge_quadratic_damping,
 )

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import hinges as declared
+from rfca_rig.model.effect import Parameter, Values
 from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.setup import Setup, link_of_hinge, with_chain, with_law
@@ -14,7 +15,7 @@ from rfca_rig.model.setup import Setup, link_of_hinge, with_chain, with_law
 
 
 def apply_damaged_hinge(setup: Setup, values: Values) -> Setup:
-    link = link_of_hinge(setup, "damaged_hinge", values["hinge"])
+    link = link_of_hinge(setup, declared.DAMAGED_HINGE.id, values["hinge"])
 
     # k0 scales the whole torque curve, with its hardening or its spline.
     def soften(chain: Chain) -> Chain:
@@ -25,12 +26,7 @@ def apply_damaged_hinge(setup: Setup, values: Values) -> Setup:
     return with_chain(setup, soften)
 
 
-DAMAGED_HINGE = Effect(
-    id="damaged_hinge",
-    where="one hinge",
-    left_out="one hinge softer than its fellows",
-    law="k0 of that hinge times a factor",
-    source="-",
+DAMAGED_HINGE = declared.DAMAGED_HINGE.make_effect(
     parameters=(
         Parameter("hinge", 2.0, 7.0, whole=True),
         Parameter("stiffness_factor", 0.2, 0.95),
@@ -66,15 +62,9 @@ def apply_hinge_backlash(setup: Setup, values: Values) -> Setup:
     )
 
 
-HINGE_BACKLASH = Effect(
-    id="hinge_backlash",
-    where="hinges",
-    left_out="play before the spring engages",
-    law="T = spring(sgn(phi) max(|phi| - gap, 0))",
-    source="dead zone in series with the spring",
+HINGE_BACKLASH = declared.HINGE_BACKLASH.make_effect(
     parameters=(Parameter("half_gap_deg", 0.05, 4.0),),
     apply=apply_hinge_backlash,
-    needs_k2=True,
 )
 
 
@@ -120,12 +110,7 @@ def apply_hinge_stop(setup: Setup, values: Values) -> Setup:
     )
 
 
-HINGE_STOP = Effect(
-    id="hinge_stop",
-    where="hinges",
-    left_out="shell segments meet, stiff beyond an angle",
-    law="T = k b (beyond / b)^n sgn(phi), beyond = |phi| - angle, b = 0.05 rad, n = 1 unless given",
-    source="one-sided spring",
+HINGE_STOP = declared.HINGE_STOP.make_effect(
     parameters=(
         Parameter("angle_deg", 5.0, 45.0, starts=ANGLES_DEG),
         Parameter("stiffness_Nm_per_rad", 10.0, 1000.0, starts=(13.0, 40.0)),
@@ -155,12 +140,7 @@ def apply_hinge_rest_angle(setup: Setup, values: Values) -> Setup:
     return shift_rest(setup, values["angle_deg"], slice(1, None))
 
 
-HINGE_REST_ANGLE = Effect(
-    id="hinge_rest_angle",
-    where="hinges",
-    left_out="the hinges rest at an angle: a permanent set",
-    law="phi counts from this angle in the spring's torque, in all hinges",
-    source="eq. (12), phi_i0",
+HINGE_REST_ANGLE = declared.HINGE_REST_ANGLE.make_effect(
     parameters=(Parameter("angle_deg", -6.0, 6.0),),
     apply=apply_hinge_rest_angle,
 )
@@ -170,19 +150,13 @@ HINGE_REST_ANGLE = Effect(
 
 
 def apply_hinge_rest_angle_of_one(setup: Setup, values: Values) -> Setup:
-    link = link_of_hinge(setup, "hinge_rest_angle_of_one", values["hinge"])
+    link = link_of_hinge(setup, declared.HINGE_REST_ANGLE_OF_ONE.id, values["hinge"])
     return shift_rest(setup, values["angle_deg"], slice(link, link + 1))
 
 
-HINGE_REST_ANGLE_OF_ONE = Effect(
-    id="hinge_rest_angle_of_one",
-    where="one hinge",
-    left_out="one hinge rests at an angle: a permanent set",
-    law="phi counts from this angle in the spring's torque, in one hinge",
-    source="eq. (12), phi_i0",
+HINGE_REST_ANGLE_OF_ONE = declared.HINGE_REST_ANGLE_OF_ONE.make_effect(
     parameters=(Parameter("hinge", 2.0, 7.0, whole=True), Parameter("angle_deg", -6.0, 6.0)),
     apply=apply_hinge_rest_angle_of_one,
-    variant_of="hinge_rest_angle",
 )
 
 
@@ -195,15 +169,9 @@ def apply_stiffness_hardening(setup: Setup, values: Values) -> Setup:
     )
 
 
-STIFFNESS_HARDENING = Effect(
-    id="stiffness_hardening",
-    where="hinges",
-    left_out="torque curve harder or softer than nominal at large angles",
-    law="T = k0 phi (1 + k2 phi^2) with this k2 in place of the nominal one",
-    source="cubic hardening",
+STIFFNESS_HARDENING = declared.STIFFNESS_HARDENING.make_effect(
     parameters=(Parameter("k2_per_rad2", 0.0, 15.0),),
     apply=apply_stiffness_hardening,
-    needs_k2=True,
 )
 
 
@@ -223,15 +191,9 @@ def apply_stiffness_fading(setup: Setup, values: Values) -> Setup:
     return with_chain(setup, soften)
 
 
-STIFFNESS_FADING = Effect(
-    id="stiffness_fading",
-    where="hinges",
-    left_out="the hinges lose stiffness from stroke to stroke",
-    law="k0 (1 - loss)^lg(1 + n) in all hinges, n strokes before in the campaign",
-    source="cyclic softening in proportion to the logarithm of the cycles",
+STIFFNESS_FADING = declared.STIFFNESS_FADING.make_effect(
     parameters=(Parameter("loss_per_decade_relative", 0.005, 0.2, below=1.0),),
     apply=apply_stiffness_fading,
-    needs_order=True,
 )
 
 

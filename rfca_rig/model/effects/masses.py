@@ -3,7 +3,8 @@
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import rig as declared
+from rfca_rig.model.effect import Parameter, Values
 from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.setup import Setup, with_chain
 
@@ -27,12 +28,7 @@ def apply_tip_mass(setup: Setup, values: Values) -> Setup:
     return add_tip_mass(setup, 1e-3 * values["mass_g"])
 
 
-TIP_MASS = Effect(
-    id="tip_mass",
-    where="tip",
-    left_out="mass at the tip",
-    law="point mass at the distal end of the last link",
-    source="-",
+TIP_MASS = declared.TIP_MASS.make_effect(
     parameters=(Parameter("mass_g", 0.5, 100.0),),
     apply=apply_tip_mass,
 )
@@ -47,8 +43,8 @@ def apply_heavier_link(setup: Setup, values: Values) -> Setup:
     last = len(leg.link_masses_kg)
     if not 0.5 <= values["link"] < last + 0.5:
         raise BadInput(
-            f"effect heavier_link: link {values['link']:g} is not there; this leg has "
-            f"links 1 to {last}"
+            f"effect {declared.HEAVIER_LINK.id}: link {values['link']:g} is not there; "
+            f"this leg has links 1 to {last}"
         )
     link = round(values["link"]) - 1
     more_kg = (values["mass_factor"] - 1.0) * leg.link_masses_kg[link]
@@ -69,12 +65,7 @@ def apply_heavier_link(setup: Setup, values: Values) -> Setup:
     return with_chain(setup, load)
 
 
-HEAVIER_LINK = Effect(
-    id="heavier_link",
-    where="one link",
-    left_out="one link heavier than stated",
-    law="mass of that link times a factor, spread evenly over it",
-    source="uniform rod, moment of inertia m L^2 / 12",
+HEAVIER_LINK = declared.HEAVIER_LINK.make_effect(
     parameters=(
         Parameter("link", 1.0, 7.0, whole=True),
         Parameter("mass_factor", 0.5, 4.0),
@@ -90,12 +81,7 @@ def apply_added_mass(setup: Setup, values: Values) -> Setup:
     return add_tip_mass(setup, values["mass_kg"])
 
 
-ADDED_MASS = Effect(
-    id="added_mass",
-    where="pendulum-like rigs",
-    left_out="a mass at the end of the last link",
-    law="point mass at the distal end of the last link",
-    source="-",
+ADDED_MASS = declared.ADDED_MASS_OF_PENDULUM.make_effect(
     parameters=(Parameter("mass_kg", 0.01, 2.0),),
     apply=apply_added_mass,
 )

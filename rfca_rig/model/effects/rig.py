@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import rig as declared
+from rfca_rig.model.effect import Parameter, Values
 from rfca_rig.model.kernel.laws import LINK, LawUse
 from rfca_rig.model.kernel.state import Chain, State
 from rfca_rig.model.parameters import GRAVITY_M_S2
@@ -39,15 +40,7 @@ def apply_frame_compliance(setup: Setup, values: Values) -> Setup:
     return with_begin(with_chain(setup, yielding), ringing)
 
 
-FRAME_COMPLIANCE = Effect(
-    id="frame_compliance",
-    where="rig",
-    left_out="frame and sensor yield",
-    law=(
-        "m x'' + 2 d m w x' + m w^2 x = fz cos(lean) - fy sin(lean), x along a line that "
-        "leans from down towards y"
-    ),
-    source="one mode of vibration: Ewins, Modal Testing, 2000",
+FRAME_COMPLIANCE = declared.FRAME_COMPLIANCE.make_effect(
     parameters=(
         # It oscillates, and a start whose frequency is off by a tenth is soon out of phase.
         Parameter(
@@ -111,15 +104,7 @@ def apply_gravity_tilt(setup: Setup, values: Values) -> Setup:
     return with_sensor(leaning, shift_zero)
 
 
-GRAVITY_TILT = Effect(
-    id="gravity_tilt",
-    where="rig",
-    left_out="rig not plumb",
-    law=(
-        "gravity = g (sin, cos) of the angle, along y and down; fy - s m g sin(angle), s = 0 "
-        "unless given"
-    ),
-    source="-",
+GRAVITY_TILT = declared.GRAVITY_TILT.make_effect(
     parameters=(Parameter("angle_rad", -0.2, 0.2),),
     apply=apply_gravity_tilt,
     # In weights of the leg: 0 for a sensor zeroed without the leg on the leaning rig, -1 for one
@@ -142,12 +127,7 @@ def apply_fluid_drag(setup: Setup, values: Values) -> Setup:
     return with_law(setup, LawUse(LINK, fluid_drag_force, (values["coefficient_N_s2_per_m3"],)))
 
 
-FLUID_DRAG = Effect(
-    id="fluid_drag",
-    where="surroundings",
-    left_out="drag normal to the links",
-    law="F = - c length v |v| at the middle of each link",
-    source="quadratic drag of a flat strip, c = rho C_D width / 2",
+FLUID_DRAG = declared.FLUID_DRAG.make_effect(
     parameters=(Parameter("coefficient_N_s2_per_m3", 0.05, 50.0),),
     apply=apply_fluid_drag,
 )

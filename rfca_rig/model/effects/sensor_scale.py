@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.declarations import sensor as declared
+from rfca_rig.model.effect import Parameter, Values
 from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 # Wrong scale of all channels of the sensor.
@@ -19,12 +20,7 @@ def apply_sensor_gain(setup: Setup, values: Values) -> Setup:
     return with_sensor(setup, scale)
 
 
-SENSOR_GAIN = Effect(
-    id="sensor_gain",
-    where="sensor",
-    left_out="force scale wrong",
-    law="all channels times a factor",
-    source="calibration",
+SENSOR_GAIN = declared.SENSOR_GAIN.make_effect(
     parameters=(Parameter("factor", 0.8, 1.2),),
     apply=apply_sensor_gain,
 )
@@ -40,15 +36,9 @@ def apply_sensor_crosstalk(setup: Setup, values: Values) -> Setup:
     return with_sensor(setup, leak)
 
 
-SENSOR_CROSSTALK = Effect(
-    id="sensor_crosstalk",
-    where="sensor",
-    left_out="fy leaks into fz",
-    law="fz + c fy",
-    source="off-diagonal term of the calibration matrix",
+SENSOR_CROSSTALK = declared.SENSOR_CROSSTALK.make_effect(
     parameters=(Parameter("fz_per_fy", -0.2, 0.2),),
     apply=apply_sensor_crosstalk,
-    variant_of="sensor_crosstalk_matrix",
 )
 
 
@@ -70,15 +60,7 @@ def apply_sensor_crosstalk_matrix(setup: Setup, values: Values) -> Setup:
     return with_sensor(setup, leak)
 
 
-SENSOR_CROSSTALK_MATRIX = Effect(
-    id="sensor_crosstalk_matrix",
-    where="sensor",
-    left_out="channels leak into each other",
-    law="(fy, fz, tx) times a matrix with ones on its diagonal; no leak of tx",
-    source=(
-        "off-diagonal terms of the calibration matrix; tx_per_fz is also a sensor beside the "
-        "shaft, tx_per_fy one of another height"
-    ),
+SENSOR_CROSSTALK_MATRIX = declared.SENSOR_CROSSTALK_MATRIX.make_effect(
     parameters=(
         Parameter("fz_per_fy", -0.2, 0.2),
         Parameter("fy_per_fz", -0.2, 0.2),
@@ -102,12 +84,7 @@ def apply_sensor_saturation(setup: Setup, values: Values) -> Setup:
     return with_sensor(setup, clip)
 
 
-SENSOR_SATURATION = Effect(
-    id="sensor_saturation",
-    where="sensor",
-    left_out="fz is cut off at a limit",
-    law="fz between -limit and limit",
-    source="range of an amplifier or of its converter",
+SENSOR_SATURATION = declared.SENSOR_SATURATION.make_effect(
     # A limit above the force of the valley does nothing and gives no direction to a fit, so there
     # are several starts.
     parameters=(
@@ -131,12 +108,7 @@ def apply_sensor_drift(setup: Setup, values: Values) -> Setup:
     return with_sensor(setup, drift)
 
 
-SENSOR_DRIFT = Effect(
-    id="sensor_drift",
-    where="sensor",
-    left_out="fz drifts with time",
-    law="fz + rate t",
-    source="thermal drift of a strain-gauge bridge",
+SENSOR_DRIFT = declared.SENSOR_DRIFT.make_effect(
     parameters=(Parameter("rate_N_per_s", -10.0, 10.0),),
     apply=apply_sensor_drift,
 )

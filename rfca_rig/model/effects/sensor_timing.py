@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
+from rfca_rig.model.declarations import sensor as declared
+from rfca_rig.model.effect import EqualLimit, Parameter, Values
 from rfca_rig.model.kernel.compiled import jit
 from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
@@ -29,12 +30,7 @@ def apply_clock_offset(setup: Setup, values: Values) -> Setup:
     return with_sensor(setup, shift)
 
 
-CLOCK_OFFSET = Effect(
-    id="clock_offset",
-    where="sensor",
-    left_out="force and shaft clocks apart",
-    law="force(t) = true force(t - offset)",
-    source="-",
+CLOCK_OFFSET = declared.CLOCK_OFFSET.make_effect(
     parameters=(Parameter("offset_s", -0.05, 0.05),),
     apply=apply_clock_offset,
 )
@@ -58,12 +54,7 @@ def apply_sensor_clock_rate(setup: Setup, values: Values) -> Setup:
     return with_sensor(setup, stretch)
 
 
-SENSOR_CLOCK_RATE = Effect(
-    id="sensor_clock_rate",
-    where="sensor",
-    left_out="the force clock runs fast or slow",
-    law="force(t) = true force(t - rate t), t from the beginning of the motion",
-    source="-",
+SENSOR_CLOCK_RATE = declared.SENSOR_CLOCK_RATE.make_effect(
     # A shift longer than a spike of the force changes the residual no longer in proportion to the
     # rate, so small rates are starts, too.
     parameters=(
@@ -124,17 +115,12 @@ def lag_only_delays(values: Values) -> bool:
     return values["time_constant_s"] <= 4e-3
 
 
-SENSOR_LAG = Effect(
-    id="sensor_lag",
-    where="sensor",
-    left_out="first-order lag of all channels",
-    law="tau y' = x - y",
-    source="first-order low-pass",
+SENSOR_LAG = declared.SENSOR_LAG.make_effect(
     parameters=(Parameter("time_constant_s", 0.0005, 0.05, may_be_zero=False),),
     apply=apply_sensor_lag,
     # fy, fz and tx of two strokes up to lift-off: a fitted offset leaves 10 % of the lag's effect
     # at 1 ms, 18 % at 4 ms and 21 % at 16 ms.
-    equal_limits=(EqualLimit("clock_offset", "a lag of 4 ms at most", lag_only_delays),),
+    equal_limits=(EqualLimit(declared.CLOCK_OFFSET.id, "a lag of 4 ms at most", lag_only_delays),),
 )
 
 
@@ -204,14 +190,7 @@ def ringing_only_delays(values: Values) -> bool:
     return values["frequency_Hz"] >= 40.0 and values["damping_ratio"] >= 0.5
 
 
-SENSOR_RINGING = Effect(
-    id="sensor_ringing",
-    where="sensor",
-    left_out="the sensor swings under its load",
-    law="y'' + 2 d w y' + w^2 y = w^2 x for every channel",
-    source=(
-        "one mode of vibration of the sensor with what is bolted to it: Ewins, Modal Testing, 2000"
-    ),
+SENSOR_RINGING = declared.SENSOR_RINGING.make_effect(
     parameters=(
         # It oscillates, and a start whose frequency is off by a tenth is soon out of phase.
         Parameter(
@@ -231,7 +210,7 @@ SENSOR_RINGING = Effect(
     # the effect at 40 Hz, 12 % at 150 Hz
     equal_limits=(
         EqualLimit(
-            "clock_offset",
+            declared.CLOCK_OFFSET.id,
             "a fast and well damped swing only delays",
             ringing_only_delays,
         ),

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
+from rfca_rig.model.declarations import hinges as declared
+from rfca_rig.model.effect import EqualLimit, Parameter, Values
 from rfca_rig.model.kernel.compiled import jit_internal
 from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
@@ -100,12 +101,7 @@ def saturates_as_a_pin_slips(values: Values) -> bool:
     return values["saturation_deg"] <= PRESLIDING_AT_MOST_DEG
 
 
-SPRING_HYSTERESIS = Effect(
-    id="spring_hysteresis",
-    where="hinges",
-    left_out="rate-independent loop of the spring (Bouc-Wen)",
-    law="T = s k0 phi_s z, z' = (1 - |z|^n sgn(z phi')) phi' / phi_s, n = 1 unless given",
-    source="Bouc 1967, Wen 1976",
+SPRING_HYSTERESIS = declared.SPRING_HYSTERESIS.make_effect(
     parameters=(
         Parameter("strength_relative", 0.02, 1.0),
         Parameter("saturation_deg", 0.5, 20.0, may_be_zero=False),
@@ -118,7 +114,7 @@ SPRING_HYSTERESIS = Effect(
     # the effect at 0.5 degrees, 7 to 19 % at 1.5
     equal_limits=(
         EqualLimit(
-            "hinge_coulomb_friction",
+            declared.HINGE_COULOMB_FRICTION.id,
             "saturation within what a pin yields before it slips",
             saturates_as_a_pin_slips,
         ),
@@ -175,12 +171,7 @@ def apply_spring_relaxation(setup: Setup, values: Values) -> Setup:
     )
 
 
-SPRING_RELAXATION = Effect(
-    id="spring_relaxation",
-    where="hinges",
-    left_out="viscoelastic arm beside the spring (Maxwell)",
-    law="T = s k0 (phi - x), x' = (phi - x) / tau",
-    source="Maxwell element",
+SPRING_RELAXATION = declared.SPRING_RELAXATION.make_effect(
     # Creep with log time, 4 % per decade from 10 ms to 100 s: one arm beside k0 leaves 3 % of its
     # effect in strokes, 7 % in static stages held for 1 s, and 5 % in both, with time constants of
     # 0.3 to 2 s. An arm slower than 1 s acts as a stiffer, less hardening spring in a stroke:

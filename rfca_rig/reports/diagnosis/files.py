@@ -11,12 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS
-from rfca_rig.analysis.fitting.result import HEIGHT_OFFSET, make_fitted_sections
+from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.description.model_file import FoundEffect, write_model
 from rfca_rig.diagnosis.config import EXCLUDED
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import nuisance_values
+from rfca_rig.model.declarations.ground import HEIGHT_OFFSET
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.diagnosis.json_file import as_json
@@ -259,10 +260,10 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
     if (
         height
         and abs(height.value) >= height.std
-        and all(effect.id != HEIGHT_OFFSET for effect in effects)
+        and all(effect.id != HEIGHT_OFFSET.id for effect in effects)
     ):
         effects.append(
-            FoundEffect(HEIGHT_OFFSET, {"offset_mm": height.value}, {"offset_mm": height.std})
+            FoundEffect(HEIGHT_OFFSET.id, {"offset_mm": height.value}, {"offset_mm": height.std})
         )  # the rack stood elsewhere
     comments = [f"Diagnosed from {diagnosis.title}", diagnosis.sentence]
     write_model(
