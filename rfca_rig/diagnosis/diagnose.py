@@ -46,8 +46,8 @@ from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.executors.parallel import map_in_processes
-from rfca_rig.model.catalogue import catalogue, members_of
-from rfca_rig.model.effect import OF_PENDULUMS, Effect
+from rfca_rig.model.catalogue import catalogue, declarations, members_of
+from rfca_rig.model.effect import LEG_SIDE, MOTOR_SIDE, OF_PENDULUMS, Effect
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
@@ -55,17 +55,6 @@ from rfca_rig.recording.layout import identity_of
 from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
-
-# With a recorded shaft angle these drives are judged by the motion of the shaft, not by the forces.
-SEEN_ON_THE_SHAFT = (
-    "motor_cogging",
-    "motor_speed_droop",
-    "motor_speed_ripple",
-    "motor_torque_limit",
-)
-# A twist or play behind the motor shows in the recorded angle where the encoder is on the leg's
-# side, else in the forces alone.
-DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
 
 
 def find_excluded_sizes(
@@ -181,7 +170,7 @@ def find_omissions(
     body, tables = prepare_data(recordings)
     dataset = make_leg_dataset([*body.flaps, *tables], body.as_commanded)
     effects = select_candidates(_candidates(body), without)
-    of_drive = select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without)
+    of_drive = select_candidates(list_drive_effects((MOTOR_SIDE, LEG_SIDE)), without)
     leg = search_models(dataset, body.coordinates, effects, progress)
     # Where the shaft follows its command, the drive needs no search of its own.
     if not body.as_commanded:
@@ -300,7 +289,10 @@ def _candidates(body: PreparedData) -> list[Effect]:
     drive is judged by its motion.
     """
     nominal = {present.id for present in body.rig.effects}
-    judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
+    if body.shafts:
+        judged_apart = [effect.id for effect in list_drive_effects((MOTOR_SIDE,))]
+    else:
+        judged_apart = []
     known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
     has_curve = bool(body.rig.leg.torque_splines)
     candidates = [
@@ -309,6 +301,14 @@ def _candidates(body: PreparedData) -> list[Effect]:
         if e.id not in nominal and e.id not in judged_apart and not (e.needs_k2 and has_curve)
     ]
     return [e for e in candidates if body.strokes_made is not None or not e.needs_order]
+
+
+def list_drive_effects(encoders: Collection[str]) -> list[Effect]:
+    """The effects that a recorded angle of the shaft shows where its encoder is on one of these
+    sides, in the order of their ids.
+    """
+    ids = {effect.id for effect in declarations() if effect.encoder in encoders}
+    return [catalogue()[effect_id] for effect_id in sorted(ids)]
 
 
 def search_drive(

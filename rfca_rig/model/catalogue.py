@@ -4,8 +4,7 @@ The catalogue holds every effect of the package, and of every file of a lab's ow
 keeps its effects as Python files in a folder that RFCA_RIG_EFFECTS names; each defines `EFFECT`.
 The package needs no change for it.
 
-A family holds the effects that are hard to tell apart. An effect may belong to several families:
-hysteresis both dissipates energy and has memory. A family has one place.
+The members of a family are the effects that declare it, of the catalogue and of mechanisms.
 """
 
 import importlib
@@ -13,14 +12,17 @@ import importlib.util
 import os
 import pkgutil
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model import effects
-from rfca_rig.model.effect import Effect
+from rfca_rig.model.bench_tests import BENCH_TESTS
+from rfca_rig.model.declarations import LEG, MECHANISM
+from rfca_rig.model.effect import Declaration, Effect
+from rfca_rig.model.families import FAMILIES, FAMILIES_OF_VALUES, Family
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.setup import Setup
@@ -94,13 +96,21 @@ def _effect_of(module: ModuleType) -> Effect:
         raise BadInput(
             f"{module.__file__}: defines no EFFECT; see docs/add-an-effect.md for the form"
         )
-    known = [family.id for family in FAMILIES]
-    if effect.family and effect.family not in known:
-        raise BadInput(
-            f"{module.__file__}: family {effect.family!r} is none of the catalogue; "
-            f"{suggestion(effect.family, known)}"
-        )
+    if effect.family:
+        effect = replace(effect, families=(*effect.families, effect.family))
+    for family in effect.families:
+        _check_known(module, "family", family, [family.id for family in FAMILIES])
+    if effect.bench_test:
+        _check_known(module, "bench test", effect.bench_test, [kind for kind, *_ in BENCH_TESTS])
     return effect
+
+
+def _check_known(module: ModuleType, kind: str, name: str, known: list[str]) -> None:
+    if name not in known:
+        raise BadInput(
+            f"{module.__file__}: {kind} {name!r} is none of the catalogue; "
+            f"{suggestion(name, known)}"
+        )
 
 
 # Parts of a setup that move the leg, all but the changes of the sensor.
@@ -161,302 +171,18 @@ def resolve_effect(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
     return effect, neutral | values
 
 
-@dataclass(frozen=True)
-class Family:
-    """Effects that act alike.
+def declarations() -> tuple[Declaration, ...]:
+    """Declarations of all effects: of legs, of mechanisms and of the lab's own.
 
-    Parameters
-    ----------
-    id
-        Its name in diagnosis.json.
-    words
-        What is missing, in an engineer's words.
-    place
-        Where it acts: hinges, tip, ground, drive, rig, surroundings, sensor, or joints or bodies of
-        a pendulum or mechanism.
-    members
-        Ids of effects, of the catalogue and of mechanisms.
+    Two have the same id where two simulators have the effect, or where a lab's effect replaces one
+    of the package's. What one of them states of the id holds.
     """
-
-    id: str
-    words: str
-    place: str
-    members: frozenset[str]
+    return _declarations(os.environ.get(FOLDER_VARIABLE))
 
 
-# Families that the search and the decision refer to.
-DRY = "joint_dry_loss"
-RISING_WITH_SPEED = "joint_loss_with_speed"
-
-FAMILIES = (
-    Family(
-        "hinge_dissipation",
-        "the hinges dissipate energy: friction, damping or hysteresis",
-        "hinges",
-        frozenset(
-            (
-                "hinge_coulomb_friction",
-                "hinge_viscous_damping",
-                "hinge_quadratic_damping",
-                "spring_hysteresis",
-                "spring_relaxation",
-            )
-        ),
-    ),
-    Family(
-        "spring_memory",
-        (
-            "the spring remembers how it was bent: hysteresis, relaxation or dry friction in "
-            "the hinges"
-        ),
-        "hinges",
-        frozenset(("spring_hysteresis", "spring_relaxation", "hinge_coulomb_friction")),
-    ),
-    Family(
-        "hinge_stiffness",
-        (
-            "the torque of the hinges over their angle differs: play, stop, a softer hinge, "
-            "another hardening or rest angle, or fading"
-        ),
-        "hinges",
-        frozenset(
-            (
-                "hinge_backlash",
-                "hinge_stop",
-                "damaged_hinge",
-                "stiffness_hardening",
-                "stiffness_fading",
-                "hinge_rest_angle",
-                "hinge_rest_angle_of_one",
-            )
-        ),
-    ),
-    Family(
-        "leg_mass",
-        "mass sits elsewhere on the leg",
-        "tip",
-        frozenset(("tip_mass", "heavier_link", "added_mass")),
-    ),
-    Family(
-        "floor_friction",
-        "floor friction differs, or is not constant",
-        "ground",
-        frozenset(("ground_stribeck", "contact_friction")),
-    ),
-    Family(
-        "floor_yields",
-        "the floor or what carries it yields",
-        "ground",
-        frozenset(("ground_compliance", "ground_exponent", "frame_compliance")),
-    ),
-    Family(
-        "contact_compliance",
-        "the contacts yield, or lose energy, otherwise than in the model",
-        "ground",
-        frozenset(("contact_stiffness", "contact_damping", "contact_power")),
-    ),
-    Family(
-        "floor_holds",
-        "the floor holds the leg back when it leaves",
-        "ground",
-        frozenset(("ground_adhesion",)),
-    ),
-    Family(
-        "floor_geometry",
-        "the floor is elsewhere than stated: height, slope or a bump",
-        "ground",
-        frozenset(("height_offset", "ground_tilt", "ground_bump", "prescribed_offset")),
-    ),
-    Family("rig_tilt", "the rig is not plumb", "rig", frozenset(("gravity_tilt",))),
-    Family(
-        "rig_yields", "the frame under the shaft yields", "rig", frozenset(("frame_compliance",))
-    ),
-    Family(
-        "drive_yields",
-        "the shaft does not turn as commanded: the drive or its coupling yields",
-        "drive",
-        frozenset(("motor_speed_droop", "motor_torque_limit", "shaft_compliance", "shaft_play")),
-    ),
-    Family(
-        "shaft_friction", "something drags at the shaft", "shaft", frozenset(("shaft_friction",))
-    ),
-    Family(
-        "drive_ripple",
-        "the speed of the shaft varies with its angle",
-        "drive",
-        frozenset(("motor_cogging", "motor_speed_ripple")),
-    ),
-    Family(
-        "air_drag", "the surroundings resist the motion", "surroundings", frozenset(("fluid_drag",))
-    ),
-    Family(
-        "sensor_late",
-        "the sensor is late: a filter, a delay or its own swing",
-        "sensor",
-        frozenset(("sensor_lag", "sensor_ringing", "clock_offset", "sensor_clock_rate")),
-    ),
-    Family(
-        "sensor_scale",
-        "the scale of the sensor is wrong: gain, crosstalk or saturation",
-        "sensor",
-        frozenset(
-            (
-                "sensor_gain",
-                "sensor_gain_of_one",
-                "sensor_crosstalk",
-                "sensor_crosstalk_matrix",
-                "sensor_saturation",
-            )
-        ),
-    ),
-    Family(
-        "sensor_zero", "the zero of the force sensor moves", "sensor", frozenset(("sensor_drift",))
-    ),
-    Family(
-        "joint_dissipation",
-        "the joints dissipate energy: dry, viscous or load-dependent friction",
-        "joints",
-        frozenset(
-            (
-                *(
-                    "joint_friction",
-                    "joint_friction_of_one",
-                    "joint_stribeck",
-                    "joint_load_friction",
-                    "joint_load_friction_of_one",
-                ),
-                *(
-                    "joint_damping",
-                    "joint_damping_of_one",
-                    "joint_drag",
-                    "joint_drag_of_one",
-                    "hinge_viscous_damping",
-                    "fluid_drag",
-                ),
-                "joint_hysteresis",
-            )
-        ),
-    ),
-    Family(
-        DRY,
-        "the joints lose torque that hardly depends on their speed: dry or load-dependent friction",
-        "joints",
-        frozenset(
-            (
-                *(
-                    "joint_friction",
-                    "joint_friction_of_one",
-                    "joint_stribeck",
-                    "joint_load_friction",
-                    "joint_load_friction_of_one",
-                ),
-                "joint_hysteresis",
-            )
-        ),
-    ),
-    Family(
-        RISING_WITH_SPEED,
-        "the joints lose torque that rises with their speed: damping or drag",
-        "joints",
-        frozenset(
-            (
-                "joint_damping",
-                "joint_damping_of_one",
-                "joint_drag",
-                "joint_drag_of_one",
-                "hinge_viscous_damping",
-                "fluid_drag",
-            )
-        ),
-    ),
-    Family(
-        "joint_position_torque",
-        "a torque that follows the position differs: a weight, its lever, a spring or a tilt",
-        "joints",
-        frozenset(
-            ("added_mass", "centre_of_mass", "gravity_tilt", "joint_spring", "joint_spring_of_one")
-        ),
-    ),
-    Family(
-        "joint_inertia",
-        "the joints carry more inertia",
-        "joints",
-        frozenset(("joint_inertia", "joint_inertia_of_one", "added_mass")),
-    ),
-    Family(
-        "joint_stiffness",
-        "a spring or a stop acts in the joints",
-        "joints",
-        frozenset(("joint_spring", "joint_spring_of_one", "joint_stop", "joint_hysteresis")),
-    ),
-    Family(
-        "gear_yields",
-        "the gears yield between motor and joint: elasticity or play",
-        "joints",
-        frozenset(
-            ("gear_compliance", "gear_compliance_of_one", "gear_backlash", "gear_backlash_of_one")
-        ),
-    ),
-    Family(
-        "body_mass",
-        "the mass of a body differs, or sits elsewhere",
-        "bodies",
-        frozenset(("added_mass", "centre_of_mass")),
-    ),
-    Family(
-        "torque_scale",
-        "the torque is not what was recorded",
-        "joints",
-        frozenset(
-            (
-                *(
-                    "torque_scale",
-                    "torque_scale_of_one",
-                    "torque_lag",
-                    "torque_delay",
-                    "torque_saturation",
-                    "torque_dead_band",
-                ),
-                *("torque_falls_with_speed", "clock_rate"),
-            )
-        ),
-    ),
-)
-
-
-_WEIGHT = ("joint_position_torque", "joint_inertia", "body_mass")
-_LOSS = ("joint_dissipation",)
-# Families whose effects act much as an error of a nominal value does, by the name of the value
-# without that of its joint, body or actuator.
-FAMILIES_OF_VALUES = {
-    "mass_relative": _WEIGHT,
-    "centre_of_mass_m": _WEIGHT,
-    "inertia_relative": _WEIGHT,
-    "rotor_inertia_kg_m2": ("joint_inertia",),
-    "zero_offset_rad": ("joint_position_torque",),
-    "zero_offset_m": ("joint_position_torque",),
-    "torque_offset_Nm": ("joint_position_torque", "torque_scale"),
-    "joint_damping_Nm_s_per_rad": _LOSS,
-    "joint_damping_N_s_per_m": _LOSS,
-    "joint_friction_Nm": _LOSS,
-    "joint_friction_N": _LOSS,
-    "command_gain_relative": ("torque_scale",),
-    "command_delay_s": ("torque_scale", "joint_inertia"),
-    "torque_delay_s": ("torque_scale", "joint_inertia"),
-    "contact_stiffness_relative": ("contact_compliance",),
-    "contact_damping_relative": ("contact_compliance",),
-    "k0": ("hinge_stiffness",),
-    "k2": ("hinge_stiffness",),
-    "hinge_damping": ("hinge_dissipation",),
-    "mass": ("leg_mass",),
-    "height": ("floor_geometry",),
-    "friction": ("floor_friction",),
-    "presliding": ("floor_friction",),
-    "tangential_damping": ("floor_friction",),
-    "friction_rise": ("floor_friction",),
-    "contact_stiffness": ("floor_yields",),
-    "command_delay": ("drive_yields", "sensor_late"),
-}
+@cache
+def _declarations(folder: str | None) -> tuple[Declaration, ...]:
+    return (*LEG, *MECHANISM, *(effect for effect, _ in _lab_effects(folder).values()))
 
 
 def list_effects_like(values: Iterable[str]) -> frozenset[str]:
@@ -469,37 +195,29 @@ def list_effects_like(values: Iterable[str]) -> frozenset[str]:
     )
 
 
-def families() -> tuple[Family, ...]:
-    """All families, with the lab's own effects that name one of them."""
-    return _families(os.environ.get(FOLDER_VARIABLE))
-
-
-@cache
-def _families(folder: str | None) -> tuple[Family, ...]:
-    members: dict[str, set[str]] = {}
-    for name, (effect, _) in _lab_effects(folder).items():
-        members.setdefault(effect.family, set()).add(name)
-    return tuple(
-        replace(family, members=family.members | members.get(family.id, set()))
-        for family in FAMILIES
-    )
-
-
 def families_of(effect_id: str) -> tuple[Family, ...]:
-    """The families that an effect belongs to; a lab's own effect that names none is a family of
-    its own.
+    """The families that an effect belongs to, in the order of `FAMILIES`; an effect that names none
+    is a family of its own.
     """
-    matches = tuple(family for family in families() if effect_id in family.members)
-    return matches or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
+    ids = {
+        family
+        for declaration in declarations()
+        if declaration.id == effect_id
+        for family in declaration.families
+    }
+    matches = tuple(family for family in FAMILIES if family.id in ids)
+    return matches or (Family(effect_id, effect_id.replace("_", " "), ""),)
 
 
 def members_of(family_id: str) -> frozenset[str]:
-    """The effects of a family; a lab's own effect that names none is the only one of its own."""
-    return next(
-        (family.members for family in families() if family.id == family_id), frozenset((family_id,))
+    """The effects of a family; an effect that names none is the only one of its own."""
+    members = frozenset(
+        declaration.id for declaration in declarations() if family_id in declaration.families
     )
+    return members or frozenset((family_id,))
 
 
 def list_related(ids: Iterable[str]) -> frozenset[str]:
     """All members of the families of these effects, themselves among them."""
-    return frozenset().union(*(family.members for effect in ids for family in families_of(effect)))
+    families = {family.id for effect_id in ids for family in families_of(effect_id)}
+    return frozenset().union(*map(members_of, families))

@@ -629,7 +629,7 @@ def make_own_law(usual):
         where="joints",
         left_out="friction that grows with a power of the speed",
         law="T = c |w|^n sgn(w), w in rad/s",
-        family=OWN_LAW_FAMILY,
+        families=(OWN_LAW_FAMILY,),
         source="the lab's own",
         parameters=(size, power),
         apply=apply,
@@ -639,24 +639,18 @@ def make_own_law(usual):
 def diagnose_with_own_law(folder):
     """The answer with the own law among the effects of the catalogue."""
     catalogue = problem.list_effects
+    declarations = catalogue_module.declarations
+    own_laws = []
 
     def list_all(mechanism, usual):
-        return [*catalogue(mechanism, usual), make_own_law(usual)]
+        own_laws[:] = [make_own_law(usual)]
+        return [*catalogue(mechanism, usual), *own_laws]
 
     with (
         patch.object(problem, "list_effects", list_all),
-        patch.object(catalogue_module, "families", list_families_with_own_law),
+        patch.object(catalogue_module, "declarations", lambda: (*declarations(), *own_laws)),
     ):
         return diagnose(folder)
-
-
-def list_families_with_own_law():
-    """The families of the catalogue, the own law in the one that it names."""
-    families = []
-    for family in catalogue_module.FAMILIES:
-        own = {OWN_LAW} if family.id == OWN_LAW_FAMILY else set()
-        families.append(replace(family, members=family.members | own))
-    return tuple(families)
 
 
 def answer_own_law(seed, number, folder):

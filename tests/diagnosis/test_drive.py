@@ -8,7 +8,7 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.decision.decide import decide, join_decisions
-from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, search_drive
+from rfca_rig.diagnosis.diagnose import list_drive_effects, search_drive
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.result import _describe_delay, _with_delay
 from rfca_rig.diagnosis.leg.shaft_observations import (
@@ -20,7 +20,7 @@ from rfca_rig.diagnosis.leg.shaft_observations import (
 from rfca_rig.diagnosis.leg.strokes import make_turn
 from rfca_rig.diagnosis.result import Criterion
 from rfca_rig.diagnosis.result_builder import build_result
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.effect import MOTOR_SIDE
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke
@@ -39,7 +39,7 @@ from tests.diagnosis.by_hand import (
 )
 
 THREE = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478))
-EFFECTS = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
+EFFECTS = list_drive_effects((MOTOR_SIDE,))
 
 
 @pytest.mark.slow

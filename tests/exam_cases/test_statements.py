@@ -8,7 +8,7 @@ from rfca_rig.exam.cases import UNKNOWN_FAULT_RANGES
 from rfca_rig.exam.claims import STRANGERS, score_statements, statements
 from rfca_rig.exam.pendulums import cases as pendulum_cases
 from rfca_rig.exam.score import score
-from rfca_rig.model.catalogue import FAMILIES
+from rfca_rig.model.families import FAMILIES
 from tests.exam_cases.test_score import PLAY, PLAY_AND_LAG, truth
 
 FRICTION = {"hinge_coulomb_friction": {"torque_Nm": 0.1}}

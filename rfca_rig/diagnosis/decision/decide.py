@@ -61,7 +61,8 @@ from rfca_rig.diagnosis.result import (
     Value,
     Verdict,
 )
-from rfca_rig.model.catalogue import Family, families_of, list_related
+from rfca_rig.model.catalogue import families_of, list_related, members_of
+from rfca_rig.model.families import Family
 
 UNKNOWN = ("unknown",)
 # sets that are named beside a difference that is visible within the usual model error
@@ -413,11 +414,12 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
             Supported("effect", effect_id, probability, values, alike, is_variation, at_bound)
         )
     for family in _families_of_best(comparison).values():
-        values = support_values(comparison.support(tuple(sorted(family.members))))
+        members = members_of(family.id)
+        values = support_values(comparison.support(tuple(sorted(members))))
         within = [
             support.probability
             for support in supported
-            if family.members.issuperset((support.id, *support.cannot_tell_from))
+            if members.issuperset((support.id, *support.cannot_tell_from))
         ]
         supported.append(
             Supported(
@@ -442,11 +444,12 @@ def _families_of_best(comparison: Comparison) -> dict[str, Family]:
     tried = {probe.choice.effect.id for probe in comparison.result.probes}.union(
         comparison.best.ids
     )
-    return {
-        name: family
-        for name, family in known.items()
-        if 3 * len(family.members & tried) >= len(family.members)
-    } or known
+    suitable = {}
+    for name, family in known.items():
+        members = members_of(name)
+        if 3 * len(members & tried) >= len(members):
+            suitable[name] = family
+    return suitable or known
 
 
 def _criteria(
@@ -509,7 +512,7 @@ def _best_family(
     known = {
         name: family
         for name, family in _families_of_best(comparison).items()
-        if not family.members.isdisjoint(of)
+        if not members_of(name).isdisjoint(of)
     }
     families = [
         support
@@ -520,11 +523,15 @@ def _best_family(
         return None
     best = max(
         families,
-        key=lambda support: (support.probability, len(known[support.id].members), support.id),
+        key=lambda support: (support.probability, len(members_of(support.id)), support.id),
     )
     family = known[best.id]
     return StatedFamily(
-        family.id, family.words, family.place, best.probability, tuple(sorted(family.members))
+        family.id,
+        family.words,
+        family.place,
+        best.probability,
+        tuple(sorted(members_of(family.id))),
     )
 
 

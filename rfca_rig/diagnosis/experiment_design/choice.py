@@ -40,6 +40,8 @@ from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
 from rfca_rig.diagnosis.simulator import ConditionData, Dataset
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.bench_tests import BENCH_TESTS
+from rfca_rig.model.catalogue import declarations
 
 PLAUSIBLE = 0.01  # probability: a less probable hypothesis is not worth an experiment
 # hypotheses: each costs as many simulations of every experiment as it has parameters
@@ -314,104 +316,6 @@ class ExperimentDesign:
         }
 
 
-# Kind, usual minutes of a person, the effects whose presence it shows whatever the rig does, and
-# how
-BENCH_TESTS = (
-    (
-        "known weight on each axis",
-        20.0,
-        "sensor_gain sensor_crosstalk sensor_crosstalk_matrix sensor_saturation",
-        "hang a known weight on the sensor along each axis and compare all channels",
-    ),
-    (
-        "tap test",
-        15.0,
-        "sensor_lag sensor_ringing clock_offset sensor_clock_rate frame_compliance",
-        (
-            "tap the sensor and its frame with the motor held, record fast: a lag rounds the "
-            "tap, a clock only shifts it, a frame rings"
-        ),
-    ),
-    (
-        "straightedge",
-        10.0,
-        "ground_bump",
-        (
-            "lay a straightedge over the plate along the way of the tip and measure the gaps "
-            "with feeler gauges"
-        ),
-    ),
-    (
-        "rest pose",
-        15.0,
-        "gravity_tilt ground_tilt",
-        (
-            "put a spirit level on rig and floor, and record the hanging leg at rest at "
-            "three shaft angles"
-        ),
-    ),
-    (
-        "zero before and after",
-        10.0,
-        "sensor_drift",
-        "record the sensor without load before and after a run",
-    ),
-    (
-        "gauge block",
-        10.0,
-        "height_offset",
-        "measure the shaft's height above the plate with a gauge block",
-    ),
-    ("weighing", 20.0, "tip_mass heavier_link", "take the leg off and weigh it link by link"),
-    (
-        "weighing a body",
-        20.0,
-        "added_mass",
-        "weigh the bodies with all that is mounted on them, or hold the arm level on a scale",
-    ),
-    ("balancing", 20.0, "centre_of_mass", "take the links off and balance each on an edge"),
-    (
-        "blocked joint",
-        15.0,
-        "gear_compliance gear_compliance_of_one gear_backlash gear_backlash_of_one",
-        (
-            "block each link, push both ways with its motor and read the encoder: elasticity "
-            "is a slope over the torque, play a step at zero"
-        ),
-    ),
-    (
-        "weight on a lever",
-        20.0,
-        "torque_scale",
-        (
-            "hold a known weight on a level lever with the motor and compare its moment with "
-            "the recorded torque"
-        ),
-    ),
-    (
-        "blocked step",
-        15.0,
-        "torque_delay torque_lag",
-        "block the link against a force gauge, step the torque and compare the two in time",
-    ),
-    (
-        "unloaded leg",
-        10.0,
-        "hinge_rest_angle hinge_rest_angle_of_one",
-        (
-            "take the leg off, lay it on its side on a smooth table, and read the angle of "
-            "each hinge without load"
-        ),
-    ),
-    (
-        "bench pull",
-        30.0,
-        "stiffness_hardening damaged_hinge hinge_backlash hinge_stop",
-        "clamp the leg hinge by hinge and read the angle under known weights",
-    ),
-)
-
-
 @dataclass(frozen=True)
 class Option:
     """A design with a number of repeats, and its score.
@@ -466,9 +370,10 @@ def list_options(
         for option in _list_repeats(hypotheses, *views[n]):
             best = max(best, option.score)
             yield option
-    for kind, minutes, effects, words in BENCH_TESTS if with_bench_tests else ():
+    for kind, minutes, words in BENCH_TESTS if with_bench_tests else ():
         # A bench test separates hypotheses that differ in the effects it shows.
-        shown = [set(effects.split()) & set(hypothesis.ids) for hypothesis in hypotheses.open]
+        can_show = {effect.id for effect in declarations() if effect.bench_test == kind}
+        shown = [can_show & set(hypothesis.ids) for hypothesis in hypotheses.open]
         expected = ENOUGH * np.array([[first != other for other in shown] for first in shown])
         if expected.any():
             yield _make_option(

@@ -51,8 +51,9 @@ from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_like
 from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.parallel import map_in_processes
-from rfca_rig.model.catalogue import DRY, RISING_WITH_SPEED, families_of, list_related, members_of
+from rfca_rig.model.catalogue import families_of, list_related, members_of
 from rfca_rig.model.effect import Effect
+from rfca_rig.model.families import DRY, RISING_WITH_SPEED
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]

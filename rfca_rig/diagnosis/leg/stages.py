@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.data import Label, Observations
-from rfca_rig.model.catalogue import set_up
+from rfca_rig.model.catalogue import declarations, set_up
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves, make_stage_motion
@@ -24,18 +24,6 @@ FORCES = ("fy_N", "fz_N", "tx_Nm")
 MEAN_OF_SAMPLES = 5.0
 HINGE_NOISE_DEG = 0.2  # of a red mark in a photograph, where the table does not say
 STAGE_APART_RAD = 0.4  # stages this far apart err on their own
-IN_MOTION_ONLY = (
-    "sensor_lag",
-    "sensor_ringing",
-    "clock_offset",
-    "sensor_clock_rate",
-    "sensor_drift",
-    "motor_cogging",
-    "motor_speed_droop",
-    "motor_torque_limit",
-    "shaft_friction",
-    "motor_speed_ripple",
-)  # a settled reading does not show them
 UNKNOWN_FRICTION = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
 # A third less work than by default; what is read changes by some hundredths of what a model usually
 # errs by.
@@ -107,11 +95,12 @@ class StageTable:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         # A settled reading does not show what acts in motion only. The sensor is tared at each
         # stage, so what it adds over time does not show either.
+        in_motion_only = {effect.id for effect in declarations() if effect.in_motion_only}
         settled = tuple(
             effect
             for effect in supposed.rig.effects
             if not (
-                effect.id in IN_MOTION_ONLY
+                effect.id in in_motion_only
                 or (effect.table is not None and effect.table.argument == "time_s")
             )
         )

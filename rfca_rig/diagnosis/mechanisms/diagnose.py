@@ -40,21 +40,6 @@ from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 
-# Effects that are a law of the quantity; beside one of them the residual torque would be what that
-# law leaves.
-LAWS_OF = {
-    "speed": (
-        "joint_friction",
-        "joint_stribeck",
-        "joint_hysteresis",
-        "joint_load_friction",
-        "joint_damping",
-        "joint_drag",
-    ),
-    "position": ("joint_spring",),
-}
-OF_ONE = "_of_one"
-
 # Twelve single effects are enough for a leg. Of a hopper whose force was 15 % too small the right
 # one promised only the fourteenth most, since a motion with contacts is not linear in it; what was
 # fitted instead were three effects that do the same together.
@@ -213,13 +198,12 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
     It is the term itself if it is no such law there, and None if nothing is left of it.
     """
     effect = term.effect
-    if effect.id.removesuffix(OF_ONE) not in (
-        law for quantity in place.quantities for law in LAWS_OF[quantity]
-    ):
+    if effect.law_of not in place.quantities:
         return term
+    counted = dict(term.whole)
     # Such an effect acts in one joint only; joints count from 1 in effects.
-    if effect.id.endswith(OF_ONE):
-        if int(dict(term.whole)["joint"]) != place.joint + 1:
+    if "joint" in counted:
+        if int(counted["joint"]) != place.joint + 1:
             return term
         return None
     name = _own_parameter(effect, mechanism, place.joint)

@@ -3,7 +3,9 @@
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.bench_tests import BENCH_TESTS
+from rfca_rig.model.catalogue import catalogue, declarations
+from rfca_rig.model.families import FAMILIES
 from tests.model.effects.rigs import paper_stroke
 
 PARAMETERS = {
@@ -59,6 +61,15 @@ PARAMETERS = {
     "angle_lag": ("time_constant_s",),
     "speed_lag": ("time_constant_s",),
 }
+
+
+def test_what_is_declared_of_an_effect_is_there():
+    families = {family for effect in declarations() for family in effect.families}
+    assert families == {family.id for family in FAMILIES}
+    kinds = {effect.bench_test for effect in declarations()} - {""}
+    assert kinds == {kind for kind, *_ in BENCH_TESTS}
+    known = {effect.id for effect in declarations()}
+    assert {effect.variant_of for effect in declarations()} <= {"", *known}
 
 
 def test_every_name_of_the_table_is_there():

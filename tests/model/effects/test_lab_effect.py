@@ -5,17 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rfca_rig.diagnosis.diagnose import list_drive_effects
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import (
-    FAMILIES,
-    FAMILIES_OF_VALUES,
     FOLDER_VARIABLE,
     catalogue,
+    declarations,
     families_of,
     list_effects_like,
     list_related,
     members_of,
 )
+from rfca_rig.model.effect import LEG_SIDE, MOTOR_SIDE
+from rfca_rig.model.families import FAMILIES, FAMILIES_OF_VALUES
 from tests.model.effects.rigs import having, paper_stroke, released
 from tests.model.legs import pendulum
 
@@ -80,12 +82,12 @@ def test_a_law_that_cannot_be_compiled_or_called_gives_one_line_that_names_its_f
     assert "\n" not in str(refused.value)
 
 
-def with_family(tmp_path, family):
-    """The lab's own effect as a member of a family of the catalogue."""
+def declare(tmp_path, more, effect_id="cubic_damping"):
+    """The lab's own effect, which declares more."""
     text = (LAB / "our_effect.py").read_text()
-    assert "    id=" in text
+    assert '    id="cubic_damping"' in text
     (tmp_path / "our_effect.py").write_text(
-        text.replace("    id=", f'    family="{family}",\n    id=', 1)
+        text.replace('    id="cubic_damping"', f'    {more},\n    id="{effect_id}"', 1)
     )
 
 
@@ -94,8 +96,9 @@ def test_a_lab_s_own_effect_may_belong_to_a_family(tmp_path, monkeypatch):
     laws is the true one.
     """
     monkeypatch.setenv(FOLDER_VARIABLE, str(LAB))
-    assert [family.members for family in families_of("cubic_damping")] == [{"cubic_damping"}]
-    with_family(tmp_path, "hinge_dissipation")
+    assert [family.id for family in families_of("cubic_damping")] == ["cubic_damping"]
+    assert members_of("cubic_damping") == {"cubic_damping"}
+    declare(tmp_path, 'family="hinge_dissipation"')
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     assert {"cubic_damping", "hinge_viscous_damping"} <= members_of("hinge_dissipation")
     assert "cubic_damping" in list_related(("hinge_viscous_damping",))
@@ -104,12 +107,59 @@ def test_a_lab_s_own_effect_may_belong_to_a_family(tmp_path, monkeypatch):
 
 
 def test_a_family_that_is_not_in_the_catalogue_is_refused(tmp_path, monkeypatch):
-    with_family(tmp_path, "hinge_disipation")
+    declare(tmp_path, 'family="hinge_disipation"')
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     with pytest.raises(
         BadInput, match=r"our_effect\.py: family 'hinge_disipation'.*hinge_dissipation"
     ):
         catalogue()
+
+
+def test_a_lab_s_own_effect_is_a_member_of_all_that_it_declares(tmp_path, monkeypatch):
+    declare(
+        tmp_path,
+        'families=("hinge_dissipation", "spring_memory"), bench_test="bench pull", '
+        'encoder="leg side", in_motion_only=True',
+    )
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    assert [family.id for family in families_of("cubic_damping")] == [
+        "hinge_dissipation",
+        "spring_memory",
+    ]
+    assert "cubic_damping" in members_of("spring_memory")
+    assert {"shaft_play", "cubic_damping"} <= {
+        effect.id for effect in list_drive_effects((LEG_SIDE,))
+    }
+    own = next(effect for effect in declarations() if effect.id == "cubic_damping")
+    assert own.in_motion_only
+    assert own.bench_test == "bench pull"
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ('bench_test="bench pul"', "bench test 'bench pul'.*bench pull"),
+        ('encoder="leg"', "encoder is 'leg'.*leg side"),
+    ],
+)
+def test_a_word_that_means_nothing_is_refused(more, named, tmp_path, monkeypatch):
+    declare(tmp_path, more)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    with pytest.raises(BadInput, match=rf"our_effect\.py: .*{named}"):
+        catalogue()
+
+
+def test_an_effect_in_place_of_one_of_the_package_keeps_what_is_declared_of_it(
+    tmp_path, monkeypatch
+):
+    declare(tmp_path, 'families=("spring_memory",)', effect_id="motor_cogging")
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    assert [family.id for family in families_of("motor_cogging")] == [
+        "spring_memory",
+        "drive_ripple",
+    ]
+    cogging = list_drive_effects((MOTOR_SIDE,))[0]
+    assert cogging.law == "T = c phi'^3"
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path, monkeypatch):
