@@ -9,6 +9,7 @@ Entry point: `strokes.page.write_report`. One package per page, in the order of 
 3. `static` has the torque-rotation curve, `sweep` a parameter sweep.
 4. `diagnosis` has the omitted physics, `exam` the blind benchmark.
 
-Pages are made of tables (`table`), figures (`style`) and text (`text`) by `templates`. `provenance`
-states where a page comes from.
+A page is a list of `sections`, each made by one function of text (`elements`, `text`), tables
+(`html_table`, from `table`) and figures (`style`). `templates.render_page` builds the list into one
+file. `provenance` states where a page comes from.
 """

@@ -1,15 +1,21 @@
 """Loads the templates and style sheets of the pages, which are in this package."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import unescape
 from importlib import resources
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
+from markupsafe import Markup
 
 from rfca_rig import __version__
 from rfca_rig.escaping import printable
+from rfca_rig.reports import elements
+from rfca_rig.reports.elements import EMPTY
+from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.sections import Sections, list_contents, render_sections
 from rfca_rig.reports.style import DARK, colours
 from rfca_rig.reports.table import (
     Foot,
@@ -148,6 +154,49 @@ def _to_cell(table: Table, column: TableColumn, cell: TableCell) -> ShownCell:
     )
 
 
+def render_page(
+    title: str,
+    opening: Markup,
+    sections: Sections,
+    origin: Origin,
+    files: Sequence[str] = (),
+    sheets: Sequence[str] = (),
+    closing: Markup = EMPTY,
+    is_always_light: bool = False,
+) -> str:
+    """A page as HTML.
+
+    Parameters
+    ----------
+    title
+        Title of the window.
+    opening
+        What a reader sees first, above the facts of the recordings and the list of contents.
+    sections
+        Contents in the order of the page.
+    origin
+        Where the page comes from, for its head and foot.
+    files
+        Names of the files beside the page, which its foot links.
+    sheets
+        Style sheets of this package, after the one of all pages.
+    closing
+        Begin of the foot, as settings.
+    is_always_light
+        The page stays light where the reader's system is dark.
+    """
+    return template("page.html").render(
+        title=title,
+        opening=opening,
+        sections=sections,
+        origin=origin,
+        files=files,
+        sheets=sheets,
+        closing=closing,
+        is_always_light=is_always_light,
+    )
+
+
 def template(name: str) -> Template:
     """A template that escapes the values it is given, and fails on a missing one."""
     return _environment().get_template(name)
@@ -181,6 +230,9 @@ def _environment() -> Environment:
         "shown_cells": cells_as_text,
         "most_unbroken": MOST_UNBROKEN,
         "version": __version__,
+        "elements": elements,
+        "list_contents": list_contents,
+        "render_sections": render_sections,
     }
     return environment
 

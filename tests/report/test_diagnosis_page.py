@@ -27,8 +27,9 @@ from rfca_rig.diagnosis.result import (
 from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.reports.diagnosis.files import MOST_LINES, WIDTH, terminal_lines, write_diagnosis
-from rfca_rig.reports.diagnosis.page import EDGES, band, condition_grid, maps_of, page
+from rfca_rig.reports.diagnosis.page import page
 from rfca_rig.reports.diagnosis.pictures import RESIDUAL_IN, draw_forest, draw_residual, pictures_of
+from rfca_rig.reports.diagnosis.residual_map import EDGES, band, condition_grid, maps_of
 from rfca_rig.reports.diagnosis.tables import (
     UNLISTED,
     describe_moved_prior,

@@ -1,3 +1,5 @@
-"""diagnosis.html and diagnosis.json, the omitted physics. Entry point: `files`, through `page`
-with its `tables` and `pictures`.
+"""diagnosis.html and diagnosis.json, the omitted physics. Entry point: `files`.
+
+`page` has the list of sections, and those that need no module of their own: `opening`,
+`residual_map` and `omitted_physics` do. Their numbers and figures are in `tables` and `pictures`.
 """

@@ -31,6 +31,7 @@ from rfca_rig.reports.text import (
     decimals,
     format_decimals,
     format_significant,
+    keep_units_together,
     name_with_unit,
     signal_words,
     words_and_unit,
@@ -82,6 +83,11 @@ def format_probability(probability: float) -> str:
     if isfinite(probability):
         return describe_probability(probability).replace(" ", NO_BREAK)
     return NOTHING
+
+
+def with_typography(text: str) -> str:
+    """A sentence of the diagnosis with arrows, and units that stay with their numbers."""
+    return keep_units_together(text).replace("->", "\u2192")
 
 
 def compare_with_usual_error(place: Located) -> str:

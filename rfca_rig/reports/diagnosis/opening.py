@@ -1,0 +1,145 @@
+"""What a reader of diagnosis.html sees first: the verdict with its evidence, what to do next, and
+the residual before and after.
+"""
+
+from math import isfinite
+
+from markupsafe import Markup
+
+from rfca_rig.diagnosis.result import Diagnosis, name_parts
+from rfca_rig.reports.diagnosis.pictures import draw_residual
+from rfca_rig.reports.diagnosis.tables import all_misfits, format_probability, with_typography
+from rfca_rig.reports.elements import (
+    EMPTY,
+    code,
+    division,
+    html,
+    join,
+    legend,
+    legend_line,
+    mark,
+    page_links,
+    paragraph,
+    verdict,
+)
+from rfca_rig.reports.provenance import PROGRAM, PageContext
+from rfca_rig.reports.text import format_significant, signal_words
+
+GRADE_WORDS = {
+    "identified": (
+        "One law holds to the usual model error in all conditions.",
+        "probability that this is it",
+    ),
+    "mostly": (
+        "These effects are the dominant omission. Their laws are only approximately right.",
+        "probability that they are missing",
+    ),
+    "family": (
+        "The data tell what kind of effect is missing, not which law it follows.",
+        "probability of this family",
+    ),
+    "nothing missing": (
+        "The model predicts held-out conditions to its usual error.",
+        "probability that nothing is missing",
+    ),
+    "unexplained": (
+        "Model and recordings differ, and no entry of the catalogue accounts for it.",
+        "probability that something is missing",
+    ),
+    "not enough data": ("These recordings do not allow an answer.", ""),
+}
+NEXT_STEPS = {
+    "identified": (
+        "Add the effect to your model: the fitted model file beside this page has it. Check "
+        "it on a condition not used here."
+    ),
+    "mostly": (
+        "Use the fitted model file beside this page as a first correction; what remains is "
+        "listed below."
+    ),
+    "family": "Do not add a law yet: these data do not tell which one.",
+    "nothing missing": "Keep the model. Effects above the detection limits below are excluded.",
+    "unexplained": (
+        "Do not correct the model yet. Inspect the rig where the difference was located."
+    ),
+    "not enough data": "Record more: at least three conditions, each with repeats.",
+}
+
+
+def opening(diagnosis: Diagnosis, context: PageContext) -> Markup:
+    """The head of the page as HTML."""
+    marks = dict.fromkeys(recording.mark for recording in context.origin.recordings)
+    title = join(" ", [f"Diagnosis of {diagnosis.title}", *map(mark, marks)])
+    meaning, number_words = GRADE_WORDS[diagnosis.grade]
+    text = name_parts(meaning, diagnosis.is_of_stretches)
+    evidence = with_typography(describe_evidence(diagnosis))
+    probability = diagnosis.probability
+    stated = verdict(
+        diagnosis.grade,
+        diagnosis.grade,
+        with_typography(diagnosis.sentence),
+        f"{text} {evidence}".strip(),
+        "" if probability is None else format_probability(probability),
+        number_words,
+    )
+    step, command = describe_next_step(diagnosis)
+    command_shown = html(" {}", code(command)) if command else EMPTY
+    next_step = paragraph(html("<b>What to do next.</b> {}{}", step, command_shown), "next")
+    below = division(
+        "opening", division("", next_step, page_links(context.links)), _residual(diagnosis)
+    )
+    return join("\n", [paragraph(title, "of"), stated, below])
+
+
+def _residual(diagnosis: Diagnosis) -> Markup:
+    residual = draw_residual(diagnosis)
+    if residual is None:
+        return EMPTY
+    colours = legend(
+        legend_line("var(--other)", 1.8, "residual before", "6 3"),
+        legend_line("var(--simulated)", 3.5, "after"),
+    )
+    return html(
+        "<figure>\n{}\n{}\n<figcaption>{}</figcaption>\n</figure>",
+        colours,
+        Markup(residual.panels[0].svg),
+        residual.caption,
+    )
+
+
+def describe_evidence(diagnosis: Diagnosis) -> str:
+    """Where the mismatch was located, and what the stated effects do to it, in one sentence; ""
+    where nothing was located.
+    """
+    if not diagnosis.located:
+        return ""
+    place = max(diagnosis.located, key=lambda located: located.sigmas)
+    sentence = (
+        f"It shows in {signal_words(place.signal)}, {place.phase}: "
+        f"{format_significant(place.size)} {place.unit} rms, "
+        f"{format_significant(place.sigmas, 2)} times what noise, scatter and the usual "
+        "model error can do"
+    )
+    misfit = all_misfits(diagnosis).get(f"rms_{place.signal}")
+    if misfit is None or not diagnosis.effects or not isfinite(misfit.after):
+        return f"{sentence}."
+    change = (
+        f"{format_significant(misfit.before, 2)} to {format_significant(misfit.after, 2)} "
+        f"{place.unit}"
+    )
+    return f"{sentence}. With the effect, the signal's misfit falls from {change} rms."
+
+
+def describe_next_step(diagnosis: Diagnosis) -> tuple[str, str]:
+    """What to do with the answer in words, and the command for it, "" where none does it."""
+    proposal = diagnosis.next_experiment
+    step = NEXT_STEPS[diagnosis.grade]
+    if diagnosis.is_of_stretches:
+        step = step.replace("a condition not used", "a recording not used")
+        step = step.replace("three conditions, each with repeats", "three stretches of recordings")
+    if proposal is None:
+        return step, ""
+    if proposal.get("protocol") is None:
+        return f"{step} Then do the experiment at the end of this page.", ""
+    command = f"{PROGRAM} {proposal.get('kind')} run --protocol next-experiment.toml"
+    return f"{step} Then record the proposed experiment:", command
