@@ -1,4 +1,6 @@
-"""run.html: one self-contained page on how a run went, with its health in words."""
+"""run.html: one self-contained page on how a run went, as a list of its sections, with its health
+in words.
+"""
 
 import hashlib
 import json
@@ -9,8 +11,29 @@ from pathlib import PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from rfca_rig.errors import TRIP
+from rfca_rig.recording.model import Recording
+from rfca_rig.reports.elements import (
+    EMPTY,
+    aside,
+    code,
+    figure,
+    folded,
+    html,
+    join,
+    legend,
+    legend_dot,
+    legend_line,
+    mark,
+    page_links,
+    pairs,
+    panels,
+    paragraph,
+    verdict,
+)
+from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.provenance import PageContext, date_text
 from rfca_rig.reports.run import pictures
 from rfca_rig.reports.run.parts import RunStory
@@ -22,8 +45,9 @@ from rfca_rig.reports.run.tables import (
     events_table,
     stages_table,
 )
+from rfca_rig.reports.sections import PageSection, SideBySide
 from rfca_rig.reports.table import Table
-from rfca_rig.reports.templates import template
+from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together, number
 
 Pairs = list[tuple[str, str]]
@@ -69,6 +93,190 @@ LIMIT_WORDS = (
     ("drive_silent_s", "drive silent for", "ms", 1e3),
     ("late_s", "control loop late by", "ms", 1e3),
 )
+
+
+def page(
+    story: RunStory, tables: Sequence[Table], context: PageContext, files: Sequence[str]
+) -> str:
+    """The page as HTML.
+
+    Parameters
+    ----------
+    story
+        The run.
+    tables
+        Stages, conditions and stiffness checks, from `tables_of`.
+    context
+        Origin of the page and links to others.
+    files
+        Names of the files beside the page, which it links.
+    """
+    recording = story.recording
+    stages, conditions, checks = tables
+    share = _share(story, conditions)
+    sections = [
+        _conditions(conditions, is_planned=share is not None),
+        _health_and_limits(story),
+        _over_the_cycles(story),
+        _stiffness(checks),
+        _strokes(story),
+        _static_stages(recording),
+        _stage_by_stage(stages, files),
+        _events(story),
+        _devices(recording),
+    ]
+    return render_page(
+        f"{recording.title}: the run",
+        _opening(story, share, context),
+        sections,
+        context.origin,
+        files,
+        sheets=("verdict.css",),
+        closing=_closing(recording),
+    )
+
+
+def _opening(story: RunStory, share: tuple[str, str] | None, context: PageContext) -> Markup:
+    recording = story.recording
+    title = html("How the run went: {} {}", recording.title, mark(recording.source))
+    css, stamp = _stamp(story)
+    number, number_words = share or ("", "")
+    stated = verdict(css, stamp, _sentence(story), _loads_sentence(story), number, number_words)
+    return join("\n", [paragraph(title, "of"), stated, page_links(context.links)])
+
+
+def _conditions(conditions: Table, is_planned: bool) -> PageSection:
+    if is_planned:
+        title = "What was planned, what was done"
+    else:
+        title = "What was recorded"
+    return PageSection(title, [as_html(conditions)])
+
+
+def _health_and_limits(story: RunStory) -> SideBySide | None:
+    texts = [(name, keep_units_together(text)) for name, text in health(story)]
+    if not texts:
+        return None
+    limits = _limits(story)
+    return SideBySide(
+        "sides",
+        [
+            [PageSection("How it went", [pairs(texts)])],
+            # Without limits their column stays free.
+            [PageSection("Limits in force", [pairs(limits)]) if limits else None],
+        ],
+    )
+
+
+def _over_the_cycles(story: RunStory) -> PageSection | None:
+    if not pictures.has_cycles(story.recording):
+        return None
+    colours = legend(
+        legend_line("var(--measured)", 1.2, "largest force of a cycle, all axes"),
+        legend_line("var(--measured)", 1.2, "least fz of a cycle", "5 3"),
+        legend_line("var(--simulated)", 3, "largest force that the model expects"),
+    )
+    counts = [part.count for part in story.parts if part.label.startswith("cycles ")]
+    caption = (
+        f"{count_noun(sum(counts), 'cycle')}, each measured once; where there are more than the "
+        "picture has columns, the least and the largest of each column."
+    )
+    drawn = figure("Force", pictures.draw_cycles(story), caption)
+    return PageSection("Over the cycles", [colours, drawn])
+
+
+def _stiffness(checks: Table) -> PageSection | None:
+    """Stiffness checks of a fatigue run, which belong to its cycles."""
+    if not checks.rows:
+        return None
+    caption = (
+        "Change of the forces at the same shaft angles since the first check; bars are 95 % "
+        "intervals, dashed the limits that end the run."
+    )
+    shown = _thin_out(checks)
+    contents = [figure("Stiffness", pictures.draw_checks(checks), caption), as_html(shown)]
+    if len(checks.rows) > len(shown.rows):
+        count = f"{len(shown.rows)} of {len(checks.rows)} checks"
+        contents.append(aside(f"{count}; all are in the CSV beside this page."))
+    return PageSection("", contents)
+
+
+def _strokes(story: RunStory) -> PageSection | None:
+    shown = pictures.select_traces(story.parts)
+    traces = pictures.draw_traces(shown, story.rig)
+    if not traces:
+        return None
+    count = _of(len(shown), sum(part.trace is not None for part in story.parts), "stroke")
+    caption = (
+        f"{count}, each measured once, on one scale. Expected: the nominal model, with the shaft "
+        "as commanded."
+    )
+    colours = legend(
+        legend_line("var(--measured)", 1, "measured"),
+        legend_line("var(--simulated)", 3.5, "expected"),
+    )
+    title = "fz over time from the start of the motion"
+    return PageSection("Strokes", [colours, panels(title, traces, caption, "many")])
+
+
+def _static_stages(recording: Recording) -> PageSection | None:
+    shown = pictures.select_static_stages(recording.static)
+    if not shown:
+        return None
+    count = _of(len(shown), len(recording.static), "stage")
+    caption = (
+        f"{count}: means after settling; bars are one standard deviation of a single sample. "
+        "Lines join the stages of a height, the lowest height unbroken. The numbers stand in the "
+        "page beside this one."
+    )
+    colours = legend(
+        legend_dot("var(--measured)", "var(--measured)", 3, "loading"),
+        legend_dot("var(--measured)", "var(--paper)", 3, "unloading"),
+    )
+    drawn = pictures.draw_static_forces(shown)
+    title = "Forces over the shaft\u2019s angle"
+    return PageSection("Static stages", [colours, panels(title, drawn, caption, "many")])
+
+
+def _stage_by_stage(stages: Table, files: Sequence[str]) -> PageSection | None:
+    if not stages.rows:
+        return None
+    # The first rows, and all marked ones: stages that were cut short.
+    rows = tuple(row for index, row in enumerate(stages.rows) if index < MOST_ROWS or row.marked)
+    contents = [as_html(replace(stages, rows=rows), "dense")]
+    if len(stages.rows) > MOST_ROWS:
+        file = next((name for name in files if name.endswith("-stages.csv")), "")
+        contents.append(
+            aside(html("The first {} rows; all are in {}.", str(len(rows)), code(file)))
+        )
+    return PageSection("Stage by stage", contents)
+
+
+def _events(story: RunStory) -> PageSection | None:
+    events = events_table(story.events)
+    if not events.rows:
+        return None
+    return PageSection("What happened", [as_html(events, "dense")])
+
+
+def _devices(recording: Recording) -> PageSection | None:
+    clocks = clocks_table(recording)
+    reported = devices(recording.provenance)
+    contents = []
+    if clocks.rows:
+        contents.append(as_html(clocks))
+    if reported:
+        contents.append(pairs(reported, "small columns"))
+    if contents:
+        return PageSection("Who measured", contents)
+    return None
+
+
+def _closing(recording: Recording) -> Markup:
+    known = provenance(recording.provenance)
+    if not known:
+        return EMPTY
+    return folded("Everything that the run states of itself", pairs(known, "small columns"))
 
 
 def health(story: RunStory) -> Pairs:
@@ -181,68 +389,6 @@ def shorten(text: str) -> str:
     return text
 
 
-def page(
-    story: RunStory, tables: Sequence[Table], context: PageContext, files: Sequence[str]
-) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    story
-        The run.
-    tables
-        Stages, conditions and stiffness checks, from `tables_of`.
-    context
-        Origin of the page and links to others.
-    files
-        Names of the files beside the page, which it links.
-    """
-    recording = story.recording
-    known = story.recording.provenance
-    stages, done, checks = tables
-    shown = pictures.select_traces(story.parts)
-    stages_shown = pictures.select_static_stages(recording.static)
-    # The first rows, and all marked ones: stages that were cut short.
-    rows = tuple(row for index, row in enumerate(stages.rows) if index < MOST_ROWS or row.marked)
-    strokes = _of(len(shown), sum(part.trace is not None for part in story.parts), "stroke")
-    return template("run.html").render(
-        sheets=("verdict.css",),
-        origin=context.origin,
-        links=context.links,
-        files=files,
-        title=recording.title,
-        mark=recording.source,
-        stamp=_stamp(story),
-        sentence=_sentence(story),
-        loads=_loads_sentence(story),
-        share=_share(story, done),
-        done=done,
-        limits=_limits(story),
-        health=[(name, keep_units_together(text)) for name, text in health(story)],
-        stages=Table(stages.name, stages.caption, stages.columns, rows),
-        stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
-        left_out=max(len(stages.rows) - MOST_ROWS, 0),
-        traces=pictures.draw_traces(shown, story.rig),
-        traced=(
-            f"{strokes}, each measured once, on one scale. Expected: the nominal model, with "
-            "the shaft as commanded."
-        ),
-        static=pictures.draw_static_forces(stages_shown) if stages_shown else [],
-        static_count=_of(len(stages_shown), len(recording.static), "stage"),
-        cycles=pictures.draw_cycles(story) if pictures.has_cycles(recording) else "",
-        cycle_count=count_noun(
-            sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"
-        ),
-        checks=_thin_out(checks),
-        check_count=len(checks.rows),
-        check_picture=pictures.draw_checks(checks) if checks.rows else "",
-        clocks=clocks_table(recording),
-        events=events_table(story.events),
-        devices=devices(known),
-        provenance=provenance(known),
-    )
-
-
 def tables_of(story: RunStory) -> tuple[Table, Table, Table]:
     """Tables that are also written as CSV and LaTeX: stages, conditions, stiffness checks."""
     return stages_table(story), conditions_table(story), checks_table(story)
@@ -313,8 +459,8 @@ def _has_tripped(kept: Mapping[str, str]) -> bool:
     return kept.get("ended", "").startswith(TRIP)
 
 
-def _share(story: RunStory, done: Table) -> dict[str, str] | None:
-    """Share of the plan that was done; None without a plan."""
+def _share(story: RunStory, done: Table) -> tuple[str, str] | None:
+    """Share of the plan that was done, and what it counts; None without a plan."""
     planned = sum(
         int(str(row.values["planned"]))
         for row in done.rows
@@ -324,10 +470,10 @@ def _share(story: RunStory, done: Table) -> dict[str, str] | None:
         return None
     count = sum(int(str(row.values["done"])) for row in done.rows)
     words = {"dynamic": "strokes", "static": "static stages", "fatigue": "cycles and stages"}
-    return {
-        "count": f"{in_thousands(str(count))} of {in_thousands(str(planned))}",
-        "of": f"{words[story.plan.experiment] if story.plan else 'parts'} recorded",
-    }
+    return (
+        f"{in_thousands(str(count))} of {in_thousands(str(planned))}",
+        f"{words[story.plan.experiment] if story.plan else 'parts'} recorded",
+    )
 
 
 def _loads_sentence(story: RunStory) -> str:
