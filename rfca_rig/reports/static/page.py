@@ -1,22 +1,42 @@
-"""static.html: one self-contained page on the torque-rotation curve and the static stages."""
+"""static.html: one self-contained page on the torque-rotation curve and the static stages, as a
+list of its sections.
+"""
 
-from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
-import cv2
 import numpy as np
+from markupsafe import Markup
 
 from rfca_rig.analysis.torque_rotation.static_result import (
     PredictedHingeCurve,
     StaticResult,
     remarks,
 )
-from rfca_rig.drivers.photo_files import read_picture
-from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording.model import StaticStage
+from rfca_rig.reports.elements import (
+    EMPTY,
+    aside,
+    bullets,
+    code,
+    css_class,
+    division,
+    figure,
+    html,
+    join,
+    legend,
+    legend_dot,
+    legend_line,
+    list_sources,
+    mark,
+    page_links,
+    paragraph,
+    subheading,
+)
+from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.provenance import PageContext
+from rfca_rig.reports.sections import PageSection, Sections, SideBySide
+from rfca_rig.reports.static.photos import StagePhoto, photos_by_source
 from rfca_rig.reports.static.pictures import (
     DASHES,
     ELASTICA_STYLES,
@@ -33,68 +53,30 @@ from rfca_rig.reports.static.tables import (
     systematic_errors_table,
 )
 from rfca_rig.reports.table import Table, TableRow, places
-from rfca_rig.reports.templates import template
+from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import NOTHING, count_noun, keep_units_together, number
 
-# Photos are embedded in the page: reduced to this width, and with this JPEG quality, to keep it
-# small.
-WIDTH_PX = 420
-QUALITY = 82
-
-
-@dataclass(frozen=True)
-class StagePhoto:
-    """Photo of one stage: `data` is the data URI of an <img>; where there is none, `missing`
-    states why.
-    """
-
-    stage: StaticStage
-    data: str
-    missing: str
-    doubts: str
-
-
-def photos_of(source: StaticSource) -> list[StagePhoto]:
-    """Photos of the stages that have one, preferring the overlay. A missing file is reported on
-    the page, and is not an error.
-    """
-    with_photo = [stage for stage in source.recording.static if stage.photo or stage.overlay]
-    return [_picture(source, stage) for stage in with_photo]
-
-
-def _picture(source: StaticSource, stage: StaticStage) -> StagePhoto:
-    path = source.folder / (stage.overlay or stage.photo)
-    try:
-        image = read_picture(path)
-    except BadInput as error:
-        return StagePhoto(
-            stage, "", str(error).split(";")[0].replace(f"{path.parent}/", ""), stage.photo_doubts
-        )
-    # As JPEG: the same image gives the same bytes.
-    rows, columns = image.shape[:2]
-    if columns > WIDTH_PX:
-        image = np.asarray(
-            cv2.resize(
-                image,
-                (WIDTH_PX, max(1, round(rows * WIDTH_PX / columns))),
-                interpolation=cv2.INTER_AREA,
-            ),
-            np.uint8,
-        )
-    done, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    if not done:
-        raise RigError(f"a picture of {columns} x {rows} pixels cannot be written as JPEG")
-    return StagePhoto(
-        stage,
-        "data:image/jpeg;base64," + b64encode(content.tobytes()).decode("ascii"),
-        "",
-        stage.photo_doubts,
-    )
-
-
-def photos_by_source(sources: Sequence[StaticSource]) -> list[tuple[str, list[StagePhoto]]]:
-    """Photos by source, of the sources that have any."""
-    return [(source.name, strip) for source in sources if (strip := photos_of(source))]
+# Headings of the table of stages with the classes of their cells, before those of the hinges.
+STAGE_HEADS = (
+    ("Height (mm)", "n"),
+    ("Stage", "n"),
+    ("Direction", ""),
+    ("Shaft (°)", "n"),
+    ("fy (N)", "n"),
+    ("fz (N)", "n"),
+    ("tx (N\u00a0m)", "n"),
+    ("Touching", ""),
+    ("Hinge", ""),
+)
+METHOD = (
+    "At every stage the shaft, each hinge and the forces must balance: weight of the links, what "
+    "the floor does to every link end that touches, and the readings of fy, fz and tx. Friction "
+    "that holds has no sign of its own, so it is taken from fy. A link end presses as deep as the "
+    "angles put it into the floor. Angles and forces are moved as little as their errors ask for "
+    "until all of this holds with one curve for all hinges; noise that is not stated is estimated "
+    "from the residuals (least squares with errors in all variables, noise by restricted "
+    "likelihood). Links, weight and floor are those of"
+)
 
 
 def page(
@@ -120,59 +102,255 @@ def page(
     files
         Names of the files beside the page, which it links.
     """
-    return template("static.html").render(
-        sheets=("static.css",),
-        origin=context.origin,
-        links=context.links,
-        files=files,
-        title=" · ".join(dict.fromkeys(source.recording.title for source in sources)),
-        sources=[
-            {
-                "mark": s.recording.source,
-                "text": f"{s.name}: {count_noun(len(s.recording.static), 'static stage')}",
-            }
-            for s in sources
-        ],
-        values=_values(result),
-        standfirst=_standfirst(result),
-        remarks=[keep_units_together(_signs(text)) for text in remarks(result)],
-        torque=draw_torque(result, elastica),
-        stiffness=draw_stiffness(result, elastica),
-        rest=draw_residuals(result),
-        rest_sentence=_rest_sentence(result),
-        angles=count_noun(int(result.data.seen.sum()), "hinge angle"),
-        curve=curve_table(result.curve, int(result.data.seen.sum())),
-        elastica=[
-            {"says": curve.says, "style": style}
-            for curve, style in zip(elastica, ELASTICA_STYLES, strict=True)
-        ],
-        elastica_table=elastica_table(elastica, result),
-        hinges=hinges_table(result),
-        hinge_numbers=[check.hinge for check in result.hinges],
-        loop_sentence=_loop(result),
-        loop_seen=result.loop is not None and result.loop.seen,
-        common=_with_apostrophes(systematic_errors_table(result)),
-        noise=_noise(result),
-        gain_counts_as_exact=all(
-            error.says != "gain of the force sensor" for error in result.systematic_errors
+    sections: Sections = [
+        _curve(result, elastica),
+        SideBySide("sides", [[_values_of_curve(result)], [_elastica(result, elastica)]]),
+        PageSection("Is it one curve?", []),
+        SideBySide(
+            "sides",
+            [
+                [_hinges(result), _loop(result), _repeats(result, sources), _noise(result)],
+                [_systematic_errors(result)],
+            ],
         ),
-        repeats=repeats_table(result, [source.name for source in sources]),
-        strips=[
-            {"name": name, "pictures": [_photo(picture) for picture in strip]}
-            for name, strip in photos_by_source(sources)
-        ],
-        stages=_stages(result, sources),
-        several=len(sources) > 1,
-        model=f"the model in {context.model_file}" if context.model_file else "the nominal model",
-        has_model="model.toml" in files,
-        has_curve="model-curve.toml" in files,
-        rest_sentence_of_hinges=_rest_angles(result),
-        law_holds=result.form.holds,
-        dashes={
-            name: " ".join(f"{2.2 * part:g}" for part in pattern)
-            for name, (_, pattern) in DASHES.items()
-        },
+        _photos(sources),
+        _stages(result, sources),
+        _method(context.model_file, files),
+    ]
+    title = " · ".join(dict.fromkeys(source.recording.title for source in sources))
+    return render_page(
+        f"{title}: torque over rotation",
+        _opening(title, result, sources, context),
+        sections,
+        context.origin,
+        files,
+        sheets=("static.css",),
     )
+
+
+def _opening(
+    title: str, result: StaticResult, sources: Sequence[StaticSource], context: PageContext
+) -> Markup:
+    described = [
+        (s.recording.source, f"{s.name}: {count_noun(len(s.recording.static), 'static stage')}")
+        for s in sources
+    ]
+    doubts = [keep_units_together(_signs(text)) for text in remarks(result)]
+    return join(
+        "\n",
+        [
+            paragraph("Torque over rotation of the hinges", "of"),
+            html("<h1>{}</h1>", title),
+            list_sources(described),
+            division("values", *_values(result)),
+            paragraph(_standfirst(result), "standfirst"),
+            page_links(context.links),
+            bullets(doubts, "remarks") if doubts else EMPTY,
+        ],
+    )
+
+
+def _curve(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> PageSection:
+    angles = count_noun(int(result.data.seen.sum()), "hinge angle")
+    law_holds = result.form.holds
+    drawn = "law" if law_holds else "splines"
+    other = "splines" if law_holds else "the nearest law"
+    predicted = [
+        legend_line("var(--faint)", 1.4, f"elastica, {curve.says}", _svg_dash(style))
+        for curve, style in zip(elastica, ELASTICA_STYLES, strict=True)
+    ]
+    colours = legend(
+        legend_dot("var(--measured)", "var(--measured)", 2.8, "measured, one angle"),
+        legend_dot("var(--measured)", "none", 3.8, "after the hinge turned back"),
+        legend_line("var(--simulated)", 4, f"{drawn}, with 95 % band"),
+        legend_line("var(--other)", 1.4, other, _svg_dash("other")),
+        *predicted,
+    )
+    torque = figure(
+        "Torque",
+        draw_torque(result, elastica),
+        f"Every measured hinge angle with the torque that balances the hinge there, {angles}; "
+        "bars are one standard deviation, the band is the curve\u2019s 95 %.",
+        1,
+    )
+    stiffness = figure(
+        "Equivalent stiffness",
+        draw_stiffness(result, elastica),
+        "The derivative of the torque. The band holds at each angle by itself, with 95 %.",
+        2,
+    )
+    if result.loop is not None and result.loop.seen:
+        loop = " Dotted: the two sides of the loop."
+    else:
+        loop = ""
+    residual = figure(
+        "Residual torque",
+        draw_residuals(result),
+        f"Measured torque less the curve\u2019s at the measured angle, {angles}; bars are one "
+        "standard deviation and take in the errors of both, the band is 95 %."
+        f"{loop} {_rest_sentence(result)}",
+        3,
+        css="low",
+    )
+    return PageSection("The curve", [colours, division("figures", torque, stiffness), residual])
+
+
+def _svg_dash(style: str) -> str:
+    """A dash of the figures as SVG has it, as long as there."""
+    return " ".join(f"{2.2 * part:g}" for part in DASHES[style][1])
+
+
+def _values_of_curve(result: StaticResult) -> PageSection:
+    values = curve_table(result.curve, int(result.data.seen.sum()))
+    return PageSection("Values", [as_html(values)], level=3)
+
+
+def _elastica(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> PageSection:
+    text = (
+        "How the shells hold the strips the paper leaves open. Sliding in its grooves a strip "
+        "hardens little; what is measured beyond that is not its bending alone."
+    )
+    predicted = as_html(elastica_table(elastica, result))
+    return PageSection("What the elastica predicts", [predicted, aside(text)], level=3)
+
+
+def _hinges(result: StaticResult) -> PageSection:
+    return PageSection("Hinge by hinge", [as_html(hinges_table(result))], level=3)
+
+
+def _loop(result: StaticResult) -> PageSection:
+    return PageSection("Loading and unloading", [paragraph(_loop_sentence(result))], level=3)
+
+
+def _repeats(result: StaticResult, sources: Sequence[StaticSource]) -> PageSection | None:
+    repeats = repeats_table(result, [source.name for source in sources])
+    if not repeats.rows:
+        return None
+    return PageSection("Recording by recording", [as_html(repeats)], level=3)
+
+
+def _noise(result: StaticResult) -> PageSection:
+    return PageSection("Noise", [paragraph(_noise_sentence(result))], level=3)
+
+
+def _systematic_errors(result: StaticResult) -> PageSection:
+    errors = _with_apostrophes(systematic_errors_table(result))
+    contents = [as_html(errors), aside(_rest_angles(result))]
+    if all(error.says != "gain of the force sensor" for error in result.systematic_errors):
+        pattern = (
+            "The gain of the force sensor counts as exact: 1 % in it is 1 % of every torque. "
+            "State it with {}."
+        )
+        contents.append(aside(html(pattern, code("--force-gain-pct"))))
+    return PageSection("Common to all stages, with an uncertainty", contents, level=3)
+
+
+def _photos(sources: Sequence[StaticSource]) -> PageSection | None:
+    contents = []
+    for name, photos in photos_by_source(sources):
+        if len(sources) > 1:
+            contents.append(subheading(name))
+        contents.append(division("strip", *map(_photo, photos)))
+    if contents:
+        return PageSection("Photos", contents)
+    return None
+
+
+def _photo(photo: StagePhoto) -> Markup:
+    stage = photo.stage
+    label = keep_units_together(
+        f"{1e3 * stage.height_m:g} mm, stage {stage.stage}: "
+        f"{np.degrees(stage.shaft_angle_rad):.0f}°"
+    )
+    if photo.data:
+        shown = html('<img src="{}" alt="the leg at {}">', photo.data, label)
+    else:
+        shown = html('<div class="gone">{}</div>', photo.missing)
+    doubts = html("<br><b>{}</b>", photo.doubts) if photo.doubts else EMPTY
+    return html("<figure>\n{}\n<figcaption>{}{}</figcaption>\n</figure>", shown, label, doubts)
+
+
+def _stages(result: StaticResult, sources: Sequence[StaticSource]) -> PageSection:
+    """Readings and angles of each stage, with torques below them."""
+    pattern = (
+        "Readings are means after settling. Below each hinge\u2019s angle stands the torque that "
+        "balances it; their standard deviations are in {}. <i>Touching</i> names the links whose "
+        "ends press on the floor, as the balance of moments has it."
+    )
+    contents = [paragraph(html(pattern, code("stages.csv")))]
+    for number_of, source in enumerate(sources):
+        rows = [
+            row for row, recording in enumerate(result.data.recording) if recording == number_of
+        ]
+        if len(sources) > 1:
+            contents.append(subheading(html("{} {}", mark(source.recording.source), source.name)))
+        contents.append(_stages_as_html(result, source.name, rows))
+    return PageSection("Stages", contents)
+
+
+def _stages_as_html(result: StaticResult, name: str, rows: Sequence[int]) -> Markup:
+    """A table of two lines for each stage, of which the second has the torques of its hinges."""
+    hinges = [str(check.hinge) for check in result.hinges]
+    heads = [html('<th scope="col"{}>{}</th>', css_class(css), head) for head, css in STAGE_HEADS]
+    for hinge in hinges:
+        css = css_class("n last" if hinge is hinges[-1] else "n")
+        heads.append(html('<th scope="col"{}>{}</th>', css, hinge))
+    return html(
+        '<div class="wide" tabindex="0" role="region" aria-label="stages of {}">\n'
+        '<table class="stages stack">\n<thead><tr>{}</tr></thead>\n{}\n</table>\n</div>',
+        name,
+        join("", heads),
+        join("\n", [_stage(result, row, hinges) for row in rows]),
+    )
+
+
+def _stage(result: StaticResult, row: int, hinges: Sequence[str]) -> Markup:
+    stage: StaticStage = result.data.stages[row]
+    ends = result.found.ends[row]
+    points = result.points
+    readings = (
+        ("height (mm)", "n", f"{1e3 * stage.height_m:g}"),
+        ("stage", "n", str(stage.stage)),
+        ("direction", "", stage.direction),
+        ("shaft (°)", "n", f"{np.degrees(stage.shaft_angle_rad):.1f}"),
+        ("fy (N)", "n", number(stage.fy_N, 2)),
+        ("fz (N)", "n", number(stage.fz_N, 2)),
+        ("tx (N\u00a0m)", "n", number(stage.tx_Nm, 3)),
+        ("touching", "", ", ".join(str(end + 1) for end in ends) or "none"),
+    )
+    cells = [_stage_cell(*reading) for reading in readings]
+    angles = [
+        _stage_cell(f"hinge {hinge}, °", "n hinge", _or_nothing(np.degrees(angle), 2))
+        for hinge, angle in zip(hinges, points.phi_rad[row], strict=True)
+    ]
+    torques = [
+        _stage_cell("N\u00a0m", "n hinge", _or_nothing(torque, 3))
+        for torque in points.torque_Nm[row]
+    ]
+    return html(
+        '<tbody>\n<tr>{}<td class="half">°</td>{}</tr>\n<tr class="torques">'
+        '<td colspan="8"></td><td class="half">N\u00a0m</td>{}</tr>\n</tbody>',
+        join("", cells),
+        join("", angles),
+        join("", torques),
+    )
+
+
+def _stage_cell(head: str, css: str, text: str) -> Markup:
+    return html('<td data-head="{}"{}>{}</td>', head, css_class(css), text)
+
+
+def _method(model_file: str | None, files: Sequence[str]) -> PageSection:
+    model = f"the model in {model_file}" if model_file else "the nominal model"
+    contents = [paragraph(f"{METHOD} {model}.")]
+    if "model.toml" in files:
+        pattern = "{} is the model with these hinges, for {}, {} and {} with {}."
+        words = ("model.toml", "predict", "dynamic run", "report", "--model")
+        contents.append(paragraph(html(pattern, *map(code, words))))
+    if "model-curve.toml" in files:
+        pattern = "{} holds the measured curve and its covariance in place of k₀ and k₂."
+        contents.append(paragraph(html(pattern, code("model-curve.toml"))))
+    return PageSection("How this was computed", contents)
 
 
 def _with_apostrophes(table: Table) -> Table:
@@ -201,22 +379,23 @@ def _signs(text: str) -> str:
     )
 
 
-def _values(result: StaticResult) -> list[dict[str, str]]:
+def _values(result: StaticResult) -> list[Markup]:
+    """The coefficients of the law with their 95 % intervals, in large letters."""
     values = result.values
-    pairs = (
+    coefficients = (
         ("k₀", values.k0_Nm_per_rad, values.k0_std, "N m/rad"),
         ("k₂", values.k2_per_rad2, values.k2_std, "1/rad²"),
     )
-    return [
-        {
-            "name": name,
-            "value": _fit(value, values.reach * std),
-            "half": _fit(values.reach * std, values.reach * std),
-            "unit": unit,
-            "relative": f"{100 * values.reach * std / abs(value):.2g} %",
-        }
-        for name, value, std, unit in pairs
-    ]
+    pattern = (
+        '<p><span class="name">{}</span> <b>{}</b> <span class="half">± {}</span> '
+        '<span class="unit">{}</span><span class="relative">{}, 95 %</span></p>'
+    )
+    shown = []
+    for name, value, std, unit in coefficients:
+        half = values.reach * std
+        relative = f"{100 * half / abs(value):.2g} %"
+        shown.append(html(pattern, name, _fit(value, half), _fit(half, half), unit, relative))
+    return shown
 
 
 def _fit(value: float, error: float) -> str:
@@ -290,7 +469,7 @@ def _rest_angles(result: StaticResult) -> str:
     )
 
 
-def _loop(result: StaticResult) -> str:
+def _loop_sentence(result: StaticResult) -> str:
     loop = result.loop
     if loop is None:
         return "No hinge turned back far enough to show a loop."
@@ -303,7 +482,7 @@ def _loop(result: StaticResult) -> str:
     )
 
 
-def _noise(result: StaticResult) -> str:
+def _noise_sentence(result: StaticResult) -> str:
     errors = result.found.errors
     data = result.data
     parts = []
@@ -328,52 +507,6 @@ def _noise(result: StaticResult) -> str:
     else:
         how = "every hinge errs on its own"
     return keep_units_together(f"One standard deviation: {'; '.join(parts)}; {how}.")
-
-
-def _photo(picture: StagePhoto) -> dict[str, str]:
-    stage = picture.stage
-    return {
-        "data": picture.data,
-        "missing": picture.missing,
-        "doubts": picture.doubts,
-        "label": keep_units_together(
-            f"{1e3 * stage.height_m:g} mm, stage {stage.stage}: "
-            f"{np.degrees(stage.shaft_angle_rad):.0f}°"
-        ),
-    }
-
-
-def _stages(result: StaticResult, sources: Sequence[StaticSource]) -> list[dict[str, Any]]:
-    """Rows for each source: readings and angles, with torques below them."""
-    tables = []
-    for number_of, source in enumerate(sources):
-        rows = [
-            row for row, recording in enumerate(result.data.recording) if recording == number_of
-        ]
-        tables.append(
-            {
-                "name": source.name,
-                "mark": source.recording.source,
-                "lines": [_stage(result, row) for row in rows],
-            }
-        )
-    return tables
-
-
-def _stage(result: StaticResult, row: int) -> dict[str, Any]:
-    stage: StaticStage = result.data.stages[row]
-    ends = result.found.ends[row]
-    points = result.points
-    return {
-        "height": f"{1e3 * stage.height_m:g}",
-        "stage": stage.stage,
-        "direction": stage.direction,
-        "shaft": f"{np.degrees(stage.shaft_angle_rad):.1f}",
-        "forces": [number(stage.fy_N, 2), number(stage.fz_N, 2), number(stage.tx_Nm, 3)],
-        "touching": ", ".join(str(end + 1) for end in ends) or "none",
-        "angles": [_or_nothing(np.degrees(angle), 2) for angle in points.phi_rad[row]],
-        "torques": [_or_nothing(torque, 3) for torque in points.torque_Nm[row]],
-    }
 
 
 def _or_nothing(value: float, digits: int) -> str:
