@@ -1,5 +1,5 @@
 """report.html: one self-contained page with Table II, the forces at the peak, and every stroke
-over the model.
+over the model, as a list of its sections.
 """
 
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from rfca_rig.analysis.compare import (
     PAPER_AVERAGE_ERROR_PCT,
@@ -26,10 +27,25 @@ from rfca_rig.model.parameters import LawTable, RigModel, TorqueSpline
 from rfca_rig.model.tabulated_law import kind_of
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.model import Recording
+from rfca_rig.reports.elements import (
+    division,
+    figure,
+    html,
+    join,
+    legend,
+    legend_diamond,
+    legend_dot,
+    legend_line,
+    list_sources,
+    page_links,
+    paragraph,
+)
+from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.provenance import Origin, PageContext, PageLink, find_pages, origin_in_memory
 from rfca_rig.reports.run.page import page as run_page
 from rfca_rig.reports.run.page import tables_of
 from rfca_rig.reports.run.parts import story_of
+from rfca_rig.reports.sections import PageSection
 from rfca_rig.reports.strokes import overlay
 from rfca_rig.reports.strokes.tables import (
     as_json,
@@ -39,7 +55,7 @@ from rfca_rig.reports.strokes.tables import (
     stage_tables,
 )
 from rfca_rig.reports.table import Table, TableColumn, TableRow, table_files, write_all
-from rfca_rig.reports.templates import template
+from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import (
     DEFINITION,
     REGIONS_DEFINITION,
@@ -296,32 +312,52 @@ def page(
     context
         Origin of the page, links to others, and the given model.
     """
-    return template("table2.html").render(
-        sheets=(),
-        origin=context.origin,
+    has_strokes = any(source.compared for source in sources)
+    if has_strokes:
+        kind = "measured and simulated strokes"
+    else:
+        kind = "static stages"
+    sections = [
+        _valley(sources, table, shaft) if has_strokes else None,
+        PageSection("Forces at the peak", [as_html(peaks)]) if has_strokes else None,
+        _strokes(sources, shaft) if has_strokes else None,
+        _static_stages(sources),
+        _models(sources, context.model_file),
+    ]
+    return render_page(
+        f"{_join_titles(sources)}: {kind}",
+        _opening(sources, table, context, has_strokes),
+        sections,
+        context.origin,
         files=tuple(
             f"{stem}.{kind}" for stem in ("table2", peaks.name) for kind in ("csv", "tex", "json")
         ),
-        links=context.links,
-        title=" · ".join(dict.fromkeys(source.recording.title for source in sources))
-        or "Nothing recorded",
-        standfirst=_standfirst(table),
-        sources=[_source(source, is_alone=len(sources) == 1) for source in sources],
-        # A campaign of that name says so in its title already.
-        valley_heading="The valley of fz"
-        if any("Table II" in source.name for source in sources)
-        else "The valley of fz, as in Table II",
-        table=as_table(table, SHAFT_WORDS[shaft]),
-        peaks=peaks,
-        figures=_figures(sources, shaft),
-        static_tables=[
-            table
-            for source in sources
-            for table in stage_tables(source.name, source.recording.static)
+    )
+
+
+def _join_titles(sources: Sequence[ComparedSource]) -> str:
+    titles = dict.fromkeys(source.recording.title for source in sources)
+    return " · ".join(titles) or "Nothing recorded"
+
+
+def _opening(
+    sources: Sequence[ComparedSource], table: Table2, context: PageContext, has_strokes: bool
+) -> Markup:
+    if has_strokes:
+        of = "Measured and simulated strokes"
+    else:
+        of = "What was recorded"
+    is_alone = len(sources) == 1
+    described = [(s.recording.source, _describe_source(s, is_alone)) for s in sources]
+    return join(
+        "\n",
+        [
+            paragraph(of, "of"),
+            html("<h1>{}</h1>", _join_titles(sources)),
+            list_sources(described),
+            paragraph(_standfirst(table), "standfirst"),
+            page_links(context.links),
         ],
-        models=_models(sources, context.model_file),
-        definition=DEFINITION,
-        regions_definition=REGIONS_DEFINITION,
     )
 
 
@@ -340,8 +376,8 @@ def _standfirst(table: Table2) -> str:
     )
 
 
-def _source(source: ComparedSource, is_alone: bool) -> dict[str, Any]:
-    """Mark, name and content of a source. The name of a single one is the title of the page."""
+def _describe_source(source: ComparedSource, is_alone: bool) -> str:
+    """Name and content of a source. The name of a single one is the title of the page."""
     recording = source.recording
     contents = []
     if recording.strokes:
@@ -352,41 +388,74 @@ def _source(source: ComparedSource, is_alone: bool) -> dict[str, Any]:
     if recording.static:
         contents.append(count_noun(len(recording.static), "static stage"))
     holds = " and ".join(contents) or "nothing recorded"
-    return {"mark": recording.source, "text": holds if is_alone else f"{source.name}: {holds}"}
+    if is_alone:
+        return holds
+    return f"{source.name}: {holds}"
 
 
-def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, Any]]:
+def _valley(sources: Sequence[ComparedSource], table: Table2, shaft: Shaft) -> PageSection:
+    # A campaign of that name says so in its title already.
+    if any("Table II" in source.name for source in sources):
+        title = "The valley of fz"
+    else:
+        title = "The valley of fz, as in Table II"
+    shown = as_html(as_table(table, SHAFT_WORDS[shaft]))
+    return PageSection(title, [shown, paragraph(DEFINITION)])
+
+
+def _strokes(sources: Sequence[ComparedSource], shaft: Shaft) -> PageSection:
+    """Every stroke over the model, a figure for each condition."""
+    colours = legend(
+        legend_line("var(--measured)", 1, "measured, each repeat"),
+        legend_line("var(--simulated)", 4, "simulated"),
+        legend_dot("var(--measured)", "none", 4.6, "measured valley"),
+        legend_diamond("var(--edge)", "var(--simulated)", "simulated valley"),
+    )
     several = sum(bool(source.compared) for source in sources) > 1
     all_compared = [(source, compared) for source in sources for compared in source.compared]
     figures = []
-    for figure_number, (source, compared) in enumerate(all_compared, start=1):
-        drawn = overlay.draw_overlay(compared, salt=f"figure {figure_number}")
-        figures.append(
-            {
-                "number": figure_number,
-                "label": compared.condition.label,
-                "source": source.name if several else "",
-                "svg": drawn.svg,
-                "caption": keep_units_together(
-                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} "
-                    f"{regions_sentence(compared, drawn)} "
-                    f"{rms_sentence(compared)} {scales_sentence(drawn)}"
-                ),
-            }
+    for number_of, (source, compared) in enumerate(all_compared, start=1):
+        drawn = overlay.draw_overlay(compared, salt=f"figure {number_of}")
+        caption = (
+            f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} "
+            f"{regions_sentence(compared, drawn)} "
+            f"{rms_sentence(compared)} {scales_sentence(drawn)}"
         )
-    return figures
+        figures.append(
+            figure(
+                compared.condition.label,
+                drawn.svg,
+                keep_units_together(caption),
+                number_of,
+                source.name if several else "",
+            )
+        )
+    return PageSection(
+        "Strokes", [colours, paragraph(REGIONS_DEFINITION), division("figures", *figures)]
+    )
 
 
-def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[dict[str, Any]]:
+def _static_stages(sources: Sequence[ComparedSource]) -> PageSection | None:
+    tables = []
+    for source in sources:
+        for table in stage_tables(source.name, source.recording.static):
+            tables.append(as_html(table, "dense"))
+    if tables:
+        return PageSection("Static stages", tables)
+    return None
+
+
+def _models(sources: Sequence[ComparedSource], model_file: str | None) -> PageSection | None:
     """One table for each distinct model, with the sources that share it."""
     distinct = list(dict.fromkeys(source.rig for source in sources if source.rig is not None))
-    tables = []
-    for rig in distinct:
+    contents = []
+    for number_of, rig in enumerate(distinct, start=1):
         sharing = [source for source in sources if source.rig == rig]
-        tables.append(
-            {"says": _model_says(sharing, model_file, len(distinct) > 1), "table": model_table(rig)}
-        )
-    return tables
+        contents.append(paragraph(_model_says(sharing, model_file, len(distinct) > 1)))
+        contents.append(as_html(model_table(rig), "dense", f"of model {number_of}"))
+    if contents:
+        return PageSection("The model", contents)
+    return None
 
 
 def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
