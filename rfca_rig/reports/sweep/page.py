@@ -1,5 +1,5 @@
-"""Writes the summary of a sweep: sweep.html, one self-contained page, and sweep.json, beside
-sweep.h5 and sweep.csv.
+"""Writes the summary of a sweep: sweep.html, one self-contained page as a list of its sections,
+and sweep.json, beside sweep.h5 and sweep.csv.
 """
 
 import json
@@ -8,10 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from rfca_rig import __version__
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.reports.elements import (
+    aside,
+    bullets,
+    division,
+    figure,
+    html,
+    join,
+    paragraph,
+)
+from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.provenance import Origin, version_text
+from rfca_rig.reports.sections import PageSection
 from rfca_rig.reports.sweep.pictures import (
     MOST_GROUPS,
     OutputSensitivity,
@@ -29,7 +41,7 @@ from rfca_rig.reports.sweep.pictures import (
     with_unit,
 )
 from rfca_rig.reports.table import Table, TableColumn, TableRow
-from rfca_rig.reports.templates import template
+from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import count_noun, number
 from rfca_rig.sweep.outputs import RequestedOutput
 from rfca_rig.sweep.plan import points
@@ -60,24 +72,67 @@ def page(result: SweepResult, found: list[OutputSensitivity], command: str) -> s
     command
         The command line, for the foot of the page.
     """
-    plan = result.plan
-    figures, left_out = _figures(result, found)
-    without = [_title(asked) for asked in plan.outputs if asked not in _with_values(result)]
-    return template("sweep.html").render(
-        sheets=[],
-        origin=Origin(command, (), version_text()),
-        files=FILES,
-        title=_page_title(result),
-        standfirst=_standfirst(result),
-        figures=figures,
-        left_out=left_out,
-        without=without,
-        sensitivities=sensitivities_table(found) if found else None,
-        varied=_quantities_table(result),
-        outputs=_outputs_table(result),
-        reasons=result.reasons(),
-        failed=result.failed,
+    title = _page_title(result)
+    opening = [
+        paragraph("Sweep of the model", "of"),
+        html("<h1>{}</h1>", title),
+        paragraph(_standfirst(result), "standfirst"),
+    ]
+    sections = [
+        _results(result, found),
+        _dependences(found),
+        _failures(result),
+        PageSection("Inputs", [as_html(_quantities_table(result))]),
+        PageSection("Outputs", [as_html(_outputs_table(result))]),
+    ]
+    return render_page(
+        title,
+        join("\n", opening),
+        sections,
+        Origin(command, (), version_text()),
+        FILES,
+        # The shades of its maps have one meaning only on light paper.
+        is_always_light=True,
     )
+
+
+def _results(result: SweepResult, found: list[OutputSensitivity]) -> PageSection:
+    figures, left_out = _figures(result, found)
+    samples = result.plan.samples
+    if samples is not None and len(samples.ranges) > 2:
+        # A figure of many panels takes the width of the page.
+        contents = figures
+    else:
+        contents = [division("figures", *figures)]
+    without = [_title(asked) for asked in result.plan.outputs if asked not in _with_values(result)]
+    if without:
+        contents.append(aside(f"Without any value: {', '.join(without)}."))
+    if left_out:
+        combinations = count_noun(left_out, "more combination")
+        contents.append(
+            aside(f"{combinations} of the other values are in sweep.csv, and not drawn.")
+        )
+    return PageSection("Results", contents)
+
+
+def _dependences(found: list[OutputSensitivity]) -> PageSection | None:
+    if not found:
+        return None
+    how_estimated = (
+        "Estimated from these very cases: least squares of the output on a cubic spline of one "
+        "quantity, adjusted for the number of coefficients; the standard error by a bootstrap of "
+        "the cases, rather too large for points this even."
+    )
+    sensitivities = as_html(sensitivities_table(found))
+    return PageSection("What it depends on", [sensitivities, aside(how_estimated)])
+
+
+def _failures(result: SweepResult) -> PageSection | None:
+    reasons = [f"{count_noun(count, 'time')}: {reason}" for reason, count in result.reasons()]
+    if not reasons:
+        return None
+    text = "The column remark of sweep.csv says it for each case, with its numbers."
+    return PageSection("What could not be computed", [bullets(reasons), aside(text)])
 
 
 def _page_title(result: SweepResult) -> str:
@@ -109,21 +164,21 @@ def _standfirst(result: SweepResult) -> str:
 
 def _figures(
     result: SweepResult, sensitivities: list[OutputSensitivity]
-) -> tuple[list[dict[str, Any]], int]:
+) -> tuple[list[Markup], int]:
     """Figures of a grid or of samples, and the number of combinations that are not drawn."""
+    figures: list[Markup] = []
     if result.plan.samples is not None:
         groups = list(sample_groups(result.plan))
-        shown_groups = groups[:MOST_GROUPS]
-        drawn = [
-            _points_figure(result, asked, group, sensitivities)
-            for group in shown_groups
-            for asked in _with_values(result)
-        ]
-        return drawn, len(groups) - len(shown_groups)
+        for group in groups[:MOST_GROUPS]:
+            for asked in _with_values(result):
+                number_of = len(figures) + 1
+                figures.append(_points_figure(result, asked, group, sensitivities, number_of))
+        return figures, max(len(groups) - MOST_GROUPS, 0)
     shown_views, there_are = views(result.plan)
-    return [
-        _grid_figure(result, asked, view) for view in shown_views for asked in _with_values(result)
-    ], there_are - len(shown_views)
+    for view in shown_views:
+        for asked in _with_values(result):
+            figures.append(_grid_figure(result, asked, view, len(figures) + 1))
+    return figures, there_are - len(shown_views)
 
 
 def _with_values(result: SweepResult) -> list[RequestedOutput]:
@@ -133,19 +188,19 @@ def _with_values(result: SweepResult) -> list[RequestedOutput]:
     ]
 
 
-def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dict[str, Any]:
+def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View, number_of: int) -> Markup:
     values = view.values(result, asked.header)
     if view.is_map and np.isnan(values).any():
         crosses = " Crosses: no value."
     else:
         crosses = ""
-    return {
-        "title": _title(asked),
-        "of": ", ".join(with_unit(*fixed_value) for fixed_value in view.facet),
-        "svg": draw_view(view, values, asked.header),
-        "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}.{crosses}",
-        "wide": False,
-    }
+    return figure(
+        _title(asked),
+        draw_view(view, values, asked.header),
+        f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}.{crosses}",
+        number_of,
+        ", ".join(with_unit(*fixed_value) for fixed_value in view.facet),
+    )
 
 
 def _points_figure(
@@ -153,7 +208,8 @@ def _points_figure(
     asked: RequestedOutput,
     group: SampleGroup,
     sensitivities: list[OutputSensitivity],
-) -> dict[str, Any]:
+    number_of: int,
+) -> Markup:
     samples = result.plan.samples
     assert samples is not None
     indices = [
@@ -165,22 +221,21 @@ def _points_figure(
         "" if index is None else f"explains {number(index.index, 2)} ± {index.std:.2f}"
         for index in indices
     ]
-    return {
-        "title": _title(asked),
-        "of": ", ".join(with_unit(*fixed_value) for fixed_value in group.at),
-        "svg": draw_points(
-            samples.ranges,
-            points(samples),
-            result.output(asked.header)[group.cases],
-            titles,
-            asked.header,
-        ),
-        "caption": (
-            f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each "
-            "panel the first-order share of variance."
-        ),
-        "wide": len(samples.ranges) > 2,
-    }
+    drawn = draw_points(
+        samples.ranges,
+        points(samples),
+        result.output(asked.header)[group.cases],
+        titles,
+        asked.header,
+    )
+    return figure(
+        _title(asked),
+        drawn,
+        f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each panel the "
+        "first-order share of variance.",
+        number_of,
+        ", ".join(with_unit(*fixed_value) for fixed_value in group.at),
+    )
 
 
 def _title(asked: RequestedOutput) -> str:
