@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from rfca_rig.reports import style
 
 SHEETS = ("static.css", "diagnosis.css", "exam.css", "verdict.css")
-PAGES = ("exam.html", "motions.html")
+PAGES = ("motions.html",)
 
 
 def text_of(name):

@@ -1,47 +1,75 @@
 """Writes the files of an exam (the blind benchmark of the diagnosis).
 
-exam.html is for people: one self-contained page, with figures of calibration, power, errors of
-parameters and misfit removed. exam.json is for programs, exam.csv has a line for each case, and
-tables as CSV and LaTeX are for papers.
+exam.html is for people: one self-contained page, as a list of its sections. exam.json is for
+programs, exam.csv has a line for each case, and tables as CSV and LaTeX are for papers.
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from markupsafe import Markup
 
 from rfca_rig import __version__
-from rfca_rig.escaping import html_text
 from rfca_rig.exam import cases
-from rfca_rig.exam.answer import CLASS, DETECTABLE, EXTRA, OUTCOMES, RIGHT, WRONG
-from rfca_rig.exam.claims import ClaimCalibration
+from rfca_rig.exam.answer import DETECTABLE, OUTCOMES
 from rfca_rig.exam.score import LISTED, POWER_AT, ExamScores, Share
-from rfca_rig.exam.scored import ExamResult, ParameterDeviation, ScoredCase
+from rfca_rig.exam.scored import ExamResult, ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal, bars
 from rfca_rig.reports.diagnosis.json_file import to_json_types
+from rfca_rig.reports.elements import (
+    aside,
+    bare_figure,
+    code,
+    css_class,
+    html,
+    join,
+    legend,
+    legend_box,
+    link,
+    mark,
+    pairs,
+    paragraph,
+    verdict,
+)
+from rfca_rig.reports.exam.pictures import (
+    PARTS,
+    draw_gaps,
+    draw_parameter_errors,
+    draw_power,
+    draw_reliability,
+)
 from rfca_rig.reports.exam.tables import (
     ARM_WORDS,
     KIND_WORDS,
     OUTCOME_WORDS,
     VERDICT_WORDS,
+    Matrix,
+    MatrixCell,
+    MatrixRow,
     ablation_table,
     bars_table,
     confusion_table,
     follow_up_table,
     matrix_of,
 )
+from rfca_rig.reports.html_table import (
+    NUMBER,
+    WORDS,
+    HtmlCell,
+    HtmlColumn,
+    HtmlFoot,
+    as_html,
+    card_table,
+)
 from rfca_rig.reports.provenance import Origin, command_line, version_text
-from rfca_rig.reports.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing, inline_svg
+from rfca_rig.reports.sections import PageSection, SideBySide
 from rfca_rig.reports.table import Table, TableColumn, TableRow, table_files, write_all
 from rfca_rig.reports.table import as_csv as table_as_csv
-from rfca_rig.reports.templates import template
+from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import NO_BREAK, NOTHING, count_noun, number
 
 MEANINGS = {
@@ -58,22 +86,18 @@ MEANINGS = {
 }
 PASSED = {True: "passed", False: "failed", None: "none"}
 
-WIDTH_IN = 4.3
-HEIGHT_IN = 3.1
-# Height of the line of one effect in the figure of parameters.
-LINE_IN = 0.17
-# Relative errors beyond these are drawn at the border.
-SMALLEST = 1e-3
-LARGEST = 10.0
-# Kinds of cases whose parameters and fitted models are scored.
-SCORED_KINDS = (cases.SINGLE, cases.PAIR)
-# Parts of a stacked bar from below: outcomes, colour, words. The part without outcomes takes all
-# that no other part lists.
-PARTS = (
-    ((RIGHT,), MEASURED, "right"),
-    ((CLASS,), ALIKE, "in its indistinguishable set"),
-    ((), PALE, "none identified"),
-    ((WRONG, EXTRA), BAD, "wrong effect"),
+GOALS = (
+    HtmlColumn("Result", card=""),
+    HtmlColumn("Score", WORDS, card=""),
+    HtmlColumn("Goal", "goal", card="goal"),
+    HtmlColumn("Reached", NUMBER, card="reached"),
+    HtmlColumn("Counts", NUMBER, card="counts"),
+    HtmlColumn("With 95 % confidence", f"{NUMBER} goal", card="95 % bound"),
+)
+WORST_ANSWERS = (
+    HtmlColumn("Case", card=""),
+    HtmlColumn("Kind", card="kind"),
+    HtmlColumn("What is wrong about it", WORDS, card=""),
 )
 
 
@@ -90,41 +114,257 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
         Version of the program, for the foot of the page.
     """
     marks = exam.marks
-    all_bars = bars(exam.marks)
-    judged = [bar for bar in all_bars if bar.passed is not None]
-    return template("exam.html").render(
+    goals = bars(marks)
+    beside = (_calibration(marks), _power(exam), _errors(exam), _misfit_removed(exam))
+    sections = [
+        _goals(goals),
+        _follow_ups(exam),
+        _removed_effects(exam),
+        _outcomes(marks),
+        _confusion(exam.cases),
+        SideBySide("pairs", [[section] for section in beside if section is not None]),
+        _worst(marks),
+        _method(exam.cases),
+    ]
+    title = f"Blind benchmark of the diagnosis: {exam.words}, rfca-rig {__version__}"
+    return render_page(
+        title,
+        _opening(title, exam, goals),
+        sections,
+        Origin(_command_line(exam), (), version, "of the same cases"),
+        files,
         sheets=("verdict.css", "exam.css"),
-        origin=Origin(_command_line(exam), (), version, "of the same cases"),
-        files=files,
-        of=f"Blind benchmark of the diagnosis: {exam.words}, rfca-rig {__version__}",
-        sentence=_sentence(marks, len(exam.cases)),
-        passed=sum(bar.passed is True for bar in judged),
-        judged=len(judged),
-        bars=[_bar(bar) for bar in all_bars],
-        detectable=f"{DETECTABLE:g}",
-        ways=follow_up_table(
-            [replace(way, arm=ARM_WORDS.get(way.arm, way.arm)) for way in exam.ways]
-        ),
-        taken_out=ablation_table(exam.taken_out) if exam.taken_out else None,
-        outcomes=_outcomes(marks),
-        meanings={OUTCOME_WORDS.get(word, word): meaning for word, meaning in MEANINGS.items()},
-        kind_words=KIND_WORDS,
-        verdict_words=VERDICT_WORDS,
-        matrix=matrix_of(exam.cases),
-        pictures=_pictures(exam),
-        shades=[(colour, words) for _, colour, words in PARTS],
-        calibration=_calibration(marks),
-        values=_values(marks),
-        gap=_gap(marks),
-        power=_power(marks),
-        detection=_detection(marks),
-        worst=[
-            {"case": miss.case, "kind": KIND_WORDS.get(miss.kind, miss.kind), "reason": miss.reason}
-            for miss in marks.worst
-        ],
-        listed=LISTED,
-        time=_time(exam.cases),
     )
+
+
+def _opening(title: str, exam: ExamResult, goals: Sequence[ScoreGoal]) -> Markup:
+    judged = [goal for goal in goals if goal.passed is not None]
+    passed = [goal for goal in judged if goal.passed]
+    if len(passed) == len(judged):
+        css = "all"
+        stamp = "all goals reached"
+    else:
+        css = ""
+        stamp = "not all goals reached"
+    stated = verdict(
+        css,
+        stamp,
+        _sentence(exam.marks, len(exam.cases)),
+        _detection(exam.marks),
+        f"{len(passed)} of {len(judged)}",
+        "goals reached",
+    )
+    return join("\n", [paragraph(html("{} {}", title, mark("SIM")), "of"), stated])
+
+
+def _goals(goals: Sequence[ScoreGoal]) -> PageSection:
+    text = (
+        f"Detectable: shifts the forces by more than {DETECTABLE:g} times the noise of a sample "
+        "beyond what nominal values can explain. With 95 % confidence: the worst share that these "
+        "counts allow."
+    )
+    goals_table = card_table("goals", GOALS, [_goal(goal) for goal in goals], css="goals")
+    return PageSection("Goals", [goals_table, aside(text)])
+
+
+def _goal(goal: ScoreGoal) -> tuple[str | HtmlCell, ...]:
+    limits = [("at least", goal.at_least), ("at most", goal.at_most)]
+    # A limit above 1 is no share, but a mean number, and is not shown in percent.
+    plain = any(limit is not None and limit > 1.0 for _, limit in limits)
+    text = _plain if plain else share_text
+    worse = "above" if goal.at_least is not None else "below"
+    css = PASSED[goal.passed]
+    return (
+        HtmlCell("no case" if css == "none" else css, css),
+        goal.name,
+        " and ".join(f"{word} {text(limit)}" for word, limit in limits if limit is not None),
+        _plain(goal.value) if plain else share_text(goal.value, trimmed=False),
+        goal.counted,
+        f"{worse} {text(goal.bound)}" if goal.bound is not None else "",
+    )
+
+
+def _follow_ups(exam: ExamResult) -> PageSection | None:
+    ways = [replace(way, arm=ARM_WORDS.get(way.arm, way.arm)) for way in exam.ways]
+    if not ways:
+        return None
+    return PageSection("Follow-up experiments", [as_html(follow_up_table(ways))])
+
+
+def _removed_effects(exam: ExamResult) -> PageSection | None:
+    if not exam.taken_out:
+        return None
+    removed = ablation_table(exam.taken_out)
+    content = as_html(removed) if removed.rows else paragraph(removed.caption)
+    return PageSection("Effects removed from the catalogue", [content])
+
+
+def _outcomes(marks: ExamScores) -> PageSection:
+    words = [OUTCOME_WORDS.get(word, word) for word in OUTCOMES]
+    columns = (
+        HtmlColumn("Kind", card=""),
+        HtmlColumn("Cases", NUMBER, card="cases"),
+        *(HtmlColumn(word, NUMBER) for word in words),
+    )
+    rows: list[tuple[str | HtmlCell, ...]] = []
+    totals = [0] * len(OUTCOMES)
+    for kind, by_outcome in marks.outcomes.items():
+        counts = [by_outcome.get(word, 0) for word in OUTCOMES]
+        totals = [total + count for total, count in zip(totals, counts, strict=True)]
+        cells = [_count_cell(count) for count in counts]
+        rows.append((KIND_WORDS.get(kind, kind), str(sum(by_outcome.values())), *cells))
+    feet = [HtmlCell(str(count), NUMBER) for count in (sum(totals), *totals)]
+    outcomes = card_table(
+        "outcomes by kind of case", columns, rows, [HtmlFoot("all", 1, tuple(feet))]
+    )
+    meanings = [(OUTCOME_WORDS.get(word, word), meaning) for word, meaning in MEANINGS.items()]
+    return PageSection("Outcomes by kind of case", [outcomes, pairs(meanings, "small")])
+
+
+def _count_cell(count: int) -> HtmlCell:
+    if count:
+        return HtmlCell(str(count), NUMBER)
+    return HtmlCell("·", f"{NUMBER} zero")
+
+
+def _confusion(scored: Sequence[ScoredCase]) -> PageSection | None:
+    matrix = matrix_of(scored)
+    if not matrix.kinds:
+        return None
+    colours = legend(
+        legend_box("right", "right"),
+        legend_box("in its indistinguishable set", "class"),
+        legend_box("none identified", "other"),
+        legend_box("wrong effect", "wrong"),
+        html(
+            "<span>Rows: hidden effect. Columns: identified effect, then answers without one."
+            "</span>"
+        ),
+    )
+    return PageSection("Confusion matrix", [colours, _matrix_as_html(matrix)])
+
+
+def _matrix_as_html(matrix: Matrix) -> Markup:
+    heads = [html('<th scope="col"><span>{}</span></th>', _words(name)) for name in matrix.names]
+    for index, verdict_key in enumerate(matrix.verdicts):
+        css = css_class("" if index else "apart")
+        words = VERDICT_WORDS.get(verdict_key, verdict_key)
+        heads.append(html('<th scope="col"{}><span>{}</span></th>', css, words))
+    return html(
+        '<div class="wide" tabindex="0" role="region" aria-label="confusion matrix">\n'
+        '<table class="matrix">\n<thead><tr><th scope="col">Hidden</th>{}</tr></thead>\n{}\n'
+        "</table>\n</div>",
+        join("", heads),
+        join("\n", [_matrix_kind(matrix, kind, rows) for kind, rows in matrix.kinds]),
+    )
+
+
+def _matrix_kind(matrix: Matrix, kind: str, rows: Sequence[MatrixRow]) -> Markup:
+    width = str(1 + len(matrix.names) + len(matrix.verdicts))
+    pattern = '<tr><th scope="rowgroup" class="kind" colspan="{}">{}</th></tr>'
+    lines = [html(pattern, width, KIND_WORDS.get(kind, kind))]
+    for row in rows:
+        cells = [_matrix_cell(matrix, index, cell) for index, cell in enumerate(row.cells)]
+        pattern = '<tr><th scope="row">{}</th>{}</tr>'
+        lines.append(html(pattern, _words(row.concealed), join("", cells)))
+    return html("<tbody>\n{}\n</tbody>", join("\n", lines))
+
+
+def _matrix_cell(matrix: Matrix, index: int, cell: MatrixCell | None) -> Markup:
+    apart = " apart" if index == len(matrix.names) else ""
+    if cell is None:
+        return html("<td{}></td>", css_class(apart.strip()))
+    # A phone lists the cells of a row with the names of their columns.
+    name = _words((*matrix.names, *matrix.verdicts)[index])
+    css = css_class(f"{cell.shade or 'other'}{apart}")
+    return html('<td data-head="{}"{}>{}</td>', name, css, str(cell.count))
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _calibration(marks: ExamScores) -> PageSection | None:
+    if not marks.calibration.bins:
+        return None
+    text = (
+        "Share of identified effects that are right, by stated probability in tenths. Dashed: "
+        "perfect calibration. Bars: 90 % intervals; numbers: identified effects. "
+        f"{_calibration_sentence(marks)}"
+    )
+    drawn = bare_figure(draw_reliability(marks.calibration))
+    return PageSection("Calibration of probabilities", [drawn, aside(text)])
+
+
+def _power(exam: ExamResult) -> PageSection | None:
+    if not any(case.kind == cases.SINGLE for case in exam.cases):
+        return None
+    text = (
+        "Cases with one effect, by its strength; numbers: cases. Stated right at any grade, by "
+        "multiples of the detection limit in noise and usual model error: "
+        f"{_power_sentence(exam.marks)}."
+    )
+    boxes = [legend_box(words, style=f"background: {colour}") for _, colour, words in PARTS]
+    drawn = bare_figure(draw_power(exam.cases))
+    return PageSection("Detection by size of the effect", [legend(*boxes), drawn, aside(text)])
+
+
+def _errors(exam: ExamResult) -> PageSection | None:
+    if not exam.marks.values.count:
+        return None
+    text = (
+        f"{_values_sentence(exam.marks)} Errors relative to what the effect changes: a gain of "
+        "1.03 found as 1.02 is off by a third."
+    )
+    measured = "background: var(--measured); border-color: var(--measured)"
+    whole = "background: var(--faint); border-color: var(--faint)"
+    colours = legend(
+        legend_box("truth inside the 90 % interval", "dot", measured),
+        legend_box("outside", "dot", "border-color: var(--bad)"),
+        legend_box("a whole number", "dot", whole),
+    )
+    drawn = bare_figure(draw_parameter_errors(exam.cases))
+    return PageSection("Errors of parameters", [colours, drawn, aside(text)])
+
+
+def _misfit_removed(exam: ExamResult) -> PageSection | None:
+    if not exam.marks.gap_worse.of:
+        return None
+    text = (
+        "Share of the rms residual of fz, above the noise floor, that right answers remove on "
+        f"held-out conditions. {_gap_sentence(exam.marks)}"
+    )
+    drawn = bare_figure(draw_gaps(exam.cases))
+    return PageSection("Misfit removed on held-out conditions", [drawn, aside(text)])
+
+
+def _worst(marks: ExamScores) -> PageSection:
+    if not marks.worst:
+        text = "None: no wrong effect, none missed, no value off by half."
+        return PageSection("Worst answers", [paragraph(text)])
+    rows = [
+        (
+            link(f"diagnoses/{miss.case}/diagnosis.html", miss.case),
+            KIND_WORDS.get(miss.kind, miss.kind),
+            miss.reason,
+        )
+        for miss in marks.worst
+    ]
+    text = f"At most {LISTED}: wrong effects first, then missed effects by size, then wrong values."
+    return PageSection(
+        "Worst answers", [card_table("worst answers", WORST_ANSWERS, rows), aside(text)]
+    )
+
+
+def _method(scored: Sequence[ScoredCase]) -> PageSection:
+    pattern = (
+        "The campaigns come from a simulator that shares no code with the model. Hidden effects "
+        "were drawn from the seed. Their hashes were written to {} before the first campaign. "
+        "Every campaign was diagnosed with {}. Only then were the hidden effects read and "
+        "compared with their hashes. {}"
+    )
+    text = html(pattern, code("seals.txt"), code("rfca-rig diagnose"), _time(scored))
+    return PageSection("Method", [paragraph(text)])
 
 
 def share_text(value: float, trimmed: bool = True) -> str:
@@ -154,62 +394,13 @@ def _sentence(marks: ExamScores, count: int) -> str:
     return f"{text}."
 
 
-def _bar(bar: ScoreGoal) -> dict[str, str]:
-    limits = [("at least", bar.at_least), ("at most", bar.at_most)]
-    # A limit above 1 is no share, but a mean number, and is not shown in percent.
-    plain = any(limit is not None and limit > 1.0 for _, limit in limits)
-    text = _plain if plain else share_text
-    worse = "above" if bar.at_least is not None else "below"
-    return {
-        "name": bar.name,
-        "goal": " and ".join(
-            f"{word} {text(limit)}" for word, limit in limits if limit is not None
-        ),
-        "value": _plain(bar.value) if plain else share_text(bar.value, trimmed=False),
-        "counted": bar.counted,
-        "bound": f"{worse} {text(bar.bound)}" if bar.bound is not None else "",
-        "passed": PASSED[bar.passed],
-    }
-
-
 def _plain(value: float) -> str:
     if isfinite(value):
         return number(value, 1)
     return NOTHING
 
 
-def _outcomes(marks: ExamScores) -> dict[str, Any]:
-    lines = [
-        (
-            KIND_WORDS.get(kind, kind),
-            sum(counts.values()),
-            [counts.get(word, 0) for word in OUTCOMES],
-        )
-        for kind, counts in marks.outcomes.items()
-    ]
-    words = [OUTCOME_WORDS.get(word, word) for word in OUTCOMES]
-    return {
-        "words": words,
-        "lines": lines,
-        "totals": [
-            sum(counts[column] for _, _, counts in lines) for column in range(len(OUTCOMES))
-        ],
-    }
-
-
-def _pictures(exam: ExamResult) -> Mapping[str, str]:
-    single = any(case.kind == cases.SINGLE for case in exam.cases)
-    return {
-        "reliability": draw_reliability(exam.marks.calibration)
-        if exam.marks.calibration.bins
-        else "",
-        "power": draw_power(exam.cases) if single else "",
-        "errors": draw_parameter_errors(exam.cases) if exam.marks.values.count else "",
-        "gaps": draw_gaps(exam.cases) if exam.marks.gap_worse.of else "",
-    }
-
-
-def _power(marks: ExamScores) -> str:
+def _power_sentence(marks: ExamScores) -> str:
     """Detection rate by size of the effect, as in "below 0.5: 0 of 3; from 0.5: 1 of 2"."""
     limits = (f"below {POWER_AT[0]:g}", *(f"from {at:g}" for at in POWER_AT))
     return "; ".join(
@@ -219,7 +410,7 @@ def _power(marks: ExamScores) -> str:
     )
 
 
-def _calibration(marks: ExamScores) -> str:
+def _calibration_sentence(marks: ExamScores) -> str:
     scores = marks.calibration
     return (
         f"Calibration error {share_text(scores.ece)}, Brier score {number(scores.brier, 3)}, "
@@ -227,7 +418,7 @@ def _calibration(marks: ExamScores) -> str:
     )
 
 
-def _values(marks: ExamScores) -> str:
+def _values_sentence(marks: ExamScores) -> str:
     accuracy = marks.values
     if isfinite(accuracy.coverage_90):
         covered = (
@@ -241,7 +432,7 @@ def _values(marks: ExamScores) -> str:
     )
 
 
-def _gap(marks: ExamScores) -> str:
+def _gap_sentence(marks: ExamScores) -> str:
     got = marks.gap_worse
     return (
         f"Median {share_text(marks.gap_closed)} over {count_noun(got.of, 'case')} with right "
@@ -294,178 +485,6 @@ def _command_line(exam: ExamResult) -> str:
             "--take-out-each": exam.taken_out is not None,
         },
     )
-
-
-def draw_reliability(found: ClaimCalibration) -> str:
-    """Reliability diagram: share of right claims over the stated probability, with 90 % bounds;
-    numbers of claims above.
-    """
-    return _draw_figure(
-        lambda axes: _reliability(axes, found),
-        HEIGHT_IN,
-        "share of claims that are right against the stated probability",
-    )
-
-
-def draw_power(marked: Sequence[ScoredCase]) -> str:
-    """Shares of outcomes for single effects over their strength, in bins of equal width."""
-    single = [case for case in marked if case.kind == cases.SINGLE]
-    return _draw_figure(
-        lambda axes: _draw_power_axes(axes, single),
-        HEIGHT_IN,
-        "outcomes of cases with one effect, by its strength",
-    )
-
-
-def draw_parameter_errors(marked: Sequence[ScoredCase]) -> str:
-    """Relative error of each parameter of a right answer, by effect; hollow where the truth is
-    outside the 90 % interval.
-    """
-    deviations = [
-        deviation for case in marked if case.kind in SCORED_KINDS for deviation in case.deviations
-    ]
-    effects = sorted({deviation.effect for deviation in deviations}, reverse=True)
-    height_in = max(HEIGHT_IN, 0.75 + LINE_IN * len(effects))
-    return _draw_figure(
-        lambda axes: _errors(axes, deviations, effects),
-        height_in,
-        "relative errors of parameters by effect",
-        left_in=1.75,
-    )
-
-
-def draw_gaps(marked: Sequence[ScoredCase]) -> str:
-    """Histogram of the share of the misfit on held-out conditions that right answers remove;
-    cases that got worse are left of 0.
-    """
-    right = [case for case in marked if case.kind in SCORED_KINDS and case.outcome == RIGHT]
-    closed = [case.gap_closed for case in right if case.gap_closed is not None]
-    return _draw_figure(
-        lambda axes: _gaps(axes, closed),
-        HEIGHT_IN,
-        "share of the misfit that right answers remove on held-out conditions",
-    )
-
-
-def _draw_figure(
-    draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6
-) -> str:
-    with drawing():
-        figure = Figure(figsize=(WIDTH_IN, height_in))
-        box = (
-            left_in / WIDTH_IN,
-            0.5 / height_in,
-            (WIDTH_IN - left_in - 0.22) / WIDTH_IN,
-            (height_in - 0.8) / height_in,
-        )
-        draw(figure.add_axes(box))
-        return inline_svg(figure, label, html_text(label))
-
-
-def _reliability(axes: Axes, scores: ClaimCalibration) -> None:
-    axes.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
-    for count, mean, right in scores.bins:
-        if count:
-            # Two one-sided bounds of 95 % (Clopper and Pearson) make an interval of 90 %.
-            share = Share(round(count * right), count)
-            axes.plot([mean, mean], [share.lower, share.upper], color=MEASURED, lw=1.1)
-            axes.plot(
-                [mean], [right], ls="", marker="o", ms=5.5, mfc=MEASURED, mec="white", mew=0.8
-            )
-            axes.text(
-                mean, 1.04, str(count), ha="center", va="bottom", fontsize=SMALL, color="#555555"
-            )
-    _unit_axes(axes)
-    axes.set_xlabel("stated probability")
-    axes.set_ylabel("share right")
-
-
-def _draw_power_axes(axes: Axes, single: Sequence[ScoredCase]) -> None:
-    # A strength of exactly 1 belongs to the last bin.
-    level = np.array(
-        [min(int(case.strength * cases.LEVELS), cases.LEVELS - 1) for case in single], dtype=int
-    )
-    total = np.bincount(level, minlength=cases.LEVELS)
-    centres = (np.arange(cases.LEVELS) + 0.5) / cases.LEVELS
-    below = np.zeros(cases.LEVELS)
-    listed = {outcome for outcomes, _, _ in PARTS for outcome in outcomes}
-    for outcomes, colour, words in PARTS:
-        inside = np.array(
-            [
-                case.outcome in outcomes if outcomes else case.outcome not in listed
-                for case in single
-            ],
-            dtype=bool,
-        )
-        share = np.bincount(level[inside], minlength=cases.LEVELS) / np.maximum(total, 1)
-        axes.bar(centres, share, 0.86 / cases.LEVELS, bottom=below, color=colour, label=words)
-        below = below + share
-    for x, count in zip(centres, total, strict=True):
-        axes.text(x, 1.02, str(count), ha="center", va="bottom", fontsize=SMALL, color="#555555")
-    _unit_axes(axes)
-    axes.set_xlabel("strength, from hardly visible (0) to gross (1)")
-    axes.set_ylabel("share of cases")
-
-
-def _unit_axes(axes: Axes) -> None:
-    axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(0.0, 1.0)
-    # Markers on the border of the unit square are not cut in half.
-    for spread in (axes.lines, axes.collections):
-        for artist in spread:
-            artist.set_clip_on(False)
-
-
-def _errors(axes: Axes, deviations: Sequence[ParameterDeviation], effects: Sequence[str]) -> None:
-    for covered, face, edge in (
-        (True, MEASURED, MEASURED),
-        (None, FAINT, FAINT),
-        (False, "none", BAD),
-    ):
-        some = [deviation for deviation in deviations if deviation.covered is covered]
-        x = np.clip([deviation.error for deviation in some], SMALLEST, LARGEST)
-        axes.plot(
-            x,
-            [effects.index(deviation.effect) for deviation in some],
-            ls="",
-            marker="o",
-            ms=4.2,
-            mfc=face,
-            mec=edge,
-            mew=0.9,
-            alpha=0.85,
-        )
-    axes.set_xscale("log")
-    axes.set_xlim(0.8 * SMALLEST, 1.25 * LARGEST)
-    # The goal for the median error of parameters in the exam.
-    axes.axvline(0.1, color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
-    axes.set_xticks([0.001, 0.01, 0.1, 1.0, 10.0], ["0.1 %", "1 %", "10 %", "100 %", "1000 %"])
-    axes.minorticks_off()
-    axes.set_ylim(-0.7, max(len(effects), 1) - 0.3)
-    axes.set_yticks(
-        range(len(effects)), [effect.replace("_", " ") for effect in effects], fontsize=SMALL
-    )
-    axes.set_xlabel("error relative to what the effect changes")
-
-
-def _gaps(axes: Axes, closed: Sequence[float]) -> None:
-    edges = np.linspace(-0.2, 1.1, 14)
-    # Values beyond the axis count in the outermost bins.
-    axes.hist(
-        np.clip(closed, edges[0] + 1e-9, edges[-1] - 1e-9),
-        edges.tolist(),
-        color=ALIKE,
-        edgecolor="white",
-        linewidth=0.8,
-    )
-    if closed:
-        axes.axvline(float(np.median(closed)), color=MEASURED, lw=1.4)
-    # The goal for the median share in the exam.
-    axes.axvline(0.8, color=FAINT, lw=0.7, ls=(0, (3, 2)))
-    axes.set_xlim(edges[0], edges[-1])
-    axes.set_xlabel("share of the misfit removed (1: down to the noise)")
-    axes.set_ylabel("right answers")
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 FORMAT = "rfca-exam/1"
