@@ -41,8 +41,8 @@ from rfca_rig.mechanism.laws_file import write_laws
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import JointLaw, make_plant
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
+from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.table import Table, TableColumn, TableRow, as_csv, as_tex
-from rfca_rig.reports.templates import template
 from rfca_rig.toml import format_value, table
 
 MODEL = """<mujoco><worldbody><body name="link"><joint name="{joint}" type="hinge" axis="0 1 0"/>
@@ -242,8 +242,7 @@ def test_csv_files_keep_their_columns(plant, tmp_path_factory, name):
 
 @hostile_names
 def test_tables_of_pages_and_latex_have_no_further_parts(name):
-    macros = template("parts.html").module
-    page, usual = (str(macros.table(_table_of(one), label=one)) for one in (name, "hinge"))
+    page, usual = (str(as_html(_table_of(one), label=one)) for one in (name, "hinge"))
     assert _elements(page) == _elements(usual)
     assert not {"\x1b", "\x9b", "\u202e", "\x00"} & set(page)
     assert as_tex(_table_of(name)).count("\n") == as_tex(_table_of("hinge")).count("\n")

@@ -8,6 +8,7 @@ from math import nan
 
 import pytest
 
+from rfca_rig.reports.html_table import as_html, cells_as_text
 from rfca_rig.reports.table import (
     Foot,
     Table,
@@ -20,7 +21,6 @@ from rfca_rig.reports.table import (
     places,
     with_common_decimals,
 )
-from rfca_rig.reports.templates import cells_as_text, template
 from tests.report.outline import Outline
 
 COLUMNS = (
@@ -119,7 +119,7 @@ def test_a_title_cannot_break_latex():
 
 
 def test_a_page_shows_what_is_known_with_true_signs():
-    page = str(template("parts.html").module.table(TABLE))
+    page = str(as_html(TABLE))
     text = Outline(page).text
     assert (
         "\u221253.73\u00a0±\u00a00.22" in text
@@ -131,7 +131,7 @@ def test_a_page_shows_what_is_known_with_true_signs():
     shown = cells_as_text(TABLE)
     assert [len(row.cells) for _, rows in shown.groups for row in rows] == [5, 5]
     assert shown.foot[0].span + len(shown.foot[0].cells) == 5
-    assert shown.groups[0][1][0].cells[0].text == "222.8"
+    assert shown.groups[0][1][0].cells[0].content == "222.8"
 
 
 def test_one_group_has_no_heading_and_a_table_without_rows_is_whole():
@@ -139,7 +139,7 @@ def test_one_group_has_no_heading_and_a_table_without_rows_is_whole():
     assert [name for name, _ in one.groups()] == [""]
     empty = Table("t", "", COLUMNS, ())
     assert as_csv(empty).count("\n") == 1 and as_tex(empty).count(r"\midrule") == 1
-    assert Outline(str(template("parts.html").module.table(empty))).text
+    assert Outline(str(as_html(empty))).text
 
 
 def test_a_terminal_gets_columns():
@@ -180,7 +180,7 @@ def test_a_small_value_does_not_round_to_none():
 
 def test_a_wide_table_is_a_list_of_cards_on_a_phone_and_a_narrow_one_stays_a_table():
     def html(table):
-        return str(template("parts.html").module.table(table))
+        return str(as_html(table))
 
     narrow = Table(
         "n",
