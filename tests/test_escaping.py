@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import make_draft
-from rfca_rig.campaign.pendulum import write_pendulum_model
+from rfca_rig.campaign.pendulum import LinkSection, write_pendulum_model
 from rfca_rig.cli.main import app
 from rfca_rig.cli.terminal import echo
 from rfca_rig.description.model_file import write_model
@@ -40,7 +40,6 @@ from rfca_rig.escaping import (
 from rfca_rig.mechanism.laws_file import write_laws
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import JointLaw, make_plant
-from rfca_rig.model.pendulum import Pendulum, PendulumLink
 from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.table import Table, TableColumn, TableRow, as_csv, as_tex
 from rfca_rig.toml import format_value, table
@@ -214,14 +213,14 @@ def test_a_draft_names_columns_and_joints(plant, tmp_path_factory, time, name):
 @hostile_names
 def test_model_files_keep_comments_and_texts(tmp_path_factory, name):
     path = tmp_path_factory.getbasetemp() / "pendulum.toml"
-    link = PendulumLink(
+    link = LinkSection(
         length_m=0.5,
         mass_kg=1.0,
         centre_of_mass_m=0.3,
         inertia_kg_m2=0.1,
         joint_damping_Nm_s_per_rad=0.01,
     )
-    write_pendulum_model(path, Pendulum((link,)), {}, [name])
+    write_pendulum_model(path, [link], {}, [name])
     assert set(tomllib.loads(path.read_bytes().decode())) == {"format", "link1", "known_to"}
     sections = {"leg": {"title": name}, "ground": {}, "sensor": {}, "drive": {}}
     write_model(path, sections, {}, [name])

@@ -36,7 +36,7 @@ from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import toml_comment
 from rfca_rig.mechanism.contact_law import SphereOnPlane
-from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.load import Mechanism, load_mechanism, make_mechanism
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import EXPERIMENT, is_inside
 from rfca_rig.recording.outside import refuse_outside
@@ -104,11 +104,13 @@ class Experiment:
     `contacts` have laws of their own. `alike` groups joints, bodies or actuators of one make: their
     names by the name of the group. With `starts_at_rest` a motion begins in equilibrium; otherwise
     windows start from the measured state. The model may name files in the `model_folders` and in
-    its own, anywhere if `allow_outside`.
+    its own, anywhere if `allow_outside`. `mjcf` is the model as text where the file at `model`
+    describes it in another format. `described` are the columns and units of the recordings.
     """
 
     title: str
     path: Path
+    described: ExperimentFile
     model: Path
     signals: tuple[RecordedSignal, ...]
     actuators: tuple[str, ...]
@@ -125,6 +127,13 @@ class Experiment:
     about: AboutSection = field(default_factory=AboutSection)
     model_folders: tuple[Path, ...] = ()
     allow_outside: bool = False
+    mjcf: str = ""
+
+    def load_model(self) -> Mechanism:
+        """The mechanism, as its model describes it. Raises BadInput where that cannot be used."""
+        if self.mjcf:
+            return make_mechanism(self.model, self.mjcf)
+        return load_mechanism(self.model, self.model_folders, self.allow_outside)
 
 
 def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
@@ -147,6 +156,32 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
             [*inside, *(file for recording in recordings for file in list_files(recording))],
             [folder],
         )
+    return make_experiment(path, described, allow_outside)
+
+
+def make_experiment(
+    path: Path, described: ExperimentFile, allow_outside: bool = False, mjcf: str = ""
+) -> Experiment:
+    """The experiment of a description, with its recordings.
+
+    Parameters
+    ----------
+    path
+        Of the file with the description.
+    described
+        The description; files are relative to the folder of `path`.
+    allow_outside
+        The model may name files anywhere.
+    mjcf
+        The model as text, where no MJCF or URDF file holds it.
+
+    Raises
+    ------
+    BadInput
+        Where a recording cannot be used.
+    """
+    folder = path.parent
+    model = folder / described.model
     signals = tuple(
         RecordedSignal(
             # A sign of -1 belongs to the values; a standard deviation has none.
@@ -160,7 +195,9 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
     return Experiment(
         title=described.title,
         path=path,
+        described=described,
         model=model,
+        mjcf=mjcf,
         model_folders=(folder, model.parent),
         allow_outside=allow_outside,
         signals=signals,

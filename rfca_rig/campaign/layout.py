@@ -7,7 +7,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from rfca_rig.campaign.pendulum import RunSection, Text
 from rfca_rig.description.sections import (
     AboutSection,
     DriveSection,
@@ -20,6 +19,8 @@ from rfca_rig.toml import NotNegative, Positive, Section
 
 CAMPAIGN_FORMAT = "rfca-campaign/1"
 CAMPAIGN = "campaign.toml"
+
+Text = Annotated[str, Field(min_length=1)]
 
 
 class _Run(Section):
@@ -348,6 +349,9 @@ class KnownToMechanism(Section):
     inertia_relative: Positive | None = Field(
         default=None, description="inertia of a body about its centre of mass"
     )
+    inertia_about_joint_relative: Positive | None = Field(
+        default=None, description="inertia of a body about its joint, a hinge"
+    )
     centre_of_mass_m: Positive | None = Field(
         default=None, description="distance of the centre of mass from the body's frame"
     )
@@ -451,6 +455,31 @@ class WindowsSection(Section):
     def shortest_s(self) -> float:
         """The stated length, or SHORTEST_WINDOW_S."""
         return self.length_s or SHORTEST_WINDOW_S
+
+
+class RunSection(Section):
+    """One recording: its file, its condition in words, its repeat, and the part of it that
+    counts.
+    """
+
+    file: Text = Field(description="recording, relative to this folder")
+    condition: Text = Field(description="recordings of one condition are repeats")
+    repeat: Annotated[int, Field(ge=1)] = Field(default=1, description="number of the repeat")
+    from_s: float | None = Field(default=None, description="start of the part that counts")
+    to_s: float | None = Field(default=None, description="end of the part that counts")
+
+    @field_validator("file")
+    @classmethod
+    def _inside_the_folder(cls, file: str) -> str:
+        if "\\" in file or file.startswith("/") or ".." in file.split("/"):
+            raise ValueError("must lie inside the folder, with / between folder and file")
+        return file
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.from_s is not None and self.to_s is not None and self.to_s <= self.from_s:
+            raise ValueError(f"to_s should be after from_s, {self.from_s:g} s")
+        return self
 
 
 class RecordingSection(RunSection):

@@ -4,13 +4,15 @@ imports a campaign as a recording.
 
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from rfca_rig.campaign.experiment import Experiment, read_experiment
 from rfca_rig.campaign.layout import CAMPAIGN
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
-from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign, run_files
+from rfca_rig.campaign.pendulum import read_pendulum, run_files
 from rfca_rig.campaign.plausibility import refuse_slips
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import nominal_model
@@ -38,27 +40,49 @@ MOST_VALUE = 1e100
 ALWAYS_MEASURED = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
 
 
-def pendulum_among(paths: Sequence[Path]) -> Path | None:
-    """The campaign of a pendulum in `paths`, None where there is none.
-
-    Raises BadInput where it is not the only path, because its model differs from that of all other
-    paths.
-    """
-    return _alone_among(paths, PENDULUM, "is a campaign of a pendulum, whose model is its own")
-
-
 def experiment_among(paths: Sequence[Path]) -> Path | None:
-    """The same for recordings of a mechanism."""
-    return _alone_among(paths, EXPERIMENT, f"holds {EXPERIMENT}, which names a model of its own")
+    """The recordings of a mechanism or a pendulum in `paths`, None where there are none.
 
-
-def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path | None:
-    folders = [path for path in paths if (path / description).is_file()]
-    if folders and len(paths) > 1:
-        raise BadInput(f"{folders[0]}: {meaning}; give it alone")
-    if folders:
-        return folders[0]
+    Raises BadInput where they are not the only path, because their model differs from that of all
+    other paths.
+    """
+    for path in paths:
+        for description in (EXPERIMENT, PENDULUM):
+            if not (path / description).is_file():
+                continue
+            if len(paths) > 1:
+                raise BadInput(
+                    f"{path}: holds {description}, which has a model of its own; give it alone"
+                )
+            return path
     return None
+
+
+def open_experiment(
+    folder: Path, allow_outside: bool = False, model: Path | None = None
+) -> Experiment:
+    """The recordings of a mechanism or a pendulum in `folder`.
+
+    Parameters
+    ----------
+    folder
+        With experiment.toml or pendulum.toml.
+    allow_outside
+        Take links that lead out of the folder, and files of the model anywhere.
+    model
+        A model file that takes the place of the folder's own model.
+
+    Raises
+    ------
+    BadInput
+        One line, for the first fault.
+    """
+    if (folder / PENDULUM).is_file():
+        return read_pendulum(folder, allow_outside, model)
+    experiment = read_experiment(folder, allow_outside)
+    if model is None:
+        return experiment
+    return replace(experiment, model=model)
 
 
 def open_recordings(
@@ -228,9 +252,7 @@ def import_campaign(
     return out_folder / RECORDING_NAME
 
 
-def import_pendulum(
-    folder: Path, out_folder: Path, allow_outside: bool = False
-) -> PendulumCampaign:
+def import_pendulum(folder: Path, out_folder: Path, allow_outside: bool = False) -> Experiment:
     """Check the campaign of a pendulum in `folder` and copy it to `out_folder`, all or nothing:
     description, runs, licences.
 
@@ -239,7 +261,7 @@ def import_pendulum(
     refuses.
     """
     _check_new(out_folder)
-    campaign = read_pendulum_campaign(folder, allow_outside)
+    campaign = read_pendulum(folder, allow_outside)
     # Licence and read-me files stay with the data.
     licences = [
         path.name

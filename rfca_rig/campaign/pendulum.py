@@ -32,20 +32,29 @@ The folder holds pendulum.toml and a CSV file per run:
     driven = false                         # the motors were off; default: if all torques are 0
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from rfca_rig.campaign.table import CsvTable, numbers, read_table, select_samples
+from rfca_rig.campaign.experiment import Experiment, MechanismRun, make_experiment
+from rfca_rig.campaign.layout import (
+    CommandSection,
+    ExperimentFile,
+    KnownToMechanism,
+    RecordingSection,
+    RunSection,
+    SignalSection,
+    Text,
+    TimeSection,
+)
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import toml_comment
-from rfca_rig.model.pendulum import Pendulum, PendulumLink
+from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import PENDULUM
 from rfca_rig.recording.outside import refuse_outside
@@ -58,15 +67,28 @@ FILE_NAME = PENDULUM
 # Delay of a torque behind the angles; swings are cut with a margin of twice that.
 LONGEST_DELAY_S = 0.05
 
-Text = Annotated[str, Field(min_length=1)]
 
-Floats = NDArray[np.float64]
+# Keys of [known_to] that an experiment on a mechanism calls otherwise.
+_KNOWN_TO = {
+    "inertia_relative": "inertia_about_joint_relative",
+    "torque_delay_s": "command_delay_s",
+}
+# Values of a link to which a fit adds.
+_ADDED = (
+    "centre_of_mass_m",
+    "joint_damping_Nm_s_per_rad",
+    "joint_friction_Nm",
+    "rotor_inertia_kg_m2",
+    "torque_offset_Nm",
+    "zero_offset_rad",
+)
+_NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_inertia_kg_m2")
+# Of a link about its centre of mass, as a share of that about its joint.
+LEAST_INERTIA = 1e-9
 
 
 class LinkSection(Section):
-    """[link1], [link2]: nominal values of one link and the joint that carries it; see
-    `model.pendulum.PendulumLink`.
-    """
+    """[link1], [link2]: nominal values of one link and the joint that carries it."""
 
     length_m: Positive = Field(description="from joint to joint")
     mass_kg: Positive = Field(description="mass")
@@ -154,6 +176,12 @@ class ColumnsSection(Section):
         column: str | None = getattr(self, quantity)
         return column
 
+    def need(self, quantity: str) -> str:
+        """The same column, which `_check_columns` has found to be stated."""
+        column = self.of(quantity)
+        assert column is not None
+        return column
+
 
 class NoiseSection(Section):
     """[noise_std]: noise of one sample. Where it is not given, it is estimated from neighbouring
@@ -162,31 +190,6 @@ class NoiseSection(Section):
 
     angle_rad: Positive | None = None
     speed_rad_s: Positive | None = None
-
-
-class RunSection(Section):
-    """One recording: its file, its condition in words, its repeat, and the part of it that
-    counts.
-    """
-
-    file: Text = Field(description="recording, relative to this folder")
-    condition: Text = Field(description="recordings of one condition are repeats")
-    repeat: Annotated[int, Field(ge=1)] = Field(default=1, description="number of the repeat")
-    from_s: float | None = Field(default=None, description="start of the part that counts")
-    to_s: float | None = Field(default=None, description="end of the part that counts")
-
-    @field_validator("file")
-    @classmethod
-    def _inside_the_folder(cls, file: str) -> str:
-        if "\\" in file or file.startswith("/") or ".." in file.split("/"):
-            raise ValueError("must lie inside the folder, with / between folder and file")
-        return file
-
-    @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> Self:
-        if self.from_s is not None and self.to_s is not None and self.to_s <= self.from_s:
-            raise ValueError(f"to_s should be after from_s, {self.from_s:g} s")
-        return self
 
 
 class PendulumRunSection(RunSection):
@@ -217,42 +220,65 @@ class PendulumFile(Section):
         return (self.link1, self.link2)
 
 
-@dataclass(frozen=True)
-class PendulumRun:
-    """One recording: times (m,), joint angles and torques (m, n), speeds (m, n) or None.
-
-    Joints without a motor have torque 0, and so does a run that is not `powered`.
+def run_files(folder: Path) -> tuple[str, ...]:
+    """The CSV files of the campaign in `folder`, as paths relative to it. Raises BadInput where
+    its description cannot be used.
     """
-
-    label: str
-    condition: str
-    repeat: int
-    t_s: Floats
-    angle_rad: Floats
-    speed_rad_s: Floats | None
-    torque_Nm: Floats
-    powered: bool = True
+    return tuple(run.file for run in read_toml(folder / FILE_NAME, PendulumFile).runs)
 
 
-@dataclass(frozen=True)
-class PendulumCampaign:
-    """The nominal pendulum, one standard deviation per key of [known_to] and of [noise_std], and
-    the runs.
+class PendulumModelFile(Section):
+    """Layout of a pendulum's model file."""
+
+    format: Literal["rfca-pendulum-model/1"]
+    link1: LinkSection
+    link2: LinkSection | None = None
+    known_to: KnownToPendulum = KnownToPendulum()
+
+    @property
+    def links(self) -> tuple[LinkSection, ...]:
+        return (self.link1,) if self.link2 is None else (self.link1, self.link2)
+
+
+def read_pendulum(
+    folder: Path, allow_outside: bool = False, model_file: Path | None = None
+) -> Experiment:
+    """The pendulum in `folder` as an experiment on a mechanism.
+
+    Parameters
+    ----------
+    folder
+        Of pendulum.toml.
+    allow_outside
+        Take links that lead out of the folder.
+    model_file
+        A model file, whose nominal values are used in place of those of pendulum.toml.
+
+    Raises
+    ------
+    BadInput
+        One line with file, line and column, for the first fault.
     """
+    path = folder / FILE_NAME
+    described = read_pendulum_file(folder, allow_outside, model_file)
+    experiment = make_experiment(
+        path,
+        _describe_as_experiment(described),
+        allow_outside,
+        write_pendulum_mjcf(described.links),
+    )
+    runs = [
+        _correct_torques(run, described, section.driven)
+        for run, section in zip(experiment.runs, described.runs, strict=True)
+    ]
+    return replace(experiment, runs=tuple(runs), model=model_file or path)
 
-    title: str
-    pendulum: Pendulum
-    known_to: dict[str, float]
-    noise_std: dict[str, float]
-    runs: tuple[PendulumRun, ...]
-    about: AboutSection = field(default_factory=AboutSection)
 
-
-def read_pendulum_campaign(folder: Path, allow_outside: bool = False) -> PendulumCampaign:
-    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for
-    the first fault.
-
-    Links that lead out of the folder are refused, unless `allow_outside`.
+def read_pendulum_file(
+    folder: Path, allow_outside: bool = False, model_file: Path | None = None
+) -> PendulumFile:
+    """The description in `folder`, checked; with the links and uncertainties of the model file, if
+    any. Raises BadInput as `read_pendulum`.
     """
     path = folder / FILE_NAME
     if not path.is_file():
@@ -267,28 +293,147 @@ def read_pendulum_campaign(folder: Path, allow_outside: bool = False) -> Pendulu
         refuse_outside((folder / run.file for run in described.runs), [folder])
     _check_columns(path, described)
     _check_runs(folder, path, described)
-    return PendulumCampaign(
-        title=described.title,
-        pendulum=make_pendulum(*described.links),
-        known_to=described.known_to.model_dump(exclude_none=True),
-        noise_std=described.noise_std.model_dump(exclude_none=True),
-        runs=tuple(_run(folder, described, run) for run in described.runs),
-        about=described.about,
+    if model_file is None:
+        return described
+    model = read_toml(model_file, PendulumModelFile)
+    ours = len(described.links)
+    theirs = len(model.links)
+    # [known_to] is replaced too, so both must describe the same pendulum.
+    if ours != theirs:
+        raise BadInput(
+            f"{model_file}: a model of {theirs} links, but {described.title!r} has {ours}; give "
+            "the model file of this pendulum"
+        )
+    return described.model_copy(
+        update={"link1": model.link1, "link2": model.link2, "known_to": model.known_to}
     )
 
 
-def run_files(folder: Path) -> tuple[str, ...]:
-    """The CSV files of the campaign in `folder`, as paths relative to it. Raises BadInput where
-    its description cannot be used.
-    """
-    return tuple(run.file for run in read_toml(folder / FILE_NAME, PendulumFile).runs)
+def _describe_as_experiment(described: PendulumFile) -> ExperimentFile:
+    """The same description in the words of an experiment."""
+    columns = described.columns
+    joints = range(1, len(described.links) + 1)
+    noise = described.noise_std
+    signals = [
+        SignalSection(
+            joint=f"joint{joint}",
+            quantity="position",
+            column=columns.need(f"angle{joint}_rad"),
+            unit="rad",
+            noise_std=noise.angle_rad,
+        )
+        for joint in joints
+    ]
+    # Speeds of single joints are of no use: all of them, or the angles alone.
+    speeds = [columns.of(f"speed{joint}_rad_s") for joint in joints]
+    for joint, column in zip(joints, speeds, strict=True):
+        if column is not None and None not in speeds:
+            signals.append(
+                SignalSection(
+                    joint=f"joint{joint}",
+                    quantity="speed",
+                    column=column,
+                    unit="rad/s",
+                    noise_std=noise.speed_rad_s,
+                )
+            )
+    commands = [
+        CommandSection(
+            actuator=f"motor{joint}", column=columns.need(f"torque{joint}_Nm"), unit="N m"
+        )
+        for joint, link in zip(joints, described.links, strict=True)
+        if link.driven and columns.of(f"torque{joint}_Nm") is not None
+    ]
+    known_to = described.known_to.model_dump(exclude_none=True)
+    for key, name in _KNOWN_TO.items():
+        if key in known_to:
+            known_to[name] = known_to.pop(key)
+    recordings = [
+        RecordingSection(
+            file=run.file,
+            condition=run.condition,
+            repeat=run.repeat,
+            from_s=run.from_s,
+            to_s=run.to_s,
+            driven=run.driven is not False,
+        )
+        for run in described.runs
+    ]
+    return ExperimentFile(
+        format="rfca-experiment/1",
+        title=described.title,
+        about=described.about,
+        model=FILE_NAME,
+        time=TimeSection(column=columns.t_s, unit="s"),
+        signals=tuple(signals),
+        commands=tuple(commands),
+        known_to=KnownToMechanism(**known_to),
+        recordings=tuple(recordings),
+    )
 
 
-def make_pendulum(*links: LinkSection | None) -> Pendulum:
-    """The pendulum of these sections, from the fixed joint outwards; None stands for an absent
-    link.
+def _correct_torques(
+    run: MechanismRun, described: PendulumFile, driven: bool | None
+) -> MechanismRun:
+    """The run with the nominal delays and offsets of its torques, which MJCF cannot express.
+
+    Without a statement, torques that are zero throughout mean that the motors were off.
     """
-    return Pendulum(tuple(PendulumLink(**link.model_dump()) for link in links if link is not None))
+    if driven is None:
+        driven = bool(run.commands.any())
+    if not driven:
+        return replace(run, commands=np.zeros_like(run.commands), driven=False)
+    commands = run.commands.copy()
+    links = [link for link in described.links if link.driven]
+    for motor, link in enumerate(links[: commands.shape[1]]):
+        late_s = run.t_s - link.torque_delay_s
+        commands[:, motor] = np.interp(late_s, run.t_s, commands[:, motor]) + link.torque_offset_Nm
+    return replace(run, commands=commands)
+
+
+def write_pendulum_mjcf(links: Sequence[LinkSection]) -> str:
+    """The pendulum in MJCF: links hanging along -z, hinges about y, a motor in each driven joint.
+
+    The angle of joint 1 counts from the hanging position, that of any other joint from the
+    direction of the link before.
+    """
+    bodies = ""
+    # From the last link inwards, as each body contains the text of those beyond it.
+    for number in range(len(links), 0, -1):
+        bodies = _write_link(links, number, bodies)
+    motors = "".join(
+        f'<motor name="motor{number}" joint="joint{number}"/>'
+        for number, link in enumerate(links, start=1)
+        if link.driven
+    )
+    return f"""<mujoco model="pendulum">
+ <compiler angle="radian"/>
+ <option gravity="0 0 {-GRAVITY_M_S2!r}" integrator="RK4"/>
+ <worldbody>
+{bodies} </worldbody>
+ <actuator>{motors}</actuator>
+</mujoco>
+"""
+
+
+def _write_link(links: Sequence[LinkSection], number: int, further: str) -> str:
+    """One link with those beyond it, whose text is `further`."""
+    link = links[number - 1]
+    at_m = links[number - 2].length_m if number > 1 else 0.0
+    inertia = link.inertia_kg_m2 - link.mass_kg * link.centre_of_mass_m**2
+    # MuJoCo refuses point masses: a little inertia about the centre of mass.
+    inertia = max(inertia, LEAST_INERTIA * link.inertia_kg_m2)
+    # A slender link: the inertia about its own direction hardly matters.
+    spin = 1e-3 * inertia
+    tip = "" if further else f'   <site name="tip" pos="0 0 {-link.length_m!r}"/>\n'
+    return f"""  <body name="link{number}" pos="0 0 {-at_m!r}">
+   <joint name="joint{number}" axis="0 -1 0" ref="{link.zero_offset_rad!r}" \
+damping="{link.joint_damping_Nm_s_per_rad!r}" frictionloss="{link.joint_friction_Nm!r}" \
+armature="{link.rotor_inertia_kg_m2!r}"/>
+   <inertial pos="0 0 {-link.centre_of_mass_m!r}" mass="{link.mass_kg!r}" \
+diaginertia="{inertia!r} {inertia!r} {spin!r}"/>
+{tip}{further}  </body>
+"""
 
 
 def _check_columns(path: Path, described: PendulumFile) -> None:
@@ -341,94 +486,98 @@ def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
         files[run.file] = repeats[run.condition, run.repeat] = index
 
 
-def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> PendulumRun:
-    table = read_table(folder / run.file)
-    values = numbers(table)
-    columns = described.columns
-    joints = range(1, len(described.links) + 1)
-    t_s = _column(table, values, columns, "t_s")
-    inside = select_samples(table, t_s, run.from_s, run.to_s)
-    speeds = [f"speed{joint}_rad_s" for joint in joints]
-    # Undriven joints need no column of torques.
-    torques = [
-        _column(table, values, columns, f"torque{joint}_Nm")
-        if link.driven and run.driven is not False
-        else np.zeros(len(t_s))
-        for joint, link in zip(joints, described.links, strict=True)
-    ]
-    torque_Nm = np.column_stack(torques)[inside]
-    angles = [_column(table, values, columns, f"angle{joint}_rad") for joint in joints]
-    # Speeds of single joints are of no use: all of them, or the angles alone.
-    has_speeds = all(columns.of(speed) for speed in speeds)
-    return PendulumRun(
-        label=f"{run.condition}, repeat {run.repeat}",
-        condition=run.condition,
-        repeat=run.repeat,
-        t_s=t_s[inside],
-        angle_rad=np.column_stack(angles)[inside],
-        speed_rad_s=np.column_stack([_column(table, values, columns, speed) for speed in speeds])[
-            inside
-        ]
-        if has_speeds
-        else None,
-        torque_Nm=torque_Nm,
-        # Without a statement, torques that are zero throughout mean that the motors were off.
-        powered=bool(torque_Nm.any()) if run.driven is None else run.driven,
-    )
+def fit_links(links: Sequence[LinkSection], shifts: Mapping[str, float]) -> list[LinkSection]:
+    """The links with fitted nominal values.
 
+    Parameters
+    ----------
+    links
+        The nominal links.
+    shifts
+        Shift of each nominal value by the name of the nuisance parameter, as link1.mass_relative.
 
-def _column(table: CsvTable, values: Floats, columns: ColumnsSection, quantity: str) -> Floats:
-    name = columns.of(quantity)
-    if name not in table.names:
-        if quantity.startswith("torque"):
-            hint = "; if the motors were off, give driven = false for this run"
-        else:
-            hint = ""
-        raise BadInput(
-            f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the "
-            f"file has {', '.join(table.names)}{hint}"
-        )
-    # A contiguous copy, which does not keep the whole table in memory.
-    return np.ascontiguousarray(values[:, table.names.index(name)])
-
-
-class PendulumModelFile(Section):
-    """Layout of a pendulum's model file."""
-
-    format: Literal["rfca-pendulum-model/1"]
-    link1: LinkSection
-    link2: LinkSection | None = None
-    known_to: KnownToPendulum = KnownToPendulum()
-
-
-def with_model_file(campaign: PendulumCampaign, path: Path) -> PendulumCampaign:
-    """The campaign with the nominal values of the model file at `path`. Raises BadInput where it
-    cannot be used or has other links.
+    Raises
+    ------
+    BadInput
+        Where no pendulum has these values.
     """
-    described = read_toml(path, PendulumModelFile)
-    pendulum = make_pendulum(described.link1, described.link2)
-    ours = len(campaign.pendulum.links)
-    theirs = len(pendulum.links)
-    # [known_to] is replaced too, so both must describe the same pendulum.
-    if ours != theirs:
-        raise BadInput(
-            f"{path}: a model of {theirs} links, but {campaign.title!r} has {ours}; give "
-            "the model file of this pendulum"
-        )
-    return replace(
-        campaign, pendulum=pendulum, known_to=described.known_to.model_dump(exclude_none=True)
-    )
+    fitted = []
+    for number, link in enumerate(links, start=1):
+        shift = {
+            key: shifts.get(f"link{number}.{key}", shifts.get(f"joint{number}.{key}", 0.0))
+            for key in (*_ADDED, "mass_relative", "inertia_about_joint_relative")
+        }
+        mass_kg = link.mass_kg * (1.0 + shift["mass_relative"])
+        # A heavier link of the same shape: its inertia grows in proportion.
+        inertia = link.inertia_kg_m2 * (1.0 + shift["mass_relative"])
+        centre_m = link.centre_of_mass_m + shift["centre_of_mass_m"]
+        # Steiner's theorem: the inertia about the centre of mass stays where that is shifted.
+        inertia += mass_kg * (centre_m**2 - link.centre_of_mass_m**2)
+        inertia *= 1.0 + shift["inertia_about_joint_relative"]
+        values = {
+            **link.model_dump(),
+            **{key: getattr(link, key) + shift[key] for key in _ADDED},
+            "mass_kg": mass_kg,
+            "centre_of_mass_m": centre_m,
+            "inertia_kg_m2": inertia,
+            "torque_delay_s": link.torque_delay_s + shifts.get("command_delay_s", 0.0),
+        }
+        for key in _NEVER_NEGATIVE:
+            values[key] = max(0.0, values[key])
+        fitted.append(LinkSection(**values))
+    return fitted
+
+
+def write_fitted_pendulum(
+    path: Path,
+    folder: Path,
+    shifts: Mapping[str, tuple[float, float]],
+    comments: Iterable[str],
+) -> None:
+    """Write the model file of a fit to the recordings in `folder`.
+
+    Parameters
+    ----------
+    path
+        Of the file, which is written all or nothing.
+    folder
+        With pendulum.toml.
+    shifts
+        Value and standard deviation of each fitted nuisance parameter, by its name.
+    comments
+        Lines at the head of the file.
+
+    Raises
+    ------
+    BadInput
+        Where no pendulum has the fitted values.
+    RigError
+        Where the disk refuses.
+    """
+    described = read_toml(folder / FILE_NAME, PendulumFile)
+    links = fit_links(described.links, {name: value for name, (value, _) in shifts.items()})
+    known_to = described.known_to.model_dump(exclude_none=True)
+    # A value that is known by one key for all links is known as well as that of the worst link.
+    for key in known_to:
+        name = _KNOWN_TO.get(key, key)
+        stds = [std for shift, (_, std) in shifts.items() if shift.rpartition(".")[2] == name]
+        if stds:
+            known_to[key] = max(stds)
+    write_pendulum_model(path, links, known_to, comments)
 
 
 def write_pendulum_model(
-    path: Path, pendulum: Pendulum, known_to: Mapping[str, float], comments: Iterable[str]
+    path: Path,
+    links: Sequence[LinkSection],
+    known_to: Mapping[str, float],
+    comments: Iterable[str],
 ) -> None:
     """Write a model file, all or nothing, with `comments` at its head. Raises RigError where the
     disk refuses.
     """
     head = f"format = {format_value(MODEL_FORMAT)}\n"
-    links = [
-        table(f"link{number}", asdict(link)) for number, link in enumerate(pendulum.links, start=1)
+    tables = [
+        table(f"link{number}", link.model_dump()) for number, link in enumerate(links, start=1)
     ]
-    parts = ["".join(map(toml_comment, comments)) + head, *links, table("known_to", known_to)]
+    parts = ["".join(map(toml_comment, comments)) + head, *tables, table("known_to", known_to)]
     write_atomically(path, "\n".join(parts).encode("utf-8"))

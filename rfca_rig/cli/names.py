@@ -16,7 +16,7 @@ from rfca_rig.cli.paths import folders_of
 from rfca_rig.errors import Trip
 from rfca_rig.logbook import entry
 from rfca_rig.logbook.entry import VERDICTS as ANY_VERDICT
-from rfca_rig.model.declarations import LEG, MECHANISM, joints, sensor
+from rfca_rig.model.declarations import LEG, MECHANISM
 
 # Copies of names that other packages define: importing those would take too long for a completion.
 FIT_PARAMETERS = (
@@ -64,19 +64,6 @@ TRIP_CODES = tuple(code.value for code in Trip)
 RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml", "experiment.toml")
 MAX_FOLDERS = 50
 MECHANISM_EFFECTS = tuple(declaration.id for declaration in MECHANISM)
-# Effects of pendulums; their files of laws declare them.
-PENDULUM_EFFECTS = (
-    joints.JOINT_FRICTION.id,
-    joints.JOINT_FRICTION.of_one().id,
-    joints.JOINT_STRIBECK.id,
-    joints.JOINT_INERTIA.id,
-    joints.JOINT_LOAD_FRICTION.id,
-    joints.TORQUE_SCALE.id,
-    joints.TORQUE_DELAY.id,
-    joints.TORQUE_LAG.id,
-    sensor.SPEED_LAG.id,
-    "angle_lag",
-)
 
 # Set by the shell's completion script.
 VARIABLE = "_RFCA_RIG_COMPLETE"
@@ -85,12 +72,12 @@ Offer = Callable[[str], Iterable[str]]
 
 
 def effect_names() -> list[str]:
-    """Effects of legs and pendulums, and of the lab's own folder, where an effect's file has its
+    """Effects of legs and mechanisms, and of the lab's own folder, where an effect's file has its
     name.
     """
-    of_package = (declaration.id for declaration in LEG)
+    of_package = (declaration.id for declaration in (*LEG, *MECHANISM))
     of_lab = _stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py")
-    return sorted({*of_package, *PENDULUM_EFFECTS, *of_lab})
+    return sorted({*of_package, *of_lab})
 
 
 def file_names(kind: str) -> list[str]:

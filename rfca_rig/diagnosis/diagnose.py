@@ -47,7 +47,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.catalogue import catalogue, declarations, members_of
-from rfca_rig.model.effect import LEG_SIDE, MOTOR_SIDE, OF_PENDULUMS, Effect
+from rfca_rig.model.effect import LEG_SIDE, MOTOR_SIDE, Effect
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
@@ -293,7 +293,7 @@ def _candidates(body: PreparedData) -> list[Effect]:
         judged_apart = [effect.id for effect in list_drive_effects((MOTOR_SIDE,))]
     else:
         judged_apart = []
-    known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
+    known = list(catalogue().values())
     has_curve = bool(body.rig.leg.torque_splines)
     candidates = [
         e

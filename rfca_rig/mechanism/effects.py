@@ -5,6 +5,7 @@ and changes of commands and readings. A law that may act in a single joint makes
 all joints, each with its own size, and one in one joint.
 """
 
+import copy
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from rfca_rig.mechanism.laws import (
     group_places,
     join_name,
     joint_units,
+    list_own_effects,
     list_sensor_effects,
 )
 from rfca_rig.mechanism.load import Mechanism
@@ -29,6 +31,7 @@ from rfca_rig.mechanism.plant import (
     Plant,
     add_contact_power,
     add_friction,
+    add_point_mass,
     add_to,
     scale_contact_damping,
     scale_contact_friction,
@@ -83,7 +86,8 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
         *_of_commands(mechanism, usual),
         *list_sensor_effects(mechanism, usual),
         *_of_contacts(mechanism),
-        *_of_rig(mechanism),
+        *_of_rig(mechanism, usual),
+        *list_own_effects(mechanism, usual),
     ]
 
 
@@ -364,6 +368,10 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         return plant
 
     def read_late(plant: Plant, values: Values) -> Plant:
+        plant.reading_lag_s = values["time_constant_s"]
+        return plant
+
+    def read_speed_late(plant: Plant, values: Values) -> Plant:
         plant.speed_lag_s = values["time_constant_s"]
         return plant
 
@@ -390,10 +398,15 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
             (Parameter("rate_relative", -0.004, 0.004),),
             drift,
         )
+        # Without commands, a lag of all readings only shifts the time.
+        yield sensor.ANGLE_LAG.make_effect(
+            (late,),
+            read_late,
+        )
     if usual.has_speeds:
         yield sensor.SPEED_LAG.make_effect(
             (late,),
-            read_late,
+            read_speed_late,
         )
 
 
@@ -451,7 +464,39 @@ def _shift_reading(joint: int, offset: Parameter) -> Callable[[Plant, Values], P
     return apply
 
 
-def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
+def _of_fluid(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    """Drag of all bodies in the air, which MuJoCo computes from boxes of their inertia."""
+    import mujoco  # noqa: PLC0415  (optional)
+
+    model = copy.copy(mechanism.model)
+    data = mujoco.MjData(model)
+    model.opt.density = 1.0
+    data.qpos[:] = usual.middle
+    data.qvel[:] = usual.speed
+    mujoco.mj_forward(model, data)
+    moving = list(mechanism.simulated)
+    # The torque of a density of 1 kg/m3 at the usual speed.
+    torque = np.abs(data.qfrc_fluid[moving])
+
+    def thicken(plant: Plant, values: Values) -> Plant:
+        plant.model.opt.density += values["density_kg_per_m3"]
+        return plant
+
+    # In a single joint, drag of the body and of the joint are one law.
+    if torque.any() and len(moving) > 1:
+        usual_density = float((usual.torque[moving] / np.maximum(torque, 1e-30)).min())
+        density = Parameter(
+            "density_kg_per_m3",
+            SMALLEST * usual_density,
+            LARGEST * usual_density,
+            may_be_zero=False,
+        )
+        yield rig.FLUID_DRAG_OF_MECHANISM.make_effect((density,), thicken)
+
+
+def _of_rig(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    import mujoco  # noqa: PLC0415  (optional)
+
     model = mechanism.model
 
     def tilt(plant: Plant, values: Values) -> Plant:
@@ -479,8 +524,24 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         if model.body_mass[index] > least_kg and model.body_weldid[index] != 0
     ]
 
+    sensed = {
+        int(site) for site in model.sensor_objid[model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE]
+    }
+    # A load may hang at a site; those of sensors are on parts of the mechanism itself.
+    sites = [
+        index
+        for index in range(model.nsite)
+        if int(model.site_bodyid[index]) in heavy and index not in sensed
+    ]
+
     def load(plant: Plant, values: Values) -> Plant:
-        body = heavy[int(values["body"]) - 1]
+        number = int(values["body"]) - 1
+        if number >= len(heavy):
+            site = sites[number - len(heavy)]
+            at_m = model.site_pos[site]
+            add_point_mass(plant, int(model.site_bodyid[site]), at_m, values["mass_kg"])
+            return plant
+        body = heavy[number]
         # The mass is added where the body's mass is already, so the inertia grows in proportion.
         plant.model.body_inertia[body] *= 1.0 + values["mass_kg"] / plant.model.body_mass[body]
         plant.model.body_mass[body] += values["mass_kg"]
@@ -511,8 +572,10 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
             offset = Parameter(f"offset_{unit}", -most, most)
             of_joint = replace(declaration, same_as=f"{mechanism.joints[joint]}.zero_offset_{unit}")
             yield of_joint.make_effect((offset,), _shift_reading(joint, offset))
+    yield from _of_fluid(mechanism, usual)
     total = float(sum(model.body_mass[index] for index in heavy))
-    body = Parameter("body", 1.0, float(len(heavy)), may_be_zero=False, whole=True)
+    places = float(len(heavy) + len(sites))
+    body = Parameter("body", 1.0, places, may_be_zero=False, whole=True)
     mass = Parameter("mass_kg", SMALLEST * total, 3.0 * LARGEST * total, may_be_zero=False)
     yield rig.ADDED_MASS.make_effect(
         (body, mass),

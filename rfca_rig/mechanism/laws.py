@@ -10,6 +10,7 @@ Effects of sensors act on their readings.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations
 
 import numpy as np
@@ -18,8 +19,9 @@ from numpy.typing import NDArray
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Change, JointLaw, Plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
+from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.declarations import sensor as declared
-from rfca_rig.model.effect import Declaration, Effect, Parameter, Values
+from rfca_rig.model.effect import Declaration, Effect, JointTorque, Parameter, Values
 from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 
@@ -175,6 +177,45 @@ def make_tabulated_effect(mechanism: Mechanism, table: LawTable) -> Effect:
         (),
         apply,
     )
+
+
+# Of the table of a lab's own law: the speed is followed up to this many times the usual one, the
+# position up to this share of its range beyond it. Knots are denser around zero.
+MOST_SPEEDS = 10.0
+BEYOND_RANGE = 1.0
+KNOTS = 61
+NEAR_ZERO = 0.05
+
+
+def list_own_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
+    """Lists the effects of a lab's own that state a torque in the joints of a mechanism."""
+    for effect_id in lab_texts(catalogue()):
+        effect = catalogue()[effect_id]
+        if effect.joint_torque is not None:
+            yield replace(
+                effect,
+                where="joints",
+                apply=partial(_tabulate, mechanism, usual, effect.joint_torque),
+            )
+
+
+def _tabulate(
+    mechanism: Mechanism, usual: UsualMotion, law: JointTorque, plant: Plant, values: Values
+) -> Plant:
+    """The plant with a table of the law in each joint that moves."""
+    tables = []
+    for joint in mechanism.simulated:
+        if law.quantity == "speed":
+            scale = NEAR_ZERO * MOST_SPEEDS * usual.speed[joint]
+            edge = np.arcsinh(1.0 / NEAR_ZERO)
+            knots = scale * np.sinh(np.linspace(-edge, edge, KNOTS))
+        else:
+            beyond = BEYOND_RANGE * usual.half_range[joint]
+            knots = np.linspace(usual.lowest[joint] - beyond, usual.highest[joint] + beyond, KNOTS)
+        torque = np.asarray(law.torque(knots, values), dtype=np.float64)
+        tables.append(JointLaw(joint, law.quantity == "speed", knots, torque, np.zeros(KNOTS)))
+    plant.laws = (*plant.laws, *tables)
+    return plant
 
 
 def compute_own_law(plant: Plant, joint: int, by_speed: bool, u: Floats) -> Floats | None:

@@ -368,15 +368,30 @@ def read_positions(position):
 ''')
 
 
+def _late_states(plant: Plant) -> _Part:
+    return _Part(_late("read_states_late", "positions or speeds", plant.reading_lag_s))
+
+
 def _speeds(plant: Plant) -> _Part:
-    return _Part(f'''
-def read_speeds(speed, step_s):
-    """The readings of speeds (k, n), one per step: a low-pass with a time constant of {plant.speed_lag_s:.4g} s, steady at first."""
-    read, share = np.array(speed, dtype=float), 1.0 - np.exp(-step_s / {plant.speed_lag_s:.{DIGITS}g})
+    return _Part(_late("read_speeds", "speeds", plant.speed_lag_s))
+
+
+def _late(name: str, what: str, lag_s: float) -> str:
+    """A function that reads states through a first-order lag."""
+    return f'''
+def {name}(state, step_s):
+    """The readings of {what} (k, n), one per step: behind a lag of {lag_s:.4g} s, which the motion has reached before it begins."""
+    lag_s = {lag_s:.{DIGITS}g}
+    read = np.array(state, dtype=float)
+    if len(read) > 2:
+        rate = (-3.0 * read[0] + 4.0 * read[1] - read[2]) / (2.0 * step_s)
+        bend = (read[0] - 2.0 * read[1] + read[2]) / step_s**2
+        read[0] += lag_s * (lag_s * bend - rate)
+    share = 1.0 - np.exp(-step_s / lag_s)
     for k in range(1, len(read)):
         read[k] = read[k - 1] + share * (read[k] - read[k - 1])
     return read
-''')
+'''
 
 
 def _sensors(plant: Plant) -> _Part:
@@ -416,6 +431,7 @@ PARTS: dict[str, Callable[[Plant], _Part]] = {
     "saturation of the commands": _commands,
     "dead band of the commands": _commands,
     "delay, lag or clock of the commands": _commands,
+    "lag of the readings of the joints": _late_states,
     "lag of the speed readings": _speeds,
     "scales and zeros of the sensors": _sensors,
     "crosstalk of the sensors": _sensors,

@@ -4,7 +4,7 @@ import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -131,6 +131,8 @@ class Mechanism:
         values and effects.
     contacts
         Contacts that have a law of their own, in place of MuJoCo's.
+    mjcf
+        The model as text where `path` is a file of another format, from which it was made.
     """
 
     path: Path
@@ -147,6 +149,7 @@ class Mechanism:
     unmeasured: tuple[int, ...] = ()
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     contacts: tuple[SphereOnPlane, ...] = ()
+    mjcf: str = ""
     _spare_data: deque[Any] = field(default_factory=deque, repr=False)
 
     @contextmanager
@@ -245,6 +248,30 @@ def load_mechanism(
         Where MuJoCo is not installed, the file is not there, MuJoCo refuses it, it names files
         elsewhere, it has other joints or absurd values, or it takes too much time or memory.
     """
+    _prepare_mujoco()
+    if not path.is_file():
+        raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
+    load = partial(_load, path, None if allow_outside else (path.parent, *beside))
+    if _is_plain(path):
+        return load()
+    return read_within_limits(path, load)
+
+
+def make_mechanism(path: Path, mjcf: str) -> Mechanism:
+    """Makes the mechanism of a text in MJCF, which describes what the file at `path` holds in
+    another format.
+
+    Raises
+    ------
+    BadInput
+        Where MuJoCo is not installed or refuses the model; the message names `path`.
+    """
+    _prepare_mujoco()
+    return replace(_compile(path, mjcf), mjcf=mjcf)
+
+
+def _prepare_mujoco() -> None:
+    """Loads MuJoCo. Raises BadInput where it is not installed."""
     if find_spec("mujoco") is None:
         raise BadInput(
             "MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'"
@@ -256,12 +283,6 @@ def load_mechanism(
     # By default MuJoCo writes warnings to a log file in the working directory; `roll` detects a
     # simulation that diverges.
     mujoco.set_mju_user_warning(_ignore)
-    if not path.is_file():
-        raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
-    load = partial(_load, path, None if allow_outside else (path.parent, *beside))
-    if _is_plain(path):
-        return load()
-    return read_within_limits(path, load)
 
 
 def _is_plain(path: Path) -> bool:
@@ -279,11 +300,16 @@ def _load(path: Path, allowed: tuple[Path, ...] | None) -> Mechanism:
     """The mechanism of a file that names files of the `allowed` folders only, or any where there
     are none.
     """
+    refuse_non_finite(find_named_files(path, allowed))
+    return _compile(path)
+
+
+def _compile(path: Path, mjcf: str = "") -> Mechanism:
+    """The mechanism of a text in MJCF, or of the file at `path` where the text is empty."""
     import mujoco  # noqa: PLC0415  (optional)
 
-    refuse_non_finite(find_named_files(path, allowed))
     try:
-        spec = read_spec(path)
+        spec = read_spec(path, mjcf)
         spec.memory = ARENA_BYTES
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -368,8 +394,9 @@ def _float_arrays(prefix: str, structure: Any) -> Iterator[tuple[str, Floats]]:
             yield f"{prefix}{name}", np.ravel(value)
 
 
-def read_spec(path: Path) -> Any:
-    """Reads the file as MuJoCo's specification, not yet compiled.
+def read_spec(path: Path, mjcf: str = "") -> Any:
+    """Reads the file, or the text in MJCF if there is any, as MuJoCo's specification, not yet
+    compiled.
 
     URDF has no actuators: every joint gets a motor of its name, whose command is its torque or
     force. Visual meshes that are missing are omitted: nothing depends on them where a body has its
@@ -384,6 +411,8 @@ def read_spec(path: Path) -> Any:
     """
     import mujoco  # noqa: PLC0415  (optional)
 
+    if mjcf:
+        return mujoco.MjSpec.from_string(mjcf)
     # MuJoCo refuses to compile a model whose meshes are missing, even where nothing depends on
     # them.
     spec = mujoco.MjSpec.from_file(str(path))

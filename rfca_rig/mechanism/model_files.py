@@ -40,7 +40,7 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     tuple of str
         Laws that MJCF cannot express, in words.
     """
-    spec = read_spec(plant.mechanism.path)
+    spec = read_spec(plant.mechanism.path, plant.mechanism.mjcf)
     model = plant.model
     # Compiling gives every geom its index.
     spec.compile()
@@ -137,6 +137,7 @@ def _beyond_mjcf(plant: Plant) -> list[tuple[str, bool]]:
         ("dead band of the commands", bool(plant.command_dead_band.any())),
         ("largest commands that fall with speed", bool(plant.torque_speed[1].any())),
         ("delay, lag or clock of the commands", any(late)),
+        ("lag of the readings of the joints", plant.reading_lag_s > 0.0),
         ("lag of the speed readings", plant.speed_lag_s > 0.0),
         ("scales and zeros of the sensors", any(values.any() for values in scaled)),
         ("crosstalk of the sensors", bool(plant.sensor_crosstalk.any())),

@@ -5,6 +5,8 @@ each changes a plant.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from scipy.spatial.transform import Rotation
+
 from rfca_rig.mechanism.contact_law import DRAG, PRESLIDING
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import (
@@ -20,6 +22,8 @@ from rfca_rig.mechanism.plant import (
 
 # Share of the total mass. A lighter body has a mass only because MuJoCo requires one.
 PLACEHOLDER = 1e-5
+# What remains of an inertia about the centre of mass at least: MuJoCo refuses none.
+LEAST_SHARE = 1e-6
 SENSORS = {"force sensors": "N", "torque sensors": "N m"}  # and their unit
 
 
@@ -32,9 +36,10 @@ class NuisanceKind:
     unit
         Of the value and of its standard uncertainty.
     objects
-        Kind of object that has the value: "bodies", "hinges", "slides" (joints whose position was
-        recorded), "moving hinges", "moving slides" (joints that are not prescribed), "hinge
-        motors", "slide motors" (of these, joints with an actuator), "springs" (joints with one),
+        Kind of object that has the value: "bodies", "turning bodies" (each on one hinge), "hinges",
+        "slides" (joints whose position was recorded), "moving hinges", "moving slides" (joints that
+        are not prescribed), "hinge motors", "slide motors" (of these, joints with an actuator),
+        "springs" (joints with one),
         "actuators", "force sensors", "torque sensors", or one value for all "contacts", "contact
         laws" (those that have a law of their own), "starts" of motions from rest, or the whole
         "rig".
@@ -68,13 +73,16 @@ def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
             for name, (index, unit) in mechanism.sensor_values.items()
             if unit == SENSORS[objects]
         }
-    if objects == "bodies":
+    if objects.endswith("bodies"):
         masses = mechanism.model.body_mass[1:]
-        return {
+        heavy = {
             name: index
             for index, name in enumerate(mechanism.bodies)
             if masses[index] > PLACEHOLDER * masses.sum()
         }
+        if objects == "bodies":
+            return heavy
+        return {name: index for name, index in heavy.items() if _turns(mechanism, index)}
     if objects == "actuators":
         return {name: index for index, name in enumerate(mechanism.actuators)}
     names = mechanism.joints
@@ -90,6 +98,12 @@ def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
         for joint in joints
         if mechanism.is_slide[joint] == slides and (mechanism.driven[joint] or not driven)
     }
+
+
+def _turns(mechanism: Mechanism, body: int) -> bool:
+    """Whether the body of this place hangs on a single joint, a hinge."""
+    joints = mechanism.model.body_jntnum[body + 1]
+    return bool(joints == 1 and not mechanism.is_slide[mechanism.model.body_jntadr[body + 1]])
 
 
 def find_groups(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]]:
@@ -110,6 +124,24 @@ def _mass(plant: Plant, body: int, share: float) -> None:
 
 def _inertia(plant: Plant, body: int, share: float) -> None:
     plant.model.body_inertia[body + 1] *= 1.0 + share
+
+
+def _inertia_about_joint(plant: Plant, body: int, share: float) -> None:
+    """Scales the inertia of a body about its hinge; mass and centre of mass stay, so that it does
+    not fall below that of a point mass.
+    """
+    model = plant.model
+    joint = model.body_jntadr[body + 1]
+    axis = model.jnt_axis[joint]
+    arm = model.body_ipos[body + 1] - model.jnt_pos[joint]
+    # Steiner: the square of the distance between the axis and the centre of mass.
+    square = float(arm @ arm - (arm @ axis) ** 2)
+    w, x, y, z = model.body_iquat[body + 1]
+    # Components of the axis along the principal axes of the body's inertia.
+    principal = Rotation.from_quat([x, y, z, w]).inv().apply(axis)
+    about_centre = float(model.body_inertia[body + 1] @ principal**2)
+    more = share * (about_centre + model.body_mass[body + 1] * square)
+    model.body_inertia[body + 1] *= max(LEAST_SHARE, 1.0 + more / about_centre)
 
 
 def _stiffness(plant: Plant, joint: int, share: float) -> None:
@@ -183,6 +215,7 @@ _damping, _dry, _rotor = (
 NUISANCES: Mapping[str, NuisanceKind] = {
     "mass_relative": NuisanceKind("", "bodies", _mass),
     "inertia_relative": NuisanceKind("", "bodies", _inertia),
+    "inertia_about_joint_relative": NuisanceKind("", "turning bodies", _inertia_about_joint),
     "centre_of_mass_m": NuisanceKind("m", "bodies", _centre),
     "joint_stiffness_relative": NuisanceKind("", "springs", _stiffness),
     "joint_damping_Nm_s_per_rad": NuisanceKind(

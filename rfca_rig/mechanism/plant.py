@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rfca_rig.mechanism.contact_law import DAMPING, FRICTION, MORE_POWER, STIFFNESS
 from rfca_rig.mechanism.load import Mechanism
@@ -71,8 +72,8 @@ class Plant:
     gear_play
         (2, n) play of each gear [rad or m], and the least inertia of the rotor that crosses it.
     torque_offset, zero_offset
-        (n,) constant torque in each joint, and the amount by which each position reading is too
-        large.
+        (n,) constant torque in each joint while the actuators are on, and the amount by which each
+        position reading is too large.
     command_gain, command_limit, command_dead_band
         (u,) factor on the recorded commands, their largest magnitude, and the magnitude that has no
         effect.
@@ -82,8 +83,9 @@ class Plant:
     command_delay_s, command_lag_s, command_clock_rate
         Delay of the commands against the recording: dead time, time constant of a low-pass, share
         of the time since the recording began.
-    speed_lag_s
-        Time constant of a low-pass over the readings of speed.
+    reading_lag_s, speed_lag_s
+        Time constant of a low-pass over the readings of positions and speeds, and of a further one
+        over those of speed.
     sensor_gain, sensor_offset, sensor_drift_per_s
         (d,) factor on each value of the sensors, its offset at the beginning of the recording, and
         the change of the offset per second.
@@ -125,6 +127,7 @@ class Plant:
     command_delay_s: float = 0.0
     command_lag_s: float = 0.0
     command_clock_rate: float = 0.0
+    reading_lag_s: float = 0.0
     speed_lag_s: float = 0.0
     sensor_lag_s: float = 0.0
     sensor_delay_s: float = 0.0
@@ -252,6 +255,30 @@ def shift_centre(plant: Plant, body: int, by_m: float) -> None:
     distance = float(np.linalg.norm(at))
     if distance > 0.0:
         at *= 1.0 + by_m / distance
+
+
+def add_point_mass(plant: Plant, body: int, at_m: Floats, mass_kg: float) -> None:
+    """Adds a point mass to a body, at `at_m` (3,) in the body's frame; `body` counts as MuJoCo
+    does.
+    """
+    model = plant.model
+    mass = model.body_mass[body]
+    centre_m = (mass * model.body_ipos[body] + mass_kg * at_m) / (mass + mass_kg)
+    w, x, y, z = model.body_iquat[body]
+    axes = Rotation.from_quat([x, y, z, w]).as_matrix()
+    tensor = axes @ np.diag(model.body_inertia[body]) @ axes.T
+    # Steiner's theorem, for the body and for the point, about the common centre of mass.
+    for part_kg, place_m in ((mass, model.body_ipos[body]), (mass_kg, at_m)):
+        arm = place_m - centre_m
+        tensor = tensor + part_kg * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
+    inertia, axes = np.linalg.eigh(tensor)
+    # Eigenvectors may form a left-handed frame, which no quaternion describes.
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    x, y, z, w = Rotation.from_matrix(axes).as_quat()
+    model.body_mass[body] = mass + mass_kg
+    model.body_ipos[body] = centre_m
+    model.body_iquat[body] = (w, x, y, z)
+    model.body_inertia[body] = inertia
 
 
 def scale_contact_stiffness(plant: Plant, factor: float) -> None:

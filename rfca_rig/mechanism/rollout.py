@@ -27,6 +27,8 @@ from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
 from rfca_rig.model.kernel.compiled import jit, jit_internal
 
+# The acceleration at a start that was read late depends on that start itself.
+LAG_ROUNDS = 3
 UNBALANCED = 1e-7  # share of the largest torque that may remain, of weight or spring
 
 Floats = NDArray[np.float64]
@@ -159,11 +161,12 @@ def _balance(
 @dataclass(frozen=True)
 class CommandTrace:
     """Commands of the actuators: times `t_s` (k,) ascending, `command` (k, u) in the actuators'
-    units, linear between them.
+    units, linear between them. `is_powered`: whether the actuators were on.
     """
 
     t_s: Floats
     command: Floats
+    is_powered: bool = True
 
     @cached_property
     def total(self) -> Floats:
@@ -354,9 +357,7 @@ def run_steps(
 
 @jit
 def low_pass(values: Floats, share: float) -> None:
-    """Filters the rows of (k, n) by a first-order low-pass, in place; it begins in its steady
-    state.
-    """
+    """Filters the rows of (k, n) by a first-order low-pass, in place, from the first row on."""
     for k in range(1, values.shape[0]):
         for i in range(values.shape[1]):
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
@@ -411,10 +412,12 @@ def simulate_plant(
             f"{where}: the simulation diverges with steps of {h:g} s; look for a slipped "
             "decimal point in the model"
         )
+    if plant.reading_lag_s > 0.0:
+        path_q = _read_late(path_q, plant.reading_lag_s, h)
+        path_w = _read_late(path_w, plant.reading_lag_s, h)
     read_w = path_w
     if plant.speed_lag_s > 0.0:
-        read_w = path_w.copy()
-        low_pass(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
+        read_w = _read_late(path_w, plant.speed_lag_s, h)
     # Positions between steps follow a cubic, speeds a straight line.
     index = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - index)[:, None]
@@ -425,6 +428,20 @@ def simulate_plant(
         _read_sensors(plant, path_s, t_s, since_s),
         touch_s,
     )
+
+
+def _read_late(path: Floats, lag_s: float, h: float) -> Floats:
+    """The path (k, n) behind a first-order lag that the motion has reached before it begins.
+
+    A lag y of x, T y' = x - y, is then x - T x' + T^2 x'' at the start, up to the third power of T.
+    """
+    late = path.copy()
+    if len(path) > 2:
+        rate = (-3.0 * path[0] + 4.0 * path[1] - path[2]) / (2.0 * h)
+        bend = (path[0] - 2.0 * path[1] + path[2]) / h**2
+        late[0] += lag_s * (lag_s * bend - rate)
+    low_pass(late, 1.0 - float(np.exp(-h / lag_s)))
+    return late
 
 
 def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> PrescribedArrays:
@@ -515,22 +532,25 @@ def _integrate(
     path_w = np.empty((steps + 1, model.nv))
     path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
     friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
+    steady = plant.torque_offset if trace.is_powered else np.zeros(model.nv)
     with plant.mechanism.borrow_data(model) as data:
         contacts = _contact_arrays(plant, data)
         stages = _stage_arrays(plant, data)
         play = _play_arrays(plant)
         data.ctrl[:] = commands[0]
         if start is None:
-            _start_at_rest(plant, data, driven, contacts, play)
+            _start_at_rest(plant, data, driven, contacts, play, steady)
         else:
             data.qpos[:], data.qvel[:] = start
-        data.qfrc_applied[:] = plant.torque_offset
+        data.qfrc_applied[:] = steady
         # The first step's friction depends on the actuators' torques.
         mujoco.mj_forward(model, data)
+        if plant.reading_lag_s > 0.0 and start is not None:
+            _move_to_late_start(plant, data, start, commands)
         gears = None
         # The start was read by the motors' encoders, too; the joints are behind by the deflection.
         if plant.has_yielding_gears:
-            around = CommandTrace(trace.t_s + SMOOTHED_S, trace.command)
+            around = replace(trace, t_s=trace.t_s + SMOOTHED_S)
             coarse = replace(plant, step_s=2.0 * SMOOTHED_S / PARTS)
             gears = estimate_gear_start(
                 plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S)
@@ -552,7 +572,7 @@ def _integrate(
             model.dof_frictionloss,
             commands,
             friction,
-            plant.torque_offset,
+            steady,
             np.zeros(model.nv),
             *pack_laws(plant.laws),
             *_torque_speed(plant),
@@ -580,16 +600,53 @@ def _integrate(
     return path_q, path_w, path_s, contacts.touch_s
 
 
-def _start_at_rest(
-    plant: Plant, data: Any, driven: PrescribedArrays, contacts: ContactArrays, play: PlayArrays
+def _move_to_late_start(
+    plant: Plant, data: Any, start: tuple[Floats, Floats], commands: Floats
 ) -> None:
-    """Puts the plant into equilibrium, or off it where the plant has an initial swing."""
+    """Puts the plant where it is when positions and speeds (n,), `start`, are read through the lag.
+
+    Of a lag, T y' = x - y, the position is x = y + T y' and the speed x' = y' + T a - T^2 j with
+    acceleration a and jerk j, up to the third power of T. These belong to the true state.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    position, speed = start
+    lag_s = plant.reading_lag_s
+    true_position = position + lag_s * speed
+    true_speed = speed
+    for _ in range(LAG_ROUNDS):
+        data.qpos[:] = true_position
+        data.qvel[:] = true_speed
+        data.ctrl[:] = commands[0]
+        mujoco.mj_forward(plant.model, data)
+        acceleration = data.qacc.copy()
+        data.qpos[:] += plant.step_s * true_speed
+        data.qvel[:] += plant.step_s * acceleration
+        data.ctrl[:] = commands[min(1, len(commands) - 1)]
+        mujoco.mj_forward(plant.model, data)
+        jerk = (data.qacc - acceleration) / plant.step_s
+        true_speed = speed + lag_s * acceleration - lag_s**2 * jerk
+    data.qpos[:] = true_position
+    data.qvel[:] = true_speed
+    data.ctrl[:] = commands[0]
+    mujoco.mj_forward(plant.model, data)
+
+
+def _start_at_rest(
+    plant: Plant,
+    data: Any,
+    driven: PrescribedArrays,
+    contacts: ContactArrays,
+    play: PlayArrays,
+    steady: Floats,
+) -> None:
+    """Puts the plant into equilibrium under `steady` torques (n,), or off it where the plant has an
+    initial swing.
+    """
     model = plant.model
     moving = plant.mechanism.simulated
     data.qpos[driven.joints] = driven.position[0]
-    find_rest_pose(
-        model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play
-    )
+    find_rest_pose(model, data, np.array(moving, dtype=np.intp), steady, contacts, play)
     sprung = [joint for joint in moving if plant.mechanism.has_spring(joint)]
     # The swing is a share of the way from equilibrium to the pose in which the springs are free.
     lift = model.qpos_spring[sprung] - data.qpos[sprung]

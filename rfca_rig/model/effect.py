@@ -8,11 +8,10 @@ A lab's own effect is one file, which states both at once.
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from math import inf, isfinite
-from typing import Any
+from typing import Any, Literal
 
 Values = Mapping[str, float]
 
-OF_PENDULUMS = "pendulum-like rigs"  # where an effect enters that a leg cannot have
 # On which side of the drive's compliance the encoder of the shaft must be to show an effect.
 MOTOR_SIDE = "motor side"
 LEG_SIDE = "leg side"
@@ -67,6 +66,18 @@ class EqualLimit:
     other: str
     words: str
     holds: Callable[[Values], bool]
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """The law of an effect in the joints of a mechanism or a pendulum.
+
+    `torque(u, values)` returns an array (k,) in N m or N that resists a positive `quantity` u (k,)
+    of the joint: speeds in rad/s or m/s, or positions in rad or m.
+    """
+
+    quantity: Literal["speed", "position"]
+    torque: Callable[[Any, Values], Any]
 
 
 @dataclass(frozen=True)
@@ -211,6 +222,7 @@ class Effect(Declaration):
     shape: tuple[Parameter, ...] = ()
     equal_limits: tuple[EqualLimit, ...] = ()
     family: str = ""
+    joint_torque: JointTorque | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -115,6 +115,7 @@ FAMILIES_OF_VALUES = {
     "mass_relative": _WEIGHT,
     "centre_of_mass_m": _WEIGHT,
     "inertia_relative": _WEIGHT,
+    "inertia_about_joint_relative": _WEIGHT,
     "rotor_inertia_kg_m2": ("joint_inertia",),
     "zero_offset_rad": ("joint_position_torque",),
     "zero_offset_m": ("joint_position_torque",),

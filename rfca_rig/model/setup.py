@@ -65,16 +65,6 @@ class CompliantDrive:
 
 
 @dataclass(frozen=True)
-class JointReadings:
-    """How a pendulum's joint angles and speeds are read: through first-order lags of these time
-    constants.
-    """
-
-    angle_lag_s: float = 0.0
-    speed_lag_s: float = 0.0
-
-
-@dataclass(frozen=True)
 class Setup:
     """What is simulated. Each effect replaces the part that it changes.
 
@@ -85,7 +75,6 @@ class Setup:
     - `drive`: a compliant drive between command and shaft.
     - `sensor_changes`: applied to the sensor's channels.
     - `begins`: initial states, of what swings already where a recording begins.
-    - `joint_readings`: of pendulums only.
 
     `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had
     made before; () where not counted. `moved_by` holds the effects that change more than
@@ -101,7 +90,6 @@ class Setup:
     drive: CompliantDrive | None = None
     sensor_changes: tuple[Callable[[SensorOutput], SensorOutput], ...] = field(default=())
     begins: tuple[Callable[[Chain, State], None], ...] = ()
-    joint_readings: JointReadings | None = None
     strokes_before: tuple[int, ...] = ()
     moved_by: tuple[tuple[Hashable, PresentEffect], ...] = ()
 
@@ -243,27 +231,6 @@ def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
 def with_sensor(setup: Setup, change: Callable[[SensorOutput], SensorOutput]) -> Setup:
     """The setup with one more change of the sensor's channels."""
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
-
-
-def with_late_readings(
-    setup: Setup, effect_id: str, angle_lag_s: float = 0.0, speed_lag_s: float = 0.0
-) -> Setup:
-    """The setup whose joint angles and speeds, or speeds alone, are read through one more lag; two
-    in a row count as one of their sum.
-
-    Raises BadInput for a rig whose joint angles are not recorded.
-    """
-    readings = setup.joint_readings
-    if readings is None:
-        raise BadInput(
-            f"effect {effect_id}: the joint angles of this rig are not recorded; leave it out"
-        )
-    return replace(
-        setup,
-        joint_readings=JointReadings(
-            readings.angle_lag_s + angle_lag_s, readings.speed_lag_s + speed_lag_s
-        ),
-    )
 
 
 def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:

@@ -8,7 +8,6 @@ It is linear between its knots and constant beyond them. Where it acts (`place`)
                          angle_rad           N m that resist the angle, beside the spring
                          spring_torque_Nm    N m of friction against the turn, by the spring's
                                              torque
-    joints, joint1 ...   rate_rad_s, angle_rad, as in a hinge; for pendulums
     floor_friction       slip_m_s, load_N    share by which the friction coefficient is larger
     floor_normal         depth_m             N that the floor pushes more
     fy_N, fz_N, tx_Nm    reading_N or reading_Nm, time_s, shaft_angle_rad: N or N m that this
@@ -33,6 +32,7 @@ from rfca_rig.model.setup import SensorOutput, Setup
 Floats = NDArray[np.float64]
 
 TABULATED_LAW = "tabulated_law"
+FIRST_HINGE = 2  # the number of the first hinge behind the shaft, which is 1
 # the compiled law searches them one by one
 FEWEST_KNOTS = 2
 MOST_KNOTS = 200
@@ -135,13 +135,10 @@ def kind_of(place: str, argument: str) -> LawKind:
     """Kind of a law at this place with this argument. Raises BadInput for a place or an argument
     that is not in the table above.
     """
-    family = next((name for name in ("hinge", "joint") if _is_one_of(name, place)), place)
+    family = "hinge" if _is_hinge(place) else place
     kinds = _KINDS.get(family)
     if kinds is None:
-        places = (
-            "hinges, hinge2 and on, joints, joint1 and on, floor_friction, floor_normal, "
-            "fy_N, fz_N, tx_Nm"
-        )
+        places = "hinges, hinge2 and on, floor_friction, floor_normal, fy_N, fz_N, tx_Nm"
         raise BadInput(f"{TABULATED_LAW}: place {place!r} is not known; there are {places}")
     if argument not in kinds:
         raise BadInput(
@@ -206,33 +203,30 @@ def effect_of_table(table: LawTable | None) -> Effect:
     )
 
 
-def _is_one_of(name: str, place: str) -> bool:
-    return place == f"{name}s" or (place.startswith(name) and place.removeprefix(name).isdecimal())
+def _is_hinge(place: str) -> bool:
+    """Whether the place is all hinges, or a numbered one."""
+    return place == "hinges" or place.removeprefix("hinge").isdecimal()
 
 
 def _use(place: int, law: Law, table: LawTable, only: int = -1) -> LawUse:
     return LawUse(place, law, (float(len(table.knots)),), None, only, (*table.knots, *table.values))
 
 
-def _in_hinges(law: Law, first: int, setup: Setup, table: LawTable) -> Setup:
-    """`first` is the number of the first hinge for the user: 2 behind the shaft of a leg, 1 for
-    a pendulum's joint.
-    """
+def _in_hinges(law: Law, setup: Setup, table: LawTable) -> Setup:
     if table.argument == "spring_torque_Nm" and setup.rig.leg.torque_splines:
         raise BadInput(
             f"{TABULATED_LAW}: a law of {table.argument} is computed from k0 and k2, and "
             "the hinges of this leg follow a measured curve "
             "(leg.torque_rotation); take the argument angle_rad"
         )
-    number = table.place.lstrip("hingejot")
-    last = len(setup.rig.leg.link_lengths_m) - 2 + first
-    if number.isdecimal() and not first <= int(number) <= last:
+    number = table.place.removeprefix("hinge")
+    last = len(setup.rig.leg.link_lengths_m)
+    if number.isdecimal() and not FIRST_HINGE <= int(number) <= last:
         raise BadInput(
-            f"{TABULATED_LAW}: {table.place} is not there; this rig has {first} to {last}"
+            f"{TABULATED_LAW}: {table.place} is not there; this rig has {FIRST_HINGE} to {last}"
         )
-    # In the chain, link 0 is the shaft's (or the fixed one of a pendulum), so the first hinge has
-    # the index 1.
-    only = int(number) - first + 1 if number.isdecimal() else -1
+    # In the chain, link 0 is the shaft's, so the first hinge has the index 1.
+    only = int(number) - FIRST_HINGE + 1 if number.isdecimal() else -1
     return replace(setup, laws=(*setup.laws, _use(HINGE, law, table, only)))
 
 
@@ -249,13 +243,8 @@ def _read(argument: Callable[[SensorOutput, str], Floats], setup: Setup, table: 
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
 
 
-def _hinge(first: int, argument_unit: str, law: Law) -> LawKind:
-    return LawKind(
-        "hinges" if first > 1 else "pendulum-like rigs",
-        argument_unit,
-        "N m",
-        partial(_in_hinges, law, first),
-    )
+def _hinge(argument_unit: str, law: Law) -> LawKind:
+    return LawKind("hinges", argument_unit, "N m", partial(_in_hinges, law))
 
 
 def _channel(unit: str) -> dict[str, LawKind]:
@@ -270,11 +259,10 @@ def _channel(unit: str) -> dict[str, LawKind]:
 
 _KINDS: dict[str, dict[str, LawKind]] = {
     "hinge": {
-        "rate_rad_s": _hinge(2, "rad/s", by_rate),
-        "angle_rad": _hinge(2, "rad", by_angle),
-        "spring_torque_Nm": _hinge(2, "N m", by_spring_torque),
+        "rate_rad_s": _hinge("rad/s", by_rate),
+        "angle_rad": _hinge("rad", by_angle),
+        "spring_torque_Nm": _hinge("N m", by_spring_torque),
     },
-    "joint": {"rate_rad_s": _hinge(1, "rad/s", by_rate), "angle_rad": _hinge(1, "rad", by_angle)},
     "floor_friction": {
         "slip_m_s": LawKind("ground", "m/s", "", partial(_at_floor, SLIP, friction_factor)),
         "load_N": LawKind("ground", "N", "", partial(_at_floor, LOAD, friction_factor)),

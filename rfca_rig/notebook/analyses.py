@@ -9,13 +9,10 @@ from rfca_rig.analysis.compare import Table2
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.strokes import fit_recordings
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
-from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model
 from rfca_rig.diagnosis.diagnose import diagnose as diagnose_leg
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
-from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
-from rfca_rig.diagnosis.pendulums.windows import fit_pendulum
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.window_fit import WindowFit
 from rfca_rig.errors import BadInput
@@ -258,12 +255,10 @@ def diagnose(
     """
     experiment = _with_own_model(sources)
     with show_progress("diagnosis", progress) as move:
-        if isinstance(experiment, Experiment):
+        if experiment is not None:
             return DiagnosisResult(
                 diagnose_mechanism(experiment, move, without, law_at, as_is).diagnosis
             )
-        if isinstance(experiment, PendulumCampaign):
-            return DiagnosisResult(diagnose_pendulum(experiment, move, without, law_at))
         return DiagnosisResult(
             diagnose_leg(_recordings(sources, as_is), move, None, without, law_at)
         )
@@ -298,17 +293,15 @@ def fit(
         Where the recordings cannot be used, or a name is not known.
     """
     experiment = _with_own_model(sources)
-    if effects and not isinstance(experiment, Experiment):
+    if effects and experiment is None:
         raise BadInput(
             "effects: are for recordings of a mechanism (experiment.toml); leave them out here"
         )
     with show_progress("fit", progress) as move:
-        if isinstance(experiment, Experiment):
+        if experiment is not None:
             return _of_windows(
                 fit_mechanism(experiment, move, list(parameters), list(effects), as_is).fit
             )
-        if isinstance(experiment, PendulumCampaign):
-            return _of_windows(fit_pendulum(experiment, move, list(parameters)).fit)
         leg_fit = fit_recordings(_recordings(sources, as_is), list(parameters))
     return FittedResult(leg_fit, tuple(vars(value) for value in leg_fit.parameters))
 
@@ -365,13 +358,13 @@ def effects() -> "pandas.DataFrame":
     return make_frame(list(rows))
 
 
-def _with_own_model(sources: Sequence[Source]) -> PendulumCampaign | Experiment | None:
+def _with_own_model(sources: Sequence[Source]) -> Experiment | None:
     """The only source, where it has a model of its own; None for recordings of a leg. Raises
     BadInput where it is one of several.
     """
     paths = _paths(sources)
-    # Both refuse such a folder beside others.
-    if experiment_among(paths) is None and pendulum_among(paths) is None:
+    # It refuses such a folder beside others.
+    if experiment_among(paths) is None:
         return None
     content = (
         sources[0] if isinstance(sources[0], OpenedRecordings) else open_path(sources[0])

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rfca_rig.analysis.phases import describe_stroke
-from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experiment
-from rfca_rig.campaign.opening import experiment_among, open_recordings, pendulum_among
-from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
+from rfca_rig.campaign.experiment import Experiment, MechanismRun
+from rfca_rig.campaign.opening import experiment_among, open_experiment, open_recordings
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import html_text
 from rfca_rig.recording.model import Recording, StaticStage, Stroke
@@ -124,14 +123,13 @@ class OpenedRecordings:
     path
         Where they lie.
     content
-        What the files hold: a `Recording` of a leg, a `PendulumCampaign`, or an `Experiment` with a
-        mechanism.
+        What the files hold: a `Recording` of a leg, or an `Experiment` with a mechanism.
     allow_outside
         Files outside the folder may be read, too.
     """
 
     path: Path
-    content: Recording | PendulumCampaign | Experiment
+    content: Recording | Experiment
     allow_outside: bool = False
 
     @property
@@ -140,7 +138,7 @@ class OpenedRecordings:
         return self.content.title
 
     @property
-    def strokes(self) -> Sequence[Stroke | PendulumRun | MechanismRun]:
+    def strokes(self) -> Sequence[Stroke | MechanismRun]:
         """The recorded motions: strokes of a leg, else runs."""
         if isinstance(self.content, Recording):
             return self.content.strokes
@@ -215,7 +213,7 @@ class OpenedRecordings:
     def _repr_html_(self) -> str:
         return html_table(repr(self), self._rows())
 
-    def _motion(self, number: int) -> Stroke | PendulumRun | MechanismRun:
+    def _motion(self, number: int) -> Stroke | MechanismRun:
         if not -len(self) <= number < len(self):
             raise BadInput(
                 f"{self.path}: holds {len(self)} motions, numbered from 0; there is no {number}"
@@ -228,15 +226,7 @@ class OpenedRecordings:
             for motion in self.strokes
         ]
 
-    def _columns(self, run: PendulumRun | MechanismRun) -> list[tuple[str, Any, str]]:
-        if isinstance(run, PendulumRun):
-            speeds = () if run.speed_rad_s is None else (("speed", run.speed_rad_s, "rad/s"),)
-            groups = (("angle", run.angle_rad, "rad"), *speeds, ("torque", run.torque_Nm, "N m"))
-            return [
-                (f"{name}_{j + 1}", values[:, j], unit)
-                for name, values, unit in groups
-                for j in range(values.shape[1])
-            ]
+    def _columns(self, run: MechanismRun) -> list[tuple[str, Any, str]]:
         assert isinstance(self.content, Experiment)
         signals = [
             (f"{s.name}.{s.quantity}", run.signals[:, k], s.unit)
@@ -271,7 +261,7 @@ def _stroke_data(stroke: Stroke) -> tuple[dict[str, Any], dict[str, Any], dict[s
     )
 
 
-def _run_row(run: PendulumRun | MechanismRun) -> Row:
+def _run_row(run: MechanismRun) -> Row:
     return {
         "run": run.label,
         "condition": run.condition,
@@ -323,7 +313,5 @@ def open_path(
     """
     path = Path(path)
     if experiment_among([path]) is not None:
-        return OpenedRecordings(path, read_experiment(path, allow_outside), allow_outside)
-    if pendulum_among([path]) is not None:
-        return OpenedRecordings(path, read_pendulum_campaign(path, allow_outside), allow_outside)
+        return OpenedRecordings(path, open_experiment(path, allow_outside), allow_outside)
     return OpenedRecordings(path, open_recordings([path], as_is, allow_outside)[0], allow_outside)

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from rfca_rig.escaping import printable
-from rfca_rig.reports import elements, html_table
+from rfca_rig.reports import elements
 from rfca_rig.reports.elements import EMPTY
 from rfca_rig.reports.provenance import Origin
-from rfca_rig.reports.sections import PageSection, Sections, list_contents, render_sections
+from rfca_rig.reports.sections import Sections, list_contents, render_sections
 from rfca_rig.reports.style import DARK, colours
 from rfca_rig.reports.text import MARK_MEANINGS
 
@@ -49,26 +49,25 @@ def render_page(
     is_always_light
         The page stays light where the reader's system is dark.
     """
-    return template("base.html").render(
-        title=title,
-        opening=opening,
-        sections=sections,
-        origin=origin,
-        files=files,
-        sheets=sheets,
-        closing=closing,
-        is_always_light=is_always_light,
+    return (
+        _environment()
+        .get_template("base.html")
+        .render(
+            title=title,
+            opening=opening,
+            sections=sections,
+            origin=origin,
+            files=files,
+            sheets=sheets,
+            closing=closing,
+            is_always_light=is_always_light,
+        )
     )
-
-
-def template(name: str) -> Template:
-    """A template that escapes the values it is given, and fails on a missing one."""
-    return _environment().get_template(name)
 
 
 @cache
 def _environment() -> Environment:
-    """Environment of the templates, with colours, meanings of the marks and elements of a page."""
+    """Environment of head and foot, with colours, meanings of the marks and elements of a page."""
     # StrictUndefined: a misspelt name fails in tests instead of leaving a gap in a page.
     environment = Environment(
         loader=FunctionLoader(beside),
@@ -85,8 +84,6 @@ def _environment() -> Environment:
         "dark_palette": DARK,
         "mark_meanings": MARK_MEANINGS,
         "elements": elements,
-        "table_as_html": html_table.as_html,
-        "section": PageSection,
         "list_contents": list_contents,
         "render_sections": render_sections,
     }

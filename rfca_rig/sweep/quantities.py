@@ -12,7 +12,6 @@ from rfca_rig.analysis.fitting.space import FitParameter as ModelParameter
 from rfca_rig.description.sections import MIN_K2_PER_RAD2
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.effect import OF_PENDULUMS
 from rfca_rig.model.effect import Parameter as OfEffect
 from rfca_rig.model.paper.strip import (
     MOST_LINKS,
@@ -175,7 +174,7 @@ def list_quantities() -> dict[str, Quantity]:
     design = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
     nominal = (_nominal(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
     # The catalogue also holds effects of pendulums, which a leg cannot have.
-    of_legs = (effect for _, effect in sorted(catalogue().items()) if effect.where != OF_PENDULUMS)
+    of_legs = (effect for _, effect in sorted(catalogue().items()))
     effects = (
         _of_effect(effect.id, parameter) for effect in of_legs for parameter in effect.parameters
     )

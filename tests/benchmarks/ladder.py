@@ -23,11 +23,10 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.campaign.pendulum import read_pendulum_campaign
+from rfca_rig.campaign.opening import open_experiment
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
-from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 from rfca_rig.diagnosis.result import Diagnosis, describe_probability
 from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
@@ -184,7 +183,7 @@ def diagnose_leg(folder: Path) -> Diagnosis:
 
 def diagnose_swings(folder: Path) -> Diagnosis:
     """The answer about a pendulum."""
-    return diagnose_pendulum(read_pendulum_campaign(folder), ignore_progress)
+    return diagnose_mechanism(open_experiment(folder), ignore_progress).diagnosis
 
 
 def ignore_progress(text: str, share: float) -> None:

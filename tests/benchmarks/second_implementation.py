@@ -1,8 +1,8 @@
 """Every effect of the catalogue in the model and in the exam's simulators: python -m
 tests.benchmarks.second_implementation [ID ...]
 
-The exam's simulators share no code with the model. Two tables show the effects of the leg, in its
-forces, and those of pendulums, in their motion. The columns are:
+The exam's simulators share no code with the model. A table shows the effects of the leg, in its
+forces. Those of pendulums are compared in tests/exam_cases/test_pendulums.py. The columns are:
 
 - size 0: largest deviation from the plain model where the effect has no strength, absolute and as a
   share of the largest value;
@@ -13,9 +13,7 @@ forces, and those of pendulums, in their motion. The columns are:
   purpose.
 
 On purpose, the exam's sticking contacts and pins follow Dahl's law, and the model's yield like a
-spring up to the friction limit. A leg is therefore compared on a floor without friction too, and a
-pendulum up to the first reversal of a joint. Where joints are read late, the start of the model is
-fitted.
+spring up to the friction limit. A leg is therefore compared on a floor without friction too.
 
 Forces are compared from 0.1 s on. The rms of fy and fz is over the loading, up to the valley, as a
 share of the valley's force. The largest deviation is over the whole stroke, as a share of the
@@ -29,7 +27,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.exam.nominal_world import (
@@ -40,8 +37,6 @@ from rfca_rig.exam.nominal_world import (
     START_RAD,
     nominal_world,
 )
-from rfca_rig.exam.pendulums.cases import SPANS, PendulumCase, SamplingErrors
-from rfca_rig.exam.pendulums.world import Friction, PendulumWorld, Tones, swing
 from rfca_rig.exam.sampled_rig import EFFECTS, with_effect
 from rfca_rig.exam.simulator.experiment import (
     BEFORE_S,
@@ -55,8 +50,7 @@ from rfca_rig.exam.simulator.experiment import (
 from rfca_rig.exam.simulator.world import World, for_each_hinge
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.effect import OF_PENDULUMS, Parameter
-from rfca_rig.model.effects.joint_torques import torque_trace
+from rfca_rig.model.effect import Parameter
 from rfca_rig.model.parameters import (
     Drive,
     Ground,
@@ -66,7 +60,6 @@ from rfca_rig.model.parameters import (
     SensorMount,
     Swing,
 )
-from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.effects.rigs import TIGHT, paper_stroke
 from tests.model.effects.test_strength import NEUTRAL
@@ -79,9 +72,6 @@ Values = dict[str, float]
 WITHOUT_SECOND: Mapping[str, str] = {}
 
 OF_LEGS = tuple(id_ for id_ in catalogue() if id_ in EFFECTS)
-OF_JOINTS = tuple(
-    id_ for id_, effect in catalogue().items() if effect.where == OF_PENDULUMS and id_ in SPANS
-)
 
 HEIGHT_M = 0.215
 SPEED_RAD_S = 2.433
@@ -308,121 +298,6 @@ def compare_in_leg(id_: str) -> Comparison:
     return Comparison(id_, values, *compare_at_zero(id_), effect.rms_pct, as_is, alone)
 
 
-# A double pendulum, its start, and a motion long enough for joints to reverse.
-RIG = PendulumWorld((0.4, 0.3), (0.6, 0.4), (0.3, 0.2), (0.06, 0.018), (0.004, 0.003))
-START = np.array([0.5, -0.4, 2.0, 1.5])
-RUN_S = 0.6
-READ_S = 1e-3
-COMMAND = Tones(
-    size=np.array([[0.8, 0.3], [0.5, 0.2]]),
-    omega=np.array([[5.0, 7.0], [11.0, 9.0]]),
-    phase=np.array([[0.3, 2.0], [4.0, 1.0]]),
-)
-# Speed of the regularised sign: far below the speeds of the motion.
-SIGN_RAD_S = 1e-4
-# Late readings: the model estimates the true start from the readings, to second order in the lag,
-# and a diagnosis fits it.
-READ_LATE = ("angle_lag", "speed_lag")
-START_STD = np.array([1e-3, 1e-3, 1e-2, 1e-2])
-# Neutral sizes of the effects that only a pendulum can have.
-NEUTRAL_OF_JOINTS: Mapping[str, Values] = {
-    "torque_scale": {"factor": 1.0},
-    "torque_delay": {"delay_s": 0.0},
-    "torque_lag": {"time_constant_s": 0.0},
-    "angle_lag": {"time_constant_s": 0.0},
-    "speed_lag": {"time_constant_s": 0.0},
-    "joint_load_friction": {"loss_relative": 0.0},
-}
-
-
-def swing_of_model(
-    id_: str | None, values: Values, start: Floats, begin_s: float, t_s: Floats
-) -> Floats:
-    """Angles and speeds (m, 4) at `t_s` after `begin_s` by the model, from the readings `start`
-    (4,).
-    """
-    columns = zip(
-        RIG.length_m,
-        RIG.mass_kg,
-        RIG.centre_m,
-        RIG.inertia_kg_m2,
-        RIG.damping_Nm_s_per_rad,
-        strict=True,
-    )
-    pendulum = Pendulum(tuple(PendulumLink(*link) for link in columns))
-    recorded_s = np.arange(-0.2, t_s[-1] + 0.01, READ_S)
-    trace = torque_trace(recorded_s, np.array([COMMAND.at(begin_s + t) for t in recorded_s]))
-    if id_:
-        effects = [PresentEffect(id_, tuple(values.items()))]
-    else:
-        effects = []
-    motion = simulate_pendulum(pendulum, trace, start[:2], start[2:], t_s, effects, FINE)
-    return np.column_stack([motion.angle_rad, motion.speed_rad_s])
-
-
-def swing_of_exam(id_: str | None, values: Values) -> tuple[Floats, Floats, Floats]:
-    """Times (m,), angles and speeds (m, 4) as read, and the true ones, by the exam's simulator."""
-    effects = {id_: values} if id_ else {}
-    case = PendulumCase(
-        "",
-        "",
-        1,
-        RIG,
-        RIG,
-        SamplingErrors(),
-        (True,),
-        effects,
-        friction=Friction(sign_rad_s=SIGN_RAD_S),
-    )
-    trace = swing(case.concealed, START, COMMAND, np.arange(0.0, RUN_S, READ_S))
-    return trace.t_s, np.column_stack([trace.angle_rad, trace.speed_rad_s]), trace.state
-
-
-def compare_in_pendulum(id_: str) -> Comparison:
-    """The line of one effect of joints.
-
-    The model begins from readings within the motion, so that the past of a lag is that of the
-    motion.
-    """
-    values = choose_values(id_)
-    t_s, read, true = swing_of_exam(id_, values)
-    begin = round(FROM_S / READ_S)
-    # A model whose speeds alone are late begins from the true speed.
-    start = np.concatenate([read[begin, :2], (true if id_ == "speed_lag" else read)[begin, 2:]])
-    theirs = read[begin + 1 :]
-    later_s = t_s[begin + 1 :] - t_s[begin]
-    largest = np.repeat([np.abs(theirs[:, :2]).max(), np.abs(theirs[:, 2:]).max()], 2)
-
-    def differ(from_readings: Floats) -> Floats:
-        return (swing_of_model(id_, values, from_readings, t_s[begin], later_s) - theirs) / largest
-
-    off = differ(start)
-    moved = (swing_of_exam(None, {})[1] - read)[begin + 1 :] / largest
-    turned = np.flatnonzero((np.sign(true[begin:, 2:]) != np.sign(true[begin, 2:])).any(axis=1))
-    alone = off
-    until = turned[0] - 1 if len(turned) else len(off)
-    if id_ in READ_LATE:
-        fitted = least_squares(
-            lambda x: differ(x).ravel(), start, x_scale=START_STD, diff_step=1e-4
-        )
-        alone = differ(fitted.x)
-        until = len(off)
-    neutral = {**NEUTRAL, **NEUTRAL_OF_JOINTS}[id_]
-    plain, at_zero = (
-        swing_of_model(*what, START, 0.0, t_s[1:]) for what in ((None, {}), (id_, neutral))
-    )
-    zero = np.abs(at_zero - plain)
-    return Comparison(
-        id_,
-        values,
-        float(zero[:, 2:].max()),
-        100.0 * float((zero / largest).max()),
-        _rms_pct(moved),
-        Deviation(_rms_pct(off), 100.0 * float(np.abs(off).max())),
-        Deviation(_rms_pct(alone[:until]), 100.0 * float(np.abs(alone[:until]).max())),
-    )
-
-
 def _rms_pct(x: Floats) -> float:
     return 100.0 * float(np.sqrt((x**2).mean(axis=0)).max())
 
@@ -452,13 +327,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("ids", nargs="*", metavar="ID", help="effects; all unless given")
-    ids = parser.parse_args().ids or [*OF_LEGS, *OF_JOINTS]
+    ids = parser.parse_args().ids or OF_LEGS
     print_table("forces of a leg", "N", [compare_in_leg(id_) for id_ in ids if id_ in OF_LEGS])
-    print_table(
-        "motion of a pendulum",
-        "rad/s",
-        [compare_in_pendulum(id_) for id_ in ids if id_ in OF_JOINTS],
-    )
     for id_, reason in WITHOUT_SECOND.items():
         print(f"{id_}: not compared, {reason}")
 

@@ -10,7 +10,7 @@ import pytest
 import rfca_rig as rr
 from rfca_rig.campaign.experiment import read_experiment, write_draft
 from rfca_rig.campaign.opening import import_pendulum, open_recordings
-from rfca_rig.campaign.pendulum import read_pendulum_campaign
+from rfca_rig.campaign.pendulum import read_pendulum
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
@@ -142,8 +142,8 @@ def test_links_of_a_pendulum_are_not_followed(tmp_path: Path):
     run = next((folder / "runs").iterdir())
     shutil.copy(run, tmp_path / "outside")
     _link(run, tmp_path / "outside")
-    _refusal(lambda: read_pendulum_campaign(folder))
-    assert read_pendulum_campaign(folder, allow_outside=True).runs
+    _refusal(lambda: read_pendulum(folder))
+    assert read_pendulum(folder, allow_outside=True).runs
 
 
 OUTSIDE_PART = (

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.pendulum import read_pendulum_campaign
+from rfca_rig.campaign.pendulum import fit_links, read_pendulum, read_pendulum_file
 from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.nuisances import NUISANCES
+from rfca_rig.mechanism.plant import make_plant
 from tests.campaign.small import cell, edit, line, swap
 
 DATA = Path(__file__).parents[1] / "data" / "dfki-pendulum"
@@ -19,37 +21,41 @@ RUN = "runs/swing-up-1.csv"
     ("name", "joints", "runs"), [("simple", 1, 2), ("simple-heavier", 1, 1), ("double", 2, 2)]
 )
 def test_the_real_recordings_are_read_as_they_stand(name, joints, runs):
-    campaign = read_pendulum_campaign(DATA / name)
-    assert len(campaign.pendulum.links) == joints
-    assert len(campaign.runs) == runs
-    for run in campaign.runs:
-        assert (
-            run.angle_rad.shape
-            == run.speed_rad_s.shape
-            == run.torque_Nm.shape
-            == (len(run.t_s), joints)
-        )
+    experiment = read_pendulum(DATA / name)
+    assert experiment.load_model().joints == tuple(f"joint{n + 1}" for n in range(joints))
+    assert len(experiment.runs) == runs
+    for run in experiment.runs:
+        assert run.signals.shape == (len(run.t_s), 2 * joints)
+        assert run.commands.shape == (len(run.t_s), joints)
     assert "Redistribution" in (DATA / name / "LICENSE.txt").read_text()
 
 
 def test_every_column_lands_where_the_file_says():
-    run = read_pendulum_campaign(DATA / "double").runs[1]
+    experiment = read_pendulum(DATA / "double")
+    run = experiment.runs[1]
     raw = np.loadtxt(DATA / "double" / "runs" / "swing-up-2.csv", delimiter=",", skiprows=1)
-    read = np.column_stack([run.t_s, run.angle_rad, run.speed_rad_s, run.torque_Nm])
+    read = np.column_stack([run.t_s, run.signals, run.commands])
     assert (read == raw).all()
     assert run.label == "swing-up, repeat 2"
+    assert [(signal.name, signal.quantity) for signal in experiment.signals] == [
+        ("joint1", "position"),
+        ("joint2", "position"),
+        ("joint1", "speed"),
+        ("joint2", "speed"),
+    ]
 
 
 def test_believed_values_and_how_well_they_are_known_are_those_of_the_file():
-    campaign = read_pendulum_campaign(DATA / "double")
-    assert campaign.pendulum.links[1].centre_of_mass_m == 0.2557
-    assert campaign.pendulum.links[0].joint_friction_Nm == 0.0
-    assert campaign.known_to == {
+    experiment = read_pendulum(DATA / "double")
+    model = experiment.load_model().model
+    assert model.body("link2").ipos[2] == -0.2557
+    assert model.dof_frictionloss[0] == 0.0
+    assert experiment.known_to == {
         "mass_relative": 0.05,
         "centre_of_mass_m": 0.01,
         "joint_damping_Nm_s_per_rad": 0.003,
         "zero_offset_rad": 0.005,
-        "torque_delay_s": 0.004,
+        "command_delay_s": 0.004,
         "torque_error_relative": 0.03,
     }
 
@@ -61,7 +67,7 @@ def copied(folder: Path, name: str = "double") -> Path:
 def test_only_the_part_that_counts_is_kept(tmp_path):
     campaign = copied(tmp_path)
     edit(campaign / TOML, swap("repeat = 1", "repeat = 1\nfrom_s = 1.0\nto_s = 2.0"))
-    t_s = read_pendulum_campaign(campaign).runs[0].t_s
+    t_s = read_pendulum(campaign).runs[0].t_s
     assert 1.0 <= t_s[0] < 1.01 and 1.99 < t_s[-1] <= 2.0
 
 
@@ -70,9 +76,11 @@ def test_a_joint_that_is_not_driven_needs_no_torque_and_speeds_may_be_absent(tmp
     edit(campaign / TOML, swap('torque2_Nm = "tau_meas2"\n', ""))
     edit(campaign / TOML, swap('speed2_rad_s = "vel_meas2"\n', ""))
     edit(campaign / TOML, swap("[known_to]", "driven = false\n[known_to]"))
-    run = read_pendulum_campaign(campaign).runs[0]
-    assert run.speed_rad_s is None
-    assert (run.torque_Nm[:, 1] == 0.0).all() and (run.torque_Nm[:, 0] != 0.0).any()
+    experiment = read_pendulum(campaign)
+    assert [signal.quantity for signal in experiment.signals] == ["position", "position"]
+    assert experiment.actuators == ("motor1",)
+    assert experiment.load_model().driven.tolist() == [True, False]
+    assert (experiment.runs[0].commands != 0.0).any()
 
 
 FAULTS = {
@@ -100,7 +108,7 @@ FAULTS = {
     "a column that is not there": (
         TOML,
         swap('"pos_meas2"', '"pos2"'),
-        f"{RUN}:1: column pos2, which is to hold angle2_rad, is missing",
+        f"{RUN}:1: column pos2, which is to hold the position of joint joint2, is missing",
     ),
     "a file that is not there": (TOML, swap("swing-up-2.csv", "swing-up-3.csv"), "runs[2].file: "),
     "a file named twice": (
@@ -140,7 +148,7 @@ def test_a_fault_is_one_line_that_says_where(tmp_path, fault):
     campaign = copied(tmp_path)
     edit(campaign / file, change)
     with pytest.raises(BadInput) as caught:
-        read_pendulum_campaign(campaign)
+        read_pendulum(campaign)
     assert "\n" not in str(caught.value)
     assert said in str(caught.value)
     assert str(campaign) in str(caught.value)
@@ -153,11 +161,64 @@ def test_columns_of_a_second_link_that_is_not_there_are_refused(tmp_path):
         swap('torque1_Nm = "torque"', 'torque1_Nm = "torque"\nangle2_rad = "position"'),
     )
     with pytest.raises(BadInput, match=r"columns\.angle2_rad: there is no \[link2\]"):
-        read_pendulum_campaign(campaign)
+        read_pendulum(campaign)
 
 
 def test_a_folder_that_is_none_says_what_one_is(tmp_path):
     with pytest.raises(
         BadInput, match=r"recordings of a pendulum are a folder with pendulum\.toml"
     ):
-        read_pendulum_campaign(tmp_path)
+        read_pendulum(tmp_path)
+
+
+def edited(folder: Path, old: str, new: str) -> Path:
+    campaign = copied(folder, "simple")
+    edit(campaign / TOML, swap(old, new))
+    return campaign
+
+
+def test_nominal_delays_and_offsets_of_the_torque_are_in_the_commands(tmp_path):
+    plain = read_pendulum(DATA / "simple").runs[0]
+    keys = "[known_to]"
+    late = "torque_delay_s = 0.01\ntorque_offset_Nm = 0.02\nzero_offset_rad = 0.1\n[known_to]"
+    experiment = read_pendulum(edited(tmp_path, keys, late))
+    run = experiment.runs[0]
+    inside = run.t_s > run.t_s[0] + 0.02
+    expected = np.interp(run.t_s - 0.01, run.t_s, plain.commands[:, 0]) + 0.02
+    assert run.commands[inside, 0] == pytest.approx(expected[inside])
+    # The reading of a hanging pendulum is the offset of its zero.
+    assert experiment.load_model().model.qpos0[0] == 0.1
+
+
+def test_a_run_without_torques_has_its_motors_off(tmp_path):
+    campaign = copied(tmp_path, "simple")
+    run = sorted((campaign / "runs").glob("*.csv"))[0]
+    header, *lines = run.read_text().splitlines()
+    column = header.split(",").index("torque")
+    rows = [line.split(",") for line in lines]
+    for row in rows:
+        row[column] = "0.0"
+    run.write_text("\n".join([header, *(",".join(row) for row in rows)]) + "\n")
+    driven = {run.label: run.driven for run in read_pendulum(campaign).runs}
+    assert sorted(driven.values()) == [False, True]
+
+
+def test_fitted_values_are_those_of_the_mechanism(tmp_path):
+    """A shift of a nominal value does the same to the links of the file as to the mechanism."""
+    described = read_pendulum_file(DATA / "double")
+    mechanism = read_pendulum(DATA / "double").load_model()
+    shifts = {
+        "mass_relative": 0.1,
+        "inertia_about_joint_relative": 0.2,
+        "centre_of_mass_m": 0.01,
+    }
+    for key, by in shifts.items():
+        plant = make_plant(mechanism, 1e-3)
+        NUISANCES[key].shift(plant, 1, by)
+        link = fit_links(described.links, {f"link2.{key}": by})[1]
+        body = plant.model.body("link2")
+        centre_m = float(np.linalg.norm(body.ipos))
+        about_joint = float(body.inertia[1] + body.mass[0] * centre_m**2)
+        assert link.mass_kg == pytest.approx(float(body.mass[0]))
+        assert link.centre_of_mass_m == pytest.approx(centre_m)
+        assert link.inertia_kg_m2 == pytest.approx(about_joint)

@@ -12,7 +12,7 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.analysis.phases import PHASES as REAL_PHASES
 from rfca_rig.cli import names
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.catalogue import declarations
 from tests.cli.typed import typed
 
 ROOT = Path(__file__).parents[2]
@@ -125,7 +125,7 @@ def test_an_answer_loads_nothing_heavy(here):
 def test_what_is_known_without_loading_is_what_there_is(tmp_path, monkeypatch):
     assert set(names.FIT_PARAMETERS) == set(PARAMETERS)
     assert set(names.PHASES) == set(REAL_PHASES)
-    assert set(names.effect_names()) == set(catalogue())
+    assert set(names.effect_names()) == {declared.id for declared in declarations()}
     monkeypatch.chdir(tmp_path)
     assert "twin-camera" not in names.rig_names()
     for name in names.rig_names():

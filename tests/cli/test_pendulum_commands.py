@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
-from rfca_rig.diagnosis.pendulums.diagnose import ALSO
-from rfca_rig.diagnosis.pendulums.windows import fit_pendulum
+from rfca_rig.campaign.pendulum import read_pendulum, read_pendulum_file
+from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
 from rfca_rig.errors import BadInput
-from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue
-from rfca_rig.model.effect import OF_PENDULUMS
+from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.model.catalogue import FOLDER_VARIABLE
 from rfca_rig.recording.layout import identity_of_tables
 from tests.cli.typed import typed
 from tests.own_devices.rigs import EXAMPLES
@@ -54,7 +53,7 @@ def test_import_of_a_faulty_folder_writes_nothing(say, tmp_path):
 
 def test_an_imported_pendulum_is_among_the_runs_with_what_its_diagnosis_said(say, tmp_path):
     say("import", FREE)
-    title = read_pendulum_campaign(FREE).title
+    title = read_pendulum(FREE).title
     identity = identity_of_tables(title, tmp_path / "runs" / "IMPORT-free-swing")
     said = {
         "recordings": [{"identity": identity}],
@@ -92,14 +91,15 @@ def test_fit_writes_a_model_file_that_report_takes(say, tmp_path):
     assert fitted.exit_code == 0
     found = json.loads(fitted.out)
     shifts = {shift["name"]: shift for shift in found["shifts"]}
-    assert set(shifts) == {"link1.inertia_relative", "link1.zero_offset_rad"}
-    nominal = read_pendulum_campaign(FREE)
-    model = with_model_file(nominal, tmp_path / "model.toml")
-    factor = model.pendulum.links[0].inertia_kg_m2 / nominal.pendulum.links[0].inertia_kg_m2
-    assert factor == pytest.approx(1.0 + shifts["link1.inertia_relative"]["value"], abs=1e-6)
-    assert model.known_to["zero_offset_rad"] == pytest.approx(
-        shifts["link1.zero_offset_rad"]["std"], rel=1e-4
-    )
+    inertia = shifts["link1.inertia_about_joint_relative"]
+    zero = shifts["joint1.zero_offset_rad"]
+    assert len(shifts) == 2
+    nominal = read_pendulum_file(FREE)
+    model = read_pendulum_file(FREE, model_file=tmp_path / "model.toml")
+    factor = model.link1.inertia_kg_m2 / nominal.link1.inertia_kg_m2
+    assert factor == pytest.approx(1.0 + inertia["value"], abs=1e-6)
+    assert model.known_to.zero_offset_rad == pytest.approx(zero["std"], rel=1e-4)
+    assert model.known_to.inertia_relative == pytest.approx(inertia["std"], rel=1e-4)
 
     reported = say("report", FREE, "--model", "model.toml", "--json", "--out", "report")
     assert reported.exit_code == 0
@@ -111,26 +111,35 @@ def test_fit_writes_a_model_file_that_report_takes(say, tmp_path):
     assert sum(one["fitted"] for one in before) < 0.9 * sum(one["nominal"] for one in before)
 
 
+def test_fit_writes_a_model_of_mujoco_too(say, tmp_path):
+    fitted = say("fit", FREE, "--out", "model.xml", "--json")
+    assert fitted.exit_code == 0
+    shifts = {shift["name"]: shift["value"] for shift in json.loads(fitted.out)["shifts"]}
+    link = read_pendulum_file(FREE).link1
+    body = load_mechanism(tmp_path / "model.xml").model.body("link1")
+    about_joint = float(body.inertia[1] + body.mass[0] * body.ipos[2] ** 2)
+    factor = 1.0 + shifts["link1.inertia_about_joint_relative"]
+    assert about_joint == pytest.approx(factor * link.inertia_kg_m2, rel=1e-4)
+
+
 def test_report_shows_every_run_with_its_errors(say, tmp_path):
     done = say("report", FREE)
     assert done.exit_code == 0
     page = (tmp_path / "report" / "report.html").read_text()
     assert all(run in page for run in RUNS)
     assert "simulated, fitted values" in page and page.count("<svg") > 3
-    rows = (tmp_path / "report" / "pendulum-errors.csv").read_text().splitlines()
+    rows = (tmp_path / "report" / "mechanism-errors.csv").read_text().splitlines()
     assert len(rows) == 1 + len(RUNS)
     assert rows[0] == "run,signal,unit,noise,nominal,fitted,held_out"
 
 
 def test_only_the_parameters_that_are_named_are_fitted():
-    campaign = read_pendulum_campaign(SIMPLE)
-    found = fit_pendulum(campaign, lambda *_: None, ["link1.torque_delay_s"])
+    found = fit_mechanism(read_pendulum(SIMPLE), lambda *_: None, ["command_delay_s"])
     (shift,) = found.fit.shifts
-    assert shift.name == "link1.torque_delay_s" and shift.prior_std == 0.004
-    link = found.pendulum.links[0]
-    nominal = campaign.pendulum.links[0]
-    assert link.torque_delay_s == pytest.approx(shift.value) and link.mass_kg == nominal.mass_kg
-    assert {error.signal for error in found.fit.errors} == {"angle1_rad", "speed1_rad_s"}
+    assert shift.name == "command_delay_s" and shift.prior_std == 0.004
+    assert found.plant.command_delay_s == pytest.approx(shift.value)
+    signals = {"joint1_position_rad", "joint1_speed_rad_s"}
+    assert {error.signal for error in found.fit.errors} == signals
     assert all(
         np.isfinite(overlay.after).all() and overlay.t_s[0] < overlay.t_s[-1]
         for overlay in found.fit.overlays
@@ -138,11 +147,9 @@ def test_only_the_parameters_that_are_named_are_fitted():
 
 
 def test_a_model_file_of_other_links_is_refused(say, tmp_path):
-    say("fit", SIMPLE, "--parameters", "link1.torque_offset_Nm", "--out", "one.toml")
+    say("fit", SIMPLE, "--parameters", "command_delay_s", "--out", "one.toml")
     with pytest.raises(BadInput, match=r"one\.toml: a model of 1 links, but .* has 2"):
-        with_model_file(
-            read_pendulum_campaign(DATA / "dfki-pendulum" / "double"), tmp_path / "one.toml"
-        )
+        read_pendulum(DATA / "dfki-pendulum" / "double", model_file=tmp_path / "one.toml")
 
 
 @pytest.mark.parametrize(
@@ -151,12 +158,12 @@ def test_a_model_file_of_other_links_is_refused(say, tmp_path):
         (("fit", FREE, "--phases", "free"), "--phases: is an option for recordings of a leg"),
         (
             ("fit", FREE, "--parameters", "k0"),
-            "'k0' is none of link1.inertia_relative, link1.zero_offset_rad",
+            "--parameters: 'k0' is no value of [known_to]",
         ),
         (("report", FREE, "--shaft", "recorded"), "--shaft: is an option for recordings of a leg"),
         (
             ("report", FREE, FREE),
-            "is a campaign of a pendulum, whose model is its own; give it alone",
+            "holds pendulum.toml, which has a model of its own; give it alone",
         ),
         (
             ("diagnose", FREE, "--close-the-loop"),
@@ -187,39 +194,25 @@ def test_nothing_to_fit_is_said(say, tmp_path):
         text.replace("inertia_relative = 0.08", "").replace("zero_offset_rad = 0.01", "")
     )
     done = say("fit", tmp_path / "exact")
-    assert done.exit_code == 2 and "[known_to] lists no value that these runs depend on" in done.err
-
-
-ON_THE_GROUND = """
-from dataclasses import replace
-from rfca_rig.model.effect import Effect, Parameter
-
-def apply(setup, values):
-    return replace(setup, height_m=setup.height_m + values["by_m"])
-
-EFFECT = Effect("our_floor", "ground", "a floor", "h + d", "us", (Parameter("by_m", 0.0, 0.01),), apply)
-"""
+    assert done.exit_code == 2 and "[known_to] lists no value that these" in done.err
 
 
 @pytest.mark.slow
-def test_an_effect_of_one_s_own_is_looked_for_or_said_to_have_no_place(say, tmp_path, monkeypatch):
-    # The package's own would take ten times as long, and other tests look for them.
-    known = [
-        effect.id
-        for effect in catalogue().values()
-        if effect.where == OF_PENDULUMS or effect.id in ALSO
-    ]
-    without = [word for effect_id in known for word in ("--without", effect_id)]
+def test_an_effect_of_one_s_own_is_looked_for_where_it_has_a_law_of_joints(
+    say, tmp_path, monkeypatch
+):
     folder = tmp_path / "effects"
     folder.mkdir()
     shutil.copy(EXAMPLES / "effects" / "our_effect.py", folder)
-    (folder / "our_floor.py").write_text(ON_THE_GROUND)
+    text = (folder / "our_effect.py").read_text(encoding="utf-8")
+    # The same effect without a law for joints.
+    without = text[: text.index("    joint_torque=")] + ")\n"
+    (folder / "of_hinges.py").write_text(without.replace("cubic_damping", "of_hinges"))
     monkeypatch.setenv(FOLDER_VARIABLE, str(folder))
-    done = say("diagnose", FREE, *without, "--json")
-    assert done.exit_code == 0
+    done = say("diagnose", FREE, "--json")
+    assert done.exit_code == 0, done.err
     answer = json.loads(done.out)
     assert "cubic_damping" in answer["settings"]["effects_tried"]
-    assert "our_floor" not in answer["settings"]["effects_tried"]
-    (remark,) = [text for text in answer["remarks"] if "our_floor" in text]
-    assert remark.startswith("not looked for: effect our_floor: acts on ground")
-    assert len(answer["recordings"]) == 1
+    assert "of_hinges" not in answer["settings"]["effects_tried"]
+    (remark,) = [text for text in answer["remarks"] if "of_hinges" in text]
+    assert remark.startswith("not looked for: effect of_hinges has no joint_torque")

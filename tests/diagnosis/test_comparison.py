@@ -909,5 +909,5 @@ def test_a_partner_that_is_as_good_as_another_widens_a_size():
 )
 def test_an_effect_may_have_a_size_for_each_of_several_joints(names, several):
     parameters = tuple(Parameter(name, 0.1, 1.0) for name in names)
-    effect = replace(catalogue()["joint_friction"], parameters=parameters)
+    effect = replace(catalogue()["tip_mass"], parameters=parameters)
     assert sizes.has_several_sizes(effect) == several

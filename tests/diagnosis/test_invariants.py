@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.mechanisms.diagnose import MechanismDiagnosis, diagnose_mechanism
-from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
     Criterion,
@@ -393,7 +392,7 @@ def test_values_that_act_like_an_effect_of_a_contact_are_those_of_mechanisms(tmp
     assert same_as == SAME_AS_IN_MECHANISMS
 
 
-@pytest.mark.parametrize("entry_point", [diagnose, diagnose_pendulum, diagnose_mechanism])
+@pytest.mark.parametrize("entry_point", [diagnose, diagnose_mechanism])
 def test_every_entry_point_is_watched(entry_point):
     assert entry_point.is_watched
 
@@ -404,7 +403,7 @@ def test_every_entry_point_is_watched(entry_point):
         lambda diagnosis: diagnosis,
         lambda diagnosis: MechanismDiagnosis(diagnosis, None, None, None, ()),
     ],
-    ids=["leg or pendulum", "mechanism"],
+    ids=["leg", "mechanism"],
 )
 def test_the_watch_keeps_what_contradicts_itself(wrap):
     bad, expected = BAD["the answer is surer than its effect"]

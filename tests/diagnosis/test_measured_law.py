@@ -10,8 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.analysis.swings import make_swing_problem
-from rfca_rig.campaign.pendulum import read_pendulum_campaign
+from rfca_rig.campaign.pendulum import read_pendulum
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.config import CLOSE_LOG_EVIDENCE
@@ -21,13 +20,8 @@ from rfca_rig.diagnosis.inference.parameterization import Parameterization, coor
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, loo_log_densities
-from rfca_rig.diagnosis.pendulums.windows import (
-    BIN_S,
-    WINDOW_S,
-    cut_stretches,
-    make_pendulum_dataset,
-    space_of_pendulum,
-)
+from rfca_rig.diagnosis.mechanisms.diagnose import measure_joint_law, parse_place
+from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.diagnosis.residual_force.law import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import make_argument, place_knots
 from rfca_rig.diagnosis.residual_force.measured_law import (
@@ -260,14 +254,13 @@ def test_an_argument_that_a_place_lacks_is_refused(crosstalk):
 
 @pytest.mark.slow
 def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
-    problem = make_swing_problem(read_pendulum_campaign(PENDULUM), WINDOW_S, BIN_S)
-    coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
+    experiment = read_pendulum(PENDULUM)
+    problem = make_problem(experiment, experiment.load_model())
     with single_threaded_blas():
-        found = search_models(
-            make_pendulum_dataset(cut_stretches(problem)), coordinates, [], lambda *_: None
-        )
-        law = measure_law(found, "joint1", found.nothing)
-    assert law.argument == "rate_rad_s"
+        found = search_models(problem.dataset, Parameterization(problem.space), [], lambda *_: None)
+        place = parse_place("joint1", problem.simulator.mechanism)
+        law = measure_joint_law(problem, found, found.nothing, place).stated.law
+    assert law.argument == "speed_rad_s"
     sliding = (np.abs(law.knots) > 0.4) & (np.abs(law.knots) < 4.0)
     friction = law.whole[sliding] * np.sign(law.knots[sliding])
     assert np.all(
@@ -359,12 +352,6 @@ U = np.linspace(-1.0, 1.0, 9)
             "hinges",
             "rate_rad_s",
             0.1 * U,
-        ),
-        (
-            present("joint_stribeck", torque_Nm=0.1, rise_relative=0.5, speed_rad_s=0.3),
-            "joints",
-            "rate_rad_s",
-            0.1 * np.sign(U) * (1.0 + 0.5 * np.exp(-np.abs(U) / 0.3)),
         ),
         (present("sensor_gain", factor=1.1), "fz_N", "reading_N", 0.1 * U),
         (present("sensor_drift", rate_N_per_s=2.0), "fz_N", "time_s", 2.0 * U),

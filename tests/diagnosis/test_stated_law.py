@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.pendulum import read_pendulum_campaign
-from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 from rfca_rig.diagnosis.residual_force.stated_law import (
     OF_LEG,
-    OF_PENDULUM,
     _acts_at,
     check_place,
     measure_stated_law,
@@ -19,7 +16,7 @@ from rfca_rig.diagnosis.residual_force.stated_law import (
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
-from tests.diagnosis.test_measured_law import CONDITIONS, PENDULUM
+from tests.diagnosis.test_measured_law import CONDITIONS
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +57,7 @@ def test_an_effect_elsewhere_stays_in_the_base(stribeck):
 
 def test_every_effect_that_has_a_law_at_a_place_acts_there():
     at = {}
-    for place in (*OF_LEG, *OF_PENDULUM):
+    for place in OF_LEG:
         at[place] = {name for name in catalogue() if _acts_at(name, place)}
     assert {"spring_hysteresis", "hinge_backlash", "hinge_coulomb_friction"} <= at["hinges"]
     assert at["floor_friction"] == {"ground_stribeck"} and "ground_adhesion" in at["floor_normal"]
@@ -72,7 +69,6 @@ def test_every_effect_that_has_a_law_at_a_place_acts_there():
         "sensor_saturation",
     }
     assert at["fz_N"] == at["tx_Nm"] == of_channels
-    assert "joint_stribeck" in at["joint2"] and "torque_scale" not in at["joint2"]
 
 
 def test_a_place_that_a_rig_lacks_is_refused_in_one_line():
@@ -81,7 +77,3 @@ def test_a_place_that_a_rig_lacks_is_refused_in_one_line():
         match="--law joints: no law can be measured there; name one of hinges, floor_friction",
     ):
         check_place("joints", OF_LEG)
-    with pytest.raises(
-        BadInput, match=r"--law joint2: no law can be measured there; name one of joints$"
-    ):
-        diagnose_pendulum(read_pendulum_campaign(PENDULUM), lambda *_: None, law_at="joint2")

@@ -155,11 +155,34 @@ def test_readings_are_those_of_the_amended_simulation(tmp_path):
     )  # by then the value at time 0 counts no more
 
 
+def test_late_readings_are_those_of_a_motion_that_began_before(tmp_path):
+    """From readings within a motion, the motion behind them is found again: the joints have moved
+    on by then.
+    """
+    plant = plant_of(tmp_path)
+    plain = rolled(plant)
+    plant.reading_lag_s = 0.006
+    _, laws = written(plant, tmp_path)
+    position = laws.read_states_late(np.vstack([START_RAD, plain.position]), STEP_S)
+    speed = laws.read_states_late(np.vstack([START_RAD_S, plain.speed]), STEP_S)
+    begin = 100
+    trace = CommandTrace(TRACE_S - begin * STEP_S, TRACE)
+    t_s = np.arange(1, STEPS - begin + 1) * STEP_S
+    late = simulate_plant(plant, trace, position[begin], speed[begin], t_s)
+    for motion, read, simulated in (
+        (plain.position, position, late.position),
+        (plain.speed, speed, late.speed),
+    ):
+        moved = np.abs(motion[begin:] - read[begin + 1 :]).max()
+        assert np.abs(simulated - read[begin + 1 :]).max() < 0.1 * moved
+
+
 def test_every_law_that_mjcf_does_not_hold_has_a_function(tmp_path):
     plant = plant_of(tmp_path)
     for change in CHANGES:
         change(plant)
     plant.zero_offset[:] = 0.01
+    plant.reading_lag_s = 0.01
     plant.speed_lag_s = 0.01
     plant.sensor_lag_s = 0.01
     beyond = write_amended_model(plant, tmp_path / "model.xml")

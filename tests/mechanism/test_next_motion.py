@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _designs, write_excitation
+from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _sines, write_excitation
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
@@ -84,7 +84,7 @@ def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experim
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)
     simulator = problem.simulator
-    designs = list(_designs(problem))
+    designs = list(_sines(problem))
     assert {design.settings["joint"] for design in designs} <= {
         "joint1",
         "joint2",
@@ -116,7 +116,7 @@ def test_a_motion_that_needs_larger_commands_is_not_proposed(experiment):
         for parameter in friction.parameters
     )
     stuck = MechanismInput(effects=(PresentEffect("joint_friction", values),))
-    assert all(design.simulate(stuck) is None for design in _designs(problem))
+    assert all(design.simulate(stuck) is None for design in _sines(problem))
 
 
 @pytest.mark.long

@@ -179,7 +179,7 @@ def test_of_many_recordings_those_are_drawn_that_the_model_misses_most(tmp_path)
         tuple(overlays),
     )
     write_motions(
-        MotionsReport("motions of a mechanism", "arm", "model.xml", "mechanism", "f/1", 0.5),
+        MotionsReport("arm", "model.xml", 0.5),
         fit,
         tmp_path,
         Origin(),
@@ -200,7 +200,7 @@ def test_of_many_recordings_those_are_drawn_that_the_model_misses_most(tmp_path)
             "--shaft: is an option for recordings of a leg; leave it out here",
         ),
         (("--model", "none.xml"), "none.xml: is not there"),
-        (("tests",), "which names a model of its own; give it alone"),
+        (("tests",), "which has a model of its own; give it alone"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(folder, tmp_path, monkeypatch, capsys, words, said):

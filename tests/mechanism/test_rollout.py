@@ -151,6 +151,7 @@ def test_a_lag_of_commands_and_of_speeds_follows_its_time_constant(tmp_path):
     plant.speed_lag_s = 0.02
     late = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
     rate = np.gradient(late.speed, T_S, axis=0)
+    # From the start on, as in a motion that began before.
     assert np.abs(0.02 * rate + late.speed - plain.speed)[2:-2].max() < 0.15
     assert np.array_equal(late.position, plain.position)
 

@@ -139,7 +139,7 @@ def test_recordings_of_a_pendulum_are_opened_with_the_same_name():
     data = swings.to_xarray(0)
     assert (
         data.sizes["t_s"] == swings.table()["samples"][0]
-        and data["angle_1"].attrs["units"] == "rad"
+        and data["joint1.position"].attrs["units"] == "rad"
     )
     assert swings.plot(0).lines and len(swings.static_table()) == 0
 

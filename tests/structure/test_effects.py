@@ -7,13 +7,8 @@ from rfca_rig.model.declarations import LEG, MECHANISM
 from rfca_rig.model.families import FAMILIES
 from tests.structure.tree import read_modules
 
-# The exam's second implementation shares nothing with what it examines. Effects of a pendulum's
-# joints are declared with their laws.
-WITH_IDS_OF_THEIR_OWN = (
-    "rfca_rig.exam",
-    "rfca_rig.diagnosis.pendulums",
-    "rfca_rig.model.effects.joint",
-)
+# The exam's second implementation shares nothing with what it examines.
+WITH_IDS_OF_THEIR_OWN = "rfca_rig.exam"
 
 
 def test_the_id_of_an_effect_stands_in_its_declaration_alone():

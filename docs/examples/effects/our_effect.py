@@ -1,6 +1,6 @@
 """A damper in every hinge whose torque grows with the cube of the speed."""
 
-from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.model.effect import Effect, JointTorque, Parameter
 from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import with_law
 
@@ -13,6 +13,10 @@ def apply(setup, values):
     return with_law(setup, LawUse(HINGE, torque, (values["coefficient_Nm_s3_per_rad3"],)))
 
 
+def torque_of_joint(speed, values):
+    return values["coefficient_Nm_s3_per_rad3"] * speed**3
+
+
 EFFECT = Effect(
     id="cubic_damping",
     where="hinges",
@@ -21,4 +25,5 @@ EFFECT = Effect(
     source="our own drop tests",
     parameters=(Parameter("coefficient_Nm_s3_per_rad3", 1e-4, 1e-1),),
     apply=apply,
+    joint_torque=JointTorque("speed", torque_of_joint),
 )

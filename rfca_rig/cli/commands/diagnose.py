@@ -1,7 +1,7 @@
 """rfca-rig diagnose"""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.executors.mapping import TaskExecutor
     from rfca_rig.mechanism.plant import Plant
+    from rfca_rig.model.effect import Declaration
     from rfca_rig.protocol.plan import Limits
     from rfca_rig.recording.model import Recording
 
@@ -140,20 +141,22 @@ def _in_words(answer: dict[str, Any]) -> str:
 
 
 def _list_effects(wanted: bool) -> None:
-    """The catalogue of the leg and of pendulums with what each is; names alone of mechanisms,
-    whose effects depend on the model.
-    """
+    """The effects of legs, and those of mechanisms, with what each is."""
     if not wanted:
         return
-    from rfca_rig.cli.names import MECHANISM_EFFECTS
     from rfca_rig.cli.terminal import print_lines
     from rfca_rig.model.catalogue import catalogue
+    from rfca_rig.model.declarations import MECHANISM
 
-    print_lines(
-        (f"{name:<30}{effect.left_out}" for name, effect in sorted(catalogue().items())),
-        indent=" " * 30,
-    )
-    print_lines([f"of a mechanism: {', '.join(MECHANISM_EFFECTS)}"])
+    def describe(effects: Iterable["Declaration"]) -> list[str]:
+        return [
+            f"{effect.id:<30}{effect.left_out}"
+            for effect in sorted(effects, key=lambda effect: effect.id)
+        ]
+
+    print_lines(describe(catalogue().values()), indent=" " * 30)
+    print_lines(["", "Of mechanisms and pendulums, as far as the model has a place for them:"])
+    print_lines(describe(MECHANISM), indent=" " * 30)
     raise typer.Exit
 
 
@@ -216,8 +219,7 @@ def diagnose(
             "--law",
             metavar="PLACE",
             help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, "
-            "fz_N, tx_Nm; joints, joint1, joint2 of a "
-            "pendulum; of a mechanism a JOINT, JOINT.speed or JOINT.position.",
+            "fz_N, tx_Nm; of a mechanism or a pendulum a JOINT, JOINT.speed or JOINT.position.",
         ),
     ] = "",
     workers: Workers = None,
@@ -240,7 +242,7 @@ def diagnose(
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
-    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model
     from rfca_rig.cli.options import Printing
     from rfca_rig.diagnosis.config import check_known
     from rfca_rig.errors import BadInput
@@ -287,13 +289,6 @@ def diagnose(
                 "mechanism and record the proposed motion"
             )
         diagnosis = _mechanism(asked)
-    elif pendulum_among(paths) is not None:
-        if close_the_loop:
-            raise BadInput(
-                "--close-the-loop runs experiments on a leg's rig; leave it out for a "
-                "pendulum and do the proposed run by hand"
-            )
-        diagnosis = _pendulum(asked)
     elif not close_the_loop:
         diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is, allow_outside), asked)
     else:
@@ -415,32 +410,15 @@ def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
     )
 
 
-def _pendulum(asked: DiagnoseOptions) -> "Diagnosis":
-    """Diagnosis of a driven pendulum without ground; a leg's model file cannot describe it, so
-    none is written.
-    """
-    from rfca_rig.campaign.pendulum import read_pendulum_campaign
-    from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
-
-    campaign = read_pendulum_campaign(asked.paths[0], asked.allow_outside)
-    with progress(asked.quiet) as bars:
-        return _write_imported(
-            diagnose_pendulum(campaign, bars.share, asked.without, asked.law_at),
-            campaign.about,
-            asked,
-        )
-
-
 def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     """Diagnosis of a mechanism that MuJoCo simulates, and its model file with the effects found."""
-    from rfca_rig.campaign.experiment import read_experiment
+    from rfca_rig.campaign.opening import open_experiment
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.experiment_design.mechanism_experiment import write_excitation
     from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
     from rfca_rig.reports.diagnosis.tables import describe_law, write_law_table
 
-    experiment = read_experiment(asked.paths[0], asked.allow_outside)
+    experiment = open_experiment(asked.paths[0], asked.allow_outside)
     with progress(asked.quiet) as bars:
         outcome = diagnose_mechanism(
             experiment, bars.share, asked.without, asked.law_at, asked.as_is

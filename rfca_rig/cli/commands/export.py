@@ -164,26 +164,23 @@ def import_folder(
     """
     import json
 
-    from rfca_rig.campaign.opening import (
-        experiment_among,
-        import_campaign,
-        import_pendulum,
-        pendulum_among,
-    )
+    from rfca_rig.campaign.opening import import_campaign, import_pendulum
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
+    from rfca_rig.recording.layout import EXPERIMENT, PENDULUM
     from rfca_rig.recording.store import read_recording
 
-    if experiment_among([folder]) is not None:
+    if (folder / EXPERIMENT).is_file():
         raise BadInput(
             f"{folder}: holds experiment.toml, which every command reads as it stands; go "
             f"on with rfca-rig check {folder}"
         )
     target = out or Path("runs") / f"IMPORT-{folder.resolve().name}"
-    if pendulum_among([folder]) is not None:
+    if (folder / PENDULUM).is_file():
         pendulum = import_pendulum(folder, target, allow_outside)
         if as_json:
-            counts = {"links": len(pendulum.pendulum.links), "pendulum_runs": len(pendulum.runs)}
+            links = sum(signal.quantity == "position" for signal in pendulum.signals)
+            counts = {"links": links, "pendulum_runs": len(pendulum.runs)}
             echo(
                 json.dumps(
                     {"source": "IMPORT", "run": str(target), "title": pendulum.title, **counts},

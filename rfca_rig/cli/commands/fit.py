@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 HELP_PARAMETERS = (
-    f"What to fit, out of {', '.join(FIT_PARAMETERS)}; of a pendulum or a mechanism names of its "
+    f"What to fit, out of {', '.join(FIT_PARAMETERS)}; of a mechanism or a pendulum names of its "
     "own. All that the section known_to lists if not given."
 )
 HELP_EFFECTS = (
@@ -50,7 +50,7 @@ def fit(
             "--out",
             metavar="FILE",
             callback=out_file,
-            help="Write the fitted model: .toml; of a mechanism MJCF, .xml.",
+            help="Write the fitted model: .toml; of a mechanism MJCF, .xml; of a pendulum either.",
         ),
     ] = None,
     shaft: Annotated[
@@ -98,7 +98,7 @@ def fit(
     By default from 200 ms after touchdown to the valley, where the model meets a leg that lacks
     nothing to the noise.
 
-    Of a pendulum or a mechanism: the values that known_to lists, with errors on held-out
+    Of a mechanism or a pendulum: the values that known_to lists, with errors on held-out
     conditions.
 
     Example: rfca-rig fit runs/SIM-table-ii-001 --parameters k0,friction
@@ -110,18 +110,17 @@ def fit(
     from rfca_rig.analysis.fitting.residuals import StrokeWindow
     from rfca_rig.analysis.fitting.result import write_model_file
     from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
-    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
 
-    pendulum = pendulum_among(paths)
     mechanism = experiment_among(paths)
     if effects and mechanism is None:
         raise BadInput(
             "--effects: is an option for recordings of a mechanism (experiment.toml); "
             "leave it out here"
         )
-    if pendulum is not None or mechanism is not None:
+    if mechanism is not None:
         # An option counts as given where it differs from its default.
         asked = {
             "--shaft": shaft != ShaftOption.recorded,
@@ -129,10 +128,6 @@ def fit(
             "--after-touchdown": after_touchdown != 200.0,
         }
         refuse_leg_options({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
-    if pendulum is not None:
-        _fit_pendulum(pendulum, _names(parameters), out, allow_outside, as_json)
-        return
-    if mechanism is not None:
         _fit_mechanism(
             mechanism, _names(parameters), _names(effects), out, as_is, allow_outside, as_json
         )
@@ -169,25 +164,6 @@ def fit(
     _print(result, out, as_json)
 
 
-def _fit_pendulum(
-    folder: Path, names: list[str], out: Path | None, allow_outside: bool, as_json: bool
-) -> None:
-    """The same for a pendulum's recordings."""
-    from rfca_rig.campaign.pendulum import read_pendulum_campaign, write_pendulum_model
-    from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, fit_pendulum, update_known_to
-
-    campaign = read_pendulum_campaign(folder, allow_outside)
-    with progress(quiet=as_json) as bars:
-        pendulum_fit = fit_pendulum(campaign, bars.share, names)
-    if out is not None:
-        comments = [f"Fitted to {folder} (IMPORT): {campaign.title}", *pendulum_fit.fit.lines()]
-        write_pendulum_model(
-            out, pendulum_fit.pendulum, update_known_to(campaign, pendulum_fit.fit), comments
-        )
-    _print_windows(pendulum_fit.fit, PENDULUM_FIT, folder, out, as_json)
-
-
 def _fit_mechanism(
     folder: Path,
     names: list[str],
@@ -197,22 +173,30 @@ def _fit_mechanism(
     allow_outside: bool,
     as_json: bool,
 ) -> None:
-    """The same for recordings of a mechanism, with the named effects."""
-    from rfca_rig.campaign.experiment import read_experiment
+    """The same for recordings of a mechanism or a pendulum, with the named effects."""
+    from rfca_rig.campaign.opening import open_experiment
+    from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
+    from rfca_rig.campaign.pendulum import write_fitted_pendulum
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, fit_mechanism
     from rfca_rig.errors import BadInput
     from rfca_rig.mechanism.model_files import write_amended_model
 
-    if out is not None and out.suffix != ".xml":
+    is_pendulum = (folder / PENDULUM).is_file()
+    as_toml = is_pendulum and out is not None and out.suffix == ".toml"
+    if out is not None and out.suffix != ".xml" and not as_toml:
         raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")
+    experiment = open_experiment(folder, allow_outside)
     with progress(quiet=as_json) as bars:
-        mechanism_fit = fit_mechanism(
-            read_experiment(folder, allow_outside), bars.share, names, effects, as_is
-        )
-    beyond = () if out is None else write_amended_model(mechanism_fit.plant, out)
-    if beyond:
-        echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
+        mechanism_fit = fit_mechanism(experiment, bars.share, names, effects, as_is)
+    if out is not None and as_toml:
+        comments = [f"Fitted to {folder} (IMPORT): {experiment.title}", *mechanism_fit.fit.lines()]
+        shifts = {shift.name: (shift.value, shift.std) for shift in mechanism_fit.fit.shifts}
+        write_fitted_pendulum(out, folder, shifts, comments)
+    elif out is not None:
+        beyond = write_amended_model(mechanism_fit.plant, out)
+        if beyond:
+            echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
     _print_windows(mechanism_fit.fit, MECHANISM_FIT, folder, out, as_json)
 
 

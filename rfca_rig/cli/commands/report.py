@@ -1,7 +1,6 @@
 """rfca-rig report"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -66,18 +65,17 @@ def report(
     """Compare recordings with the model: Table II and overlays of measured and simulated force; and
     how each run went, in run.html.
 
-    Of a pendulum or a mechanism: the signals of each recording, with nominal, fitted and held-out
+    Of a mechanism or a pendulum: the signals of each recording, with nominal, fitted and held-out
     errors.
 
     Works offline, changes no recording.
 
     Example: rfca-rig report runs/SIM-table-ii-001 --out report
     """
-    from rfca_rig.campaign.opening import experiment_among, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among
 
-    pendulum = pendulum_among(paths)
     mechanism = experiment_among(paths)
-    if pendulum is None and mechanism is None:
+    if mechanism is None:
         write(
             paths,
             out,
@@ -92,10 +90,7 @@ def report(
         return
     # An option without effect must be refused: its user would believe it was applied.
     refuse_leg_options({"--shaft": shaft != ShaftOption.average, "--as-is": as_is})
-    if pendulum is not None:
-        _write_pendulum(pendulum, out, as_json, model, pdf, allow_outside)
-    if mechanism is not None:
-        _write_mechanism(mechanism, out, as_json, model, pdf, allow_outside)
+    _write_mechanism(mechanism, out, as_json, model, pdf, allow_outside)
 
 
 def refuse_leg_options(given: Mapping[str, bool]) -> None:
@@ -107,42 +102,18 @@ def refuse_leg_options(given: Mapping[str, bool]) -> None:
             raise BadInput(f"{option}: is an option for recordings of a leg; leave it out here")
 
 
-def _write_pendulum(
-    folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool
-) -> None:
-    """The same for a pendulum's recordings."""
-    from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
-    from rfca_rig.cli.options import Printing
-    from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulums.windows import fit_pendulum
-    from rfca_rig.reports.strokes.motions import pendulum_report
-
-    printing = Printing(pdf)
-    campaign = read_pendulum_campaign(folder, allow_outside)
-    if model is not None:
-        campaign = with_model_file(campaign, model)
-    with progress(as_json) as bars:
-        fit = fit_pendulum(campaign, bars.share).fit
-    page = _write_motions(
-        pendulum_report(campaign, model.name if model else None), fit, folder, out, as_json, model
-    )
-    printing.print([page], as_json)
-
-
 def _write_mechanism(
     folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool, allow_outside: bool
 ) -> None:
     """The same for recordings of a mechanism."""
-    from rfca_rig.campaign.experiment import read_experiment
+    from rfca_rig.campaign.opening import open_experiment
     from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.fit import compare_mechanism
     from rfca_rig.reports.strokes.motions import mechanism_report
 
     printing = Printing(pdf)
-    experiment = read_experiment(folder, allow_outside)
-    if model is not None:
-        experiment = replace(experiment, model=model)
+    experiment = open_experiment(folder, allow_outside, model)
     with progress(as_json) as bars:
         comparison = compare_mechanism(experiment, bars.share)
     page = _write_motions(
@@ -161,13 +132,13 @@ def _write_motions(
 ) -> Path:
     """Writes the page of recordings in windows; returns its path."""
     from rfca_rig.reports.provenance import command_line, origin_of_import
-    from rfca_rig.reports.strokes.motions import PAGE, write_motions
+    from rfca_rig.reports.strokes.motions import JSON, PAGE, write_motions
     from rfca_rig.reports.text import count_noun
 
     command = command_line("report", folder, options={"--model": model})
     write_motions(report, fit, out, origin_of_import(command, folder, report.title, report.about))
     if as_json:
-        echo(json_text((out / report.json_file).read_text(encoding="utf-8")), nl=False)
+        echo(json_text((out / JSON).read_text(encoding="utf-8")), nl=False)
     else:
         recordings = count_noun(len({error.run for error in fit.errors}), "recording")
         echo(f"{out / PAGE}: measured and simulated signals of {recordings}", err=True)

@@ -1,8 +1,9 @@
-"""The next experiment on a mechanism: joints follow sines, within the positions, speeds and
-commands that were recorded.
+"""The next experiment on a mechanism: joints follow sines, or are released with the actuators off,
+within the positions, speeds and commands that were recorded.
 
-Every joint needs a motor of its own. A controller tracks the reference. The windows of the
-recording are compared, each with the commands of the most probable hypothesis as feed-forward.
+For a sine every joint needs a motor of its own. A controller tracks the reference. The windows of
+the recording are compared, each with the commands of the most probable hypothesis as feed-forward.
+Releases are proposed where the actuators were off in a recording.
 """
 
 from collections.abc import Iterator
@@ -29,7 +30,7 @@ from rfca_rig.escaping import csv_line
 from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.mechanism.rollout import CommandTrace
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.recording.atomic import write_atomically
 
@@ -40,6 +41,9 @@ SECONDS = 6.0  # of a recording
 RISE_S = 1.0  # in which a sine grows from rest
 STEP_S = 2e-3  # of the commands
 ALL = "all joints"
+RELEASES = (-0.9, -0.4, 0.4, 0.9)  # shares of half the recorded range, from its middle
+# Of half the recorded range: a release that is simulated with a hypothesis may leave it by as much.
+BEYOND = 0.1
 TRAVELS = (0.3, 1.0)  # shares of half the range that a joint travelled
 SPEEDS = (
     0.15,
@@ -89,10 +93,11 @@ def propose_motion(
     if hypotheses is None:
         return None
     mechanism = problem.simulator.mechanism
+    designs = []
     if has_torque_motors(mechanism):
-        designs = list(_designs(problem))
-    else:
-        designs = []
+        designs += list(_sines(problem))
+    if not all(run.driven for run in problem.experiment.runs):
+        designs += list(_releases(problem))
     proposal = propose(list(list_options(hypotheses, designs, enough)))
     if proposal is None:
         return None
@@ -127,7 +132,7 @@ def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -
     write_atomically(path, text.getvalue().encode("utf-8"))
 
 
-def _designs(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
+def _sines(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
     """Sines of each joint alone, and of all together."""
     usual = problem.usual
     names = problem.simulator.mechanism.joints
@@ -157,7 +162,27 @@ def _designs(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
                     "frequency_Hz": f_Hz,
                     "seconds": SECONDS,
                 }
-                yield _design(problem, settings, words, _sine(usual, joint, travel, f_Hz))
+                yield _design_sine(problem, settings, words, _sine(usual, joint, travel, f_Hz))
+
+
+def _releases(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
+    """Releases at rest of each joint from both sides of its recorded range, the others in the
+    middle of theirs.
+    """
+    usual = problem.usual
+    for joint, name in enumerate(problem.simulator.mechanism.joints):
+        unit = "m" if problem.simulator.mechanism.is_slide[joint] else "rad"
+        for share in RELEASES:
+            start = usual.middle.copy()
+            start[joint] += share * usual.half_range[joint]
+            at = float(f"{start[joint]:.2g}")
+            start[joint] = at
+            words = (
+                f"release {name} at rest from {at:g} {unit} with the actuators off and record "
+                f"{SECONDS:g} s"
+            )
+            settings = {"kind": "release", "joint": name, "start": at, "seconds": SECONDS}
+            yield _design_release(problem, settings, words, start)
 
 
 @dataclass(frozen=True)
@@ -197,7 +222,51 @@ def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) ->
     return _Reference(t_s, position, speed, np.gradient(speed, STEP_S, axis=0))
 
 
-def _design(
+def _design_release(
+    problem: MechanismProblem, settings: dict[str, object], words: str, start: Floats
+) -> ExperimentDesign:
+    """Design of one release; it returns None under a hypothesis by which a joint leaves the range
+    that was recorded.
+    """
+    simulator = problem.simulator
+    like = problem.conditions[0]
+    window = like.windows[0].window
+    usual = problem.usual
+    steps = round(float(window.t_s[-1]) / STEP_S)
+    t_s = STEP_S * np.arange(1.0, round(SECONDS / STEP_S) + 1.0)
+    command = np.zeros((2, len(simulator.mechanism.actuators)))
+    trace = CommandTrace(np.array([0.0, SECONDS]), command, is_powered=False)
+    nominal = simulator.plant(MechanismInput())
+    margin = BEYOND * usual.half_range
+
+    def simulate(at: MechanismInput) -> Motions | None:
+        plant = simulator.plant(at)
+        motion = simulate_plant(plant, trace, start, np.zeros(len(start)), t_s)
+        within = (motion.position > usual.lowest - margin) & (
+            motion.position < usual.highest + margin
+        )
+        if not within.all():
+            return None
+        windows = []
+        for begin in range(0, len(t_s) - steps, steps):
+            begin_s = float(t_s[begin])
+            planned = replace(
+                window,
+                start_s=begin_s,
+                since_s=begin_s,
+                trace=replace(trace, t_s=trace.t_s - begin_s),
+                position=motion.position[begin],
+                speed=motion.speed[begin],
+            )
+            # The simulated signal takes the place of a measurement.
+            planned = replace(planned, measured=simulator.follow(plant, planned))
+            windows.append(correct_window(planned, simulator, nominal, problem.torque))
+        return Motions(words, "next", words, like.signals, tuple(windows))
+
+    return ExperimentDesign(settings, words, SET_UP_MIN, 2.0 * SECONDS / 60.0, REPEATS, simulate)
+
+
+def _design_sine(
     problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference
 ) -> ExperimentDesign:
     """Design of one recording; it returns None under a hypothesis that needs larger commands

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import (
+from rfca_rig.analysis.samples import (
     SMOOTHING_HALF_WIDTH_S,
     local_polynomial,
     sample_std,
@@ -47,9 +47,8 @@ from rfca_rig.diagnosis.mechanisms.readings import (
 )
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import States, TorqueBalance, balance_torques
-from rfca_rig.mechanism.load import Mechanism, load_mechanism
+from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.nuisances import COMMAND_NUISANCES, NUISANCES, find_places
-from rfca_rig.toml import read_toml
 
 Floats = NDArray[np.float64]
 
@@ -359,11 +358,8 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
         For the first thing that cannot be used.
     """
     experiment = read_experiment(folder, allow_outside)
-    described = read_toml(experiment.path, ExperimentFile)
-    mechanism = assign_roles(
-        experiment,
-        load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside),
-    )
+    described = experiment.described
+    mechanism = assign_roles(experiment, experiment.load_model())
     yield _describe_model(mechanism)
     yield from _check_windows(experiment, mechanism)
     ratios = compare_speeds(experiment)
@@ -438,7 +434,10 @@ def refuse_misread_columns(experiment: Experiment, mechanism: Mechanism) -> None
         With what to write instead, where the torques of the nominal model balance far better with
         it.
     """
-    described = read_toml(experiment.path, ExperimentFile)
+    # The file of a pendulum states no signs or units that could be corrected.
+    if experiment.mjcf:
+        return
+    described = experiment.described
     roles = assign_roles(experiment, mechanism)
     corrections = find_corrections(
         described, roles, estimate_states(experiment, roles), compare_speeds(experiment)

@@ -33,8 +33,9 @@ from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import QUANTITIES, compute_own_law
-from rfca_rig.mechanism.load import Mechanism, load_mechanism
+from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
+from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import Effect
 from rfca_rig.suggestions import suggestion
 
@@ -296,7 +297,7 @@ def diagnose_mechanism(
         Where the nominal model cannot be simulated.
     """
     progress("reading", 0.0)
-    mechanism = load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside)
+    mechanism = experiment.load_model()
     if not as_is:
         refuse_misread_columns(experiment, mechanism)
     problem = make_problem(experiment, mechanism)
@@ -350,7 +351,12 @@ def diagnose_mechanism(
     thinned = (thinning,) if problem.windows < problem.recorded_windows else ()
     result = replace(
         result,
-        remarks=(*result.remarks, *describe_exclusions(without), *thinned),
+        remarks=(
+            *result.remarks,
+            *describe_exclusions(without),
+            *thinned,
+            *_describe_unused_effects(),
+        ),
         stated_law=None if law is None else law.stated,
         settings={**result.settings, **settings, "windows": problem.windows},
         next_experiment=None if next_motion is None else next_motion.proposal,
@@ -358,6 +364,15 @@ def diagnose_mechanism(
     excitation = None if next_motion is None else next_motion.excitation
     return MechanismDiagnosis(
         result, plant, excitation, law, _describe_effects(result, simulator.effects)
+    )
+
+
+def _describe_unused_effects() -> tuple[str, ...]:
+    """The effects of a lab's own that no mechanism can have, a remark each."""
+    return tuple(
+        f"not looked for: effect {name} has no joint_torque, the law of a joint"
+        for name in lab_texts(catalogue())
+        if catalogue()[name].joint_torque is None
     )
 
 

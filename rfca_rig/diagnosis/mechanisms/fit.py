@@ -22,7 +22,6 @@ from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.inverse_dynamics import balance_torques
-from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect
 from rfca_rig.suggestions import suggestion
@@ -73,7 +72,7 @@ def fit_mechanism(
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    mechanism = load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside)
+    mechanism = experiment.load_model()
     if not as_is:
         refuse_misread_columns(experiment, mechanism)
     problem = make_problem(experiment, mechanism)
@@ -195,7 +194,7 @@ def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismCo
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    mechanism = load_mechanism(experiment.model, experiment.model_folders, experiment.allow_outside)
+    mechanism = experiment.load_model()
     problem = make_problem(experiment, mechanism)
     fit = fit_problem(problem, problem.space, (), progress).fit
     mechanism = problem.simulator.mechanism

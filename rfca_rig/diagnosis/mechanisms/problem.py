@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import Prior
-from rfca_rig.analysis.swings import (
+from rfca_rig.analysis.samples import (
     MARGIN_S,
     SMOOTHING_HALF_WIDTH_S,
     bin_means,
@@ -55,7 +55,7 @@ Floats = NDArray[np.float64]
 STEP_OF_ERRORS_S = 1e-3  # of what errors do, which is known to some percent at best
 # Steps that are tried, each half of the one before, so that the error of one shows against the
 # next.
-STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
+STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 STEADY = 0.02  # relative difference of the readings to those with half the step
 # Mean length of the windows in s up to which `most_windows` of them are used: beyond it fewer, so
 # that rows and simulated time, and with them the time of a diagnosis, are limited.
@@ -664,7 +664,7 @@ def cut_windows(
             Window(
                 start_s=float(start_s),
                 since_s=float(start_s - run.t_s[0]),
-                trace=CommandTrace(run.t_s[around] - start_s, commands[around]),
+                trace=CommandTrace(run.t_s[around] - start_s, commands[around], run.driven),
                 position=at,
                 speed=speed,
                 start_std=np.concatenate([at_std, speed_std]),
@@ -705,8 +705,11 @@ def correct_window(
         )
         return simulator.follow(plant, moved)
 
+    # The torques may be wrong where the actuators are off, too.
+    powered = replace(window, trace=replace(window.trace, is_powered=True))
+
     def push(more: Floats) -> Floats:
-        return simulator.follow(replace(plant, torque_offset=plant.torque_offset + more), window)
+        return simulator.follow(replace(plant, torque_offset=plant.torque_offset + more), powered)
 
     # Central differences of one standard deviation; prescribed values have none and are skipped.
     start_effect = np.stack(

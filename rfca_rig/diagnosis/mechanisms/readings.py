@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import sample_std
+from rfca_rig.analysis.samples import sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.campaign.layout import (
     ANGLE_SPEED_UNITS,

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import bin_means, bin_starts, sample_std
+from rfca_rig.analysis.samples import bin_means, bin_starts, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import (
@@ -377,7 +377,7 @@ def cut_rest_window(
     return Window(
         start_s=float(grid_s[0]),
         since_s=0.0,
-        trace=CommandTrace(grid_s - grid_s[0], commands),
+        trace=CommandTrace(grid_s - grid_s[0], commands, any(run.driven for run in runs)),
         position=None,
         speed=None,
         start_std=np.empty(0),
@@ -418,11 +418,13 @@ def correct_rest_window(
         The nominal motion at the window's samples.
     """
     joints = len(torque)
+    # The torques may be wrong where the actuators are off, too.
+    powered = replace(window, trace=replace(window.trace, is_powered=True))
     square = np.zeros(window.measured.shape)
     for joint in simulator.mechanism.simulated:
         more = USUAL_ERROR * torque[joint] * np.eye(joints)[joint]
         ahead, behind = (
-            simulator.follow(replace(plant, torque_offset=plant.torque_offset + by), window)
+            simulator.follow(replace(plant, torque_offset=plant.torque_offset + by), powered)
             for by in (more, -more)
         )
         square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2

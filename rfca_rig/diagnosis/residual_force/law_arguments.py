@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.analysis.swings import apply_nuisances
 from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator, Motions
-from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.law import Course, LawArgument
 from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.errors import BadInput
@@ -28,9 +26,8 @@ from rfca_rig.mechanism.laws import compute_own_law, make_tabulated_effect, name
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.parameters import LawTable
-from rfca_rig.model.pendulum import make_driven_pendulum
 from rfca_rig.model.stroke import SimulatedStroke
-from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S, effect_of_table, kind_of
+from rfca_rig.model.tabulated_law import effect_of_table, kind_of
 
 Floats = NDArray[np.float64]
 
@@ -171,9 +168,7 @@ def _simulator(dataset: Dataset) -> MechanismSimulator:
 
 
 def make_argument(place: str, argument: str) -> LawArgument:
-    """The argument of a law at a place of a leg or a pendulum. Raises BadInput where there is
-    none.
-    """
+    """The argument of a law at a place of a leg. Raises BadInput where there is none."""
     kind = kind_of(place, argument)
     return LawArgument(
         place,
@@ -197,8 +192,6 @@ def arguments_at(place: str, supposed: Any) -> tuple[str, ...]:
             "angle_rad",
             *(() if supposed.rig.leg.torque_splines else ("spring_torque_Nm",)),
         )
-    if place.startswith("joint"):
-        return ("rate_rad_s", "angle_rad")
     known = {"floor_friction": ("slip_m_s", "load_N"), "floor_normal": ("depth_m",)}
     if place in known:
         return known[place]
@@ -214,12 +207,6 @@ def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[
         return courses_of_motions(dataset, motions, supposed, place, argument)
     argument_courses = [
         course_of_stroke(flap, supposed, place, argument) for flap in select_strokes(dataset.parts)
-    ]
-    argument_courses += [
-        course
-        for part in dataset.parts
-        if isinstance(part, Stretch)
-        for course in course_of_stretch(part, supposed, place, argument)
     ]
     if not argument_courses:
         raise BadInput(
@@ -281,17 +268,6 @@ def compute_nominal_law(
         return own_law_of_joint(dataset, replace(supposed, effects=()), place, argument, u)
     leg = supposed.rig.leg
     ground = supposed.rig.ground
-    if place.startswith("joint"):
-        stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
-        links = apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)).links
-        number = "1" if len(links) == 1 else place.removeprefix("joint")
-        if argument != "rate_rad_s" or not number.isdecimal():
-            return None
-        link = links[int(number) - 1]
-        return np.asarray(
-            link.joint_damping_Nm_s_per_rad * u
-            + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S)
-        )
     laws: dict[str, Callable[[], Floats]] = {
         "rate_rad_s": lambda: leg.hinge_damping_Nm_s_per_rad * u,
         "angle_rad": lambda: bending_torque_Nm(leg, u),
@@ -356,25 +332,3 @@ def _at_floor(
         "load_N": (load, load > 0.0),
         "depth_m": (depth, depth > 0.0),
     }
-
-
-def course_of_stretch(
-    stretch: Stretch, supposed: ModelPoint, place: str, argument: str
-) -> list[Course]:
-    """The argument over each window of a simulated stretch."""
-    ready = make_driven_pendulum(
-        apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)),
-        supposed.rig.effects,
-    )
-    argument_courses = []
-    for started_window in stretch.windows:
-        window = started_window.window
-        swing = ready.swing(window.trace, window.angle_rad, window.speed_rad_s, window.t_s)
-        if argument == "rate_rad_s":
-            values = swing.speed_rad_s
-        else:
-            values = swing.angle_rad
-        if place != "joints":
-            values = values[:, int(place.removeprefix("joint")) - 1][:, None]
-        argument_courses.append(Course(window.t_s, values, np.ones(values.shape, dtype=bool)))
-    return argument_courses

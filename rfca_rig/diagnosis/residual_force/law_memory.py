@@ -8,7 +8,7 @@ do not.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -16,16 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.analysis.swings import apply_nuisances
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.mechanisms.windows import Motions
-from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
 from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, Course, MemoryTest, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import (
-    course_of_stretch,
     course_of_stroke,
     response_to_branch,
     turning_rate,
@@ -41,7 +38,6 @@ from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.kernel.laws import HINGE, TABLE, LawUse
 from rfca_rig.model.parameters import LawTable
-from rfca_rig.model.pendulum import make_driven_pendulum
 from rfca_rig.model.setup import Setup, with_law
 
 Floats = NDArray[np.float64]
@@ -148,8 +144,6 @@ def _responses(search: ModelSelectionResult, supposed: Any, table: LawTable, siz
             return of_strokes[number].response(knot, size)
         if isinstance(part, Motions):
             return response_to_branch(search.dataset, part, supposed, knot, TRIED * size, turning)
-        if isinstance(part, Stretch):
-            return _of_stretch(part, supposed, table, knot, size)
         return None
 
     responses = np.zeros((len(rows.measured), count))
@@ -284,37 +278,3 @@ def course_in_hinge(t_s: Floats, torque_Nm: Floats, hinge: int) -> Change:
         return with_law(setup, LawUse(HINGE, follow, row, advance_time, hinge, values))
 
     return change
-
-
-def _of_stretch(
-    stretch: Stretch, supposed: ModelPoint, table: LawTable, knot: int, size: float
-) -> Floats:
-    """Response (m,) of a pendulum. The torque over time is subtracted from the driving torque,
-    since the law resists the turn.
-    """
-    ready = make_driven_pendulum(
-        apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)),
-        supposed.rig.effects,
-    )
-    joints = (
-        range(len(stretch.pendulum.links))
-        if table.place == "joints"
-        else [int(table.place.removeprefix("joint")) - 1]
-    )
-    changes = []
-    for started, course in zip(
-        stretch.windows,
-        course_of_stretch(stretch, supposed, table.place, table.argument),
-        strict=True,
-    ):
-        branch = _branch(course, table, knot)
-        trace = started.window.trace
-        torque = trace.torque_Nm.copy()
-        at_s = trace.step_s * np.arange(len(torque))
-        for joint, column in zip(joints, branch.T, strict=True):
-            torque[:, joint] -= TRIED * size * np.interp(at_s, course.t_s, column)
-        moved = replace(
-            started, window=replace(started.window, trace=replace(trace, torque_Nm=torque))
-        )
-        changes.append((moved.predicted(ready) - started.predicted(ready)).ravel() / (TRIED * size))
-    return np.concatenate(changes)

@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
 from rfca_rig.diagnosis.residual_force.measured_law import LawStart, base_without, measure_law
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import families_of, set_up
-from rfca_rig.model.effects import hinge_friction, joints
+from rfca_rig.model.effects import hinge_friction
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.kernel.laws import HINGE, LOAD, NORMAL, SLIP, LawUse
 from rfca_rig.model.motion import ramp_to_speed
@@ -27,7 +27,6 @@ ANYWHERE_M = 1.0
 FAR_BEHIND_RAD = 1e3
 
 OF_LEG = ("hinges", "floor_friction", "floor_normal", "fy_N", "fz_N", "tx_Nm")
-OF_PENDULUM = ("joints", "joint1", "joint2")
 CURVE_POINTS = 200
 
 # Families whose members are a law at the place: beside one of them the residual force there would
@@ -36,7 +35,6 @@ FAMILIES_AT = {
     "hinges": ("hinge_dissipation", "spring_memory", "hinge_stiffness"),
     "floor_friction": ("floor_friction",),
     "floor_normal": ("floor_yields", "floor_holds"),
-    "joint": ("joint_dissipation",),
     "channel": ("sensor_scale", "sensor_zero"),
 }
 
@@ -71,7 +69,7 @@ def catalogue_curve(
     plain, having = (
         set_up(replace(rig, effects=effects), ANYWHERE_M, motion) for effects in ((), (present,))
     )
-    if place.startswith(("hinge", "joint")):
+    if place.startswith("hinge"):
         curve = _in_hinges(plain, having, argument, u)
     elif place == "floor_friction":
         wanted = SLIP if argument == "slip_m_s" else LOAD
@@ -98,9 +96,7 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
     after = having.rig.leg
     if argument == "rate_rad_s":
         slides = sum(
-            _sliding(use, u)
-            for use in having.laws
-            if use.law in (hinge_friction.dry_friction_torque, joints.joint_stribeck_torque)
+            _sliding(use, u) for use in having.laws if use.law is hinge_friction.dry_friction_torque
         )
         return np.asarray(
             (after.hinge_damping_Nm_s_per_rad - before.hinge_damping_Nm_s_per_rad) * u + slides
@@ -165,7 +161,7 @@ def measure_stated_law(
     hypothesis
         What is stated; `found.nothing` where nothing is.
     place
-        One of OF_LEG or OF_PENDULUM, after the kind of rig.
+        One of OF_LEG.
 
     Raises
     ------
@@ -213,8 +209,5 @@ def measure_stated_law(
 
 
 def _acts_at(effect_id: str, place: str) -> bool:
-    if place in OF_PENDULUM:
-        kind = "joint"
-    else:
-        kind = place if place in FAMILIES_AT else "channel"
+    kind = place if place in FAMILIES_AT else "channel"
     return any(family.id in FAMILIES_AT[kind] for family in families_of(effect_id))

@@ -155,7 +155,10 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
         "effects": {name: dict(values) for name, values in case.effects.items()},
         "strangers": {name: dict(values) for name, values in case.strangers.items()},
         "mislabelled": None,
-        "also_right": [],
+        # In a single joint, drag of the link and of the joint are one law.
+        "also_right": ["joint_drag"]
+        if "fluid_drag" in case.effects and case.world.joints == 1
+        else [],
         "silence_is_right": False,
         "strength": case.strength,
         "size": {

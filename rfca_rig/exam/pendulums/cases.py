@@ -37,7 +37,7 @@ SPANS: Mapping[str, tuple[float, float]] = {
     "joint_friction": (0.01, 0.3),
     "joint_stribeck": (0.02, 0.25),
     "joint_load_friction": (0.04, 0.5),
-    "hinge_viscous_damping": (0.02, 0.4),
+    "joint_damping": (0.02, 0.4),
     "fluid_drag": (0.02, 0.4),
     "joint_inertia": (0.02, 0.6),
     "added_mass": (0.02, 0.5),
@@ -224,7 +224,7 @@ def _values(
             "speed_rad_s": float(random.uniform(0.3, 2.0)),
         },
         "joint_load_friction": {"loss_relative": share},
-        "hinge_viscous_damping": {"coefficient_Nm_s_per_rad": share * torque / speed},
+        "joint_damping": {"coefficient_Nm_s_per_rad": share * torque / speed},
         "fluid_drag": {
             "coefficient_N_s2_per_m3": 8.0 * share * torque / (speed**2 * sum(world.length_m) ** 4)
         },
@@ -285,7 +285,7 @@ _WITH: Mapping[str, Callable[[PendulumWorld, Values], PendulumWorld]] = {
     "joint_stribeck": _add_dry_friction,
     "joint_friction_by_direction": _add_dry_friction,
     "joint_load_friction": _add_load_friction,
-    "hinge_viscous_damping": _add_damping,
+    "joint_damping": _add_damping,
     "fluid_drag": lambda world, v: replace(world, drag_N_s2_per_m3=v["coefficient_N_s2_per_m3"]),
     "joint_inertia": lambda world, v: replace(world, rotor_kg_m2=v["inertia_kg_m2"]),
     "added_mass": lambda world, v: replace(world, tip_mass_kg=v["mass_kg"]),

@@ -38,7 +38,6 @@ LEG = (
     drive.SHAFT_FRICTION,
     rig.TIP_MASS,
     rig.HEAVIER_LINK,
-    rig.ADDED_MASS_OF_PENDULUM,
     rig.FRAME_COMPLIANCE,
     rig.GRAVITY_TILT,
     rig.FLUID_DRAG,
@@ -85,6 +84,7 @@ MECHANISM = tuple(
             joints.TORQUE_DEAD_BAND,
             joints.TORQUE_FALLS_WITH_SPEED,
             joints.CLOCK_RATE,
+            sensor.ANGLE_LAG,
             sensor.SPEED_LAG,
             sensor.SENSOR_GAIN_OF_MECHANISM,
             sensor.SENSOR_CROSSTALK_OF_MECHANISM,
@@ -98,6 +98,7 @@ MECHANISM = tuple(
             rig.GRAVITY_TILT_OF_MECHANISM,
             rig.PRESCRIBED_OFFSET,
             rig.PRESCRIBED_ANGLE_OFFSET,
+            rig.FLUID_DRAG_OF_MECHANISM,
             rig.ADDED_MASS,
             rig.CENTRE_OF_MASS,
         )

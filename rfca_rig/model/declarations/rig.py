@@ -4,7 +4,7 @@ fluid.
 
 from dataclasses import replace
 
-from rfca_rig.model.effect import OF_PENDULUMS, Declaration
+from rfca_rig.model.effect import Declaration
 
 TIP_MASS = Declaration(
     id="tip_mass",
@@ -30,17 +30,13 @@ ADDED_MASS = Declaration(
     id="added_mass",
     where="bodies",
     left_out="a body is heavier",
-    law="its mass grows, and its inertia as much",
+    law=(
+        "its mass grows, and its inertia as much; numbers above that of the last body are the "
+        "sites of the model, where it is a point mass"
+    ),
     source="-",
     families=("leg_mass", "joint_position_torque", "joint_inertia", "body_mass"),
     bench_test="weighing a body",
-)
-
-ADDED_MASS_OF_PENDULUM = replace(
-    ADDED_MASS,
-    where=OF_PENDULUMS,
-    left_out="a mass at the end of the last link",
-    law="point mass at the distal end of the last link",
 )
 
 CENTRE_OF_MASS = Declaration(
@@ -89,8 +85,15 @@ FLUID_DRAG = Declaration(
     left_out="drag normal to the links",
     law="F = - c length v |v| at the middle of each link",
     source="quadratic drag of a flat strip, c = rho C_D width / 2",
-    # Of a pendulum it is a loss like that of its joints.
+    # Of a mechanism it is a loss like that of its joints.
     families=("air_drag", "joint_dissipation", "joint_loss_with_speed"),
+)
+
+FLUID_DRAG_OF_MECHANISM = replace(
+    FLUID_DRAG,
+    left_out="drag of the bodies that grows with the square of their speed",
+    law="F = density / 2 A |v| v on each side A of the box with the body's mass and inertia",
+    source="MuJoCo, fluid forces",
 )
 
 PRESCRIBED_OFFSET = Declaration(

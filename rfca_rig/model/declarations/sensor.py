@@ -147,6 +147,14 @@ SENSOR_CLOCK_RATE = Declaration(
     bench_test="tap test",
 )
 
+ANGLE_LAG = Declaration(
+    id="angle_lag",
+    where="readings",
+    left_out="positions and speeds of the joints are read late",
+    law="T y' = x - y",
+    source="first-order low-pass",
+)
+
 SPEED_LAG = Declaration(
     id="speed_lag",
     where="readings",

@@ -74,21 +74,7 @@ HEAVIER_LINK = declared.HEAVIER_LINK.make_effect(
 )
 
 
-# A mass at the end of a pendulum-like chain.
-
-
-def apply_added_mass(setup: Setup, values: Values) -> Setup:
-    return add_tip_mass(setup, values["mass_kg"])
-
-
-ADDED_MASS = declared.ADDED_MASS_OF_PENDULUM.make_effect(
-    parameters=(Parameter("mass_kg", 0.01, 2.0),),
-    apply=apply_added_mass,
-)
-
-
 EFFECTS = (
     TIP_MASS,
     HEAVIER_LINK,
-    ADDED_MASS,
 )

@@ -28,10 +28,6 @@ A HINGE or ROTOR law with memory has a second function, called once after each a
 may change `memory`:
 
     advance(phi, rate, elapsed, k0, k2, memory, parameter)
-
-A HINGE law on one joint of a pendulum may read the torque that was recorded there: with
-`reads_torque`, `torque_at` returns it. Such a law has five parameters of its own at most and counts
-its time in memory[3]; see `effects.joint_torques`.
 """
 
 import hashlib
@@ -169,8 +165,6 @@ _CALLS = {
 class LawUse:
     """One law as an effect uses it: its place, its parameters (at most 8) and `table`, and the one
     hinge or link it acts on (-1 for all).
-
-    `reads_torque`: whether it reads the torque that drives its joint.
     """
 
     place: int
@@ -179,7 +173,6 @@ class LawUse:
     advance: Law | None = None
     only: int = -1
     table: tuple[float, ...] = ()
-    reads_torque: bool = False
 
 
 def compile_law(use: LawUse) -> None:

@@ -1,4 +1,4 @@
-"""report.html of pendulums and mechanisms: signals of each recording, measured and simulated, with
+"""report.html of mechanisms: signals of each recording, measured and simulated, with
 nominal and with fitted values.
 
 Residuals are drawn over position and speed of a joint, where omitted physics shows as a step, a
@@ -11,21 +11,33 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import describe_pair
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.diagnosis.config import STRAINED
 from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, JointRemainder, MechanismComparison
-from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, WINDOW_S
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.escaping import html_text
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
+from rfca_rig.reports.elements import (
+    aside,
+    html,
+    join,
+    legend,
+    legend_dot,
+    legend_line,
+    page_links,
+    panels,
+    paragraph,
+)
+from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.page_units import convert_fit
-from rfca_rig.reports.provenance import Origin, find_pages
+from rfca_rig.reports.provenance import Origin, PageLink, find_pages
+from rfca_rig.reports.sections import PageSection
 from rfca_rig.reports.style import (
     FAINT,
     MEASURED,
@@ -45,7 +57,7 @@ from rfca_rig.reports.table import (
     table_files,
     write_all,
 )
-from rfca_rig.reports.templates import template
+from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import MINUS, name_with_unit, words_and_unit
 
 Floats = NDArray[np.float64]
@@ -58,6 +70,9 @@ POSITION = "_position_"
 SPEED = "_speed_"
 
 PAGE = "report.html"
+# Beginning of the names of the files beside the page.
+STEM = "mechanism"
+JSON = f"{STEM}.json"
 # Recordings whose signals are drawn: those with the largest errors.
 MOST_SHOWN = 12
 
@@ -235,16 +250,10 @@ class MotionsReport:
 
     Parameters
     ----------
-    kind
-        What was recorded, as in "swings of a pendulum".
     title
         Title of the recordings.
     nominal
-        Source of the nominal values, as in "pendulum.toml".
-    stem
-        Beginning of the names of the files beside the page.
-    file_format
-        Format name in the JSON file.
+        Source of the nominal values, as in "the model file arm.xml".
     window_s
         Length of a window in s.
     remainders
@@ -253,45 +262,19 @@ class MotionsReport:
         Who measured what and when.
     """
 
-    kind: str
     title: str
     nominal: str
-    stem: str
-    file_format: str
     window_s: float
     remainders: Sequence[Picture] = ()
     about: AboutSection = field(default_factory=AboutSection)
-
-    @property
-    def json_file(self) -> str:
-        """The name of the JSON file beside the page."""
-        return f"{self.stem}.json"
-
-
-def pendulum_report(campaign: PendulumCampaign, model_file: str | None) -> MotionsReport:
-    """Texts of the page of a pendulum; `model_file` is the file of the nominal values where it
-    is not the campaign's own.
-    """
-    return MotionsReport(
-        kind="swings of a pendulum",
-        title=campaign.title,
-        about=campaign.about,
-        nominal=f"the model file {model_file}" if model_file else "pendulum.toml",
-        stem="pendulum",
-        file_format=PENDULUM_FIT,
-        window_s=WINDOW_S,
-    )
 
 
 def mechanism_report(experiment: Experiment, comparison: MechanismComparison) -> MotionsReport:
     """Texts of the page of a mechanism."""
     return MotionsReport(
-        kind="motions of a mechanism",
         title=experiment.title,
         about=experiment.about,
         nominal=f"the model file {experiment.model.name}",
-        stem="mechanism",
-        file_format=MECHANISM_FIT,
         window_s=experiment.window_s,
         remainders=draw_joint_remainders(comparison.joints),
     )
@@ -320,37 +303,108 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
     tables, shown_tables = (
         (
             _error_table(report, window_fit),
-            *((_shift_table(report, window_fit, is_shown),) if window_fit.shifts else ()),
+            *((_shift_table(window_fit, is_shown),) if window_fit.shifts else ()),
         )
         for window_fit, is_shown in ((fit, False), (shown_fit, True))
     )
-    overlays = list(_worst_recordings(shown_fit))
-    recordings = len({overlay.condition for overlay in fit.overlays})
-    shown = len({overlay.condition for overlay in overlays})
     contents = {
-        report.json_file: json.dumps(
-            {"title": report.title, **fit.plain(report.file_format)}, indent=1
-        )
-        + "\n",
+        JSON: json.dumps({"title": report.title, **fit.plain(MECHANISM_FIT)}, indent=1) + "\n",
         **table_files(tables),
-        f"{report.stem}-signals.csv": as_csv(_signal_table(report, fit)),
+        f"{STEM}-signals.csv": as_csv(_signal_table(fit)),
     }
-    page = template("motions.html").render(
+    page = render_page(
+        f"{report.title}: measured and simulated motions of a mechanism",
+        _opening(report, fit, find_pages(out, origin, (PAGE, "run.html"))),
+        [
+            _errors_and_values(fit, shown_tables),
+            _signals(shown_fit),
+            _lacking_torques(report),
+            _residuals(shown_fit),
+        ],
+        origin,
+        tuple(contents),
         sheets=("motions.css",),
-        origin=origin,
-        links=find_pages(out, origin, (PAGE, "run.html")),
-        files=tuple(contents),
-        report=report,
-        is_fitted=bool(fit.shifts),
-        tables=shown_tables,
-        correlated=[describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated],
-        drawn=f"Of {recordings} recordings the {shown} are drawn that the model misses most."
-        if shown < recordings
-        else "",
-        pictures=pictures_of(overlays),
-        residuals=draw_signal_residuals(shown_fit.overlays, with_fit=bool(fit.shifts)),
     )
     write_all(out, {PAGE: page, **contents})
+
+
+def _opening(report: MotionsReport, fit: WindowFit, links: Sequence[PageLink]) -> Markup:
+    if fit.shifts:
+        fitted = (
+            "Fitted values are these, shifted within their stated uncertainty; no effect is added."
+        )
+    else:
+        fitted = "Nothing is fitted, as [known_to] lists no value."
+    contents = [
+        paragraph("Measured and simulated motions of a mechanism", "of"),
+        html("<h1>{}</h1>", report.title),
+        paragraph(f"Nominal values are those of {report.nominal}. {fitted}", "standfirst"),
+        page_links(links),
+    ]
+    return join("\n", contents)
+
+
+def _errors_and_values(fit: WindowFit, tables: Sequence[Table]) -> PageSection:
+    correlated = [describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated]
+    return PageSection(
+        "Errors and fitted values" if fit.shifts else "Errors",
+        [
+            *(as_html(table, "dense") for table in tables),
+            *(aside(f"{text}.") for text in correlated),
+        ],
+    )
+
+
+def _signals(fit: WindowFit) -> PageSection:
+    overlays = list(_worst_recordings(fit))
+    recordings = len({overlay.condition for overlay in fit.overlays})
+    shown = len({overlay.condition for overlay in overlays})
+    ticks = "Ticks at the bottom: there a window starts from the measured state."
+    if shown < recordings:
+        ticks += f" Of {recordings} recordings the {shown} are drawn that the model misses most."
+    entries = [
+        legend_line("var(--measured)", 1.4, "measured"),
+        legend_line("var(--other)", 1.8, "simulated, nominal values", "6 3"),
+    ]
+    if fit.shifts:
+        entries.append(legend_line("var(--simulated)", 4.5, "simulated, fitted values"))
+    contents = [legend(*entries), aside(ticks), *_draw_panels(pictures_of(overlays))]
+    return PageSection("Signals", contents)
+
+
+def _lacking_torques(report: MotionsReport) -> PageSection | None:
+    if not report.remainders:
+        return None
+    how_to_read = (
+        "By inverse dynamics: what acts in the recorded motion beyond the inertia, weight, "
+        "friction and drive of the nominal model. Dry friction is a step at speed zero, damping a "
+        "slope over speed, a spring a slope over position."
+    )
+    return PageSection(
+        "What the nominal model lacks in each joint",
+        [aside(how_to_read), *_draw_panels(report.remainders)],
+    )
+
+
+def _residuals(fit: WindowFit) -> PageSection | None:
+    residuals = draw_signal_residuals(fit.overlays, with_fit=bool(fit.shifts))
+    if not residuals:
+        return None
+    nominal = "measured less simulated, nominal values"
+    entries = [legend_dot("var(--other)", "var(--other)", 2.4, nominal)]
+    if fit.shifts:
+        fitted = "less simulated, fitted values"
+        entries.append(legend_dot("var(--simulated)", "var(--simulated)", 2.4, fitted))
+    return PageSection(
+        "Residuals over position and speed", [legend(*entries), *_draw_panels(residuals)]
+    )
+
+
+def _draw_panels(pictures: Sequence[Picture]) -> list[Markup]:
+    return [
+        panels(picture.signal, picture.panels, css="one" if picture.panels[0].wide else "")
+        for picture in pictures
+    ]
 
 
 def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
@@ -371,7 +425,7 @@ def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
     # For a single recording the totals would repeat its own errors.
     is_one = len({error.run for error in fit.errors}) == 1
     return Table(
-        f"{report.stem}-errors",
+        f"{STEM}-errors",
         caption,
         columns,
         tuple(map(_error_row, fit.errors)),
@@ -393,7 +447,7 @@ def _error_row(error: SignalError) -> TableRow:
     return TableRow({"run": error.run, "signal": words, "unit": unit, **_errors(error)}, digits=5)
 
 
-def _shift_table(report: MotionsReport, fit: WindowFit, is_shown: bool) -> Table:
+def _shift_table(fit: WindowFit, is_shown: bool) -> Table:
     """Shifts by their keys, as files have them; on the page, where it `is_shown`, in words with
     a column for the unit.
     """
@@ -415,10 +469,10 @@ def _shift_table(report: MotionsReport, fit: WindowFit, is_shown: bool) -> Table
             )
         )
     columns = (SHIFTS[0], TableColumn("unit", "Unit"), *SHIFTS[1:]) if is_shown else SHIFTS
-    return Table(f"{report.stem}-values", caption, columns, tuple(rows))
+    return Table(f"{STEM}-values", caption, columns, tuple(rows))
 
 
-def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
+def _signal_table(fit: WindowFit) -> Table:
     """All signals that are drawn, as means over bins."""
     rows = [
         TableRow(
@@ -439,7 +493,7 @@ def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
             strict=True,
         )
     ]
-    return Table(f"{report.stem}-signals", "", SIGNALS, tuple(rows))
+    return Table(f"{STEM}-signals", "", SIGNALS, tuple(rows))
 
 
 def _worst_recordings(fit: WindowFit) -> Iterator[SignalOverlay]:

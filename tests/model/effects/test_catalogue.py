@@ -49,17 +49,6 @@ PARAMETERS = {
     "sensor_saturation": ("limit_N",),
     "sensor_drift": ("rate_N_per_s",),
     "sensor_gain": ("factor",),
-    "joint_friction": ("torque_Nm",),
-    "joint_inertia": ("inertia_kg_m2",),
-    "torque_scale": ("factor",),
-    "added_mass": ("mass_kg",),
-    "joint_friction_of_one": ("joint", "torque_Nm"),
-    "joint_stribeck": ("torque_Nm", "rise_relative", "speed_rad_s"),
-    "joint_load_friction": ("loss_relative",),
-    "torque_delay": ("delay_s",),
-    "torque_lag": ("time_constant_s",),
-    "angle_lag": ("time_constant_s",),
-    "speed_lag": ("time_constant_s",),
 }
 
 

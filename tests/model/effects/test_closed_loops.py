@@ -8,17 +8,6 @@ import pytest
 
 from rfca_rig.model.catalogue import catalogue, set_up
 from rfca_rig.model.chain import make_chain
-from rfca_rig.model.effect import OF_PENDULUMS
-from rfca_rig.model.effects.joint_torques import (
-    BEGIN,
-    COUNT,
-    DAMPING_S,
-    PRESLIDING_RAD,
-    STEP,
-    TRACE,
-    joint_load_friction_advance,
-    joint_load_friction_torque,
-)
 from rfca_rig.model.kernel.contact import carry_stretch, normal_force
 from rfca_rig.model.kernel.laws import (
     HINGE,
@@ -154,16 +143,7 @@ def largest(effect):
     return {p.name: p.high for p in (*effect.parameters, *effect.shape)}
 
 
-# These need a pendulum whose joints are driven, or read its joints.
-OF_DRIVEN_JOINTS = (
-    "torque_scale",
-    "torque_delay",
-    "torque_lag",
-    "joint_load_friction",
-    "angle_lag",
-    "speed_lag",
-)
-OF_CHAINS = [effect for id_, effect in catalogue().items() if id_ not in OF_DRIVEN_JOINTS]
+OF_CHAINS = list(catalogue().values())
 
 
 def acts_at(effect, *places):
@@ -183,8 +163,7 @@ def test_every_law_of_the_catalogue_has_its_closed_paths_here():
         "spring_hysteresis",
         "spring_relaxation",
     }
-    joints = {"joint_friction", "joint_friction_of_one", "joint_stribeck", "joint_inertia"}
-    assert {effect.id for effect in OF_HINGES} == hinges | joints
+    assert {effect.id for effect in OF_HINGES} == hinges
     assert {effect.id for effect in OF_FLOOR} == {
         "ground_compliance",
         "ground_exponent",
@@ -197,9 +176,6 @@ def test_every_law_of_the_catalogue_has_its_closed_paths_here():
         for e in OF_CHAINS
         if set_up(having(PAPER, **{e.id: largest(e)}), 0.215, held(0.2)).drive
     } == set(DRIVES)
-    assert joints | {"joint_load_friction"} < {
-        e.id for e in catalogue().values() if e.where == OF_PENDULUMS
-    }
 
 
 @pytest.mark.slow
@@ -229,27 +205,6 @@ def least_of_hinges(effect, values, paths, steps=STEPS):
 @pytest.mark.parametrize("effect", OF_HINGES, ids=lambda effect: effect.id)
 def test_closed_paths_of_a_hinge_give_back_no_energy(effect, values, paths):
     assert least_of_hinges(effect, values, paths) > -SUM_ERR
-
-
-@pytest.mark.parametrize(("values", "paths"), NUMBERS)
-def test_friction_that_grows_with_a_load_gives_back_no_energy_on_closed_paths(values, paths):
-    """The torque that the joint transmits is periodic too, and passes zero in some."""
-    random = np.random.default_rng(2)
-    least = np.inf
-    law = address_of(joint_load_friction_torque, HINGE)
-    advance = address_of_advance(joint_load_friction_advance)
-    for _ in range(values * paths):
-        path = draw_path(random, SMALL_RAD, LARGE_RAD)
-        load = random.uniform(-1.0, 1.0) + draw_path(random, 2.0, 2.0)[0]
-        parameter = np.zeros(TRACE + 3 * STEPS + 2)
-        parameter[:3] = random.uniform(0.01, 0.6), PRESLIDING_RAD, DAMPING_S * random.integers(0, 2)
-        parameter[STEP] = path[-1]
-        parameter[COUNT] = 3 * STEPS + 2
-        parameter[BEGIN] = 0.0
-        parameter[TRACE:] = np.resize(load, 3 * STEPS + 2)
-        taken, through = work_of_laps(law, advance, parameter, *path)
-        least = min(least, *(taken[1:] / through))
-    assert least > -SUM_ERR
 
 
 def sum_work(force, way):

@@ -19,7 +19,6 @@ from rfca_rig.model.kernel.state import State
 from tests.model.effects.rigs import having, held
 from tests.model.effects.test_closed_loops import (
     DRIVES,
-    OF_DRIVEN_JOINTS,
     OF_FLOOR,
     OF_HINGES,
     drawn,
@@ -52,7 +51,6 @@ CONSERVATIVE = (
     *(
         "tip_mass",
         "heavier_link",
-        "added_mass",
         "gravity_tilt",
         "ground_tilt",
         "ground_bump",
@@ -60,8 +58,7 @@ CONSERVATIVE = (
     ),
 )
 DISSIPATIVE = ("hinge_viscous_damping", "shaft_friction", "frame_compliance")
-# These do work on purpose, or none: the motion of the shaft is prescribed, and the torques of
-# joints are recorded.
+# This does work on purpose, or none: the motion of the shaft is prescribed.
 DRIVEN = ("motor_speed_ripple",)
 OTHERS = ("ground_stribeck", "fluid_drag")  # in `test_closed_loops` too
 
@@ -69,9 +66,7 @@ OTHERS = ("ground_stribeck", "fluid_drag")  # in `test_closed_loops` too
 def test_every_effect_that_acts_on_a_leg_is_in_one_of_the_tests_of_energy():
     alone = {effect.id for effect in (*OF_HINGES, *OF_FLOOR)} | {*DRIVES, *OTHERS}
     of_sensor = {id_ for id_, effect in catalogue().items() if effect.where == "sensor"}
-    assert alone | {*CONSERVATIVE, *DISSIPATIVE, *DRIVEN, *OF_DRIVEN_JOINTS} | of_sensor == set(
-        catalogue()
-    )
+    assert alone | {*CONSERVATIVE, *DISSIPATIVE, *DRIVEN} | of_sensor == set(catalogue())
 
 
 @numba.njit(error_model="numpy")

@@ -28,7 +28,6 @@ MOVED = {
     "hinge_stop": {"angle_deg": 2.0, "stiffness_Nm_per_rad": 20.0, "exponent": 1.7},
     "spring_hysteresis": SMALL["spring_hysteresis"] | {"exponent": 1.8},
     "hinge_coulomb_friction": SMALL["hinge_coulomb_friction"] | {"presliding_deg": 1.0},
-    "joint_friction": SMALL["joint_friction"] | {"presliding_deg": 1.0},
     "ground_stribeck": {"rise_relative": 1.0, "speed_m_s": 0.3, "exponent": 1.8},
     "ground_adhesion": {"force_N": 200.0, "reach_mm": 0.7},
     "ground_compliance": {"stiffness_N_per_m1p5": 2e4, "exponent": 1.1},

@@ -23,15 +23,6 @@ OTHER_STEPS = {  # other equations, other steps: their error, rms of fz
     "motor_speed_ripple": 2e-4,
 }
 
-OF_PENDULUMS = {
-    "torque_scale",
-    "torque_delay",
-    "torque_lag",
-    "joint_load_friction",
-    "angle_lag",
-    "speed_lag",
-}  # see their tests
-
 NEUTRAL = {
     "hinge_coulomb_friction": {"torque_Nm": 0.0},
     "hinge_viscous_damping": {"coefficient_Nm_s_per_rad": 0.0},
@@ -47,11 +38,6 @@ NEUTRAL = {
     "hinge_rest_angle_of_one": {"hinge": 3.0, "angle_deg": 0.0},
     "tip_mass": {"mass_g": 0.0},
     "heavier_link": {"link": 3.0, "mass_factor": 1.0},
-    "added_mass": {"mass_kg": 0.0},
-    "joint_friction": {"torque_Nm": 0.0},
-    "joint_friction_of_one": {"joint": 2.0, "torque_Nm": 0.0},
-    "joint_stribeck": {"torque_Nm": 0.0, "rise_relative": 1.0, "speed_rad_s": 0.5},
-    "joint_inertia": {"inertia_kg_m2": 0.0},
     "ground_stribeck": {"rise_relative": 0.0, "speed_m_s": 0.1},
     "ground_compliance": {"stiffness_N_per_m1p5": 1e18},
     "ground_exponent": {"exponent": 1.5},
@@ -100,11 +86,6 @@ SMALL = {
     "hinge_rest_angle_of_one": {"hinge": 3.0, "angle_deg": 1.0},
     "tip_mass": {"mass_g": 5.0},
     "heavier_link": {"link": 3.0, "mass_factor": 1.3},
-    "added_mass": {"mass_kg": 0.01},
-    "joint_friction": {"torque_Nm": 0.02},
-    "joint_friction_of_one": {"joint": 2.0, "torque_Nm": 0.02},
-    "joint_stribeck": {"torque_Nm": 0.02, "rise_relative": 1.0, "speed_rad_s": 0.5},
-    "joint_inertia": {"inertia_kg_m2": 1e-4},
     "ground_stribeck": {"rise_relative": 0.2, "speed_m_s": 0.1},
     "ground_compliance": {"stiffness_N_per_m1p5": 2e5},
     "ground_exponent": {"exponent": 1.3},
@@ -145,7 +126,7 @@ def plain():
 
 
 def test_the_tables_of_this_test_miss_no_effect():
-    assert set(NEUTRAL) == set(SMALL) == set(catalogue()) - OF_PENDULUMS
+    assert set(NEUTRAL) == set(SMALL) == set(catalogue())
 
 
 @pytest.mark.parametrize("id_", sorted(NEUTRAL))
@@ -196,8 +177,3 @@ def test_any_two_effects_run_together_and_give_the_same_bytes_again(case):
 def test_two_soft_drives_in_series_are_refused_rather_than_one_forgotten():
     with pytest.raises(BadInput, match="one at a time"):
         paper_stroke(**SMALL)
-
-
-def test_a_scale_of_joint_torques_is_refused_for_a_leg_that_has_none():
-    with pytest.raises(BadInput, match="torque_scale: no joint of this rig is driven"):
-        paper_stroke(torque_scale={"factor": 1.1})

@@ -12,9 +12,7 @@ from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.description.model_file import FoundEffect, nominal_model, read_model_file, write_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
-from rfca_rig.model.effects.joint_torques import torque_trace
 from rfca_rig.model.parameters import LawTable, PresentEffect
-from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.legs import PAPER
 
@@ -99,27 +97,6 @@ def test_a_single_hinge_is_the_one_that_people_count():
     third = stroke(table("hinge3", "angle_rad", [-1.0, 1.0], [-2.0, 2.0]))
     change = np.abs(np.diff(third.q_rad, axis=1) - np.diff(stroke().q_rad, axis=1)).max(axis=0)
     assert int(np.argmax(change)) == 1
-
-
-def test_a_pendulum_has_it_in_its_joints_beside_its_drive():
-    link = PendulumLink(0.2, 0.5, 0.1, 0.01)
-    damped = Pendulum((replace(link, joint_damping_Nm_s_per_rad=0.05),))
-    trace = torque_trace(np.array([0.0, 1.0]), np.array([[0.1], [0.3]]))
-    t_s = np.arange(0.01, 1.0, 0.01)
-    start = (np.array([0.5]), np.zeros(1))
-    law = table("joint1", "rate_rad_s", [-40.0, 0.0, 40.0], [-2.0, 0.0, 2.0])
-    found = simulate_pendulum(Pendulum((link,)), trace, *start, t_s, [law])
-    assert found.angle_rad == pytest.approx(
-        simulate_pendulum(damped, trace, *start, t_s).angle_rad, abs=1e-4
-    )
-    with pytest.raises(BadInput, match="joint2 is not there; this rig has 1 to 1"):
-        simulate_pendulum(
-            Pendulum((link,)),
-            trace,
-            *start,
-            t_s,
-            [table("joint2", "rate_rad_s", [0.0, 1.0], [0.0, 1.0])],
-        )
 
 
 KNOTS = "knots = [-1.0, 0.0, 2.5]\n"
