@@ -377,8 +377,8 @@ class MoteusMotor(MotorDrive):
 
     A moteus replies only when asked. Every command requests a reply, and a `read` without a command
     before it sends its own request, so that a reply is there for the next `read`. Only commands
-    feed the drive's watchdog. Each command writes the mode first, which resets all other
-    command registers, so no old set-point can take effect. The drive's own trajectories
+    feed the drive's watchdog. Each command writes the mode first, which resets all other command
+    registers, so no old set-point can take effect. The drive's own trajectories
     (servo.default_velocity_limit, default_accel_limit) are switched off in each command, as targets
     come every few milliseconds. Only `enable` starts the drive: once it has stopped for any reason,
     further commands do not move it.
