@@ -54,7 +54,7 @@ BLOCKS = 16
 # Readings of the clock, to find its resolution.
 CLOCK_READINGS = 10_000
 # Extras that only the tests of the package need.
-FOR_TESTS = ("dev", "strangers")
+FOR_TESTS = ("dev", "third-party-clients", "strangers")
 
 CORES_SUBJECT = "processor"
 ENOUGH = 2

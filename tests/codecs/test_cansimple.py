@@ -329,7 +329,7 @@ def test_another_decoder_reads_older_frames_the_same(
 def test_the_makers_own_database_reads_our_frames(version: str, dialect: om.OdriveFirmware) -> None:
     cantools = pytest.importorskip("cantools")
     package = pytest.importorskip(
-        "odrive_can", reason="the extra `strangers` brings the maker's databases"
+        "odrive_can", reason="the extra `third-party-clients` brings the maker's databases"
     )
     path = Path(package.__file__).parent / "dbc" / f"odrive-cansimple-{version}.dbc"
     database = cantools.database.load_file(path)

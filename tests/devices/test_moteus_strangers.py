@@ -19,7 +19,9 @@ from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
-moteus = pytest.importorskip("moteus", reason="the extra `strangers` brings the vendor's package")
+moteus = pytest.importorskip(
+    "moteus", reason="the extra `third-party-clients` brings the vendor's package"
+)
 
 RESOLUTIONS = [moteus.INT8, moteus.INT16, moteus.INT32, moteus.F32]
 

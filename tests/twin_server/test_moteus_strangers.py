@@ -78,7 +78,7 @@ def test_classic_frames_are_not_told(port) -> None:
 
 def talk(rig_file: Path, conversation: Callable[[Any, Any], Awaitable[None]]) -> None:
     moteus = pytest.importorskip(
-        "moteus", reason="moteus is not installed; it comes with the extra 'strangers'"
+        "moteus", reason="moteus is not installed; it comes with the extra 'third-party-clients'"
     )
 
     async def over(path: str) -> None:

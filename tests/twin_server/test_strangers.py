@@ -1,5 +1,5 @@
 """Clients that other people wrote, unmodified, on the twin server. They come with the extra
-`strangers`.
+`third-party-clients`.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ DBC = "import odrive_can.utils as u; print(u.get_dbc_path())"
 def needs(package: str) -> pytest.MarkDecorator:
     return pytest.mark.skipif(
         find_spec(package) is None,
-        reason=f"{package} is not installed; it comes with the extra 'strangers'",
+        reason=f"{package} is not installed; it comes with the extra 'third-party-clients'",
     )
 
 
@@ -68,7 +68,7 @@ def test_netft_streams_tares_and_stops():
 @pytest.fixture
 def netft_client():
     pytest.importorskip(
-        "pynetft", reason="pynetft is not installed; it comes with the extra 'strangers'"
+        "pynetft", reason="pynetft is not installed; it comes with the extra 'third-party-clients'"
     )
     import pynetft
 
@@ -272,5 +272,5 @@ def can_config(served) -> dict[str, str]:
 
 def test_the_extra_names_every_stranger():
     text = (Path(__file__).parents[2] / "pyproject.toml").read_text()
-    extra = text.split("strangers = [")[1].split("]")[0]
+    extra = text.split("third-party-clients = [")[1].split("]")[0]
     assert all(name in extra for name in ("NetFT", "pynetft", "odrive-can", "cantools"))
