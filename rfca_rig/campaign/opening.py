@@ -70,19 +70,25 @@ def open_experiment(
     allow_outside
         Take links that lead out of the folder, and files of the model anywhere.
     model
-        A model file that takes the place of the folder's own model.
+        A model file that takes the place of the folder's own model; of a pendulum, one that ends
+        with .toml gives its links.
 
     Raises
     ------
     BadInput
         One line, for the first fault.
     """
-    if (folder / PENDULUM).is_file():
+    is_pendulum = (folder / PENDULUM).is_file()
+    if is_pendulum and (model is None or model.suffix == ".toml"):
         return read_pendulum(folder, allow_outside, model)
-    experiment = read_experiment(folder, allow_outside)
+    if is_pendulum:
+        experiment = read_pendulum(folder, allow_outside)
+    else:
+        experiment = read_experiment(folder, allow_outside)
     if model is None:
         return experiment
-    return replace(experiment, model=model)
+    # A model file for MuJoCo, also in place of what pendulum.toml describes.
+    return replace(experiment, model=model, mjcf="")
 
 
 def open_recordings(

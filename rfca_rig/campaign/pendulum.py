@@ -60,14 +60,11 @@ from rfca_rig.recording.layout import PENDULUM
 from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.toml import NotNegative, Positive, Section, format_value, place_of, read_toml, table
 
-FORMAT = "rfca-pendulum/1"
 MODEL_FORMAT = "rfca-pendulum-model/1"
 FILE_NAME = PENDULUM
 
-# Delay of a torque behind the angles; swings are cut with a margin of twice that.
+# Delay of a torque behind the angles; windows are cut with a margin of twice that.
 LONGEST_DELAY_S = 0.05
-
-
 # Keys of [known_to] that an experiment on a mechanism calls otherwise.
 _KNOWN_TO = {
     "inertia_relative": "inertia_about_joint_relative",

@@ -120,6 +120,11 @@ def test_fit_writes_a_model_of_mujoco_too(say, tmp_path):
     about_joint = float(body.inertia[1] + body.mass[0] * body.ipos[2] ** 2)
     factor = 1.0 + shifts["link1.inertia_about_joint_relative"]
     assert about_joint == pytest.approx(factor * link.inertia_kg_m2, rel=1e-4)
+    before = json.loads(say("report", FREE, "--json", "--out", "nominal").out)["errors"]
+    reported = say("report", FREE, "--model", "model.xml", "--json", "--out", "report")
+    assert reported.exit_code == 0
+    after = json.loads(reported.out)["errors"]
+    assert sum(error["nominal"] for error in after) < sum(error["nominal"] for error in before)
 
 
 def test_report_shows_every_run_with_its_errors(say, tmp_path):
