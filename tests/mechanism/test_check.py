@@ -113,7 +113,7 @@ def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(sound):
     )
     assert found["command", "tau1"]["gain"] == pytest.approx(1.0, abs=0.02)
     assert found["known_to", "priors"] == {"parameters": 6}
-    assert found["integrator", "step"] == {"step_s": 0.004}
+    assert found["integrator", "step"] == {"step_s": 0.008}
 
 
 @pytest.mark.slow
