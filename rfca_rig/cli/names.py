@@ -16,7 +16,6 @@ from rfca_rig.cli.paths import folders_of
 from rfca_rig.errors import Trip
 from rfca_rig.logbook import entry
 from rfca_rig.logbook.entry import VERDICTS as ANY_VERDICT
-from rfca_rig.model.declarations import LEG, MECHANISM
 
 # Copies of names that other packages define: importing those would take too long for a completion.
 FIT_PARAMETERS = (
@@ -63,7 +62,6 @@ VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)
 TRIP_CODES = tuple(code.value for code in Trip)
 RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml", "experiment.toml")
 MAX_FOLDERS = 50
-MECHANISM_EFFECTS = tuple(declaration.id for declaration in MECHANISM)
 
 # Set by the shell's completion script.
 VARIABLE = "_RFCA_RIG_COMPLETE"
@@ -75,9 +73,18 @@ def effect_names() -> list[str]:
     """Effects of legs and mechanisms, and of the lab's own folder, where an effect's file has its
     name.
     """
+    from rfca_rig.model.declarations import LEG, MECHANISM
+
     of_package = (declaration.id for declaration in (*LEG, *MECHANISM))
     of_lab = _stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py")
     return sorted({*of_package, *of_lab})
+
+
+def mechanism_effect_names() -> tuple[str, ...]:
+    """Effects of mechanisms."""
+    from rfca_rig.model.declarations import MECHANISM
+
+    return tuple(declaration.id for declaration in MECHANISM)
 
 
 def file_names(kind: str) -> list[str]:
@@ -201,6 +208,10 @@ def _verdicts(_begun: str) -> Iterable[str]:
     return (*VERDICTS, *effect_names())
 
 
+def _mechanism_effects(begun: str) -> Iterable[str]:
+    return _behind_commas(mechanism_effect_names())(begun)
+
+
 _BY_METAVAR: dict[str, Offer] = {
     "RUN": list_recorded_folders,
     "PATH": list_recorded_folders,
@@ -213,7 +224,7 @@ _BY_OPTION: dict[str, Offer] = {
     "--rig": lambda _begun: rig_names(),
     "--protocol": lambda _begun: file_names("protocols"),
     "--parameters": _behind_commas(FIT_PARAMETERS),
-    "--effects": _behind_commas(MECHANISM_EFFECTS),
+    "--effects": _mechanism_effects,
     "--phases": _behind_commas(PHASES),
 }
 _BY_COMMAND: dict[tuple[str, str], Offer] = {

@@ -122,7 +122,7 @@ def test_lists_hold_every_name_that_the_commands_take(monkeypatch, capsys, tmp_p
     assert re.findall(r"^(\S+)", of_leg, re.MULTILINE) == sorted(catalogue())
     _, *lines = of_mechanisms.splitlines()
     listed = re.findall(r"^(\S+)", "\n".join(lines), re.MULTILINE)
-    assert listed == sorted(names.MECHANISM_EFFECTS)
+    assert listed == sorted(names.mechanism_effect_names())
     files = typed(monkeypatch, capsys, "plan", "--list").out
     assert set(re.findall(r"^  (\S+)", files, re.MULTILINE)) == {
         *names.file_names("protocols"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
-from rfca_rig.cli.names import FIT_PARAMETERS, MECHANISM_EFFECTS
+from rfca_rig.cli.names import FIT_PARAMETERS
 from rfca_rig.cli.options import AllowOutside, AsIs, Cluster, Json, open_executor, out_file
 from rfca_rig.cli.terminal import echo, print_lines
 
@@ -22,8 +22,7 @@ HELP_PARAMETERS = (
     "own. All that the section known_to lists if not given."
 )
 HELP_EFFECTS = (
-    f"Effects to put into the model of a mechanism, as {MECHANISM_EFFECTS[0]}; diagnose --list "
-    "prints all."
+    "Effects to put into the model of a mechanism, as joint_friction; diagnose --list prints all."
 )
 HELP_SHAFT = (
     "Motion of the shaft to simulate with: recorded, average (the mean measured speed), commanded."
