@@ -387,9 +387,10 @@ def {name}(state, step_s):
         rate = (-3.0 * read[0] + 4.0 * read[1] - read[2]) / (2.0 * step_s)
         bend = (read[0] - 2.0 * read[1] + read[2]) / step_s**2
         read[0] += lag_s * (lag_s * bend - rate)
-    share = 1.0 - np.exp(-step_s / lag_s)
+    remains = np.exp(-step_s / lag_s)
+    new = 1.0 - lag_s / step_s * (1.0 - remains)  # exact for states that are straight lines between the rows
     for k in range(1, len(read)):
-        read[k] = read[k - 1] + share * (read[k] - read[k - 1])
+        read[k] = remains * read[k - 1] + new * state[k] + (1.0 - remains - new) * state[k - 1]
     return read
 '''
 
@@ -410,9 +411,10 @@ def read_sensors(sensordata, step_s, since_s=0.0):
     leaks = np.zeros(({len(plant.sensor_gain)}, {len(plant.sensor_gain)}))  # value i reads leaks[i, j] of value j
 {leaks}    read, t_s = np.array(sensordata, dtype=float), np.arange(len(sensordata)) * step_s
     if lag_s > 0.0:
-        share = 1.0 - np.exp(-step_s / lag_s)
+        remains = np.exp(-step_s / lag_s)
+        new = 1.0 - lag_s / step_s * (1.0 - remains)  # exact for values that are straight lines between the rows
         for k in range(1, len(read)):
-            read[k] = read[k - 1] + share * (read[k] - read[k - 1])
+            read[k] = remains * read[k - 1] + new * sensordata[k] + (1.0 - remains - new) * sensordata[k - 1]
     read = np.column_stack([np.interp(t_s - delay_s, t_s, column) for column in read.T])
     read = read + read @ leaks.T
     return read * factor + zero + (since_s + t_s)[:, None] * drift_per_s

@@ -363,6 +363,22 @@ def low_pass(values: Floats, share: float) -> None:
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
 
 
+@jit
+def lag_readings(values: Floats, late: Floats, remains: float, new: float) -> None:
+    """Fills `late` (k, n), whose first row is given, with `values` (k, n) behind a first-order lag,
+    exact for values that are straight lines between the rows.
+
+    Of a difference `remains` after a step, and `new` of a step is the share of the later value.
+    """
+    for k in range(1, values.shape[0]):
+        for i in range(values.shape[1]):
+            late[k, i] = (
+                remains * late[k - 1, i]
+                + new * values[k, i]
+                + (1.0 - remains - new) * values[k - 1, i]
+            )
+
+
 def simulate_plant(
     plant: Plant,
     trace: CommandTrace,
@@ -440,8 +456,14 @@ def _read_late(path: Floats, lag_s: float, h: float) -> Floats:
         rate = (-3.0 * path[0] + 4.0 * path[1] - path[2]) / (2.0 * h)
         bend = (path[0] - 2.0 * path[1] + path[2]) / h**2
         late[0] += lag_s * (lag_s * bend - rate)
-    low_pass(late, 1.0 - float(np.exp(-h / lag_s)))
+    _lag(path, late, lag_s, h)
     return late
+
+
+def _lag(values: Floats, late: Floats, lag_s: float, h: float) -> None:
+    """Fills `late` (k, n) behind its first row, as `lag_readings`."""
+    remains = float(np.exp(-h / lag_s))
+    lag_readings(values, late, remains, 1.0 - lag_s / h * (1.0 - remains))
 
 
 def _prescribe(plant: Plant, motion: PrescribedMotion | None, steps: int) -> PrescribedArrays:
@@ -675,7 +697,9 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
         return np.empty((len(t_s), 0))
     h = plant.step_s
     if plant.sensor_lag_s > 0.0:
-        low_pass(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
+        late = path.copy()
+        _lag(path, late, plant.sensor_lag_s, h)
+        path = late
     times = np.arange(len(path)) * h
     read = np.column_stack(
         [np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T]

@@ -156,6 +156,20 @@ def test_a_lag_of_commands_and_of_speeds_follows_its_time_constant(tmp_path):
     assert np.array_equal(late.position, plain.position)
 
 
+@pytest.mark.parametrize("lag", ["speed_lag_s", "reading_lag_s"])
+def test_a_lag_of_readings_does_not_depend_on_the_step(tmp_path, lag):
+    mechanism = loaded(tmp_path, mjcf(ARM))
+    speeds = []
+    for step_s in (5e-4, 4e-3):
+        plant = make_plant(mechanism, step_s)
+        plain = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+        setattr(plant, lag, 0.01)
+        late = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+        speeds.append(late.speed)
+    moved = np.abs(late.speed - plain.speed).max()
+    assert np.abs(speeds[1] - speeds[0]).max() < 0.1 * moved
+
+
 def test_a_zero_offset_is_read_and_does_not_act(tmp_path):
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
     plain = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
