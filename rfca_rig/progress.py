@@ -16,6 +16,10 @@ def ignore_named_progress(what: str, done: int, of: int) -> None:
     """Callback that ignores progress, with the name of the work."""
 
 
+def ignore_share(step: str, share: float) -> None:
+    """Callback that ignores the current step and the share of the work that is done."""
+
+
 def ignore_progress(_done: int, _of: int) -> None:
     """Callback that ignores progress."""
 

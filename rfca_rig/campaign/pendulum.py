@@ -525,6 +525,11 @@ def fit_links(links: Sequence[LinkSection], shifts: Mapping[str, float]) -> list
     return fitted
 
 
+def is_pendulum(experiment: Experiment) -> bool:
+    """Whether a pendulum.toml describes the experiment."""
+    return experiment.path.name == FILE_NAME
+
+
 def write_fitted_pendulum(
     path: Path,
     folder: Path,

@@ -3,7 +3,7 @@ and new together, repeat.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,13 +17,14 @@ from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.protocol_file import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL
+from rfca_rig.diagnosis.problem import Problem
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.model import Recording
 from rfca_rig.toml import read_text, validate
 
-Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
+Diagnosing = Callable[[Problem], Diagnosis]
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,7 @@ class ClosedLoop:
     quiet: bool
 
 
-def close_the_loop(
-    loop: ClosedLoop, recordings: Sequence[Recording], diagnosis: Diagnosis, diagnosed: Diagnosing
-) -> Diagnosis:
+def close_the_loop(loop: ClosedLoop, problem: Problem, diagnose: Diagnosing) -> Diagnosis:
     """Runs the rounds and returns the last diagnosis.
 
     It ends when nothing is open, nothing more would help, only a person could do the next test, or
@@ -52,29 +51,29 @@ def close_the_loop(
     ----------
     loop : ClosedLoop
         The options.
-    recordings : sequence of Recording
+    problem : Problem
         The recordings so far.
-    diagnosis : Diagnosis
-        Their diagnosis.
-    diagnosed : callable
-        Diagnoses a sequence of recordings and writes the result, with the next protocol, into
-        `loop.out`.
+    diagnose : callable
+        Diagnoses recordings and writes the result, with the next protocol, into `loop.out`.
 
     Raises
     ------
     BadInput
-        The rig must not or cannot run the proposed experiment.
+        The rig must not or cannot run the proposed experiment, or no rig runs experiments on what
+        was recorded.
     """
     rig = read_rig(loop.rig_path)
     say = make_marked_say("REAL" if rig.is_real else "SIM", loop.quiet)
+    first = problem.list_runs()[0]
+    diagnosis = diagnose(problem)
     for number in range(1, loop.rounds + 1):
         proposal = diagnosis.next_experiment
         if proposal is None or proposal["protocol"] is None:
             break
         say(f"round {number} of {loop.rounds}: {proposal['why']}")
-        folder = _run(loop, rig, recordings[0], number)
-        recordings = [*recordings, *open_with_nominal_model([folder])]
-        diagnosis = diagnosed(recordings)
+        folder = _run(loop, rig, first, number)
+        problem = problem.with_runs(open_with_nominal_model([folder]))
+        diagnosis = diagnose(problem)
         say(f"round {number} of {loop.rounds}: {folder}: {diagnosis.sentence}")
     say(_ending(diagnosis))
     return diagnosis

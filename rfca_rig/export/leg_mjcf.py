@@ -18,8 +18,7 @@ from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
 from rfca_rig.analysis.phases import Undetermined, valley_and_phases
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.campaign.opening import open_with_nominal_model
-from rfca_rig.diagnosis.diagnose import prepare_data
-from rfca_rig.diagnosis.leg.findings import PreparedData
+from rfca_rig.diagnosis.leg.prepared import PreparedLeg, prepare_leg
 from rfca_rig.diagnosis.leg.simulator import SWING_RATE_STD_PER_S, SWING_SHARE_STD
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.errors import BadInput
@@ -85,7 +84,7 @@ def export_leg(run: Path, out: Path, allow_outside: bool = False) -> ExportedLeg
             f"{out}: is there already; name a folder that does not exist yet, or take this one away"
         )
     recordings = open_with_nominal_model([run], allow_outside=allow_outside)
-    prepared, _ = prepare_data(recordings)
+    prepared = prepare_leg(recordings)
     if not prepared.flaps:
         raise BadInput(
             f"{run}: no stroke shows a touchdown and a valley, so there is no motion to export"
@@ -101,7 +100,7 @@ def export_leg(run: Path, out: Path, allow_outside: bool = False) -> ExportedLeg
 class _Files:
     """Content of the exported folder."""
 
-    def __init__(self, prepared: PreparedData, recordings: Sequence[Recording]) -> None:
+    def __init__(self, prepared: PreparedLeg, recordings: Sequence[Recording]) -> None:
         flaps = {flap.label: flap for flap in prepared.flaps}
         conditions = group_by_condition(
             stroke for recording in recordings for stroke in recording.strokes
@@ -250,7 +249,7 @@ def _priors(rig: RigModel, known_to: Mapping[str, float]) -> dict[str, float]:
 
 
 def _describe_left_out(
-    rig: RigModel, recordings: Sequence[Recording], prepared: PreparedData
+    rig: RigModel, recordings: Sequence[Recording], prepared: PreparedLeg
 ) -> list[str]:
     ground = rig.ground
     items = [f"the effect {present.id} of the nominal model" for present in rig.effects]

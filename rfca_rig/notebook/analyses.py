@@ -5,31 +5,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rfca_rig.analysis.compare import Table2
-from rfca_rig.analysis.fitting.result import FitResult
-from rfca_rig.analysis.fitting.strokes import fit_recordings
-from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model
-from rfca_rig.diagnosis.diagnose import diagnose as diagnose_leg
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
-from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
+from rfca_rig.diagnosis.diagnose import diagnose as diagnose_problem
+from rfca_rig.diagnosis.opening import open_problem
+from rfca_rig.diagnosis.problem import Fit, FitOptions, Problem, Row
 from rfca_rig.diagnosis.result import Diagnosis
-from rfca_rig.diagnosis.window_fit import WindowFit
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue, families_of
 from rfca_rig.notebook.recordings import (
     OpenedRecordings,
-    Row,
     html_table,
     make_axes,
     make_frame,
-    open_path,
     show_progress,
 )
-from rfca_rig.recording.model import Recording
 from rfca_rig.reports.diagnosis.files import write_diagnosis
 from rfca_rig.reports.diagnosis.tables import all_misfits
-from rfca_rig.reports.strokes.page import write_report
+from rfca_rig.reports.problems import ComparisonOptions, write_comparison
 
 if TYPE_CHECKING:
     import pandas
@@ -173,7 +164,7 @@ class FittedResult:
         A row per value.
     """
 
-    fit: FitResult | WindowFit
+    fit: Fit
     rows: tuple[Row, ...]
 
     def table(self) -> "pandas.DataFrame":
@@ -192,35 +183,20 @@ class ReportResult:
     ----------
     page
         The page to open.
-    table2
-        Table II of the paper: measured and simulated valleys.
+    rows
+        Measured beside simulated: a row per condition of a leg as in Table II of the paper, a row
+        per signal of each recording of a mechanism.
     """
 
     page: Path
-    table2: Table2
+    rows: tuple[Row, ...]
 
     def table(self) -> "pandas.DataFrame":
-        """A row per condition."""
-        return make_frame(self._rows())
-
-    def _rows(self) -> list[Row]:
-        return [
-            {
-                "height_mm": round(1e3 * row.height_m, 6),
-                "speed_rad_s": row.speed_rad_s,
-                "repeats": row.repeats,
-                "measured_time_s": row.time.mean,
-                "measured_fz_N": row.fz.mean,
-                "simulated_time_s": row.simulated_time_s,
-                "simulated_fz_N": row.simulated_fz_N,
-                "time_error_pct": row.time_error_pct,
-                "force_error_pct": row.force_error_pct,
-            }
-            for row in self.table2.rows
-        ]
+        """The rows as a table."""
+        return make_frame(self.rows)
 
     def _repr_html_(self) -> str:
-        return html_table(str(self.page), self._rows())
+        return html_table(str(self.page), self.rows)
 
 
 def diagnose(
@@ -253,15 +229,9 @@ def diagnose(
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    experiment = _with_own_model(sources)
+    problem = _open_problem(sources, as_is)
     with show_progress("diagnosis", progress) as move:
-        if experiment is not None:
-            return DiagnosisResult(
-                diagnose_mechanism(experiment, move, without, law_at, as_is).diagnosis
-            )
-        return DiagnosisResult(
-            diagnose_leg(_recordings(sources, as_is), move, None, without, law_at)
-        )
+        return DiagnosisResult(diagnose_problem(problem, move, without, law_at).diagnosis)
 
 
 def fit(
@@ -292,34 +262,16 @@ def fit(
     BadInput
         Where the recordings cannot be used, or a name is not known.
     """
-    experiment = _with_own_model(sources)
-    if effects and experiment is None:
-        raise BadInput(
-            "effects: are for recordings of a mechanism (experiment.toml); leave them out here"
-        )
+    options = FitOptions(parameters, effects)
+    problem = _open_problem(sources, as_is)
+    problem.check_fit(options, None)
     with show_progress("fit", progress) as move:
-        if experiment is not None:
-            return _of_windows(
-                fit_mechanism(experiment, move, list(parameters), list(effects), as_is).fit
-            )
-        leg_fit = fit_recordings(_recordings(sources, as_is), list(parameters))
-    return FittedResult(leg_fit, tuple(vars(value) for value in leg_fit.parameters))
-
-
-def _of_windows(window_fit: WindowFit) -> FittedResult:
-    shifts = tuple(
-        {"name": s.name, "shift": s.value, "std": s.std, "prior_std": s.prior_std}
-        for s in window_fit.shifts
-    )
-    sizes = tuple(
-        {"name": f"{s.effect}.{s.name}", "shift": s.value, "std": s.std, "prior_std": None}
-        for s in window_fit.sizes
-    )
-    return FittedResult(window_fit, shifts + sizes)
+        fitted = problem.fit(options, move)
+    return FittedResult(fitted, fitted.rows())
 
 
 def report(*sources: Source, out: str | Path = "report", as_is: bool = False) -> ReportResult:
-    """Compare recordings of a leg with their nominal model, and write the report.
+    """Compare recordings with their nominal model, and write the report.
 
     Parameters
     ----------
@@ -328,16 +280,17 @@ def report(*sources: Source, out: str | Path = "report", as_is: bool = False) ->
     out
         Folder of the report.
     as_is
-        Take values that are probably in another unit; otherwise they are refused with a guess.
+        Take values that are probably in another unit; otherwise they are refused with a guess. Of a
+        leg.
 
     Raises
     ------
     BadInput
-        Where the recordings cannot be used; of pendulums and mechanisms the command `rfca-rig
-        report` writes the page.
+        Where the recordings cannot be used.
     """
-    written = write_report(_recordings(sources, as_is), Path(out))
-    return ReportResult(written.pages[0], written.table)
+    problem = _open_problem(sources, as_is)
+    written = write_comparison(problem, Path(out), ComparisonOptions(as_is=as_is))
+    return ReportResult(written.pages[0], written.rows)
 
 
 def effects() -> "pandas.DataFrame":
@@ -358,28 +311,14 @@ def effects() -> "pandas.DataFrame":
     return make_frame(list(rows))
 
 
-def _with_own_model(sources: Sequence[Source]) -> Experiment | None:
-    """The only source, where it has a model of its own; None for recordings of a leg. Raises
-    BadInput where it is one of several.
+def _open_problem(sources: Sequence[Source], as_is: bool) -> Problem:
+    """The recordings of all sources. Links to files outside a folder are followed where a source
+    was opened so.
     """
-    paths = _paths(sources)
-    # It refuses such a folder beside others.
-    if experiment_among(paths) is None:
-        return None
-    content = (
-        sources[0] if isinstance(sources[0], OpenedRecordings) else open_path(sources[0])
-    ).content
-    if isinstance(content, Recording):
-        return None
-    return content
-
-
-def _recordings(sources: Sequence[Source], as_is: bool) -> list[Recording]:
-    recordings = []
-    for source, path in zip(sources, _paths(sources), strict=True):
-        allow_outside = isinstance(source, OpenedRecordings) and source.allow_outside
-        recordings += open_with_nominal_model([path], as_is, allow_outside)
-    return recordings
+    allow_outside = any(
+        isinstance(source, OpenedRecordings) and source.allow_outside for source in sources
+    )
+    return open_problem(_paths(sources), as_is, allow_outside)
 
 
 def _paths(sources: Sequence[Source]) -> list[Path]:

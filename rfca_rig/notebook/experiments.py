@@ -8,8 +8,9 @@ from rfca_rig.cli.commands.measure.dynamic import replace_conditions
 from rfca_rig.cli.run_config import RunConfig, RunOptions, make_run_config
 from rfca_rig.cli.run_experiment import check_before_run, run_and_record
 from rfca_rig.description.protocol_file import read_dynamic, read_plan
+from rfca_rig.diagnosis.problem import Row
 from rfca_rig.errors import BadInput
-from rfca_rig.notebook.recordings import OpenedRecordings, Row, html_table, make_frame, open_path
+from rfca_rig.notebook.recordings import OpenedRecordings, html_table, make_frame, open_path
 from rfca_rig.protocol.experiments import RigFacts, flapping_plan
 from rfca_rig.protocol.plan import Plan
 

@@ -4,14 +4,18 @@ share.
 Shared are tables for pandas and for a notebook's page, axes to draw into, and progress bars.
 """
 
-from collections.abc import Iterable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rfca_rig.analysis.phases import describe_stroke
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.campaign.opening import experiment_among, open_experiment, open_recordings
+from rfca_rig.diagnosis.problem import Row
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import html_text
 from rfca_rig.recording.model import Recording, StaticStage, Stroke
@@ -20,17 +24,7 @@ if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.axes import Axes
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from importlib import import_module
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pandas
-    from matplotlib.axes import Axes
-
-
-Row = Mapping[str, object]
 EXTRA = "notebook"
 
 
@@ -115,60 +109,40 @@ STATIC_COLUMNS = ("height_mm", "stage", "direction", "shaft_angle_rad", "fy_N", 
 
 
 @dataclass(frozen=True)
-class OpenedRecordings:
+class OpenedRecordings(ABC):
     """Recordings of one rig.
 
     Parameters
     ----------
     path
         Where they lie.
-    content
-        What the files hold: a `Recording` of a leg, or an `Experiment` with a mechanism.
     allow_outside
         Files outside the folder may be read, too.
     """
 
     path: Path
-    content: Recording | Experiment
-    allow_outside: bool = False
+    allow_outside: bool
 
     @property
+    @abstractmethod
     def title(self) -> str:
         """The title in the files."""
-        return self.content.title
 
     @property
+    @abstractmethod
     def strokes(self) -> Sequence[Stroke | MechanismRun]:
         """The recorded motions: strokes of a leg, else runs."""
-        if isinstance(self.content, Recording):
-            return self.content.strokes
-        return self.content.runs
 
     def __len__(self) -> int:
         return len(self.strokes)
 
+    @abstractmethod
     def to_xarray(self, number: int = 0) -> "xarray.Dataset":
         """The samples of motion `number` in SI units, as measured.
 
         A leg's devices have time bases of their own, so each has a dimension of its own:
         `force_t_s`, `shaft_t_s`.
         """
-        motion = self._motion(number)
-        dataset = require("xarray").Dataset
-        if isinstance(motion, Stroke):
-            samples: xarray.Dataset = dataset(*_stroke_data(motion))
-            return samples
-        times = {"t_s": ("t_s", motion.t_s, {"units": "s"})}
-        about = {"title": self.title, "run": motion.label, "condition": motion.condition}
-        samples = dataset(
-            {
-                name: ("t_s", values, {"units": unit})
-                for name, values, unit in self._columns(motion)
-            },
-            times,
-            about,
-        )
-        return samples
 
     def table(self) -> "pandas.DataFrame":
         """A row per motion: its condition, and of a stroke the valley."""
@@ -178,30 +152,15 @@ class OpenedRecordings:
         """A row per static stage of a leg: means after settling, hinge angles with their
         standard deviations.
         """
-        stages: Iterable[StaticStage] = (
-            self.content.static if isinstance(self.content, Recording) else ()
-        )
-        return make_frame([_static_row(stage) for stage in stages], STATIC_COLUMNS)
+        return make_frame([], STATIC_COLUMNS)
 
     def plot(self, number: int = 0, ax: "Axes | None" = None) -> "Axes":
         """Draw the forces of a stroke, or the signals of a run, over time into `ax`, or into a
         new figure.
         """
-        motion = self._motion(number)
+        self._check(number)
         ax = make_axes(ax)
-        if isinstance(motion, Stroke):
-            shown = [
-                (name, *channel)
-                for name in ("fz_N", "fy_N")
-                if (channel := motion.channel(name)) is not None
-            ]
-            ax.set_ylabel("force on the sensor in N")
-        else:
-            shown = [
-                (f"{name} in {unit}", motion.t_s, values)
-                for name, values, unit in self._columns(motion)
-            ]
-        for label, t_s, values in shown:
+        for label, t_s, values in self._curves(number):
             ax.plot(t_s, values, label=label)
         ax.set(xlabel="time in s", title=f"{self.title}, {number}")
         ax.legend()
@@ -213,28 +172,103 @@ class OpenedRecordings:
     def _repr_html_(self) -> str:
         return html_table(repr(self), self._rows())
 
-    def _motion(self, number: int) -> Stroke | MechanismRun:
+    def _check(self, number: int) -> None:
         if not -len(self) <= number < len(self):
             raise BadInput(
                 f"{self.path}: holds {len(self)} motions, numbered from 0; there is no {number}"
             )
-        return self.strokes[number]
+
+    @abstractmethod
+    def _rows(self) -> list[Row]:
+        """A row per motion."""
+
+    @abstractmethod
+    def _curves(self, number: int) -> list[tuple[str, Any, Any]]:
+        """What `plot` draws: label, times and values."""
+
+
+@dataclass(frozen=True, repr=False)
+class LegRecordings(OpenedRecordings):
+    """Recordings of a leg."""
+
+    recording: Recording
+
+    @property
+    def title(self) -> str:
+        """The title of the recording."""
+        return self.recording.title
+
+    @property
+    def strokes(self) -> Sequence[Stroke]:
+        """The recorded strokes."""
+        return self.recording.strokes
+
+    def to_xarray(self, number: int = 0) -> "xarray.Dataset":
+        """The samples of a stroke, with a dimension per device."""
+        self._check(number)
+        samples: xarray.Dataset = require("xarray").Dataset(*_stroke_data(self.strokes[number]))
+        return samples
+
+    def static_table(self) -> "pandas.DataFrame":
+        """A row per static stage."""
+        return make_frame([_static_row(stage) for stage in self.recording.static], STATIC_COLUMNS)
+
+    def plot(self, number: int = 0, ax: "Axes | None" = None) -> "Axes":
+        """Draw the forces of a stroke."""
+        ax = super().plot(number, ax)
+        ax.set_ylabel("force on the sensor in N")
+        return ax
 
     def _rows(self) -> list[Row]:
-        return [
-            describe_stroke(motion) if isinstance(motion, Stroke) else _run_row(motion)
-            for motion in self.strokes
-        ]
+        return [describe_stroke(stroke) for stroke in self.strokes]
+
+    def _curves(self, number: int) -> list[tuple[str, Any, Any]]:
+        channels = ((name, self.strokes[number].channel(name)) for name in ("fz_N", "fy_N"))
+        return [(name, *channel) for name, channel in channels if channel is not None]
+
+
+@dataclass(frozen=True, repr=False)
+class MechanismRecordings(OpenedRecordings):
+    """Recordings of a mechanism."""
+
+    experiment: Experiment
+
+    @property
+    def title(self) -> str:
+        """The title of the experiment."""
+        return self.experiment.title
+
+    @property
+    def strokes(self) -> Sequence[MechanismRun]:
+        """The recorded runs."""
+        return self.experiment.runs
+
+    def to_xarray(self, number: int = 0) -> "xarray.Dataset":
+        """The samples of a run."""
+        self._check(number)
+        run = self.strokes[number]
+        samples: xarray.Dataset = require("xarray").Dataset(
+            {name: ("t_s", values, {"units": unit}) for name, values, unit in self._columns(run)},
+            {"t_s": ("t_s", run.t_s, {"units": "s"})},
+            {"title": self.title, "run": run.label, "condition": run.condition},
+        )
+        return samples
+
+    def _rows(self) -> list[Row]:
+        return [_run_row(run) for run in self.strokes]
+
+    def _curves(self, number: int) -> list[tuple[str, Any, Any]]:
+        run = self.strokes[number]
+        return [(f"{name} in {unit}", run.t_s, values) for name, values, unit in self._columns(run)]
 
     def _columns(self, run: MechanismRun) -> list[tuple[str, Any, str]]:
-        assert isinstance(self.content, Experiment)
         signals = [
             (f"{s.name}.{s.quantity}", run.signals[:, k], s.unit)
-            for k, s in enumerate(self.content.signals)
+            for k, s in enumerate(self.experiment.signals)
         ]
         return signals + [
             (f"{name}.command", run.commands[:, k], "")
-            for k, name in enumerate(self.content.actuators)
+            for k, name in enumerate(self.experiment.actuators)
         ]
 
 
@@ -313,5 +347,7 @@ def open_path(
     """
     path = Path(path)
     if experiment_among([path]) is not None:
-        return OpenedRecordings(path, open_experiment(path, allow_outside), allow_outside)
-    return OpenedRecordings(path, open_recordings([path], as_is, allow_outside)[0], allow_outside)
+        experiment = open_experiment(path, allow_outside)
+        return MechanismRecordings(path, allow_outside, experiment)
+    (recording,) = open_recordings([path], as_is, allow_outside)
+    return LegRecordings(path, allow_outside, recording)

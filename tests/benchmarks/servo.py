@@ -34,10 +34,10 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms import problem
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
 from rfca_rig.errors import RigError
 from rfca_rig.mechanism.load import load_mechanism

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.recording.layout import identity_of_tables
 from rfca_rig.reports.provenance import fingerprint
@@ -112,7 +112,7 @@ def convert(campaign, folder, kind, **options):
 def window_starts_s(folder):
     """Where the windows of the recordings begin."""
     experiment = read_experiment(folder)
-    conditions = make_problem(experiment, load_mechanism(experiment.model)).conditions
+    conditions = prepare_mechanism(experiment, load_mechanism(experiment.model)).conditions
     return [corrected.window.start_s for condition in conditions for corrected in condition.windows]
 
 

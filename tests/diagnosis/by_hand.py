@@ -16,7 +16,7 @@ from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
-from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
+from rfca_rig.diagnosis.leg.prepared import Findings, PreparedLeg
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset, nuisances_of
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
@@ -149,8 +149,8 @@ def nothing_missing(found: ModelSelectionResult, probability: float = 0.99) -> D
     return Decision("nothing missing", found.nothing, probability=probability)
 
 
-def body_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedData:
-    return PreparedData(
+def body_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedLeg:
+    return PreparedLeg(
         "by hand",
         RIG,
         KNOWN_TO,

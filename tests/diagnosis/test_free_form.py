@@ -10,7 +10,7 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.phases import StrokePhases, Valley
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.diagnosis.diagnose import prepare_data
+from rfca_rig.diagnosis.diagnose import prepare_leg
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, ShaftTurn
@@ -41,7 +41,7 @@ def told(folder, **concealed):
     """The free form for a campaign that hides this, without a look at the catalogue."""
     (case,) = draw_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, **concealed), folder / "campaign")
-    body, _ = prepare_data([read_campaign(folder / "campaign")])
+    body, _ = prepare_leg([read_campaign(folder / "campaign")])
     return estimate_free_force(
         search_models(make_leg_dataset(body.flaps), body.coordinates, [], lambda *_: None)
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import measure_joint_law, parse_place
 from scipy.stats import chi2
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
@@ -14,14 +15,13 @@ from rfca_rig.campaign.pendulum import read_pendulum
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.config import CLOSE_LOG_EVIDENCE
-from rfca_rig.diagnosis.diagnose import prepare_data, search_base
+from rfca_rig.diagnosis.diagnose import prepare_leg, search_base
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, loo_log_densities
-from rfca_rig.diagnosis.mechanisms.diagnose import measure_joint_law, parse_place
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.diagnosis.residual_force.law import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import make_argument, place_knots
 from rfca_rig.diagnosis.residual_force.measured_law import (
@@ -146,7 +146,7 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     write_measured_model(tmp_path / "model.toml", law, recording)
     again = read_model_file(tmp_path / "model.toml").model()
     assert again.effects[-1].table.values == pytest.approx(law.present.table.values, abs=1e-6)
-    body, _ = prepare_data([at_other_heights])
+    body, _ = prepare_leg([at_other_heights])
     others = make_leg_dataset(body.flaps)
     nominal, with_law = (
         np.std(others.rows.measured - others.predicted(ModelPoint(rig)))
@@ -255,7 +255,7 @@ def test_an_argument_that_a_place_lacks_is_refused(crosstalk):
 @pytest.mark.slow
 def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
     experiment = read_pendulum(PENDULUM)
-    problem = make_problem(experiment, experiment.load_model())
+    problem = prepare_mechanism(experiment, experiment.load_model())
     with single_threaded_blas():
         found = search_models(problem.dataset, Parameterization(problem.space), [], lambda *_: None)
         place = parse_place("joint1", problem.simulator.mechanism)

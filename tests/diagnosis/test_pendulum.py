@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.analysis.fitting.space import never_below
 from rfca_rig.campaign.opening import open_experiment
 from rfca_rig.campaign.pendulum import LinkSection
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _releases
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.exam.pendulums.world import Friction, PendulumWorld
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.model.parameters import PresentEffect
@@ -51,7 +51,7 @@ def diagnosed(folder, without=()):
 
 def all_effects_but(folder, *kept):
     """Ids of the effects that are not looked for."""
-    problem = make_problem(open_experiment(folder), open_experiment(folder).load_model())
+    problem = prepare_mechanism(open_experiment(folder), open_experiment(folder).load_model())
     effects = list_effects(problem.simulator.mechanism, problem.usual)
     return [effect.id for effect in effects if effect.id not in kept]
 
@@ -213,7 +213,7 @@ def test_without_a_driven_run_no_effect_of_the_torque_is_looked_for(tmp_path):
 def test_an_offset_of_the_torque_acts_while_the_motors_are_on(tmp_path):
     runs = (sine(1.2, 5.0), release(1.0))
     folder = write_pendulum(tmp_path / "p", NOMINAL, WORLD, runs, KNOWN_TO)
-    problem = make_problem(open_experiment(folder), open_experiment(folder).load_model())
+    problem = prepare_mechanism(open_experiment(folder), open_experiment(folder).load_model())
     space = problem.space
     names = list(space.names)
     shifted = space.at(np.array([float(name == "joint1.torque_offset_Nm") for name in names]))
@@ -231,7 +231,7 @@ def test_an_offset_of_the_torque_acts_while_the_motors_are_on(tmp_path):
 def test_releases_keep_to_the_recorded_range(tmp_path):
     runs = (release(2.0), release(1.0))
     folder = write_pendulum(tmp_path / "p", NOMINAL, WORLD, runs, KNOWN_TO)
-    problem = make_problem(open_experiment(folder), open_experiment(folder).load_model())
+    problem = prepare_mechanism(open_experiment(folder), open_experiment(folder).load_model())
     designs = list(_releases(problem))
     assert {design.settings["kind"] for design in designs} == {"release"}
     simulated = [design.simulate(MechanismInput()) for design in designs]

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from scipy.interpolate import PPoly
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.export.leg_mjcf import export_leg
@@ -115,7 +115,7 @@ def exported(tmp_path_factory):
 def test_the_folder_is_an_experiment_whose_model_predicts_its_strokes(exported):
     experiment = read_experiment(exported)
     mechanism = load_mechanism(experiment.model)
-    problem = make_problem(experiment, mechanism)
+    problem = prepare_mechanism(experiment, mechanism)
     assert [run.label for run in experiment.runs][:2] == [
         "205 mm, 2.4 rad/s, repeat 1",
         "205 mm, 2.4 rad/s, repeat 2",

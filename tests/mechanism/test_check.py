@@ -10,10 +10,10 @@ from itertools import takewhile
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import States, balance_torques
@@ -221,7 +221,7 @@ def test_a_misread_column_is_neither_diagnosed_nor_fitted(folder, monkeypatch, u
     def stop(*_):
         raise SimulationFailed("it came to the windows")
 
-    monkeypatch.setattr(sys.modules[use.__module__], "make_problem", stop)
+    monkeypatch.setattr(sys.modules[use.__module__], "prepare_mechanism", stop)
     with pytest.raises(SimulationFailed, match="it came to the windows"):
         use(experiment, lambda *_: None, as_is=True)
 

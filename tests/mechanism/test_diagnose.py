@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
 from tests.mechanism import hopper
@@ -51,7 +51,7 @@ def test_commands_that_were_held_act_half_a_sample_late_unless_the_file_says_so(
 
     def misfit():
         experiment = read_experiment(folder)
-        problem = make_problem(experiment, load_mechanism(experiment.model))
+        problem = prepare_mechanism(experiment, load_mechanism(experiment.model))
         plant = problem.simulator.plant(MechanismInput())
         windows = [each.window for condition in problem.conditions for each in condition.windows]
         return np.sqrt(
@@ -192,7 +192,7 @@ def test_of_more_windows_than_asked_for_a_few_of_every_recording_are_used(tmp_pa
     folder = campaign(tmp_path / "arm", NOMINAL, seconds=4.0)
     experiment = read_experiment(folder)
     mechanism = load_mechanism(experiment.model)
-    problem = make_problem(replace(experiment, most_windows=6), mechanism)
+    problem = prepare_mechanism(replace(experiment, most_windows=6), mechanism)
     assert (problem.windows, problem.recorded_windows) == (6, 14)
     starts = [
         [each.window.start_s for each in condition.windows] for condition in problem.conditions
@@ -200,12 +200,12 @@ def test_of_more_windows_than_asked_for_a_few_of_every_recording_are_used(tmp_pa
     assert [len(of_run) for of_run in starts] == [3, 3]
     assert [of_run[0] for of_run in starts] == pytest.approx([starts[0][0]] * 2)
     assert starts[0][-1] - starts[0][0] == pytest.approx(3.0)
-    assert make_problem(experiment, mechanism).windows == 14
+    assert prepare_mechanism(experiment, mechanism).windows == 14
 
 
 def test_windows_lie_beside_what_the_model_says_of_them(short):
     experiment = read_experiment(short)
-    problem = make_problem(experiment, load_mechanism(experiment.model))
+    problem = prepare_mechanism(experiment, load_mechanism(experiment.model))
     (condition,) = problem.conditions
     rows = condition.rows()
     predicted = problem.simulator.simulate(MechanismInput(), condition)
@@ -220,11 +220,11 @@ def test_the_step_is_as_long_as_the_motion_allows(short, tmp_path):
     folder = shutil.copytree(short, tmp_path / "arm")
     model = (folder / "model.xml").read_text(encoding="utf-8")
     experiment = read_experiment(folder)
-    free_s = make_problem(experiment, load_mechanism(experiment.model)).simulator.step_s
+    free_s = prepare_mechanism(experiment, load_mechanism(experiment.model)).simulator.step_s
     (folder / "model.xml").write_text(
         model.replace('name="joint3"', 'name="joint3" stiffness="1000"'), encoding="utf-8"
     )
-    stiff_s = make_problem(experiment, load_mechanism(experiment.model)).simulator.step_s
+    stiff_s = prepare_mechanism(experiment, load_mechanism(experiment.model)).simulator.step_s
     assert free_s == 8e-3
     assert 1.25e-4 < stiff_s < free_s
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
 from tests.mechanism.arm import Arm, Friction
@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 
 def problem_of(folder):
     experiment = read_experiment(folder)
-    return make_problem(experiment, load_mechanism(experiment.model))
+    return prepare_mechanism(experiment, load_mechanism(experiment.model))
 
 
 def changed(folder, tmp_path, old, new):
@@ -219,7 +219,7 @@ def test_damping_of_a_joint_without_an_encoder_is_found(tmp_path):
         {"mass_relative": 0.02},
     )
     experiment = read_experiment(place)
-    known = make_problem(experiment, load_mechanism(experiment.model)).simulator.effects
+    known = prepare_mechanism(experiment, load_mechanism(experiment.model)).simulator.effects
     rivals = (
         "joint_friction",
         "joint_damping",

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.model_files import write_amended_model
@@ -178,7 +178,7 @@ def test_the_laws_of_gears_follow_rotors_behind_springs(tmp_path, gear, effect_i
     experiment = read_experiment(
         write_campaign(tmp_path / "arm", GEARED, recordings, {"mass_relative": 0.02})
     )
-    problem = make_problem(experiment, load_mechanism(experiment.model))
+    problem = prepare_mechanism(experiment, load_mechanism(experiment.model))
     values = tuple((f"joint{j + 1}_{size}", value) for j, value in enumerate(sizes))
     rigid = misses(problem)
     follows = misses(problem, (PresentEffect(effect_id, values),))

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import _leave_out, measure_joint_law, parse_place
 from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
-from rfca_rig.diagnosis.mechanisms.diagnose import _leave_out, measure_joint_law, parse_place
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
@@ -32,7 +32,7 @@ KNOTS = np.linspace(-10.0, 10.0, 9)
 
 def problem_of(folder, arm, seconds=6.0):
     experiment = read_experiment(campaign(folder, arm, seconds))
-    return make_problem(experiment, load_mechanism(experiment.model))
+    return prepare_mechanism(experiment, load_mechanism(experiment.model))
 
 
 def measured(problem, place):
@@ -91,7 +91,7 @@ def test_a_spring_is_measured_over_the_position(tmp_path):
     text = model.read_text(encoding="utf-8")
     model.write_text(text.replace('name="joint2"', 'name="joint2" stiffness="2"'), encoding="utf-8")
     experiment = read_experiment(folder)
-    law = measured(make_problem(experiment, load_mechanism(model)), "joint2").stated.law
+    law = measured(prepare_mechanism(experiment, load_mechanism(model)), "joint2").stated.law
     assert (law.argument, law.argument_unit) == ("position_rad", "rad")
     assert np.abs(law.values + 2.0 * law.knots).max() < 0.2
     assert law.whole is not None

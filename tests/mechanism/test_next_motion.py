@@ -6,12 +6,12 @@ import csv
 
 import numpy as np
 import pytest
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _sines, write_excitation
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
@@ -82,7 +82,7 @@ def test_a_joint_without_a_motor_of_its_own_follows_no_reference(arm, tmp_path):
 def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experiment, every):
     """Every fourth is of every joint and of all together, each with other travels and speeds."""
     mechanism = load_mechanism(experiment.model)
-    problem = make_problem(experiment, mechanism)
+    problem = prepare_mechanism(experiment, mechanism)
     simulator = problem.simulator
     designs = list(_sines(problem))
     assert {design.settings["joint"] for design in designs} <= {
@@ -109,7 +109,7 @@ def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experim
 @pytest.mark.slow
 def test_a_motion_that_needs_larger_commands_is_not_proposed(experiment):
     mechanism = load_mechanism(experiment.model)
-    problem = make_problem(experiment, mechanism)
+    problem = prepare_mechanism(experiment, mechanism)
     friction = problem.simulator.effects["joint_friction"]
     values = tuple(
         (parameter.name, float(10.0 * problem.usual.command.max()))

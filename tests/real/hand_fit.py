@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, prepare_mechanism
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, find_places
@@ -59,7 +59,7 @@ class HandFit:
     held_out: dict[str, float]
 
 
-def list_free(problem: MechanismProblem, keys: list[str]) -> list[FreeParameter]:
+def list_free(problem: PreparedMechanism, keys: list[str]) -> list[FreeParameter]:
     """The parameters of a law that is given by keys of [known_to], of every object that a key
     belongs to.
     """
@@ -104,7 +104,7 @@ def list_free(problem: MechanismProblem, keys: list[str]) -> list[FreeParameter]
 class Fit:
     """The law with its free parameters, and the recordings."""
 
-    def __init__(self, problem: MechanismProblem, free: list[FreeParameter]):
+    def __init__(self, problem: PreparedMechanism, free: list[FreeParameter]):
         self.problem = problem
         self.free = free
         self.scales = np.array([one.scale for one in free])
@@ -174,7 +174,7 @@ def fit_by_hand(experiment, keys):
     keys
         Of the published law.
     """
-    problem = make_problem(experiment, load_mechanism(experiment.model))
+    problem = prepare_mechanism(experiment, load_mechanism(experiment.model))
     return solve_problem(
         problem,
         list(dict.fromkeys([*keys, *(key for key in experiment.known_to if key in NUISANCES)])),

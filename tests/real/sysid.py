@@ -22,7 +22,7 @@ from mujoco import sysid
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.data import rms
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.mechanism.load import ARENA_BYTES, load_mechanism
 from tests.real.__main__ import read_sets
 from tests.real.hand_fit import Fit, list_free
@@ -191,7 +191,7 @@ def main(out, names):
     )
     for name in names or sets:
         experiment = read_experiment(out / name)
-        problem = make_problem(experiment, load_mechanism(experiment.model))
+        problem = prepare_mechanism(experiment, load_mechanism(experiment.model))
         free = list_free(problem, keys_of(sets[name], experiment))
         scored = Fit(problem, free)
         whole = fit(problem, experiment.model, free, problem.conditions)

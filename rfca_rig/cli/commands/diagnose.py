@@ -30,13 +30,11 @@ from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
     from rfca_rig.cli.close_the_loop import ClosedLoop
-    from rfca_rig.description.sections import AboutSection
+    from rfca_rig.diagnosis.problem import Problem
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.executors.mapping import TaskExecutor
-    from rfca_rig.mechanism.plant import Plant
     from rfca_rig.model.effect import Declaration
     from rfca_rig.protocol.plan import Limits
-    from rfca_rig.recording.model import Recording
 
 
 ANSWER = "diagnosis.json"
@@ -242,28 +240,19 @@ def diagnose(
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
-    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model
     from rfca_rig.cli.options import Printing
-    from rfca_rig.diagnosis.config import check_known
+    from rfca_rig.diagnosis.opening import open_problem
     from rfca_rig.errors import BadInput
     from rfca_rig.reports.provenance import command_line
 
-    mechanism = experiment_among(paths)
-    if mechanism is None:
-        # A mechanism has a catalogue of its own, which checks its effects later.
-        check_known(without or ())
     known = [word for effect in without or () for word in ("--without", effect)]
     at = [*(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
-    command = command_line("diagnose", *paths, *known, *at)
     asked = DiagnoseOptions(
-        paths,
         out,
         as_json,
-        command,
+        command_line("diagnose", *paths, *known, *at),
         tuple(without or ()),
         law_at=law,
-        as_is=as_is,
-        allow_outside=allow_outside,
     )
     printing = Printing(pdf)
     _check_options(each, close_the_loop, law, pdf)
@@ -282,15 +271,9 @@ def diagnose(
             "--workers and --cluster share out what --each makes many of; one diagnosis, "
             "or --close-the-loop, stays here"
         )
-    if mechanism is not None:
-        if close_the_loop:
-            raise BadInput(
-                "--close-the-loop runs experiments on a leg's rig; leave it out for a "
-                "mechanism and record the proposed motion"
-            )
-        diagnosis = _mechanism(asked)
-    elif not close_the_loop:
-        diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is, allow_outside), asked)
+    problem = open_problem(paths, as_is, allow_outside)
+    if not close_the_loop:
+        diagnosis = diagnose_and_write(problem, asked)
     else:
         from rfca_rig.cli.close_the_loop import ClosedLoop
         from rfca_rig.cli.paths import find_rig
@@ -305,6 +288,7 @@ def diagnose(
         command = command_line("diagnose", *paths, *known, "--close-the-loop", options=options)
         diagnosis = _in_rounds(
             ClosedLoop(find_rig(rig), rounds, runs, out, seed, as_json),
+            problem,
             replace(asked, command=command),
         )
     _say(diagnosis, out, as_json)
@@ -377,140 +361,39 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
-    """Paths of the recordings, folder of the result, the command as typed, effects that are
-    excluded, and the place of a measured law.
+    """Folder of the result, the command as typed, effects that are excluded, and the place of a
+    measured law.
 
     `limits` are those of the rig on which further experiments may run.
     """
 
-    paths: Sequence[Path]
     out: Path
     quiet: bool
     command: str
     without: tuple[str, ...]
     limits: "Limits | None" = None
     law_at: str = ""
-    as_is: bool = False
-    allow_outside: bool = False
 
 
-def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
+def _in_rounds(loop: "ClosedLoop", problem: "Problem", asked: DiagnoseOptions) -> "Diagnosis":
     """The last diagnosis, after the proposed experiments."""
-    from rfca_rig.campaign.opening import open_with_nominal_model
     from rfca_rig.cli.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
-    recordings = open_with_nominal_model(asked.paths, asked.as_is, asked.allow_outside)
     within = replace(asked, limits=read_rig(loop.rig_path).facts().limits)
-    return close_the_loop(
-        loop,
-        recordings,
-        _diagnose_leg(recordings, within),
-        lambda all_of_them: _diagnose_leg(all_of_them, within),
-    )
+    return close_the_loop(loop, problem, lambda grown: diagnose_and_write(grown, within))
 
 
-def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
-    """Diagnosis of a mechanism that MuJoCo simulates, and its model file with the effects found."""
-    from rfca_rig.campaign.opening import open_experiment
+def diagnose_and_write(problem: "Problem", asked: DiagnoseOptions) -> "Diagnosis":
+    """Diagnoses recordings and writes all files."""
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.experiment_design.mechanism_experiment import write_excitation
-    from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
-    from rfca_rig.reports.diagnosis.tables import describe_law, write_law_table
-
-    experiment = open_experiment(asked.paths[0], asked.allow_outside)
-    with progress(asked.quiet) as bars:
-        outcome = diagnose_mechanism(
-            experiment, bars.share, asked.without, asked.law_at, asked.as_is
-        )
-    diagnosis = _write_imported(outcome.diagnosis, experiment.about, asked)
-    _write_plant(outcome.plant, asked.out, "model.xml", "laws.py", outcome.stated)
-    measured = [
-        asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")
-    ]
-    if outcome.law is None:
-        for path in measured:
-            # Of an earlier diagnosis in the same folder, which would look like a result of this
-            # one.
-            path.unlink(missing_ok=True)
-    else:
-        law = outcome.law.stated.law
-        write_law_table(measured[2], law)
-        _write_plant(
-            outcome.law.plant,
-            asked.out,
-            measured[0].name,
-            measured[1].name,
-            [f"The law of {law.place} over {law.argument}, {describe_law(outcome.law.stated)}."],
-        )
-    commands = asked.out / "next-commands.csv"
-    commands.unlink(missing_ok=True)  # of an earlier diagnosis
-    if outcome.excitation is not None:
-        write_excitation(commands, outcome.plant.mechanism, outcome.excitation)
-        echo(
-            f"{commands}: the proposed motion of the joints, and the commands that it takes",
-            err=True,
-        )
-    return diagnosis
-
-
-def _write_plant(
-    plant: "Plant", out: Path, model_name: str, laws_name: str, stated: Sequence[str]
-) -> None:
-    """Writes the model file, and Python functions for what MJCF cannot express."""
-    from rfca_rig.mechanism.laws_file import write_laws
-    from rfca_rig.mechanism.model_files import write_amended_model
-
-    beyond = write_amended_model(plant, out / model_name)
-    if write_laws(plant, beyond, out / laws_name, stated, model_name):
-        echo(
-            (
-                f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; "
-                f"{out / laws_name} does, for your own loop"
-            ),
-            err=True,
-        )
-
-
-def _write_imported(
-    diagnosis: "Diagnosis", about: "AboutSection", asked: DiagnoseOptions
-) -> "Diagnosis":
-    """Writes the files of a diagnosis of tables from elsewhere."""
-    from rfca_rig.diagnosis.result import Diagnosed
-    from rfca_rig.recording.layout import identity_of_tables
+    from rfca_rig.diagnosis.diagnose import diagnose as diagnose_problem
     from rfca_rig.reports.diagnosis.files import write_diagnosis
-    from rfca_rig.reports.provenance import origin_of_import
-
-    (folder,) = asked.paths
-    # The identity ties the result to these files, wherever they lie.
-    recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
-    diagnosis = replace(diagnosis, recordings=(recorded,))
-    write_diagnosis(
-        diagnosis, asked.out, origin_of_import(asked.command, folder, diagnosis.title, about)
-    )
-    return diagnosis
-
-
-def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> "Diagnosis":
-    """Diagnoses a leg's recordings and writes all files."""
-    from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
-    from rfca_rig.diagnosis.experiment_design.leg_experiment import write_next_protocol
-    from rfca_rig.reports.diagnosis.files import (
-        write_diagnosis,
-        write_fitted_model,
-        write_measured_model,
-    )
-    from rfca_rig.reports.provenance import origin_of
+    from rfca_rig.reports.problems import origin_of_problem
 
     with progress(asked.quiet) as bars:
-        diagnosis = diagnosed(recordings, bars.share, asked.limits, asked.without, asked.law_at)
-    write_diagnosis(diagnosis, asked.out, origin_of(asked.command, asked.paths, recordings))
-    write_fitted_model(asked.out / "model.toml", diagnosis, recordings[0])
-    write_next_protocol(asked.out, diagnosis.next_experiment)
-    measured = asked.out / "measured-law.toml"
-    if diagnosis.stated_law is None:
-        measured.unlink(missing_ok=True)  # that of an earlier diagnosis
-    else:
-        write_measured_model(measured, diagnosis.stated_law.law, recordings[0])
-    return diagnosis
+        answer = diagnose_problem(problem, bars.share, asked.without, asked.law_at, asked.limits)
+    write_diagnosis(answer.diagnosis, asked.out, origin_of_problem(problem, asked.command))
+    for line in answer.write_files(asked.out):
+        echo(line, err=True)
+    return answer.diagnosis

@@ -2,20 +2,16 @@
 
 import json
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
+from rfca_rig.cli.commands.report import ShaftOption
 from rfca_rig.cli.names import FIT_PARAMETERS
 from rfca_rig.cli.options import AllowOutside, AsIs, Cluster, Json, open_executor, out_file
 from rfca_rig.cli.terminal import echo, print_lines
-
-if TYPE_CHECKING:
-    from rfca_rig.analysis.fitting.result import FitResult
-    from rfca_rig.diagnosis.window_fit import WindowFit
-
 
 HELP_PARAMETERS = (
     f"What to fit, out of {', '.join(FIT_PARAMETERS)}; of a mechanism or a pendulum names of its "
@@ -102,42 +98,23 @@ def fit(
 
     Example: rfca-rig fit runs/SIM-table-ii-001 --parameters k0,friction
     """
-    import numpy as np
-
-    from rfca_rig.analysis.fitting.fit import Search
-    from rfca_rig.analysis.fitting.parameters import select_parameters
-    from rfca_rig.analysis.fitting.residuals import StrokeWindow
-    from rfca_rig.analysis.fitting.result import write_model_file
-    from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
-    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model
     from rfca_rig.cli.progress import progress
-    from rfca_rig.errors import BadInput
+    from rfca_rig.diagnosis.opening import open_problem
+    from rfca_rig.diagnosis.problem import FitOptions
 
-    mechanism = experiment_among(paths)
-    if effects and mechanism is None:
-        raise BadInput(
-            "--effects: is an option for recordings of a mechanism (experiment.toml); "
-            "leave it out here"
-        )
-    if mechanism is not None:
-        # An option counts as given where it differs from its default.
-        asked = {
-            "--shaft": shaft != ShaftOption.recorded,
-            "--phases": phases != "loading",
-            "--after-touchdown": after_touchdown != 200.0,
-        }
-        refuse_leg_options({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
-        _fit_mechanism(
-            mechanism, _names(parameters), _names(effects), out, as_is, allow_outside, as_json
-        )
-        return
-    comparison = StrokeComparison(
-        shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown)
+    options = FitOptions(
+        _names(parameters),
+        _names(effects),
+        shaft.value,
+        tuple(_names(phases)),
+        1e-3 * after_touchdown,
+        starts,
+        seed,
+        cluster,
     )
-    # Only for its check: a misspelt parameter must be refused before the recordings are read.
-    select_parameters(_names(parameters))
-    recordings = open_with_nominal_model(paths, as_is, allow_outside)
-    counter = _Counter()
+    problem = open_problem(paths, as_is, allow_outside)
+    # Names and options are checked before the long fit.
+    problem.check_fit(options, out)
     # Without a cluster there is no executor: threads of this process share out one descent better
     # than processes share several.
     with (
@@ -146,94 +123,20 @@ def fit(
         if cluster is not None
         else nullcontext() as executor,
     ):
-        bars.show_unbounded("fitting", counter.text)
-        search = Search(
-            starts=starts,
-            rng=np.random.default_rng(seed),
-            progress=counter.count,
-            executor=executor,
-        )
-        result = fit_recordings(recordings, _names(parameters), comparison, search)
-    if out is not None:
-        sources = [
-            f"{path} ({recording.source}): {recording.title}"
-            for path, recording in zip(paths, recordings, strict=True)
-        ]
-        write_model_file(out, result, recordings[0].nominal, recordings[0].known_to, sources)
-    _print(result, out, as_json)
-
-
-def _fit_mechanism(
-    folder: Path,
-    names: list[str],
-    effects: list[str],
-    out: Path | None,
-    as_is: bool,
-    allow_outside: bool,
-    as_json: bool,
-) -> None:
-    """The same for recordings of a mechanism or a pendulum, with the named effects."""
-    from rfca_rig.campaign.opening import open_experiment
-    from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
-    from rfca_rig.campaign.pendulum import write_fitted_pendulum
-    from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, fit_mechanism
-    from rfca_rig.errors import BadInput
-    from rfca_rig.mechanism.model_files import write_amended_model
-
-    is_pendulum = (folder / PENDULUM).is_file()
-    as_toml = is_pendulum and out is not None and out.suffix == ".toml"
-    if out is not None and out.suffix != ".xml" and not as_toml:
-        raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")
-    experiment = open_experiment(folder, allow_outside)
-    with progress(quiet=as_json) as bars:
-        mechanism_fit = fit_mechanism(experiment, bars.share, names, effects, as_is)
-    if out is not None and as_toml:
-        comments = [f"Fitted to {folder} (IMPORT): {experiment.title}", *mechanism_fit.fit.lines()]
-        shifts = {shift.name: (shift.value, shift.std) for shift in mechanism_fit.fit.shifts}
-        write_fitted_pendulum(out, folder, shifts, comments)
-    elif out is not None:
-        beyond = write_amended_model(mechanism_fit.plant, out)
-        if beyond:
-            echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)
-    _print_windows(mechanism_fit.fit, MECHANISM_FIT, folder, out, as_json)
-
-
-def _print_windows(
-    window_fit: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool
-) -> None:
-    """Prints a fit to windows of recordings."""
+        fitted = problem.fit(replace(options, executor=executor), bars.share)
+    remarks = [] if out is None else fitted.write_model(out)
+    for line in remarks:
+        echo(line, err=True)
     if as_json:
-        echo(json.dumps(window_fit.plain(file_format), indent=1))
+        echo(json.dumps(fitted.plain(), indent=1))
         return
-    print_lines(window_fit.lines())
+    print_lines(fitted.lines())
     if out is not None:
+        typed = " ".join(map(str, paths))
         echo(
-            f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True
+            f"{out}: the fitted model; rfca-rig report {typed} --model {out} compares it", err=True
         )
 
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
-
-
-def _print(result: "FitResult", out: Path | None, as_json: bool) -> None:
-    if as_json:
-        echo(json.dumps(result.plain(), indent=1))
-        return
-    print_lines(result.lines())
-    if out is not None:
-        echo(f"{out}: the fitted model", err=True)
-
-
-class _Counter:
-    """Progress of a search, whose number of evaluations is not known beforehand."""
-
-    def __init__(self) -> None:
-        self._text = ""
-
-    def count(self, simulated: int, chi2: float) -> None:
-        self._text = f"{simulated} sets of values, chi2 {chi2:.0f}"
-
-    def text(self) -> str:
-        return self._text

@@ -27,7 +27,8 @@ from rfca_rig.diagnosis.experiment_design.choice import (
     list_options,
     propose,
 )
-from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
+from rfca_rig.diagnosis.leg.findings import LegFindings
+from rfca_rig.diagnosis.leg.prepared import PreparedLeg
 from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, make_shaft_condition
 from rfca_rig.diagnosis.leg.simulator import select_tables
 from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, make_stage_tables
@@ -163,13 +164,13 @@ class FeasibleRegion:
 
 
 def propose_experiment(
-    body: PreparedData, verdicts: Findings, enough: bool, limits: Limits | None = None
+    prepared: PreparedLeg, findings: LegFindings, enough: bool, limits: Limits | None = None
 ) -> dict[str, object] | None:
     """The next experiment; None where nothing is open or nothing would help.
 
     Parameters
     ----------
-    body, verdicts
+    prepared, findings
         The recordings, and the results in the forces and in the motion of the shaft.
     enough
         Whether there are enough conditions for a decision. If not, only a further dynamic condition
@@ -184,27 +185,26 @@ def propose_experiment(
         Keys: kind, height_mm, speed_rad_s or stages, repeats, minutes, separates, why, protocol
         (None off the rig).
     """
-    searches = [(verdicts.leg, verdicts.leg_decision), (verdicts.drive, verdicts.drive_decision)]
     unsettled = [
-        list_open_hypotheses(search, decision, enough)
-        for search, decision in searches
-        if search and decision
+        list_open_hypotheses(finding.search, finding.decision, enough)
+        for finding in (findings.forces, findings.shaft)
+        if finding is not None
     ]
     options = [
         option
         for hypotheses in unsettled
         if hypotheses
-        for option in _list_options(body, verdicts, hypotheses, enough, limits)
+        for option in _list_options(prepared, findings, hypotheses, enough, limits)
     ]
     if options or enough:
         return propose(options)
     # Too few conditions, and no design separates hypotheses: the condition that is least like the
     # recorded ones is proposed.
-    designs = list(_flap_designs(body, verdicts, _find_region(body, verdicts, limits)))
+    designs = list(_flap_designs(prepared, findings, _find_region(prepared, findings, limits)))
     possible = [
         (apart, design)
         for apart, design in designs
-        if design.try_simulate(verdicts.leg.nothing) is not None
+        if design.try_simulate(findings.forces.search.nothing) is not None
     ]
     _, farthest = max(possible, key=lambda pair: pair[0], default=(0.0, None))
     why = "a verdict needs more conditions; this one is least like those recorded"
@@ -214,30 +214,36 @@ def propose_experiment(
 
 
 def _list_options(
-    body: PreparedData,
-    verdicts: Findings,
+    prepared: PreparedLeg,
+    findings: LegFindings,
     hypotheses: OpenHypotheses,
     enough: bool,
     limits: Limits | None,
 ) -> Iterator[Option]:
-    of_shaft = hypotheses.found is verdicts.drive
-    region = _find_region(body, verdicts, limits)
+    of_shaft = findings.shaft is not None and hypotheses.found is findings.shaft.search
+    region = _find_region(prepared, findings, limits)
     designs = [
         design
-        for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)
+        for _, design in _flap_designs(
+            prepared, findings, region, prepared.shafts[0] if of_shaft else None
+        )
     ]
     if enough and not of_shaft:
-        designs += _stage_designs(body, select_tables(verdicts.leg.dataset.parts), region)
+        designs += _stage_designs(
+            prepared, select_tables(findings.forces.search.dataset.parts), region
+        )
     return list_options(hypotheses, designs, enough)
 
 
-def _find_region(body: PreparedData, verdicts: Findings, limits: Limits | None) -> FeasibleRegion:
+def _find_region(
+    prepared: PreparedLeg, findings: LegFindings, limits: Limits | None
+) -> FeasibleRegion:
     """The limits of the rig where they are known, otherwise the speeds and loads that were
     recorded. Raises SimulationFailed.
     """
-    flaps = body.flaps
-    tables = select_tables(verdicts.leg.dataset.parts)
-    fit = verdicts.leg.nothing.fitted
+    flaps = prepared.flaps
+    tables = select_tables(findings.forces.search.dataset.parts)
+    fit = findings.forces.search.nothing.fitted
     heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
     lowest_m = min(heights) - HEIGHT_BEYOND_M
     highest_m = max(heights) + HEIGHT_BEYOND_M
@@ -271,8 +277,8 @@ def _load_of(stroke: SimulatedStroke) -> Load:
 
 
 def _flap_designs(
-    body: PreparedData,
-    verdicts: Findings,
+    prepared: PreparedLeg,
+    findings: LegFindings,
     region: FeasibleRegion,
     shaft: ShaftCondition | None = None,
 ) -> Iterator[tuple[float, ExperimentDesign]]:
@@ -281,14 +287,14 @@ def _flap_designs(
     """
     slowest = min(SLOWEST_RAD_S, 0.5 * region.speed_rad_s)
     speeds = sorted({round(float(v), 1) for v in np.linspace(slowest, region.speed_rad_s, GRID)})
-    recorded = np.array([(flap.height_m, flap.turn.speed_rad_s) for flap in body.flaps]).reshape(
-        -1, 2
-    )
-    if body.flaps:
-        start_rad = body.flaps[0].turn.start_rad
-        noise = body.flaps[0].sample_noise
+    recorded = np.array(
+        [(flap.height_m, flap.turn.speed_rad_s) for flap in prepared.flaps]
+    ).reshape(-1, 2)
+    if prepared.flaps:
+        start_rad = prepared.flaps[0].turn.start_rad
+        noise = prepared.flaps[0].sample_noise
     else:  # static stages only: each reading is a mean, so a single sample is noisier
-        table = select_tables(verdicts.leg.dataset.parts)[0]
+        table = select_tables(findings.forces.search.dataset.parts)[0]
         start_rad = None
         noise = {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()}
     for height_m in region.heights_m(recorded[:, 0]):
@@ -307,7 +313,13 @@ def _flap_designs(
                 yield (
                     distance,
                     make_stroke_design(
-                        height_m, speed_rad_s, region, start_rad, noise, shaft, body.strokes_made
+                        height_m,
+                        speed_rad_s,
+                        region,
+                        start_rad,
+                        noise,
+                        shaft,
+                        prepared.strokes_made,
                     ),
                 )
 
@@ -389,20 +401,22 @@ def make_stroke_design(
 
 
 def _stage_designs(
-    body: PreparedData, tables: Sequence[StageTable], region: FeasibleRegion
+    prepared: PreparedLeg, tables: Sequence[StageTable], region: FeasibleRegion
 ) -> Iterator[ExperimentDesign]:
     """Sequences of stages at a low, a middle and a high rack where no table was recorded.
 
     Two tables of one height would be joined into one sequence.
     """
-    heights_m = region.heights_m(flap.height_m for flap in body.flaps)
+    heights_m = region.heights_m(flap.height_m for flap in prepared.flaps)
     free = []
     for height_m in heights_m:
         if all(abs(height_m - table.height_m) >= ALIKE_M for table in tables):
             free.append(height_m)
     for kind in SEQUENCES:
         for height_m in sorted({free[0], free[len(free) // 2], free[-1]}) if free else ():
-            yield make_stage_design(kind, height_m, region, body.noise_std, body.strokes_made)
+            yield make_stage_design(
+                kind, height_m, region, prepared.noise_std, prepared.strokes_made
+            )
 
 
 def make_stage_design(

@@ -24,7 +24,7 @@ from rfca_rig.diagnosis.experiment_design.choice import (
 )
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, correct_window
+from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, correct_window
 from rfca_rig.diagnosis.mechanisms.windows import Motions
 from rfca_rig.escaping import csv_line
 from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
@@ -76,7 +76,7 @@ class NextMotion:
 
 
 def propose_motion(
-    problem: MechanismProblem, found: ModelSelectionResult, decision: Decision, enough: bool
+    problem: PreparedMechanism, found: ModelSelectionResult, decision: Decision, enough: bool
 ) -> NextMotion | None:
     """What to record or to measure next; None where nothing is open or nothing would help.
 
@@ -132,7 +132,7 @@ def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -
     write_atomically(path, text.getvalue().encode("utf-8"))
 
 
-def _sines(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
+def _sines(problem: PreparedMechanism) -> Iterator[ExperimentDesign]:
     """Sines of each joint alone, and of all together."""
     usual = problem.usual
     names = problem.simulator.mechanism.joints
@@ -165,7 +165,7 @@ def _sines(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
                 yield _design_sine(problem, settings, words, _sine(usual, joint, travel, f_Hz))
 
 
-def _releases(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
+def _releases(problem: PreparedMechanism) -> Iterator[ExperimentDesign]:
     """Releases at rest of each joint from both sides of its recorded range, the others in the
     middle of theirs.
     """
@@ -223,7 +223,7 @@ def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) ->
 
 
 def _design_release(
-    problem: MechanismProblem, settings: dict[str, object], words: str, start: Floats
+    problem: PreparedMechanism, settings: dict[str, object], words: str, start: Floats
 ) -> ExperimentDesign:
     """Design of one release; it returns None under a hypothesis by which a joint leaves the range
     that was recorded.
@@ -267,7 +267,7 @@ def _design_release(
 
 
 def _design_sine(
-    problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference
+    problem: PreparedMechanism, settings: dict[str, object], words: str, sine: _Reference
 ) -> ExperimentDesign:
     """Design of one recording; it returns None under a hypothesis that needs larger commands
     than were recorded.

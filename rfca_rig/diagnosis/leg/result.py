@@ -13,12 +13,13 @@ from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S
 from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
-from rfca_rig.diagnosis.experiment_design.leg_experiment import propose_experiment
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
+from rfca_rig.diagnosis.leg.findings import LegFindings
+from rfca_rig.diagnosis.leg.prepared import PreparedLeg
 from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, turns_as_commanded
 from rfca_rig.diagnosis.leg.simulator import COMMAND_DELAY
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
+from rfca_rig.diagnosis.problem import Finding
 from rfca_rig.diagnosis.residual_force.free_form import estimate_free_force, state_place
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
@@ -35,7 +36,6 @@ from rfca_rig.diagnosis.result_builder import (
 )
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.stroke import simulate_stroke
-from rfca_rig.protocol.plan import Limits
 
 T = TypeVar("T")
 
@@ -43,24 +43,22 @@ SIGNIFICANT_STDS = 3.0  # standard deviations
 DYNAMIC = "dynamic"
 
 
-def build_leg_result(body: PreparedData, verdicts: Findings, limits: Limits | None) -> Diagnosis:
-    """The whole answer; `limits` are those of the rig that the next experiment is for, if they
-    are known.
-    """
-    leg = verdicts.leg
-    decision = verdicts.leg_decision
-    enough = len(body.flaps) >= FEWEST_CONDITIONS
+def build_leg_result(prepared: PreparedLeg, findings: LegFindings) -> Diagnosis:
+    """The whole answer but for the next experiment and a measured law."""
+    search = findings.forces.search
+    decision = findings.forces.decision
+    enough = has_enough_conditions(prepared)
     # Held-out prediction needs at least three conditions; with fewer nothing is decided.
     if not enough:
         decision = not_enough_data(
-            leg, f"{len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed"
+            search, f"{len(prepared.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed"
         )
-    elif verdicts.drive_decision is not None:
-        decision = join_decisions(decision, verdicts.drive_decision)
-    result = build_result(body.title, leg, decision, verdicts.effects, DYNAMIC)
-    if enough:
-        result = _with_drive(result, decision, verdicts)
-    place, free_text = _locate_free_force(decision, verdicts)
+    elif findings.shaft is not None:
+        decision = join_decisions(decision, findings.shaft.decision)
+    result = build_result(prepared.title, search, decision, findings.forces.effects, DYNAMIC)
+    if enough and findings.shaft is not None:
+        result = _with_shaft(result, decision, findings.forces, findings.shaft)
+    place, free_text = _locate_free_force(decision, findings.forces)
     after = replace(
         decision.explanation.fitted.coordinates.supposed(
             decision.explanation.marginal.posterior.mean
@@ -71,32 +69,39 @@ def build_leg_result(body: PreparedData, verdicts: Findings, limits: Limits | No
     return replace(
         result,
         valley=valley_errors(
-            body.flaps, leg.nominal.coordinates.supposed(leg.nominal.x), after, has_drive
+            prepared.flaps, search.nominal.coordinates.supposed(search.nominal.x), after, has_drive
         ),
         unexplained=(*result.unexplained, *free_text),
-        remarks=(*body.remarks, *_remarks(body, leg), *_describe_delay(body, verdicts)),
-        next_experiment=propose_experiment(body, verdicts, enough, limits),
+        remarks=(
+            *prepared.remarks,
+            *_remarks(prepared, search),
+            *_describe_delay(prepared, findings.shaft),
+        ),
         settings={
             **result.settings,
-            "conditions": len(body.flaps),
-            "scatter_between_strokes": dict(leg.scatter.std),
-            "shaft": "as commanded" if body.as_commanded else "as recorded",
+            "conditions": len(prepared.flaps),
+            "scatter_between_strokes": dict(search.scatter.std),
+            "shaft": "as commanded" if prepared.as_commanded else "as recorded",
         },
         place=place,
     )
 
 
-def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Diagnosis:
+def has_enough_conditions(prepared: PreparedLeg) -> bool:
+    """Whether there are enough conditions for a verdict."""
+    return len(prepared.flaps) >= FEWEST_CONDITIONS
+
+
+def _with_shaft(
+    result: Diagnosis, decision: Decision, forces: Finding, shaft: Finding
+) -> Diagnosis:
     """The answer with the results in the motion of the shaft: places, curves, and the effects of
     the drive in the model found.
     """
-    drive = verdicts.drive
-    of_drive = verdicts.drive_decision
-    if drive is None or of_drive is None:
-        return result
-    cells, places = locate_mismatch(drive.dataset.rows, drive.nominal, drive.likelihood)
-    if of_drive.effects:
-        effects = present_effects(of_drive.explanation)
+    search = shaft.search
+    cells, places = locate_mismatch(search.dataset.rows, search.nominal, search.likelihood)
+    if shaft.decision.effects:
+        effects = present_effects(shaft.decision.explanation)
     else:
         effects = ()
     rig = result.found_rig
@@ -105,19 +110,19 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Di
         # taken over.
         rig = replace(
             rig,
-            drive=drive.nominal.coordinates.space.centre.rig.drive,
+            drive=search.nominal.coordinates.space.centre.rig.drive,
             effects=(*rig.effects, *effects),
         )
     is_left = (
-        any(verdict.grade == "unexplained" for verdict in (verdicts.leg_decision, of_drive))
+        any(finding.decision.grade == "unexplained" for finding in (forces, shaft))
         and decision.grade != "unexplained"
     )
     return replace(
-        _with_delay(result, of_drive.explanation),
+        _with_delay(result, shaft.decision.explanation),
         sentence=result.sentence + (" Something else remains unexplained." if is_left else ""),
         cells=(*result.cells, *cells),
         located=(*places, *result.located),
-        overlays=(*result.overlays, *make_overlays(drive, of_drive.explanation, DYNAMIC)),
+        overlays=(*result.overlays, *make_overlays(search, shaft.decision.explanation, DYNAMIC)),
         found_effects=(*result.found_effects, *effects),
         found_rig=rig,
     )
@@ -147,15 +152,15 @@ def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
 
 
 def _locate_free_force(
-    decision: Decision, verdicts: Findings
+    decision: Decision, forces: Finding
 ) -> tuple[StatedPlace | None, tuple[str, ...]]:
     """Place of a free force outside the catalogue, and its empirical law if it has a short one;
     the cause is not known.
     """
-    if decision.grade != "unexplained" or verdicts.leg_decision.grade != "unexplained":
+    if decision.grade != "unexplained" or forces.decision.grade != "unexplained":
         return None, ()
     try:
-        free = estimate_free_force(verdicts.leg)
+        free = estimate_free_force(forces.search)
     except SimulationFailed as error:
         # The rest of the answer is still valid, so the failure becomes a remark.
         return None, (f"no free force could be estimated: {error}",)
@@ -164,8 +169,8 @@ def _locate_free_force(
     return (state_place(free), (free.text,))
 
 
-def _remarks(body: PreparedData, leg: ModelSelectionResult) -> tuple[str, ...]:
-    alone = lone_channel(leg.dataset.rows, leg.nothing.fitted, leg.likelihood)
+def _remarks(prepared: PreparedLeg, search: ModelSelectionResult) -> tuple[str, ...]:
+    alone = lone_channel(search.dataset.rows, search.nothing.fitted, search.likelihood)
     # A force on the leg would show in all channels.
     channel = (
         (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",)
@@ -174,7 +179,7 @@ def _remarks(body: PreparedData, leg: ModelSelectionResult) -> tuple[str, ...]:
     )
     shaft = (
         ()
-        if body.as_commanded
+        if prepared.as_commanded
         else (
             "the shaft did not turn as commanded; the forces are compared along its recorded turn",
         )
@@ -182,18 +187,23 @@ def _remarks(body: PreparedData, leg: ModelSelectionResult) -> tuple[str, ...]:
     return (*channel, *shaft)
 
 
-def _describe_delay(body: PreparedData, verdicts: Findings) -> tuple[str, ...]:
+def _describe_delay(prepared: PreparedLeg, shaft: Finding | None) -> tuple[str, ...]:
     """The delay of the drive, where it shows: a gain of the drive that is fitted without the
     delay is wrong.
     """
-    if verdicts.drive_decision is None:
-        if all(turns_as_commanded(shaft) for shaft in body.shafts):
+    if shaft is None:
+        if all(turns_as_commanded(condition) for condition in prepared.shafts):
             return ()
         late_ms = 1e3 * float(
-            np.mean([estimate_delay_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts])
+            np.mean(
+                [
+                    estimate_delay_s(condition, prepared.rig.drive.ramp_s)
+                    for condition in prepared.shafts
+                ]
+            )
         )
         return (f"but for being {late_ms:.1f} ms late the drive follows its commands",)
-    fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get(COMMAND_DELAY)
+    fitted_ms = nuisance_values(shaft.decision.explanation).get(COMMAND_DELAY)
     if fitted_ms is None:
         return ()
     message = (

@@ -24,13 +24,13 @@ from rfca_rig.campaign.layout import ExperimentFile
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION, rms
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
-from rfca_rig.diagnosis.mechanisms.problem import (
-    MechanismProblem,
+from rfca_rig.diagnosis.mechanisms.prepared import (
+    PreparedMechanism,
     arrange_commands,
     assign_roles,
     list_windows,
-    make_problem,
     match_columns,
+    prepare_mechanism,
     shortest_recording_s,
     window_starts,
 )
@@ -404,7 +404,7 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     )
     yield from _check_priors(experiment, mechanism)
     try:
-        problem = make_problem(experiment, mechanism)
+        problem = prepare_mechanism(experiment, mechanism)
         # A bad prediction is blamed on the model of a joint only if its columns are read correctly.
         is_read_right = not corrections and all(ratio.agrees for ratio in ratios.values())
         upset = [name for name, share in shares.items() if share >= BALANCED and is_read_right]
@@ -570,7 +570,7 @@ def _check_priors(experiment: Experiment, mechanism: Mechanism) -> Iterator[Chec
 
 
 def _check_prediction(
-    problem: MechanismProblem,
+    problem: PreparedMechanism,
     described: ExperimentFile,
     experiment: Experiment,
     upset: Collection[str],
@@ -615,7 +615,7 @@ def _check_prediction(
             yield CheckLine("prediction", signal.column, message, is_warning=True)
 
 
-def _check_conditions(problem: MechanismProblem, experiment: Experiment) -> CheckLine:
+def _check_conditions(problem: PreparedMechanism, experiment: Experiment) -> CheckLine:
     """Whether there are enough stretches for a diagnosis."""
     count = len(problem.conditions)
     values = {"conditions": len(problem.conditions)}

@@ -1,5 +1,4 @@
-"""`fit_mechanism`: nominal values of a mechanism, and effects that the user names, fitted to its
-recordings.
+"""MAP fit of nominal values of a mechanism, and of effects that the user names, to its recordings.
 
 `compare_mechanism`: recordings of a mechanism beside its nominal and its fitted model, for the
 report.
@@ -7,21 +6,26 @@ report.
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.campaign.pendulum import is_pendulum, write_fitted_pendulum
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.mechanisms.check import can_balance, estimate_states, refuse_misread_columns
+from rfca_rig.diagnosis.mechanisms.check import can_balance, estimate_states
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
+from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, prepare_mechanism
+from rfca_rig.diagnosis.problem import Row
 from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.inverse_dynamics import balance_torques
+from rfca_rig.mechanism.model_files import write_amended_model
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect
 from rfca_rig.suggestions import suggestion
@@ -33,76 +37,71 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MechanismFit:
-    """The fit, and the mechanism with the fitted values and effects."""
-
-    fit: WindowFit
-    plant: Plant
-
-
-@single_threaded_blas()
-def fit_mechanism(
-    experiment: Experiment,
-    progress: Progress,
-    names: Collection[str] = (),
-    effects: Sequence[str] = (),
-    as_is: bool = False,
-) -> MechanismFit:
-    """The nominal values of [known_to] and the sizes of effects fitted to all recordings, each with
-    its prior.
+    """The fit, and the mechanism with the fitted values and effects.
 
     Parameters
     ----------
+    fit
+        The fitted values and the errors of the signals.
+    plant
+        The mechanism with them.
     experiment
-        The recordings and the model file.
-    progress
-        Called with what is being done and the share that is done.
-    names
-        What to fit, for example "link1.mass_relative", or "mass_relative" for that of all bodies;
-        all that [known_to] lists if empty.
-    effects
-        Ids of the effects that are in the model, of `list_effects`.
-    as_is
-        Take columns that probably have another sign or unit than stated, too.
-
-    Raises
-    ------
-    BadInput
-        Where nothing is to be fitted, a name is unknown, a column is probably misread, or
-        recordings and model do not fit together.
-    SimulationFailed
-        Where the nominal model cannot be simulated.
+        The recordings.
     """
-    mechanism = experiment.load_model()
-    if not as_is:
-        refuse_misread_columns(experiment, mechanism)
-    problem = make_problem(experiment, mechanism)
-    problem.check_effects("--effects", effects)
-    space = _select(problem.space, names)
-    if not (space.parameters or effects):
-        raise BadInput(
-            f"{experiment.path}: nothing to fit: [known_to] lists no value that these "
-            "recordings depend on; name --effects"
+
+    fit: WindowFit
+    plant: Plant
+    experiment: Experiment
+
+    def plain(self) -> dict[str, Any]:
+        """Everything but the signals as plain data, for JSON."""
+        return self.fit.plain(MECHANISM_FIT)
+
+    def lines(self) -> list[str]:
+        """The values and errors as lines for a terminal."""
+        return self.fit.lines()
+
+    def rows(self) -> tuple[Row, ...]:
+        """A row per value: shift from nominal, or size of an effect, and standard deviation."""
+        shifts: tuple[Row, ...] = tuple(
+            {"name": s.name, "shift": s.value, "std": s.std, "prior_std": s.prior_std}
+            for s in self.fit.shifts
         )
-    # An effect that is named twice is added once.
-    return fit_problem(
-        problem,
-        space,
-        [problem.simulator.effects[name] for name in dict.fromkeys(effects)],
-        progress,
-    )
+        sizes: tuple[Row, ...] = tuple(
+            {"name": f"{s.effect}.{s.name}", "shift": s.value, "std": s.std, "prior_std": None}
+            for s in self.fit.sizes
+        )
+        return shifts + sizes
+
+    def write_model(self, path: Path) -> Sequence[str]:
+        """Write MJCF with the fitted values and effects; the links of a pendulum for a file that
+        ends with .toml.
+
+        Raises BadInput where no pendulum has the fitted values, RigError where the disk refuses.
+        """
+        if is_pendulum(self.experiment) and path.suffix == ".toml":
+            folder = self.experiment.path.parent
+            head = f"Fitted to {folder} (IMPORT): {self.experiment.title}"
+            shifts = {shift.name: (shift.value, shift.std) for shift in self.fit.shifts}
+            write_fitted_pendulum(path, folder, shifts, [head, *self.fit.lines()])
+            return ()
+        beyond = write_amended_model(self.plant, path)
+        if beyond:
+            return (f"{path}: MJCF does not hold {', '.join(beyond)}; see the fitted values",)
+        return ()
 
 
-def fit_problem(
-    problem: MechanismProblem,
+def fit_prepared(
+    prepared: PreparedMechanism,
     space: Prior[MechanismInput],
     effects: Sequence[Effect],
     progress: Progress,
 ) -> MechanismFit:
-    """Fit of a prepared problem; without parameters and effects it is the nominal model itself.
+    """Fit of prepared recordings; without parameters and effects it is the nominal model itself.
 
     Parameters
     ----------
-    problem
+    prepared
         The recordings in windows.
     space
         Those of the nuisance parameters that are fitted.
@@ -113,19 +112,19 @@ def fit_problem(
     """
     scale = 0.5 if effects else 0.9
     search = search_models(
-        problem.dataset,
+        prepared.dataset,
         Parameterization(space),
         [],
         lambda _, share: progress("fitting nominal values", scale * share),
     )
     fitted = fit_effects(search, effects, progress)
-    plant = problem.simulator.plant(
+    plant = prepared.simulator.plant(
         fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean)
     )
-    return MechanismFit(summarize(search, fitted), plant)
+    return MechanismFit(summarize(search, fitted), plant, prepared.experiment)
 
 
-def _select(space: Prior[MechanismInput], names: Collection[str]) -> Prior[MechanismInput]:
+def select_nuisances(space: Prior[MechanismInput], names: Collection[str]) -> Prior[MechanismInput]:
     """The parameters of these names, or of these keys of [known_to]; all if no name is given."""
     # A key alone stands for this value of all bodies, joints or actuators.
     keys = [name.rpartition(".")[2] for name in space.names]
@@ -195,9 +194,9 @@ def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismCo
         Where the nominal model cannot be simulated.
     """
     mechanism = experiment.load_model()
-    problem = make_problem(experiment, mechanism)
-    fit = fit_problem(problem, problem.space, (), progress).fit
-    mechanism = problem.simulator.mechanism
+    prepared = prepare_mechanism(experiment, mechanism)
+    fit = fit_prepared(prepared, prepared.space, (), progress).fit
+    mechanism = prepared.simulator.mechanism
     states = estimate_states(experiment, mechanism)
     remainder = balance_torques(mechanism, states).remainder
     joints = [

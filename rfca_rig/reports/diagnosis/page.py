@@ -6,6 +6,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from rfca_rig.diagnosis.residual_force.law import describe_law
 from rfca_rig.diagnosis.result import (
     Diagnosis,
     Located,
@@ -24,7 +25,6 @@ from rfca_rig.reports.diagnosis.tables import (
     before_after_table,
     compare_with_usual_error,
     describe_effect,
-    describe_law,
     describe_moved_prior,
     entries,
     format_p_value,

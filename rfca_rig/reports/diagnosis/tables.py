@@ -6,10 +6,8 @@ limits, and measured laws.
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
-from pathlib import Path
 
 from rfca_rig.diagnosis.config import MAX_COORDINATE
-from rfca_rig.diagnosis.residual_force.law import MeasuredLaw, StatedLaw
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
     Diagnosis,
@@ -19,9 +17,7 @@ from rfca_rig.diagnosis.result import (
     describe_probability,
     name_parts,
 )
-from rfca_rig.escaping import csv_line
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.reports.diagnosis.pictures import residuals_of
 from rfca_rig.reports.table import Table, TableColumn, TableRow, places
 from rfca_rig.reports.table import Value as Shown
@@ -456,39 +452,3 @@ def _sizes(would_have_seen: Mapping[str, float] | None) -> list[dict[str, Shown]
         {"parameter": words, "size": float(f"{size:.3g}"), "unit": unit}
         for words, unit, size in named
     ]
-
-
-def write_law_table(path: Path, law: MeasuredLaw) -> None:
-    """Writes knots, values and standard deviations as CSV, and the whole law where the model has a
-    part of it already.
-
-    Raises RigError where the file cannot be written.
-    """
-    unit = law.unit.replace(" ", "") or "relative"
-    columns = {
-        law.argument: law.knots,
-        f"residual_{unit}": law.values,
-        f"residual_std_{unit}": law.std,
-    }
-    if law.whole is not None and law.whole_std is not None:
-        columns |= {f"whole_{unit}": law.whole, f"whole_std_{unit}": law.whole_std}
-    rows = (
-        csv_line(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True)
-    )
-    write_atomically(path, "".join([csv_line(columns), *rows]).encode("utf-8"))
-
-
-def describe_law(stated: StatedLaw) -> str:
-    """States which effects the model had when the law was measured, and which share of the
-    held-out misfit the law removes.
-    """
-    law = stated.law
-    beside = " and ".join(law.base) or "the model without effects"
-    if stated.instead_of:
-        instead = f", in place of what {' and '.join(stated.instead_of)} states there"
-    else:
-        instead = ""
-    return (
-        f"measured beside {beside}{instead}. On held-out conditions it removes "
-        f"{100.0 * law.explained:.0f}\u00a0% of what those leave"
-    )

@@ -188,8 +188,9 @@ def _close(
 
     if report is not None:
         from rfca_rig.cli.commands.report import write
+        from rfca_rig.reports.problems import ComparisonOptions
 
-        write([folder], report, "average", as_json=False, quiet=as_json)
+        write([folder], report, ComparisonOptions(), as_json=False, quiet=as_json)
     if as_json:
         echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
         return

@@ -1,50 +1,30 @@
-"""`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg.
-
-It measures the torque in one joint as the recordings show it, in place of the effects of the
-catalogue that a diagnosis states there.
+"""Measures the law in a joint as the recordings show it, in place of the effects of the catalogue
+that a diagnosis states there.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.diagnosis.config import DEFAULT_SEARCH, FEWEST_CONDITIONS, describe_exclusions
-from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION
-from rfca_rig.diagnosis.decision.decide import decide
-from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
-from rfca_rig.diagnosis.inference.model_selection import Progress
-from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
-from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
-from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
-from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
+from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
 from rfca_rig.diagnosis.residual_force.law_arguments import make_joint_argument
 from rfca_rig.diagnosis.residual_force.measured_law import LawStart, measure_best_law
 from rfca_rig.diagnosis.residual_force.stated_law import CURVE_POINTS
-from rfca_rig.diagnosis.result import Diagnosis
-from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
-from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import QUANTITIES, compute_own_law
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import Effect
 from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
-
-# Twelve single effects are enough for a leg. Of a hopper whose force was 15 % too small the right
-# one promised only the fourteenth most, since a motion with contacts is not linear in it; what was
-# fitted instead were three effects that do the same together.
-SEARCH = replace(DEFAULT_SEARCH, singles_coarse=18)
 
 
 @dataclass(frozen=True)
@@ -86,7 +66,7 @@ def parse_place(place: str, mechanism: Mechanism) -> JointPlace:
 
 
 def measure_joint_law(
-    problem: MechanismProblem,
+    problem: PreparedMechanism,
     found: ModelSelectionResult,
     hypothesis: Hypothesis,
     place: JointPlace,
@@ -237,157 +217,3 @@ def _own_parameter(effect: Effect, mechanism: Mechanism, joint: int) -> str | No
         if owners and max(owners, key=len) == mechanism.joints[joint]:
             return parameter.name
     return None
-
-
-@dataclass(frozen=True)
-class MechanismDiagnosis:
-    """The answer about a mechanism.
-
-    Parameters
-    ----------
-    diagnosis
-        The answer in the common form.
-    plant
-        The mechanism with the stated effects; effects and nuisance parameters are at their
-        posterior means.
-    excitation
-        The motion to record next; None where no motion is proposed.
-    law
-        The law that was measured on request.
-    stated
-        Formulas, sources and values of the stated effects, in lines.
-    """
-
-    diagnosis: Diagnosis
-    plant: Plant
-    excitation: Excitation | None
-    law: MeasuredJointLaw | None
-    stated: tuple[str, ...]
-
-
-@single_threaded_blas()
-def diagnose_mechanism(
-    experiment: Experiment,
-    progress: Progress,
-    without: Collection[str] = (),
-    law_at: str = "",
-    as_is: bool = False,
-) -> MechanismDiagnosis:
-    """The diagnosis of recordings of a mechanism.
-
-    Parameters
-    ----------
-    experiment
-        The recordings and the model file.
-    progress
-        Called with the current step and the share that is done.
-    without
-        Ids of effects that are not looked for.
-    law_at
-        Where a law is measured too, as of `parse_place`, if not empty.
-    as_is
-        Take columns that probably have another sign or unit than stated, too.
-
-    Raises
-    ------
-    BadInput
-        Where recordings and model do not fit together, a column is probably misread, or the
-        recordings are too short.
-    SimulationFailed
-        Where the nominal model cannot be simulated.
-    """
-    progress("reading", 0.0)
-    mechanism = experiment.load_model()
-    if not as_is:
-        refuse_misread_columns(experiment, mechanism)
-    problem = make_problem(experiment, mechanism)
-    # Names given by the user are checked before the long search.
-    problem.check_effects("--without", without)
-    if law_at:
-        place = parse_place(law_at, problem.simulator.mechanism)
-    else:
-        place = None
-    effects = [effect for effect in problem.simulator.effects.values() if effect.id not in without]
-    short = problem
-    problem, search = search_in_windows(
-        short, Parameterization(short.space), effects, progress, SEARCH
-    )
-    simulator = problem.simulator
-    progress("summing up", 0.97)
-    decision = decide(search)
-    enough = len(problem.conditions) >= FEWEST_CONDITIONS
-    if not enough:
-        length_s = WINDOWS_OF_CONDITION * experiment.window_s
-        decision = not_enough_data(
-            search,
-            (
-                f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} "
-                "are needed"
-            ),
-        )
-    result = build_result(experiment.title, search, decision, effects, MOTION_EXPERIMENT)
-    settings = {
-        "window_s": describe_lengths(problem.lengths_s),
-        "bin_s": experiment.bin_s,
-        "step_s": simulator.step_s,
-        "integrator": "implicit" if simulator.mechanism.is_implicit else "RK4",
-    }
-    # Effects enter the model only if they are stated.
-    if result.found_effects:
-        stated = decision.explanation
-    else:
-        stated = search.nothing
-    plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
-    thinning = (
-        f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly "
-        "spread; windows.at_most uses more"
-    )
-    # A proposed motion is short, so it is judged in short windows.
-    next_motion = propose_motion(short, search, decision, enough)
-    law = None
-    if place is not None:
-        progress(f"measuring the law at {law_at}", 0.98)
-        law = measure_joint_law(problem, search, decision.explanation, place)
-    thinned = (thinning,) if problem.windows < problem.recorded_windows else ()
-    result = replace(
-        result,
-        remarks=(
-            *result.remarks,
-            *describe_exclusions(without),
-            *thinned,
-            *_describe_unused_effects(),
-        ),
-        stated_law=None if law is None else law.stated,
-        settings={**result.settings, **settings, "windows": problem.windows},
-        next_experiment=None if next_motion is None else next_motion.proposal,
-    )
-    excitation = None if next_motion is None else next_motion.excitation
-    return MechanismDiagnosis(
-        result, plant, excitation, law, _describe_effects(result, simulator.effects)
-    )
-
-
-def _describe_unused_effects() -> tuple[str, ...]:
-    """The effects of a lab's own that no mechanism can have, a remark each."""
-    return tuple(
-        f"not looked for: effect {name} has no joint_torque, the law of a joint"
-        for name in lab_texts(catalogue())
-        if catalogue()[name].joint_torque is None
-    )
-
-
-def _describe_effects(result: Diagnosis, effects: Mapping[str, Effect]) -> tuple[str, ...]:
-    """The stated effects with formulas, sources and values."""
-    lines = []
-    for named in result.effects:
-        effect = effects[named.id]
-        lines += [
-            f"{named.id}: {named.left_out}",
-            f"    law: {effect.law}",
-            f"    source: {effect.source}",
-        ]
-        lines += [
-            f"    {name} = {value.value:.4g} +- {value.std:.2g}"
-            for name, value in {**named.parameters, **named.shape}.items()
-        ]
-    return tuple(lines)
