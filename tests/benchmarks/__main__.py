@@ -10,6 +10,7 @@ right after the other. The rows show how far a ratio scatters on a shared machin
 
 import argparse
 import csv
+import gc
 import statistics
 import sys
 import tempfile
@@ -33,6 +34,7 @@ HISTORY = Path(__file__).with_name("history.csv")
 # share of a ratio; rows of the history that count
 WORSE = 0.15
 LAST_ROWS = 5
+FULL_ROUNDS = 11
 STROKES = 20  # in one timed piece, so that it takes about as long as what it is compared with
 T = np.arange(1, 1401) * 1e-3
 
@@ -44,9 +46,19 @@ def median_s(work: Callable[[], object], rounds: int) -> float:
 
 
 def _time_s(work: Callable[[], object]) -> float:
-    begin = time.perf_counter()
-    work()
-    return time.perf_counter() - begin
+    """Wall time of `work` without the garbage collector, as timeit measures.
+
+    A full collection takes 0.1 s here, because it walks over everything that was ever imported, and
+    falls into every third report of 0.34 s: whether the median of three has it is chance.
+    """
+    gc.collect()
+    gc.disable()
+    try:
+        begin = time.perf_counter()
+        work()
+        return time.perf_counter() - begin
+    finally:
+        gc.enable()
 
 
 def compare_s(
@@ -82,7 +94,7 @@ def main() -> None:
         help="append the ratios to the history, for example under a version",
     )
     asked = parser.parse_args()
-    rounds = 3 if asked.short else 11
+    rounds = 3 if asked.short else FULL_ROUNDS
     ratios = measure(rounds)
     if asked.record:
         with HISTORY.open("a", encoding="utf-8", newline="") as file:
@@ -96,7 +108,7 @@ def main() -> None:
             print(
                 f"{', '.join(slower)}: more than {WORSE:.0%} worse than before; measured once more"
             )
-            slower = sorted(set(slower) & set(find_slower(history, measure(rounds))))
+            slower = sorted(set(slower) & set(find_slower(history, measure(FULL_ROUNDS))))
         for name in slower:
             print(
                 f"{name}: more than {WORSE:.0%} worse than the history twice in a row; "
