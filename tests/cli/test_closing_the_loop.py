@@ -8,6 +8,7 @@ import pytest
 from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.cli.close_the_loop import ClosedLoop, close_the_loop
 from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL, write_next_protocol
+from rfca_rig.diagnosis.leg.problem import LegProblem
 from rfca_rig.errors import BadInput
 from tests.campaign.small import SMALL
 from tests.diagnosis.by_hand import RIG_FILE
@@ -55,10 +56,9 @@ class Answers:
         self.folder = folder
         self.left = list(diagnoses)
         self.given = []
-        self.first = self(())
 
-    def __call__(self, recordings):
-        self.given.append([recording.title for recording in recordings])
+    def __call__(self, problem):
+        self.given.append([recording.title for recording in problem.list_runs()])
         diagnosis = self.left.pop(0)
         write_next_protocol(self.folder, diagnosis.next_experiment)
         return diagnosis
@@ -71,8 +71,8 @@ def loop(tmp_path, rounds=3, rig=TWIN):
 @pytest.mark.slow
 def test_it_ends_when_one_class_is_left(tmp_path, first, capsys):
     answers = Answers(tmp_path, OPEN, OPEN, DONE)
-    assert close_the_loop(loop(tmp_path), [first], answers.first, answers) is DONE
-    assert [len(titles) for titles in answers.given] == [0, 2, 3]
+    assert close_the_loop(loop(tmp_path), LegProblem((first,)), answers) is DONE
+    assert [len(titles) for titles in answers.given] == [1, 2, 3]
     runs = sorted((tmp_path / "runs").iterdir())
     recorded = open_recordings(runs)
     assert [
@@ -88,13 +88,13 @@ def test_it_ends_when_one_class_is_left(tmp_path, first, capsys):
 @pytest.mark.slow
 def test_it_ends_when_the_rounds_are_used_up(tmp_path, first, capsys):
     answers = Answers(tmp_path, OPEN, OPEN)
-    close_the_loop(loop(tmp_path, rounds=1), [first], answers.first, answers)
+    close_the_loop(loop(tmp_path, rounds=1), LegProblem((first,)), answers)
     assert capsys.readouterr().err.splitlines()[-1] == "SIM the rounds are used up; next: a try"
 
 
 def test_it_ends_when_a_person_is_asked(tmp_path, first, capsys):
     answers = Answers(tmp_path, BY_HAND)
-    assert close_the_loop(loop(tmp_path), [first], answers.first, answers) is BY_HAND
+    assert close_the_loop(loop(tmp_path), LegProblem((first,)), answers) is BY_HAND
     assert "not one for the rig: tap test" in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
 
@@ -104,7 +104,7 @@ def test_new_runs_believe_what_the_first_recording_believes(tmp_path, first):
     leg = {**first.nominal["leg"], "k0_Nm_per_rad": 10.5}
     other = replace(first, nominal={**first.nominal, "leg": leg})
     answers = Answers(tmp_path, OPEN, DONE)
-    close_the_loop(loop(tmp_path), [other], answers.first, answers)
+    close_the_loop(loop(tmp_path), LegProblem((other,)), answers)
     (recorded,) = open_recordings(list((tmp_path / "runs").iterdir()))
     assert (recorded.nominal, recorded.known_to) == (other.nominal, other.known_to)
 
@@ -113,7 +113,7 @@ def test_a_real_rig_moves_only_when_armed(tmp_path, first, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
     answers = Answers(tmp_path, OPEN)
     with pytest.raises(BadInput, match="not armed"):
-        close_the_loop(loop(tmp_path, rig=REAL_RIG), [first], answers.first, answers)
+        close_the_loop(loop(tmp_path, rig=REAL_RIG), LegProblem((first,)), answers)
     assert not (tmp_path / "runs").exists()
 
 
@@ -121,4 +121,4 @@ def test_the_limits_of_the_rig_file_hold(tmp_path, first):
     fast = replace(OPEN, next_experiment={**OPEN.next_experiment, "speed_rad_s": 21.0})
     answers = Answers(tmp_path, fast)
     with pytest.raises(BadInput, match="above the rig's limit of 20 rad/s"):
-        close_the_loop(loop(tmp_path), [first], answers.first, answers)
+        close_the_loop(loop(tmp_path), LegProblem((first,)), answers)

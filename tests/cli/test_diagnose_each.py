@@ -1,13 +1,14 @@
 """rfca-rig diagnose and its --each: what stays, what cannot be diagnosed, and what is refused."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from rfca_rig.diagnosis.leg.problem import LegProblem, LegSolution
+from rfca_rig.diagnosis.problem import AnswerPart
 from tests.cli.typed import typed
-from tests.report.test_diagnosis_page import NAMED
+from tests.report.test_diagnosis_page import UNEXPLAINED
 
 CAMPAIGN = Path(__file__).parents[1] / "data" / "small-campaign"
 
@@ -66,11 +67,24 @@ def test_a_law_is_measured_of_one_diagnosis(monkeypatch, capsys, tmp_path):
     )
 
 
+class SolvedByHand(LegSolution):
+    """Without a search; only the files of a measured law are as the product writes them."""
+
+    def describe(self):
+        return UNEXPLAINED
+
+    def propose_experiment(self, limits):
+        return AnswerPart(None, lambda folder: ())
+
+
 @pytest.mark.slow
 def test_the_measured_law_of_an_earlier_diagnosis_does_not_stay(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(
-        "rfca_rig.diagnosis.diagnose.diagnose",
-        lambda *_: replace(NAMED, found_effects=(), next_experiment=None),
+        LegProblem,
+        "solve",
+        lambda problem, *_: SolvedByHand(
+            prepared=None, findings=None, recording=problem.recordings_of_leg[0]
+        ),
     )
     (tmp_path / "measured-law.toml").write_text("of an earlier diagnosis")
     said = typed(monkeypatch, capsys, "diagnose", CAMPAIGN, "--out", tmp_path)

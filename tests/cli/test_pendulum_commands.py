@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.pendulum import read_pendulum, read_pendulum_file
-from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
+from rfca_rig.diagnosis.problem import FitOptions
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.model.catalogue import FOLDER_VARIABLE
@@ -139,7 +140,8 @@ def test_report_shows_every_run_with_its_errors(say, tmp_path):
 
 
 def test_only_the_parameters_that_are_named_are_fitted():
-    found = fit_mechanism(read_pendulum(SIMPLE), lambda *_: None, ["command_delay_s"])
+    problem = MechanismProblem(read_pendulum(SIMPLE))
+    found = problem.fit(FitOptions(names=["command_delay_s"]), lambda *_: None)
     (shift,) = found.fit.shifts
     assert shift.name == "command_delay_s" and shift.prior_std == 0.004
     assert found.plant.command_delay_s == pytest.approx(shift.value)
