@@ -56,7 +56,7 @@ def test_a_protocol_is_read_and_plan_goes_on(check):
         ("other.toml", "a = 1\n", "a rig file has [rig], a protocol has experiment"),
         ("notes.txt", "", "is a file, and no .toml"),
         ("run.h5", "", "rfca-rig check . checks all of them"),
-        ("pendulum.toml", "", "rfca-rig report . checks and shows them"),
+        ("pendulum.toml", "a = 1\n", "pendulum.toml"),
         ("experiment.toml", "a = 1\n", "experiment.toml"),
         # Code from elsewhere is not executed by a check.
         (

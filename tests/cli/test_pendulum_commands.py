@@ -43,6 +43,26 @@ def test_import_checks_and_copies_what_the_other_commands_read(say, tmp_path):
     assert again.exit_code == 2 and "is there already" in again.err
 
 
+def test_check_names_a_torque_of_the_other_sign(say, tmp_path):
+    folder = tmp_path / "simple"
+    shutil.copytree(SIMPLE, folder)
+    usual = say("check", folder)
+    assert (usual.exit_code, "WARNING" in usual.out) == (0, False)
+    for path in (folder / "runs").glob("*.csv"):
+        header, *rows = path.read_text().splitlines()
+        torque = header.split(",").index("torque")
+        with path.open("w") as file:
+            file.write(f"{header}\n")
+            for row in rows:
+                cells = row.split(",")
+                cells[torque] = repr(-float(cells[torque]))
+                file.write(f"{','.join(cells)}\n")
+    said = say("check", folder)
+    assert said.exit_code == 0
+    assert "WARNING reading signs and units" in said.out
+    assert "sign = -1 in commands[1] (torque)" in " ".join(said.out.split())
+
+
 def test_import_of_a_faulty_folder_writes_nothing(say, tmp_path):
     shutil.copytree(FREE, tmp_path / "bad")
     (tmp_path / "bad" / "runs" / "release-90.csv").write_text("time_s,angle_rad\n0,nan\n")

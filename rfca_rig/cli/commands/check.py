@@ -23,8 +23,8 @@ def check(
         typer.Argument(
             metavar="PATH",
             help=(
-                "The folder of a run, one with experiment.toml or campaign.toml; a rig file "
-                "or a protocol."
+                "The folder of a run, one with experiment.toml, pendulum.toml or campaign.toml; a "
+                "rig file or a protocol."
             ),
         ),
     ],
@@ -37,7 +37,7 @@ def check(
     Of a campaign from elsewhere (campaign.toml): values that are probably in another unit or of the
     other sign.
 
-    Of recordings of a mechanism (experiment.toml): what can be used, how well the nominal model
+    Of recordings of a mechanism (experiment.toml, pendulum.toml): what can be used, how well the nominal model
     predicts, signs and units that are probably wrong. Exit code 2 where something cannot be used.
 
     Of a rig file or a protocol: whether it can be read, and which command checks it further.
@@ -45,6 +45,7 @@ def check(
     Example: rfca-rig check runs/REAL-flapping-001
     """
     from rfca_rig.campaign.layout import CAMPAIGN
+    from rfca_rig.campaign.opening import experiment_among
     from rfca_rig.recording.layout import EXPERIMENT, PENDULUM
 
     # A folder is described by the file in it; either names the recordings.
@@ -56,13 +57,8 @@ def check(
         _check_file(folder, as_json)
     elif (folder / CAMPAIGN).is_file():
         _check_campaign(folder, allow_outside, as_json)
-    elif (folder / EXPERIMENT).is_file():
+    elif experiment_among([folder]) is not None:
         _check_experiment(folder, allow_outside, as_json)
-    elif (folder / PENDULUM).is_file():
-        raise BadInput(
-            f"{folder}: holds recordings of a pendulum; rfca-rig report {folder} checks "
-            "and shows them"
-        )
     else:
         _check_run(folder, as_json)
 

@@ -36,7 +36,6 @@ from rfca_rig.diagnosis.config import (
 )
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
 from rfca_rig.diagnosis.simulator import ConditionData, Dataset
 from rfca_rig.errors import BadInput, SimulationFailed
@@ -225,14 +224,18 @@ class ExpectedInformation:
     def _scatter(self, jacobian: Floats) -> Floats:
         """B (m, k), from the columns of the Jacobian of all nuisance parameters.
 
-        A recorded start angle is simulated, so it does not scatter.
+        A quantity whose recorded value is simulated does not scatter.
         """
-        std = dict(self.hypotheses.found.scatter.std)
-        if "start_angle" in std and all(
-            flap.turn.start_rad is not None for flap in select_strokes(self.dataset.parts)
-        ):
-            del std["start_angle"]
-        space = self.hypotheses.open[0].fitted.coordinates.space
+        fitted = self.hypotheses.open[0].fitted
+        at = fitted.coordinates.supposed(fitted.x)
+        directions = self.dataset.simulator.scatter(at, self.dataset.parts)
+        corrected = {direction.name for direction in directions if direction.is_corrected}
+        std = {
+            name: value
+            for name, value in self.hypotheses.found.scatter.std.items()
+            if name not in corrected
+        }
+        space = fitted.coordinates.space
         share = np.array([std.get(name, 0.0) for name in space.names]) / space.prior_std
         return jacobian[:, : len(share)] * share
 

@@ -1,5 +1,9 @@
-"""The leg as a simulator of the diagnosis. Entry point: `simulator.make_leg_dataset`.
+"""The leg as a problem of the diagnosis. Entry point: `problem.LegProblem`.
 
-`strokes`, `stages` and `shaft_observations` hold one kind of condition each. `simulator` holds the
-parameters with priors, predicts all conditions and infers the approach path of a static table.
+1. `prepared` makes conditions of recordings; `strokes`, `stages` and `shaft_observations` hold one
+   kind of condition each. `simulator` holds the parameters with priors, predicts all conditions and
+   infers the approach path of a static table.
+2. `problem` searches the forces for what the leg, floor and sensor lack, and `drive_search` the
+   motion of the shaft for what the drive lacks.
+3. `result` makes one answer of both searches (`findings`), and `model_files` writes the model.
 """

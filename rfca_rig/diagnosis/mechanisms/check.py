@@ -19,8 +19,9 @@ from rfca_rig.analysis.samples import (
     sample_std,
     smallest_step,
 )
-from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experiment
+from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.campaign.layout import ExperimentFile
+from rfca_rig.campaign.opening import open_experiment
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION, rms
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
@@ -345,7 +346,7 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     Parameters
     ----------
     folder
-        With experiment.toml.
+        With experiment.toml or pendulum.toml.
 
     Yields
     ------
@@ -357,7 +358,7 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     BadInput
         For the first thing that cannot be used.
     """
-    experiment = read_experiment(folder, allow_outside)
+    experiment = open_experiment(folder, allow_outside)
     described = experiment.described
     mechanism = assign_roles(experiment, experiment.load_model())
     yield _describe_model(mechanism)

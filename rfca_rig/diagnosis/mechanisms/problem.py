@@ -21,19 +21,21 @@ from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.fit import MechanismFit, fit_prepared, select_nuisances
 from rfca_rig.diagnosis.mechanisms.joint_law import measure_joint_law, parse_place
+from rfca_rig.diagnosis.mechanisms.model_files import (
+    describe_effects,
+    write_law_table,
+    write_plant,
+)
 from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, prepare_mechanism
 from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
 from rfca_rig.diagnosis.problem import AnswerPart, Finding, FitOptions, Problem, Solution
-from rfca_rig.diagnosis.residual_force.law import StatedLaw, describe_law, write_law_table
+from rfca_rig.diagnosis.residual_force.law import StatedLaw, describe_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
 from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput
-from rfca_rig.mechanism.laws_file import write_laws
-from rfca_rig.mechanism.model_files import write_amended_model
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.catalogue import catalogue, lab_texts
-from rfca_rig.model.effect import Effect
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.layout import identity_of_tables
 
@@ -111,7 +113,7 @@ class MechanismSolution(Solution):
     def write_model(self, folder: Path, diagnosis: Diagnosis) -> Sequence[str]:
         """Write MJCF with the stated effects, and Python functions for what it cannot express."""
         effects = self.prepared.simulator.effects
-        return _write_plant(self.plant, folder, MODEL, LAWS, _describe_effects(diagnosis, effects))
+        return write_plant(self.plant, folder, MODEL, LAWS, describe_effects(diagnosis, effects))
 
     def propose_experiment(self, limits: Limits | None) -> AnswerPart[Mapping[str, Any] | None]:  # noqa: ARG002
         """A motion of the joints, a release or a bench test, with the commands that it takes."""
@@ -146,7 +148,7 @@ class MechanismSolution(Solution):
             measured = law.stated.law
             write_law_table(folder / MEASURED_TABLE, measured)
             words = f"The law of {measured.place} over {measured.argument}"
-            return _write_plant(
+            return write_plant(
                 law.plant,
                 folder,
                 MEASURED_MODEL,
@@ -176,19 +178,6 @@ def _remove_measured_law(folder: Path) -> Sequence[str]:
     """Remove those of an earlier diagnosis, which would look like a result of this one."""
     for name in (MEASURED_MODEL, MEASURED_LAWS, MEASURED_TABLE):
         (folder / name).unlink(missing_ok=True)
-    return ()
-
-
-def _write_plant(
-    plant: Plant, folder: Path, model_name: str, laws_name: str, stated: Sequence[str]
-) -> Sequence[str]:
-    """Write the model file, and Python functions for what MJCF cannot express; see `FileWriter`."""
-    beyond = write_amended_model(plant, folder / model_name)
-    if write_laws(plant, beyond, folder / laws_name, stated, model_name):
-        return (
-            f"{folder / model_name}: MJCF does not hold {', '.join(beyond)}; "
-            f"{folder / laws_name} does, for your own loop",
-        )
     return ()
 
 
@@ -279,20 +268,3 @@ def _describe_unused_effects() -> tuple[str, ...]:
         for name in lab_texts(catalogue())
         if catalogue()[name].joint_torque is None
     )
-
-
-def _describe_effects(result: Diagnosis, effects: Mapping[str, Effect]) -> tuple[str, ...]:
-    """The stated effects with formulas, sources and values."""
-    lines = []
-    for named in result.effects:
-        effect = effects[named.id]
-        lines += [
-            f"{named.id}: {named.left_out}",
-            f"    law: {effect.law}",
-            f"    source: {effect.source}",
-        ]
-        lines += [
-            f"    {name} = {value.value:.4g} +- {value.std:.2g}"
-            for name, value in {**named.parameters, **named.shape}.items()
-        ]
-    return tuple(lines)

@@ -11,17 +11,14 @@ splines).
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
-from rfca_rig.escaping import csv_line
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from rfca_rig.model.tabulated_law import TABULATED_LAW
-from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]
 
@@ -196,26 +193,6 @@ def prior_root(knots: Floats, size: float, roughness: float, zero_at_zero: bool 
         known = np.zeros((count, count))
     values, vectors = np.linalg.eigh(bend.T @ bend + np.eye(count) / count + known)
     return np.asarray(size * vectors / np.sqrt(values))
-
-
-def write_law_table(path: Path, law: MeasuredLaw) -> None:
-    """Writes knots, values and standard deviations as CSV, and the whole law where the model has a
-    part of it already.
-
-    Raises RigError where the file cannot be written.
-    """
-    unit = law.unit.replace(" ", "") or "relative"
-    columns = {
-        law.argument: law.knots,
-        f"residual_{unit}": law.values,
-        f"residual_std_{unit}": law.std,
-    }
-    if law.whole is not None and law.whole_std is not None:
-        columns |= {f"whole_{unit}": law.whole, f"whole_std_{unit}": law.whole_std}
-    rows = (
-        csv_line(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True)
-    )
-    write_atomically(path, "".join([csv_line(columns), *rows]).encode("utf-8"))
 
 
 def describe_law(stated: StatedLaw) -> str:
