@@ -161,6 +161,13 @@ class Problem(ABC):
         """What is diagnosed, each with its identity."""
 
     @abstractmethod
+    def list_effects(self) -> Sequence[Effect]:
+        """The effects that these recordings could show, with their plausible ranges.
+
+        Raises BadInput where the recordings cannot be used.
+        """
+
+    @abstractmethod
     def check_effects(self, option: str, names: Collection[str]) -> None:
         """Raise BadInput for a name, given with this option, that is no effect of this rig."""
 

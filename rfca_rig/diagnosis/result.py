@@ -103,7 +103,7 @@ class NamedEffect:
 @dataclass(frozen=True)
 class StatedFamily:
     """A family of effects: its id, `words` for what is missing, `place` where it acts, its
-    probability, and the ids of its members.
+    probability, and the ids of its members that were tried.
     """
 
     id: str

@@ -293,10 +293,24 @@ def report(*sources: Source, out: str | Path = "report", as_is: bool = False) ->
     return ReportResult(written.pages[0], written.rows)
 
 
-def effects() -> "pandas.DataFrame":
-    """The catalogue of effects of the leg: id, where it acts, law, families, parameters with
-    plausible ranges, source.
+def effects(*sources: Source) -> "pandas.DataFrame":
+    """A row per effect that a diagnosis of these recordings tries: id, where it acts, law,
+    families, parameters with plausible ranges, source. Without recordings, the catalogue of a leg.
+
+    Parameters
+    ----------
+    sources
+        What `open` returned, or paths: recordings of one leg, or one mechanism.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings cannot be used.
     """
+    if sources:
+        known = {effect.id: effect for effect in _open_problem(sources, as_is=False).list_effects()}
+    else:
+        known = catalogue()
     rows = (
         {
             "id": effect.id,
@@ -306,7 +320,7 @@ def effects() -> "pandas.DataFrame":
             "parameters": "; ".join(f"{p.name} {p.low:g} to {p.high:g}" for p in effect.parameters),
             "source": effect.source,
         }
-        for _, effect in sorted(catalogue().items())
+        for _, effect in sorted(known.items())
     )
     return make_frame(list(rows))
 

@@ -37,8 +37,9 @@ def check(
     Of a campaign from elsewhere (campaign.toml): values that are probably in another unit or of the
     other sign.
 
-    Of recordings of a mechanism (experiment.toml, pendulum.toml): what can be used, how well the nominal model
-    predicts, signs and units that are probably wrong. Exit code 2 where something cannot be used.
+    Of recordings of a mechanism (experiment.toml, pendulum.toml): what can be used, how well the
+    nominal model predicts, signs and units that are probably wrong. Exit code 2 where something
+    cannot be used.
 
     Of a rig file or a protocol: whether it can be read, and which command checks it further.
 

@@ -441,15 +441,19 @@ def _families_of_best(comparison: Comparison) -> dict[str, Family]:
     known = {
         family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)
     }
-    tried = {probe.choice.effect.id for probe in comparison.result.probes}.union(
-        comparison.best.ids
-    )
+    tried = _list_tried(comparison)
     suitable = {}
     for name, family in known.items():
         members = members_of(name)
         if 3 * len(members & tried) >= len(members):
             suitable[name] = family
     return suitable or known
+
+
+def _list_tried(comparison: Comparison) -> frozenset[str]:
+    """The effects that the recordings show, each of which was tried."""
+    probed = {probe.choice.effect.id for probe in comparison.result.probes}
+    return frozenset(probed.union(comparison.best.ids))
 
 
 def _criteria(
@@ -531,7 +535,7 @@ def _best_family(
         family.words,
         family.place,
         best.probability,
-        tuple(sorted(members_of(family.id))),
+        tuple(sorted(members_of(family.id) & _list_tried(comparison))),
     )
 
 

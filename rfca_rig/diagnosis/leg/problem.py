@@ -170,6 +170,14 @@ class LegProblem(Problem):
             for recording in self.recordings_of_leg
         )
 
+    def list_effects(self) -> Sequence[Effect]:
+        """Effects of the leg and its surroundings; of the drive where the shaft does not follow."""
+        effects = list_candidates(self.prepared)
+        if not self.prepared.as_commanded:
+            effects += list_drive_effects((MOTOR_SIDE, LEG_SIDE))
+        # Some act on both sides of the shaft.
+        return list({effect.id: effect for effect in effects}.values())
+
     def check_effects(self, option: str, names: Collection[str]) -> None:  # noqa: ARG002
         """Raise BadInput for a name that is not in the catalogue."""
         check_known(names)

@@ -36,6 +36,7 @@ from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.catalogue import catalogue, lab_texts
+from rfca_rig.model.effect import Effect
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.layout import identity_of_tables
 
@@ -216,6 +217,10 @@ class MechanismProblem(Problem):
         identity = identity_of_tables(title, self.experiment.path.parent)
         return (Diagnosed(title, "IMPORT", identity),)
 
+    def list_effects(self) -> Sequence[Effect]:
+        """Effects for which the model has a place, at their ranges for these motions."""
+        return tuple(self.prepared.simulator.effects.values())
+
     def check_effects(self, option: str, names: Collection[str]) -> None:
         """Raise BadInput for a name that is no effect of this mechanism."""
         self.prepared.check_effects(option, names)
@@ -227,9 +232,7 @@ class MechanismProblem(Problem):
     def solve(self, without: Collection[str], progress: Progress) -> MechanismSolution:
         """Search in windows as long as the recordings allow."""
         short = self.prepared
-        effects = [
-            effect for effect in short.simulator.effects.values() if effect.id not in without
-        ]
+        effects = [effect for effect in self.list_effects() if effect.id not in without]
         prepared, search = search_in_windows(
             short, Parameterization(short.space), effects, progress, SEARCH
         )

@@ -173,7 +173,7 @@ def _family(diagnosis: Diagnosis, family: StatedFamily) -> PageSection:
 
 
 def _members(family: StatedFamily) -> Markup:
-    return html("Members that the catalogue knows: {}.", join(", ", map(code, family.members)))
+    return html("Of its members, these were tried: {}.", join(", ", map(code, family.members)))
 
 
 def _place(place: StatedPlace) -> PageSection:
