@@ -26,7 +26,8 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.campaign.opening import open_experiment
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.diagnose import diagnose
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+from rfca_rig.diagnosis.leg.problem import LegProblem
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.result import Diagnosis, describe_probability
 from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
@@ -36,6 +37,7 @@ from rfca_rig.exam.pendulums.world import PendulumWorld
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.executors.cores import cores
 from rfca_rig.executors.mapping import TaskFailure, map_unordered, process_executor
+from rfca_rig.progress import ignore_share
 from rfca_rig.recording.atomic import atomic_directory, write_atomically
 from tests.benchmarks import mechanisms
 from tests.diagnosis.invariants import list_contradictions, probability_of_set
@@ -173,21 +175,17 @@ def one_second(world: PendulumWorld) -> float:
 
 def diagnose_experiment(folder: Path) -> Diagnosis:
     """The answer about a mechanism."""
-    return diagnose_mechanism(read_experiment(folder), ignore_progress).diagnosis
+    return diagnose(MechanismProblem(read_experiment(folder)), ignore_share).diagnosis
 
 
 def diagnose_leg(folder: Path) -> Diagnosis:
     """The answer about a leg."""
-    return diagnose([read_campaign(folder)], ignore_progress)
+    return diagnose(LegProblem((read_campaign(folder),)), ignore_share).diagnosis
 
 
 def diagnose_swings(folder: Path) -> Diagnosis:
     """The answer about a pendulum."""
-    return diagnose_mechanism(open_experiment(folder), ignore_progress).diagnosis
-
-
-def ignore_progress(text: str, share: float) -> None:
-    """Shows nothing."""
+    return diagnose(MechanismProblem(open_experiment(folder)), ignore_share).diagnosis
 
 
 def add_dry_friction(arm: Arm, share: float) -> Arm:

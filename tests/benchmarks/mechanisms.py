@@ -23,12 +23,14 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+from rfca_rig.diagnosis.diagnose import diagnose
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.errors import RigError
 from rfca_rig.exam.calibrate import STATEMENTS
 from rfca_rig.executors.cores import cores
 from rfca_rig.executors.mapping import TaskFailure, map_unordered, process_executor
 from rfca_rig.model.catalogue import families_of, members_of
+from rfca_rig.progress import ignore_share
 from rfca_rig.recording.atomic import write_atomically
 from tests.mechanism import arm, hopper
 
@@ -249,7 +251,8 @@ def answer(name, seed, folder, number):
         case.write(campaign)
     begun_s = time.process_time()
     try:
-        found = diagnose_mechanism(read_experiment(campaign), lambda *_: None).diagnosis
+        problem = MechanismProblem(read_experiment(campaign))
+        found = diagnose(problem, ignore_share).diagnosis
         said = {
             "kind": case.kind,
             "grade": found.grade,

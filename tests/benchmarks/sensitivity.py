@@ -107,8 +107,9 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
     apply_change(change)
     from rfca_rig.campaign.opening import open_with_nominal_model
     from rfca_rig.diagnosis.decision.decide import decide
-    from rfca_rig.diagnosis.diagnose import find_omissions
+    from rfca_rig.diagnosis.leg.problem import LegProblem
     from rfca_rig.diagnosis.leg.simulator import LegSimulator
+    from rfca_rig.progress import ignore_share
 
     simulations = itertools.count()
     simulate = LegSimulator.simulate
@@ -130,11 +131,10 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
             search = cloudpickle.loads(saved.read_bytes())
             found = decide(search)
         else:
-            _, findings = find_omissions(
-                open_with_nominal_model([exam / "campaigns" / case]), lambda *_: None
-            )
-            search = findings.leg
-            found = findings.leg_decision
+            recordings = open_with_nominal_model([exam / "campaigns" / case])
+            solution = LegProblem(tuple(recordings)).solve((), ignore_share)
+            search = solution.findings.forces.search
+            found = solution.findings.forces.decision
         simulated = next(simulations) - before - 1
         if change == BASE:
             saved.write_bytes(cloudpickle.dumps(search))

@@ -34,11 +34,12 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.mechanisms import problem
-from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
+from rfca_rig.diagnosis.diagnose import diagnose
+from rfca_rig.diagnosis.mechanisms import prepared
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
+from rfca_rig.diagnosis.problem import FitOptions
 from rfca_rig.errors import RigError
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.model_files import write_amended_model
@@ -46,6 +47,7 @@ from rfca_rig.mechanism.plant import JointLaw
 from rfca_rig.model import catalogue as catalogue_module
 from rfca_rig.model.catalogue import list_related, members_of
 from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.progress import ignore_share
 from tests.mechanism import servo as servos
 from tests.mechanism.servo import GRAVITY_M_S2, TRAJECTORIES, GearFriction, Motor, Servo
 
@@ -292,7 +294,7 @@ def fit_reference(pair, folder, seeds):
         model = servos.mjcf(pair.nominal)
         servos.write_campaign(folder / "reference", model, recordings, before, "reference")
     experiment = read_experiment(folder / "reference")
-    fitted = fit_mechanism(experiment, lambda *_: None, effects=FITTED_EFFECTS)
+    fitted = MechanismProblem(experiment).fit(FitOptions(effects=FITTED_EFFECTS), ignore_share)
     beyond = write_amended_model(fitted.plant, folder / "fitted.xml")
     mechanism = load_mechanism(folder / "fitted.xml")
     return fitted.fit, beyond, list_known_after(before, fitted.fit, mechanism)
@@ -346,12 +348,13 @@ def refuse(error):
     }
 
 
-def diagnose(folder):
+def diagnose_folder(folder):
     """The answer about a folder as plain values."""
     begun_s = time.perf_counter()
     begun_cpu_s = time.process_time()
     try:
-        result = diagnose_mechanism(read_experiment(folder), lambda *_: None).diagnosis
+        problem = MechanismProblem(read_experiment(folder))
+        result = diagnose(problem, ignore_share).diagnosis
     except RigError as error:
         return refuse(error)
     effects = {}
@@ -431,7 +434,7 @@ def answer(seed, number, folder):
             recordings = record_all(pair.changed, pair.conditions, [seed, number, 2])
             model = (own / "fitted.xml").read_text(encoding="utf-8")
             servos.write_campaign(own / "second", model, recordings, known_to, "second")
-        said |= diagnose(own / "second")
+        said |= diagnose_folder(own / "second")
     path.write_text(json.dumps(said, indent=1), encoding="utf-8")
     return said
 
@@ -638,7 +641,7 @@ def make_own_law(usual):
 
 def diagnose_with_own_law(folder):
     """The answer with the own law among the effects of the catalogue."""
-    catalogue = problem.list_effects
+    catalogue = prepared.list_effects
     declarations = catalogue_module.declarations
     own_laws = []
 
@@ -647,10 +650,10 @@ def diagnose_with_own_law(folder):
         return [*catalogue(mechanism, usual), *own_laws]
 
     with (
-        patch.object(problem, "list_effects", list_all),
+        patch.object(prepared, "list_effects", list_all),
         patch.object(catalogue_module, "declarations", lambda: (*declarations(), *own_laws)),
     ):
-        return diagnose(folder)
+        return diagnose_folder(folder)
 
 
 def answer_own_law(seed, number, folder):
@@ -686,7 +689,7 @@ def answer_own_law(seed, number, folder):
         "number": number,
         "conditions": list(conditions),
         "truth": {"friction": asdict(friction), "gravity_Nm": servo.gravity_Nm},
-        "without": diagnose(own),
+        "without": diagnose_folder(own),
         "with": diagnose_with_own_law(own),
     }
     path.write_text(json.dumps(said, indent=1), encoding="utf-8")

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from scipy.interpolate import PPoly
 
 from rfca_rig.campaign.experiment import read_experiment
+from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.export.leg_mjcf import export_leg
@@ -25,6 +26,7 @@ from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.stroke import simulate_stroke
+from rfca_rig.progress import ignore_share
 from rfca_rig.recording.atomic import write_atomically
 from tests.campaign.small import SMALL
 from tests.cli.typed import typed
@@ -186,7 +188,7 @@ def test_a_campaign_without_strokes_or_a_folder_that_is_there_is_refused_in_one_
 
 @pytest.mark.long
 def test_the_exported_leg_lacks_nothing(exported):
-    found = diagnose_mechanism(read_experiment(exported), lambda *_: None).diagnosis
+    found = diagnose(MechanismProblem(read_experiment(exported)), ignore_share).diagnosis
     assert found.grade == "nothing missing"
     assert not found.effects
     assert {one.id for one in found.not_seen} >= {

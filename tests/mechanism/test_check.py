@@ -4,20 +4,21 @@ probably wrong, each in one line.
 
 import json
 import shutil
-import sys
 from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
+from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
-from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
+from rfca_rig.diagnosis.problem import FitOptions
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import States, balance_torques
 from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.progress import ignore_share
 from tests.cli.typed import typed
 from tests.mechanism.arm import Arm, Friction, _rate, mjcf, record, write_campaign
 from tests.real.__main__ import put_together, read_sets
@@ -208,7 +209,15 @@ def test_a_wrong_sign_or_unit_is_one_warning_with_the_fix(folder, changes, fix):
     assert fix in said
 
 
-@pytest.mark.parametrize("use", [diagnose_mechanism, fit_mechanism])
+def diagnose_all(problem):
+    return diagnose(problem, ignore_share)
+
+
+def fit_all(problem):
+    return problem.fit(FitOptions(), ignore_share)
+
+
+@pytest.mark.parametrize("use", [diagnose_all, fit_all])
 def test_a_misread_column_is_neither_diagnosed_nor_fitted(folder, monkeypatch, use):
     edit(folder / "experiment.toml", *reverse("tau3"))
     experiment = read_experiment(folder)
@@ -216,14 +225,14 @@ def test_a_misread_column_is_neither_diagnosed_nor_fitted(folder, monkeypatch, u
         BadInput,
         match=r"experiment.toml: set sign = 1 in commands\[3\] \(tau3\); .* take it with --as-is",
     ):
-        use(experiment, lambda *_: None)
+        use(MechanismProblem(experiment))
 
     def stop(*_):
         raise SimulationFailed("it came to the windows")
 
-    monkeypatch.setattr(sys.modules[use.__module__], "prepare_mechanism", stop)
+    monkeypatch.setattr("rfca_rig.diagnosis.mechanisms.problem.prepare_mechanism", stop)
     with pytest.raises(SimulationFailed, match="it came to the windows"):
-        use(experiment, lambda *_: None, as_is=True)
+        use(MechanismProblem(experiment, as_is=True))
 
 
 @pytest.mark.slow

@@ -8,15 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
+from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.progress import ignore_share
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, Gear, record, write_campaign
 from tests.real.__main__ import put_together, read_sets
@@ -31,9 +33,8 @@ def campaign(folder, arm, seconds=6.0, seeds=(0, 1), nominal=NOMINAL):
 
 def diagnosed(folder):
     shares = []
-    found = diagnose_mechanism(
-        read_experiment(folder), lambda _, share: shares.append(share)
-    ).diagnosis
+    problem = MechanismProblem(read_experiment(folder))
+    found = diagnose(problem, lambda _, share: shares.append(share)).diagnosis
     assert shares == sorted(shares)
     return found
 
@@ -276,7 +277,7 @@ def test_an_unknown_effect_that_is_to_be_left_out_is_refused(short):
         BadInput,
         match="'joint_frition' is no effect of this mechanism; did you mean joint_friction",
     ):
-        diagnose_mechanism(read_experiment(short), lambda *_: None, ("joint_frition",))
+        diagnose(MechanismProblem(read_experiment(short)), ignore_share, ("joint_frition",))
 
 
 def test_options_for_a_leg_are_refused(short):

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
+from rfca_rig.diagnosis.problem import FitOptions
 from rfca_rig.mechanism.load import load_mechanism
 from tests.cli.typed import typed
 from tests.mechanism.arm import Arm, Friction, record, write_campaign
@@ -38,9 +39,10 @@ def off(tmp_path_factory):
     )
 
 
-def fitted(folder, **asked):
+def fitted(folder, names=(), effects=()):
     shares = []
-    found = fit_mechanism(read_experiment(folder), lambda _, share: shares.append(share), **asked)
+    problem = MechanismProblem(read_experiment(folder))
+    found = problem.fit(FitOptions(names, effects), lambda _, share: shares.append(share))
     assert shares == sorted(shares)
     return found
 

@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
+from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.progress import ignore_share
 from tests.mechanism.arm import Arm, Friction
 from tests.mechanism.pulled import record, write_campaign
 
@@ -229,7 +231,7 @@ def test_damping_of_a_joint_without_an_encoder_is_found(tmp_path):
         "added_mass",
     )
     without = [name for name in known if name.removesuffix("_of_one") not in rivals]
-    found = diagnose_mechanism(experiment, lambda *_: None, without).diagnosis
+    found = diagnose(MechanismProblem(experiment), ignore_share, without).diagnosis
     values = {name: value.value for name, value in found.effects[0].parameters.items()}
     assert found.effects[0].id in ("joint_damping", "joint_damping_of_one")
     if found.effects[0].id == "joint_damping_of_one":
@@ -247,6 +249,6 @@ def test_nothing_is_stated_where_nothing_is_missing(folder):
     """The recording holds each command for a sample, which the model does not: that is visible,
     and within the usual error.
     """
-    found = diagnose_mechanism(read_experiment(folder), lambda *_: None).diagnosis
+    found = diagnose(MechanismProblem(read_experiment(folder)), ignore_share).diagnosis
     assert found.effects == () and found.family is None
     assert found.grade == "nothing missing" or "within the usual model error" in found.sentence

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import _leave_out, measure_joint_law, parse_place
 from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.mechanisms.joint_law import _leave_out, measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.errors import BadInput

@@ -6,17 +6,19 @@ import csv
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _sines, write_excitation
+from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _sines, propose_motion
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import NEXT_COMMANDS, MechanismProblem
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.progress import ignore_share
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, mjcf, record, write_campaign
 
@@ -125,15 +127,22 @@ def test_what_is_open_gets_a_motion_as_a_file(tmp_path):
     folder = write_campaign(
         tmp_path / "arm", Arm(), [record(rubs, 3.9, 0)], {"mass_relative": 0.02}
     )
-    found = diagnose_mechanism(read_experiment(folder), lambda *_: None)
-    assert found.diagnosis.grade == "not enough data"
-    assert found.diagnosis.next_experiment["kind"] == "sine"
-    write_excitation(tmp_path / "next.csv", found.plant.mechanism, found.excitation)
-    with (tmp_path / "next.csv").open(encoding="utf-8") as file:
+    with single_threaded_blas():
+        solution = MechanismProblem(read_experiment(folder)).solve((), ignore_share)
+        experiment = solution.propose_experiment(None)
+        finding = solution.finding
+        # Too few conditions for a verdict.
+        motion = propose_motion(solution.short, finding.search, finding.decision, False)
+    assert solution.describe().grade == "not enough data"
+    assert experiment.stated["kind"] == "sine"
+    assert experiment.stated == motion.proposal
+    (line,) = experiment.write_files(tmp_path)
+    assert line.startswith(f"{tmp_path / NEXT_COMMANDS}: the proposed motion of the joints")
+    with (tmp_path / NEXT_COMMANDS).open(encoding="utf-8") as file:
         names, *rows = list(csv.reader(file))
     assert names[:2] == ["t_s", "joint1_position_rad"]
     assert names[4:] == ["motor1_command", "motor2_command", "motor3_command"]
     values = np.array(rows, dtype=float)
-    assert values[:, 0] == pytest.approx(found.excitation.t_s)
-    assert values[:, 1:4] == pytest.approx(found.excitation.reference, rel=1e-6, abs=1e-6)
+    assert values[:, 0] == pytest.approx(motion.excitation.t_s)
+    assert values[:, 1:4] == pytest.approx(motion.excitation.reference, rel=1e-6, abs=1e-6)
     assert values[0, 1:4] == pytest.approx(values[1, 1:4], abs=1e-4)  # it begins at rest

@@ -15,9 +15,11 @@ import tomllib
 from pathlib import Path
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+from rfca_rig.diagnosis.diagnose import diagnose
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.catalogue import members_of
+from rfca_rig.progress import ignore_share
 from tests.real.hand_fit import fit_by_hand
 
 HERE = Path(__file__).parent
@@ -53,10 +55,11 @@ def keep(path, make):
 def answer(name, described, out):
     """The answer about a set."""
 
-    def diagnose():
+    def make_answer():
         if not (out / name).is_dir():
             put_together(name, described, out / name)
-        found = diagnose_mechanism(read_experiment(out / name), lambda *_: None).diagnosis
+        problem = MechanismProblem(read_experiment(out / name))
+        found = diagnose(problem, ignore_share).diagnosis
         return {
             "grade": found.grade,
             "effects": {
@@ -68,7 +71,7 @@ def answer(name, described, out):
             },
         }
 
-    return keep(out / f"{name}.json", diagnose)
+    return keep(out / f"{name}.json", make_answer)
 
 
 def fit_of(name, described, out):

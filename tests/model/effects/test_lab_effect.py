@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.diagnose import list_drive_effects
+from rfca_rig.diagnosis.leg.drive_search import list_drive_effects
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import (
     FOLDER_VARIABLE,
