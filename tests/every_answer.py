@@ -1,9 +1,9 @@
 """Looks at every final answer of a diagnosis that is made in this process, for any caller.
 
-The three entry points (`diagnose`, `diagnose_pendulum`, `diagnose_mechanism`) limit linear algebra
-to one thread by the decorator `single_threaded_blas`. So the decorator is the one place that every
-final answer passes, also where a command imports the entry point when it runs. It is replaced
-before the package is imported. Answers that are made in other processes are not seen.
+The entry point `diagnose` limits linear algebra to one thread by the decorator
+`single_threaded_blas`. So every final answer passes the decorator, also where a command imports the
+entry point when it runs. It is replaced before the package is imported. Answers that are made in
+other processes are not seen.
 """
 
 from collections.abc import Callable
@@ -56,7 +56,7 @@ def watch_entry_points() -> None:
 
 
 def look_at(answer: Any) -> None:
-    """Keeps the contradictions of a Diagnosis, also of the one in a MechanismDiagnosis."""
+    """Keeps the contradictions of a Diagnosis, also of the one in an Answer."""
     # The first test of a diagnosis has imported them; other tests need not wait for them.
     from rfca_rig.diagnosis.result import Diagnosis
     from tests.diagnosis.invariants import list_contradictions

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.declarations import MECHANISM
 from rfca_rig.model.effect import Effect
 from rfca_rig.suggestions import suggestion
 
@@ -231,12 +232,21 @@ def select_candidates(effects: Iterable[Effect], without: Collection[str]) -> li
 
 
 def check_known(ids: Collection[str]) -> None:
-    """Raises BadInput for an id that is in no catalogue."""
-    unknown = sorted(set(ids) - set(catalogue()))
+    """Raises BadInput for an id that is not in the catalogue of legs."""
+    _check_among(ids, catalogue())
+
+
+def check_known_of_any_rig(ids: Collection[str]) -> None:
+    """Raises BadInput for an id that is an effect of no leg and of no mechanism."""
+    _check_among(ids, {*catalogue(), *(effect.id for effect in MECHANISM)})
+
+
+def _check_among(ids: Collection[str], known: Collection[str]) -> None:
+    unknown = sorted(set(ids) - set(known))
     if unknown:
         raise BadInput(
             f"effect {unknown[0]!r} is not in the catalogue; "
-            f"{suggestion(unknown[0], sorted(catalogue()))}"
+            f"{suggestion(unknown[0], sorted(known))}"
         )
 
 

@@ -16,12 +16,13 @@ from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
-from rfca_rig.diagnosis.leg.prepared import Findings, PreparedLeg
+from rfca_rig.diagnosis.leg.prepared import PreparedLeg
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset, nuisances_of
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
+from rfca_rig.diagnosis.problem import Finding
 from rfca_rig.diagnosis.result import NamedEffect
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel
@@ -149,27 +150,23 @@ def nothing_missing(found: ModelSelectionResult, probability: float = 0.99) -> D
     return Decision("nothing missing", found.nothing, probability=probability)
 
 
-def body_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedLeg:
+def prepared_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedLeg:
     return PreparedLeg(
-        "by hand",
-        RIG,
-        KNOWN_TO,
-        NOISE,
-        tuple(flaps),
-        tuple(shafts),
-        not shafts,
-        found.nothing.fitted.coordinates,
-        (),
+        title="by hand",
+        rig=RIG,
+        known_to=KNOWN_TO,
+        noise_std=NOISE,
+        flaps=tuple(flaps),
+        shafts=tuple(shafts),
+        tables=(),
+        as_commanded=not shafts,
+        coordinates=found.nothing.fitted.coordinates,
+        remarks=(),
     )
 
 
-def verdicts_of(
-    leg: ModelSelectionResult,
-    decision: Decision,
-    drive: ModelSelectionResult | None = None,
-    drive_decision: Decision | None = None,
-) -> Findings:
-    return Findings((), (), leg, decision, drive, drive_decision)
+def finding_of(search: ModelSelectionResult, decision: Decision) -> Finding:
+    return Finding((), search, decision)
 
 
 def read_at_rest(

@@ -7,9 +7,9 @@ import pytest
 
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.decision.sizes import _threshold, find_detection_limits
-from rfca_rig.diagnosis.diagnose import find_excluded_sizes
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
 from rfca_rig.diagnosis.inference.screening import EffectProbe
+from rfca_rig.diagnosis.leg.drive_search import find_excluded_sizes
 from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition, tracking_error
 from rfca_rig.diagnosis.residual_force.mismatch_map import _holm
 from rfca_rig.diagnosis.result import NotSeen, join_not_seen

@@ -8,8 +8,8 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.decision.decide import decide, join_decisions
-from rfca_rig.diagnosis.diagnose import list_drive_effects, search_drive
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.leg.drive_search import list_drive_effects, search_drive
 from rfca_rig.diagnosis.leg.result import _describe_delay, _with_delay
 from rfca_rig.diagnosis.leg.shaft_observations import (
     estimate_delay_s,
@@ -26,16 +26,16 @@ from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke
 from tests.diagnosis.by_hand import (
     RIG,
-    body_of,
+    finding_of,
     flaps_of,
     found_among,
     late,
     named,
     nothing_missing,
+    prepared_of,
     present,
     recorded,
     undecided,
-    verdicts_of,
 )
 
 THREE = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478))
@@ -52,7 +52,7 @@ def test_a_drive_that_sags_is_looked_for_though_the_forces_look_a_little_like_a_
     shafts = shafts_of(strokes, flaps)
     leg = found_among(flaps, ["shaft_compliance"])
     soft = replace(leg, named=tuple(replace(h, log_prior=1e6) for h in leg.named))
-    drive = search_drive(body_of(flaps, soft, shafts), soft, EFFECTS, lambda *_: None)
+    drive = search_drive(prepared_of(flaps, soft, shafts), soft, EFFECTS, lambda *_: None)
     assert drive.named[0].ids == ("motor_speed_droop",)
 
 
@@ -77,7 +77,7 @@ def found_late(rig: RigModel) -> tuple[ModelSelectionResult, ModelSelectionResul
     ]
     leg = found_among(flaps, [""])
     return leg, search_drive(
-        body_of(flaps, leg, shafts_of(strokes, flaps)), leg, EFFECTS, lambda *_: None
+        prepared_of(flaps, leg, shafts_of(strokes, flaps)), leg, EFFECTS, lambda *_: None
     )
 
 
@@ -85,8 +85,8 @@ def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     leg, drive = found_late(RIG)
     decision = decide(drive)
     assert decision.verdict == "nothing missing"
-    body = replace(body_of(drive.dataset.parts, leg, drive.dataset.parts), as_commanded=False)
-    (said,) = _describe_delay(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
+    prepared = prepared_of(drive.dataset.parts, leg, drive.dataset.parts)
+    (said,) = _describe_delay(prepared, finding_of(drive, decision))
     assert said.startswith("the drive follows its commands 3.0 ms late")
     forces = build_result("late", leg, nothing_missing(leg), (), "dynamic")
     both = _with_delay(forces, decision.explanation)

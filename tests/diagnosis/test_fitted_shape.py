@@ -7,10 +7,10 @@ import pytest
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.decision.comparison import compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
+from rfca_rig.diagnosis.leg.model_files import _to_found_effect
 from rfca_rig.diagnosis.result import NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import present_effects
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.reports.diagnosis.files import _to_found_effect
 from rfca_rig.reports.diagnosis.json_file import _effect
 from tests.description.test_model_file import written
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded

@@ -10,8 +10,8 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.phases import StrokePhases, Valley
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.diagnosis.diagnose import prepare_leg
 from rfca_rig.diagnosis.inference.model_selection import search_models
+from rfca_rig.diagnosis.leg.prepared import prepare_leg
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, ShaftTurn
 from rfca_rig.diagnosis.residual_force.force_inputs import list_force_inputs, nominal_conditions
@@ -41,9 +41,9 @@ def told(folder, **concealed):
     """The free form for a campaign that hides this, without a look at the catalogue."""
     (case,) = draw_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, **concealed), folder / "campaign")
-    body, _ = prepare_leg([read_campaign(folder / "campaign")])
+    prepared = prepare_leg([read_campaign(folder / "campaign")])
     return estimate_free_force(
-        search_models(make_leg_dataset(body.flaps), body.coordinates, [], lambda *_: None)
+        search_models(make_leg_dataset(prepared.flaps), prepared.coordinates, [], lambda *_: None)
     )
 
 

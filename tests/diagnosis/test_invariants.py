@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.diagnosis.diagnose import diagnose
-from rfca_rig.diagnosis.mechanisms.diagnose import MechanismDiagnosis, diagnose_mechanism
+from rfca_rig.diagnosis.diagnose import Answer, diagnose
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
     Criterion,
@@ -392,18 +391,17 @@ def test_values_that_act_like_an_effect_of_a_contact_are_those_of_mechanisms(tmp
     assert same_as == SAME_AS_IN_MECHANISMS
 
 
-@pytest.mark.parametrize("entry_point", [diagnose, diagnose_mechanism])
-def test_every_entry_point_is_watched(entry_point):
-    assert entry_point.is_watched
+def test_the_entry_point_is_watched():
+    assert diagnose.is_watched
 
 
 @pytest.mark.parametrize(
     "wrap",
     [
         lambda diagnosis: diagnosis,
-        lambda diagnosis: MechanismDiagnosis(diagnosis, None, None, None, ()),
+        lambda diagnosis: Answer(diagnosis, ()),
     ],
-    ids=["leg", "mechanism"],
+    ids=["diagnosis", "answer"],
 )
 def test_the_watch_keeps_what_contradicts_itself(wrap):
     bad, expected = BAD["the answer is surer than its effect"]

@@ -9,8 +9,8 @@ import pytest
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.config import describe_exclusions, select_candidates
-from rfca_rig.diagnosis.diagnose import _candidates as candidates
-from rfca_rig.diagnosis.diagnose import prepare_leg
+from rfca_rig.diagnosis.leg.prepared import prepare_leg
+from rfca_rig.diagnosis.leg.problem import list_candidates
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.errors import BadInput
 from rfca_rig.exam.cases import POOR_DATA, draw_cases
@@ -44,8 +44,7 @@ def counted(recording: Recording) -> Recording:
 
 
 def is_looked_for(effect_id: str, *recordings: Recording) -> bool:
-    body, _ = prepare_leg(recordings)
-    return effect_id in {effect.id for effect in candidates(body)}
+    return effect_id in {effect.id for effect in list_candidates(prepare_leg(recordings))}
 
 
 def test_what_changes_from_stroke_to_stroke_is_looked_for_only_where_their_order_is_known():
@@ -65,7 +64,7 @@ def test_the_strokes_of_a_run_stand_in_the_order_in_which_it_made_them():
 
 def test_conditions_and_tables_are_simulated_after_the_strokes_before_them():
     (flap,) = flaps_of([replace(recorded(RIG, [(215.0, 2.4)])[0], strokes_before=9)])
-    _, (table, *_) = prepare_leg([counted(read_campaign(SMALL))])
+    table = prepare_leg([counted(read_campaign(SMALL))]).tables[0]
     fading = PresentEffect("stiffness_fading", (("loss_per_decade_relative", 0.2),))
     for condition, before in [(flap, 9), (table, 4)]:
         leg = replace(RIG.leg, k0_Nm_per_rad=RIG.leg.k0_Nm_per_rad * 0.8 ** np.log10(1.0 + before))

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import measure_joint_law, parse_place
 from scipy.stats import chi2
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
@@ -15,12 +14,15 @@ from rfca_rig.campaign.pendulum import read_pendulum
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.config import CLOSE_LOG_EVIDENCE
-from rfca_rig.diagnosis.diagnose import prepare_leg, search_base
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
+from rfca_rig.diagnosis.leg.model_files import write_measured_model
+from rfca_rig.diagnosis.leg.prepared import prepare_leg
+from rfca_rig.diagnosis.leg.problem import search_base
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, loo_log_densities
+from rfca_rig.diagnosis.mechanisms.joint_law import measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.diagnosis.residual_force.law import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import make_argument, place_knots
@@ -39,7 +41,6 @@ from rfca_rig.exam.sampled_rig import build_world
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import LawTable, PresentEffect
-from rfca_rig.reports.diagnosis.files import write_measured_model
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
 
 DESIGN = ExamDesign(
@@ -146,11 +147,11 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     write_measured_model(tmp_path / "model.toml", law, recording)
     again = read_model_file(tmp_path / "model.toml").model()
     assert again.effects[-1].table.values == pytest.approx(law.present.table.values, abs=1e-6)
-    body, _ = prepare_leg([at_other_heights])
-    others = make_leg_dataset(body.flaps)
+    prepared = prepare_leg([at_other_heights])
+    others = make_leg_dataset(prepared.flaps)
     nominal, with_law = (
         np.std(others.rows.measured - others.predicted(ModelPoint(rig)))
-        for rig in (body.rig, again)
+        for rig in (prepared.rig, again)
     )
     assert with_law < 0.5 * nominal
 

@@ -23,8 +23,11 @@ from rfca_rig.diagnosis.experiment_design.leg_experiment import (
     propose_experiment,
     write_next_protocol,
 )
+from rfca_rig.diagnosis.leg.findings import LegFindings
+from rfca_rig.diagnosis.leg.prepared import PreparedLeg
 from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition
 from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
+from rfca_rig.diagnosis.simulator import ScatterDirection
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.experiments import flapping_plan, static_plan
@@ -32,15 +35,15 @@ from tests.diagnosis.by_hand import (
     NOISE,
     RIG,
     RIG_FILE,
-    body_of,
+    finding_of,
     flaps_of,
     found_among,
     named,
     nothing_missing,
+    prepared_of,
     present,
     recorded,
     undecided,
-    verdicts_of,
 )
 
 THREE = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478))
@@ -52,16 +55,15 @@ LIMITS = RIG_FILE.facts().limits
 class Left:
     """Conditions and what is left open of them."""
 
-    body: object
-    verdicts: object
-    found: object
+    prepared: PreparedLeg
+    findings: LegFindings
 
 
 def left(effect, rivals, decision, conditions=THREE):
     rig = replace(RIG, effects=(effect,)) if effect else RIG
     flaps = flaps_of(recorded(rig, conditions))
     found = found_among(flaps, rivals)
-    return Left(body_of(flaps, found), verdicts_of(found, decision(found)), found)
+    return Left(prepared_of(flaps, found), LegFindings(finding_of(found, decision(found))))
 
 
 def as_good_as_all(found):
@@ -80,8 +82,12 @@ def nothing_open():
     return left(None, ["sensor_gain"], nothing_missing)
 
 
+def list_open(case):
+    return list_open_hypotheses(case.findings.forces.search, case.findings.forces.decision, True)
+
+
 def proposed(case, limits=None, enough=True):
-    return propose_experiment(case.body, case.verdicts, enough, limits)
+    return propose_experiment(case.prepared, case.findings, enough, limits)
 
 
 @pytest.mark.slow
@@ -129,10 +135,10 @@ def test_a_drive_seen_at_one_speed_only_is_asked_at_another():
     ]
     leg = found_among(flaps, [])
     drive = found_among(shafts, ["motor_speed_droop", "motor_speed_ripple"])
-    body = body_of(flaps, leg, shafts)
-    proposal = propose_experiment(
-        body, verdicts_of(leg, nothing_missing(leg), drive, undecided(drive)), True, LIMITS
+    findings = LegFindings(
+        finding_of(leg, nothing_missing(leg)), finding_of(drive, undecided(drive))
     )
+    proposal = propose_experiment(prepared_of(flaps, leg, shafts), findings, True, LIMITS)
     assert proposal["kind"] == "dynamic"
     assert abs(proposal["speed_rad_s"] / 2.433 - 1.0) > 0.15
 
@@ -142,11 +148,10 @@ def test_nothing_is_proposed_where_nothing_is_open(nothing_open):
 
 
 def test_too_few_conditions_ask_for_one_that_is_unlike_them(nothing_open):
-    flaps = nothing_open.body.flaps[:2]
+    flaps = nothing_open.prepared.flaps[:2]
     found = found_among(flaps, [])
-    proposal = propose_experiment(
-        body_of(flaps, found), verdicts_of(found, nothing_missing(found)), False, LIMITS
-    )
+    findings = LegFindings(finding_of(found, nothing_missing(found)))
+    proposal = propose_experiment(prepared_of(flaps, found), findings, False, LIMITS)
     assert (proposal["kind"], proposal["separates"], proposal["repeats"]) == ("dynamic", [], 3)
     assert all(
         abs(1e3 * f.height_m - proposal["height_mm"]) > 15.0
@@ -164,10 +169,10 @@ def test_too_few_conditions_ask_for_one_that_is_unlike_them(nothing_open):
 def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
     case = gain_or_spring
     facts = replace(RIG_FILE.facts(), limits=limits)
-    contest = list_open_hypotheses(case.found, case.verdicts.leg_decision, True)
+    contest = list_open(case)
     options = [
         o
-        for o in _list_options(case.body, case.verdicts, contest, True, limits)
+        for o in _list_options(case.prepared, case.findings, contest, True, limits)
         if "height_mm" in o.design.settings
     ]
     assert options
@@ -184,10 +189,10 @@ def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
 
 def test_a_rig_without_known_limits_is_asked_for_no_more_than_it_did(gain_or_spring):
     case = gain_or_spring
-    contest = list_open_hypotheses(case.found, case.verdicts.leg_decision, True)
+    contest = list_open(case)
     speeds = [
         o.design.settings.get("speed_rad_s", 0.0)
-        for o in _list_options(case.body, case.verdicts, contest, True, None)
+        for o in _list_options(case.prepared, case.findings, contest, True, None)
     ]
     assert 0.0 < max(speeds) <= 3.249
 
@@ -197,9 +202,9 @@ def test_a_rig_that_may_press_with_nothing_is_left_alone(gain_or_spring):
 
 
 def test_recorded_conditions_are_not_asked_for_again(gain_or_spring):
-    contest = list_open_hypotheses(gain_or_spring.found, gain_or_spring.verdicts.leg_decision, True)
+    contest = list_open(gain_or_spring)
     for option in _list_options(
-        gain_or_spring.body, gain_or_spring.verdicts, contest, True, LIMITS
+        gain_or_spring.prepared, gain_or_spring.findings, contest, True, LIMITS
     ):
         if option.design.settings["kind"] == "dynamic":
             same = [
@@ -259,6 +264,7 @@ def test_a_protocol_that_no_rig_could_take_is_refused():
 
 
 ROWS = 6
+HEIGHT = ScatterDirection("height", 0.05, None, None)
 
 
 @pytest.fixture
@@ -275,7 +281,8 @@ def linear_view():
     )
     dataset = SimpleNamespace(
         predict_all=lambda points: [predicted[k] + slopes[k] @ x for k, x in points],
-        flaps=(),
+        parts=(),
+        simulator=SimpleNamespace(scatter=lambda *_: [HEIGHT]),
     )
     for k, rival in enumerate(rivals):
         rival.fitted.coordinates.supposed = lambda x, k=k: (k, x)
@@ -321,3 +328,14 @@ def test_what_rivals_may_move_and_scatter_only_take_evidence_away(linear_view):
     assert (few <= many + 1e-12).all()
     assert (many <= view.bound(10) + 1e-12).all()
     assert many[0, 1] < 0.9 * view.bound(10)[0, 1]
+
+
+def test_a_quantity_whose_recorded_value_is_simulated_takes_no_evidence_away(linear_view):
+    view, _ = linear_view
+    (scattered,) = view.expect([1])
+    corrected = replace(HEIGHT, is_corrected=True)
+    view.dataset.simulator.scatter = lambda *_: [corrected]
+    (expected,) = view.expect([1])
+    assert expected[0, 1] > 1.02 * scattered[0, 1]
+    view.hypotheses.found.scatter = RepeatScatter({}, np.empty((ROWS, 0)))
+    assert expected == pytest.approx(view.expect([1])[0])

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 
 from rfca_rig.analysis.fitting.space import never_below
 from rfca_rig.campaign.opening import open_experiment
 from rfca_rig.campaign.pendulum import LinkSection
+from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import _releases
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.exam.pendulums.world import Friction, PendulumWorld
-from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.model.parameters import PresentEffect
 from tests.diagnosis.pendulum_folders import (
     link_of,
@@ -42,17 +42,15 @@ DISSIPATION = {
 
 def diagnosed(folder, without=()):
     shares = []
-    answer = diagnose_mechanism(
-        open_experiment(folder), lambda _, share: shares.append(share), without
-    ).diagnosis
+    problem = MechanismProblem(open_experiment(folder))
+    answer = diagnose(problem, lambda _, share: shares.append(share), without).diagnosis
     assert shares == sorted(shares)
     return answer
 
 
 def all_effects_but(folder, *kept):
     """Ids of the effects that are not looked for."""
-    problem = prepare_mechanism(open_experiment(folder), open_experiment(folder).load_model())
-    effects = list_effects(problem.simulator.mechanism, problem.usual)
+    effects = MechanismProblem(open_experiment(folder)).list_effects()
     return [effect.id for effect in effects if effect.id not in kept]
 
 

@@ -10,9 +10,11 @@ import pytest
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.diagnose import diagnose
+from rfca_rig.diagnosis.leg.model_files import write_fitted_model
+from rfca_rig.diagnosis.leg.problem import LegProblem
 from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
-from rfca_rig.reports.diagnosis.files import write_diagnosis, write_fitted_model
+from rfca_rig.reports.diagnosis.files import write_diagnosis
 from tests.diagnosis.by_hand import late
 
 SHORT = ExamDesign(
@@ -31,7 +33,7 @@ def silent(_text, _share):
 
 
 def told(recording):
-    return diagnose([recording], silent)
+    return diagnose(LegProblem((recording,)), silent).diagnosis
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from matplotlib import pyplot
 
 import rfca_rig as rr
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.notebook import analyses
 from rfca_rig.notebook import recordings as shared
 from tests.mechanism.arm import Arm, record, write_campaign
 
@@ -128,7 +127,7 @@ def test_a_campaign_is_tables_and_datasets(recordings):
         1e3 * stroke.height_m
     )
     static = recordings.static_table()
-    assert len(static) == len(recordings.content.static) and "hinge2_deg" in static.columns
+    assert len(static) == len(recordings.recording.static) and "hinge2_deg" in static.columns
     assert recordings.plot(0).get_xlabel() == "time in s"
     with pytest.raises(BadInput, match="numbered from 0; there is no 99"):
         recordings.to_xarray(99)
@@ -255,7 +254,11 @@ def test_progress_moves_a_bar(capsys):
 
 @pytest.mark.parametrize(
     ("use", "inner"),
-    [(rr.diagnose, "diagnose_leg"), (rr.fit, "fit_recordings"), (rr.report, "write_report")],
+    [
+        (rr.diagnose, "rfca_rig.diagnosis.leg.problem.LegProblem.solve"),
+        (rr.fit, "rfca_rig.diagnosis.leg.problem.fit_recordings"),
+        (rr.report, "rfca_rig.reports.problems.write_report"),
+    ],
 )
 def test_a_value_in_another_unit_is_taken_only_as_it_is(tmp_path, monkeypatch, use, inner):
     copytree(SMALL, tmp_path / "slipped")
@@ -269,6 +272,6 @@ def test_a_value_in_another_unit_is_taken_only_as_it_is(tmp_path, monkeypatch, u
     def stop(*_):
         raise RigError("it came to the analysis")
 
-    monkeypatch.setattr(analyses, inner, stop)
+    monkeypatch.setattr(inner, stop)
     with pytest.raises(RigError, match="it came to the analysis"):
         use(tmp_path / "slipped", as_is=True)

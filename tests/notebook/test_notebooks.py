@@ -10,7 +10,7 @@ import matplotlib as mpl
 import pytest
 from matplotlib import pyplot
 
-from rfca_rig.diagnosis.diagnose import diagnose as diagnose_leg
+from rfca_rig.diagnosis.diagnose import diagnose as diagnose_problem
 from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue
 from rfca_rig.notebook import analyses
 
@@ -48,12 +48,11 @@ def look_for(monkeypatch):
     """Has the diagnosis of a leg look for these effects alone."""
 
     def narrow(*ids):
-        def diagnose(recordings, progress, limits, _, law_at):
-            return diagnose_leg(
-                recordings, progress, limits, [one for one in catalogue() if one not in ids], law_at
-            )
+        def diagnose(problem, progress, _, law_at):
+            without = [effect_id for effect_id in catalogue() if effect_id not in ids]
+            return diagnose_problem(problem, progress, without, law_at)
 
-        monkeypatch.setattr(analyses, "diagnose_leg", diagnose)
+        monkeypatch.setattr(analyses, "diagnose_problem", diagnose)
 
     return narrow
 

@@ -241,6 +241,7 @@ def diagnose(
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
     from rfca_rig.cli.options import Printing
+    from rfca_rig.diagnosis.config import check_known_of_any_rig
     from rfca_rig.diagnosis.opening import open_problem
     from rfca_rig.errors import BadInput
     from rfca_rig.reports.provenance import command_line
@@ -257,6 +258,8 @@ def diagnose(
     printing = Printing(pdf)
     _check_options(each, close_the_loop, law, pdf)
     if each and not close_the_loop:
+        # Otherwise each diagnosis would refuse the name for itself, after it has read recordings.
+        check_known_of_any_rig(asked.without)
         diagnose_each(
             paths,
             out,

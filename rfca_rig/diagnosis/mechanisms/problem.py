@@ -34,6 +34,7 @@ from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
 from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import Effect
@@ -249,6 +250,7 @@ class MechanismProblem(Problem):
                 f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml"
             )
 
+    @single_threaded_blas()
     def fit(self, options: FitOptions, progress: Progress) -> MechanismFit:
         """Fit the nominal values of [known_to], and the sizes of the effects in `options`."""
         prepared = self.prepared
