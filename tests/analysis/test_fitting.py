@@ -25,6 +25,8 @@ from rfca_rig.analysis.fitting.strokes import (
 from rfca_rig.analysis.phases import StrokePhases, find_valley
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.model_file import model_of, nominal_model, read_model_file
+from rfca_rig.diagnosis.leg.problem import LegProblem
+from rfca_rig.diagnosis.problem import FitOptions
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.stroke import simulate_stroke_at_speed, simulate_strokes
@@ -486,3 +488,10 @@ def test_json_owns_the_output(tmp_path):
     assert answer["format"] == "rfca-fit/1"
     assert answer["parameters"][0]["name"] == "k0"
     assert set(answer["rms"]) == {"fz_N", "fy_N", "tx_Nm"}
+
+
+def test_the_share_that_a_fit_reports_grows_and_stays_below_1():
+    shares: list[float] = []
+    problem = LegProblem((recording(3),))
+    problem.fit(FitOptions(shaft="commanded"), lambda _, share: shares.append(share))
+    assert 0.0 < shares[0] < shares[-1] and max(shares) < 1.0

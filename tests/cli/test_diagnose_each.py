@@ -73,8 +73,8 @@ class SolvedByHand(LegSolution):
     def describe(self):
         return UNEXPLAINED
 
-    def propose_experiment(self, limits):
-        return AnswerPart(None, lambda folder: ())
+    def propose_experiment(self, _limits):
+        return AnswerPart(None, lambda _folder: ())
 
 
 @pytest.mark.slow

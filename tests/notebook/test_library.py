@@ -200,6 +200,16 @@ def test_the_catalogue_is_a_table():
     assert {"id", "law", "source"} <= set(table.columns) and "hinge_backlash" in set(table["id"])
 
 
+def test_effects_are_those_that_the_recordings_could_show(flapped):
+    of_leg = set(rr.effects(flapped)["id"])
+    assert "hinge_backlash" in of_leg and "joint_friction" not in of_leg
+    of_rod = rr.effects(DATA / "pendulums" / "free-swing").set_index("id")
+    assert "hinge_backlash" not in of_rod.index
+    # A rod that is released has no torque that could be late.
+    assert "joint_friction" in of_rod.index and "torque_lag" not in of_rod.index
+    assert of_rod.loc["joint_friction", "parameters"].startswith("torque_Nm ")
+
+
 @pytest.mark.slow
 def test_a_diagnosis_is_a_grade_with_tables_and_a_picture(here):
     # tests/diagnosis/test_pendulum.py looks for all effects in these recordings, which takes

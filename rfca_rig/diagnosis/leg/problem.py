@@ -226,10 +226,12 @@ class LegProblem(Problem):
             cast("Shaft", options.shaft),
             StrokeWindow(options.phases, options.after_touchdown_s),
         )
-        most = options.starts * Search().most_evaluations
+        usual = options.starts * Search().most_evaluations
 
         def report_progress(simulated: int, chi2: float) -> None:
-            progress(f"fitting: {simulated} sets of values, chi2 {chi2:.0f}", simulated / most)
+            # How many sets of values a descent needs is not known before: the share nears 1.
+            share = simulated / (simulated + usual)
+            progress(f"fitting: {simulated} sets of values, chi2 {chi2:.0f}", share)
 
         search = Search(
             starts=options.starts,
