@@ -10,13 +10,14 @@ everything that they do not state.
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.campaign.column_faults import find_glitches
 from rfca_rig.campaign.layout import (
     ANGLE_SPEED_UNITS,
     ANGLE_UNITS,
@@ -28,6 +29,7 @@ from rfca_rig.campaign.layout import (
     SPEED_UNITS,
     TIME_UNITS,
     ExperimentFile,
+    SignalSection,
 )
 from rfca_rig.campaign.recorded_columns import ColumnRequest
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns, list_files, read_columns
@@ -78,11 +80,23 @@ class PrescribedJoint:
 
 
 @dataclass(frozen=True)
+class Glitch:
+    """A sample that was left out, because a column jumped away in it and came back: when, and by
+    how much in the unit of the column.
+    """
+
+    column: str
+    t_s: float
+    jump: float
+
+
+@dataclass(frozen=True)
 class MechanismRun:
     """One recording: times `t_s` (m,) from its beginning, `signals` (m, s) and `commands` (m, u),
     all zero where it was not driven.
 
-    `prescribed` (m, p) are the positions of the prescribed joints.
+    `prescribed` (m, p) are the positions of the prescribed joints. Samples with one of the
+    `glitches` are not among the rows.
     """
 
     label: str
@@ -92,6 +106,7 @@ class MechanismRun:
     commands: Floats
     driven: bool
     prescribed: Floats
+    glitches: tuple[Glitch, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -306,14 +321,42 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
     for number, given in enumerate(described.prescribed):
         prescribed[:, number] = given.factor * values[given.column]
     label = f"{run.condition}, repeat {run.repeat}"
-    return MechanismRun(
-        label,
-        run.condition,
-        t_s[inside],
-        recorded[inside],
-        commanded[inside],
-        bool(commands),
-        prescribed[inside],
+    return _leave_out_glitches(
+        MechanismRun(
+            label,
+            run.condition,
+            t_s[inside],
+            recorded[inside],
+            commanded[inside],
+            bool(commands),
+            prescribed[inside],
+        ),
+        signals,
+    )
+
+
+def _leave_out_glitches(run: MechanismRun, signals: Sequence[SignalSection]) -> MechanismRun:
+    """The recording without samples in which a position or speed jumps away and comes back. A
+    force may do so.
+    """
+    glitches = []
+    is_kept = np.ones(len(run.t_s), dtype=bool)
+    for signal, recorded in zip(signals, run.signals.T, strict=True):
+        if signal.quantity is None:
+            continue
+        for sample in find_glitches(recorded):
+            jump = float(recorded[sample] - recorded[sample - 1]) / signal.factor
+            glitches.append(Glitch(signal.column, float(run.t_s[sample]), jump))
+            is_kept[sample] = False
+    if not glitches:
+        return run
+    return replace(
+        run,
+        t_s=run.t_s[is_kept],
+        signals=run.signals[is_kept],
+        commands=run.commands[is_kept],
+        prescribed=run.prescribed[is_kept],
+        glitches=tuple(glitches),
     )
 
 

@@ -305,6 +305,28 @@ def test_both_formats_give_the_same_answer(tmp_path):
         assert ours.log_evidence == pytest.approx(theirs.log_evidence, abs=0.05)
 
 
+@pytest.mark.slow
+def test_a_sample_that_jumps_is_left_out_and_the_answer_stays(tmp_path):
+    world = replace(WORLD, friction=Friction((0.12,)))
+    folder = write_pendulum(tmp_path / "p", NOMINAL, world, DRIVEN, KNOWN_TO)
+    without = all_effects_but(folder, "joint_friction", "joint_damping")
+    sound = diagnosed(folder, without)
+    path = folder / "runs" / "1.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[500].split(",")
+    cells[1] = "9.5"
+    lines[500] = ",".join(cells)
+    path.write_text("\n".join(lines))
+    spoiled = diagnosed(folder, without)
+    remark = "signal angle1: 1 sample jumps away and comes back; it is left out: by"
+    assert any(text.startswith(remark) for text in spoiled.remarks)
+    assert spoiled.grade == sound.grade
+    (friction,) = spoiled.effects
+    (expected,) = sound.effects
+    torque = friction.parameters["torque_Nm"]
+    assert torque.value == pytest.approx(expected.parameters["torque_Nm"].value, abs=torque.std)
+
+
 def test_a_point_mass_and_a_link_without_a_motor_are_a_mechanism(tmp_path):
     link = LinkSection(
         length_m=0.4,

@@ -286,6 +286,57 @@ def test_a_column_that_is_dead_coarse_wrapped_or_has_a_gap_is_warned_of(
     assert any(said in warning for warning in warnings(until_priors(folder)))
 
 
+def lose_sign(w):
+    """A speed in thousandths, as a register of 16 bits without its sign holds it."""
+    return np.mod(np.round(1e3 * w), 2.0**16)
+
+
+def jump_once(q):
+    return np.where(np.arange(q.size) == 700, q + 30.0, q)
+
+
+def hold(w):
+    return np.repeat(w[::50], 50)[: w.size]
+
+
+def delay(w):
+    """Six samples of 2 ms late."""
+    return np.r_[w[:1].repeat(6), w[:-6]]
+
+
+def cut_off(w):
+    limit = 0.5 * np.abs(w).max()
+    return np.clip(w, -limit, limit)
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "said"),
+    [
+        ("q1", jump_once, "signal q1: 2 samples jump away and come back; they are left out, first"),
+        ("w2", lose_sign, "signal w2: jumps across 65536 in sines 1, repeat 1: a register of 16"),
+        ("w2", hold, "signal w2: changes only every 50 samples (0.1 s) of sines 1, repeat 1"),
+        ("w1", delay, "signal w1: runs 12 ms behind the derivative of q1"),
+        ("w1", cut_off, "the sensor is at its limit"),
+    ],
+)
+def test_a_fault_of_a_column_is_warned_of(folder, column, change, said):
+    edit_column(folder, column, change)
+    assert any(said in warning for warning in warnings(until_priors(folder)))
+
+
+def test_a_sample_that_jumps_changes_nothing_but_itself(folder):
+    sound = read_experiment(folder)
+    edit_column(folder, "q1", jump_once, ("run1.csv",))
+    spoiled = read_experiment(folder)
+    assert spoiled.runs[1].glitches == ()
+    (glitch,) = spoiled.runs[0].glitches
+    assert (glitch.column, glitch.jump) == ("q1", pytest.approx(30.0, rel=0.05))
+    kept = sound.runs[0].t_s != glitch.t_s
+    assert np.count_nonzero(~kept) == 1
+    assert np.array_equal(spoiled.runs[0].signals, sound.runs[0].signals[kept])
+    assert np.array_equal(spoiled.runs[0].commands, sound.runs[0].commands[kept])
+
+
 @pytest.mark.slow
 def test_a_recording_that_is_too_short_and_too_few_stretches_are_warned_of(folder):
     edit(folder / "experiment.toml", ('file = "run2.csv",', 'file = "run2.csv", to_s = 0.5,'))

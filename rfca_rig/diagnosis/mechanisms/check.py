@@ -19,11 +19,13 @@ from rfca_rig.analysis.samples import (
     sample_std,
     smallest_step,
 )
+from rfca_rig.campaign.column_faults import find_register_range
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.campaign.layout import ExperimentFile
 from rfca_rig.campaign.opening import open_experiment
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION, rms
+from rfca_rig.diagnosis.mechanisms.column_checks import check_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.prepared import (
     PreparedMechanism,
@@ -142,8 +144,9 @@ def check_signals(
             yield CheckLine("signal", signal.column, message, is_warning=True)
         jumps = (
             (run, wraps[0])
-            for run in experiment.runs
+            for run, column in zip(experiment.runs, columns, strict=True)
             if (wraps := find_wraps(experiment, run, index)).size
+            and find_register_range(column) is None
         )
         # One warning is enough: the fix is the same for all jumps.
         for run, sample in islice(jumps, 1):
@@ -365,6 +368,8 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     yield from _check_windows(experiment, mechanism)
     ratios = compare_speeds(experiment)
     yield from check_signals(described, experiment, ratios)
+    for warning in check_columns(experiment):
+        yield CheckLine(warning.table, warning.column, warning.words, is_warning=True)
     states = estimate_states(experiment, mechanism)
     balance = balance_torques(mechanism, states)
     shares = _imbalances(mechanism, balance)

@@ -19,6 +19,7 @@ from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
+from rfca_rig.diagnosis.mechanisms.column_checks import check_columns
 from rfca_rig.diagnosis.mechanisms.fit import MechanismFit, fit_prepared, select_nuisances
 from rfca_rig.diagnosis.mechanisms.joint_law import measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.model_files import (
@@ -106,6 +107,10 @@ class MechanismSolution(Solution):
                 f"{prepared.windows} of {prepared.recorded_windows} recorded windows were used, "
                 "evenly spread; windows.at_most uses more"
             )
+        remarks += [
+            f"{warning.table} {warning.column}: {warning.words}"
+            for warning in check_columns(experiment)
+        ]
         return replace(
             result,
             remarks=(*remarks, *_describe_unused_effects()),
