@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.diagnosis.diagnose import Answer, diagnose
+from rfca_rig.diagnosis.leg.problem import search_base
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
     Criterion,
@@ -391,8 +393,9 @@ def test_values_that_act_like_an_effect_of_a_contact_are_those_of_mechanisms(tmp
     assert same_as == SAME_AS_IN_MECHANISMS
 
 
-def test_the_entry_point_is_watched():
-    assert diagnose.is_watched
+@pytest.mark.parametrize("entry_point", [diagnose, search_base, MechanismProblem.fit])
+def test_every_entry_point_limits_linear_algebra_to_one_thread_and_is_watched(entry_point):
+    assert entry_point.is_watched
 
 
 @pytest.mark.parametrize(
