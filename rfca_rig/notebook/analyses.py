@@ -326,10 +326,10 @@ def effects(*sources: Source) -> "pandas.DataFrame":
 
 
 def _open_problem(sources: Sequence[Source], as_is: bool) -> Problem:
-    """The recordings of all sources. Links to files outside a folder are followed where a source
-    was opened so.
+    """The recordings of all sources. Links to files outside a folder are followed where all
+    sources were opened so.
     """
-    allow_outside = any(
+    allow_outside = all(
         isinstance(source, OpenedRecordings) and source.allow_outside for source in sources
     )
     return open_problem(_paths(sources), as_is, allow_outside)

@@ -53,7 +53,18 @@ def test_samples_that_jump_away_and_come_back_are_glitches(column):
         np.array([0.0, 1.0]),
         np.array([0.0, 9.0, 0.0]),
     ],
-    ids="swing noise encoder flicker bounce step triangle dead short three".split(),
+    ids=[
+        "swing",
+        "noise",
+        "encoder",
+        "flicker",
+        "bounce",
+        "step",
+        "triangle",
+        "dead",
+        "short",
+        "three",
+    ],
 )
 def test_motion_noise_and_encoder_steps_are_no_glitches(column):
     assert find_glitches(column).size == 0
@@ -94,7 +105,7 @@ def test_a_sensor_at_its_limit_is_found(column):
         quantized(np.where(T % 2.0 < 1.0, 1.0, np.cos(np.pi * (T % 2.0 - 1.0)) ** 4)),
         np.zeros(T.size),
     ],
-    ids="swing encoder coarse rests dead".split(),
+    ids=["swing", "encoder", "coarse", "rests", "dead"],
 )
 def test_turning_points_and_rests_are_no_limit(column):
     assert find_limit(column) is None

@@ -285,3 +285,14 @@ def test_a_value_in_another_unit_is_taken_only_as_it_is(tmp_path, monkeypatch, u
     monkeypatch.setattr(inner, stop)
     with pytest.raises(RigError, match="it came to the analysis"):
         use(tmp_path / "slipped", as_is=True)
+
+
+def test_a_link_out_of_one_folder_is_not_followed_because_another_one_may(tmp_path):
+    copytree(SMALL, tmp_path / "theirs")
+    moved = tmp_path / "moved.csv"
+    linked = sorted((tmp_path / "theirs").rglob("*.csv"))[0]
+    linked.rename(moved)
+    linked.symlink_to(moved)
+    ours = rr.open(SMALL, allow_outside=True)
+    with pytest.raises(BadInput, match="outside"):
+        rr.report(ours, tmp_path / "theirs", out=tmp_path / "out")
