@@ -42,7 +42,7 @@ class AnswerPart(Generic[T]):
 
 
 @dataclass(frozen=True)
-class Finding:
+class DecidedSearch:
     """The search for these effects in one set of observations, and its decision."""
 
     effects: Sequence[Effect]

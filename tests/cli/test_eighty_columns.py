@@ -130,8 +130,8 @@ MISTAKES = {
         "did you mean twin?",
     ),
     "a phase misspelt": (("fit", SMALL, "--phases", "loadin"), "did you mean loading?"),
-    "a parameter misspelt, before the strokes are read": (
-        ("fit", "empty.h5", "--parameters", "k"),
+    "a parameter misspelt": (
+        ("fit", SMALL, "--parameters", "k"),
         "'k' is no parameter",
     ),
     "a command misspelt": (("dynamc", "run"), "Did you mean 'dynamic'?"),

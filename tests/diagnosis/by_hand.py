@@ -22,7 +22,7 @@ from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
-from rfca_rig.diagnosis.problem import Finding
+from rfca_rig.diagnosis.problem import DecidedSearch
 from rfca_rig.diagnosis.result import NamedEffect
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel
@@ -165,8 +165,8 @@ def prepared_of(flaps, found: ModelSelectionResult, shafts=()) -> PreparedLeg:
     )
 
 
-def finding_of(search: ModelSelectionResult, decision: Decision) -> Finding:
-    return Finding((), search, decision)
+def finding_of(search: ModelSelectionResult, decision: Decision) -> DecidedSearch:
+    return DecidedSearch((), search, decision)
 
 
 def read_at_rest(

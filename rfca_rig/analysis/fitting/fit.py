@@ -117,7 +117,7 @@ def _scatter(
     return pulls.T @ pulls * strokes / max(strokes - 1, 1), strokes
 
 
-class Problem(Protocol):
+class LeastSquaresProblem(Protocol):
     """Residuals (m,) are simulated minus measured, each over its own standard deviation."""
 
     @property
@@ -138,7 +138,7 @@ class Residuals:
     points that it computed. Points are (p,).
     """
 
-    problem: Problem
+    problem: LeastSquaresProblem
     space: Prior[ModelPoint]
     progress: Progress
     whitening: StrokeWhitening = field(default_factory=StrokeWhitening)
@@ -237,7 +237,7 @@ class Search:
 
 
 def fit(
-    problem: Problem,
+    problem: LeastSquaresProblem,
     space: Prior[ModelPoint],
     search: Search | None = None,
     scatter: Mapping[str, float] | None = None,
@@ -339,7 +339,7 @@ class _PicklableSpace:
 
 def _descent(
     space: _PicklableSpace,
-    problem: Problem,
+    problem: LeastSquaresProblem,
     whitening: StrokeWhitening,
     most_evaluations: int,
     start: tuple[int, Floats],

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.diagnosis.problem import Finding
+from rfca_rig.diagnosis.problem import DecidedSearch
 
 
 @dataclass(frozen=True)
@@ -11,5 +11,5 @@ class LegFindings:
     recorded, or follows the command.
     """
 
-    forces: Finding
-    shaft: Finding | None = None
+    forces: DecidedSearch
+    shaft: DecidedSearch | None = None

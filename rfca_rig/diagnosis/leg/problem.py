@@ -33,7 +33,7 @@ from rfca_rig.diagnosis.leg.findings import LegFindings
 from rfca_rig.diagnosis.leg.model_files import write_fitted_model, write_measured_model
 from rfca_rig.diagnosis.leg.prepared import PreparedLeg, prepare_leg
 from rfca_rig.diagnosis.leg.result import build_leg_result, has_enough_conditions
-from rfca_rig.diagnosis.problem import AnswerPart, Finding, FitOptions, Problem, Row, Solution
+from rfca_rig.diagnosis.problem import AnswerPart, DecidedSearch, FitOptions, Problem, Row, Solution
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
@@ -50,7 +50,7 @@ MEASURED_LAW = "measured-law.toml"
 
 
 @dataclass(frozen=True)
-class LegFit:
+class StrokeFit:
     """Values of the nominal model that were fitted to recordings of strokes.
 
     Parameters
@@ -191,13 +191,13 @@ class LegProblem(Problem):
         prepared = self.prepared
         effects = select_candidates(list_candidates(prepared), without)
         search = search_models(prepared.dataset, prepared.coordinates, effects, progress)
-        forces = Finding(effects, search, decide(search))
+        forces = DecidedSearch(effects, search, decide(search))
         shaft = None
         # Where the shaft follows its command, the drive needs no search of its own.
         if not prepared.as_commanded:
             drive_effects = select_candidates(list_drive_effects((MOTOR_SIDE, LEG_SIDE)), without)
             drive = search_drive(prepared, search, drive_effects, progress)
-            shaft = Finding(drive_effects, drive, decide(drive))
+            shaft = DecidedSearch(drive_effects, drive, decide(drive))
         return LegSolution(prepared, LegFindings(forces, shaft), self.recordings_of_leg[0])
 
     def list_runs(self) -> tuple[Recording, ...]:
@@ -219,7 +219,7 @@ class LegProblem(Problem):
             raise BadInput(f"--shaft {options.shaft}: name one of {', '.join(get_args(Shaft))}")
         select_parameters(options.names)
 
-    def fit(self, options: FitOptions, progress: Progress) -> LegFit:
+    def fit(self, options: FitOptions, progress: Progress) -> StrokeFit:
         """Fit to the part of all strokes that `options` names."""
         self.check_fit(options, None)
         comparison = StrokeComparison(
@@ -244,7 +244,7 @@ class LegProblem(Problem):
             f"{path} ({recording.source}): {recording.title}"
             for path, recording in zip(self.paths, self.recordings_of_leg, strict=False)
         )
-        return LegFit(result, self.recordings_of_leg, sources)
+        return StrokeFit(result, self.recordings_of_leg, sources)
 
 
 def list_candidates(prepared: PreparedLeg) -> list[Effect]:

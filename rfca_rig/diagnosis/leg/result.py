@@ -19,7 +19,7 @@ from rfca_rig.diagnosis.leg.prepared import PreparedLeg
 from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, turns_as_commanded
 from rfca_rig.diagnosis.leg.simulator import COMMAND_DELAY
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
-from rfca_rig.diagnosis.problem import Finding
+from rfca_rig.diagnosis.problem import DecidedSearch
 from rfca_rig.diagnosis.residual_force.free_form import estimate_free_force, state_place
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
@@ -93,7 +93,7 @@ def has_enough_conditions(prepared: PreparedLeg) -> bool:
 
 
 def _with_shaft(
-    result: Diagnosis, decision: Decision, forces: Finding, shaft: Finding
+    result: Diagnosis, decision: Decision, forces: DecidedSearch, shaft: DecidedSearch
 ) -> Diagnosis:
     """The answer with the results in the motion of the shaft: places, curves, and the effects of
     the drive in the model found.
@@ -152,7 +152,7 @@ def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
 
 
 def _locate_free_force(
-    decision: Decision, forces: Finding
+    decision: Decision, forces: DecidedSearch
 ) -> tuple[StatedPlace | None, tuple[str, ...]]:
     """Place of a free force outside the catalogue, and its empirical law if it has a short one;
     the cause is not known.
@@ -187,7 +187,7 @@ def _remarks(prepared: PreparedLeg, search: ModelSelectionResult) -> tuple[str, 
     return (*channel, *shaft)
 
 
-def _describe_delay(prepared: PreparedLeg, shaft: Finding | None) -> tuple[str, ...]:
+def _describe_delay(prepared: PreparedLeg, shaft: DecidedSearch | None) -> tuple[str, ...]:
     """The delay of the drive, where it shows: a gain of the drive that is fitted without the
     delay is wrong.
     """

@@ -29,7 +29,7 @@ from rfca_rig.diagnosis.mechanisms.model_files import (
 )
 from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, prepare_mechanism
 from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
-from rfca_rig.diagnosis.problem import AnswerPart, Finding, FitOptions, Problem, Solution
+from rfca_rig.diagnosis.problem import AnswerPart, DecidedSearch, FitOptions, Problem, Solution
 from rfca_rig.diagnosis.residual_force.law import StatedLaw, describe_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
@@ -70,7 +70,7 @@ class MechanismSolution(Solution):
     """
 
     prepared: PreparedMechanism
-    finding: Finding
+    finding: DecidedSearch
     short: PreparedMechanism
 
     @cached_property
@@ -243,7 +243,7 @@ class MechanismProblem(Problem):
             short, Parameterization(short.space), effects, progress, SEARCH
         )
         return MechanismSolution(
-            prepared, Finding(effects, search, _decide(prepared, search)), short
+            prepared, DecidedSearch(effects, search, _decide(prepared, search)), short
         )
 
     def check_fit(self, options: FitOptions, out: Path | None) -> None:
