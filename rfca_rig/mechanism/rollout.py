@@ -386,6 +386,61 @@ def lag_readings(values: Floats, late: Floats, remains: float, new: float) -> No
             )
 
 
+@jit
+def sample_path(
+    t_s: Floats,
+    h: float,
+    path_q: Floats,
+    path_w: Floats,
+    read_w: Floats,
+    position: Floats,
+    speed: Floats,
+) -> None:
+    """Fills positions and speeds (m, n) at times (m,) between steps of `h` [s], from those before
+    each step and after the last, (k + 1, n).
+
+    Positions follow the cubic through both ends of a step with their speeds `path_w`, the speeds
+    that are read, `read_w`, a straight line.
+    """
+    for m in range(t_s.size):
+        k = min(int(t_s[m] / h), path_q.shape[0] - 2)
+        x = t_s[m] / h - k
+        for i in range(path_q.shape[1]):
+            rise = path_q[k + 1, i] - path_q[k, i]
+            bend = (1.0 - x) * (h * path_w[k, i] - rise) + x * (rise - h * path_w[k + 1, i])
+            position[m, i] = path_q[k, i] + x * rise + x * (1.0 - x) * bend
+            speed[m, i] = read_w[k, i] + x * (read_w[k + 1, i] - read_w[k, i])
+
+
+@jit
+def average_commands(
+    t_s: Floats, command: Floats, total: Floats, edges: Floats, mean: Floats
+) -> None:
+    """Fills the means (k, u) of commands between edges (k + 1,) ascending [s].
+
+    `command` (m, u) are those at times `t_s` (m,), and `total` (m, u) their integral. Outside of
+    these times the end values continue, so the integral grows linearly.
+    """
+    last = t_s.size - 1
+    for i in range(command.shape[1]):
+        place = 0
+        before = 0.0
+        for k in range(edges.size):
+            edge = edges[k]
+            if edge <= t_s[0]:
+                now = (edge - t_s[0]) * command[0, i]
+            elif edge >= t_s[last]:
+                now = total[last, i] + (edge - t_s[last]) * command[last, i]
+            else:
+                while edge > t_s[place + 1]:
+                    place += 1
+                share = (edge - t_s[place]) / (t_s[place + 1] - t_s[place])
+                now = total[place, i] + share * (total[place + 1, i] - total[place, i])
+            if k > 0:
+                mean[k - 1, i] = (now - before) / (edge - edges[k - 1])
+            before = now
+
+
 def simulate_plant(
     plant: Plant,
     trace: CommandTrace,
@@ -443,13 +498,13 @@ def simulate_plant(
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = _read_late(path_w, plant.speed_lag_s, h)
-    # Positions between steps follow a cubic, speeds a straight line.
-    index = np.minimum((t_s / h).astype(np.intp), steps - 1)
-    x = (t_s / h - index)[:, None]
-    position = _between(path_q, path_w, index, x, h) + plant.zero_offset
+    joints = path_q.shape[1]
+    position = np.empty((len(t_s), joints))
+    speed = np.empty((len(t_s), joints))
+    sample_path(t_s, h, path_q, path_w, read_w, position, speed)
     return Motion(
-        position,
-        read_w[index] + x * (read_w[index + 1] - read_w[index]),
+        position + plant.zero_offset,
+        speed,
         _read_sensors(plant, path.sensors, t_s, since_s),
         touch_s,
     )
@@ -703,16 +758,6 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
     return np.asarray(read * plant.sensor_gain + plant.sensor_offset + drift)
 
 
-def _between(path_q: Floats, path_w: Floats, place: Places, x: Floats, h: float) -> Floats:
-    """The cubic through both ends of a step with their speeds, at the share `x` (k, 1) of the
-    steps at `place`.
-    """
-    rise = path_q[place + 1] - path_q[place]
-    bend = (1.0 - x) * (h * path_w[place] - rise) + x * (rise - h * path_w[place + 1])
-    between: Floats = path_q[place] + x * rise + x * (1.0 - x) * bend
-    return between
-
-
 def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> Floats:
     """(k, u) what acts during each step: the mean over the step, after delay, lag, gain, dead
     band and saturation.
@@ -726,19 +771,10 @@ def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> 
         before = 0
     edges = np.arange(-before, steps + 1) * h
     edges = edges - plant.command_delay_s - plant.command_clock_rate * (since_s + edges)
-    # Outside of the trace its end values continue, so the integral grows linearly there.
-    first = trace.t_s[0]
-    last = trace.t_s[-1]
-    beyond = (
-        np.minimum(edges - first, 0.0)[:, None] * trace.command[0]
-        + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
-    )
     # Differences of the integral at the edges of the steps are exact means, however coarse the
     # steps are.
-    sums = (
-        np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
-    )
-    command = np.diff(sums, axis=0) / np.diff(edges)[:, None]
+    command = np.empty((len(edges) - 1, trace.command.shape[1]))
+    average_commands(trace.t_s, trace.command, trace.total, edges, command)
     if plant.command_lag_s > 0.0:
         low_pass(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))
         # The mean over the step, not the value at its end.
