@@ -313,6 +313,10 @@ def _compile(path: Path, mjcf: str = "") -> Mechanism:
     try:
         spec = read_spec(path, mjcf)
         spec.memory = ARENA_BYTES
+        # MuJoCo takes a shortcut for a body whose centre of mass is at its frame, and then refuses
+        # the nuisance parameters and effects that move the centre of mass.
+        for body in spec.bodies[1:]:
+            body.simple = False
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise BadInput(
