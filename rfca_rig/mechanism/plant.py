@@ -172,9 +172,9 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
             in replaced
         ):
             model.pair_margin[pair] = NEVER_M
-    # Where no contact is left for MuJoCo, it need not detect any. Nor need it divide the joints into
-    # islands, which suits mechanisms of many parts: to solve the dry friction of a few joints at
-    # once takes a fifth less of a step, and gives the same numbers.
+    # Where no contact is left for MuJoCo, it need not detect any. Nor need it divide the joints
+    # into islands, which suits mechanisms of many parts: to solve the dry friction of a few joints
+    # at once takes a fifth less of a step, and gives the same numbers.
     if len(replaced) == model.npair and not np.any(
         model.geom_contype & model.geom_conaffinity[:, None]
     ):

@@ -769,7 +769,7 @@ def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> 
         before = int(max(0.0, -trace.t_s[0] / plant.step_s))
     else:
         before = 0
-    edges = np.arange(-before, steps + 1) * h
+    edges: Floats = np.arange(-before, steps + 1, dtype=np.float64) * h
     edges = edges - plant.command_delay_s - plant.command_clock_rate * (since_s + edges)
     # Differences of the integral at the edges of the steps are exact means, however coarse the
     # steps are.
