@@ -123,8 +123,10 @@ def bin_starts(t_s: Floats, bin_s: float) -> Indices:
 
 def bin_means(values: Floats, bins: Indices) -> Floats:
     """Means (b, n) of samples (k, n) over bins that begin at indices `bins` (b,)."""
-    counts = np.diff(np.append(bins, len(values)))
-    return np.asarray(np.add.reduceat(values, bins) / counts[:, None])
+    counts = np.empty((len(bins), 1), dtype=np.intp)
+    counts[:-1, 0] = bins[1:] - bins[:-1]
+    counts[-1, 0] = len(values) - bins[-1]
+    return np.asarray(np.add.reduceat(values, bins) / counts)
 
 
 def sample_std(values: Floats) -> Floats:

@@ -16,7 +16,7 @@ of a campaign with the simulator that predicts them.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.data import Observations, stack_observations
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.executors.parallel import map_in_processes, map_in_threads, split_results
+from rfca_rig.executors.cores import cores
+from rfca_rig.executors.parallel import (
+    map_in_processes,
+    map_in_threads,
+    split_evenly,
+    split_results,
+)
 from rfca_rig.model.parameters import PresentEffect
 
 Floats = NDArray[np.float64]
@@ -112,6 +118,14 @@ class Simulator(ABC):
         SimulationFailed, BadInput
             Where the model has no answer. The search then stays away from this input.
         """
+
+    def simulate_each(self, at: Any, conditions: Sequence[Any]) -> Iterator[Floats]:
+        """The observations (m,) of one condition after the other, as `simulate`.
+
+        A simulator that prepares an input for long does it here once for all conditions.
+        """
+        for condition in conditions:
+            yield self.simulate(at, condition)
 
     @property
     def varies_many(self) -> bool:
@@ -242,9 +256,8 @@ class Dataset:
         """The model's rows (m,) at an input of the simulator, conditions in parallel; None where
         the model has no answer.
         """
-        return _join_or_none(
-            map_in_threads(lambda part: self.simulator.simulate_or_none(at, part), self.parts)
-        )
+        groups = split_evenly(self.parts, cores())
+        return _join_or_none(map_in_threads(lambda parts: self._predict(at, parts), groups))
 
     def predict_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
         """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases
@@ -252,7 +265,7 @@ class Dataset:
         """
 
         def predict(at: Any) -> Floats | None:
-            return _join_or_none(self.simulator.simulate_or_none(at, part) for part in self.parts)
+            return self._predict(at, self.parts)
 
         # One task per input: nested pools would only oversubscribe the cores.
         apply = map_in_processes if self._is_long(inputs) else map_in_threads
@@ -288,6 +301,13 @@ class Dataset:
             # Each part has its changes for all inputs of the block.
             joined += [_join_or_none(of_input) for of_input in zip(*of_parts, strict=True)]
         return joined
+
+    def _predict(self, at: Any, parts: Sequence[Any]) -> Floats | None:
+        """The model's rows of these conditions; None where it has no answer for one of them."""
+        try:
+            return np.concatenate(list(self.simulator.simulate_each(at, parts)))
+        except (SimulationFailed, BadInput):
+            return None
 
     def _is_long(self, inputs: Sequence[Any]) -> bool:
         return len(inputs) * len(self.parts) >= MANY_SIMULATIONS

@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -40,6 +41,13 @@ def map_in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> lis
         return [work(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(work, items))
+
+
+def split_evenly(items: Sequence[Item], most: int) -> list[Sequence[Item]]:
+    """The items in order in groups of about the same size, at most `most` of them, none empty."""
+    count = min(most, len(items))
+    edges = [len(items) * number // count for number in range(count + 1)]
+    return [items[first:last] for first, last in pairwise(edges)]
 
 
 def split_results(results: Sequence[Result], sizes: Iterable[int]) -> list[Sequence[Result]]:

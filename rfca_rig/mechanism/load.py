@@ -17,6 +17,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.escaping import find_unusable_sign
 from rfca_rig.executors.reading import read_within_limits
 from rfca_rig.mechanism.contact_law import SphereOnPlane
+from rfca_rig.mechanism.library import switch_off_timers
 from rfca_rig.mechanism.named_files import find_named_files, refuse_non_finite
 from rfca_rig.subprocesses import safe_path
 
@@ -283,6 +284,7 @@ def _prepare_mujoco() -> None:
     # By default MuJoCo writes warnings to a log file in the working directory; `roll` detects a
     # simulation that diverges.
     mujoco.set_mju_user_warning(_ignore)
+    switch_off_timers()
 
 
 def _is_plain(path: Path) -> bool:
@@ -311,6 +313,10 @@ def _compile(path: Path, mjcf: str = "") -> Mechanism:
     try:
         spec = read_spec(path, mjcf)
         spec.memory = ARENA_BYTES
+        # MuJoCo takes a shortcut for a body whose centre of mass is at its frame, and then refuses
+        # the nuisance parameters and effects that move the centre of mass.
+        for body in spec.bodies[1:]:
+            body.simple = False
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise BadInput(

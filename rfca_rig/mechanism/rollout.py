@@ -20,9 +20,10 @@ from scipy.optimize import root
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
-from rfca_rig.mechanism.contact_step import StageArrays, list_addresses, take_step
+from rfca_rig.mechanism.contact_step import StageArrays, take_step
 from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
 from rfca_rig.mechanism.laws import pack_laws
+from rfca_rig.mechanism.library import MujocoArrays, list_arrays
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
 from rfca_rig.model.kernel.compiled import jit, jit_internal
@@ -208,151 +209,157 @@ def look_up(row: Floats, which: int, count: int, u: float) -> float:
     )
 
 
+class TorqueArrays(NamedTuple):
+    """Torques in the n joints that MuJoCo does not have.
+
+    `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the
+    load that is lost, Dahl's friction and the angle over which it builds up. `bristle` (n,) is the
+    state of Dahl's friction, `offset` (n,) are constant torques, `law_numbers` and `law_tables`
+    come from `pack_laws`.
+    """
+
+    friction: Floats
+    bristle: Floats
+    offset: Floats
+    law_numbers: Floats
+    law_tables: Floats
+
+
+class CommandArrays(NamedTuple):
+    """Commands of the u actuators in each of k steps, and how they fall with speed.
+
+    `command` (k, u). `torque_speed` (2, u) or (2, 0): the largest command at rest, and its relative
+    decrease per unit of speed of the actuator's joint, `joints` (u,); the second is negative where
+    the gear reverses the direction.
+    """
+
+    command: Floats
+    torque_speed: Floats
+    joints: Places
+
+
+class PathArrays(NamedTuple):
+    """What a simulation of k steps leaves.
+
+    Positions `q` and speeds `w` (k + 1, n) before each step and after the last, `sensors` (k + 1,
+    d) or (k + 1, 0) before each step, as MuJoCo computes them at a step's beginning, and the
+    torques of the actuators in each step, `torque` (k, n) or (k, 0).
+    """
+
+    q: Floats
+    w: Floats
+    sensors: Floats
+    torque: Floats
+
+
 @jit_internal
-def act_tables(
-    numbers: Floats,
-    tables: Floats,
-    q: Floats,
-    w: Floats,
-    before: Floats,
-    h: float,
-    applied: Floats,
-    frictionloss: Floats,
-) -> None:
-    """Adds the torques of `pack_laws` to MuJoCo's own arrays; `before` (n,) are the speeds a step
+def act_tables(torques: TorqueArrays, mujoco: MujocoArrays, before: Floats, h: float) -> None:
+    """Adds the torques of tables to MuJoCo's own arrays; `before` (n,) are the speeds a step
     earlier.
 
     A braking torque becomes dry friction, which cannot reverse the motion within a step. As an
     explicit torque, a steep law would need steps shorter than inertia over slope.
     """
-    for m in range(numbers.shape[0]):
-        i = int(numbers[m, 0])
-        by_speed = numbers[m, 1] > 0.0
-        count = int(numbers[m, 2])
+    for m in range(torques.law_numbers.shape[0]):
+        numbers = torques.law_numbers[m]
+        table = torques.law_tables[m]
+        i = int(numbers[0])
+        by_speed = numbers[1] > 0.0
+        count = int(numbers[2])
+        speed = mujoco.w[i]
         # Positions are taken in the middle of the step, or a spring would gain energy.
-        u = w[i] if by_speed else q[i] + 0.5 * h * w[i]
-        value = look_up(tables[m], 1, count, u)
+        u = speed if by_speed else mujoco.q[i] + 0.5 * h * speed
+        value = look_up(table, 1, count, u)
         if by_speed:
             towards = 1.0 if u > 0.0 else -1.0
-            brakes = frictionloss[i] + value * towards
+            brakes = mujoco.frictionloss[i] + value * towards
             # A negative friction loss is impossible: the part that drives the motion is applied as
             # a torque.
-            frictionloss[i] = max(brakes, 0.0)
-            applied[i] -= min(brakes, 0.0) * towards
+            mujoco.frictionloss[i] = max(brakes, 0.0)
+            mujoco.applied[i] -= min(brakes, 0.0) * towards
         else:
-            applied[i] -= value
+            mujoco.applied[i] -= value
         # Rate of the argument: its sign selects the branch of a hysteresis, smoothly about zero.
-        rate = (w[i] - before[i]) / h if by_speed else w[i]
-        applied[i] -= look_up(tables[m], 2, count, u) * np.tanh(rate / numbers[m, 3])
+        rate = (speed - before[i]) / h if by_speed else speed
+        mujoco.applied[i] -= look_up(table, 2, count, u) * np.tanh(rate / numbers[3])
 
 
 @jit_internal
-def apply_friction(
-    friction: Floats,
-    by_actuators: Floats,
-    w: Floats,
-    h: float,
-    bristle: Floats,
-    applied: Floats,
-    frictionloss: Floats,
-) -> None:
-    """Sets the dry friction of a step, and adds Dahl's friction to `applied`; `friction` (7, n)
-    and `bristle` (n,) as in `run_steps`, the others (n,).
-    """
-    for i in range(w.size):
+def apply_friction(torques: TorqueArrays, mujoco: MujocoArrays, h: float) -> None:
+    """Sets the dry friction of a step, and adds Dahl's friction to the applied torques."""
+    friction = torques.friction
+    bristle = torques.bristle
+    for i in range(mujoco.w.size):
+        speed = mujoco.w[i]
         if friction[1, i] > 0.0:
-            rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i])
+            rise = friction[2, i] * np.exp(-abs(speed) / friction[3, i])
         else:
             rise = 0.0
         # The load is that of the step before, which MuJoCo has computed already.
-        frictionloss[i] = (
-            friction[0, i] + friction[1, i] * (1.0 + rise) + friction[4, i] * abs(by_actuators[i])
+        load = abs(mujoco.by_actuators[i])
+        mujoco.frictionloss[i] = (
+            friction[0, i] + friction[1, i] * (1.0 + rise) + friction[4, i] * load
         )
         if friction[5, i] > 0.0:
             # Dahl's equation, solved exactly for a constant speed during the step; the mean over
             # the step acts.
-            slip = h * w[i] / friction[6, i]
+            slip = h * speed / friction[6, i]
             towards = 1.0 if slip > 0.0 else -1.0
             after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
-            applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
+            mujoco.applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
             bristle[i] = after
+
+
+@jit_internal
+def set_commands(commands: CommandArrays, k: int, mujoco: MujocoArrays) -> None:
+    """Sets the commands of step k, limited by the speeds at its beginning."""
+    for j in range(mujoco.ctrl.size):
+        mujoco.ctrl[j] = commands.command[k, j]
+    for j in range(commands.torque_speed.shape[1]):
+        # The limit falls with speed in the direction of the motion, and grows against it: one
+        # straight line through both.
+        at_rest = commands.torque_speed[0, j]
+        lost = commands.torque_speed[1, j] * mujoco.w[commands.joints[j]]
+        mujoco.ctrl[j] = min(
+            max(mujoco.ctrl[j], -at_rest * max(0.0, 1.0 + lost)), at_rest * max(0.0, 1.0 - lost)
+        )
 
 
 @jit
 def run_steps(
-    addresses: NDArray[np.int64],
-    model: int,
-    data: int,
-    q: Floats,
-    w: Floats,
-    ctrl: Floats,
-    by_actuators: Floats,
-    applied: Floats,
-    frictionloss: Floats,
-    command: Floats,
-    friction: Floats,
-    offset: Floats,
-    bristle: Floats,
-    law_numbers: Floats,
-    law_tables: Floats,
-    torque_speed: Floats,
-    joints: Places,
+    mujoco: MujocoArrays,
     h: float,
-    path_q: Floats,
-    path_w: Floats,
-    sensordata: Floats,
-    path_s: Floats,
-    path_torque: Floats,
+    commands: CommandArrays,
+    torques: TorqueArrays,
+    play: PlayArrays,
     prescribed: PrescribedArrays,
     contacts: ContactArrays,
     stages: StageArrays,
-    play: PlayArrays,
+    path: PathArrays,
 ) -> None:
-    """Steps through `command` (k, u) and stores positions and speeds before each step and after the
-    last, (k + 1, n).
-
-    Sensors are stored before each step, (k, d): MuJoCo computes them at a step's beginning.
-
-    `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the
-    load that is lost, Dahl's friction and the angle over which it builds up. `offset` (n,) are
-    constant torques, `bristle` (n,) the state of Dahl's friction, `law_numbers` and `law_tables`
-    come from `pack_laws`. The arrays from `q` to `frictionloss` are MuJoCo's own.
-
-    `torque_speed` (2, u) or (2, 0): the largest command at rest, and its relative decrease per unit
-    of speed of the actuator's joint, `joints` (u,); the second is negative where the gear reverses
-    the direction. `path_torque` (k, n) or (k, 0): the torques of the actuators in each step.
-    """
-    for k in range(command.shape[0]):
+    """Takes a step of `h` [s] for each command, and fills `path`."""
+    steps = commands.command.shape[0]
+    q = mujoco.q
+    w = mujoco.w
+    for k in range(steps):
         for i in range(q.size):
-            applied[i] = offset[i]
-        prescribe(prescribed, k, h, q, w, applied)
-        add_spring_play(play, q, w, applied)
+            mujoco.applied[i] = torques.offset[i]
+        prescribe(prescribed, k, h, q, w, mujoco.applied)
+        add_spring_play(play, q, w, mujoco.applied)
         for i in range(q.size):
-            path_q[k, i] = q[i]
-            path_w[k, i] = w[i]
-        apply_friction(friction, by_actuators, w, h, bristle, applied, frictionloss)
-        if law_numbers.shape[0] > 0:
-            act_tables(
-                law_numbers, law_tables, q, w, path_w[max(k - 1, 0)], h, applied, frictionloss
-            )
-        for j in range(ctrl.size):
-            ctrl[j] = command[k, j]
-        for j in range(torque_speed.shape[1]):
-            # The limit falls with speed in the direction of the motion, and grows against it: one
-            # straight line through both.
-            lost = torque_speed[1, j] * w[joints[j]]
-            ctrl[j] = min(
-                max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)),
-                torque_speed[0, j] * max(0.0, 1.0 - lost),
-            )
-        take_step(addresses, model, data, q, w, h, stages, contacts, sensordata, path_s[k])
-        for i in range(path_torque.shape[1]):
-            path_torque[k, i] = by_actuators[i]
+            path.q[k, i] = q[i]
+            path.w[k, i] = w[i]
+        apply_friction(torques, mujoco, h)
+        act_tables(torques, mujoco, path.w[max(k - 1, 0)], h)
+        set_commands(commands, k, mujoco)
+        take_step(mujoco, h, stages, contacts, path.sensors[k])
+        for i in range(path.torque.shape[1]):
+            path.torque[k, i] = mujoco.by_actuators[i]
     # The last state, after the last step, has its prescribed joints on the trajectory as well.
-    prescribe(prescribed, command.shape[0], h, q, w, applied)
+    prescribe(prescribed, steps, h, q, w, mujoco.applied)
     for i in range(q.size):
-        path_q[-1, i] = q[i]
-        path_w[-1, i] = w[i]
+        path.q[-1, i] = q[i]
+        path.w[-1, i] = w[i]
 
 
 @jit
@@ -377,6 +384,61 @@ def lag_readings(values: Floats, late: Floats, remains: float, new: float) -> No
                 + new * values[k, i]
                 + (1.0 - remains - new) * values[k - 1, i]
             )
+
+
+@jit
+def sample_path(
+    t_s: Floats,
+    h: float,
+    path_q: Floats,
+    path_w: Floats,
+    read_w: Floats,
+    position: Floats,
+    speed: Floats,
+) -> None:
+    """Fills positions and speeds (m, n) at times (m,) between steps of `h` [s], from those before
+    each step and after the last, (k + 1, n).
+
+    Positions follow the cubic through both ends of a step with their speeds `path_w`, the speeds
+    that are read, `read_w`, a straight line.
+    """
+    for m in range(t_s.size):
+        k = min(int(t_s[m] / h), path_q.shape[0] - 2)
+        x = t_s[m] / h - k
+        for i in range(path_q.shape[1]):
+            rise = path_q[k + 1, i] - path_q[k, i]
+            bend = (1.0 - x) * (h * path_w[k, i] - rise) + x * (rise - h * path_w[k + 1, i])
+            position[m, i] = path_q[k, i] + x * rise + x * (1.0 - x) * bend
+            speed[m, i] = read_w[k, i] + x * (read_w[k + 1, i] - read_w[k, i])
+
+
+@jit
+def average_commands(
+    t_s: Floats, command: Floats, total: Floats, edges: Floats, mean: Floats
+) -> None:
+    """Fills the means (k, u) of commands between edges (k + 1,) ascending [s].
+
+    `command` (m, u) are those at times `t_s` (m,), and `total` (m, u) their integral. Outside of
+    these times the end values continue, so the integral grows linearly.
+    """
+    last = t_s.size - 1
+    for i in range(command.shape[1]):
+        place = 0
+        before = 0.0
+        for k in range(edges.size):
+            edge = edges[k]
+            if edge <= t_s[0]:
+                now = (edge - t_s[0]) * command[0, i]
+            elif edge >= t_s[last]:
+                now = total[last, i] + (edge - t_s[last]) * command[last, i]
+            else:
+                while edge > t_s[place + 1]:
+                    place += 1
+                share = (edge - t_s[place]) / (t_s[place + 1] - t_s[place])
+                now = total[place, i] + share * (total[place + 1, i] - total[place, i])
+            if k > 0:
+                mean[k - 1, i] = (now - before) / (edge - edges[k - 1])
+            before = now
 
 
 def simulate_plant(
@@ -419,9 +481,11 @@ def simulate_plant(
         start = None
     else:
         start = (position - plant.zero_offset, speed)
-    path_q, path_w, path_s, touch_s = _integrate(
+    path, touch_s = _integrate(
         plant, trace, steps, start, since_s, sample_s, _prescribe(plant, prescribed, steps)
     )
+    path_q = path.q
+    path_w = path.w
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
         where = plant.mechanism.path
         raise SimulationFailed(
@@ -434,14 +498,14 @@ def simulate_plant(
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = _read_late(path_w, plant.speed_lag_s, h)
-    # Positions between steps follow a cubic, speeds a straight line.
-    index = np.minimum((t_s / h).astype(np.intp), steps - 1)
-    x = (t_s / h - index)[:, None]
-    position = _between(path_q, path_w, index, x, h) + plant.zero_offset
+    joints = path_q.shape[1]
+    position = np.empty((len(t_s), joints))
+    speed = np.empty((len(t_s), joints))
+    sample_path(t_s, h, path_q, path_w, read_w, position, speed)
     return Motion(
-        position,
-        read_w[index] + x * (read_w[index + 1] - read_w[index]),
-        _read_sensors(plant, path_s, t_s, since_s),
+        position + plant.zero_offset,
+        speed,
+        _read_sensors(plant, path.sensors, t_s, since_s),
         touch_s,
     )
 
@@ -501,21 +565,20 @@ def _contact_arrays(plant: Plant, data: Any) -> ContactArrays:
     )
 
 
-def _stage_arrays(plant: Plant, data: Any) -> StageArrays:
+def _stage_arrays(plant: Plant) -> StageArrays:
     laws = len(plant.mechanism.contacts)
     if plant.mechanism.is_implicit or laws == 0:
         n = 0
     else:
         n = plant.model.nv
     return StageArrays(
-        np.empty(n),
-        np.empty(n),
-        np.empty((laws, 3)),
-        np.empty(laws),
-        np.empty((2, n)),
-        data.qacc,
-        data.qacc_warmstart,
+        np.empty(n), np.empty(n), np.empty((laws, 3)), np.empty(laws), np.empty((2, n))
     )
+
+
+def _torque_arrays(plant: Plant, steady: Floats) -> TorqueArrays:
+    friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
+    return TorqueArrays(friction, np.zeros(plant.model.nv), steady, *pack_laws(plant.laws))
 
 
 def _play_arrays(plant: Plant) -> PlayArrays:
@@ -540,26 +603,22 @@ def _integrate(
     since_s: float,
     sample_s: float,
     driven: PrescribedArrays,
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Positions and speeds (k + 1, n) at the encoders, sensors (k + 1, d) at the ends of the steps,
-    and times of first contact (c,).
+) -> tuple[PathArrays, Floats]:
+    """The path with positions and speeds at the encoders, and times of first contact (c,).
 
     `start` are positions and speeds (n,) at the motors, None for a start at rest.
     """
     import mujoco  # noqa: PLC0415  (optional)
 
     model = plant.model
-    commands = _commands(plant, trace, steps, since_s)
-    path_q = np.empty((steps + 1, model.nv))
-    path_w = np.empty((steps + 1, model.nv))
-    path_s = np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0))
-    friction = np.vstack([plant.friction, plant.stribeck, plant.load_loss, plant.hysteresis])
+    command = _commands(plant, trace, steps, since_s)
     steady = plant.torque_offset if trace.is_powered else np.zeros(model.nv)
+    # What an earlier simulation with this model left would begin this one.
+    model.dof_frictionloss[:] = plant.friction + plant.stribeck[0]
     with plant.mechanism.borrow_data(model) as data:
         contacts = _contact_arrays(plant, data)
-        stages = _stage_arrays(plant, data)
         play = _play_arrays(plant)
-        data.ctrl[:] = commands[0]
+        data.ctrl[:] = command[0]
         if start is None:
             _start_at_rest(plant, data, driven, contacts, play, steady)
         else:
@@ -568,7 +627,7 @@ def _integrate(
         # The first step's friction depends on the actuators' torques.
         mujoco.mj_forward(model, data)
         if plant.reading_lag_s > 0.0 and start is not None:
-            _move_to_late_start(plant, data, start, commands)
+            _move_to_late_start(plant, data, start, command)
         gears = None
         # The start was read by the motors' encoders, too; the joints are behind by the deflection.
         if plant.has_yielding_gears:
@@ -579,47 +638,36 @@ def _integrate(
             )
             data.qpos[:] = data.qpos - gears.ahead
             data.qvel[:] = data.qvel - gears.rate
-            data.ctrl[:] = commands[0]
+            data.ctrl[:] = command[0]
             mujoco.mj_forward(model, data)
-        path_torque = np.empty((steps, 0 if gears is None else model.nv))
+        path = PathArrays(
+            q=np.empty((steps + 1, model.nv)),
+            w=np.empty((steps + 1, model.nv)),
+            sensors=np.empty((steps + 1, model.nsensordata if plant.reads_sensors else 0)),
+            torque=np.empty((steps, 0 if gears is None else model.nv)),
+        )
         run_steps(
-            list_addresses(),
-            model._address,
-            data._address,
-            data.qpos,
-            data.qvel,
-            data.ctrl,
-            data.qfrc_actuator,
-            data.qfrc_applied,
-            model.dof_frictionloss,
-            commands,
-            friction,
-            steady,
-            np.zeros(model.nv),
-            *pack_laws(plant.laws),
-            *_torque_speed(plant),
+            list_arrays(model, data),
             plant.step_s,
-            path_q,
-            path_w,
-            data.sensordata,
-            path_s,
-            path_torque,
+            CommandArrays(command, *_torque_speed(plant)),
+            _torque_arrays(plant, steady),
+            play,
             driven,
             contacts,
-            stages,
-            play,
+            _stage_arrays(plant),
+            path,
         )
         # Sensors after the last step. Contact forces are applied first, since the sensors read
         # their reaction.
-        if path_s.size:
+        if path.sensors.size:
             if contacts.radius.size:
                 mujoco.mj_forward(model, data)
                 apply_contact_forces(contacts, 0.0)
             mujoco.mj_forward(model, data)
-            path_s[-1] = data.sensordata
-    if gears is not None and np.isfinite(path_w[-1]).all():
-        add_deflection(plant, gears, path_torque, path_q, path_w, sample_s)
-    return path_q, path_w, path_s, contacts.touch_s
+            path.sensors[-1] = data.sensordata
+    if gears is not None and np.isfinite(path.w[-1]).all():
+        add_deflection(plant, gears, path.torque, path.q, path.w, sample_s)
+    return path, contacts.touch_s
 
 
 def _move_to_late_start(
@@ -710,16 +758,6 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
     return np.asarray(read * plant.sensor_gain + plant.sensor_offset + drift)
 
 
-def _between(path_q: Floats, path_w: Floats, place: Places, x: Floats, h: float) -> Floats:
-    """The cubic through both ends of a step with their speeds, at the share `x` (k, 1) of the
-    steps at `place`.
-    """
-    rise = path_q[place + 1] - path_q[place]
-    bend = (1.0 - x) * (h * path_w[place] - rise) + x * (rise - h * path_w[place + 1])
-    between: Floats = path_q[place] + x * rise + x * (1.0 - x) * bend
-    return between
-
-
 def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> Floats:
     """(k, u) what acts during each step: the mean over the step, after delay, lag, gain, dead
     band and saturation.
@@ -731,21 +769,12 @@ def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> 
         before = int(max(0.0, -trace.t_s[0] / plant.step_s))
     else:
         before = 0
-    edges = np.arange(-before, steps + 1) * h
+    edges: Floats = np.arange(-before, steps + 1, dtype=np.float64) * h
     edges = edges - plant.command_delay_s - plant.command_clock_rate * (since_s + edges)
-    # Outside of the trace its end values continue, so the integral grows linearly there.
-    first = trace.t_s[0]
-    last = trace.t_s[-1]
-    beyond = (
-        np.minimum(edges - first, 0.0)[:, None] * trace.command[0]
-        + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
-    )
     # Differences of the integral at the edges of the steps are exact means, however coarse the
     # steps are.
-    sums = (
-        np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
-    )
-    command = np.diff(sums, axis=0) / np.diff(edges)[:, None]
+    command = np.empty((len(edges) - 1, trace.command.shape[1]))
+    average_commands(trace.t_s, trace.command, trace.total, edges, command)
     if plant.command_lag_s > 0.0:
         low_pass(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))
         # The mean over the step, not the value at its end.

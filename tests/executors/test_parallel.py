@@ -12,7 +12,7 @@ import pytest
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors import parallel
 from rfca_rig.executors.cores import VARIABLE, cores
-from rfca_rig.executors.parallel import map_in_processes, map_in_threads
+from rfca_rig.executors.parallel import map_in_processes, map_in_threads, split_evenly
 from tests.waiting import wait_for
 
 needs_copies = pytest.mark.skipif(
@@ -134,3 +134,8 @@ def test_the_work_is_done_here_where_no_process_may_be_started(
 
     monkeypatch.setattr(os, "fork", refuse)
     assert map_in_processes(lambda _: os.getpid(), range(4)) == [os.getpid()] * 4
+
+
+def test_items_are_split_in_order_into_groups_of_about_the_same_size():
+    assert split_evenly("abcdefg", 3) == ["ab", "cd", "efg"]
+    assert split_evenly("ab", 8) == ["a", "b"]

@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.mechanism.plant import make_plant
-from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
+from rfca_rig.mechanism.plant import add_point_mass, make_plant, update_constants
+from rfca_rig.mechanism.rollout import CommandTrace, average_commands, simulate_plant
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, _rate, mjcf
 
@@ -19,6 +19,7 @@ ARM = Arm()
 START_RAD = np.array([0.9, -0.4, 0.7])
 START_RAD_S = np.array([0.5, -1.0, 2.0])
 T_S = np.linspace(0.005, 0.5, 100)
+NO_COMMAND = CommandTrace(np.array([-0.1, 0.7]), np.empty((2, 0)))
 
 
 def loaded(tmp_path, text):
@@ -338,3 +339,51 @@ def test_small_commands_have_no_effect(tmp_path):
     assert dead == pytest.approx(
         simulate_plant(plant, told([1.5, -0.5, 0.0]), START_RAD, START_RAD_S, T_S).position
     )
+
+
+def test_a_step_reads_no_clock(tmp_path):
+    """MuJoCo's timers would take half the time of a step of a pendulum."""
+    mujoco = pytest.importorskip("mujoco")
+    model = loaded(tmp_path, mjcf(ARM)).model
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 100)
+    timer = data.timer[mujoco.mjtTimer.mjTIMER_STEP]
+    assert timer.number == 100
+    assert timer.duration == 0.0
+
+
+def test_a_motion_does_not_depend_on_the_one_before_it(tmp_path):
+    """The lag of the readings makes the start depend on the acceleration, and so on friction."""
+    plant = make_plant(loaded(tmp_path, mjcf(ARM)), 4e-3)
+    plant.friction[:] = 0.3
+    plant.load_loss[:] = 0.1
+    plant.reading_lag_s = 0.01
+    first, second = (
+        simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S) for _ in range(2)
+    )
+    assert np.array_equal(first.position, second.position)
+    assert np.array_equal(first.speed, second.speed)
+
+
+def test_the_mean_of_commands_continues_their_end_values():
+    t_s = np.array([0.0, 1.0, 3.0])
+    command = np.array([[1.0], [3.0], [3.0]])
+    trace = CommandTrace(t_s, command)
+    edges = np.array([-2.0, -0.5, 0.5, 1.0, 2.5, 3.5, 7.0])
+    mean = np.empty((6, 1))
+    average_commands(t_s, command, trace.total, edges, mean)
+    # Within a span of the trace its mean acts.
+    assert mean[:, 0] == pytest.approx([1.0, 1.5, 2.0, 3.0, 3.0, 3.0])
+
+
+def test_the_centre_of_mass_moves_off_the_axis(tmp_path):
+    """MuJoCo refuses that of a body that it compiled with a shortcut."""
+    text = """<mujoco><worldbody><body name="disc"><joint name="axis" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></worldbody></mujoco>"""
+    plant = make_plant(loaded(tmp_path, text), 4e-3)
+    add_point_mass(plant, 1, np.array([0.1, 0.0, 0.0]), 0.5)
+    update_constants(plant)
+    # Gravity turns the disc towards its mass: torque over inertia about the axis.
+    motion = simulate_plant(plant, NO_COMMAND, np.zeros(1), np.zeros(1), np.array([0.01]))
+    rate_rad_s2 = 0.5 * 9.81 * 0.1 / (0.1 + 0.5 * 0.1**2)
+    assert motion.speed[0, 0] == pytest.approx(rate_rad_s2 * 0.01, rel=1e-3)

@@ -4,7 +4,7 @@ Of recordings that begin at rest each condition is one window, the mean of its r
 from static equilibrium.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -133,7 +133,8 @@ class CorrectedWindow:
         if not len(self.start_effect):
             return simulated
         start_error = self.gain @ (self.window.measured - simulated).ravel()
-        return np.asarray(simulated + np.tensordot(start_error, self.start_effect, 1))
+        moved = start_error @ self.start_effect.reshape(len(start_error), -1)
+        return np.asarray(simulated + moved.reshape(simulated.shape))
 
     @property
     def start_std(self) -> Floats:
@@ -306,8 +307,17 @@ class MechanismSimulator(Simulator):
         """Predicted rows (m,) of a condition, from the starts that fit best. Raises
         SimulationFailed.
         """
+        return next(self.simulate_each(at, [condition]))
+
+    def simulate_each(self, at: MechanismInput, conditions: Sequence[Motions]) -> Iterator[Floats]:
+        """Predicted rows (m,) of one condition after the other, by one plant. Raises
+        SimulationFailed.
+        """
         plant = self.plant(at)
-        return np.concatenate([self.predict(plant, window).ravel() for window in condition.windows])
+        for condition in conditions:
+            yield np.concatenate(
+                [self.predict(plant, window).ravel() for window in condition.windows]
+            )
 
 
 # Model error of a sensor, as for the strokes of a leg (`diagnosis.leg.strokes`): 1 % of the signal
