@@ -237,8 +237,11 @@ class Pyramid:
 
     def oldest(self, level: int) -> int:
         """The first bucket that a level still holds."""
+        kept = CAPACITY
         # In level 0 the slots of open buckets take part of the ring.
-        return max(self._closed[level] - (CAPACITY - AHEAD if level == 0 else CAPACITY), 0)
+        if level == 0:
+            kept -= AHEAD
+        return max(self._closed[level] - kept, 0)
 
     def between(self, level: int, begin: int, end: int) -> Extrema:
         """Extrema (end - begin, channels) of closed buckets `begin` to before `end`; those no

@@ -61,15 +61,9 @@ class Replay:
             ListedStage(clip.label, clip.kind, round(clip.duration_s, 4))
             for clip in self.player.clips
         ]
-        limits: list[dict[str, object]] = [
-            {
-                "name": gauge.name,
-                "unit": gauge.unit,
-                "limit": round(gauge.limit, 4),
-                "code": str(gauge.code),
-            }
-            for gauge in (gauges(self._limits) if self._limits else ())
-        ]
+        limits: list[dict[str, object]] = []
+        if self._limits:
+            limits = [_describe_gauge(gauge) for gauge in gauges(self._limits)]
         return hello(
             self._stored.title,
             self._stored.source,
@@ -93,7 +87,9 @@ class Replay:
         known = self._stored.provenance
         why = self._end_reason()
         lines = [_health_line(shown, known[name]) for name, shown in TOLD.items() if name in known]
-        return [*lines, *([] if why is None else [Health("ended", why, why == "done")])]
+        if why is not None:
+            lines.append(Health("ended", why, why == "done"))
+        return lines
 
     def _end_reason(self) -> str | None:
         # A run that crashed has no end of its own; what put its recording together wrote
@@ -104,11 +100,19 @@ class Replay:
     def _ending(self) -> Mapping[str, Any]:
         why = self._end_reason()
         reason = self._stored.provenance.get("reason", "")
-        tripped = reason in set(Trip)
-        return {
-            "ended": why or "the recording ends here",
-            "trip": {"code": reason, "text": why} if tripped else None,
-        }
+        trip = None
+        if reason in set(Trip):
+            trip = {"code": reason, "text": why}
+        return {"ended": why or "the recording ends here", "trip": trip}
+
+
+def _describe_gauge(gauge: Gauge) -> dict[str, object]:
+    return {
+        "name": gauge.name,
+        "unit": gauge.unit,
+        "limit": round(gauge.limit, 4),
+        "code": str(gauge.code),
+    }
 
 
 def _health_line(name: str, text: str) -> Health:
@@ -182,13 +186,14 @@ class ReplayFeed:
             if self._is_due():
                 return [self._state()]
             return []
-        traced = self._trace()
-        leg = self._player.leg(self._at_s)
-        return [
-            *([traced] if traced else []),
-            *([leg] if leg else []),
-            *([self._state()] if self._is_due() else []),
-        ]
+        messages = []
+        if trace := self._trace():
+            messages.append(trace)
+        if leg := self._player.leg(self._at_s):
+            messages.append(leg)
+        if self._is_due():
+            messages.append(self._state())
+        return messages
 
     def _is_due(self) -> bool:
         # Remainder 1: after a reset to 0 the first beat sends a state at once.
@@ -218,28 +223,27 @@ class ReplayFeed:
 
     def _state(self) -> Message:
         player = self._player
+        done = 1.0
         if player.duration_s:
             done = self._at_s / player.duration_s
-        else:
-            done = 1.0
-        is_at_end = self._at_s >= player.duration_s
+        left_s = None
         if self._speed:
-            left_s = (player.duration_s - self._at_s) / self._speed
-        else:
-            left_s = None
-        about = {"ended": None, "trip": None} if not is_at_end else self._ending
+            left_s = round((player.duration_s - self._at_s) / self._speed, 1)
+        ending: Mapping[str, Any] = {"ended": None, "trip": None}
+        if self._at_s >= player.duration_s:
+            ending = self._ending
         return {
             "kind": "state",
             "now_s": round(self._at_s, 4),
             **self._stage(),
             "done": round(done, 4),
-            "eta_s": None if left_s is None else round(left_s, 1),
+            "eta_s": left_s,
             "limits": self._limit_state(),
             "health": self._health,
             "said": [],
             "speed": self._speed,
             "stop_asked": None,
-            **about,
+            **ending,
         }
 
     def _stage(self) -> dict[str, Any]:
