@@ -182,6 +182,20 @@ class StaticResult:
             return self.law
         return self.free
 
+    @property
+    def other_curve(self) -> TorqueCurve:
+        """The curve that `curve` is compared with."""
+        if self.form.holds:
+            return self.free
+        return self.law
+
+    @property
+    def rests_of_curve(self) -> RestAngles | None:
+        """Rest angles found with `curve`, None where they count as exact."""
+        if self.form.holds:
+            return self.rests[0]
+        return self.rests[1]
+
 
 @dataclass(frozen=True)
 class PredictedHingeCurve:
@@ -349,7 +363,9 @@ def _strays(result: StaticResult) -> list[str]:
         for stray in result.strays[:MOST_STRAYS]
     ]
     more = len(result.strays) - len(sentences)
-    return sentences + ([f"So do {more} more readings."] if more else [])
+    if more:
+        sentences.append(f"So do {more} more readings.")
+    return sentences
 
 
 def _hinges(result: StaticResult) -> list[str]:

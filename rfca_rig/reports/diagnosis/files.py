@@ -55,9 +55,9 @@ def terminal_lines(diagnosis: Diagnosis) -> list[str]:
     """
     diagnosis = convert_diagnosis(diagnosis)
     probability = diagnosis.probability
-    verdict = diagnosis.grade.upper() + (
-        f" ({format_probability(probability)})" if probability is not None else ""
-    )
+    verdict = diagnosis.grade.upper()
+    if probability is not None:
+        verdict += f" ({format_probability(probability)})"
     items = [(f"{verdict}: {diagnosis.sentence}", 3)]
     # Sizes in every joint and all rivals: what an effect is about must not be cut.
     items += [(_effect(effect), 4) for effect in diagnosis.effects[:3]]

@@ -15,6 +15,7 @@ from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
 from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value, with_common_decimals
+from rfca_rig.reports.text import number_equal_names
 
 # Step of the curve's table for reading; doubled until the table has FEW_LINES lines or less.
 TABLE_STEP_DEG = 2.5
@@ -98,7 +99,9 @@ def full_curve_table(curve: TorqueCurve) -> Table:
 def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: bool = False) -> Table:
     # Shown with bending positive, angle and torque change sign together; stiffness, their
     # derivative, does not.
-    side = 1.0 if signed else curve.bends
+    side = curve.bends
+    if signed:
+        side = 1.0
     torque, torque_std = curve.torque_Nm(phi)
     stiffness, stiffness_std = curve.stiffness_Nm_per_rad(phi)
     numbers = zip(
@@ -277,10 +280,6 @@ def static_sources(
     """One source for each recording, read at the path of the same place; equal titles are
     numbered in their order.
     """
-    titles = [recording.title for recording in recordings]
-    names = [
-        f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title
-        for i, title in enumerate(titles)
-    ]
+    names = number_equal_names([recording.title for recording in recordings])
     folders = [path if path.is_dir() else path.parent for path in paths]
     return tuple(StaticSource(*parts) for parts in zip(names, folders, recordings, strict=True))
