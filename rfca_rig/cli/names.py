@@ -111,9 +111,11 @@ def list_recorded_folders(begun: str) -> list[str]:
     where nothing is typed yet.
     """
     parent, slash, _ = begun.rpartition("/")
-    places = [parent or "/"] if slash else [".", "runs"]
+    parents = [".", "runs"]
+    if slash:
+        parents = [parent or "/"]
     newest = sorted(
-        (candidate for folder in places for candidate in _folders_in(folder, begun)), reverse=True
+        (candidate for folder in parents for candidate in _folders_in(folder, begun)), reverse=True
     )
     recorded: list[str] = []
     for _, path in newest:

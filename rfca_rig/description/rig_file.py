@@ -177,6 +177,13 @@ class RigFile(Section):
     def is_real(self) -> bool:
         return self.rig.kind == "real"
 
+    @property
+    def source(self) -> Literal["REAL", "SIM"]:
+        """The mark of what is recorded with this rig."""
+        if self.is_real:
+            return "REAL"
+        return "SIM"
+
     def nominal(self) -> dict[str, Any]:
         """The sections that go into every recording, as plain data."""
         sections = {"leg", "ground", "sensor", "drive", *({"effects"} if self.effects else ())}
