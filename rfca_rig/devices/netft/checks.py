@@ -25,6 +25,7 @@ from rfca_rig.devices.netft.codec import (
     Records,
     decode_records,
     encode_request,
+    start_command,
 )
 from rfca_rig.devices.netft.driver import HttpBox, make_box, refuse_difference
 from rfca_rig.devices.netft.section import NetFtBox, NetFtSection, NetFtSettings
@@ -133,9 +134,9 @@ def _no_records(seen: StreamObservation, box_answers: bool | None) -> Finding:
             f"{seen.malformed} datagrams from {seen.address}, none with records",
             "check port under [force_sensor]",
         )
-    observed = f"none from {seen.address} in {seen.seconds:.1f} s" + (
-        "" if seen.error is None else f": {seen.error}"
-    )
+    observed = f"none from {seen.address} in {seen.seconds:.1f} s"
+    if seen.error is not None:
+        observed += f": {seen.error}"
     # The box works, so the cause is the stream itself or the way of its datagrams.
     if box_answers and seen.error is None:
         fix = (
@@ -235,9 +236,7 @@ def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
     datagrams.send(encode_request(RdtCommand.STOP))
     clock.wait_until(clock.now_s() + QUIET_S)
     datagrams.receive_all()
-    datagrams.send(
-        encode_request(RdtCommand.START_BUFFERED if buffered else RdtCommand.START_SINGLE)
-    )
+    datagrams.send(encode_request(start_command(buffered)))
     arrived: list[bytes] = []
     until_s = clock.now_s() + STREAM_S
     # Also where reading fails: the box would stream to this address for ever.
@@ -266,13 +265,16 @@ def observe_stream(address: str, seconds: float, datagrams: Sequence[bytes]) -> 
     picked, numbers = sequence.take(records.rdt_sequence)
     # Only between neighbouring records: a lost one would look like a larger step.
     steps = np.diff(records.ft_sequence[picked]).view(np.int32)[np.diff(numbers) == 1]
+    step = None
+    if len(steps):
+        step = int(np.median(steps))
     return StreamObservation(
         address=address,
         seconds=seconds,
         received=sequence.received,
         lost=sequence.lost,
         malformed=malformed,
-        step=int(np.median(steps)) if len(steps) else None,
+        step=step,
         words=tuple(np.unique(records.status).tolist()),
     )
 

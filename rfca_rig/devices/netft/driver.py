@@ -33,6 +33,7 @@ from rfca_rig.devices.netft.codec import (
     decode_records,
     encode_command,
     encode_request,
+    start_command,
 )
 from rfca_rig.devices.netft.section import NetFtBox, NetFtConnection, NetFtSection, NetFtSettings
 from rfca_rig.drivers.device_time import wrap_to_signed
@@ -169,9 +170,11 @@ def _refuse_rate(configuration: NetFtConfiguration, expected: NetFtSettings, whe
     # The box rounds comrdtrate to an integer fraction of its internal rate, so the effective rates
     # are compared.
     decimation = configuration.decimation(internal_Hz)
-    box_Hz = None if decimation is None else internal_Hz / decimation
+    if decimation is None:
+        return
+    box_Hz = internal_Hz / decimation
     expected_Hz = expected.internal_rate_Hz / expected.decimation
-    if box_Hz is not None and abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
+    if abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
         raise BadInput(
             f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} "
             f"records/s (comrdtrate {configuration.rdt_rate_Hz:g}); "
@@ -232,9 +235,7 @@ class NetFtSensor:
         self._clock.wait_until(self._clock.now_s() + QUIET_S)
         self._datagrams.receive_all()
         self._reset()
-        self._send(
-            RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE
-        )
+        self._send(start_command(self._settings.buffered))
         self._running = True
 
     def stop(self) -> None:
@@ -413,9 +414,11 @@ def open_connection(keys: NetFtSection, clock: WallClock) -> NetFtConnection:
     """
     # A process of its own empties the socket, so that a busy loop loses no records.
     source = record_source(keys.host, keys.port)
-    datagrams = (
-        AcquiredDatagrams(source, clock) if can_be_started() else UdpDatagrams(keys.host, keys.port)
-    )
+    datagrams: Datagrams
+    if can_be_started():
+        datagrams = AcquiredDatagrams(source, clock)
+    else:
+        datagrams = UdpDatagrams(keys.host, keys.port)
     return NetFtConnection(
         datagrams, make_box(keys), advise_receive_buffer(datagrams.receive_buffer_bytes)
     )

@@ -158,9 +158,10 @@ class OdriveReports(DriveReceiver):
         # was refused.
         self._arrived: list[tuple[float, float, float] | None] = []
         self._encoder_check = ReadingCheck("the drive", POSITION, SPEED)
-        self._torque_check = ReadingCheck(
-            "the drive", TORQUE if settings.torque_constant_Nm_per_A is None else CURRENT
-        )
+        torque_field = CURRENT
+        if settings.torque_constant_Nm_per_A is None:
+            torque_field = TORQUE
+        self._torque_check = ReadingCheck("the drive", torque_field)
         self._torque_Nm = np.nan
         self._leap = EncoderJumpMonitor()
         self.temperature = TemperatureTelemetry()
@@ -229,8 +230,10 @@ class OdriveReports(DriveReceiver):
                 "no frames at all on the CAN bus; check the drive's power, the wiring, the "
                 "termination and the bit rate"
             )
+        needed = 1
         # A first heartbeat with an error may predate the clearing of the error.
-        needed = 2 if self.beat is not None and self.beat.error else 1
+        if self.beat is not None and self.beat.error:
+            needed = 2
         if self.heartbeats < needed:
             return (
                 f"no heartbeat from node {node}; set the drive's {self._rate('heartbeat')} to 100"
@@ -426,8 +429,10 @@ class OdriveMotor(MotorDrive):
             )
 
     def _ask_for_part_errors(self) -> None:
-        failed = set() if self._reports.beat is None else set(self._reports.beat.failed)
-        for part in sorted(failed - self._asked_parts):
+        beat = self._reports.beat
+        if beat is None:
+            return
+        for part in sorted(set(beat.failed) - self._asked_parts):
             self._send_frame(codec.request(self._settings.node_id, codec.PART_COMMANDS[part]))
             self._asked_parts.add(part)
 
