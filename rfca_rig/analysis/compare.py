@@ -16,6 +16,7 @@ from rfca_rig.analysis.phases import (
     Valley,
     phases_of_simulation,
     valley_and_phases,
+    valley_time_s,
 )
 from rfca_rig.analysis.repeats import Condition, Spread, compute_spread
 from rfca_rig.model.parameters import RigModel
@@ -65,13 +66,11 @@ class ComparedCondition:
         """
         if self.contact_is_measured:
             return _mean_phases([r.phases for r in self.repeats])
+        valleys_s = [valley_time_s(model.valley) for model in self.simulated]
         return _mean_phases(
             [
-                phases_of_simulation(
-                    model.stroke,
-                    model.valley.time_s if isinstance(model.valley, Valley) else np.inf,
-                )
-                for model in self.simulated
+                phases_of_simulation(model.stroke, valley_s)
+                for model, valley_s in zip(self.simulated, valleys_s, strict=True)
             ]
         )
 

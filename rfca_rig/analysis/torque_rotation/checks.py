@@ -231,9 +231,10 @@ def check_rest_angles(
     estimates = _score_columns(
         found, data, np.concatenate([single, -stiffness[:, :, None]], axis=2)
     )
+    # Hinges are numbered from 2; None stands for all together.
+    hinges = (*range(2, data.hinges + 2), None)
     return tuple(
-        RestCheck(j + 2 if j < data.hinges else None, value, std)
-        for j, (value, std) in enumerate(estimates)
+        RestCheck(hinge, value, std) for hinge, (value, std) in zip(hinges, estimates, strict=True)
     )
 
 
@@ -283,11 +284,10 @@ def _score_columns(fit: CurveFit, data: StageData, columns: Floats) -> list[tupl
         # Only the part that the other unknowns cannot explain carries information (Frisch-Waugh).
         residual = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
         information = float(residual @ residual)
-        results.append(
-            (-float(residual @ rows.right) / information, information**-0.5)
-            if information > 0.0
-            else (0.0, np.inf)
-        )
+        if information > 0.0:
+            results.append((-float(residual @ rows.right) / information, information**-0.5))
+        else:
+            results.append((0.0, np.inf))
     return results
 
 

@@ -335,8 +335,9 @@ def fit_curve(
     SimulationFailed
         Where no balance is found.
     """
-    nothing = np.zeros((len(data.measured), data.hinges, 0))
-    balance = Balance(rig, basis, systematic_errors, nothing if extra is None else extra)
+    if extra is None:
+        extra = np.zeros((len(data.measured), data.hinges, 0))
+    balance = Balance(rig, basis, systematic_errors, extra)
     p = np.zeros(balance.curve_size + len(systematic_errors.each))
     # Gauss-Newton begins at the nominal curve, with all systematic errors at 0: the coefficients
     # nearest to the nominal law over the angles of the stages.

@@ -215,9 +215,11 @@ class SystematicError:
 
     def convert(self, value: float, std: float) -> tuple[float, float]:
         """Value and standard deviation in its unit."""
+        if not self.is_log:
+            return self.scale * value, self.scale * std
         # First-order propagation: the deviation of exp(v) is exp(v) times that of v.
-        grown = float(np.exp(value)) if self.is_log else 1.0
-        return self.scale * (grown - 1.0 if self.is_log else value), self.scale * grown * std
+        grown = float(np.exp(value))
+        return self.scale * (grown - 1.0), self.scale * grown * std
 
 
 @dataclass(frozen=True)
@@ -305,22 +307,18 @@ def _common(
 
 def _tares(data: StageData) -> list[SystematicError]:
     """A tare is known no better than one sample of the sensor. Each recording has its own."""
-    return [
-        SystematicError(
-            f"tare_{name}_{i}",
-            std,
-            f"tare of {name.split('_')[0]}" + (f", recording {i + 1}" if several else ""),
-            unit,
-            1.0,
-            data.hinges + 1 + k,
-            i,
-        )
-        for several in (data.recording.max() > 0,)
-        for i in np.unique(data.recording)
-        for k, (name, std, unit) in enumerate(
-            zip(FORCES, data.sample_noise, ("N", "N", "N m"), strict=True)
-        )
-    ]
+    units = ("N", "N", "N m")
+    several = data.recording.max() > 0
+    tares = []
+    for i in np.unique(data.recording):
+        of_recording = ""
+        if several:
+            of_recording = f", recording {i + 1}"
+        for k, (name, std, unit) in enumerate(zip(FORCES, data.sample_noise, units, strict=True)):
+            words = f"tare of {name.split('_')[0]}{of_recording}"
+            column = data.hinges + 1 + k
+            tares.append(SystematicError(f"tare_{name}_{i}", std, words, unit, 1.0, column, i))
+    return tares
 
 
 def _mark(hinge: int, marks_deg: float) -> SystematicError:
