@@ -93,11 +93,13 @@ def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
         false = max(
             false_claims(truth, answer) or answer.named, key=lambda claim: claim.probability
         )
-        level = 4.0 if result == WRONG else 3.0
-        reason = (
-            f"identified {false.id} at {false.probability:.0%}, "
-            f"{'which is not there' if result == EXTRA else f'there is {hidden_effects}'}"
-        )
+        claim = f"identified {false.id} at {false.probability:.0%}"
+        if result == WRONG:
+            level = 4.0
+            reason = f"{claim}, there is {hidden_effects}"
+        else:
+            level = 3.0
+            reason = f"{claim}, which is not there"
         return WorstCase(truth.case, truth.kind, level + false.probability, reason)
     if result == SILENT:
         return _rate_missed_effect(truth, hidden_effects, truth.left)
