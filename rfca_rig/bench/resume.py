@@ -190,9 +190,11 @@ def reopen_run(
         },
         "ending": dict(begun.ending),
         "operator": operator,
-        **({} if seed is None else {"seed": seed}),
-        **({"rig_changes": dict(rig_changes)} if rig_changes else {}),
     }
+    if seed is not None:
+        event["seed"] = seed
+    if rig_changes:
+        event["rig_changes"] = dict(rig_changes)
     run_folder.reopen(begun.folder, event, begun.resumed)
 
 
@@ -206,8 +208,9 @@ def ending_of(
     """The run's end with the static stages of all its parts; photos of earlier parts that were
     not read are read now.
     """
-    earlier = () if begun is None else _with_photos_read(begun.static, folder, eye)
+    earlier: Sequence[StaticStage] = ()
     if begun is not None:
+        earlier = _with_photos_read(begun.static, folder, eye)
         known = {
             **known,
             "resumed": json.dumps(
@@ -281,8 +284,12 @@ def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -
 
 
 def _list_keys(keys: list[str]) -> str:
-    shown = ", ".join(keys[:4]) + (f" and {len(keys) - 4} more" if len(keys) > 4 else "")
-    return f"{shown} {'is' if len(keys) == 1 else 'are'}"
+    shown = ", ".join(keys[:4])
+    if len(keys) > 4:
+        shown += f" and {len(keys) - 4} more"
+    if len(keys) == 1:
+        return f"{shown} is"
+    return f"{shown} are"
 
 
 def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
@@ -313,5 +320,8 @@ def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:
     pairs: list[tuple[str, Any]] = []
     for key, value in values.items():
         name = f"{above}{key}"
-        pairs += _flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)]
+        if isinstance(value, dict):
+            pairs += _flat(value, f"{name}.")
+        else:
+            pairs.append((name, value))
     return pairs

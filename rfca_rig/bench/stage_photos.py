@@ -50,10 +50,12 @@ def read_stage_photos(
     reason. Stages without a photo stay unchanged. `known` are the marks of photos that are read
     already, by their path in the run's folder.
     """
-    marks = [
-        known.get(stage.photo) or _read_marks(stage, run_folder, eye) if stage.photo else stage
-        for stage in iterate_with_progress(stages, report_progress)
-    ]
+    marks: list[IdentifiedMarks | StaticStage] = []
+    for stage in iterate_with_progress(stages, report_progress):
+        if stage.photo:
+            marks.append(known.get(stage.photo) or _read_marks(stage, run_folder, eye))
+        else:
+            marks.append(stage)
     results: list[StaticStage] = []
     read: list[tuple[int, IdentifiedMarks]] = []
     for number, (stage, outcome) in enumerate(zip(stages, marks, strict=True)):
