@@ -249,7 +249,9 @@ class RecorderClient:
         # The message comes once; later calls repeat it.
         if not self._complaint:
             self._complaint = self._receive(1.0)[1]
-        return (DiskFull if "disk full" in self._complaint else RigError)(self._complaint)
+        if "disk full" in self._complaint:
+            return DiskFull(self._complaint)
+        return RigError(self._complaint)
 
     def _receive(self, within_s: float) -> tuple[str, str]:
         try:
