@@ -427,7 +427,10 @@ def _descend(
     damping = 0.0
     linearization = _linearize(prior.nominal, problem)
     equations = _form_normal_equations(values, linearization, prior)
-    for _ in range(DAMPED_STEPS if is_damped else FULL_STEPS):
+    steps = FULL_STEPS
+    if is_damped:
+        steps = DAMPED_STEPS
+    for _ in range(steps):
         step = equations.step(damping)
         trial = _linearize(values + step, problem)
         if is_damped and _cost(values + step, trial, prior) > _cost(values, linearization, prior):
@@ -578,7 +581,9 @@ def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
     hinge = np.zeros(2)
     for link in range(1, len(lengths_m) + 1):
         target = next((n for n, i in enumerate(seen.planned) if _beyond(plan, i, link)), None)
-        angle = angles[-1] if angles else 0.0
+        angle = 0.0
+        if angles:
+            angle = angles[-1]
         if target is not None:
             mark = plan.marks[seen.planned[target]]
             # A mark beside the link's axis is seen at an angle to it.
@@ -606,13 +611,14 @@ def _keep_determined(
     std = np.sqrt(np.diag(covariance))
     determined = std <= MAX_REPORTED_STD_RAD
     shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
-    angles = tuple(
-        float(angle) if ok else None for angle, ok in zip(angles_rad, determined, strict=True)
-    )
-    return (
-        angles,
-        tuple(float(value) if ok else None for value, ok in zip(std, determined, strict=True)),
-        shown,
+    return _mask(angles_rad, determined), _mask(std, determined), shown
+
+
+def _mask(values: Floats, determined: NDArray[np.bool_]) -> tuple[float | None, ...]:
+    """The values (n,), None for those that are not determined."""
+    return tuple(
+        float(value) if is_determined else None
+        for value, is_determined in zip(values, determined, strict=True)
     )
 
 

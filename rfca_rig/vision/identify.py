@@ -121,7 +121,10 @@ def _pair_m(
     angles[:, a.link : a.link + hinges] = np.cumsum(poses, axis=1)
     places = mark_positions(angles, lengths_m, MarkPlan((a, b)))
     distances = np.linalg.norm(places[:, 1] - places[:, 0], axis=-1)
-    return (float(distances.min()) if hinges <= MOST_HINGES else 0.0), float(distances.max())
+    smallest = 0.0
+    if hinges <= MOST_HINGES:
+        smallest = float(distances.min())
+    return smallest, float(distances.max())
 
 
 @dataclass(frozen=True)

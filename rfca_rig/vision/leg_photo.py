@@ -81,7 +81,9 @@ def _chain(picture: Pixels, identified: IdentifiedMarks, pen: float) -> None:
 
 
 def _ring(picture: Pixels, mark: Mark, label: str, pen: float) -> None:
-    colour: Colour = WHOLE if mark.whole else PARTLY
+    colour: Colour = PARTLY
+    if mark.whole:
+        colour = WHOLE
     cv2.circle(
         picture,
         _fine(mark.px),
@@ -133,7 +135,9 @@ def _angle_words(angles: HingeAngles | None) -> list[str]:
 
 
 def _one_angle(number: int, angle: float | None, std: float | None) -> str:
-    name = "shaft" if number == 1 else f"hinge {number}"
+    name = f"hinge {number}"
+    if number == 1:
+        name = "shaft"
     if angle is None or std is None:
         return f"{name} ?"
     return f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"
