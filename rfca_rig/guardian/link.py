@@ -215,7 +215,10 @@ class GuardianLink:
 
     def wait(self, timeout_s: float) -> None:
         """Waits until data has arrived or can be sent, for `timeout_s` at most."""
-        select.select([self._end], [self._end] if self._waiting else [], [], max(timeout_s, 0.0))
+        writable = []
+        if self._waiting:
+            writable = [self._end]
+        select.select([self._end], writable, [], max(timeout_s, 0.0))
 
     def close(self) -> None:
         self._end.close()
