@@ -94,9 +94,9 @@ def compare_with_usual_error(place: Located) -> str:
     times = f"{format_significant(place.sigmas, 2)} times the usual error"
     if place.sigmas < 1.0:
         return f"{times}: real, but too small to matter"
-    if place.sigmas < MATTERS_FROM:
-        return f"{times}: it may matter"
-    return f"{times}: it matters"
+    if place.sigmas >= MATTERS_FROM:
+        return f"{times}: it matters"
+    return f"{times}: it may matter"
 
 
 def format_p_value(p_value: float) -> str:
