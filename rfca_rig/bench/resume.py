@@ -120,6 +120,12 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
             f"{folder}: its stage files are not what its plan begins with; type rfca-rig "
             f"check {folder}"
         )
+    carried_ending = {}
+    # Without the photos, which are listed again.
+    if ending is not None:
+        for name, text in ending.provenance.items():
+            if name in CARRIED_ENDING_KEYS:
+                carried_ending[name] = text
     last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
     return InterruptedRun(
         folder=folder,
@@ -133,12 +139,7 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
         static=static,
         why=why,
         last_seen={name: last[name] for name in ("t_s", "utc") if name in last},
-        # Without the photos, which are listed again.
-        ending={}
-        if ending is None
-        else {
-            name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS
-        },
+        ending=carried_ending,
         resumed=sum(event["event"] == RESUMED for event in events),
     )
 

@@ -238,8 +238,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
         named["rig"] = config.rig_name
     if config.faults:
         named["twin_faults"] = ", ".join(
-            f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"
-            for fault in config.faults
+            f"{fault.words} at {fault.at_s:g} s" for fault in config.faults
         )
     # The driver of an installed package is no text of the rig: its version says what ran.
     named |= packages_of(config.rig.motor, config.rig.force_sensor)

@@ -413,9 +413,13 @@ class RecordStream(ABC, Generic[Keys]):
         """Whether the numbers of a record are possible. Raises BadReading at the third bad one
         in a row.
         """
-        time_s = 0.0 if record.time_s is None else record.time_s
+        time_s = record.time_s
+        if time_s is None:
+            time_s = 0.0
+        counts = record.counts
         # A record with an error is not measured by its counts.
-        counts = [0.0] * 6 if record.is_saturated or record.is_wrong else record.counts
+        if record.is_saturated or record.is_wrong:
+            counts = [0.0] * 6
         return self._check.accept(*counts, time_s)
 
     def _stamp_records(

@@ -123,9 +123,7 @@ def _read_benchmark(folder: Path) -> tuple[str, list[Statement]]:
         if not path.is_file():
             continue
         diagnosed += 1
-        rig = LEG
-        if truth["kind"] in PENDULUM_KINDS:
-            rig = PENDULUM
+        rig = PENDULUM if truth["kind"] in PENDULUM_KINDS else LEG
         for statement in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
             is_right = is_true(
                 statement["kind"],

@@ -146,9 +146,8 @@ class RecorderClient:
         self._warn = warn
         self._patient = patient
         self._clock = WallClock()
-        self._queue = BlockQueue.create(
-            queue_bytes or (PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES)
-        )
+        usual_queue_bytes = PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES
+        self._queue = BlockQueue.create(queue_bytes or usual_queue_bytes)
         self._acknowledged = 0
         self._fault = ""
         self._complaint = ""

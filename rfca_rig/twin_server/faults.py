@@ -126,6 +126,13 @@ class FaultEvent:
     name: str
     on: bool
 
+    @property
+    def words(self) -> str:
+        """As in "force-lost on"."""
+        if self.on:
+            return f"{self.name} on"
+        return f"{self.name} off"
+
 
 def parse_fault_events(orders: Sequence[str]) -> tuple[FaultEvent, ...]:
     """Parses all options into events in order of time. Raises BadInput for an invalid one."""

@@ -326,9 +326,7 @@ def _plane_on_board(placement: BoardPlacement) -> tuple[Floats, Floats]:
     # In the frame of a board that is turned clockwise, the horizontal is turned the other way.
     level = np.array([cosine, -sine, 0.0])
     up = np.array([-sine, -cosine, 0.0])
-    along = level
-    if placement.reach != "right":
-        along = -level
+    along = level if placement.reach == "right" else -level
     axes = np.column_stack([np.cross(along, up), along, up])
     behind = np.array([0.0, 0.0, placement.nearer_m])
     return axes, behind - axes[:, 1] * placement.corner_m[0] - axes[:, 2] * placement.corner_m[1]

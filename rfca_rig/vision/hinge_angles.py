@@ -427,10 +427,7 @@ def _descend(
     damping = 0.0
     linearization = _linearize(prior.nominal, problem)
     equations = _form_normal_equations(values, linearization, prior)
-    steps = FULL_STEPS
-    if is_damped:
-        steps = DAMPED_STEPS
-    for _ in range(steps):
+    for _ in range(DAMPED_STEPS if is_damped else FULL_STEPS):
         step = equations.step(damping)
         trial = _linearize(values + step, problem)
         if is_damped and _cost(values + step, trial, prior) > _cost(values, linearization, prior):
@@ -581,9 +578,7 @@ def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
     hinge = np.zeros(2)
     for link in range(1, len(lengths_m) + 1):
         target = next((n for n, i in enumerate(seen.planned) if _beyond(plan, i, link)), None)
-        angle = 0.0
-        if angles:
-            angle = angles[-1]
+        angle = angles[-1] if angles else 0.0
         if target is not None:
             mark = plan.marks[seen.planned[target]]
             # A mark beside the link's axis is seen at an angle to it.

@@ -81,9 +81,7 @@ def _chain(picture: Pixels, identified: IdentifiedMarks, pen: float) -> None:
 
 
 def _ring(picture: Pixels, mark: Mark, label: str, pen: float) -> None:
-    colour: Colour = PARTLY
-    if mark.whole:
-        colour = WHOLE
+    colour: Colour = WHOLE if mark.whole else PARTLY
     cv2.circle(
         picture,
         _fine(mark.px),
@@ -135,9 +133,7 @@ def _angle_words(angles: HingeAngles | None) -> list[str]:
 
 
 def _one_angle(number: int, angle: float | None, std: float | None) -> str:
-    name = f"hinge {number}"
-    if number == 1:
-        name = "shaft"
+    name = "shaft" if number == 1 else f"hinge {number}"
     if angle is None or std is None:
         return f"{name} ?"
     return f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"

@@ -305,9 +305,7 @@ def _iterate(
         (point, whole) = _step_from(point, groups, parts, measured, dp, most)
         in_std = np.abs(dp) / np.sqrt(np.abs(np.diag(covariance)))
         z_in_std = np.abs(point.z - before.z) / most / np.sqrt(np.diagonal(C, axis1=1, axis2=2))
-        close = DAMPED_TOLERANCE_FACTOR
-        if most == 1.0:
-            close = 1.0
+        close = 1.0 if most == 1.0 else DAMPED_TOLERANCE_FACTOR
         if (
             whole
             and in_std.max() < close * CONVERGED_STD

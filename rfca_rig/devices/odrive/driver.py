@@ -480,13 +480,13 @@ class OdriveMotor(MotorDrive):
         known.
         """
         errors = self._reports.part_errors
-        parts = [
-            part_error_text(part, errors[part])
-            if part in errors
-            else f"{part} error, which one is not reported"
-            for part in beat.failed
-        ]
-        return "; ".join([error_text(beat.error, self._settings.dialect), *parts])
+        texts = [error_text(beat.error, self._settings.dialect)]
+        for part in beat.failed:
+            if part in errors:
+                texts.append(part_error_text(part, errors[part]))
+            else:
+                texts.append(f"{part} error, which one is not reported")
+        return "; ".join(texts)
 
     def _beat(self) -> Heartbeat:
         if self._reports.beat is None:

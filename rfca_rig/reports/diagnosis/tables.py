@@ -263,15 +263,12 @@ def _acceptance_row(criterion: Criterion) -> TableRow:
     observed = criterion.found
     if criterion.required:
         observed = observed.removesuffix(f", {criterion.required}")
-    result = "failed"
-    if criterion.passed:
-        result = "passed"
     return TableRow(
         {
             "test": criterion.name,
             "required": criterion.required,
             "observed": observed,
-            "result": result,
+            "result": "passed" if criterion.passed else "failed",
         },
         marked=not criterion.passed,
     )
