@@ -425,7 +425,7 @@ def look_at_camera(
 ) -> CameraObservation:
     try:
         with ExitStack() as stack:
-            photo = _one_photo(
+            photo = _take_photo(
                 make_camera(section, eye, clock, stack), clock, section.photo_limit_s
             )
         identified = read_leg_photo(photo.image, eye).identified
@@ -437,7 +437,7 @@ def look_at_camera(
     )
 
 
-def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
+def _take_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
     camera.begin()
     until_s = clock.now_s() + limit_s
     while clock.now_s() < until_s:

@@ -40,7 +40,7 @@ from rfca_rig.exam.claims import (
 )
 from rfca_rig.exam.pendulums.cases import PENDULUM_KINDS, PENDULUM_NOTHING
 
-LISTED = 20
+MAX_LISTED = 20
 # Relative error of a parameter from which a right name counts among the worst.
 MIN_VALUE_ERROR = 0.5
 
@@ -65,9 +65,9 @@ class WorstCase:
 
 
 def worst(judged: Judged) -> tuple[WorstCase, ...]:
-    """The LISTED worst answers, the worst first."""
+    """The MAX_LISTED worst answers, the worst first."""
     misses = [miss for pair in judged if (miss := _miss(*pair)) is not None]
-    return tuple(sorted(misses, key=lambda miss: (-miss.badness, miss.case))[:LISTED])
+    return tuple(sorted(misses, key=lambda miss: (-miss.badness, miss.case))[:MAX_LISTED])
 
 
 def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:

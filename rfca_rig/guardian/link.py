@@ -149,12 +149,12 @@ def from_text(kind: RecordKind, t_s: float, text: str, number: int = 0) -> Guard
     return GuardianRecord(kind, t_s, number, text.encode()[:2000])
 
 
-def from_result(did: TorqueOffResult, t_s: float, number: int) -> GuardianRecord:
+def from_result(result: TorqueOffResult, t_s: float, number: int) -> GuardianRecord:
     return GuardianRecord(
         RecordKind.SILENCED,
         t_s,
         number,
-        _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm),
+        _SILENCED.pack(result.silent_s, result.took_s, result.reports, result.torque_Nm),
     )
 
 

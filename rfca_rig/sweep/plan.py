@@ -253,7 +253,7 @@ class SweepPlan:
 
 
 # Share of a range at which no whole number lies, unless the range is a multiple of it.
-INSIDE = 0.381966
+INNER_SHARE = 0.381966
 
 
 def check_plan(plan: SweepPlan) -> SweepPlan:
@@ -309,7 +309,7 @@ def _check_values(plan: SweepPlan) -> None:
     # Limits are intervals, so the ends of a range are checked, and a value between them for
     # quantities that take whole numbers only.
     for span in plan.samples.ranges:
-        for value in (span.low, span.high, span.low + INSIDE * (span.high - span.low)):
+        for value in (span.low, span.high, span.low + INNER_SHARE * (span.high - span.low)):
             _check_value(span.name, value)
 
 

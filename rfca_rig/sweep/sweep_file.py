@@ -51,7 +51,7 @@ class VarySection(Section):
     log: bool = Field(default=False, description="equal ratios instead of equal steps")
 
     @model_validator(mode="after")
-    def _one_way(self) -> "VarySection":
+    def _check_values(self) -> "VarySection":
         parts = (self.from_, self.to, self.steps)
         has_range = None not in parts
         has_part_of_range = any(part is not None for part in parts)
@@ -134,7 +134,7 @@ class SweepFile(Section):
     samples: SamplesSection | None = None
 
     @model_validator(mode="after")
-    def _one_model(self) -> "SweepFile":
+    def _check_model(self) -> "SweepFile":
         if self.rig is not None and self.model is not None:
             raise ValueError("rig and model are both given; name one of them")
         return self

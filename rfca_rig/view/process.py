@@ -51,7 +51,7 @@ from rfca_rig.view.run_queue import SeenTicks, ticks_of
 from rfca_rig.view.server import DEBUG_VARIABLE, Pages, listen_on, port_of, serve
 
 # Buckets stay open this long for the slower of the two streams.
-WAITS_S = 0.1
+MAX_WAIT_S = 0.1
 # Without ticks for this long, all buckets are closed. Longer than a loop is late on a busy machine:
 # a sample that comes after its bucket was closed is drawn too far to the right.
 SILENT_S = 0.25
@@ -145,7 +145,7 @@ class LiveSource:
         if is_silent:
             closed_s = self._end_of_data_s()
         else:
-            closed_s = max(min(self._newest), self._now_s - WAITS_S)
+            closed_s = max(min(self._newest), self._now_s - MAX_WAIT_S)
         self.pyramid.close_before(closed_s)
         self._health.delay(wall_s, min(oldest_s, default=np.inf))
 
@@ -364,7 +364,7 @@ class LiveFeed:
 NICE = 5
 # After the run: how long the view waits for a page, and how long it lasts at most, so that a
 # forgotten page keeps no process for ever.
-LINGERS_S = 60.0
+MAX_IDLE_S = 60.0
 LONGEST_S = 12 * 3600.0
 
 
@@ -447,7 +447,7 @@ class LingerPolicy:
         now_s = self._clock.now_s()
         if open_pages:
             self._last_seen_s = now_s
-        return now_s - self._last_seen_s < LINGERS_S and now_s - self._over_s < LONGEST_S
+        return now_s - self._last_seen_s < MAX_IDLE_S and now_s - self._over_s < LONGEST_S
 
 
 if __name__ == "__main__":

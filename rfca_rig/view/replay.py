@@ -27,7 +27,7 @@ from rfca_rig.view.messages import (
     number_in,
     trace,
 )
-from rfca_rig.view.pyramid import ACROSS
+from rfca_rig.view.pyramid import MAX_BUCKETS
 from rfca_rig.view.run_facts import ListedStage, new_token
 from rfca_rig.view.run_queue import url_of
 from rfca_rig.view.server import listen_on, port_of, serve
@@ -36,7 +36,7 @@ from rfca_rig.view.time_line import Player, plan_in, time_line
 LONGEST_SPAN_S = 60.0
 FASTEST = 100.0
 STATE_EVERY = round(BEATS_HZ / STATES_HZ)
-TOLD = {
+HEALTH_NAMES = {
     "sensor_records": "sensor records",
     "worst_loop_gap_ms": "worst loop gap, ms",
     "tare_drift": "tare drift",
@@ -86,7 +86,11 @@ class Replay:
         """Health of the run from the recording's provenance."""
         known = self._stored.provenance
         why = self._end_reason()
-        lines = [_health_line(shown, known[name]) for name, shown in TOLD.items() if name in known]
+        lines = [
+            _health_line(shown, known[name])
+            for name, shown in HEALTH_NAMES.items()
+            if name in known
+        ]
         if why is not None:
             lines.append(Health("ended", why, why == "done"))
         return lines
@@ -120,7 +124,7 @@ def _health_line(name: str, text: str) -> Health:
     bad line.
     """
     parts = [part for part in text.split(", ") if not part.startswith("0 ")]
-    return Health(name, ", ".join(parts), name != TOLD["sensor_records"] or len(parts) == 1)
+    return Health(name, ", ".join(parts), name != HEALTH_NAMES["sensor_records"] or len(parts) == 1)
 
 
 def gauges(limits: Limits) -> tuple[Gauge, Gauge]:
@@ -156,7 +160,7 @@ class ReplayFeed:
         self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
         # Buckets of any width: samples are at hand, so the fixed levels of the live pyramid are not
         # needed.
-        self._dt_s = self._span_s / ACROSS
+        self._dt_s = self._span_s / MAX_BUCKETS
         self._sent: int | None = None
         self._beats = 0
 
@@ -209,9 +213,9 @@ class ReplayFeed:
             end = floor(self._at_s / self._dt_s)
         # At high speed a beat may skip more than a window: then nothing of what was sent is visible
         # any more.
-        is_reset = self._sent is None or end - self._sent > ACROSS
+        is_reset = self._sent is None or end - self._sent > MAX_BUCKETS
         if self._sent is None or is_reset:
-            begin = max(end - ACROSS, 0)
+            begin = max(end - MAX_BUCKETS, 0)
         else:
             begin = self._sent
         if begin == end and not is_reset:

@@ -199,14 +199,14 @@ MARKS_DEG = 0.1
 class SystematicError:
     """One quantity with nominal value 0 and a prior standard deviation.
 
-    `says`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm
+    `words`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm
     of a factor. With a `column` it shifts that column of the measured values, of one recording or
     of all.
     """
 
     name: str
     std: float
-    says: str
+    words: str
     unit: str = ""
     scale: float = 1.0
     column: int | None = None
@@ -226,16 +226,16 @@ class SystematicError:
 class SystematicErrors:
     """All systematic errors, in the order of the unknowns; `std` is (count,)."""
 
-    each: tuple[SystematicError, ...]
+    errors: tuple[SystematicError, ...]
 
     @property
     def std(self) -> Floats:
-        return np.array([systematic_error.std for systematic_error in self.each])
+        return np.array([systematic_error.std for systematic_error in self.errors])
 
     def place(self, name: str) -> int | None:
         """Its index, None where it is not an unknown."""
         return next(
-            (i for i, systematic_error in enumerate(self.each) if systematic_error.name == name),
+            (i for i, systematic_error in enumerate(self.errors) if systematic_error.name == name),
             None,
         )
 

@@ -59,7 +59,7 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     if as_json:
         findings = list(checks)
     else:
-        findings = list(_print_each(_title(described), checks))
+        findings = list(_print_findings(_title(described), checks))
     counts = {
         colour.value: sum(finding.colour is colour for finding in findings) for colour in Colour
     }
@@ -86,7 +86,7 @@ def _title(rig: "RigFile | None") -> str:
     return f"{rig.source} {rig.rig.title}"
 
 
-def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
+def _print_findings(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
     """Prints each finding before the next check begins."""
     echo(title)
     for finding in checks:

@@ -298,12 +298,12 @@ class MoteusReplies(DriveReceiver):
             if isinstance(item, Refusal) and item.register in _REQUIRED
         }
         if values.keys() >= _REQUIRED:
-            self._hear_state(values)
+            self._take_state(values)
         else:
             self.facts |= values
             self.facts_s = self.drained_s
 
-    def _hear_state(self, values: dict[int, float]) -> None:
+    def _take_state(self, values: dict[int, float]) -> None:
         if not self._asked_s:
             # No query is open: the frame was duplicated on the way.
             return

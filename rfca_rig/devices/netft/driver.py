@@ -60,7 +60,7 @@ class HttpBox:
         self._url = f"http://{host}:{port}{PATH}"
         self._timeout_s = timeout_s
 
-    def says(self) -> NetFtConfiguration:
+    def read_configuration(self) -> NetFtConfiguration:
         try:
             with build_opener(ProxyHandler({})).open(self._url, timeout=self._timeout_s) as answer:
                 # One byte more than allowed is read, so that the decoder can refuse a page that is
@@ -84,13 +84,13 @@ class CommandBox:
         self._port = port
         self._timeout_s = timeout_s
 
-    def says(self) -> CalibrationInfo:
+    def read_configuration(self) -> CalibrationInfo:
         reply = self._request(encode_command(ReadCalibrationInfo()), CALIBRATION_BYTES)
         with self._name_sender():
             return decode_calibration(reply)
 
     def reading(self, command: ReadForce) -> NetFtReading:
-        """One force reading without a stream. Raises DeviceError like `says`."""
+        """One force reading without a stream. Raises DeviceError like `read_configuration`."""
         reply = self._request(encode_command(command), READING_BYTES)
         with self._name_sender():
             return decode_reading(reply)
@@ -127,7 +127,7 @@ def _receive(connection: socket.socket, length: int) -> bytes:
 
 
 def refuse_difference(
-    says: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings, where: str
+    configuration: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings, where: str
 ) -> None:
     """Compares the box's configuration with the settings.
 
@@ -136,21 +136,21 @@ def refuse_difference(
     """
     _refuse_counts(
         "counts_per_N",
-        says.counts_per_N,
+        configuration.counts_per_N,
         expected.counts_per_N,
-        f"{says.counts_per_force:g} per {says.force_unit}",
+        f"{configuration.counts_per_force:g} per {configuration.force_unit}",
         where,
     )
     _refuse_counts(
         "counts_per_Nm",
-        says.counts_per_Nm,
+        configuration.counts_per_Nm,
         expected.counts_per_Nm,
-        f"{says.counts_per_torque:g} per {says.torque_unit}",
+        f"{configuration.counts_per_torque:g} per {configuration.torque_unit}",
         where,
     )
-    if isinstance(says, NetFtConfiguration):
+    if isinstance(configuration, NetFtConfiguration):
         # The command interface reports no rate.
-        _refuse_rate(says, expected, where)
+        _refuse_rate(configuration, expected, where)
 
 
 def _refuse_counts(name: str, configured: float, expected: float, how: str, where: str) -> None:
@@ -223,7 +223,7 @@ class NetFtSensor:
         does not answer.
         """
         if self._box is not None:
-            configuration = self._box.says()
+            configuration = self._box.read_configuration()
             refuse_difference(
                 configuration,
                 self._settings,

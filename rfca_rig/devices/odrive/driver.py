@@ -293,9 +293,9 @@ class OdriveReports(DriveReceiver):
             # Firmware 0.6 reports torque. With a torque constant set, the measured q current is
             # used instead.
             case Torques() if constant is None:
-                self._hear_torque(message.estimate_Nm, 1.0)
+                self._take_torque(message.estimate_Nm, 1.0)
             case Iq() if constant is not None:
-                self._hear_torque(message.measured_A, constant)
+                self._take_torque(message.measured_A, constant)
             case Heartbeat():
                 self.heartbeats += 1
                 self.beat = message
@@ -308,7 +308,7 @@ class OdriveReports(DriveReceiver):
                 self.firmware = ".".join(map(str, message.firmware))
                 self.firmware_s = self.drained_s
 
-    def _hear_torque(self, reported: float, torque_per_reported_Nm: float) -> None:
+    def _take_torque(self, reported: float, torque_per_reported_Nm: float) -> None:
         """Takes in a torque in N m, or a current in A with the torque constant."""
         if self._torque_check.accept(reported):
             self._torque_frames += 1

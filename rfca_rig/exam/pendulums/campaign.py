@@ -219,7 +219,7 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
 
     base = windows(plain)
     shift = windows(case.concealed) - base
-    moves = [windows(moved) - base for moved in _move_each(plain)]
+    moves = [windows(moved) - base for moved in _move_parameters(plain)]
     # A difference of 3 sigma is small for the motion and well above the integrator's tolerance.
     states = [windows(plain, off) - base for off in np.diag(3.0 * noise)]
     torque = replace(
@@ -230,7 +230,7 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
     return _largest_rms(shift), left, _remainder(shift, moves, states, np.hypot(1.0, error))
 
 
-def _move_each(world: PendulumWorld) -> list[PendulumWorld]:
+def _move_parameters(world: PendulumWorld) -> list[PendulumWorld]:
     """The rig with one nominal value after the other off by its standard deviation, in all links
     together.
 

@@ -17,7 +17,7 @@ from markupsafe import Markup
 from rfca_rig import __version__
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import DETECTABLE, OUTCOMES
-from rfca_rig.exam.score import LISTED, POWER_AT, ExamScores, Share
+from rfca_rig.exam.score import MAX_LISTED, POWER_AT, ExamScores, Share
 from rfca_rig.exam.scored import ExamResult, ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal, bars
 from rfca_rig.reports.diagnosis.json_file import to_json_types
@@ -364,7 +364,10 @@ def _worst(marks: ExamScores) -> PageSection:
         )
         for miss in marks.worst
     ]
-    text = f"At most {LISTED}: wrong effects first, then missed effects by size, then wrong values."
+    text = (
+        f"At most {MAX_LISTED}: wrong effects first, then missed effects by size, then wrong "
+        "values."
+    )
     return PageSection(
         "Worst answers", [card_table("worst answers", WORST_ANSWERS, rows), aside(text)]
     )

@@ -110,7 +110,7 @@ def static_json(
         ],
         "common": [
             {
-                "what": d.says,
+                "what": d.words,
                 "unit": d.unit,
                 "value": _round(d.value, 6),
                 "std": _round(d.std, 6),
@@ -120,7 +120,7 @@ def static_json(
         ],
         "elastica": [
             {
-                "holds": e.says,
+                "holds": e.words,
                 "free_mm": _round(1e3 * e.free_m, 3),
                 "k0_Nm_per_rad": _round(e.k0_Nm_per_rad, 5),
                 "k2_per_rad2": _round(e.k2_per_rad2, 5),
@@ -176,7 +176,7 @@ def summary(result: StaticResult) -> dict[str, Any]:
         "correlation": _round(values.correlation, 4),
         "law": {
             "holds": form.holds,
-            "chance": float(f"{form.chance:.3g}"),
+            "chance": float(f"{form.p_value:.3g}"),
             "apart_Nm": _round(form.apart_Nm, 5),
             "apart_relative": _round(form.apart_relative, 5),
             "at_deg": _round(np.degrees(form.at_rad), 3),

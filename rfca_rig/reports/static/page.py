@@ -163,7 +163,7 @@ def _curve(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> Pag
         drawn = "splines"
         other = "the nearest law"
     predicted = [
-        legend_line("var(--faint)", 1.4, f"elastica, {curve.says}", _svg_dash(style))
+        legend_line("var(--faint)", 1.4, f"elastica, {curve.words}", _svg_dash(style))
         for curve, style in zip(elastica, ELASTICA_STYLES, strict=True)
     ]
     colours = legend(
@@ -243,7 +243,7 @@ def _noise(result: StaticResult) -> PageSection:
 def _systematic_errors(result: StaticResult) -> PageSection:
     errors = _with_apostrophes(systematic_errors_table(result))
     contents = [as_html(errors), aside(_rest_angles(result))]
-    if all(error.says != "gain of the force sensor" for error in result.systematic_errors):
+    if all(error.words != "gain of the force sensor" for error in result.systematic_errors):
         pattern = (
             "The gain of the force sensor counts as exact: 1 % in it is 1 % of every torque. "
             "State it with {}."
@@ -456,7 +456,7 @@ def _rest_sentence(result: StaticResult) -> str:
     if form.holds:
         return keep_units_together(
             f"Splines bring χ² down by {form.gain:.1f} for {form.more} more numbers, "
-            f"which chance does in {100 * form.chance:.2g} % "
+            f"which chance does in {100 * form.p_value:.2g} % "
             f"of cases, and part from the law by {abs(form.apart_Nm):.3f} N m at most, "
             f"{abs(100 * form.apart_relative):.2g} % of the largest torque."
         )

@@ -184,7 +184,7 @@ def systematic_errors_table(result: StaticResult) -> Table:
     rows = tuple(
         TableRow(
             {
-                "what": d.says,
+                "what": d.words,
                 "off": d.value,
                 "off_std": d.std,
                 "known_to": float(f"{d.prior_std:.2g}"),
@@ -221,7 +221,7 @@ def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
                 "k2_half": law.reach * law.k2_std,
             }
         )
-        for name, law in zip(names, result.repeats.each, strict=False)
+        for name, law in zip(names, result.repeats.values, strict=False)
     )
     columns = (
         TableColumn("recording", "Recording"),
@@ -238,7 +238,7 @@ def elastica_table(predicted: Sequence[PredictedHingeCurve], result: StaticResul
     values = result.values
     rows: list[dict[str, Value]] = [
         {
-            "held": curve.says,
+            "held": curve.words,
             "free_mm": 1e3 * curve.free_m,
             "k0_Nm_per_rad": curve.k0_Nm_per_rad,
             "k2_per_rad2": curve.k2_per_rad2,

@@ -455,14 +455,16 @@ def _models(sources: Sequence[ComparedSource], model_file: str | None) -> PageSe
     contents = []
     for number_of, rig in enumerate(distinct, start=1):
         sharing = [source for source in sources if source.rig == rig]
-        contents.append(paragraph(_model_says(sharing, model_file, len(distinct) > 1)))
+        contents.append(paragraph(_describe_model(sharing, model_file, len(distinct) > 1)))
         contents.append(as_html(model_table(rig), "dense", f"of model {number_of}"))
     if contents:
         return PageSection("The model", contents)
     return None
 
 
-def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
+def _describe_model(
+    sharing: Sequence[ComparedSource], model_file: str | None, several: bool
+) -> str:
     if model_file:
         what = f"The model in {model_file}, given for this report"
     else:
