@@ -66,11 +66,10 @@ class ComparedCondition:
         """
         if self.contact_is_measured:
             return _mean_phases([r.phases for r in self.repeats])
-        valleys_s = [valley_time_s(model.valley) for model in self.simulated]
         return _mean_phases(
             [
-                phases_of_simulation(model.stroke, valley_s)
-                for model, valley_s in zip(self.simulated, valleys_s, strict=True)
+                phases_of_simulation(model.stroke, valley_time_s(model.valley))
+                for model in self.simulated
             ]
         )
 

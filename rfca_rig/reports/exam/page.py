@@ -171,14 +171,11 @@ def _goals(goals: Sequence[ScoreGoal]) -> PageSection:
 def _goal(goal: ScoreGoal) -> tuple[str | HtmlCell, ...]:
     limits = [("at least", goal.at_least), ("at most", goal.at_most)]
     # A limit above 1 is no share, but a mean number, and is not shown in percent.
-    is_share = all(limit is None or limit <= 1.0 for _, limit in limits)
-    if is_share:
-        value = share_text(goal.value, trimmed=False)
-    else:
-        value = _plain(goal.value)
     text: Callable[[float], str] = share_text
-    if not is_share:
+    value = share_text(goal.value, trimmed=False)
+    if any(limit is not None and limit > 1.0 for _, limit in limits):
         text = _plain
+        value = _plain(goal.value)
     bound = ""
     if goal.bound is not None and goal.at_least is not None:
         bound = f"above {text(goal.bound)}"
