@@ -44,9 +44,9 @@ def not_there(path: Path) -> str:
     else:
         siblings = []
     near = _near(path.name, siblings)
-    return f"{path}: is not there; " + (
-        f"did you mean {path.parent / near}?" if near else "rfca-rig runs lists what was recorded"
-    )
+    if near:
+        return f"{path}: is not there; did you mean {path.parent / near}?"
+    return f"{path}: is not there; rfca-rig runs lists what was recorded"
 
 
 def _near(name: str, known: Iterable[str]) -> str:

@@ -185,8 +185,9 @@ class Section(BaseModel):
                 )
             value = converted.pop(in_degrees)
             # Anything else is refused under its own key as no number.
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            converted[key] = math.radians(value) if is_number else value
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                value = math.radians(value)
+            converted[key] = value
         return converted
 
     def to_dataclass(self, kind: type[Dataclass], **others: Any) -> Dataclass:
@@ -210,7 +211,9 @@ class Section(BaseModel):
         for key, in_degrees in degrees_keys(cls).items():
             either = [{"required": [key]}, {"required": [in_degrees]}]
             is_required = key in table.get("required", ())
-            rule = {"oneOf": either} if is_required else {"not": {"required": [key, in_degrees]}}
+            rule: dict[str, Any] = {"not": {"required": [key, in_degrees]}}
+            if is_required:
+                rule = {"oneOf": either}
             table["allOf"] = [*table.get("allOf", ()), rule]
             table["properties"][in_degrees] = {"type": "number", "description": f"{key} in degrees"}
             if is_required:
@@ -369,11 +372,13 @@ class _Fault:
         self.key = _key_in_file(error, data)
         self.likely: str | None = None
         in_degrees = bool(self.key) and self.key[-1] == degrees_key(str(error["loc"][-1]))
-        message = _plain(_to_degrees(error) if in_degrees else error)
+        if in_degrees:
+            error = _to_degrees(error)
+        message = _plain(error)
         if self.kind == "extra_forbidden":
             known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]}, data)
             close = difflib.get_close_matches(str(self.key[-1]), known, n=1, cutoff=0.7)
-            self.likely = close[0] if close else None
+            self.likely = next(iter(close), None)
             if self.likely:
                 message = f"unknown key; did you mean {self.likely}?"
             else:
@@ -414,7 +419,9 @@ def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> t
     faults = [fault for fault in faults if not (fault.kind == "missing" and fault.key in explained)]
     faults.sort(key=lambda fault: fault.kind != "extra_forbidden")
     more = len(faults) - 1 + unseen
-    return faults[0], f" (and {more} more)" if more else ""
+    if more:
+        return faults[0], f" (and {more} more)"
+    return faults[0], ""
 
 
 def _key_in_file(error: ErrorDetails, data: Any) -> Key:
@@ -439,7 +446,10 @@ def _format_key(key: Key) -> str:
     """leg.link_lengths_mm[3] for the third length, because users count from one."""
     text = ""
     for part in key:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}"
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            text += f".{part}"
     return text.lstrip(".")
 
 
@@ -572,9 +582,6 @@ def _number(value: float) -> str:
     """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy
     gives.
     """
-    is_scientific = value != 0.0 and not 1e-3 <= abs(value) < 1e5
-    return str(
-        np.format_float_scientific(value, DECIMALS, trim="0")
-        if is_scientific
-        else round(value, DECIMALS)
-    )
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return str(np.format_float_scientific(value, DECIMALS, trim="0"))
+    return str(round(value, DECIMALS))

@@ -16,6 +16,7 @@ from rfca_rig.analysis.phases import (
     Valley,
     phases_of_simulation,
     valley_and_phases,
+    valley_time_s,
 )
 from rfca_rig.analysis.repeats import Condition, Spread, compute_spread
 from rfca_rig.model.parameters import RigModel
@@ -67,10 +68,7 @@ class ComparedCondition:
             return _mean_phases([r.phases for r in self.repeats])
         return _mean_phases(
             [
-                phases_of_simulation(
-                    model.stroke,
-                    model.valley.time_s if isinstance(model.valley, Valley) else np.inf,
-                )
+                phases_of_simulation(model.stroke, valley_time_s(model.valley))
                 for model in self.simulated
             ]
         )

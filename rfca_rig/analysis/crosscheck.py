@@ -22,6 +22,7 @@ from rfca_rig.analysis.phases import (
     Valley,
     find_valley,
     phases_of_simulation,
+    valley_time_s,
 )
 from rfca_rig.analysis.prediction import SAMPLE_S
 from rfca_rig.errors import BadInput
@@ -63,9 +64,7 @@ class CheckedCondition:
     def phases(self) -> StrokePhases:
         """Those of the model's stroke."""
         valley = find_valley(self.ours.t_s, self.ours.fz_N)
-        return phases_of_simulation(
-            self.ours, valley.time_s if isinstance(valley, Valley) else np.inf
-        )
+        return phases_of_simulation(self.ours, valley_time_s(valley))
 
     @property
     def stroke_pct(self) -> float:

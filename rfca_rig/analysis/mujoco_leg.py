@@ -145,15 +145,17 @@ def _link_xml(rig: RigModel, i: int, ball: bool, further_links: str) -> str:
     length = rig.leg.link_lengths_m[i]
     mass = rig.leg.link_masses_kg[i]
     inertia = mass * length**2 / 12.0
+    at_m = 0.0
+    if i:
+        at_m = rig.leg.link_lengths_m[i - 1]
+    geom = ""
     if ball:
         geom = (
             f'<geom name="ball{i}" size="{rig.leg.link_radius_m!r}" pos="{length!r} 0 0" '
             f'mass="0" {NEVER_COLLIDES}/>'
         )
-    else:
-        geom = ""
     return (
-        f'<body pos="{rig.leg.link_lengths_m[i - 1] if i else 0.0!r} 0 0"><joint '
+        f'<body pos="{at_m!r} 0 0"><joint '
         f'type="hinge" axis="0 1 0" {_joint_xml(rig, i)}/>'
         f'<inertial pos="{length / 2.0!r} 0 0" mass="{mass!r}" '
         f'diaginertia="{1e-3 * inertia!r} {inertia!r} {inertia!r}"/>'

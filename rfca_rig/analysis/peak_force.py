@@ -95,11 +95,9 @@ def stroke_peak(stroke: Stroke) -> PeakForce | Undetermined:
             )
     # fy and fz must be of one instant, so they are not interpolated between time bases.
     missing = [name for name in ("fy", "fz") if stroke.channel(f"{name}_N") is None]
-    return Undetermined(
-        f"{' and '.join(missing)} not recorded"
-        if missing
-        else "fy and fz have different time bases"
-    )
+    if missing:
+        return Undetermined(f"{' and '.join(missing)} not recorded")
+    return Undetermined("fy and fz have different time bases")
 
 
 def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
@@ -114,6 +112,10 @@ def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
     simulated = [(model, _find_simulated_peak(model, end_s)) for model in compared.simulated]
     peaks = [(model, peak) for model, peak in simulated if isinstance(peak, PeakForce)]
     speeds = [model.shaft_speed_rad_s for model in compared.simulated]
+    touching = None
+    if peaks:
+        model, peak = peaks[0]
+        touching = _touching(model, peak.time_s)
     return PeakForceRow(
         source=source,
         height_m=compared.condition.height_m,
@@ -121,7 +123,7 @@ def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
         shaft_speed_rad_s=sum(speeds) / len(speeds),
         measured=_spread_of_peaks([peak for peak in measured if isinstance(peak, PeakForce)]),
         simulated=_spread_of_peaks([peak for _, peak in peaks]),
-        simulated_touching=_touching(peaks[0][0], peaks[0][1].time_s) if peaks else None,
+        simulated_touching=touching,
         refused=tuple(
             f"repeat {stroke.repeat}: {peak.reason}"
             for stroke, peak in zip(strokes, measured, strict=True)

@@ -258,7 +258,10 @@ def phases_of_simulation(stroke: SimulatedStroke, valley_s: float) -> StrokePhas
         return StrokePhases()
     # Contact may be lost briefly after touchdown, so lift-off counts only after the valley.
     apart = stroke.t_s[~touching & (stroke.t_s > valley_s)]
-    return StrokePhases(float(moments[0]), valley_s, float(apart[0]) if len(apart) else np.inf)
+    lift_off_s = np.inf
+    if len(apart):
+        lift_off_s = float(apart[0])
+    return StrokePhases(float(moments[0]), valley_s, lift_off_s)
 
 
 def _pressing(smooth: LocalFit, rest_N: float) -> slice | None:
@@ -352,13 +355,17 @@ def describe_stroke(
     none; a caller may know the valley.
     """
     valley = valley or stroke_valley(stroke)
-    known_valley = valley if isinstance(valley, Valley) else None
+    time_s = None
+    fz_N = None
+    if isinstance(valley, Valley):
+        time_s = valley.time_s
+        fz_N = valley.fz_N
     return {
         "height_mm": round(1e3 * stroke.height_m, 6),
         "speed_rad_s": stroke.speed_rad_s,
         "repeat": stroke.repeat,
-        "valley_time_s": None if known_valley is None else known_valley.time_s,
-        "valley_fz_N": None if known_valley is None else known_valley.fz_N,
+        "valley_time_s": time_s,
+        "valley_fz_N": fz_N,
     }
 
 
@@ -366,7 +373,9 @@ def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Undetermined,
     """The valley and the phases that it separates, from times and forces (m,); a phase that was
     not reached begins at infinity.
     """
-    recorded_s = float(t_s[-1] - t_s[0]) if len(t_s) else 0.0
+    recorded_s = 0.0
+    if len(t_s):
+        recorded_s = float(t_s[-1] - t_s[0])
     if recorded_s < MIN_RECORDED_S:
         return Undetermined(
             f"fz was recorded for {recorded_s:.3f} s only; a stroke needs "
@@ -377,11 +386,14 @@ def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Undetermined,
     if isinstance(contact, Undetermined):
         return contact, StrokePhases()
     valley = _valley_within(t_s, fz_N, smooth, contact)
-    if isinstance(valley, Undetermined):
-        valley_s = np.inf
-    else:
-        valley_s = valley.time_s
-    return valley, StrokePhases(contact.touchdown_s, valley_s, contact.lift_off_s)
+    return valley, StrokePhases(contact.touchdown_s, valley_time_s(valley), contact.lift_off_s)
+
+
+def valley_time_s(valley: Valley | Undetermined) -> float:
+    """Time of the valley in s; infinite where there is none, so that nothing comes after it."""
+    if isinstance(valley, Valley):
+        return valley.time_s
+    return np.inf
 
 
 def _valley_within(

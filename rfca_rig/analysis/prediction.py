@@ -27,21 +27,29 @@ class Prediction:
         """The figures by name, each with its unit; `no_valley` says why there is none."""
         stroke = self.stroke
         valley = find_valley(stroke.t_s, stroke.fz_N)
-        known_valley = valley if isinstance(valley, Valley) else None
+        valley_time_s = None
+        valley_fz_N = None
+        no_valley = None
+        if isinstance(valley, Valley):
+            valley_time_s = round(valley.time_s, 5)
+            valley_fz_N = round(valley.fz_N, 4)
+        else:
+            no_valley = valley.reason
         force = np.hypot(stroke.fy_N, stroke.fz_N)
         touching = stroke.normal_N.sum(axis=1) > 0.0
+        touches_from_s = None
+        if touching.any():
+            touches_from_s = round(float(stroke.t_s[touching.argmax()]), 4)
         return {
             "height_mm": round(1e3 * self.height_m, 6),
             "speed_rad_s": self.speed_rad_s,
-            "valley_time_s": None if known_valley is None else round(known_valley.time_s, 5),
-            "valley_fz_N": None if known_valley is None else round(known_valley.fz_N, 4),
-            "no_valley": None if isinstance(valley, Valley) else valley.reason,
+            "valley_time_s": valley_time_s,
+            "valley_fz_N": valley_fz_N,
+            "no_valley": no_valley,
             "peak_force_N": round(float(force.max()), 3),
             "peak_force_time_s": round(float(stroke.t_s[force.argmax()]), 4),
             "peak_shaft_torque_Nm": round(float(np.abs(stroke.shaft_torque_Nm).max()), 4),
-            "touches_from_s": round(float(stroke.t_s[touching.argmax()]), 4)
-            if touching.any()
-            else None,
+            "touches_from_s": touches_from_s,
         }
 
     def lines(self) -> list[str]:

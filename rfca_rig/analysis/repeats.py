@@ -59,6 +59,10 @@ def group_by_condition(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
 
 def compute_spread(values: Sequence[float]) -> Spread:
     """Mean and sample standard deviation of repeats."""
-    mean = float(np.mean(values)) if values else None
-    std = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    mean = None
+    if values:
+        mean = float(np.mean(values))
+    std = None
+    if len(values) > 1:
+        std = float(np.std(values, ddof=1))
     return Spread(mean, std, len(values))

@@ -220,6 +220,9 @@ def _row(
     stroke = _stroke(replace(rig, leg=replace(rig.leg, k0_Nm_per_rad=k0)), height_m, speed_rad_s)
     angle = stroke.largest_angle_rad
     torque = stroke.largest_torque_Nm
+    strain = None
+    if angle is not None and torque is not None:
+        strain = _strain(strip, angle, torque, _pitch_m(rig.leg), EI / k0)
     return StripRow(
         material=strip.material,
         thickness_m=strip.thickness_m,
@@ -228,9 +231,7 @@ def _row(
         end_hinge_Nm_per_rad=float(stiffness[0]),
         k0_Nm_per_rad=k0,
         stroke=stroke,
-        strain=None
-        if angle is None or torque is None
-        else _strain(strip, angle, torque, _pitch_m(rig.leg), EI / k0),
+        strain=strain,
     )
 
 

@@ -211,17 +211,12 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
     for stage in stages:
         if isinstance(stage, MoveShaft):
             way_rad = turn_to(stage.angle_rad, angles[-1], stage.forwards)
+            # A move of no length still takes one sample: a piece of zero duration has no speed.
+            duration_s = max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S)
         else:
             way_rad = 0.0
-        # A move of no length still takes one sample: a piece of zero duration has no speed.
-        times.append(
-            times[-1]
-            + (
-                max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S)
-                if isinstance(stage, MoveShaft)
-                else HOLD_S
-            )
-        )
+            duration_s = HOLD_S
+        times.append(times[-1] + duration_s)
         angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
     times_s = np.array(times)

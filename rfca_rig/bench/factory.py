@@ -110,10 +110,11 @@ def _make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> 
         angle_gain_per_s=drive.angle_gain_per_s,
         torque_limit_Nm=drive.torque_limit_Nm,
     )
+    watchdog_s = None
     # A drive that a guardian can switch off has no watchdog of its own.
-    return make.make_twin(
-        rig.motor, bus, gains, USUAL_WATCHDOG_S if make.torque_off is None else None
-    )
+    if make.torque_off is None:
+        watchdog_s = USUAL_WATCHDOG_S
+    return make.make_twin(rig.motor, bus, gains, watchdog_s)
 
 
 @contextmanager

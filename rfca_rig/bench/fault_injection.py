@@ -23,19 +23,26 @@ from rfca_rig.twins.world import MotorTwin
 def faults_of(rig: RigFile) -> tuple[Fault, ...]:
     """Every fault that this rig's devices can have, except those of ports for other programs."""
     wire = find_sensor(rig.force_sensor.device).find_wire()
-    return (*(wire.faults if wire else ()), *CAN_FAULTS, *drive_faults_of(rig).faults)
+    faults = (*CAN_FAULTS, *drive_faults_of(rig).faults)
+    if wire is None:
+        return faults
+    return (*wire.faults, *faults)
 
 
 def faults_of_served_rig(rig: RigFile) -> tuple[Fault, ...]:
     """The same for a rig whose devices are on ports for other programs."""
     wire = find_sensor(rig.force_sensor.device).find_wire()
-    return (*faults_of(rig), *(wire.port_faults if wire else ()))
+    if wire is None:
+        return faults_of(rig)
+    return (*faults_of(rig), *wire.port_faults)
 
 
 def drive_faults_of(rig: RigFile) -> DriveFaults:
     """The faults of the rig's drive, none where its make names none."""
     reference = find_motor(rig.motor.device).faults
-    faults: DriveFaults = DriveFaults() if reference is None else load_object(reference)
+    if reference is None:
+        return DriveFaults()
+    faults: DriveFaults = load_object(reference)
     return faults
 
 

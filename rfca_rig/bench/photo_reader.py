@@ -128,8 +128,10 @@ def read_photos(parent: Connection) -> None:
     while waiting or not is_complete:
         if not is_complete and parent.poll(LOOK_EVERY_S if waiting else None):
             photo: str = parent.recv()
-            is_complete = not photo
-            waiting.extend([photo] if photo else [])
+            if photo:
+                waiting.append(photo)
+            else:
+                is_complete = True
         if waiting and (is_complete or (assignment.folder / waiting[0]).is_file()):
             name = waiting.popleft()
             # Those that cannot be read are read again by the control process, which reports what is

@@ -50,8 +50,13 @@ def source_state(package: Path = PACKAGE) -> dict[str, str]:
     revision = next(
         (line.removeprefix(_REVISION) for line in lines if line.startswith(_REVISION)), UNKNOWN
     )
-    changed = "yes" if any(not line.startswith("#") for line in lines) else "no"
-    return {"git_revision": revision, "git_dirty": changed if lines else UNKNOWN}
+    if not lines:
+        changed = UNKNOWN
+    elif any(not line.startswith("#") for line in lines):
+        changed = "yes"
+    else:
+        changed = "no"
+    return {"git_revision": revision, "git_dirty": changed}
 
 
 def _status_lines(root: Path) -> list[str]:
@@ -91,11 +96,11 @@ class Outcome:
         """None for a run that was completed."""
         if error is None:
             return Outcome(DONE, 0, DONE)
+        if isinstance(error, Tripped):
+            return Outcome(str(error), error.exit_code, str(error.code))
         # The class name in lower case with hyphens: DiskFull becomes disk-full.
         kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(error).__name__).lower()
-        return Outcome(
-            str(error), error.exit_code, str(error.code) if isinstance(error, Tripped) else kind
-        )
+        return Outcome(str(error), error.exit_code, kind)
 
 
 def software_and_host(bench: Bench) -> dict[str, str]:

@@ -120,6 +120,12 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
             f"{folder}: its stage files are not what its plan begins with; type rfca-rig "
             f"check {folder}"
         )
+    carried_ending = {}
+    # Without the photos, which are listed again.
+    if ending is not None:
+        for name, text in ending.provenance.items():
+            if name in CARRIED_ENDING_KEYS:
+                carried_ending[name] = text
     last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
     return InterruptedRun(
         folder=folder,
@@ -133,12 +139,7 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
         static=static,
         why=why,
         last_seen={name: last[name] for name in ("t_s", "utc") if name in last},
-        # Without the photos, which are listed again.
-        ending={}
-        if ending is None
-        else {
-            name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS
-        },
+        ending=carried_ending,
         resumed=sum(event["event"] == RESUMED for event in events),
     )
 
@@ -190,9 +191,11 @@ def reopen_run(
         },
         "ending": dict(begun.ending),
         "operator": operator,
-        **({} if seed is None else {"seed": seed}),
-        **({"rig_changes": dict(rig_changes)} if rig_changes else {}),
     }
+    if seed is not None:
+        event["seed"] = seed
+    if rig_changes:
+        event["rig_changes"] = dict(rig_changes)
     run_folder.reopen(begun.folder, event, begun.resumed)
 
 
@@ -206,8 +209,9 @@ def ending_of(
     """The run's end with the static stages of all its parts; photos of earlier parts that were
     not read are read now.
     """
-    earlier = () if begun is None else _with_photos_read(begun.static, folder, eye)
+    earlier: Sequence[StaticStage] = ()
     if begun is not None:
+        earlier = _with_photos_read(begun.static, folder, eye)
         known = {
             **known,
             "resumed": json.dumps(
@@ -281,8 +285,12 @@ def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -
 
 
 def _list_keys(keys: list[str]) -> str:
-    shown = ", ".join(keys[:4]) + (f" and {len(keys) - 4} more" if len(keys) > 4 else "")
-    return f"{shown} {'is' if len(keys) == 1 else 'are'}"
+    shown = ", ".join(keys[:4])
+    if len(keys) > 4:
+        shown += f" and {len(keys) - 4} more"
+    if len(keys) == 1:
+        return f"{shown} is"
+    return f"{shown} are"
 
 
 def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
@@ -313,5 +321,8 @@ def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:
     pairs: list[tuple[str, Any]] = []
     for key, value in values.items():
         name = f"{above}{key}"
-        pairs += _flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)]
+        if isinstance(value, dict):
+            pairs += _flat(value, f"{name}.")
+        else:
+            pairs.append((name, value))
     return pairs

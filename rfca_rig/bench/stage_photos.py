@@ -50,10 +50,12 @@ def read_stage_photos(
     reason. Stages without a photo stay unchanged. `known` are the marks of photos that are read
     already, by their path in the run's folder.
     """
-    marks = [
-        known.get(stage.photo) or _read_marks(stage, run_folder, eye) if stage.photo else stage
-        for stage in iterate_with_progress(stages, report_progress)
-    ]
+    marks: list[IdentifiedMarks | StaticStage] = []
+    for stage in iterate_with_progress(stages, report_progress):
+        if stage.photo:
+            marks.append(known.get(stage.photo) or _read_marks(stage, run_folder, eye))
+        else:
+            marks.append(stage)
     results: list[StaticStage] = []
     read: list[tuple[int, IdentifiedMarks]] = []
     for number, (stage, outcome) in enumerate(zip(stages, marks, strict=True)):
@@ -110,11 +112,11 @@ def _with_angles(
     encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, OVERLAY_QUALITY])[1]
     write_atomically(run_folder / name, encoded.tobytes())
     stage = replace(stage, overlay=name)
-    doubts = [
-        *([fit.refused] if fit.refused else []),
-        *(doubt.words for doubt in identified.doubts),
-        *_marks_out_of_plane(fit, eye.plan),
-    ]
+    doubts = []
+    if fit.refused:
+        doubts.append(fit.refused)
+    doubts += [doubt.words for doubt in identified.doubts]
+    doubts += _marks_out_of_plane(fit, eye.plan)
     # Angles of another stage would be worse than none, so this doubt discards them all.
     if other := _another_shaft_angle(stage, angles):
         return replace(stage, photo_doubts="; ".join([other, *doubts]))

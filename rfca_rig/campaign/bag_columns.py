@@ -26,7 +26,12 @@ from rfca_rig.campaign.bags import (
     read_time_ns,
 )
 from rfca_rig.campaign.layout import TIME_UNITS
-from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns
+from rfca_rig.campaign.recorded_columns import (
+    ColumnList,
+    ColumnRequest,
+    RecordedColumns,
+    finite_or_none,
+)
 from rfca_rig.campaign.table import FEWEST_SAMPLES
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
@@ -97,28 +102,28 @@ def list_bag_columns(path: Path) -> ColumnList:
         series: dict[str, dict[str, list[float]]] = {topic: defaultdict(list) for topic in readable}
         messages = dict.fromkeys(bag.types, 0)
         stamped = dict.fromkeys(bag.types, 0)
-        for topic, _, message in bag.messages(readable) if readable else ():
-            messages[topic] += 1
-            stamped[topic] += has_stamp(message, stamp)
-            for name, value in list_numbers(message):
-                series[topic][f"{topic}:{name}"].append(value)
+        if readable:
+            for topic, _, message in bag.messages(readable):
+                messages[topic] += 1
+                stamped[topic] += has_stamp(message, stamp)
+                for name, value in list_numbers(message):
+                    series[topic][f"{topic}:{name}"].append(value)
         notes = [
             f"topic {topic}: {name}, {bag.unreadable.get(topic, f'{messages[topic]} messages')}"
             for topic, name in sorted(bag.types.items())
         ]
-    values = {
-        name: np.array(numbers)
-        for of_topic in series.values()
-        for name, numbers in of_topic.items()
-    }
+    columns = {}
+    for of_topic in series.values():
+        for name, numbers in of_topic.items():
+            columns[name] = finite_or_none(np.array(numbers))
     with_numbers = [topic for topic in readable if series[topic]]
+    time_columns: tuple[str, ...] = ()
     # Stamps serve as the time only if every message has one.
-    has_headers = bool(with_numbers) and all(
-        stamped[topic] == messages[topic] for topic in with_numbers
-    )
+    if with_numbers and all(stamped[topic] == messages[topic] for topic in with_numbers):
+        time_columns = (HEADER_STAMP,)
     return ColumnList(
-        {name: column if np.isfinite(column).all() else None for name, column in values.items()},
-        (HEADER_STAMP,) if has_headers else (),
+        columns,
+        time_columns,
         no_time=f"{LOG_TIME}; or {HEADER_STAMP}, where every topic that is used has one",
         time_unit="s",
         notes=tuple(notes),
@@ -147,16 +152,22 @@ def _find_column(bag: Bag, name: str, meaning: str) -> _Column:
         raise BadInput(f"{start}: {error}") from None
 
 
+def _parse_stamp(bag: Bag, time: str, unit_ns: int) -> MessageField | None:
+    """The field with the time of a message; None for the time of the log, which is in s."""
+    if time != LOG_TIME:
+        try:
+            return parse_field(time)
+        except ValueError as error:
+            raise BadInput(f"{bag.path}: [time] column: {error}") from None
+    if unit_ns != NS_PER_S:
+        raise BadInput(f'{bag.path}: [time] column: {LOG_TIME} is read in s; write unit = "s"')
+    return None
+
+
 def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> dict[str, _Series]:
     """Every column by its name, with its own times."""
-    time = request.time.column
     unit_ns = round(TIME_UNITS[request.time.unit] * NS_PER_S)
-    try:
-        stamp = None if time == LOG_TIME else parse_field(time)
-        if stamp is None and unit_ns != NS_PER_S:
-            raise ValueError(f'{LOG_TIME} is read in s; write unit = "s"')
-    except ValueError as error:
-        raise BadInput(f"{bag.path}: [time] column: {error}") from None
+    stamp = _parse_stamp(bag, request.time.column, unit_ns)
     of_topic: dict[str, list[_Column]] = defaultdict(list)
     for column in columns:
         of_topic[column.topic].append(column)
@@ -167,7 +178,9 @@ def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> di
     for topic, log_ns, message in bag.messages(of_topic):
         messages[topic] += 1
         try:
-            at_ns = log_ns if stamp is None else read_time_ns(message, stamp, unit_ns)
+            at_ns = log_ns
+            if stamp is not None:
+                at_ns = read_time_ns(message, stamp, unit_ns)
             for column in of_topic[topic]:
                 _append(column, message, at_ns, times_ns, values)
         except ValueError as error:

@@ -102,7 +102,10 @@ def open_bag(path: Path) -> Iterator[Bag]:
     BadInput
         Where it cannot be read, or holds no topics.
     """
-    with _open_mcap(path) if path.suffix.lower() == ".mcap" else _open_rosbag(path) as bag:
+    open_reader = _open_rosbag
+    if path.suffix.lower() == ".mcap":
+        open_reader = _open_mcap
+    with open_reader(path) as bag:
         if not bag.types:
             raise BadInput(f"{path}: holds no messages")
         yield bag
@@ -354,10 +357,10 @@ def _value(message: Any, field: MessageField) -> Any:
     for name, keys in field.parts:
         if not _has(at, name):
             known = _field_names(at)
-            raise ValueError(
-                f"{place} has no field {name}; "
-                f"{suggestion(name, known) if known else 'it has no fields at all'}"
-            )
+            hint = "it has no fields at all"
+            if known:
+                hint = suggestion(name, known)
+            raise ValueError(f"{place} has no field {name}; {hint}")
         holder = at
         at = _child(at, name)
         place = name
@@ -393,7 +396,9 @@ def _names_beside(holder: Any, array: Any) -> list[str] | None:
     """The names of an array's entries, where the enclosing message has them. An array may be
     empty if it was not measured.
     """
-    names = _child(holder, _NAMES) if _has(holder, _NAMES) else None
+    names = None
+    if _has(holder, _NAMES):
+        names = _child(holder, _NAMES)
     # An array next to `name` belongs to it only if both have the same length.
     if (
         array is names
@@ -439,9 +444,9 @@ def _field_names(value: Any) -> list[str]:
 
 
 def _has(value: Any, name: str) -> bool:
-    return name in (
-        value if isinstance(value, dict) else getattr(value, "__dataclass_fields__", ())
-    )
+    if isinstance(value, dict):
+        return name in value
+    return name in getattr(value, "__dataclass_fields__", ())
 
 
 def _child(holder: Any, name: str) -> Any:

@@ -165,12 +165,12 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
     _check_unique(path, described)
     model = folder / described.model
     if not allow_outside:
-        inside = [model] if is_inside(described.model) else []
-        recordings = (folder / run.file for run in described.recordings)
-        refuse_outside(
-            [*inside, *(file for recording in recordings for file in list_files(recording))],
-            [folder],
-        )
+        files = []
+        if is_inside(described.model):
+            files.append(model)
+        for run in described.recordings:
+            files += list_files(folder / run.file)
+        refuse_outside(files, [folder])
     return make_experiment(path, described, allow_outside)
 
 
@@ -199,11 +199,10 @@ def make_experiment(
     model = folder / described.model
     signals = tuple(
         RecordedSignal(
-            # A sign of -1 belongs to the values; a standard deviation has none.
             s.quantity or "sensor",
             s.joint or s.sensor or "",
             s.si_unit,
-            None if s.noise_std is None else abs(s.noise_std * s.factor),
+            _std_in_si(s.noise_std, s.factor),
         )
         for s in described.signals
     )
@@ -230,7 +229,7 @@ def make_experiment(
                 p.joint,
                 p.si_unit,
                 p.smoothed_s,
-                None if p.scatter_std is None else abs(p.scatter_std * p.factor),
+                _std_in_si(p.scatter_std, p.factor),
             )
             for p in described.prescribed
         ),
@@ -286,6 +285,14 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
                 )
 
 
+def _std_in_si(std: float | None, factor: float) -> float | None:
+    """A standard deviation, None where it is not stated."""
+    if std is None:
+        return None
+    # A sign of -1 belongs to the values; a standard deviation has none.
+    return abs(std * factor)
+
+
 def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismRun:
     run = described.recordings[index]
     if not (folder / run.file).exists():
@@ -293,7 +300,9 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
         raise BadInput(f"{where}: recordings[{index + 1}].file: {folder / run.file} is not there")
     # An undriven run needs no columns of commands, and its commands are zero.
     signals = described.signals
-    commands = described.commands if run.driven else ()
+    commands = described.commands
+    if not run.driven:
+        commands = ()
     # Words for the message about a missing column.
     holds = {signal.column: signal.words for signal in signals}
     holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
@@ -435,10 +444,11 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         if slides:
             position = LENGTH_UNITS
             speed = SPEED_UNITS
+            hint = ""
         else:
             position = {**ANGLE_UNITS, COUNTS: 0.0}
             speed = ANGLE_SPEED_UNITS
-        hint = "" if slides else "; a count needs counts_per_turn"
+            hint = "; a count needs counts_per_turn"
         lines += _table(
             "signals",
             {"joint": format_value(joint), "quantity": format_value("position")},
@@ -518,9 +528,12 @@ def _comment(text: str) -> str:
 
 def _table(name: str, known: dict[str, str], units: str, remove: str = "") -> list[str]:
     fields = [f"{key} = {value}" for key, value in known.items()]
+    head = f"[[{name}]]"
+    if remove:
+        head += f"  # remove this table {remove}"
     return [
         "",
-        f"[[{name}]]{f'  # remove this table {remove}' if remove else ''}",
+        head,
         *fields,
         f"column = {PLACEHOLDER}",
         f"unit = {PLACEHOLDER}  # {units}",

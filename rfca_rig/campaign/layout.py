@@ -191,10 +191,11 @@ class SignalSection(Section):
         if self.unit not in (*known, COUNTS) or (
             self.unit == COUNTS and self.quantity != "position"
         ):
-            counts = (COUNTS,) if self.quantity == "position" else ()
+            if self.quantity == "position":
+                known.append(COUNTS)
             raise ValueError(
                 f"unit {self.unit!r} of a {self.quantity or 'sensor'} should be one of "
-                f"{', '.join((*known, *counts))}"
+                f"{', '.join(known)}"
             )
         if (self.unit == COUNTS) != (self.counts_per_turn is not None):
             raise ValueError("counts_per_turn belongs to the unit 'count': give both or none")

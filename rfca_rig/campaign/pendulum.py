@@ -234,7 +234,9 @@ class PendulumModelFile(Section):
 
     @property
     def links(self) -> tuple[LinkSection, ...]:
-        return (self.link1,) if self.link2 is None else (self.link1, self.link2)
+        if self.link2 is None:
+            return (self.link1,)
+        return (self.link1, self.link2)
 
 
 def read_pendulum(
@@ -416,13 +418,17 @@ def write_pendulum_mjcf(links: Sequence[LinkSection]) -> str:
 def _write_link(links: Sequence[LinkSection], number: int, further: str) -> str:
     """One link with those beyond it, whose text is `further`."""
     link = links[number - 1]
-    at_m = links[number - 2].length_m if number > 1 else 0.0
+    at_m = 0.0
+    if number > 1:
+        at_m = links[number - 2].length_m
     inertia = link.inertia_kg_m2 - link.mass_kg * link.centre_of_mass_m**2
     # MuJoCo refuses point masses: a little inertia about the centre of mass.
     inertia = max(inertia, LEAST_INERTIA * link.inertia_kg_m2)
     # A slender link: the inertia about its own direction hardly matters.
     spin = 1e-3 * inertia
-    tip = "" if further else f'   <site name="tip" pos="0 0 {-link.length_m!r}"/>\n'
+    tip = ""
+    if not further:
+        tip = f'   <site name="tip" pos="0 0 {-link.length_m!r}"/>\n'
     return f"""  <body name="link{number}" pos="0 0 {-at_m!r}">
    <joint name="joint{number}" axis="0 -1 0" ref="{link.zero_offset_rad!r}" \
 damping="{link.joint_damping_Nm_s_per_rad!r}" frictionloss="{link.joint_friction_Nm!r}" \

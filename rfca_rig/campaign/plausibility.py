@@ -67,7 +67,9 @@ class Slip:
 
     @property
     def words(self) -> str:
-        return f"{self.what}: {self.found}{f': {self.guess}' if self.guess else ''}"
+        if self.guess:
+            return f"{self.what}: {self.found}: {self.guess}"
+        return f"{self.what}: {self.found}"
 
 
 def find_slips(recording: Recording) -> list[Slip]:
@@ -319,5 +321,7 @@ def _compare(
     fitting = [
         unit for factor, unit in factors.items() if value > 0.0 and low <= value * factor <= high
     ]
-    guess = f"{' or '.join(fitting)}?" if fitting else ""
+    guess = ""
+    if fitting:
+        guess = f"{' or '.join(fitting)}?"
     yield Slip(where, what, f"{value:.4g} where {low:.3g} to {high:.3g} is plausible", guess)

@@ -320,9 +320,9 @@ def read_campaign(
     described = read_toml(path, CampaignFile)
     if not allow_outside:
         section = described.leg.torque_rotation
-        named = [run.file for run in described.runs] + (
-            [section.curve] if section is not None and section.curve is not None else []
-        )
+        named = [run.file for run in described.runs]
+        if section is not None and section.curve is not None:
+            named.append(section.curve)
         refuse_outside((folder / name for name in named), [folder])
     campaign = read_named_curve(described, folder)
     _check_files(folder, campaign)

@@ -66,8 +66,9 @@ class RecordedColumns:
     def fault(self, row: int, problem: str) -> BadInput:
         """The error for sample `row`, from 0."""
         # Text files are named by line, others by sample: a user looks there.
-        place = f" sample {row + 1}" if self.first_line is None else f"{row + self.first_line}"
-        return BadInput(f"{self.path}:{place}: {problem}")
+        if self.first_line is None:
+            return BadInput(f"{self.path}: sample {row + 1}: {problem}")
+        return BadInput(f"{self.path}:{row + self.first_line}: {problem}")
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,13 @@ class ColumnList:
     no_time: str = "none of the columns rises throughout"
     time_unit: str | None = None
     notes: tuple[str, ...] = ()
+
+
+def finite_or_none(column: Floats) -> Floats | None:
+    """The column; None where it holds something that is no finite number."""
+    if np.isfinite(column).all():
+        return column
+    return None
 
 
 def find_rising(values: Mapping[str, Floats | None]) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from rfca_rig.campaign.recorded_columns import (
     ColumnRequest,
     RecordedColumns,
     find_rising,
+    finite_or_none,
 )
 from rfca_rig.campaign.table import FEWEST_SAMPLES, columns, numeric_columns, read_table
 from rfca_rig.errors import BadInput
@@ -129,7 +130,9 @@ def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}, is missing; {hint}")
     if fault := _fault_in_column(dataset, index):
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}: {fault}")
-    return np.asarray(dataset[:] if index is None else dataset[:, index], dtype=np.float64)
+    if index is None:
+        return np.asarray(dataset[:], dtype=np.float64)
+    return np.asarray(dataset[:, index], dtype=np.float64)
 
 
 def _dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
@@ -165,10 +168,7 @@ def _list_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Floats | None]:
     if dataset.dtype.kind not in _NUMBERS:
         return dict.fromkeys(names)
     columns = np.asarray(dataset[:], dtype=np.float64).reshape(len(dataset), len(names)).T
-    return {
-        name: column if np.isfinite(column).all() else None
-        for name, column in zip(names, columns, strict=True)
-    }
+    return {name: finite_or_none(column) for name, column in zip(names, columns, strict=True)}
 
 
 def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
@@ -240,7 +240,9 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
 
 def list_files(recording: Path) -> list[Path]:
     """The files of one recording: the file itself, or all in the folder of a bag."""
-    return [recording, *(sorted(recording.rglob("*")) if recording.is_dir() else [])]
+    if recording.is_dir():
+        return [recording, *sorted(recording.rglob("*"))]
+    return [recording]
 
 
 def _is_bag(path: Path) -> bool:

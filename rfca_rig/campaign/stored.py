@@ -289,8 +289,11 @@ def open_stored(path: Path) -> StoredRecording:
     """
     if path.is_dir():
         refuse_links(path)
-    file = path / RECORDING_NAME if path.is_dir() else path
-    folder = path if path.is_dir() else path.parent
+        folder = path
+        file = path / RECORDING_NAME
+    else:
+        folder = path.parent
+        file = path
     # HDF5 files are opened in place; anything else is read into memory.
     if file.is_file() and file.suffix == ".h5":
         return _in_one_file(folder, file)

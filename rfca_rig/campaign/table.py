@@ -14,6 +14,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.campaign.recorded_columns import finite_or_none
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.reading import (
     BYTES_PER_GIB,
@@ -146,10 +147,8 @@ def numeric_columns(table: CsvTable) -> dict[str, Floats | None]:
 def _numeric_columns_in(table: CsvTable) -> dict[str, Floats | None]:
     values = _fast(table)
     if values is not None:
-        return {
-            name: column if np.isfinite(column).all() else None
-            for name, column in zip(table.names, values.T, strict=True)
-        }
+        columns = zip(table.names, values.T, strict=True)
+        return {name: finite_or_none(column) for name, column in columns}
     cells = dict(zip(table.names, zip(*rows(table), strict=True), strict=True))
     return {
         name: None if any(map(_fault_in_number, column)) else np.array(column, dtype=float)
@@ -241,9 +240,11 @@ def select_samples(
         raise recording.fault(
             row, f"time does not run forwards: {t_s[row]:g} s after {t_s[row - 1]:g} s"
         )
-    inside = (t_s >= (-np.inf if from_s is None else from_s)) & (
-        t_s <= (np.inf if to_s is None else to_s)
-    )
+    if from_s is None:
+        from_s = -np.inf
+    if to_s is None:
+        to_s = np.inf
+    inside = (t_s >= from_s) & (t_s <= to_s)
     if inside.sum() < FEWEST_SAMPLES:
         raise BadInput(
             f"{recording.path}: {inside.sum()} samples between from_s and to_s; needs "

@@ -57,11 +57,11 @@ class ViewSession:
         return self._view.run_queue
 
     def _vitals(self) -> tuple[StreamHealth, int]:
+        backlog_bytes = 0
         # The view begins before the recorder does.
-        return (
-            self._bench.sensor.health(),
-            0 if self._keeper is None else self._keeper.backlog_bytes,
-        )
+        if self._keeper is not None:
+            backlog_bytes = self._keeper.backlog_bytes
+        return self._bench.sensor.health(), backlog_bytes
 
     def _tell(self, line: str) -> None:
         if self._say is not None:
@@ -90,9 +90,10 @@ class ViewSession:
         """The motor is off, because of the error, or because the run is complete."""
         if self._view is None:
             return
-        self._view.run_queue.end(
-            Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else ""
-        )
+        code = ""
+        if isinstance(error, Tripped):
+            code = str(error.code)
+        self._view.run_queue.end(Outcome.of(error).why, code)
         # A view that failed must not fail the run; it is reported only now.
         if not self._view.is_alive:
             echo(

@@ -199,7 +199,9 @@ def finish_cut_short(config: RunConfig, run: FinishedRun, say: Say) -> None:
         # continued run has earlier stages.
         if run.recorder.samples or config.begun or is_tripped:
             finish(config, run, quiet=True)
-            after = " --after-trip" if is_tripped else ""
+            after = ""
+            if is_tripped:
+                after = " --after-trip"
             say(
                 f"kept {describe_contents(run.folder)} in {run.folder}; rfca-rig resume "
                 f"{run.folder}{after} goes on"
@@ -229,19 +231,22 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
         known_to = config.nominal_source.known_to.model_dump(exclude_none=True)
     else:
         known_to = {}
-    seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
-    named = {"rig": config.rig_name} if config.rig_name else {}
+    named = {}
+    if config.twin_seed is not None:
+        named["seed"] = str(config.twin_seed)
+    if config.rig_name:
+        named["rig"] = config.rig_name
     if config.faults:
         named["twin_faults"] = ", ".join(
-            f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"
-            for fault in config.faults
+            f"{fault.words} at {fault.at_s:g} s" for fault in config.faults
         )
     # The driver of an installed package is no text of the rig: its version says what ran.
     named |= packages_of(config.rig.motor, config.rig.force_sensor)
     texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}
-    texts |= ({"model_file": config.model_text} if config.model else {}) | (
-        {"camera_file": config.camera_text} if config.eye else {}
-    )
+    if config.model:
+        texts["model_file"] = config.model_text
+    if config.eye:
+        texts["camera_file"] = config.camera_text
     # A lab's own drivers and effects are part of the rig: without their text the recording could
     # not be explained.
     texts |= texts_of(config.rig.motor, config.rig.force_sensor)
@@ -251,7 +256,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     }
     return Recording(
         title=config.plan.title,
-        source="REAL" if config.rig.is_real else "SIM",
+        source=config.rig.source,
         nominal=config.nominal_source.nominal(),
         known_to=known_to,
         strokes=(),
@@ -262,7 +267,6 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
             **provenance.files(texts),
             **provenance.plan_fields(config.plan),
             **provenance.devices(bench),
-            **seed,
             **named,
         },
     )

@@ -145,12 +145,9 @@ def run() -> None:
         plain = (
             text.replace("Input should be", "should be").replace("Value error, ", "").rstrip(".")
         )
-        _leave(
-            f"{plain}; see {context.command_path} --help"
-            if text and context is not None
-            else plain,
-            BadInput.exit_code,
-        )
+        if text and context is not None:
+            plain += f"; see {context.command_path} --help"
+        _leave(plain, BadInput.exit_code)
     except Tripped as error:
         _leave(f"{error}; more: rfca-rig trip {error.code}", error.exit_code)
     except RigError as error:
@@ -204,11 +201,15 @@ def _leave_as_system_refused(error: OSError) -> None:
     # What the output holds is lost; the interpreter would try it again at its end.
     with suppress(OSError):
         sys.stdout.close()
-    where = f" ({error.filename})" if error.filename else ""
-    refused = (
-        f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where"
-    )
-    _leave(NO_MORE_PROCESSES if error.errno == errno.EAGAIN else refused, 1)
+    if error.errno == errno.EAGAIN:
+        refused = NO_MORE_PROCESSES
+    else:
+        file = ""
+        if error.filename:
+            file = f" ({error.filename})"
+        reason = error.strerror or error
+        refused = f"the system refused: {reason}{file}; {DEBUG_VARIABLE}=1 shows where"
+    _leave(refused, 1)
 
 
 def _describe_interruption(error: BaseException) -> tuple[str, int]:

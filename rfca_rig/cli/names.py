@@ -111,9 +111,11 @@ def list_recorded_folders(begun: str) -> list[str]:
     where nothing is typed yet.
     """
     parent, slash, _ = begun.rpartition("/")
-    places = [parent or "/"] if slash else [".", "runs"]
+    parents = [".", "runs"]
+    if slash:
+        parents = [parent or "/"]
     newest = sorted(
-        (candidate for folder in places for candidate in _folders_in(folder, begun)), reverse=True
+        (candidate for folder in parents for candidate in _folders_in(folder, begun)), reverse=True
     )
     recorded: list[str] = []
     for _, path in newest:
@@ -190,7 +192,7 @@ def _answer(offer: Offer) -> Callable[[object, str], list[Offered]]:
     ]
 
 
-def _each_of(words: Iterable[str]) -> Offer:
+def _offer_words(words: Iterable[str]) -> Offer:
     return lambda _begun: words
 
 
@@ -218,7 +220,7 @@ _BY_METAVAR: dict[str, Offer] = {
     "FOLDER": list_recorded_folders,
     "RIG": lambda _begun: rig_names(),
     "PROTOCOL": lambda _begun: file_names("protocols"),
-    "CODE": _each_of(TRIP_CODES),
+    "CODE": _offer_words(TRIP_CODES),
 }
 _BY_OPTION: dict[str, Offer] = {
     "--rig": lambda _begun: rig_names(),
@@ -228,11 +230,11 @@ _BY_OPTION: dict[str, Offer] = {
     "--phases": _behind_commas(PHASES),
 }
 _BY_COMMAND: dict[tuple[str, str], Offer] = {
-    ("runs", "--kind"): _each_of(RUN_KINDS),
-    ("runs", "--source"): _each_of(SOURCES),
-    ("runs", "--ended"): _each_of((*RUN_ENDINGS, *TRIP_CODES)),
+    ("runs", "--kind"): _offer_words(RUN_KINDS),
+    ("runs", "--source"): _offer_words(SOURCES),
+    ("runs", "--ended"): _offer_words((*RUN_ENDINGS, *TRIP_CODES)),
     ("runs", "--verdict"): _verdicts,
-    ("prove", "--kind"): _each_of(CASE_KINDS),
-    ("schema", "KIND"): _each_of(FILE_KINDS),
+    ("prove", "--kind"): _offer_words(CASE_KINDS),
+    ("schema", "KIND"): _offer_words(FILE_KINDS),
     ("sweep", "SWEEP"): lambda _begun: file_names("sweeps"),
 }

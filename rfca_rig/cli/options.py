@@ -153,10 +153,10 @@ def out_folder(folder: Path | None) -> Path | None:
     # writable.
     nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not nearest.is_dir():
-        raise BadInput(
-            f"{folder}: {'is' if nearest == folder else f'{nearest} is'} a file, where a "
-            "folder is needed; name another"
-        )
+        obstacle = "is"
+        if nearest != folder:
+            obstacle = f"{nearest} is"
+        raise BadInput(f"{folder}: {obstacle} a file, where a folder is needed; name another")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise BadInput(
             f"{folder}: nothing may be written into {nearest}; name another folder, or "
@@ -174,7 +174,10 @@ def out_file(file: Path | None) -> Path | None:
     refuse_devices(file)
     if not file.parent.is_dir():
         raise BadInput(f"{file}: there is no folder {file.parent}; make it, or name another file")
-    if not os.access(file if file.exists() else file.parent, os.W_OK):
+    target = file
+    if not file.exists():
+        target = file.parent
+    if not os.access(target, os.W_OK):
         raise BadInput(f"{file}: may not be written; name another file, or make that one yours")
     return file
 
@@ -356,4 +359,7 @@ def collect_facts() -> "Facts":
     from rfca_rig.model.catalogue import FOLDER_VARIABLE
 
     folder = os.environ.get(FOLDER_VARIABLE)
-    return {**collect_facts(), "own effects": hash_source(Path(folder)) if folder else "none"}
+    own_effects = "none"
+    if folder:
+        own_effects = hash_source(Path(folder))
+    return {**collect_facts(), "own effects": own_effects}

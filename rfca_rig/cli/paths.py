@@ -41,11 +41,10 @@ def find_file(kind: str, name: str) -> Path:
     known = sorted(
         {file.stem for folder in folders if folder.is_dir() for file in folder.glob("*.toml")}
     )
-    meant = suggestion(name, known)
-    raise BadInput(
-        f"{kind}/{name}.toml: no such file; "
-        f"{meant}{'' if meant.endswith('?') else ', or give a path to a .toml file'}"
-    )
+    hint = suggestion(name, known)
+    if not hint.endswith("?"):
+        hint += ", or give a path to a .toml file"
+    raise BadInput(f"{kind}/{name}.toml: no such file; {hint}")
 
 
 def folders_of(kind: str) -> list[Path]:

@@ -113,11 +113,9 @@ class _Done(ProgressColumn):
     def render(self, task: Task) -> Text:
         if task.total is None:
             return Text(task.fields["note"]())
-        return Text(
-            f"{task.percentage:3.0f} %"
-            if task.total <= 1
-            else f"{task.completed:g} of {task.total:g}"
-        )
+        if task.total <= 1:
+            return Text(f"{task.percentage:3.0f} %")
+        return Text(f"{task.completed:g} of {task.total:g}")
 
 
 class _Left(ProgressColumn):
@@ -126,7 +124,9 @@ class _Left(ProgressColumn):
     def render(self, task: Task) -> Text:
         if task.total is None:
             return Text(_clock(task.elapsed or 0.0))
-        return Text("" if task.time_remaining is None else f"{_clock(task.time_remaining)} left")
+        if task.time_remaining is None:
+            return Text("")
+        return Text(f"{_clock(task.time_remaining)} left")
 
 
 def _clock(seconds: float) -> str:

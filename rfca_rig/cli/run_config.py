@@ -118,6 +118,11 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
     else:
         eye = rig.eye()
         camera_text = read_text(Path(rig.camera.calibration_file))
+    model = None
+    model_text = ""
+    if asked.model:
+        model = read_model_file(asked.model)
+        model_text = read_text(asked.model)
     return RunConfig(
         rig=rig,
         rig_text=read_text(rig_path),
@@ -127,8 +132,8 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
         runs=asked.runs,
         quiet=asked.is_quiet,
         dry=asked.is_dry,
-        model=read_model_file(asked.model) if asked.model else None,
-        model_text=read_text(asked.model) if asked.model else "",
+        model=model,
+        model_text=model_text,
         eye=eye,
         camera_text=camera_text,
         rig_name=asked.rig,

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 
 from rfca_rig.errors import MalformedFrame
 
-STANDARD_IDS = 1 << 11
-EXTENDED_IDS = 1 << 29
+STANDARD_ID_BITS = 11
+EXTENDED_ID_BITS = 29
+STANDARD_ID_DIGITS = 3
+EXTENDED_ID_DIGITS = 8
 MAX_BYTES = 8
 
 END = b"\r"
@@ -26,6 +28,15 @@ PORT = 29536
 GREETING = b"< hi >"
 OK = b"< ok >"
 LONGEST_MESSAGE = 512
+
+
+def check_identifier(can_id: int, extended: bool) -> None:
+    """Raises MalformedFrame for an identifier that has more bits than CAN gives it."""
+    bits = STANDARD_ID_BITS
+    if extended:
+        bits = EXTENDED_ID_BITS
+    if not 0 <= can_id < 1 << bits:
+        raise MalformedFrame(f"CAN identifier {can_id:#x} does not fit {bits} bits")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +55,12 @@ class ClassicFrame:
         # A frozen dataclass can set a default that depends on another field only this way.
         if self.length < 0:
             object.__setattr__(self, "length", len(self.data))
-        if not 0 <= self.can_id < (EXTENDED_IDS if self.extended else STANDARD_IDS):
-            raise MalformedFrame(
-                f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits"
-            )
-        if self.length > MAX_BYTES or len(self.data) != (0 if self.remote else self.length):
+        check_identifier(self.can_id, self.extended)
+        n_bytes = self.length
+        # Remote frames state a length and carry no data.
+        if self.remote:
+            n_bytes = 0
+        if self.length > MAX_BYTES or len(self.data) != n_bytes:
             raise MalformedFrame(
                 f"CAN frame of length {self.length} with {len(self.data)} data bytes, "
                 f"limit {MAX_BYTES}"
@@ -73,14 +85,18 @@ def decode_frame(line: str) -> ClassicFrame:
         raise MalformedFrame(f"not a frame of a serial CAN adapter: {line[:40]!r}")
     extended = line[0] in "TR"
     remote = line[0] in "rR"
-    digits = 8 if extended else 3
+    digits = STANDARD_ID_DIGITS
+    if extended:
+        digits = EXTENDED_ID_DIGITS
     can_id = line[1 : 1 + digits]
     length = line[1 + digits : 2 + digits]
     data = line[2 + digits :]
     if len(can_id) != digits or not length or not _all_hex(can_id + length + data):
         raise MalformedFrame(f"serial CAN frame cannot be read: {line[:40]!r}")
-    # Remote frames state a length and carry no data.
-    if len(data) != (0 if remote else 2 * int(length, 16)):
+    n_bytes = int(length, 16)
+    if remote:
+        n_bytes = 0
+    if len(data) != 2 * n_bytes:
         raise MalformedFrame(
             f"serial CAN frame of length {length} carries {len(data) / 2:g} bytes: {line[:40]!r}"
         )

@@ -8,14 +8,13 @@ the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of everything b
 
 from dataclasses import dataclass
 
+from rfca_rig.codecs.classic_can import STANDARD_ID_BITS, check_identifier
 from rfca_rig.errors import MalformedFrame
 
 # Data lengths of CAN-FD, in bytes.
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 POLYNOMIAL = 0x97
 LONGEST_LINE = 256
-EXTENDED_IDS = 1 << 29
-STANDARD_IDS = 1 << 11
 _END = b"\r\n"
 
 
@@ -29,10 +28,7 @@ class FdFrame:
     bitrate_switch: bool = True
 
     def __post_init__(self) -> None:
-        if not 0 <= self.can_id < (EXTENDED_IDS if self.extended else STANDARD_IDS):
-            raise MalformedFrame(
-                f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits"
-            )
+        check_identifier(self.can_id, self.extended)
         if len(self.data) not in FD_LENGTHS:
             raise MalformedFrame(
                 f"CAN-FD frame of {len(self.data)} bytes, which CAN-FD does not have"
@@ -45,7 +41,10 @@ def crc8(data: bytes) -> int:
     for byte in data:
         crc ^= byte
         for _ in range(8):
-            crc = (crc << 1 ^ POLYNOMIAL) & 0xFF if crc & 0x80 else crc << 1
+            carry = crc & 0x80
+            crc = crc << 1 & 0xFF
+            if carry:
+                crc ^= POLYNOMIAL
     return crc
 
 
@@ -73,11 +72,13 @@ def parse_line(line: bytes) -> tuple[str, bool]:
     guarded, star, digits = line.rpartition(b"*")
     # Two hexadecimal digits after the star; any other star is part of the text.
     has_checksum = bool(star) and len(digits) == 2 and _all_hex(digits.decode("latin1"))
-    if has_checksum and int(digits, 16) != crc8(guarded):
+    if not has_checksum:
+        return line.decode("latin1").strip(" \t"), False
+    if int(digits, 16) != crc8(guarded):
         raise MalformedFrame(
             f"checksum mismatch, {digits.decode('ascii')} where {crc8(guarded):02X} was due"
         )
-    return (guarded if has_checksum else line).decode("latin1").strip(" \t"), has_checksum
+    return guarded.decode("latin1").strip(" \t"), True
 
 
 def encode_send(frame: FdFrame) -> bytes:
@@ -129,7 +130,7 @@ def _frame(words: list[str], text: str) -> FdFrame:
     ):
         raise MalformedFrame(f"frame cannot be read: {text[:40]!r}")
     can_id = int(words[0], 16)
-    extended = "E" in flags or ("e" not in flags and can_id >= STANDARD_IDS)
+    extended = "E" in flags or ("e" not in flags and can_id >= 1 << STANDARD_ID_BITS)
     return FdFrame(can_id, bytes.fromhex(words[1]), extended, "b" not in flags)
 
 

@@ -88,9 +88,11 @@ def status_text(word: int) -> str:
     summary bit.
     """
     bits = [bit for bit in range(30, -1, -1) if word >> bit & 1]
-    meanings = [STATUS_BITS.get(bit, f"bit {bit}, not documented") for bit in bits] or [
-        STATUS_BITS[31] if word else "healthy"
-    ]
+    meanings = [STATUS_BITS.get(bit, f"bit {bit}, not documented") for bit in bits]
+    if not word:
+        meanings = ["healthy"]
+    elif not meanings:
+        meanings = [STATUS_BITS[31]]
     return f"status 0x{word:08x} ({'; '.join(meanings)})"
 
 

@@ -135,8 +135,11 @@ def find_conformance_tests(rig: RigFile) -> list[str]:
     """Test classes for the plug-in devices of a rig. Raises BadInput for a rig without any, and
     for a device without a twin.
     """
-    test_classes: list[type] = [TestOurMotor] if is_plug_in(rig.motor) else []
-    test_classes += [TestOurForceSensor] if is_plug_in_sensor(rig.force_sensor) else []
+    test_classes: list[type] = []
+    if is_plug_in(rig.motor):
+        test_classes.append(TestOurMotor)
+    if is_plug_in_sensor(rig.force_sensor):
+        test_classes.append(TestOurForceSensor)
     if not test_classes:
         raise BadInput(
             f'{rig.rig.title}: names no device = "own"; for the others the package keeps '

@@ -205,7 +205,8 @@ def write_camera_file(path: Path, file: CameraFile, comments: Sequence[str]) -> 
     """
     plain = file.model_dump(mode="json", exclude_none=True)
     parts = ["".join(toml_comment(line) for line in comments), table("camera", plain["camera"])]
-    parts += [table("plane", plain["plane"])] if file.plane else []
+    if file.plane:
+        parts.append(table("plane", plain["plane"]))
     parts += [_entry("photos", entry) for entry in plain["photos"]]
     parts += [_entry("refused", entry) for entry in plain["refused"]]
     write_atomically(path, "\n".join(parts).encode("utf-8"))

@@ -156,7 +156,9 @@ def read_curve(path: Path) -> TorqueRotationSection:
         rows = list(csv.reader(lines, skipinitialspace=True))
     except csv.Error as error:
         raise BadInput(f"{path}: is no table of comma-separated numbers: {error}") from None
-    names = [name.strip() for name in rows[0]] if rows else []
+    names = []
+    if rows:
+        names = [name.strip() for name in rows[0]]
     # The band is optional.
     missing = [name for name in ("angle_deg", "torque_Nm") if name not in names]
     if missing:
@@ -237,15 +239,16 @@ def _leg(leg: LegSection) -> Leg:
 
 
 def _ground(ground: GroundSection) -> Ground:
+    friction_lever_m = None
+    if ground.friction_lever_mm is not None:
+        friction_lever_m = ground.friction_lever_mm / 1e3
     return Ground(
         stiffness_N_per_m1p5=ground.contact_stiffness_N_per_m1p5,
         damping_s_per_m=ground.contact_damping_s_per_m,
         friction_coefficient=ground.friction_coefficient,
         presliding_m=ground.presliding_mm / 1e3,
         drag_N_s_per_m=ground.tangential_damping_N_s_per_m,
-        friction_lever_m=None
-        if ground.friction_lever_mm is None
-        else ground.friction_lever_mm / 1e3,
+        friction_lever_m=friction_lever_m,
         friction_rise_share=ground.friction_rise_share,
         leaving_damping_share=ground.leaving_damping_share,
     )
@@ -272,8 +275,10 @@ class ModelFile(RigSections):
 
     def nominal(self) -> dict[str, Any]:
         """The sections as plain data, in the form of a recording."""
-        left_out = {"known_to", *(() if self.effects else ("effects",))}
-        return self.model_dump(exclude=left_out, exclude_none=True, mode="json")
+        excluded = {"known_to"}
+        if not self.effects:
+            excluded.add("effects")
+        return self.model_dump(exclude=excluded, exclude_none=True, mode="json")
 
 
 @dataclass(frozen=True)
@@ -326,13 +331,11 @@ def write_model(
     # own.
     curve = sections["leg"].get("torque_rotation")
     leg = {key: value for key, value in sections["leg"].items() if key != "torque_rotation"}
-    curves = {} if curve is None else {"leg.torque_rotation": curve}
-    named = {
-        "leg": leg,
-        **curves,
-        **{name: sections[name] for name in SECTIONS if name != "leg"},
-        "known_to": known_to,
-    }
+    named: dict[str, Mapping[str, Any]] = {"leg": leg}
+    if curve is not None:
+        named["leg.torque_rotation"] = curve
+    named |= {name: sections[name] for name in SECTIONS if name != "leg"}
+    named["known_to"] = known_to
     tables = [table(name, keys) for name, keys in named.items()]
     parts = [
         "".join(toml_comment(line) for line in comments),
@@ -352,7 +355,10 @@ def _nominal(effect: Mapping[str, Any]) -> FoundEffect:
 
 
 def _effect(effect: FoundEffect) -> str:
-    keys = {"parameters": effect.parameters} if effect.table is None else asdict(effect.table)
+    if effect.table is None:
+        keys = {"parameters": effect.parameters}
+    else:
+        keys = asdict(effect.table)
     lines = [
         "[[effects]]\n",
         *(f"{key} = {format_value(value)}\n" for key, value in {"id": effect.id, **keys}.items()),

@@ -140,13 +140,17 @@ class StaticFile(Section):
         """Angles at which a stage holds the shaft: its own angle, and the one after the
         reversal.
         """
-        back_deg = self.reversal_deg if stage.reversal_deg is None else stage.reversal_deg
+        back_deg = stage.reversal_deg
+        if back_deg is None:
+            back_deg = self.reversal_deg
         if not back_deg:
             return [(stage.angle_deg, stage.direction)]
-        other: Direction = "unloading" if stage.direction == "loading" else "loading"
         # Turning back reverses the direction: unloading after loading, and the other way round.
-        way = -1.0 if stage.direction == "loading" else 1.0
-        return [(stage.angle_deg, stage.direction), (stage.angle_deg + way * back_deg, other)]
+        if stage.direction == "loading":
+            turned_back: tuple[float, Direction] = (stage.angle_deg - back_deg, "unloading")
+        else:
+            turned_back = (stage.angle_deg + back_deg, "loading")
+        return [(stage.angle_deg, stage.direction), turned_back]
 
 
 class CheckSection(Section):
@@ -256,7 +260,9 @@ def read_plan(path: Path, facts: RigFacts) -> Plan:
     """
     experiment = read_data(path).get("experiment")
     if not isinstance(experiment, str) or experiment not in PLANS:
-        where = f"{path}" if experiment is None else place_of(path, ("experiment",))
+        where = f"{path}"
+        if experiment is not None:
+            where = place_of(path, ("experiment",))
         raise BadInput(
             f"{where}: experiment = {experiment!r}; a protocol says one of "
             f"{', '.join(map(repr, PLANS))}"

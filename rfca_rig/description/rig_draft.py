@@ -188,7 +188,9 @@ def _lines_of_table(
         if isinstance(value, Mapping):
             inner.append((key, value_schema))
         elif value is not None:
-            described = {**value_schema, **({"enum": [*makes]} if key == "device" else {})}
+            described = dict(value_schema)
+            if key == "device":
+                described["enum"] = [*makes]
             if written != key:
                 # Limits of an angle in degrees.
                 described |= {
@@ -196,9 +198,10 @@ def _lines_of_table(
                     for limit, schema_value in described.items()
                     if limit in LIMITS
                 }
-            yield _line(
-                f"{written} = {format_value(value)}", described, [] if key in asked else [USUAL]
-            )
+            notes = [USUAL]
+            if key in asked:
+                notes = []
+            yield _line(f"{written} = {format_value(value)}", described, notes)
         elif "default" in value_schema and not _holds_table(value_schema):
             default = value_schema["default"]
             yield _line(
@@ -220,9 +223,12 @@ def _in_degrees(
     twin = degrees_key(key)
     if twin is None or twin not in properties:
         # The same angle in degrees has its own place in the schema, beside that in radians.
-        is_written = any(degrees_key(other) == key for other in properties)
-        return key, None if is_written else values.get(key)
-    return twin, values.get(twin, round(math.degrees(values[key]), 2) if key in values else None)
+        if any(degrees_key(other) == key for other in properties):
+            return key, None
+        return key, values.get(key)
+    if twin not in values and key in values:
+        return twin, round(math.degrees(values[key]), 2)
+    return twin, values.get(twin)
 
 
 def _holds_table(schema: Mapping[str, Any]) -> bool:

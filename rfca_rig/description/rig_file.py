@@ -177,9 +177,18 @@ class RigFile(Section):
     def is_real(self) -> bool:
         return self.rig.kind == "real"
 
+    @property
+    def source(self) -> Literal["REAL", "SIM"]:
+        """The mark of what is recorded with this rig."""
+        if self.is_real:
+            return "REAL"
+        return "SIM"
+
     def nominal(self) -> dict[str, Any]:
         """The sections that go into every recording, as plain data."""
-        sections = {"leg", "ground", "sensor", "drive", *({"effects"} if self.effects else ())}
+        sections = {"leg", "ground", "sensor", "drive"}
+        if self.effects:
+            sections.add("effects")
         return self.model_dump(include=sections, exclude_none=True, mode="json")
 
     def model(self) -> RigModel:
@@ -188,22 +197,26 @@ class RigFile(Section):
 
     def facts(self) -> RigFacts:
         """The properties of the rig that a plan needs."""
+        photo_limit_s = 0.0
+        if self.camera:
+            photo_limit_s = self.camera.photo_limit_s
         return RigFacts(
             start_angle_rad=self.leg.start_angle_rad,
             parked_angle_rad=float(np.radians(self.rig.parked_angle_deg)),
             ramp_s=self.drive.ramp_s,
             limits=self._limits(),
             rates=Rates(self.force_sensor.rate_Hz, self.motor.reports_Hz),
-            photo_limit_s=self.camera.photo_limit_s if self.camera else 0.0,
+            photo_limit_s=photo_limit_s,
             first_strokes=self._first_strokes(),
         )
 
     def _first_strokes(self) -> tuple[float, ...]:
-        default = FIRST_STROKES if self.is_real else ()
         # Ascending, so that each stroke is the next small step towards full speed.
-        if self.limits.first_strokes is None:
-            return default
-        return tuple(sorted(self.limits.first_strokes))
+        if self.limits.first_strokes is not None:
+            return tuple(sorted(self.limits.first_strokes))
+        if self.is_real:
+            return FIRST_STROKES
+        return ()
 
     def eye(self) -> PhotoSetup | None:
         """Evaluates the camera's photos; None without [camera]. Raises BadInput where its
@@ -272,11 +285,9 @@ def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
     if sensor.file_keys:
         rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, *sensor.file_keys)})
     if camera is not None:
-        paths = (
-            ("calibration_file", "folder")
-            if isinstance(camera, PhotoFolderSection)
-            else ("calibration_file",)
-        )
+        paths = ["calibration_file"]
+        if isinstance(camera, PhotoFolderSection):
+            paths.append("folder")
         rig = rig.model_copy(update={"camera": _from(folder, camera, *paths)})
     return rig
 
@@ -291,4 +302,6 @@ def _camera_before_the_plane(text: str, path: Path) -> CameraModel:
     except BadInput as error:
         message = str(error)
         # Some faults come with their file and line, others without.
-        raise BadInput(message if str(path) in message else f"{path}: {message}") from None
+        if str(path) not in message:
+            message = f"{path}: {message}"
+        raise BadInput(message) from None

@@ -247,7 +247,9 @@ class LegSection(Section):
     @model_validator(mode="after")
     def _a_curve_per_hinge(self) -> "LegSection":
         hinges = len(self.link_lengths_mm) - 1
-        curves = None if self.torque_rotation is None else self.torque_rotation.torques_by_hinge_Nm
+        if self.torque_rotation is None:
+            return self
+        curves = self.torque_rotation.torques_by_hinge_Nm
         if curves is not None and len(curves) != hinges:
             raise ValueError(
                 f"torque_rotation.torques_by_hinge_Nm has {len(curves)} curves, and the leg "

@@ -186,7 +186,9 @@ class SensorMake:
 
     def find_wire(self) -> "SensorWire | None":
         """What is between driver and twin."""
-        wire: SensorWire | None = None if self.wire is None else load_object(self.wire)
+        if self.wire is None:
+            return None
+        wire: SensorWire = load_object(self.wire)
         return wire
 
 

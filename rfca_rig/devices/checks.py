@@ -258,11 +258,14 @@ def _observe(path: str, product: str, others: tuple[str, ...]) -> SerialPortSeen
     if os.name == "nt":
         return SerialPortSeen(path, path in _list_ports(), True, None, others, product)
     exists = Path(path).exists()
+    group = None
+    if exists:
+        group = _group(path)
     return SerialPortSeen(
         path,
         exists,
         os.access(path, os.R_OK | os.W_OK),
-        _group(path) if exists else None,
+        group,
         others,
         product,
     )

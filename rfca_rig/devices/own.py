@@ -170,7 +170,8 @@ def texts_of(motor: object, force_sensor: object) -> Mapping[str, str]:
     for table, keys in (("motor", motor), ("force_sensor", force_sensor)):
         if isinstance(keys, MotorKeys | ForceSensorKeys):
             texts[f"{table}_driver_file"] = source_of(type(keys))
-            texts |= {f"{table}_twin_file": source_of(twin_of(keys))} if keys.twin_file else {}
+            if keys.twin_file:
+                texts[f"{table}_twin_file"] = source_of(twin_of(keys))
     return texts
 
 

@@ -283,9 +283,9 @@ class SelectedByDevice(SelectedByData):
                 "tag": str(data.get("device")),
                 "expected_tags": ", ".join(map(repr, self.list_kinds())),
             }
-            raise PydanticKnownError(
-                "union_tag_invalid" if "device" in data else "union_tag_not_found", words
-            )
+            if "device" in data:
+                raise PydanticKnownError("union_tag_invalid", words)
+            raise PydanticKnownError("union_tag_not_found", words)
         return section.model_validate(data)
 
     def section_of(self, data: Mapping[str, Any]) -> type[Section] | None:

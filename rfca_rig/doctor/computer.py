@@ -57,7 +57,7 @@ CLOCK_READINGS = 10_000
 FOR_TESTS = ("dev", "third-party-clients", "strangers")
 
 CORES_SUBJECT = "processor"
-ENOUGH = 2
+MIN_CORES = 2
 
 
 @dataclass(frozen=True)
@@ -354,7 +354,7 @@ def _package(requirement: Requirement) -> PackageSeen:
 
 def judge_cores(cores: int) -> Finding:
     """Finding on the number of cores that this process may use."""
-    if cores < ENOUGH:
+    if cores < MIN_CORES:
         fix = "give this computer, or its container, a second core; what is allowed now:"
         return yellow(
             CORES_SUBJECT,

@@ -72,7 +72,9 @@ def judge_can_bus(
         remedy = REMEDIES.get(
             interface, "check interface and channel under [motor], and the adapter's driver"
         )
-        commands = (COMMANDS[interface],) if interface in COMMANDS else ()
+        commands = []
+        if interface in COMMANDS:
+            commands.append(COMMANDS[interface])
         return red(BUS_SUBJECT, f"{name} cannot be opened: {seen.error}", remedy, *commands)
     if seen.went_off or seen.failed is not None:
         if seen.went_off:
@@ -171,8 +173,10 @@ def _errors_counted(seen: CanInterfaceObservation) -> Finding | None:
 
 def make_up_command(name: str, bitrate: int, data_bitrate: int | None = None) -> str:
     """Shell command that brings a kernel interface up."""
-    fd = "" if data_bitrate is None else f" dbitrate {data_bitrate} fd on"
-    return f"sudo ip link set {name} up type can bitrate {bitrate}{fd}"
+    command = f"sudo ip link set {name} up type can bitrate {bitrate}"
+    if data_bitrate is None:
+        return command
+    return f"{command} dbitrate {data_bitrate} fd on"
 
 
 def make_down_command(name: str) -> str:
@@ -243,9 +247,9 @@ def _wrong_rate(
 def _rates(seen: CanInterfaceObservation) -> str:
     if seen.is_virtual:
         return "virtual"
-    return f"{seen.bitrate} bit/s" + (
-        "" if seen.data_bitrate is None else f", data {seen.data_bitrate} bit/s"
-    )
+    if seen.data_bitrate is None:
+        return f"{seen.bitrate} bit/s"
+    return f"{seen.bitrate} bit/s, data {seen.data_bitrate} bit/s"
 
 
 def _others(seen: CanInterfaceObservation) -> str:
@@ -264,7 +268,9 @@ def look_at_can_interface(channel: str, network: Path = NETWORK) -> CanInterface
     others = tuple(name for name in names if name != channel)
     if not channel or "/" in channel or not (network / channel).exists():
         return CanInterfaceObservation(channel, False, others)
-    details = _query_ip(channel) if network == NETWORK else {}
+    details = {}
+    if network == NETWORK:
+        details = _query_ip(channel)
     info = details.get("linkinfo", {})
     data = info.get("info_data", {})
     return CanInterfaceObservation(

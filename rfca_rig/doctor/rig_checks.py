@@ -231,7 +231,9 @@ def check_drive(motor: MotorSection, listener: Listener) -> Iterator[Finding]:
     """Yields the findings on the bus and, unless it is red, on the drive."""
     # The drive is probed first: bus errors may show only once frames have passed.
     check = find_motor(motor.device).check
-    findings: list[Finding] = [] if check is None else load_object(check)(motor, listener)
+    findings: list[Finding] = []
+    if check is not None:
+        findings = load_object(check)(motor, listener)
     bus = _bus(motor, listener.observe())
     yield bus
     if bus.colour is not Colour.RED:
@@ -270,9 +272,10 @@ def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
 def check_sensor(sensor: ForceSensorSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on the force sensor. Streams from it for about one second."""
     check = find_sensor(sensor.device).check
-    yield from (
-        check_own_sensor(sensor, clock) if check is None else load_object(check)(sensor, clock)
-    )
+    if check is None:
+        yield from check_own_sensor(sensor, clock)
+    else:
+        yield from load_object(check)(sensor, clock)
 
 
 def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
@@ -328,24 +331,25 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
         return
     motor = rig.motor
     is_red = False
-    for finding in (
-        check_own_motor(motor, clock)
-        if find_motor(motor.device).check is None
-        else check_motor(motor, clock)
-    ):
+    if find_motor(motor.device).check is None:
+        motor_findings = check_own_motor(motor, clock)
+    else:
+        motor_findings = check_motor(motor, clock)
+    for finding in motor_findings:
         is_red |= finding.colour is Colour.RED
         yield finding
     # Reading the shaft makes no sense on a bus or drive that does not work.
-    yield from () if is_red else check_shaft(rig, clock)
+    if not is_red:
+        yield from check_shaft(rig, clock)
     yield from check_sensor(rig.force_sensor, clock)
     yield from check_camera(rig, clock)
     yield from check_computer(runs, clock, _watchdog_s(rig))
 
 
 def _watchdog_s(rig: RigFile) -> float:
-    key = (
-        "guardian_silence_ms" if rig.motor.is_guarded else find_motor(rig.motor.device).watchdog_key
-    )
+    key = find_motor(rig.motor.device).watchdog_key
+    if rig.motor.is_guarded:
+        key = "guardian_silence_ms"
     if key is None:
         return USUAL_WATCHDOG_S
     return float(getattr(rig.motor, key)) / 1e3
@@ -421,7 +425,7 @@ def look_at_camera(
 ) -> CameraObservation:
     try:
         with ExitStack() as stack:
-            photo = _one_photo(
+            photo = _take_photo(
                 make_camera(section, eye, clock, stack), clock, section.photo_limit_s
             )
         identified = read_leg_photo(photo.image, eye).identified
@@ -433,7 +437,7 @@ def look_at_camera(
     )
 
 
-def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
+def _take_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
     camera.begin()
     until_s = clock.now_s() + limit_s
     while clock.now_s() < until_s:
@@ -455,7 +459,9 @@ def judge_found_interfaces(seen: tuple[CanInterfaceObservation, ...]) -> list[Fi
 
 
 def _interface(seen: CanInterfaceObservation) -> Finding:
-    rate = "" if seen.bitrate is None else f", {seen.bitrate} bit/s"
+    rate = ""
+    if seen.bitrate is not None:
+        rate = f", {seen.bitrate} bit/s"
     if not seen.is_up:
         fix = "bring it up, with the bit rate of the drive:"
         return yellow(

@@ -116,7 +116,8 @@ def refuse_late_answers(
     """
     quickest_s = inf
     for attempt in range(MAX_ANSWERS):
-        asked_s = ask() if attempt else asked_s
+        if attempt:
+            asked_s = ask()
         answered_s = await_answer(asked_s)
         if answered_s is None or answered_s - asked_s <= MAX_ANSWER_S:
             return
@@ -344,9 +345,11 @@ class DriveReports(DriveReceiver):
         self.heard_s = self.drained_s
         self._open_s = np.nan
         self.heard += len(reports)
+        timed = reports
         # Without a period only the newest of several answers has a known time, so the others are
         # dropped.
-        timed = reports if self._count is not None else reports[-1:]
+        if self._count is None:
+            timed = reports[-1:]
         # A refused report keeps its place until then, because the time of the others comes from
         # counting.
         stamps_s = self._list_stamps(len(timed))

@@ -137,6 +137,11 @@ class MotorDrive(ABC):
         if self._guard is not None:
             arm(self._guard)
 
+    def _describe_guardian(self) -> str:
+        if self._guard is None:
+            return "none"
+        return self._guard.describe()
+
     def _prove_guardian(
         self, guard: Guard, frames: TorqueOffFrames, held_Nm: float, limit_s: float, answers: bool
     ) -> float:

@@ -48,7 +48,7 @@ def read_time_taken(content: bytes) -> datetime | None:
         return None
     try:
         # struct.error is raised where an address is outside the file.
-        order = "<" if tiff.startswith(b"II") else ">"
+        order = _byte_order(tiff)
         first = struct.unpack_from(order + "I", tiff, 4)[0]
         texts: dict[int, str] = {}
         for tag, kind, _, value in _directory(tiff, first, order):
@@ -62,6 +62,13 @@ def read_time_taken(content: bytes) -> datetime | None:
         return _moment(texts)
     except (struct.error, ValueError, OverflowError):
         return None
+
+
+def _byte_order(tiff: bytes) -> str:
+    """The sign of `struct` for the byte order that a TIFF part states."""
+    if tiff.startswith(b"II"):
+        return "<"
+    return ">"
 
 
 def _tiff_part(content: bytes) -> bytes | None:
@@ -135,7 +142,9 @@ def _zone(text: str) -> timezone:
     if match is None:
         return UTC
     ahead = timedelta(hours=int(match[2]), minutes=int(match[3]))
-    return timezone(ahead if match[1] == "+" else -ahead)
+    if match[1] != "+":
+        ahead = -ahead
+    return timezone(ahead)
 
 
 Image = NDArray[np.uint8]
@@ -282,7 +291,7 @@ def _size(content: bytes) -> tuple[int, int]:
             return struct.unpack_from(">II", content, 16)
         if content.startswith(_JPEG):
             return _size_of_jpeg(content)
-        order = "<" if content.startswith(b"II") else ">"
+        order = _byte_order(content)
         at = struct.unpack_from(order + "I", content, 4)[0]
         count = struct.unpack_from(order + "H", content, at)[0]
         entries = [
@@ -387,10 +396,10 @@ class PhotoFolder:
         self._next = 0
         moments = [read_picture_time(file) for file in self._files]
         self._by_exif = all(moment.from_exif for moment in moments)
-        times_s = [
-            moment.at.timestamp() if self._by_exif else file.stat().st_mtime
-            for moment, file in zip(moments, self._files, strict=True)
-        ]
+        if self._by_exif:
+            times_s = [moment.at.timestamp() for moment in moments]
+        else:
+            times_s = [file.stat().st_mtime for file in self._files]
         self._times_s = [time_s - min(times_s) for time_s in times_s]
 
     def __len__(self) -> int:

@@ -87,7 +87,8 @@ class RecordSequence:
             picked, fresh = self._sort_out(ahead)
         unwrapped = self._next + fresh
         self.received += len(fresh)
-        self._next += int(fresh[-1]) + 1 if len(fresh) else 0
+        if len(fresh):
+            self._next += int(fresh[-1]) + 1
         return picked, unwrapped
 
     def health(
@@ -119,7 +120,8 @@ class RecordSequence:
         self.duplicate += len(new) - len(fresh)
         # Counts records that a higher number overtook within the batch.
         order = ahead[new][np.sort(first)]
-        self.out_of_order += int((order < np.maximum.accumulate(order)).sum()) if len(order) else 0
+        if len(order):
+            self.out_of_order += int((order < np.maximum.accumulate(order)).sum())
         self._count_gaps(fresh)
         return new[first], fresh
 
@@ -172,7 +174,9 @@ class FrozenRecordCounter:
         """Counts one batch (m, n) of raw values, one column per axis or gage."""
         if not len(values):
             return
-        before = values[:1] if self._last is None else self._last
+        before = self._last
+        if before is None:
+            before = values[:1]
         same = (values == np.concatenate([before, values[:-1]])).all(axis=1)
         if self._last is None:
             same[0] = False
@@ -181,10 +185,15 @@ class FrozenRecordCounter:
         if not same.any() and not self._run:
             return
         for repeats in same.tolist():
-            self._run = self._run + 1 if repeats else 0
-            if self._run >= MIN_FROZEN_RECORDS:
-                # The whole run counts once it has reached the limit, then each further record.
-                self.frozen += MIN_FROZEN_RECORDS if self._run == MIN_FROZEN_RECORDS else 1
+            if not repeats:
+                self._run = 0
+                continue
+            self._run += 1
+            # The whole run counts once it has reached the limit, then each further record.
+            if self._run == MIN_FROZEN_RECORDS:
+                self.frozen += MIN_FROZEN_RECORDS
+            elif self._run > MIN_FROZEN_RECORDS:
+                self.frozen += 1
 
 
 class StreamKeys(Protocol):
@@ -305,7 +314,9 @@ class RecordStream(ABC, Generic[Keys]):
                     )
                 self._clock.wait_until(self._clock.now_s() + POLL_S)
                 received += self._receive_bytes()
-            remainder = received.partition(answer)[2] if answer else b""
+            remainder = b""
+            if answer:
+                remainder = received.partition(answer)[2]
         # Bytes after the last answer already belong to the new stream.
         self._reset_stream(remainder)
         self._running = True
@@ -376,9 +387,9 @@ class RecordStream(ABC, Generic[Keys]):
         else:
             next_header = 1
         # Without a further header, the tail that could be the start of one is kept.
-        del self._buffer[
-            : next_header if next_header > 0 else max(1, len(self._buffer) - len(self.header) + 1)
-        ]
+        if next_header <= 0:
+            next_header = max(1, len(self._buffer) - len(self.header) + 1)
+        del self._buffer[:next_header]
 
     def _samples(self, records: list[Record]) -> ForceSamples:
         is_good = [self._accept(record) for record in records]
@@ -402,9 +413,13 @@ class RecordStream(ABC, Generic[Keys]):
         """Whether the numbers of a record are possible. Raises BadReading at the third bad one
         in a row.
         """
-        time_s = 0.0 if record.time_s is None else record.time_s
+        time_s = record.time_s
+        if time_s is None:
+            time_s = 0.0
+        counts = record.counts
         # A record with an error is not measured by its counts.
-        counts = [0.0] * 6 if record.is_saturated or record.is_wrong else record.counts
+        if record.is_saturated or record.is_wrong:
+            counts = [0.0] * 6
         return self._check.accept(*counts, time_s)
 
     def _stamp_records(

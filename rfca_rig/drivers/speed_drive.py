@@ -82,7 +82,9 @@ class SpeedDrive(MotorDrive, Generic[Keys]):
         super().__init__(bus, clock, silent_s)
         self.keys = keys
         self._gear = _Gear(keys)
-        self._period_s = None if keys.report_period_ms is None else 1e-3 * keys.report_period_ms
+        self._period_s: float | None = None
+        if keys.report_period_ms is not None:
+            self._period_s = 1e-3 * keys.report_period_ms
         self._reports = DriveReports(bus, clock, self._gear, self._period_s, self.hear)
         self._has_asked = False
 
@@ -212,11 +214,10 @@ class SpeedDrive(MotorDrive, Generic[Keys]):
         """
         if not self._armed:
             raise DeviceError("drive is not enabled; nothing was sent to it")
-        self._say(
-            self.to_turn(self._gear.turns_s(speed_rad_s))
-            if self._last().is_on
-            else self.to_let_go()
-        )
+        if self._last().is_on:
+            self._say(self.to_turn(self._gear.turns_s(speed_rad_s)))
+        else:
+            self._say(self.to_let_go())
 
     def disable(self) -> None:
         """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; the
@@ -257,7 +258,9 @@ class SpeedDrive(MotorDrive, Generic[Keys]):
                     f"{limit_s:g} s of silence; check its power"
                 )
             super()._wait_and_drain()
-        return self._clock.now_s() - began_s if self._is_off() else None
+        if self._is_off():
+            return self._clock.now_s() - began_s
+        return None
 
     def read(self) -> ShaftSamples:
         """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame
@@ -309,8 +312,9 @@ class SpeedDrive(MotorDrive, Generic[Keys]):
         self._ask()
 
     def _ask(self) -> None:
-        for message in self.to_ask() if self._period_s is None else ():
-            self._send(message)
+        if self._period_s is None:
+            for message in self.to_ask():
+                self._send(message)
         self._reports.note_query()
         self._has_asked = True
 

@@ -210,8 +210,6 @@ class Truth:
 
 def parse_truth(truth: Mapping[str, Any]) -> Truth:
     """A truth from its sealed data."""
-    # null in the file stands for infinity.
-    left = truth["size"]["left_over_noise"]
     return Truth(
         case=truth["case"],
         kind=truth["kind"],
@@ -224,14 +222,21 @@ def parse_truth(truth: Mapping[str, Any]) -> Truth:
         model_error=truth["structured"] is not None,
         lawless=truth["uneven"] is not None,
         strength=truth["strength"],
-        left=float("inf") if left is None else left,
+        left=_size(truth["size"]["left_over_noise"]),
         left_of_each=_sizes(truth["left_of_each"]),
         faintest_above=_least(_sizes(truth.get("above_of_each", {}))),
     )
 
 
 def _sizes(of_each: Mapping[str, float | None]) -> dict[str, float]:
-    return {effect: float("inf") if size is None else size for effect, size in of_each.items()}
+    return {effect: _size(size) for effect, size in of_each.items()}
+
+
+def _size(size: float | None) -> float:
+    # null in the file stands for infinity.
+    if size is None:
+        return float("inf")
+    return size
 
 
 def _least(of_each: Mapping[str, float]) -> float:

@@ -46,9 +46,13 @@ class SizeRange:
 
     def at(self, strength: float, random: np.random.Generator) -> float:
         """A value at strength 0 to 1."""
-        share = random.random() if self.free else strength
+        share = strength
+        if self.free:
+            share = random.random()
         size = float(self.faint * (self.strong / self.faint) ** share)
-        sign = random.choice([-1.0, 1.0]) if self.either_sign else 1.0
+        sign = 1.0
+        if self.either_sign:
+            sign = random.choice([-1.0, 1.0])
         # Four digits, so that the truth states exactly the value that was simulated.
         return float(f"{self.around + sign * size:.4g}")
 

@@ -108,18 +108,25 @@ def calibration(judged: Judged) -> ClaimCalibration:
     sure = p >= CONFIDENT
     bin_numbers = np.minimum((p * BINS).astype(int), BINS - 1)
     inside = [bin_numbers == b for b in range(BINS)]
-    bins = tuple(
-        (int(i.sum()), float(p[i].mean()), float(hit[i].mean())) if i.any() else (0, np.nan, np.nan)
-        for i in inside
-    )
+    bins = tuple(_describe_bin(p[i], hit[i]) for i in inside)
+    confident_right = np.nan
+    if sure.any():
+        confident_right = float(hit[sure].mean())
     return ClaimCalibration(
         brier=float(((p - hit) ** 2).mean()),
         log_score=float(-np.where(hit, np.log(bounded), np.log(1.0 - bounded)).mean()),
         ece=float(sum(n * abs(mean - right) for n, mean, right in bins if n) / len(p)),
         confident=int(sure.sum()),
-        confident_right=float(hit[sure].mean()) if sure.any() else np.nan,
+        confident_right=confident_right,
         bins=bins,
     )
+
+
+def _describe_bin(p: Array, hit: Array) -> tuple[int, float, float]:
+    """Number of claims in a bin, their mean probability, and the share that is right."""
+    if not len(p):
+        return 0, np.nan, np.nan
+    return len(p), float(p.mean()), float(hit.mean())
 
 
 def _claims(judged: Judged) -> tuple[Array, Array]:
@@ -127,7 +134,8 @@ def _claims(judged: Judged) -> tuple[Array, Array]:
     for truth, answer in judged:
         true = set(truth.effects) | truth.accepted
         pairs += [(claim.probability, bool(claim.members & true)) for claim in answer.claims]
-    p, hit = zip(*pairs, strict=True) if pairs else ((), ())
+    p = [probability for probability, _ in pairs]
+    hit = [is_right for _, is_right in pairs]
     return np.array(p, dtype=float), np.array(hit, dtype=bool)
 
 
@@ -175,9 +183,10 @@ def values(judged: Judged) -> ParameterAccuracy:
         return ParameterAccuracy(0, np.nan, np.nan)
     errors, covered = zip(*deviations, strict=True)
     inside = [is_covered for is_covered in covered if is_covered is not None]
-    return ParameterAccuracy(
-        len(errors), float(np.median(errors)), float(np.mean(inside)) if inside else np.nan
-    )
+    inside_share = np.nan
+    if inside:
+        inside_share = float(np.mean(inside))
+    return ParameterAccuracy(len(errors), float(np.median(errors)), inside_share)
 
 
 def parameter_errors(truth: Truth, claim: Claim) -> list[tuple[float, bool | None]]:
@@ -202,7 +211,10 @@ def _error(
     if name in WHOLE_NUMBERS:
         return float(round(value) != round(true)), None
     span = SIZE_RANGES.get(effect, {}).get(name)
-    size = abs(true - (span.around if span else 0.0))
+    around = 0.0
+    if span:
+        around = span.around
+    size = abs(true - around)
     return abs(value - true) / size, abs(value - true) <= NINETY_PERCENT * std
 
 
@@ -258,6 +270,11 @@ def score_statements(judged: Judged) -> StatementScores:
         if answer.grade == "unexplained" and answer.place and name in STRANGERS
     ]
     probability, true = _probabilities(judged)
+    error = float("nan")
+    if true:
+        error = calibration_error(
+            np.array(probability), np.array(true), MIN_PROBABILITY, STATEMENT_BINS
+        )
     return StatementScores(
         singles=(sum(has_right_family(*pair) for pair in singles), len(singles)),
         claims_on_nothing=(
@@ -270,11 +287,7 @@ def score_statements(judged: Judged) -> StatementScores:
         family_sizes=_count_covered(approximate),
         triples=(sum(_states_two(*pair) for pair in triples), len(triples)),
         place=(sum(placed), len(placed)),
-        calibration_error=calibration_error(
-            np.array(probability), np.array(true), MIN_PROBABILITY, STATEMENT_BINS
-        )
-        if true
-        else float("nan"),
+        calibration_error=error,
         probabilities=len(probability),
     )
 

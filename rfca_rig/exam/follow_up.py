@@ -162,11 +162,12 @@ def _read_proposal(diagnosis: Path) -> Proposal | None:
     """The proposed experiment; None where there is none, or where it needs a person instead of
     the rig.
     """
-    if diagnosis.is_file():
-        proposal = json.loads(diagnosis.read_text(encoding="utf-8"))["next_experiment"]
-    else:
-        proposal = None
-    return proposal if proposal and proposal["protocol"] else None
+    if not diagnosis.is_file():
+        return None
+    proposal: Proposal | None = json.loads(diagnosis.read_text(encoding="utf-8"))["next_experiment"]
+    if proposal and proposal["protocol"]:
+        return proposal
+    return None
 
 
 def draw_experiment(random: np.random.Generator) -> Proposal:

@@ -159,13 +159,13 @@ def apply_structured_error(world: World, error: StructuredError) -> World:
         world,
         links=replace(
             links,
-            length_m=_each(links.length_m, error.length),
-            mass_kg=_each(links.mass_kg, error.mass),
+            length_m=_scale_values(links.length_m, error.length),
+            mass_kg=_scale_values(links.mass_kg, error.mass),
         ),
         hinges=replace(
             hinges,
-            k0_Nm_per_rad=_each(hinges.k0_Nm_per_rad, error.k0),
-            damping_Nm_s_per_rad=_each(hinges.damping_Nm_s_per_rad, error.damping),
+            k0_Nm_per_rad=_scale_values(hinges.k0_Nm_per_rad, error.k0),
+            damping_Nm_s_per_rad=_scale_values(hinges.damping_Nm_s_per_rad, error.damping),
         ),
         floor=replace(
             world.floor,
@@ -180,5 +180,5 @@ def apply_structured_error(world: World, error: StructuredError) -> World:
     )
 
 
-def _each(values: tuple[float, ...], factors: tuple[float, ...]) -> tuple[float, ...]:
+def _scale_values(values: tuple[float, ...], factors: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(value * factor for value, factor in zip(values, factors, strict=True))

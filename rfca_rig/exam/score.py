@@ -40,7 +40,7 @@ from rfca_rig.exam.claims import (
 )
 from rfca_rig.exam.pendulums.cases import PENDULUM_KINDS, PENDULUM_NOTHING
 
-LISTED = 20
+MAX_LISTED = 20
 # Relative error of a parameter from which a right name counts among the worst.
 MIN_VALUE_ERROR = 0.5
 
@@ -65,9 +65,9 @@ class WorstCase:
 
 
 def worst(judged: Judged) -> tuple[WorstCase, ...]:
-    """The LISTED worst answers, the worst first."""
+    """The MAX_LISTED worst answers, the worst first."""
     misses = [miss for pair in judged if (miss := _miss(*pair)) is not None]
-    return tuple(sorted(misses, key=lambda miss: (-miss.badness, miss.case))[:LISTED])
+    return tuple(sorted(misses, key=lambda miss: (-miss.badness, miss.case))[:MAX_LISTED])
 
 
 def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
@@ -93,11 +93,13 @@ def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
         false = max(
             false_claims(truth, answer) or answer.named, key=lambda claim: claim.probability
         )
-        level = 4.0 if result == WRONG else 3.0
-        reason = (
-            f"identified {false.id} at {false.probability:.0%}, "
-            f"{'which is not there' if result == EXTRA else f'there is {hidden_effects}'}"
-        )
+        claim = f"identified {false.id} at {false.probability:.0%}"
+        if result == WRONG:
+            level = 4.0
+            reason = f"{claim}, there is {hidden_effects}"
+        else:
+            level = 3.0
+            reason = f"{claim}, which is not there"
         return WorstCase(truth.case, truth.kind, level + false.probability, reason)
     if result == SILENT:
         return _rate_missed_effect(truth, hidden_effects, truth.left)

@@ -123,14 +123,16 @@ def _score_all(
 
 def _score_case(truth: Mapping[str, Any], answer: ParsedDiagnosis, seconds: Path) -> ScoredCase:
     true = parse_truth(truth)
+    concealed = [*truth["effects"], *truth["strangers"]]
+    if truth["mislabelled"]:
+        concealed.append(truth["mislabelled"])
+    duration_s = None
+    if seconds.is_file():
+        duration_s = float(seconds.read_text(encoding="utf-8"))
     return ScoredCase(
         id=true.case,
         kind=true.kind,
-        concealed=(
-            *truth["effects"],
-            *truth["strangers"],
-            *([truth["mislabelled"]] if truth["mislabelled"] else []),
-        ),
+        concealed=tuple(concealed),
         strength=true.strength,
         left=true.left,
         verdict=answer.verdict,
@@ -139,7 +141,7 @@ def _score_case(truth: Mapping[str, Any], answer: ParsedDiagnosis, seconds: Path
         outcome=outcome(true, answer),
         deviations=_deviations(true, answer),
         gap_closed=gap_closed(answer),
-        seconds=float(seconds.read_text(encoding="utf-8")) if seconds.is_file() else None,
+        seconds=duration_s,
     )
 
 

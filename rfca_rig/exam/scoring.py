@@ -155,15 +155,17 @@ def bars(marks: ExamScores) -> Sequence[ScoreGoal]:
 
 
 def _most(name: str, share: Share, limit: float) -> ScoreGoal:
-    return ScoreGoal(
-        name, share.value, None, limit, _count_text(share), share.upper if share.of else None
-    )
+    bound = None
+    if share.of:
+        bound = share.upper
+    return ScoreGoal(name, share.value, None, limit, _count_text(share), bound)
 
 
 def _least(name: str, share: Share, limit: float) -> ScoreGoal:
-    return ScoreGoal(
-        name, share.value, limit, None, _count_text(share), share.lower if share.of else None
-    )
+    bound = None
+    if share.of:
+        bound = share.lower
+    return ScoreGoal(name, share.value, limit, None, _count_text(share), bound)
 
 
 def _count_text(share: Share) -> str:
@@ -230,7 +232,9 @@ def _lines(bar: ScoreGoal) -> Iterator[str]:
         if limit is not None
     )
     result = {True: "passed", False: "FAILED", None: "-"}[bar.passed]
-    value = f"{bar.value:.3f}" if np.isfinite(bar.value) else "-"
+    value = "-"
+    if np.isfinite(bar.value):
+        value = f"{bar.value:.3f}"
     yield f"{result:7s} {bar.name:60s} {value:>6s}"
     yield f"{'':7s} {goal}; {bar.counted}"
 

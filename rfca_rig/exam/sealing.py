@@ -120,8 +120,10 @@ class ExamPlan:
     def words(self) -> str:
         """As in "seed 1, 500 cases"."""
         kinds = [kind for kind, number in self.numbers.items() if number]
-        only = f" of the kind {kinds[0]!r}" if len(kinds) == 1 else ""
-        return f"seed {self.seed}, {sum(self.numbers.values())} cases{only}"
+        text = f"seed {self.seed}, {sum(self.numbers.values())} cases"
+        if len(kinds) == 1:
+            text += f" of the kind {kinds[0]!r}"
+        return text
 
 
 def _drop_zeros(numbers: Mapping[str, int]) -> dict[str, int]:

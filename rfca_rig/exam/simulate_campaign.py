@@ -155,7 +155,9 @@ def _strokes(
 def _stronger(case: Case, random: np.random.Generator) -> float:
     # Drawn also where the spread is zero: the random stream is then the same for all cases.
     # Bounded, so that no effect changes its sign.
-    spread = case.uneven.per_condition if case.uneven is not None else 0.0
+    spread = 0.0
+    if case.uneven is not None:
+        spread = case.uneven.per_condition
     return float(max(1.0 + spread * random.normal(), 0.2))
 
 

@@ -238,12 +238,19 @@ def truth_of(case: Case) -> dict[str, Any]:
         "believed_off_by": asdict(case.off),
         "late_s": case.late_s,
         "model_error": case.model_error,
-        "structured": asdict(case.structured) if case.structured else None,
-        "uneven": asdict(case.uneven) if case.uneven else None,
-        "law": asdict(case.law) if case.law else None,
+        "structured": _as_dict(case.structured),
+        "uneven": _as_dict(case.uneven),
+        "law": _as_dict(case.law),
         "design": asdict(case.design),
         "seed": case.seed,
     }
+
+
+def _as_dict(part: Any) -> dict[str, Any] | None:
+    """The fields of a dataclass; None where the case has no such part."""
+    if part is None:
+        return None
+    return asdict(part)
 
 
 def _sizes_alone(case: Case, whole: EffectVisibility) -> dict[str, EffectVisibility]:

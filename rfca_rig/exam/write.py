@@ -123,7 +123,11 @@ def write_all(
         report_progress,
         len(cases) - len(to_seal),
     )
-    (write_missing if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
+    in_order = [truths[case.id] for case in to_seal]
+    if sealed:
+        write_missing(in_order, folder)
+    else:
+        seal_all(in_order, folder)
     campaigns = folder / CAMPAIGNS
     remove_leftovers(campaigns)
     to_write = [case for case in cases if not (campaigns / case.id).is_dir()]

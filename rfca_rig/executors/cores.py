@@ -12,7 +12,7 @@ from rfca_rig.errors import BadInput
 VARIABLE = "RFCA_RIG_THREADS"
 # More threads than any machine of a laboratory has cores; each takes 8 MB of address space for its
 # stack.
-MOST = 1024
+MAX_THREADS = 1024
 ONE_THREAD = {
     VARIABLE: "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -58,10 +58,10 @@ def cores() -> int:
         setting.isascii()
         and setting.isdecimal()
         and len(setting) <= 4
-        and 1 <= int(setting) <= MOST
+        and 1 <= int(setting) <= MAX_THREADS
     ):
         raise BadInput(
-            f"{VARIABLE}={setting}: should be a number of threads from 1 to {MOST}; unset "
+            f"{VARIABLE}={setting}: should be a number of threads from 1 to {MAX_THREADS}; unset "
             "it to use all cores"
         )
     return int(setting)

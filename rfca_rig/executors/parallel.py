@@ -115,7 +115,7 @@ def map_in_processes(
                 copy.start()
                 theirs.close()
                 running.append((copy, ours))
-        with _one_core():
+        with _use_one_core():
             results, errors = _work_on(work, items, position)
         for _, ours in running:
             # A copy that was ended from outside, perhaps for want of memory, leaves its items to
@@ -177,7 +177,7 @@ def _work_on(
 
 
 @contextmanager
-def _one_core() -> Iterator[None]:
+def _use_one_core() -> Iterator[None]:
     before = os.environ.get(VARIABLE)
     os.environ[VARIABLE] = "1"
     try:

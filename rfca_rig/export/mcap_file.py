@@ -186,20 +186,19 @@ class _McapFile:
     def _log_messages(self) -> Iterator[Message]:
         channel = self._channels.plain("/log", foxglove.LOG)
         events = list(event_times(self._events))
-        begin_ns = events[0][0] if events else 0
+        begin_ns = 0
+        if events:
+            begin_ns = events[0][0]
         yield (
             begin_ns,
             channel,
             foxglove.log(begin_ns, f"{self._stored.source} recording: {self._stored.title}"),
         )
         for ns, event in events:
-            yield (
-                ns,
-                channel,
-                foxglove.log(
-                    ns, event_text(event), "error" if TRIP in str(event.get("why", "")) else "info"
-                ),
-            )
+            level = "info"
+            if TRIP in str(event.get("why", "")):
+                level = "error"
+            yield ns, channel, foxglove.log(ns, event_text(event), level)
 
     def _stage_messages_in_order(self, report_progress: ProgressCount) -> Iterator[Message]:
         """Messages of all stages in order. Static stages of which only means are known come
@@ -218,9 +217,10 @@ class _McapFile:
                 ):
                     ns = max(ns, message[0])
                     yield message
-        for means in self._stored.static if not holds else ():
-            ns += NS
-            yield from self._static_messages(ns, means)
+        if not holds:
+            for means in self._stored.static:
+                ns += NS
+                yield from self._static_messages(ns, means)
 
     def _stage_messages(
         self,
@@ -350,7 +350,8 @@ def event_times(events: Iterable[Event]) -> Iterator[tuple[int, Event]]:
     ns = 0
     for part in _parts(events):
         for event in part.events:
-            ns = part.ns(event) if "utc" in event else ns
+            if "utc" in event:
+                ns = part.ns(event)
             yield ns, event
 
 
@@ -437,7 +438,9 @@ def _parts(events: Iterable[Event]) -> Iterator[_Part]:
     free_ns = 0
     for part in _split(events):
         times = [_utc_ns(event) for event in part if "utc" in event]
-        later_ns = max(0, free_ns - min(times)) if times else 0
+        later_ns = 0
+        if times:
+            later_ns = max(0, free_ns - min(times))
         yield _Part(part, later_ns)
         free_ns = max(times, default=0) + later_ns + round(APART_S * NS)
 

@@ -198,7 +198,9 @@ def field_names(names: Sequence[str]) -> list[str]:
         plain = re.sub(r"[^0-9A-Za-z_]", "_", name)
         if not plain or plain[0].isdigit():
             plain = f"_{plain}"
-        fields.append(plain if plain not in fields else f"{plain}_{len(fields)}")
+        if plain in fields:
+            plain = f"{plain}_{len(fields)}"
+        fields.append(plain)
     return fields
 
 

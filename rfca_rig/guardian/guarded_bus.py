@@ -211,12 +211,15 @@ class GuardedBus(can.BusABC):
             return self._own_bus.recv(timeout), False
         self._raise_fault()
         if not self._arrived and timeout != 0:
-            self._link.wait(
-                MAX_GUARDIAN_SILENCE_S if timeout is None else min(timeout, MAX_GUARDIAN_SILENCE_S)
-            )
+            wait_s = MAX_GUARDIAN_SILENCE_S
+            if timeout is not None:
+                wait_s = min(timeout, MAX_GUARDIAN_SILENCE_S)
+            self._link.wait(wait_s)
             self._update()
             self._raise_pending_error()
-        return (self._arrived.popleft() if self._arrived else None), False
+        if self._arrived:
+            return self._arrived.popleft(), False
+        return None, False
 
     def await_let_go(self, limit_s: float) -> TorqueOffResult | None:
         """Waits for a torque-off by the guardian since the last `arm`; frames that arrive
@@ -290,7 +293,8 @@ class GuardedBus(can.BusABC):
         """Disables the motor from this process. A hung guardian is killed first, so that it
         cannot send anything later.
         """
-        why = f"{self._let_go}; {why}" if self._let_go else why
+        if self._let_go:
+            why = f"{self._let_go}; {why}"
         self._process.kill()
         self._process.wait()
         self._is_armed = False

@@ -149,12 +149,12 @@ def from_text(kind: RecordKind, t_s: float, text: str, number: int = 0) -> Guard
     return GuardianRecord(kind, t_s, number, text.encode()[:2000])
 
 
-def from_result(did: TorqueOffResult, t_s: float, number: int) -> GuardianRecord:
+def from_result(result: TorqueOffResult, t_s: float, number: int) -> GuardianRecord:
     return GuardianRecord(
         RecordKind.SILENCED,
         t_s,
         number,
-        _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm),
+        _SILENCED.pack(result.silent_s, result.took_s, result.reports, result.torque_Nm),
     )
 
 
@@ -215,7 +215,10 @@ class GuardianLink:
 
     def wait(self, timeout_s: float) -> None:
         """Waits until data has arrived or can be sent, for `timeout_s` at most."""
-        select.select([self._end], [self._end] if self._waiting else [], [], max(timeout_s, 0.0))
+        writable = []
+        if self._waiting:
+            writable = [self._end]
+        select.select([self._end], writable, [], max(timeout_s, 0.0))
 
     def close(self) -> None:
         self._end.close()

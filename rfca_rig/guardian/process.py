@@ -84,7 +84,10 @@ class TorqueOffSequence:
         """
         if self.is_over or now_s < self._next_s:
             return
-        if now_s - self._began_s > (MAX_DURATION_S if self._times_sent else BUS_FAILED_S):
+        limit_s = BUS_FAILED_S
+        if self._times_sent:
+            limit_s = MAX_DURATION_S
+        if now_s - self._began_s > limit_s:
             self._ended_s = now_s
             return
         self._next_s = now_s + REPEAT_S
@@ -116,7 +119,9 @@ class TorqueOffSequence:
 
     def result(self) -> TorqueOffResult:
         """Result of the sequence, for the parent process."""
-        end_s = self._began_s if self._ended_s is None else self._ended_s
+        end_s = self._ended_s
+        if end_s is None:
+            end_s = self._began_s
         return TorqueOffResult(
             self._silent_s, end_s - self._began_s, self._reports, self._torque_Nm
         )
@@ -264,11 +269,10 @@ class Guardian:
         except Exception as mistake:
             self._end(f"because of a mistake of its own ({mistake!r})")
             raise
-        self._end(
-            f"because it was ended by {ending_signal()}"
-            if ending_signal()
-            else "because the program that it guards ended"
-        )
+        if ending_signal():
+            self._end(f"because it was ended by {ending_signal()}")
+        else:
+            self._end("because the program that it guards ended")
 
     def round(self, now_s: float) -> None:
         """One cycle. Arrived commands are handled first, so that a delayed guardian sees no
@@ -304,10 +308,9 @@ class Guardian:
         if self._bus_fileno is None or not listening:
             until_s = min(until_s, POLL_S)
         # A bus that just failed is not waited on: it would wake the loop at once.
-        watched = [
-            self._link.fileno(),
-            *([self._bus_fileno] if self._bus_fileno is not None and listening else []),
-        ]
+        watched = [self._link.fileno()]
+        if self._bus_fileno is not None and listening:
+            watched.append(self._bus_fileno)
         select.select(watched, [], [], max(until_s, 0.0))
 
     # -- from the parent

@@ -190,10 +190,13 @@ def span_of(text: str, option: str) -> Span:
         # Half a unit of the last digit that was typed.
         half = 0.5 * 10.0 ** -len(text.strip().partition(".")[2])
         return Span(value - half, value + half)
-    span = Span(
-        _number(low, option, text) if low else -math.inf,
-        _number(high, option, text) if high else math.inf,
-    )
+    lowest = -math.inf
+    if low:
+        lowest = _number(low, option, text)
+    highest = math.inf
+    if high:
+        highest = _number(high, option, text)
+    span = Span(lowest, highest)
     if not (low or high) or span.low > span.high:
         raise BadInput(f"{option} {text}: is no range; write the lower end first, as in 2.4..2.5")
     return span
@@ -220,12 +223,11 @@ def since_until(since: str, until: str) -> Span:
     if not until:
         return Span(low)
     end = _moment(until, "--until")
-    # A day ends just before the next one begins, at the last floating-point number before it.
     is_day = len(until) <= len("2026-11-01")
-    return Span(
-        low,
-        math.nextafter((end + timedelta(days=1)).timestamp(), 0.0) if is_day else end.timestamp(),
-    )
+    if not is_day:
+        return Span(low, end.timestamp())
+    # A day ends just before the next one begins, at the last floating-point number before it.
+    return Span(low, math.nextafter((end + timedelta(days=1)).timestamp(), 0.0))
 
 
 def _moment(text: str, option: str) -> datetime:

@@ -105,7 +105,9 @@ def _of_run(path: Path, folder: str) -> Entry:
 
 
 def _whole_lines(path: Path) -> str:
-    content = _read_bytes(path) if path.is_file() else b""
+    if not path.is_file():
+        return ""
+    content = _read_bytes(path)
     # A crash may have left part of a line.
     return content[: content.rfind(b"\n") + 1].decode(errors="replace")
 
@@ -161,10 +163,10 @@ def _count_recorded(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> 
 
 
 def _condition(stage: Mapping[str, Any]) -> LoggedCondition:
-    return LoggedCondition(
-        round(1e3 * stage["height_m"], 6),
-        stage["speed_rad_s"] if stage["stage"] in WITH_SPEED else None,
-    )
+    speed_rad_s = None
+    if stage["stage"] in WITH_SPEED:
+        speed_rad_s = stage["speed_rad_s"]
+    return LoggedCondition(round(1e3 * stage["height_m"], 6), speed_rad_s)
 
 
 def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
@@ -176,7 +178,11 @@ def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
     # `recover` wrote this end, so the run itself had no time to.
     if "interrupted" in ending and not why:
         return "interrupted", "", ending["interrupted"]
-    return REASONS.get(reason, "done" if why == "done" else "failed"), "", why
+    if reason in REASONS:
+        return REASONS[reason], "", why
+    if why == "done":
+        return "done", "", why
+    return "failed", "", why
 
 
 def _of_recording(path: Path, folder: str) -> Entry:
@@ -196,15 +202,17 @@ def _of_recording(path: Path, folder: str) -> Entry:
         ended = ""
         code = ""
         why = ""
-    if outline.static and not outline.strokes:
-        guessed = "static"
+    if outline.source == "IMPORT":
+        kind = "imported"
+    elif outline.static and not outline.strokes:
+        kind = known.get("experiment", "static")
     else:
-        guessed = "dynamic"
+        kind = known.get("experiment", "dynamic")
     return Entry(
         folder,
         outline.title,
         outline.source,
-        "imported" if outline.source == "IMPORT" else known.get("experiment", guessed),
+        kind,
         _began_s(path / RECORDING, outline.source, known),
         known.get("operator", ""),
         known.get("sample", ""),

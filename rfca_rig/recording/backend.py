@@ -146,9 +146,8 @@ class RecorderClient:
         self._warn = warn
         self._patient = patient
         self._clock = WallClock()
-        self._queue = BlockQueue.create(
-            queue_bytes or (PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES)
-        )
+        usual_queue_bytes = PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES
+        self._queue = BlockQueue.create(queue_bytes or usual_queue_bytes)
         self._acknowledged = 0
         self._fault = ""
         self._complaint = ""
@@ -249,7 +248,9 @@ class RecorderClient:
         # The message comes once; later calls repeat it.
         if not self._complaint:
             self._complaint = self._receive(1.0)[1]
-        return (DiskFull if "disk full" in self._complaint else RigError)(self._complaint)
+        if "disk full" in self._complaint:
+            return DiskFull(self._complaint)
+        return RigError(self._complaint)
 
     def _receive(self, within_s: float) -> tuple[str, str]:
         try:

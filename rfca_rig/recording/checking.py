@@ -135,7 +135,9 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     events = sums.finding(EVENTS, partial(_events, folder, texts))
     yield events
     stages = _Stages(folder)
-    happened = events_of(folder) if events.is_sound else []
+    happened = []
+    if events.is_sound:
+        happened = events_of(folder)
     yield from stages.check(sums, happened)
     yield from (_check_journal(folder, journal) for journal in journals(folder))
     has_ending = (folder / ENDING).is_file()
@@ -182,12 +184,10 @@ def _check_photos(folder: Path, ending: Ending | None, sums: "_Sums") -> Iterato
 def _check_older_run(folder: Path) -> Iterator[FileFinding]:
     """A run of an older version is one recording, or parts of one."""
     files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
+    if not files and folder.exists():
+        raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are")
     if not files:
-        raise BadInput(
-            f"{folder}: holds no run; rfca-rig runs lists those there are"
-            if folder.exists()
-            else not_there(folder)
-        )
+        raise BadInput(not_there(folder))
     for file in files:
         yield _finding_of(file.relative_to(folder).as_posix(), partial(_describe, file))
 

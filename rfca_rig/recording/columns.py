@@ -201,14 +201,15 @@ def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Datase
     """One 1-d dataset without values yet, compressed so that it opens everywhere without
     plugins.
     """
+    storage: dict[str, Any] = {}
     # gzip at its fastest, with shuffle; HDF5 allows no chunks in an empty dataset.
-    chunked = {
-        "chunks": (min(length, ROWS_PER_CHUNK),),
-        "compression": "gzip",
-        "compression_opts": 1,
-        "shuffle": True,
-    }
-    storage: dict[str, Any] = chunked if length else {}
+    if length:
+        storage = {
+            "chunks": (min(length, ROWS_PER_CHUNK),),
+            "compression": "gzip",
+            "compression_opts": 1,
+            "shuffle": True,
+        }
     dataset = group.create_dataset(
         link_name(form.name), shape=(length,), dtype=form.dtype, track_times=False, **storage
     )
@@ -258,7 +259,9 @@ def read_names(text: object) -> list[str]:
     """The names in an attribute, in their order. Raises ValueError where it is no list of
     different names.
     """
-    names = json.loads(text) if isinstance(text, str) else None
+    names = None
+    if isinstance(text, str):
+        names = json.loads(text)
     if not (
         isinstance(names, list)
         and all(isinstance(name, str) for name in names)

@@ -99,7 +99,9 @@ def _pieces(file: BinaryIO, length: int) -> Iterator[bytes]:
         piece = file.read(min(PIECE, length))
         yield piece
         # A file that shrinks meanwhile gives empty pieces; without this the loop would not end.
-        length = length - len(piece) if piece else 0
+        if not piece:
+            return
+        length -= len(piece)
 
 
 def run_to_completion(steps: Steps[T]) -> T:

@@ -169,17 +169,15 @@ class End:
     @staticmethod
     def of(block: JournalBlock) -> "End":
         content = json.loads(block.payload)
+        stroke = None
         if content["stroke"]:
             stroke = StrokeCondition(
                 float(content["stroke"]["speed_rad_s"]), int(content["stroke"]["repeat"])
             )
-        else:
-            stroke = None
-        return End(
-            stroke,
-            static_stage_of(content["static"]) if content["static"] else None,
-            str(content["cut_short"]),
-        )
+        static = None
+        if content["static"]:
+            static = static_stage_of(content["static"])
+        return End(stroke, static, str(content["cut_short"]))
 
 
 def static_stage_of(fields: Mapping[str, Any]) -> StaticStage:

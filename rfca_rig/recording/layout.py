@@ -137,14 +137,14 @@ def refuse_links_among(folder: Path, names: Iterable[str]) -> None:
                 f"{file}: is a link to elsewhere, which is not followed; put the file "
                 "itself into its place"
             )
-        if file.exists() and not (
-            file.is_dir() if name in (STAGES, PHOTOS, OVERLAYS) else file.is_file()
-        ):
-            raise BadInput(
-                f"{file}: is no "
-                f"{'folder' if name in (STAGES, PHOTOS, OVERLAYS) else 'file'}; take it "
-                "out of the run's folder"
-            )
+        if name in (STAGES, PHOTOS, OVERLAYS):
+            kind = "folder"
+            has_kind = file.is_dir()
+        else:
+            kind = "file"
+            has_kind = file.is_file()
+        if file.exists() and not has_kind:
+            raise BadInput(f"{file}: is no {kind}; take it out of the run's folder")
 
 
 def _resolve(link: Path) -> Path:
@@ -229,7 +229,9 @@ def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
 
 def list_described_files(folder: Path) -> list[Path]:
     """Of recordings from elsewhere: description, model file and recordings, sorted by name."""
-    kinds = ("csv", *KINDS_OF_AN_EXPERIMENT) if (folder / EXPERIMENT).is_file() else ("csv",)
+    kinds: tuple[str, ...] = ("csv",)
+    if (folder / EXPERIMENT).is_file():
+        kinds = ("csv", *KINDS_OF_AN_EXPERIMENT)
     descriptions = (
         file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}")
     )

@@ -91,20 +91,25 @@ def _copy_stages(
 
 def _place(root: h5py.Group, kind: str) -> h5py.Group:
     """The next numbered group of its kind."""
-    parent = root[kind] if kind in root else make_raw_stages(root)
+    if kind in root:
+        parent = root[kind]
+    else:
+        parent = make_raw_stages(root)
     return parent.create_group(f"{len(parent) + 1:03d}")
 
 
 def _finish(made: NewHdf5File, folder: Path, known: Recording, ending: Ending | None) -> None:
     strokes = len(made.root[STROKES])
     static = known.static
+    if ending is not None and ending.static is not None:
+        static = ending.static
     provenance = run_provenance(folder, known, ending, strokes)
     mark_recording(
         made.root,
         replace(known, provenance=provenance),
         has_strokes=bool(strokes or RAW not in made.root),
     )
-    write_static(made.root, static if ending is None or ending.static is None else ending.static)
+    write_static(made.root, static)
 
 
 def create(folder: Path, header: Recording) -> None:

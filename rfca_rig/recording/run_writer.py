@@ -298,12 +298,15 @@ class RunWriter:
         is kept, but not acknowledged.
         """
         if written is not None:
-            photo = written.end.static.photo if written.end.static else ""
+            photo = ""
+            if written.end.static:
+                photo = written.end.static.photo
             has_photo = not photo or (self._folder / photo).is_file()
             self.acknowledged += has_photo
-            event = written.event(
-                f"{STAGES}/{path.name}", **({} if has_photo else {"photo": f"{photo} is lost"})
-            )
+            notes = {}
+            if not has_photo:
+                notes["photo"] = f"{photo} is lost"
+            event = written.event(f"{STAGES}/{path.name}", **notes)
             self._write_or_use_reserve(lambda: self._events.append(event))
             self._events.force()
         # Only after the event is on disk: as long as the journal exists, a crash loses neither

@@ -238,7 +238,9 @@ def summarize(path: Path, thorough: bool = True, has_right_seal: bool = False) -
     """
     with open_sealed(path, has_right_seal) as (file, source):
         strokes = _in_order(file[STROKES])
-        raw = _in_order(file[RAW]) if RAW in file else []
+        raw = []
+        if RAW in file:
+            raw = _in_order(file[RAW])
         for stroke in strokes:
             read_condition(stroke)
         samples: Counter[str] = Counter()

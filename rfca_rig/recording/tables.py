@@ -172,6 +172,15 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
 def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
     if row["direction"] not in ("loading", "unloading"):
         raise ValueError(f"direction {row['direction']!r} is neither loading nor unloading")
+    settled = None
+    if row["settled"] >= 0:
+        settled = bool(row["settled"])
+    held_s = row.get("held_s", math.nan)
+    if math.isnan(held_s):
+        held_s = None
+    strokes_before = row.get(BEFORE, NOT_COUNTED)
+    if strokes_before == NOT_COUNTED:
+        strokes_before = None
     return StaticStage(
         height_m=row["height_mm"] / 1e3,
         stage=row["stage"],
@@ -179,9 +188,9 @@ def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
         hinge_deg=tuple(row[name] for name in _hinge_names(hinges)),
         hinge_std_deg=tuple(row.get(name, math.nan) for name in _hinge_std_names(hinges)),
         std={name: row[f"std_{name}"] for name in std if not math.isnan(row[f"std_{name}"])},
-        settled=None if row["settled"] < 0 else bool(row["settled"]),
-        held_s=None if math.isnan(row.get("held_s", math.nan)) else row["held_s"],
-        strokes_before=None if row.get(BEFORE, NOT_COUNTED) == NOT_COUNTED else row[BEFORE],
+        settled=settled,
+        held_s=held_s,
+        strokes_before=strokes_before,
         **{name: row[name] for name in _PLAIN},
         **{name: row.get(name, "") for name in _TEXTS},
     )

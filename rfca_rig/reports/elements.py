@@ -143,7 +143,9 @@ def legend(*entries: Markup) -> Markup:
 
 def legend_line(colour: str, width: float, words: str, dash: str = "") -> Markup:
     """A line in a legend; `colour` as CSS has it, `dash` as SVG has it."""
-    dashes = html(' stroke-dasharray="{}"', dash) if dash else EMPTY
+    dashes = EMPTY
+    if dash:
+        dashes = html(' stroke-dasharray="{}"', dash)
     pattern = '<path d="M0 6H34" style="stroke: {}" stroke-width="{}"{}/>'
     return _legend_drawing(html(pattern, colour, f"{width:g}", dashes), words)
 
@@ -167,7 +169,9 @@ def _legend_drawing(drawn: Markup, words: str) -> Markup:
 
 def legend_box(words: str, css: str = "", style: str = "") -> Markup:
     """A box in a legend, filled by a class of the style sheet or by a `style` of its own."""
-    own_style = html(' style="{}"', style) if style else EMPTY
+    own_style = EMPTY
+    if style:
+        own_style = html(' style="{}"', style)
     return html("<span><i{}{}></i>{}</span>", css_class(css), own_style, words)
 
 
@@ -196,7 +200,9 @@ def figure(
     css
         Classes of the style sheet.
     """
-    heading = f"{number}. {title}" if number else title
+    heading = title
+    if number:
+        heading = f"{number}. {title}"
     if of:
         heading = html("{} <span>{}</span>", heading, of)
     # On a phone a wide figure scrolls, which a keyboard can do only in what it reaches.

@@ -166,10 +166,14 @@ def cells_as_text(shown: Table, css: str = "", label: str = "") -> HtmlTable:
 
 def _to_column(shown: Table, column: TableColumn) -> HtmlColumn:
     unit = column.unit.replace(" ", NO_BREAK)
-    card = f"{column.over}, {column.title}" if column.over else column.title
+    card = column.title
+    if column.over:
+        card = f"{column.over}, {card}"
     if unit:
         card += f" ({unit})"
-    css = NUMBER if column.key in shown.numeric else ""
+    css = ""
+    if column.key in shown.numeric:
+        css = NUMBER
     return HtmlColumn(column.title, css, card, unit, column.over)
 
 
@@ -215,12 +219,18 @@ def _to_cell(shown: Table, column: TableColumn, known: TableCell) -> HtmlCell:
         return HtmlCell(text or NOTHING, NUMBER)
     if len(text) > MOST_UNBROKEN:
         return HtmlCell(text, WORDS)
-    return HtmlCell(text, UNIT if column.key == "unit" else "")
+    if column.key == "unit":
+        return HtmlCell(text, UNIT)
+    return HtmlCell(text)
 
 
 def _render(shown: HtmlTable) -> Markup:
-    box_css = "wide whole" if shown.is_whole else "wide"
-    table_css = f"{shown.css} stack".strip() if shown.has_cards else shown.css
+    box_css = "wide"
+    if shown.is_whole:
+        box_css += " whole"
+    table_css = shown.css
+    if shown.has_cards:
+        table_css = f"{shown.css} stack".strip()
     parts = [html("<thead>\n{}\n</thead>", _heads(shown.columns))]
     if shown.caption:
         parts.insert(0, html("<caption>{}</caption>", shown.caption))
@@ -258,12 +268,20 @@ def _heads(columns: Sequence[HtmlColumn]) -> Markup:
 
 
 def _head(column: HtmlColumn, is_last: bool, lines: int = 1) -> Markup:
-    span = html(' rowspan="{}"', str(lines)) if lines > 1 else EMPTY
-    number = NUMBER if NUMBER in column.css.split() else ""
-    css = css_class(f"{number}{' last' if is_last else ''}".strip())
+    span = EMPTY
+    if lines > 1:
+        span = html(' rowspan="{}"', str(lines))
+    classes = []
+    if NUMBER in column.css.split():
+        classes.append(NUMBER)
+    if is_last:
+        classes.append("last")
+    css = css_class(" ".join(classes))
     head = html('<th scope="col"{}{}>{}', span, css, column.title)
     if column.unit:
-        gap = NO_BREAK if len(column.title) < SHORT_HEADING else " "
+        gap = " "
+        if len(column.title) < SHORT_HEADING:
+            gap = NO_BREAK
         head += html('{}<span class="unit">({})</span>', gap, column.unit)
     return head + Markup("</th>")
 

@@ -81,11 +81,16 @@ def _misfits(misfits: Mapping[str, BeforeAfter]) -> dict[str, BeforeAfter]:
     for name, misfit in misfits.items():
         shown, k = page_name(name)
         page_misfits[shown] = BeforeAfter(
-            k * misfit.before,
-            k * misfit.after,
-            None if misfit.noise_floor is None else k * misfit.noise_floor,
+            k * misfit.before, k * misfit.after, _scale_known(k, misfit.noise_floor)
         )
     return page_misfits
+
+
+def _scale_known(k: float, value: float | None) -> float | None:
+    """The value in the unit of the page; None where it is not known."""
+    if value is None:
+        return None
+    return k * value
 
 
 def _limits(effect: NotSeen) -> NotSeen:
@@ -172,14 +177,13 @@ def convert_diagnosis(found: Diagnosis) -> Diagnosis:
 
 def _error(error: SignalError) -> SignalError:
     signal, k = page_name(error.signal)
-    held_out = None if error.held_out is None else k * error.held_out
     return replace(
         error,
         signal=signal,
         noise=k * error.noise,
         nominal=k * error.nominal,
         fitted=k * error.fitted,
-        held_out=held_out,
+        held_out=_scale_known(k, error.held_out),
     )
 
 

@@ -76,6 +76,10 @@ def _files(folder: Path) -> list[Path]:
     return sorted([*named, *stage_files(folder), *folder.glob(f"{RECORDING}.partial/*.h5")])
 
 
+# Attributes of an origin's recordings, by their names at the head of a page.
+RECORDING_FACTS = {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"}
+
+
 @dataclass(frozen=True)
 class Origin:
     """Origin of a page.
@@ -94,29 +98,20 @@ class Origin:
         """What the head of every page states: when, who, on which specimen and rig, and the
         version. Several recordings are joined.
         """
-        if self.recordings:
-            names = {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"}
-        else:
-            names = {}
-        distinct_values = {
-            name: list(dict.fromkeys(getattr(recording, field) for recording in self.recordings))
-            for name, field in names.items()
-        }
-        joined = [
-            (name, ", ".join(filter(None, values[:MOST_FACTS])), len(values))
-            for name, values in distinct_values.items()
-        ]
-        shown = [
-            (name, text + (" ..." if count > MOST_FACTS else ""))
-            for name, text, count in joined
-            if text
-        ]
-        absent = ", ".join(name.lower() for name, text, _ in joined if not text)
-        return [
-            *shown,
-            *([(NOT_STATED, absent)] if absent else []),
-            ("Version", f"rfca-rig {self.version}"),
-        ]
+        facts = []
+        absent = []
+        for name, field in RECORDING_FACTS.items():
+            values = dict.fromkeys(getattr(recording, field) for recording in self.recordings)
+            text = ", ".join(filter(None, list(values)[:MOST_FACTS]))
+            if len(values) > MOST_FACTS and text:
+                text += " ..."
+            if text:
+                facts.append((name, text))
+            else:
+                absent.append(name.lower())
+        if absent and self.recordings:
+            facts.append((NOT_STATED, ", ".join(absent)))
+        return [*facts, ("Version", f"rfca-rig {self.version}")]
 
 
 @dataclass(frozen=True)
@@ -169,16 +164,20 @@ def command_line(*words: str | PurePath, options: Mapping[str, object] | None = 
     Only the last part of an absolute path is shown: pages are passed on, and need not show the
     folders of their author.
     """
-    given = [path_text(word) if isinstance(word, PurePath) else word for word in words]
+    given = [_argument(word) for word in words]
     for name, value in (options or {}).items():
         if value is None or value is False:
             continue
         given.append(name)
-        if isinstance(value, PurePath):
-            given.append(path_text(value))
-        elif value is not True:
-            given.append(f"{value}")
+        if value is not True:
+            given.append(_argument(value))
     return shlex.join([PROGRAM, *given])
+
+
+def _argument(value: object) -> str:
+    if isinstance(value, PurePath):
+        return path_text(value)
+    return f"{value}"
 
 
 def path_text(path: PurePath) -> str:
@@ -233,10 +232,10 @@ def version_text() -> str:
     revision = state["git_revision"]
     if revision in (NOT_A_CHECKOUT, UNKNOWN):
         return __version__
-    return (
-        f"{__version__}, git "
-        f"{revision[:12]}{', changed since' if state['git_dirty'] == 'yes' else ''}"
-    )
+    version = f"{__version__}, git {revision[:12]}"
+    if state["git_dirty"] == "yes":
+        return f"{version}, changed since"
+    return version
 
 
 def recording_source(recording: Recording, path: Path | None = None) -> RecordingSource:
@@ -303,11 +302,10 @@ def find_pages(out: Path, origin: Origin, own: Collection[str]) -> tuple[PageLin
         ]
         page_file = _find_page_with_hash(candidates, hashes)
         if page_file is not None:
-            links.append(
-                PageLink(
-                    page_file.name if page_file.parent == out else f"../{folder}/{name}", words
-                )
-            )
+            address = f"../{folder}/{name}"
+            if page_file.parent == out:
+                address = page_file.name
+            links.append(PageLink(address, words))
         elif (
             command
             and paths

@@ -142,10 +142,11 @@ def save_picture(figure: Figure, path: Path) -> None:
         )
     drawn = io.BytesIO()
     kind = path.suffix.lower()
+    metadata: dict[str, None] | None = None
     # Without its date, an SVG has the same bytes each time.
-    figure.savefig(
-        drawn, format=kind.lstrip("."), dpi=200, metadata={"Date": None} if kind == ".svg" else None
-    )
+    if kind == ".svg":
+        metadata = {"Date": None}
+    figure.savefig(drawn, format=kind.lstrip("."), dpi=200, metadata=metadata)
     write_atomically(path, drawn.getvalue())
 
 
@@ -303,7 +304,11 @@ def _tenths(pair: tuple[int, int]) -> str:
 
 def _number(tenths: int) -> str:
     whole, tenth = divmod(abs(tenths), 10)
-    text = (str(whole) if whole or not tenth else "") + (f".{tenth}" if tenth else "")
+    text = ""
+    if whole or not tenth:
+        text = str(whole)
+    if tenth:
+        text += f".{tenth}"
     if tenths < 0:
         return f"-{text}"
     return text
@@ -341,9 +346,11 @@ def inline_svg(figure: Figure, salt: str, label: str, hovers: Sequence[Hover] = 
     style = f'style="--width: {72.0 * figure.get_figwidth():.0f}px"'
     pointed = "".join(_hover_area(hover, figure) for hover in hovers)
     end = body.rindex("</svg>")
+    view_box = ""
+    if size:
+        view_box = size[0]
     return (
-        f'<svg {size[0] if size else ""} role="img" aria-label="{label}" '
-        f"{style}>{body[:end]}{pointed}{body[end:]}"
+        f'<svg {view_box} role="img" aria-label="{label}" {style}>{body[:end]}{pointed}{body[end:]}'
     ).strip()
 
 

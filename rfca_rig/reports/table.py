@@ -212,15 +212,17 @@ def cell(column: TableColumn, row: TableRow) -> TableCell:
         known = float(half)
     else:
         known = None
-    digits = _digits(value, known, column.digits if row.digits is None else row.digits)
+    column_digits = row.digits
+    if column_digits is None:
+        column_digits = column.digits
+    digits = _digits(value, known, column_digits)
     if known is None and 0.0 < value < 0.5 * 10.0**-digits:
         # Rounded to zero, a small value would look like none.
         return TableCell(f"< {format_rounded(10.0**-digits, digits)}", is_number=True)
-    return TableCell(
-        format_rounded(value, digits),
-        "" if known is None else format_rounded(known, digits),
-        is_number=True,
-    )
+    shown_half = ""
+    if known is not None:
+        shown_half = format_rounded(known, digits)
+    return TableCell(format_rounded(value, digits), shown_half, is_number=True)
 
 
 def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
@@ -258,9 +260,12 @@ def places(size: float, digits: int) -> int:
     """Decimals that show `size` with so many digits; negative where it is rounded to tens or
     hundreds.
     """
+    if not size or not isfinite(size):
+        return digits - 1
     # The exponent of the formatted text, which is rounded to seven digits first: 999.99999999
     # counts as 1000.
-    return digits - 1 - (int(f"{abs(size):e}".partition("e")[2]) if size and isfinite(size) else 0)
+    exponent = int(f"{abs(size):e}".partition("e")[2])
+    return digits - 1 - exponent
 
 
 def _is_number(value: Value) -> bool:
@@ -358,7 +363,8 @@ def as_tex(table: Table) -> str:
     lines += _tex_heads(table)
     for name, rows in table.groups():
         lines.append(r"\midrule")
-        lines += [rf"\multicolumn{{{len(alignment)}}}{{l}}{{{tex_text(name)}}} \\"] if name else []
+        if name:
+            lines.append(rf"\multicolumn{{{len(alignment)}}}{{l}}{{{tex_text(name)}}} \\")
         for row in rows:
             lines.append(
                 _tex_line(
@@ -372,7 +378,9 @@ def as_tex(table: Table) -> str:
                 rf"\multicolumn{{{len(alignment)}}}{{l}}{{\quad {tex_text(note)}}} \\"
                 for note in table.notes(row)
             ]
-    lines += [r"\midrule", *(_tex_foot(table, foot) for foot in table.foot)] if table.foot else []
+    if table.foot:
+        lines.append(r"\midrule")
+        lines += [_tex_foot(table, foot) for foot in table.foot]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
 
@@ -381,21 +389,23 @@ def _tex_heads(table: Table) -> list[str]:
     overs = table.overs()
     if not overs:
         return [heads]
-    above = [
-        rf"\multicolumn{{{span}}}{{c}}{{{tex_text(over)}}}" if over else " & ".join([""] * span)
-        for over, span in overs
-    ]
+    above = []
     rules = []
     at = 1
     for over, span in overs:
-        rules += [rf"\cmidrule(lr){{{at}-{at + span - 1}}}"] if over else []
+        if over:
+            above.append(rf"\multicolumn{{{span}}}{{c}}{{{tex_text(over)}}}")
+            rules.append(rf"\cmidrule(lr){{{at}-{at + span - 1}}}")
+        else:
+            above.append(" & ".join([""] * span))
         at += span
     return [_tex_line(above), "".join(rules), heads]
 
 
 def _tex_head(column: TableColumn, is_number: bool) -> str:
-    unit = f" ({tex_unit(column.unit)})" if column.unit else ""
-    text = f"{tex_head(column.title)}{unit}"
+    text = tex_head(column.title)
+    if column.unit:
+        text += f" ({tex_unit(column.unit)})"
     if column.upright:
         return rf"\rotatebox{{90}}{{{text}~}}"
     if is_number:

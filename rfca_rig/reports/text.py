@@ -1,6 +1,7 @@
 """Text of the pages: numbers with typographic signs, and sentences on compared strokes."""
 
 import re
+from collections.abc import Sequence
 from math import floor, isfinite, log10
 
 from rfca_rig.analysis.compare import ComparedCondition
@@ -135,9 +136,22 @@ def keep_units_together(text: str) -> str:
     return re.sub(r"(?<=[\dN]) (?=(?:N|mm|ms|m|rad/s|deg|s|%)(?![\w]))", NO_BREAK, text)
 
 
-def count_noun(count: int, one: str, many: str | None = None) -> str:
+def count_noun(count: int, singular: str, plural: str | None = None) -> str:
     """A count with its noun, as in "1 stroke", "27 strokes"."""
-    return f"{count} {one if count == 1 else many or one + 's'}"
+    if count == 1:
+        return f"{count} {singular}"
+    return f"{count} {plural or singular + 's'}"
+
+
+def number_equal_names(names: Sequence[str]) -> list[str]:
+    """The names; those that occur more than once are numbered in their order, as in "run (2)"."""
+    numbered = []
+    for index, name in enumerate(names):
+        if names.count(name) > 1:
+            numbered.append(f"{name} ({names[: index + 1].count(name)})")
+        else:
+            numbered.append(name)
+    return numbered
 
 
 def repeats_sentence(compared: ComparedCondition) -> str:

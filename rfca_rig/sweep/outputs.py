@@ -7,7 +7,6 @@ and more than 30 ms have passed since touchdown. t* is the moment of the greates
 it presses.
 """
 
-import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +26,7 @@ from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 from rfca_rig.model.static_stages import StaticState
 from rfca_rig.model.statics_contact import follow_static_path
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
-from rfca_rig.sweep.quantities import SweepCase
+from rfca_rig.sweep.quantities import SweepCase, suggest_name
 
 Floats = NDArray[np.float64]
 
@@ -489,10 +488,8 @@ def parse_output(text: str) -> RequestedOutput:
     """Parse "valley_fz_N" or "static_torque_Nm@60". Raises BadInput."""
     name, at, angle = text.strip().partition(ANGLE_SEPARATOR)
     if name not in OUTPUTS:
-        close = difflib.get_close_matches(name, OUTPUTS, n=1, cutoff=0.5)
         raise BadInput(
-            f"{name!r} is no output; "
-            f"{f'did you mean {close[0]}? ' if close else ''}rfca-rig sweep --list prints "
+            f"{name!r} is no output; {suggest_name(name, OUTPUTS)}rfca-rig sweep --list prints "
             "all there are"
         )
     if not OUTPUTS[name].at:

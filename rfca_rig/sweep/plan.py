@@ -218,14 +218,18 @@ class SweepPlan:
     @property
     def varied(self) -> tuple[str, ...]:
         """Names of the varied quantities, in the order of the columns."""
-        return (*(axis.name for axis in self.axes), *(self.samples.names if self.samples else ()))
+        names = tuple(axis.name for axis in self.axes)
+        if self.samples is None:
+            return names
+        return (*names, *self.samples.names)
 
     @cached_property
     def count(self) -> int:
         """Number of cases."""
-        return prod(len(axis.values) for axis in self.axes) * (
-            self.samples.n if self.samples else 1
-        )
+        count = prod(len(axis.values) for axis in self.axes)
+        if self.samples is None:
+            return count
+        return count * self.samples.n
 
     def point(self, case: int) -> tuple[Value, ...]:
         """Values of the varied quantities, in the order of `varied`."""
@@ -249,7 +253,7 @@ class SweepPlan:
 
 
 # Share of a range at which no whole number lies, unless the range is a multiple of it.
-INSIDE = 0.381966
+INNER_SHARE = 0.381966
 
 
 def check_plan(plan: SweepPlan) -> SweepPlan:
@@ -286,12 +290,11 @@ def _check_names(names: Iterable[str]) -> None:
     setting: dict[str, str] = {}
     for name in names:
         what = find_quantity(name).sets or find_quantity(name).name
-        if what in setting:
-            raise BadInput(
-                f"{name} is set twice"
-                if setting[what] == name
-                else f"{setting[what]} and {name} set the same; leave one out"
-            )
+        earlier = setting.get(what)
+        if earlier == name:
+            raise BadInput(f"{name} is set twice")
+        if earlier is not None:
+            raise BadInput(f"{earlier} and {name} set the same; leave one out")
         setting[what] = name
 
 
@@ -306,13 +309,19 @@ def _check_values(plan: SweepPlan) -> None:
     # Limits are intervals, so the ends of a range are checked, and a value between them for
     # quantities that take whole numbers only.
     for span in plan.samples.ranges:
-        for value in (span.low, span.high, span.low + INSIDE * (span.high - span.low)):
+        for value in (span.low, span.high, span.low + INNER_SHARE * (span.high - span.low)):
             _check_value(span.name, value)
 
 
 def _check_value(name: str, value: Value) -> None:
-    if (reason := find_quantity(name).why_not(value)) is not None:
-        raise BadInput(f"{name} = {value if isinstance(value, str) else f'{value:g}'}: {reason}")
+    reason = find_quantity(name).why_not(value)
+    if reason is None:
+        return
+    if isinstance(value, str):
+        text = value
+    else:
+        text = f"{value:g}"
+    raise BadInput(f"{name} = {text}: {reason}")
 
 
 def describe_plan(plan: SweepPlan) -> dict[str, Any]:
@@ -327,18 +336,24 @@ def describe_plan(plan: SweepPlan) -> dict[str, Any]:
         hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep)
     )
     effects_folder = os.environ.get(FOLDER_VARIABLE)
+    own_effects = "none"
+    if effects_folder:
+        own_effects = hash_source(Path(effects_folder))
+    samples = None
+    if plan.samples:
+        samples = asdict(plan.samples)
     return {
         "format": FORMAT,
         "title": plan.title,
         "model": asdict(plan.rig),
         "fixed": dict(plan.fixed),
         "grid": [{"name": axis.name, "values": list(axis.values)} for axis in plan.axes],
-        "samples": asdict(plan.samples) if plan.samples else None,
+        "samples": samples,
         "outputs": [asked.header for asked in plan.outputs],
         MADE_WITH: {
             **versions,
             "source": digest(sources)[:12],
-            "own effects": hash_source(Path(effects_folder)) if effects_folder else "none",
+            "own effects": own_effects,
         },
     }
 

@@ -1,7 +1,7 @@
 """Quantities that a sweep can vary, by their names in columns and files."""
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -80,16 +80,20 @@ class SweepCase:
     def model(self) -> RigModel:
         """The rig model with strip and links applied. Raises BadInput for impossible links."""
         leg = self._leg()
-        return replace(self.rig, leg=leg if self.links is None else with_links(leg, self.links))
+        if self.links is not None:
+            leg = with_links(leg, self.links)
+        return replace(self.rig, leg=leg)
 
     def cell_m(self) -> float:
         """The length of strip that each hinge represents; see `model.paper.strip`. Raises
         BadInput.
         """
         leg = self._leg()
-        hinges = len(leg.link_lengths_m) - 1
+        if self.links is None:
+            return cell_m(leg)
         # Fewer hinges share the same strip, so each represents more of it.
-        return cell_m(leg) * (1.0 if self.links is None else hinges / (self.links - 1))
+        hinges = len(leg.link_lengths_m) - 1
+        return cell_m(leg) * (hinges / (self.links - 1))
 
     def _leg(self) -> Leg:
         """With its strip and first link, before it is divided into other links."""
@@ -126,15 +130,14 @@ def set_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigMod
     """The rig with one parameter of an effect set; an effect that is absent is added."""
     if not any(present.id == id_ for present in rig.effects):
         return replace(rig, effects=(*rig.effects, PresentEffect(id_, ((name, value),))))
-    return replace(
-        rig,
-        effects=tuple(
-            replace(effect, values=tuple({**dict(effect.values), name: value}.items()))
-            if effect.id == id_
-            else effect
-            for effect in rig.effects
-        ),
-    )
+    effects = []
+    for effect in rig.effects:
+        if effect.id == id_:
+            values = {**dict(effect.values), name: value}
+            effects.append(replace(effect, values=tuple(values.items())))
+        else:
+            effects.append(effect)
+    return replace(rig, effects=tuple(effects))
 
 
 @dataclass(frozen=True)
@@ -160,12 +163,19 @@ def find_quantity(name: str) -> Quantity:
     known = list_quantities()
     canonical = aliases().get(name, name)
     if canonical not in known:
-        close = difflib.get_close_matches(name, [*known, *aliases()], n=1, cutoff=0.5)
-        hint = f"did you mean {close[0]}? " if close else ""
+        hint = suggest_name(name, [*known, *aliases()])
         raise BadInput(
             f"{name!r} cannot be varied; {hint}rfca-rig sweep --list prints all that can"
         )
     return known[canonical]
+
+
+def suggest_name(name: str, known: Iterable[str]) -> str:
+    """`did you mean x? ` for the known name that is nearest; empty where none is near."""
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    if close:
+        return f"did you mean {close[0]}? "
+    return ""
 
 
 @cache
@@ -244,12 +254,10 @@ def _of_the_strip() -> tuple[Quantity, ...]:
         Quantity(
             "strip.thickness_mm",
             "thickness of each strip",
-            partial(_of_strip, "thickness_m"),
+            _set_thickness_mm,
             _above_zero,
         ),
-        Quantity(
-            "strip.width_mm", "width of each strip", partial(_of_strip, "width_m"), _above_zero
-        ),
+        Quantity("strip.width_mm", "width of each strip", _set_width_mm, _above_zero),
     )
 
 
@@ -323,15 +331,17 @@ def _material(at: SweepCase, value: Value) -> SweepCase:
     return replace(at, strip=replace(at.strip, material=material))
 
 
-def _of_strip(field: str, at: SweepCase, value: Value) -> SweepCase:
+def _set_thickness_mm(at: SweepCase, value: Value) -> SweepCase:
+    return replace(at, strip=replace(at.strip, thickness_m=_mm_to_m(value)))
+
+
+def _set_width_mm(at: SweepCase, value: Value) -> SweepCase:
+    return replace(at, strip=replace(at.strip, width_m=_mm_to_m(value)))
+
+
+def _mm_to_m(value: Value) -> float:
     # 0.8 mm is then bitwise the thickness of the paper's strip.
-    metres = round(1e-3 * _number(value), 9)
-    return replace(
-        at,
-        strip=replace(at.strip, thickness_m=metres)
-        if field == "thickness_m"
-        else replace(at.strip, width_m=metres),
-    )
+    return round(1e-3 * _number(value), 9)
 
 
 def _number(value: Value) -> float:
@@ -348,26 +358,41 @@ def _finite(value: Value) -> str | None:
 
 # Each of the following returns why a value is not allowed, or None.
 def _above_zero(value: Value) -> str | None:
-    return _finite(value) or (None if _number(value) > 0.0 else "must be above 0")
+    if reason := _finite(value):
+        return reason
+    if _number(value) > 0.0:
+        return None
+    return "must be above 0"
 
 
 def _not_negative(value: Value) -> str | None:
-    return _finite(value) or (None if _number(value) >= 0.0 else "must be 0 or more")
+    if reason := _finite(value):
+        return reason
+    if _number(value) >= 0.0:
+        return None
+    return "must be 0 or more"
 
 
 def _is_monotone(k2_per_rad2: Value) -> str | None:
-    softest = (
+    if reason := _finite(k2_per_rad2):
+        return reason
+    if _number(k2_per_rad2) >= MIN_K2_PER_RAD2:
+        return None
+    return (
         f"must be {MIN_K2_PER_RAD2:.3f} or more: below, the torque of a hinge falls before 90 "
         "degrees"
     )
-    return _finite(k2_per_rad2) or (None if _number(k2_per_rad2) >= MIN_K2_PER_RAD2 else softest)
 
 
 def _between(low: float, high: float) -> Callable[[Value], str | None]:
-    return lambda value: (
-        _finite(value)
-        or (None if low <= _number(value) <= high else f"must be {low:g} to {high:g}")
-    )
+    def why_not(value: Value) -> str | None:
+        if reason := _finite(value):
+            return reason
+        if low <= _number(value) <= high:
+            return None
+        return f"must be {low:g} to {high:g}"
+
+    return why_not
 
 
 def _whole_links(value: Value) -> str | None:

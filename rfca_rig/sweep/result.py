@@ -86,7 +86,8 @@ def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
         else:
             if not np.isfinite(value):
                 reasons.append(f"{asked.header} is not finite")
-        values.append(value if np.isfinite(value) else float("nan"))
+                value = float("nan")
+        values.append(value)
     # One cause may spoil several outputs; it is stated once.
     return values, _short("; ".join(dict.fromkeys(reasons)))
 

@@ -51,10 +51,16 @@ class VarySection(Section):
     log: bool = Field(default=False, description="equal ratios instead of equal steps")
 
     @model_validator(mode="after")
-    def _one_way(self) -> "VarySection":
-        given = [value is not None for value in (self.from_, self.to, self.steps)]
+    def _check_values(self) -> "VarySection":
+        parts = (self.from_, self.to, self.steps)
+        has_range = None not in parts
+        has_part_of_range = any(part is not None for part in parts)
         # Either a list of values or a complete range, never a mixture.
-        if any(given) if self.values is not None else not all(given):
+        if self.values is None:
+            is_valid = has_range
+        else:
+            is_valid = not has_part_of_range
+        if not is_valid:
             raise ValueError("takes either values, or all of from, to and steps")
         if self.values is None:
             _check_log(self.log, self.from_, self.to)
@@ -128,7 +134,7 @@ class SweepFile(Section):
     samples: SamplesSection | None = None
 
     @model_validator(mode="after")
-    def _one_model(self) -> "SweepFile":
+    def _check_model(self) -> "SweepFile":
         if self.rig is not None and self.model is not None:
             raise ValueError("rig and model are both given; name one of them")
         return self
@@ -175,11 +181,10 @@ def flatten_names(fixed: Fixed) -> list[tuple[str, Value]]:
     """
     settings: list[tuple[str, Value]] = []
     for name, value in fixed.items():
-        settings += (
-            [(f"{name}.{inner}", inner_value) for inner, inner_value in value.items()]
-            if isinstance(value, dict)
-            else [(name, value)]
-        )
+        if isinstance(value, dict):
+            settings += [(f"{name}.{inner}", inner_value) for inner, inner_value in value.items()]
+        else:
+            settings.append((name, value))
     return settings
 
 
@@ -211,21 +216,22 @@ def plan_from_options(
     ranges = [
         (varied, text) for varied, text in parts if text.removesuffix(f":{LOG}").count(":") == 1
     ]
-    if bool(ranges) != (samples is not None):
+    if ranges and samples is None:
         raise BadInput(
-            (
-                f"--vary {ranges[0][0].name}={ranges[0][1]}: a range is for --samples N; for "
-                f"a grid say how many steps, {GRID_SYNTAX}"
-            )
-            if ranges
-            else f"--samples {samples}: name the ranges to draw from, --vary {RANGE_SYNTAX}"
+            f"--vary {ranges[0][0].name}={ranges[0][1]}: a range is for --samples N; for "
+            f"a grid say how many steps, {GRID_SYNTAX}"
         )
+    if samples is not None and not ranges:
+        raise BadInput(f"--samples {samples}: name the ranges to draw from, --vary {RANGE_SYNTAX}")
     axes = tuple(_axis(varied, text) for varied, text in parts if (varied, text) not in ranges)
     if samples is None:
         drawn = None
     else:
         drawn = _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
-    names = parse_outputs(outputs.split(",") if outputs else DEFAULT_OUTPUTS)
+    asked_outputs: Sequence[str] = DEFAULT_OUTPUTS
+    if outputs:
+        asked_outputs = outputs.split(",")
+    names = parse_outputs(asked_outputs)
     set_ = tuple(
         (varied.name, _value(varied, text))
         for varied, text in (_split_option("--set", option) for option in fixed)

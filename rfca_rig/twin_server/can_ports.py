@@ -66,9 +66,12 @@ def is_classic(message: can.Message) -> bool:
 def frame_of(message: can.Message) -> ClassicFrame:
     """Converts a python-can message, which must be classic, to a frame."""
     remote = message.is_remote_frame
+    data = b""
+    if not remote:
+        data = bytes(message.data)
     return ClassicFrame(
         message.arbitration_id,
-        b"" if remote else bytes(message.data),
+        data,
         message.is_extended_id,
         remote,
         message.dlc,
@@ -149,10 +152,10 @@ class SocketcandPort:
             member.client.send(classic_can.OK)
         elif command == "echo":
             member.client.send(b"< echo >")
+        elif member.is_open:
+            member.client.send(classic_can.error("unknown command"))
         else:
-            member.client.send(
-                classic_can.error("unknown command" if member.is_open else "open a bus first")
-            )
+            member.client.send(classic_can.error("open a bus first"))
 
     def _send(self, member: _Member, words: list[str]) -> None:
         try:
@@ -239,7 +242,8 @@ class _SerialAdapter(ABC):
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (a serial adapter has no clock)
         self._receive()
         self._queue_frames()
-        del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
+        if self._waiting:
+            del self._waiting[: self._terminal.write(bytes(self._waiting))]
 
     @abstractmethod
     def _receive(self) -> None:

@@ -126,6 +126,13 @@ class FaultEvent:
     name: str
     on: bool
 
+    @property
+    def words(self) -> str:
+        """As in "force-lost on"."""
+        if self.on:
+            return f"{self.name} on"
+        return f"{self.name} off"
+
 
 def parse_fault_events(orders: Sequence[str]) -> tuple[FaultEvent, ...]:
     """Parses all options into events in order of time. Raises BadInput for an invalid one."""
@@ -135,8 +142,11 @@ def parse_fault_events(orders: Sequence[str]) -> tuple[FaultEvent, ...]:
 def _parse(order: str) -> list[FaultEvent]:
     name, at, when = order.partition("@")
     begin, dash, end = when.partition("-")
+    times = [begin]
+    if dash:
+        times.append(end)
     try:
-        times_s = [float(time) for time in ((begin, end) if dash else (begin,))]
+        times_s = [float(time) for time in times]
     except ValueError:
         times_s = []
     if (
@@ -166,7 +176,10 @@ class FaultSchedule:
         switched = []
         while self._left and self._left[0].at_s <= now_s:
             switching = self._left.pop(0)
-            (self._panel.switch_on if switching.on else self._panel.switch_off)(switching.name)
+            if switching.on:
+                self._panel.switch_on(switching.name)
+            else:
+                self._panel.switch_off(switching.name)
             switched.append(switching)
         return switched
 

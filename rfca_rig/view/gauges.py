@@ -40,8 +40,11 @@ class Gauge:
 
     def show(self, value: float, limit: float | None = None) -> None:
         """Takes in a value, and the limit in force for it where that has changed."""
-        limit = self.limit if limit is None else limit
-        share = value / limit if limit > 0.0 else 0.0
+        if limit is None:
+            limit = self.limit
+        share = 0.0
+        if limit > 0.0:
+            share = value / limit
         # The page is updated a few times a second: of the values in between, the worst is kept.
         if self.is_reported or share >= self.share:
             self.value = value
@@ -275,15 +278,14 @@ class LiveHealth:
         gap_s = float(ticks.worst_gap_s[-1])
         warmth_C = float(ticks.temperature_C[-1])
         backlog_MB = 1e-6 * self._vitals.get("backlog_bytes", 0)
-        warm = [] if isnan(warmth_C) else [warmth_C]
-        return [
-            Health("worst loop gap", f"{1e3 * gap_s:.1f} ms", gap_s < GAP_SHARE * limits.late_s),
-            *(
-                Health("drive", f"{warmth_C:.0f} degC", warmth_C < 0.9 * limits.temperature_C)
-                for warmth_C in warm
-            ),
-            Health("recorder behind", f"{backlog_MB:.2f} MB", backlog_MB < BACKLOG_MB),
+        lines = [
+            Health("worst loop gap", f"{1e3 * gap_s:.1f} ms", gap_s < GAP_SHARE * limits.late_s)
         ]
+        if not isnan(warmth_C):
+            is_cool = warmth_C < 0.9 * limits.temperature_C
+            lines.append(Health("drive", f"{warmth_C:.0f} degC", is_cool))
+        lines.append(Health("recorder behind", f"{backlog_MB:.2f} MB", backlog_MB < BACKLOG_MB))
+        return lines
 
     def _view(self, lost: int) -> list[Health]:
         delay_ms = 1e3 * max((delay_s for _, delay_s in self._delays_s), default=0.0)

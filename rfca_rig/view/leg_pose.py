@@ -192,10 +192,11 @@ class Legs:
 
     def __init__(self, nominal: Mapping[str, Any]) -> None:
         self._rig: RigModel | None = None
-        # A model section that this version cannot read costs the picture of the leg, not the whole
-        # view.
-        with suppress(RigError):
-            self._rig = nominal_model(nominal) if nominal else None
+        if nominal:
+            # A model section that this version cannot read costs the picture of the leg, not the
+            # whole view.
+            with suppress(RigError):
+                self._rig = nominal_model(nominal)
         self._shapes: LegShapes | None = None
         self._prepared: set[SceneStroke] = set()
 
@@ -251,20 +252,20 @@ class Legs:
         if self._rig is None or moment.scene.height_m is None:
             return None
         leg, source = self._leg(self._rig, moment)
-        if moment.planned_rad is None or self._shapes is None:
-            ghost = None
-        else:
-            ghost = self._at(self._shapes, moment.scene, moment.planned_rad)
+        ghost = None
+        if moment.planned_rad is not None and self._shapes is not None:
+            ghost = _as_lists(self._at(self._shapes, moment.scene, moment.planned_rad))
+        force = None
+        if moment.force_N is not None:
+            force = [round(value, 3) for value in moment.force_N]
         return {
             "kind": "leg",
             "height_m": round(moment.scene.height_m, UM),
             "shaft_rad": round(moment.shaft_rad % tau, 5),
             "leg": _as_lists(leg),
-            "ghost": None if ghost is None else _as_lists(ghost),
+            "ghost": ghost,
             "source": source,
-            "force": None
-            if moment.force_N is None
-            else [round(value, 3) for value in moment.force_N],
+            "force": force,
         }
 
     def _leg(self, rig: RigModel, moment: LegMoment) -> tuple[Floats, str]:

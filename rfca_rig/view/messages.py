@@ -106,13 +106,10 @@ def trace(
         }
         for side, values in sides.items()
     }
-    return {
-        "kind": "trace",
-        "dt_s": dt_s,
-        "from_s": first * dt_s,
-        **({"reset": True} if is_reset else {}),
-        **drawn,
-    }
+    message: dict[str, Any] = {"kind": "trace", "dt_s": dt_s, "from_s": first * dt_s}
+    if is_reset:
+        message["reset"] = True
+    return message | drawn
 
 
 def _as_json_numbers(values: Floats, decimals: int) -> list[float | None]:

@@ -51,7 +51,7 @@ from rfca_rig.view.run_queue import SeenTicks, ticks_of
 from rfca_rig.view.server import DEBUG_VARIABLE, Pages, listen_on, port_of, serve
 
 # Buckets stay open this long for the slower of the two streams.
-WAITS_S = 0.1
+MAX_WAIT_S = 0.1
 # Without ticks for this long, all buckets are closed. Longer than a loop is late on a busy machine:
 # a sample that comes after its bucket was closed is drawn too far to the right.
 SILENT_S = 0.25
@@ -142,9 +142,11 @@ class LiveSource:
         ]
         wall_s = self._clock.now_s()
         is_silent = self._began_s is not None and wall_s - self._ticked_s > SILENT_S
-        self.pyramid.close_before(
-            self._end_of_data_s() if is_silent else max(min(self._newest), self._now_s - WAITS_S)
-        )
+        if is_silent:
+            closed_s = self._end_of_data_s()
+        else:
+            closed_s = max(min(self._newest), self._now_s - MAX_WAIT_S)
+        self.pyramid.close_before(closed_s)
         self._health.delay(wall_s, min(oldest_s, default=np.inf))
 
     def _end_of_data_s(self) -> float:
@@ -184,7 +186,10 @@ class LiveSource:
     def _stage(self, event: dict[str, Any]) -> None:
         number = event["number"]
         self._progress.begin(number, event["wall_s"])
-        self._gauges.stage(None if event["expected"] is None else Load(*event["expected"]))
+        expected = None
+        if event["expected"] is not None:
+            expected = Load(*event["expected"])
+        self._gauges.stage(expected)
         self._stage_label = event["label"]
         if number >= 0:
             self._scene = self._facts.scenes[number]
@@ -199,7 +204,8 @@ class LiveSource:
     def _samples(self, ticks: SeenTicks) -> None:
         self._target_rad = float(ticks.target_rad[-1])
         # The page's time starts with the first tick, not with the rig's clock.
-        self._began_s = float(ticks.now_s[0]) if self._began_s is None else self._began_s
+        if self._began_s is None:
+            self._began_s = float(ticks.now_s[0])
         self._now_s = float(ticks.now_s[-1]) - self._began_s
         self._ticked_s = float(ticks.wall_s[-1])
         self._gauges.take(ticks)
@@ -232,6 +238,9 @@ class LiveSource:
         call.
         """
         at = self._progress.at(self._clock.now_s())
+        trip = None
+        if self._code:
+            trip = {"code": self._code, "text": self._ended}
         return {
             "kind": "state",
             "now_s": round(self._now_s, 4),
@@ -246,7 +255,7 @@ class LiveSource:
             "speed": 1.0,
             "stop_asked": self._asked,
             "ended": self._ended,
-            "trip": {"code": self._code, "text": self._ended} if self._code else None,
+            "trip": trip,
         }
 
     def leg(self) -> Message | None:
@@ -337,9 +346,13 @@ class LiveFeed:
         end = pyramid.count_closed(self._level)
         # A page that fell behind the oldest bucket kept cannot be continued without a gap: its
         # window starts again.
-        is_reset = self._sent is None or self._sent < pyramid.oldest(self._level)
-        begin = max(end - ceil(self._span_s / width_s(self._level)), 0) if is_reset else self._sent
-        if begin is None or begin >= end:
+        begin = self._sent
+        if begin is None or begin < pyramid.oldest(self._level):
+            is_reset = True
+            begin = max(end - ceil(self._span_s / width_s(self._level)), 0)
+        else:
+            is_reset = False
+        if begin >= end:
             return None
         self._sent = end
         return trace(
@@ -351,7 +364,7 @@ class LiveFeed:
 NICE = 5
 # After the run: how long the view waits for a page, and how long it lasts at most, so that a
 # forgotten page keeps no process for ever.
-LINGERS_S = 60.0
+MAX_IDLE_S = 60.0
 LONGEST_S = 12 * 3600.0
 
 
@@ -432,8 +445,9 @@ class LingerPolicy:
         if self._over_s is None:
             return True
         now_s = self._clock.now_s()
-        self._last_seen_s = now_s if open_pages else self._last_seen_s
-        return now_s - self._last_seen_s < LINGERS_S and now_s - self._over_s < LONGEST_S
+        if open_pages:
+            self._last_seen_s = now_s
+        return now_s - self._last_seen_s < MAX_IDLE_S and now_s - self._over_s < LONGEST_S
 
 
 if __name__ == "__main__":

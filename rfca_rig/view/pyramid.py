@@ -26,7 +26,7 @@ CAPACITY = 4096
 # ones that pages still read.
 AHEAD = CAPACITY // 2
 # A window is shown in at most so many buckets, about one for each pixel.
-ACROSS = 1000
+MAX_BUCKETS = 1000
 
 
 @dataclass(frozen=True)
@@ -237,8 +237,11 @@ class Pyramid:
 
     def oldest(self, level: int) -> int:
         """The first bucket that a level still holds."""
+        kept = CAPACITY
         # In level 0 the slots of open buckets take part of the ring.
-        return max(self._closed[level] - (CAPACITY - AHEAD if level == 0 else CAPACITY), 0)
+        if level == 0:
+            kept -= AHEAD
+        return max(self._closed[level] - kept, 0)
 
     def between(self, level: int, begin: int, end: int) -> Extrema:
         """Extrema (end - begin, channels) of closed buckets `begin` to before `end`; those no
@@ -258,9 +261,10 @@ def width_s(level: int) -> float:
 
 
 def level_for(span_s: float) -> int:
-    """The finest level at which a window of `span_s` s has at most ACROSS buckets."""
-    # The tolerance lets a span that is exactly ACROSS buckets wide, up to rounding, keep its level.
+    """The finest level at which a window of `span_s` s has at most MAX_BUCKETS buckets."""
+    # The tolerance lets a span that is exactly MAX_BUCKETS buckets wide, up to rounding, keep its
+    # level.
     return next(
-        (level for level in range(LEVELS) if ACROSS * width_s(level) >= span_s * (1 - 1e-9)),
+        (level for level in range(LEVELS) if MAX_BUCKETS * width_s(level) >= span_s * (1 - 1e-9)),
         LEVELS - 1,
     )

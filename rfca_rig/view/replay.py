@@ -27,7 +27,7 @@ from rfca_rig.view.messages import (
     number_in,
     trace,
 )
-from rfca_rig.view.pyramid import ACROSS
+from rfca_rig.view.pyramid import MAX_BUCKETS
 from rfca_rig.view.run_facts import ListedStage, new_token
 from rfca_rig.view.run_queue import url_of
 from rfca_rig.view.server import listen_on, port_of, serve
@@ -36,7 +36,7 @@ from rfca_rig.view.time_line import Player, plan_in, time_line
 LONGEST_SPAN_S = 60.0
 FASTEST = 100.0
 STATE_EVERY = round(BEATS_HZ / STATES_HZ)
-TOLD = {
+HEALTH_NAMES = {
     "sensor_records": "sensor records",
     "worst_loop_gap_ms": "worst loop gap, ms",
     "tare_drift": "tare drift",
@@ -61,15 +61,9 @@ class Replay:
             ListedStage(clip.label, clip.kind, round(clip.duration_s, 4))
             for clip in self.player.clips
         ]
-        limits: list[dict[str, object]] = [
-            {
-                "name": gauge.name,
-                "unit": gauge.unit,
-                "limit": round(gauge.limit, 4),
-                "code": str(gauge.code),
-            }
-            for gauge in (gauges(self._limits) if self._limits else ())
-        ]
+        limits: list[dict[str, object]] = []
+        if self._limits:
+            limits = [_describe_gauge(gauge) for gauge in gauges(self._limits)]
         return hello(
             self._stored.title,
             self._stored.source,
@@ -92,8 +86,14 @@ class Replay:
         """Health of the run from the recording's provenance."""
         known = self._stored.provenance
         why = self._end_reason()
-        lines = [_health_line(shown, known[name]) for name, shown in TOLD.items() if name in known]
-        return [*lines, *([] if why is None else [Health("ended", why, why == "done")])]
+        lines = [
+            _health_line(shown, known[name])
+            for name, shown in HEALTH_NAMES.items()
+            if name in known
+        ]
+        if why is not None:
+            lines.append(Health("ended", why, why == "done"))
+        return lines
 
     def _end_reason(self) -> str | None:
         # A run that crashed has no end of its own; what put its recording together wrote
@@ -104,11 +104,19 @@ class Replay:
     def _ending(self) -> Mapping[str, Any]:
         why = self._end_reason()
         reason = self._stored.provenance.get("reason", "")
-        tripped = reason in set(Trip)
-        return {
-            "ended": why or "the recording ends here",
-            "trip": {"code": reason, "text": why} if tripped else None,
-        }
+        trip = None
+        if reason in set(Trip):
+            trip = {"code": reason, "text": why}
+        return {"ended": why or "the recording ends here", "trip": trip}
+
+
+def _describe_gauge(gauge: Gauge) -> dict[str, object]:
+    return {
+        "name": gauge.name,
+        "unit": gauge.unit,
+        "limit": round(gauge.limit, 4),
+        "code": str(gauge.code),
+    }
 
 
 def _health_line(name: str, text: str) -> Health:
@@ -116,7 +124,7 @@ def _health_line(name: str, text: str) -> Health:
     bad line.
     """
     parts = [part for part in text.split(", ") if not part.startswith("0 ")]
-    return Health(name, ", ".join(parts), name != TOLD["sensor_records"] or len(parts) == 1)
+    return Health(name, ", ".join(parts), name != HEALTH_NAMES["sensor_records"] or len(parts) == 1)
 
 
 def gauges(limits: Limits) -> tuple[Gauge, Gauge]:
@@ -152,7 +160,7 @@ class ReplayFeed:
         self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
         # Buckets of any width: samples are at hand, so the fixed levels of the live pyramid are not
         # needed.
-        self._dt_s = self._span_s / ACROSS
+        self._dt_s = self._span_s / MAX_BUCKETS
         self._sent: int | None = None
         self._beats = 0
 
@@ -182,13 +190,14 @@ class ReplayFeed:
             if self._is_due():
                 return [self._state()]
             return []
-        traced = self._trace()
-        leg = self._player.leg(self._at_s)
-        return [
-            *([traced] if traced else []),
-            *([leg] if leg else []),
-            *([self._state()] if self._is_due() else []),
-        ]
+        messages = []
+        if trace := self._trace():
+            messages.append(trace)
+        if leg := self._player.leg(self._at_s):
+            messages.append(leg)
+        if self._is_due():
+            messages.append(self._state())
+        return messages
 
     def _is_due(self) -> bool:
         # Remainder 1: after a reset to 0 the first beat sends a state at once.
@@ -204,9 +213,9 @@ class ReplayFeed:
             end = floor(self._at_s / self._dt_s)
         # At high speed a beat may skip more than a window: then nothing of what was sent is visible
         # any more.
-        is_reset = self._sent is None or end - self._sent > ACROSS
+        is_reset = self._sent is None or end - self._sent > MAX_BUCKETS
         if self._sent is None or is_reset:
-            begin = max(end - ACROSS, 0)
+            begin = max(end - MAX_BUCKETS, 0)
         else:
             begin = self._sent
         if begin == end and not is_reset:
@@ -218,28 +227,27 @@ class ReplayFeed:
 
     def _state(self) -> Message:
         player = self._player
+        done = 1.0
         if player.duration_s:
             done = self._at_s / player.duration_s
-        else:
-            done = 1.0
-        is_at_end = self._at_s >= player.duration_s
+        left_s = None
         if self._speed:
-            left_s = (player.duration_s - self._at_s) / self._speed
-        else:
-            left_s = None
-        about = {"ended": None, "trip": None} if not is_at_end else self._ending
+            left_s = round((player.duration_s - self._at_s) / self._speed, 1)
+        ending: Mapping[str, Any] = {"ended": None, "trip": None}
+        if self._at_s >= player.duration_s:
+            ending = self._ending
         return {
             "kind": "state",
             "now_s": round(self._at_s, 4),
             **self._stage(),
             "done": round(done, 4),
-            "eta_s": None if left_s is None else round(left_s, 1),
+            "eta_s": left_s,
             "limits": self._limit_state(),
             "health": self._health,
             "said": [],
             "speed": self._speed,
             "stop_asked": None,
-            **about,
+            **ending,
         }
 
     def _stage(self) -> dict[str, Any]:

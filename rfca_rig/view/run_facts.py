@@ -144,7 +144,9 @@ class Progress:
         # Stages of one kind take a similar share of their planned time; without experience the
         # planned time counts.
         took_s, planned_s = self._took[stage.kind]
-        return stage.duration_s * (took_s / planned_s if planned_s > 0.0 else 1.0)
+        if planned_s <= 0.0:
+            return stage.duration_s
+        return stage.duration_s * (took_s / planned_s)
 
 
 @dataclass(frozen=True)

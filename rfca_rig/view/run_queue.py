@@ -90,10 +90,12 @@ def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
     shaft = tick.shaft
     force = tick.force
     status = tick.status
-    if status is None or status.temperature_C is None:
-        temperature_C = np.nan
-    else:
-        temperature_C = status.temperature_C
+    temperature_C = np.nan
+    silent_s = 0.0
+    if status is not None:
+        silent_s = status.silent_s
+        if status.temperature_C is not None:
+            temperature_C = status.temperature_C
     head = _HEAD.pack(
         stamp.wall_s,
         tick.now_s,
@@ -102,7 +104,7 @@ def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
         tick.late_s,
         tick.worst_gap_s,
         temperature_C,
-        0.0 if status is None else status.silent_s,
+        silent_s,
         stamp.lost,
         len(shaft.host_s),
         len(force.host_s),
@@ -193,7 +195,9 @@ class RunQueue:
         self.lost = 0
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
-        load = None if expected is None else [expected.force_N, expected.torque_Nm]
+        load = None
+        if expected is not None:
+            load = [expected.force_N, expected.torque_Nm]
         self._send_event(
             {
                 "about": "stage",
@@ -273,10 +277,10 @@ class RunQueue:
         level = StopLevel(min(self._queue.acknowledged, StopLevel.TORQUE_OFF))
         if level > self._stop_request.level and level in WHY and not self._stop_request.is_over:
             self._stop_request.ask(level, WHY[level])
-            self._notify(
-                "the view asks for a stop "
-                + ("at the next safe point" if level is StopLevel.SAFE_POINT else "now")
-            )
+            when = "now"
+            if level is StopLevel.SAFE_POINT:
+                when = "at the next safe point"
+            self._notify(f"the view asks for a stop {when}")
 
 
 HOST = "127.0.0.1"
@@ -384,7 +388,9 @@ class LiveView:
             return int(answer)
         self._process.kill()
         self.close()
-        raise BadInput(answer) if what else RigError(f"the view: {answer}")
+        if what:
+            raise BadInput(answer)
+        raise RigError(f"the view: {answer}")
 
     @property
     def process_id(self) -> int:

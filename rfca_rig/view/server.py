@@ -424,14 +424,12 @@ class Admission:
 
     def _has_token(self, scope: Scope, headers: Headers) -> bool:
         if scope["type"] == "websocket":
+            scheme = PROTOCOL
             given = scope["subprotocols"]
         else:
+            scheme = BEARER
             given = " ".join(headers.getlist("authorization")).split()
-        return (
-            len(given) == 2
-            and given[0] == (PROTOCOL if scope["type"] == "websocket" else BEARER)
-            and is_token(given[1], self._token)
-        )
+        return len(given) == 2 and given[0] == scheme and is_token(given[1], self._token)
 
 
 def _with_policy(send: Send) -> Send:

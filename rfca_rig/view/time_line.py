@@ -193,7 +193,10 @@ def _sizes(streams: Iterable[Stream], zero_s: float) -> Floats:
 
 def _norm(stream: Stream, names: Sequence[str]) -> Floats:
     squares = [stream.columns[name].values ** 2 for name in names if name in stream.columns]
-    return np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(len(stream.t_s))
+    if not squares:
+        return np.zeros(len(stream.t_s))
+    norm: Floats = np.sqrt(np.sum(squares, axis=0))
+    return norm
 
 
 def plan_in(stored: StoredRecording) -> Plan | None:
@@ -230,12 +233,28 @@ def _in_order(stored: StoredRecording, start_rad: float | None, ramp_s: float) -
     strokes = iter([_stroke_clip(stroke, start_rad, ramp_s) for stroke in stored.strokes])
     # Raw samples only where the recording kept them for every stage.
     whole = [stage for stage in stored.raw if not stage.cut_short and not stage.is_cycle_table]
-    behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
-    holds = iter([_hold_clip(stage, raw) for stage, raw in zip(stored.static, behind, strict=True)])
-    # A plan may be longer than what was recorded: `_next` then gives nothing. Without a plan,
-    # strokes come before static stages.
+    raw_of_holds: list[StoredStage | None] = [None] * len(stored.static)
+    if len(whole) == len(stored.static):
+        raw_of_holds = list(whole)
+    holds = iter(
+        [_hold_clip(stage, raw) for stage, raw in zip(stored.static, raw_of_holds, strict=True)]
+    )
     plan = plan_in(stored)
-    for stage, scene in zip(plan.stages, scenes(plan), strict=True) if plan else ():
+    # Without a plan, strokes come before static stages.
+    if plan:
+        yield from _planned_clips(plan, strokes, holds)
+    yield from strokes
+    yield from holds
+    yield from (
+        _cut_short(stage) for stage in stored.raw if stage.cut_short and not stage.is_cycle_table
+    )
+
+
+def _planned_clips(plan: Plan, strokes: Iterator[Clip], holds: Iterator[Clip]) -> Iterator[Clip]:
+    """Clips in the order of the plan, which may be longer than what was recorded: `_next` then
+    gives nothing.
+    """
+    for stage, scene in zip(plan.stages, scenes(plan), strict=True):
         if isinstance(stage, Flap):
             yield from _next(strokes)
         elif isinstance(stage, Hold):
@@ -244,11 +263,6 @@ def _in_order(stored: StoredRecording, start_rad: float | None, ramp_s: float) -
                 yield replace(
                     clip, label=stage.label, scene=scene, planned_rad=clip.planned_rad or planned
                 )
-    yield from strokes
-    yield from holds
-    yield from (
-        _cut_short(stage) for stage in stored.raw if stage.cut_short and not stage.is_cycle_table
-    )
 
 
 def _next(clips: Iterator[Clip]) -> Iterable[Clip]:
@@ -265,6 +279,9 @@ def _constant(value: float, _t_s: float) -> float:
 def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) -> Clip:
     first_s, last_s = stroke.samples.span_s
     sweep_deg = degrees(stroke.speed_rad_s * max(last_s, 0.0)) + MORE_SWEEP_DEG
+    planned_rad = None
+    if start_rad is not None:
+        planned_rad = partial(_command_rad, start_rad, stroke.speed_rad_s, ramp_s)
     return Clip(
         label=stroke.label,
         kind="flap",
@@ -273,9 +290,7 @@ def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) ->
         rest_s=-first_s,
         scene=Scene(stroke.height_m, SceneStroke(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
         load=partial(_load_samples, stroke),
-        planned_rad=None
-        if start_rad is None
-        else partial(_command_rad, start_rad, stroke.speed_rad_s, ramp_s),
+        planned_rad=planned_rad,
     )
 
 
@@ -292,11 +307,18 @@ def _load_samples(stage: StoredStage) -> StageSamples:
 
 def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
     shaft_rad = stage.shaft_angle_rad
-    if any(isnan(angle) for angle in stage.hinge_deg):
-        hinges = None
-    else:
+    hinges = None
+    planned_rad = None
+    if not any(isnan(angle) for angle in stage.hinge_deg):
         hinges = np.array(stage.hinge_deg)
-    first_s, last_s = (0.0, 0.0) if raw is None else raw.samples.span_s
+        planned_rad = partial(_constant, shaft_rad)
+    if raw is None:
+        first_s = 0.0
+        last_s = 0.0
+        load = partial(_means, stage)
+    else:
+        first_s, last_s = raw.samples.span_s
+        load = partial(_load_samples, raw)
     return Clip(
         label=(
             f"hold {stage.stage} at {degrees(shaft_rad):.1f} deg, {1e3 * stage.height_m:.0f} "
@@ -309,8 +331,8 @@ def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
         scene=Scene(
             stage.height_m, SceneStroke(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)
         ),
-        load=partial(_means, stage) if raw is None else partial(_load_samples, raw),
-        planned_rad=None if hinges is None else partial(_constant, shaft_rad),
+        load=load,
+        planned_rad=planned_rad,
         hinge_deg=hinges,
     )
 
@@ -335,9 +357,12 @@ def _means(stage: StaticStage) -> StageSamples:
 
 def _cut_short(stage: StoredStage) -> Clip:
     first_s, last_s = stage.samples.span_s
+    kind = "move"
+    if stage.label.startswith(("flap", "hold")):
+        kind = stage.label.partition(" ")[0]
     return Clip(
         label=f"{stage.label}, cut short",
-        kind=stage.label.split(" ", 1)[0] if stage.label.startswith(("flap", "hold")) else "move",
+        kind=kind,
         begin_s=0.0,
         duration_s=last_s - first_s,
         rest_s=-first_s,
@@ -351,7 +376,9 @@ class Player:
 
     def __init__(self, clips: Sequence[Clip], legs: Legs) -> None:
         self.clips = clips
-        self.duration_s = clips[-1].end_s if clips else 0.0
+        self.duration_s = 0.0
+        if clips:
+            self.duration_s = clips[-1].end_s
         self._legs = legs
         self._begins_s = [clip.begin_s for clip in clips]
         self._loaded: OrderedDict[int, StageSamples] = OrderedDict()
@@ -394,10 +421,14 @@ class Player:
         shaft_rad = samples.shaft_at(t_s)
         if shaft_rad is None:
             return None
-        planned_rad = None if clip.planned_rad is None else clip.planned_rad(t_s - clip.rest_s)
+        planned_rad = None
+        if clip.planned_rad is not None:
+            planned_rad = clip.planned_rad(t_s - clip.rest_s)
         fy_N = samples.value_at("fy_N", t_s)
         fz_N = samples.value_at("fz_N", t_s)
-        force_N = None if fy_N is None or fz_N is None else (fy_N, fz_N)
+        force_N = None
+        if fy_N is not None and fz_N is not None:
+            force_N = (fy_N, fz_N)
         return self._legs.message(
             LegMoment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N)
         )

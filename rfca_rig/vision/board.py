@@ -374,8 +374,6 @@ def _edge(
         grey, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )[0].astype(np.float64)
     steepest = float(np.abs(np.gradient(profile, steps)).max())
-    return (
-        EDGE_SIGMAS * float(np.ptp(profile)) / (np.sqrt(2 * np.pi) * steepest)
-        if steepest > 0
-        else length
-    ), length
+    if steepest > 0:
+        return EDGE_SIGMAS * float(np.ptp(profile)) / (np.sqrt(2 * np.pi) * steepest), length
+    return length, length

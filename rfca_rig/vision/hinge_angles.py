@@ -606,13 +606,14 @@ def _keep_determined(
     std = np.sqrt(np.diag(covariance))
     determined = std <= MAX_REPORTED_STD_RAD
     shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
-    angles = tuple(
-        float(angle) if ok else None for angle, ok in zip(angles_rad, determined, strict=True)
-    )
-    return (
-        angles,
-        tuple(float(value) if ok else None for value, ok in zip(std, determined, strict=True)),
-        shown,
+    return _mask(angles_rad, determined), _mask(std, determined), shown
+
+
+def _mask(values: Floats, determined: NDArray[np.bool_]) -> tuple[float | None, ...]:
+    """The values (n,), None for those that are not determined."""
+    return tuple(
+        float(value) if is_determined else None
+        for value, is_determined in zip(values, determined, strict=True)
     )
 
 

@@ -121,7 +121,10 @@ def _pair_m(
     angles[:, a.link : a.link + hinges] = np.cumsum(poses, axis=1)
     places = mark_positions(angles, lengths_m, MarkPlan((a, b)))
     distances = np.linalg.norm(places[:, 1] - places[:, 0], axis=-1)
-    return (float(distances.min()) if hinges <= MOST_HINGES else 0.0), float(distances.max())
+    smallest = 0.0
+    if hinges <= MOST_HINGES:
+        smallest = float(distances.min())
+    return smallest, float(distances.max())
 
 
 @dataclass(frozen=True)
@@ -391,8 +394,10 @@ def _find_loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBou
     ]
     runs: list[list[int]] = [[-1]]
     for i in identified_ones:
-        tied = bounds.is_tied(runs[-1][-1] + 1, i + 1)
-        runs = [*runs[:-1], [*runs[-1], i]] if tied else [*runs, [i]]
+        if bounds.is_tied(runs[-1][-1] + 1, i + 1):
+            runs[-1].append(i)
+        else:
+            runs.append([i])
     return [i for run in runs[1:] if len(run) < MIN_RUN for i in run]
 
 
@@ -461,15 +466,20 @@ def _describe_near_misses(
     reports = {}
     for i in (i for i, candidate in enumerate(best.chosen) if candidate < 0):
         before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
-        start = np.zeros(2) if before is None else candidates.places_m[best.chosen[before]]
-        pair = (0 if before is None else before + 1, i + 1)
+        if before is None:
+            neighbour = 0
+            start = np.zeros(2)
+            origin = "the shaft axis"
+        else:
+            neighbour = before + 1
+            start = candidates.places_m[best.chosen[before]]
+            origin = f"the {plan.name(before)}"
         misses = [
-            bounds.excess_m(*pair, float(np.linalg.norm(candidates.places_m[n] - start)))
+            bounds.excess_m(neighbour, i + 1, float(np.linalg.norm(candidates.places_m[n] - start)))
             for n in unused
         ]
         if misses and min(map(abs, misses)) < MISPLACED_WITHIN_M:
             miss = min(misses, key=abs)
-            origin = "the shaft axis" if before is None else f"the {plan.name(before)}"
             side = "farther from" if miss >= 0 else "nearer to"
             if miss:
                 off = f"{abs(miss) * 1e3:.1f} mm {side} {origin} than the lengths allow"
@@ -503,7 +513,8 @@ def _describe_rejected(
             ties = [(0, np.zeros(2))]
         else:
             ties = [(before + 1, candidates.places_m[best.chosen[before]])]
-        ties += [] if after is None else [(after + 1, candidates.places_m[best.chosen[after]])]
+        if after is not None:
+            ties.append((after + 1, candidates.places_m[best.chosen[after]]))
         for patch, place in zip(rejected, places, strict=True):
             off = [
                 bounds.excess_m(

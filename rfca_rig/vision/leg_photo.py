@@ -128,11 +128,13 @@ def _angle_words(angles: HingeAngles | None) -> list[str]:
     if angles is None:
         return []
     pairs = zip(angles.hinge_rad, angles.hinge_std_rad, strict=True)
-    words = [_one_angle(number, angle, std) for number, (angle, std) in enumerate(pairs, start=1)]
+    words = [
+        _describe_angle(number, angle, std) for number, (angle, std) in enumerate(pairs, start=1)
+    ]
     return [", ".join(words)]
 
 
-def _one_angle(number: int, angle: float | None, std: float | None) -> str:
+def _describe_angle(number: int, angle: float | None, std: float | None) -> str:
     name = "shaft" if number == 1 else f"hinge {number}"
     if angle is None or std is None:
         return f"{name} ?"

@@ -384,7 +384,9 @@ def find_marks_and_rejected(
         for outlines in alone
         if outlines and outlines[0] and np.isfinite(outlines[0].waves_px)
     ]
-    typical_waves_px = float(np.median(waves)) if waves else 0.0
+    typical_waves_px = 0.0
+    if waves:
+        typical_waves_px = float(np.median(waves))
     results = _measure_marks(cutouts, alone, shapes, typical_waves_px)
     marks = _without_duplicates([mark for mark in results if isinstance(mark, Mark)])
     rejected = []

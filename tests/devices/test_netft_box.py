@@ -74,9 +74,10 @@ def commands(answer: Callable[[bytes], bytes], times: int = 1) -> Iterator[int]:
 def test_the_page_tells_units_counts_and_rate() -> None:
     box, _ = made()
     with http(box) as port:
-        says = HttpBox("127.0.0.1", port).says()
-    assert says == box.configuration
-    assert (says.counts_per_N, says.counts_per_Nm, says.decimation(7000.0)) == (1e6, 2e6, 7)
+        configuration = HttpBox("127.0.0.1", port).read_configuration()
+    assert configuration == box.configuration
+    assert (configuration.counts_per_N, configuration.counts_per_Nm) == (1e6, 2e6)
+    assert configuration.decimation(7000.0) == 7
 
 
 @pytest.mark.parametrize("decimation", range(1, 60))
@@ -94,7 +95,7 @@ def test_a_busy_box_is_told_with_what_it_answered() -> None:
             DeviceError, match=rf"http://127.0.0.1:{port}/netftapi2.xml gives no configuration.*503"
         ),
     ):
-        HttpBox("127.0.0.1", port).says()
+        HttpBox("127.0.0.1", port).read_configuration()
 
 
 def test_a_page_of_something_else_is_told() -> None:
@@ -106,7 +107,7 @@ def test_a_page_of_something_else_is_told() -> None:
             DeviceError, match=r"begins with <html>, expected <netft>; is this a Net F/T\?"
         ),
     ):
-        HttpBox("127.0.0.1", port).says()
+        HttpBox("127.0.0.1", port).read_configuration()
 
 
 def test_nobody_there_is_told_by_both_ways() -> None:
@@ -115,15 +116,16 @@ def test_nobody_there_is_told_by_both_ways() -> None:
         port = unused.getsockname()[1]
     for box in (HttpBox("127.0.0.1", port), CommandBox("127.0.0.1", port)):
         with pytest.raises(DeviceError, match="check the address"):
-            box.says()
+            box.read_configuration()
 
 
 def test_the_command_interface_tells_units_and_counts() -> None:
     box, _ = made()
     with commands(box.answer) as port:
-        says = CommandBox("127.0.0.1", port).says()
-    assert says == CalibrationInfo("N", "Nm", 1_000_000, 2_000_000, says.scale_factors)
-    assert max(says.scale_factors) < 2**16
+        configuration = CommandBox("127.0.0.1", port).read_configuration()
+    scale_factors = configuration.scale_factors
+    assert configuration == CalibrationInfo("N", "Nm", 1_000_000, 2_000_000, scale_factors)
+    assert max(scale_factors) < 2**16
 
 
 def test_a_reading_over_the_command_interface_is_the_wrench_to_its_16_bits() -> None:
@@ -162,7 +164,7 @@ def test_what_is_no_command_gets_no_answer() -> None:
         commands(lambda _: b"\x12\x34") as port,
         pytest.raises(DeviceError, match=r"127\.0\.0\.1:\d+: .* of 2 bytes, expected 24"),
     ):
-        CommandBox("127.0.0.1", port).says()
+        CommandBox("127.0.0.1", port).read_configuration()
 
 
 def test_a_box_that_agrees_starts_its_stream_and_lends_its_serial_number() -> None:

@@ -70,6 +70,11 @@ def find_nested_conditionals(tree: ast.AST) -> list[int]:
     return lines
 
 
+def find_conditionals(tree: ast.AST) -> list[int]:
+    """Every conditional expression."""
+    return [node.lineno for node in _walk(tree, (ast.IfExp,))]
+
+
 def find_shared_iterators(tree: ast.AST) -> list[int]:
     """`next()` within a comprehension, on an iterator that is made outside of it."""
     lines = []

@@ -177,6 +177,12 @@ def count_code_lines(module: Module) -> int:
     )
 
 
+def density_of_conditionals(modules: dict[str, Module]) -> float:
+    """Conditional expressions per 1,000 lines of code."""
+    conditionals = sum(len(density.find_conditionals(module.tree)) for module in modules.values())
+    return 1e3 * conditionals / sum(count_code_lines(module) for module in modules.values())
+
+
 def find_public_classes(modules: dict[str, Module]) -> Counter[str]:
     """How often each public class name is defined."""
     names: Counter[str] = Counter()
@@ -196,10 +202,7 @@ def main() -> None:
     for rule, find in density.RULES.items():
         sites = sum(len(find(module.tree)) for module in modules.values())
         print(f"{1e3 * sites / lines:8.2f}  {rule}")
-    expressions = sum(
-        isinstance(node, ast.IfExp) for module in modules.values() for node in module.nodes
-    )
-    print(f"{1e3 * expressions / lines:8.2f}  conditional expressions")
+    print(f"{density_of_conditionals(modules):8.2f}  conditional expressions")
 
 
 if __name__ == "__main__":

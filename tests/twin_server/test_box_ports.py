@@ -29,8 +29,8 @@ def box():
 
 def test_the_box_s_page_is_read_by_our_own_driver_and_by_hand(box):
     with polled(port := HttpPort(box, FaultPanel(FORCE_FAULTS), HOST, 0)):
-        says = HttpBox(HOST, port.port).says()
-        assert (says.counts_per_force, says.counts_per_torque) == (1e6, 2e6)
+        configuration = HttpBox(HOST, port.port).read_configuration()
+        assert (configuration.counts_per_force, configuration.counts_per_torque) == (1e6, 2e6)
         for request, status in (
             (b"GET /nothing HTTP/1.1", b"404"),
             (b"PUT / HTTP/1.1", b"405"),
@@ -58,7 +58,7 @@ def test_a_request_may_come_in_pieces(box):
 
 def test_the_command_interface_is_read_by_our_own_driver_and_takes_commands_in_pieces(box):
     with polled(port := CommandPort(box, HOST, 0)):
-        info = CommandBox(HOST, port.port).says()
+        info = CommandBox(HOST, port.port).read_configuration()
         assert (info.counts_per_force, info.counts_per_torque) == (1_000_000, 2_000_000)
         with closing(socket.create_connection((HOST, port.port), PATIENCE_S)) as talk:
             asked = encode_command(ReadCalibrationInfo())

@@ -151,10 +151,13 @@ class Residuals:
         residuals = self.problem.residuals([self.space.at(x) for x in points])
         self.computed += len(points)
         has_prior = self.space.has_prior
-        return [
-            None if r is None else np.concatenate([self.whitening(r), x[has_prior]])
-            for r, x in zip(residuals, points, strict=True)
-        ]
+        rows: list[Floats | None] = []
+        for residual, x in zip(residuals, points, strict=True):
+            if residual is None:
+                rows.append(None)
+            else:
+                rows.append(np.concatenate([self.whitening(residual), x[has_prior]]))
+        return rows
 
     def __call__(self, x: Floats) -> Floats:
         residuals = self.at([x])[0]

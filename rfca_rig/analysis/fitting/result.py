@@ -125,16 +125,22 @@ class FitResult:
 
     def _parameter(self, i: int, value: float, std: float, std_x: float) -> FittedParameter:
         parameter = self.space.parameters[i]
-        has_prior = bool(self.space.has_prior[i])
+        x = float(self.x[i])
+        if self.space.has_prior[i]:
+            # With a prior, x counts prior standard deviations by definition.
+            prior_std = float(self.space.prior_std[i])
+            shift_in_std = x
+        else:
+            prior_std = None
+            shift_in_std = x / std_x
         return FittedParameter(
             name=parameter.name,
             unit=parameter.unit,
             nominal=float(self.space.centres[i]),
-            prior_std=float(self.space.prior_std[i]) if has_prior else None,
+            prior_std=prior_std,
             value=value,
             std=std,
-            # With a prior, x counts prior standard deviations by definition.
-            shift_in_std=float(self.x[i]) if has_prior else float(self.x[i]) / std_x,
+            shift_in_std=shift_in_std,
             at_bound=bool(self.at_bound[i]),
         )
 
@@ -175,7 +181,7 @@ class FitResult:
 
     def lines(self) -> list[str]:
         """The result as lines for a terminal."""
-        return [
+        lines = [
             (
                 f"{'parameter':<19}{'nominal':>11}{'prior std':>10}{'fitted':>11}"
                 f"{'std':>9}{'shift':>8}  unit"
@@ -185,29 +191,30 @@ class FitResult:
                 f"chi2 {self.chi2_before:.0f} -> {self.chi2:.0f} for {self.residuals} values "
                 f"of {self.strokes} strokes; {self.errors_from}"
             ),
-            *([f"from stroke to stroke: {_deviations(self.scatter)}"] if self.scatter else []),
-            *(
-                f"{c}: rms {self.rms_before[c]:.3g} -> {self.rms[c]:.3g}, noise {self.noise[c]:.3g}"
-                for c in self.rms
-            ),
-            *map(describe_pair, self.high_correlations()),
-            *(
-                f"{p.name} is at its bound: look for something that the model lacks"
-                for p in self.parameters
-                if p.at_bound
-            ),
-            *(
-                [f"{self.starts.agreeing} of {self.starts.count} starts agree"]
-                if self.starts.count > 1
-                else []
-            ),
-            *([] if self.converged else ["the solver had not converged when it stopped"]),
-            *self.notes,
         ]
+        if self.scatter:
+            lines.append(f"from stroke to stroke: {_deviations(self.scatter)}")
+        for c in self.rms:
+            lines.append(
+                f"{c}: rms {self.rms_before[c]:.3g} -> {self.rms[c]:.3g}, noise {self.noise[c]:.3g}"
+            )
+        lines += map(describe_pair, self.high_correlations())
+        for parameter in self.parameters:
+            if parameter.at_bound:
+                lines.append(
+                    f"{parameter.name} is at its bound: look for something that the model lacks"
+                )
+        if self.starts.count > 1:
+            lines.append(f"{self.starts.agreeing} of {self.starts.count} starts agree")
+        if not self.converged:
+            lines.append("the solver had not converged when it stopped")
+        return [*lines, *self.notes]
 
 
 def _line(p: FittedParameter) -> str:
-    prior = "none" if p.prior_std is None else f"{p.prior_std:.3g}"
+    prior = "none"
+    if p.prior_std is not None:
+        prior = f"{p.prior_std:.3g}"
     return (
         f"{p.name:<19}{p.nominal:>11.5g}{prior:>10}{p.value:>11.5g}"
         f"{p.std:>9.2g}{p.shift_in_std:>+8.2f} "
@@ -262,6 +269,21 @@ def make_fitted_sections(
     """
     leg = rig.leg
     ground = rig.ground
+    stiffness: dict[str, Any]
+    # k0 and k2, or the curve multiplied by the fitted factor.
+    if leg.torque_splines:
+        torque_rotation = nominal["leg"]["torque_rotation"]
+        stiffness = {"torque_rotation": scale_keys(torque_rotation, leg.k0_Nm_per_rad)}
+    else:
+        stiffness = {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
+    rest_angles = {}
+    if leg.rest_angles_rad:
+        rest_angles["rest_angles_deg"] = [
+            math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad
+        ]
+    friction_lever = {}
+    if ground.friction_lever_m is not None:
+        friction_lever["friction_lever_mm"] = 1e3 * ground.friction_lever_m
     return {
         # Nominal keys come first: those without a counterpart in the model are kept.
         "leg": {
@@ -269,23 +291,10 @@ def make_fitted_sections(
             "link_lengths_mm": [1e3 * length_m for length_m in leg.link_lengths_m],
             "link_masses_g": [1e3 * mass_kg for mass_kg in leg.link_masses_kg],
             "link_radius_mm": 1e3 * leg.link_radius_m,
-            # k0 and k2, or the curve multiplied by the fitted factor.
-            **(
-                {
-                    "torque_rotation": scale_keys(
-                        nominal["leg"]["torque_rotation"], leg.k0_Nm_per_rad
-                    )
-                }
-                if leg.torque_splines
-                else {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
-            ),
+            **stiffness,
             "hinge_damping_Nm_s_per_rad": leg.hinge_damping_Nm_s_per_rad,
             "start_angle_rad": leg.start_angle_rad,
-            **(
-                {"rest_angles_deg": [math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad]}
-                if leg.rest_angles_rad
-                else {}
-            ),
+            **rest_angles,
         },
         "ground": {
             **nominal["ground"],
@@ -294,11 +303,7 @@ def make_fitted_sections(
             "friction_coefficient": ground.friction_coefficient,
             "presliding_mm": 1e3 * ground.presliding_m,
             "tangential_damping_N_s_per_m": ground.drag_N_s_per_m,
-            **(
-                {}
-                if ground.friction_lever_m is None
-                else {"friction_lever_mm": 1e3 * ground.friction_lever_m}
-            ),
+            **friction_lever,
             "friction_rise_share": ground.friction_rise_share,
             "leaving_damping_share": ground.leaving_damping_share,
         },
@@ -312,14 +317,12 @@ def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
     """The effects of the rig; a height offset is added to one that the nominal model already
     has.
     """
-    effects = [
-        {
-            "id": present.id,
-            "parameters": dict(present.values),
-            **({} if present.table is None else asdict(present.table)),
-        }
-        for present in rig.effects
-    ]
+    effects = []
+    for present in rig.effects:
+        effect: dict[str, Any] = {"id": present.id, "parameters": dict(present.values)}
+        if present.table is not None:
+            effect |= asdict(present.table)
+        effects.append(effect)
     if not offset_mm:
         return effects
     # The nominal model already contains this offset, so the fitted one is added to it.

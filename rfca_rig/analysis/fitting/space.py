@@ -85,9 +85,9 @@ class Prior(Generic[S]):
         centre = self.centres[i]
         std = self.std[i]
         # Inverse of `values`.
-        return float(
-            np.log(value / centre) / std if self.parameters[i].relative else (value - centre) / std
-        )
+        if self.parameters[i].relative:
+            return float(np.log(value / centre) / std)
+        return float((value - centre) / std)
 
     def std_in_units(self, x: Floats, std_x: Floats) -> Floats:
         """Standard deviations of x (p,), converted to the parameters' units at x, (p,)."""

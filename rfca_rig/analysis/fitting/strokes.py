@@ -89,10 +89,11 @@ def fit_recordings(
         comparison.shaft,
         comparison.window,
     )
+    start = rig
     # The encoder's own reading is the best guess of the start; the fit then corrects its zero.
-    centre = ModelPoint(
-        _starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig
-    )
+    if comparison.shaft == "recorded":
+        start = _starting_as_recorded(rig, strokes)
+    centre = ModelPoint(start)
     result = fit(problem, make_prior(names, centre, known_to), search, USUAL_SCATTER)
     return _with_rms(result, problem, comparison.window)
 

@@ -118,7 +118,7 @@ class Balance:
         p (P,); `recording` is (S,).
         """
         mended = z.copy()
-        for index, systematic_error in enumerate(self.systematic_errors.each):
+        for index, systematic_error in enumerate(self.systematic_errors.errors):
             if systematic_error.column is not None:
                 mended[:, systematic_error.column] -= np.where(
                     (systematic_error.recording == ALL_RECORDINGS)
@@ -373,7 +373,7 @@ class _Conditions:
             -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain,
         )
         self.by_z[:, :, self.n :] /= gain
-        for index, systematic_error in enumerate(self.of.systematic_errors.each):
+        for index, systematic_error in enumerate(self.of.systematic_errors.errors):
             if systematic_error.column is not None:
                 rows = (systematic_error.recording == ALL_RECORDINGS) | (
                     self.group.recording == systematic_error.recording

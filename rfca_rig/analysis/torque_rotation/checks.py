@@ -16,7 +16,7 @@ from rfca_rig.analysis.torque_rotation.stages import StageData, rest_name
 Floats = NDArray[np.float64]
 
 # Probability of a gain this large where the law holds, below which the law is rejected.
-MIN_CHANCE = 1e-3
+MIN_P_VALUE = 1e-3
 # Share of the largest torque; no use of the law needs it closer.
 NEGLIGIBLE_SHARE = 0.005
 # In standard deviations: of some hundred readings none is this far off by chance.
@@ -28,14 +28,14 @@ SIGNIFICANT_STD = 4.0
 @dataclass(frozen=True)
 class FormCheck:
     """Gain of splines over the law with the same errors: `gain` in chi2 for `more` coefficients,
-    `chance` of it where the law holds.
+    `p_value` of it where the law holds.
 
     The curves differ most at `at_rad`, by `apart_Nm`, or `apart_relative` of the largest torque.
     """
 
     gain: float
     more: int
-    chance: float
+    p_value: float
     at_rad: float
     apart_Nm: float
     apart_relative: float
@@ -44,7 +44,7 @@ class FormCheck:
     def holds(self) -> bool:
         # With many stages even a tiny departure is significant; it matters only above
         # NEGLIGIBLE_SHARE.
-        return self.chance >= MIN_CHANCE or abs(self.apart_relative) < NEGLIGIBLE_SHARE
+        return self.p_value >= MIN_P_VALUE or abs(self.apart_relative) < NEGLIGIBLE_SHARE
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class EstimatedSystematicError:
     standard deviations.
     """
 
-    says: str
+    words: str
     unit: str
     value: float
     std: float
@@ -142,7 +142,7 @@ class Outlier:
     """
 
     label: str
-    says: str
+    words: str
     off: float
     unit: str
     pull: float
@@ -231,9 +231,10 @@ def check_rest_angles(
     estimates = _score_columns(
         found, data, np.concatenate([single, -stiffness[:, :, None]], axis=2)
     )
+    # Hinges are numbered from 2; None stands for all together.
+    hinges = (*range(2, data.hinges + 2), None)
     return tuple(
-        RestCheck(j + 2 if j < data.hinges else None, value, std)
-        for j, (value, std) in enumerate(estimates)
+        RestCheck(hinge, value, std) for hinge, (value, std) in zip(hinges, estimates, strict=True)
     )
 
 
@@ -283,11 +284,10 @@ def _score_columns(fit: CurveFit, data: StageData, columns: Floats) -> list[tupl
         # Only the part that the other unknowns cannot explain carries information (Frisch-Waugh).
         residual = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
         information = float(residual @ residual)
-        results.append(
-            (-float(residual @ rows.right) / information, information**-0.5)
-            if information > 0.0
-            else (0.0, np.inf)
-        )
+        if information > 0.0:
+            results.append((-float(residual @ rows.right) / information, information**-0.5))
+        else:
+            results.append((0.0, np.inf))
     return results
 
 
@@ -307,12 +307,12 @@ def estimate_loop(found: CurveFit, data: StageData) -> BendingLoop | None:
 def list_estimated_errors(adjusted: Adjustment) -> tuple[EstimatedSystematicError, ...]:
     """Estimates of all systematic errors."""
     first = adjusted.balance.curve_size
-    systematic_errors = adjusted.balance.systematic_errors.each
+    systematic_errors = adjusted.balance.systematic_errors.errors
     values = adjusted.point.p[first:]
     std = np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
         EstimatedSystematicError(
-            d.says, d.unit, *d.convert(float(v), float(s)), d.scale * d.std, float(v) / d.std
+            d.words, d.unit, *d.convert(float(v), float(s)), d.scale * d.std, float(v) / d.std
         )
         for d, v, s in zip(systematic_errors, values, std, strict=True)
     )

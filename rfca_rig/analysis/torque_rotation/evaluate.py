@@ -88,7 +88,9 @@ class _Case:
     def solve(
         self, basis: Basis, errors: Errors, loop: bool = False, learn: bool = True
     ) -> CurveFit:
-        turned = self.data.turned[:, :, None] if loop else None
+        turned = None
+        if loop:
+            turned = self.data.turned[:, :, None]
         return fit_curve(self.data, self.rig, basis, self.systematic_errors, errors, turned, learn)
 
     def splines(self) -> Spline:
@@ -142,17 +144,15 @@ def evaluate(
     free = _freest(case)
     watcher(1, SOLVE_COUNT)
     bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
+    loop = None
+    closed = None
     if (bending < 0).any():
         looped = case.solve(case.splines(), free.errors, loop=True)
-    else:
-        looped = None
-    loop = estimate_loop(looped, case.data) if looped else None
-    # A hysteresis loop is kept in the model only where it is significant.
-    if looped is not None and loop is not None and loop.seen:
-        closed = looped
-    else:
-        closed = None
-    free = closed or free
+        loop = estimate_loop(looped, case.data)
+        # A hysteresis loop is kept in the model only where it is significant.
+        if loop is not None and loop.seen:
+            closed = looped
+            free = looped
     watcher(2, SOLVE_COUNT)
     law = case.solve(Hardening(), free.errors, loop=closed is not None)
     watcher(3, SOLVE_COUNT)
@@ -166,7 +166,12 @@ def evaluate(
         _curve(solution, case.data, widened.widened) for solution in (law, free, model)
     )
     form = compare_forms(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
-    fit = law if form.holds else free
+    if form.holds:
+        fit = law
+        curve = law_curve
+    else:
+        fit = free
+        curve = free_curve
     return StaticResult(
         rig=case.rig,
         data=case.data,
@@ -180,7 +185,7 @@ def evaluate(
         rest_checks=check_rest_angles(law, case.data, law_curve),
         form=form,
         loop=loop,
-        hinges=check_hinges(fit, case.data, law_curve if form.holds else free_curve),
+        hinges=check_hinges(fit, case.data, curve),
         systematic_errors=list_estimated_errors(fit.adjusted),
         strays=find_outliers(fit, case.data),
         points=points_of(fit, case.data),
@@ -300,4 +305,7 @@ def _repeats(recordings: Sequence[Recording], supposed: StageAssumptions, law: C
         values.append(law_values(curve))
     # The common curve was fitted to the same recordings.
     freedom -= size
-    return Repeats(tuple(values), float(np.sqrt(max(1.0, pulls / freedom))) if freedom > 0 else 1.0)
+    widened = 1.0
+    if freedom > 0:
+        widened = float(np.sqrt(max(1.0, pulls / freedom)))
+    return Repeats(tuple(values), widened)

@@ -119,7 +119,7 @@ def guess_contacts(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, 
     pressed = load_N > LOADED_STD * np.hypot(data.force_std[:, 1], data.sample_noise[1])
     heights = [
         systematic_error.std
-        for systematic_error in balance.systematic_errors.each
+        for systematic_error in balance.systematic_errors.errors
         if systematic_error.name.startswith("height_")
     ]
     # An end that is included but does not press costs nothing; one that is missed would falsify the
@@ -335,9 +335,10 @@ def fit_curve(
     SimulationFailed
         Where no balance is found.
     """
-    nothing = np.zeros((len(data.measured), data.hinges, 0))
-    balance = Balance(rig, basis, systematic_errors, nothing if extra is None else extra)
-    p = np.zeros(balance.curve_size + len(systematic_errors.each))
+    if extra is None:
+        extra = np.zeros((len(data.measured), data.hinges, 0))
+    balance = Balance(rig, basis, systematic_errors, extra)
+    p = np.zeros(balance.curve_size + len(systematic_errors.errors))
     # Gauss-Newton begins at the nominal curve, with all systematic errors at 0: the coefficients
     # nearest to the nominal law over the angles of the stages.
     phi = np.linspace(*_range(data), 100)

@@ -199,14 +199,14 @@ MARKS_DEG = 0.1
 class SystematicError:
     """One quantity with nominal value 0 and a prior standard deviation.
 
-    `says`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm
+    `words`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm
     of a factor. With a `column` it shifts that column of the measured values, of one recording or
     of all.
     """
 
     name: str
     std: float
-    says: str
+    words: str
     unit: str = ""
     scale: float = 1.0
     column: int | None = None
@@ -215,25 +215,27 @@ class SystematicError:
 
     def convert(self, value: float, std: float) -> tuple[float, float]:
         """Value and standard deviation in its unit."""
+        if not self.is_log:
+            return self.scale * value, self.scale * std
         # First-order propagation: the deviation of exp(v) is exp(v) times that of v.
-        grown = float(np.exp(value)) if self.is_log else 1.0
-        return self.scale * (grown - 1.0 if self.is_log else value), self.scale * grown * std
+        grown = float(np.exp(value))
+        return self.scale * (grown - 1.0), self.scale * grown * std
 
 
 @dataclass(frozen=True)
 class SystematicErrors:
     """All systematic errors, in the order of the unknowns; `std` is (count,)."""
 
-    each: tuple[SystematicError, ...]
+    errors: tuple[SystematicError, ...]
 
     @property
     def std(self) -> Floats:
-        return np.array([systematic_error.std for systematic_error in self.each])
+        return np.array([systematic_error.std for systematic_error in self.errors])
 
     def place(self, name: str) -> int | None:
         """Its index, None where it is not an unknown."""
         return next(
-            (i for i, systematic_error in enumerate(self.each) if systematic_error.name == name),
+            (i for i, systematic_error in enumerate(self.errors) if systematic_error.name == name),
             None,
         )
 
@@ -305,22 +307,18 @@ def _common(
 
 def _tares(data: StageData) -> list[SystematicError]:
     """A tare is known no better than one sample of the sensor. Each recording has its own."""
-    return [
-        SystematicError(
-            f"tare_{name}_{i}",
-            std,
-            f"tare of {name.split('_')[0]}" + (f", recording {i + 1}" if several else ""),
-            unit,
-            1.0,
-            data.hinges + 1 + k,
-            i,
-        )
-        for several in (data.recording.max() > 0,)
-        for i in np.unique(data.recording)
-        for k, (name, std, unit) in enumerate(
-            zip(FORCES, data.sample_noise, ("N", "N", "N m"), strict=True)
-        )
-    ]
+    units = ("N", "N", "N m")
+    several = data.recording.max() > 0
+    tares = []
+    for i in np.unique(data.recording):
+        of_recording = ""
+        if several:
+            of_recording = f", recording {i + 1}"
+        for k, (name, std, unit) in enumerate(zip(FORCES, data.sample_noise, units, strict=True)):
+            words = f"tare of {name.split('_')[0]}{of_recording}"
+            column = data.hinges + 1 + k
+            tares.append(SystematicError(f"tare_{name}_{i}", std, words, unit, 1.0, column, i))
+    return tares
 
 
 def _mark(hinge: int, marks_deg: float) -> SystematicError:

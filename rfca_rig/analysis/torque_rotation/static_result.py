@@ -118,7 +118,7 @@ class Repeats:
     scatter requires: 1 where it is as expected.
     """
 
-    each: tuple[LawValues, ...] = ()
+    values: tuple[LawValues, ...] = ()
     widened: float = 1.0
 
 
@@ -182,6 +182,20 @@ class StaticResult:
             return self.law
         return self.free
 
+    @property
+    def other_curve(self) -> TorqueCurve:
+        """The curve that `curve` is compared with."""
+        if self.form.holds:
+            return self.free
+        return self.law
+
+    @property
+    def rests_of_curve(self) -> RestAngles | None:
+        """Rest angles found with `curve`, None where they count as exact."""
+        if self.form.holds:
+            return self.rests[0]
+        return self.rests[1]
+
 
 @dataclass(frozen=True)
 class PredictedHingeCurve:
@@ -189,7 +203,7 @@ class PredictedHingeCurve:
     `phi_rad` (m,), bending positive.
     """
 
-    says: str
+    words: str
     free_m: float
     k0_Nm_per_rad: float
     k2_per_rad2: float
@@ -343,13 +357,15 @@ def _noise(result: StaticResult) -> list[str]:
 def _strays(result: StaticResult) -> list[str]:
     sentences = [
         (
-            f"In {stray.label} {stray.says} reads {stray.off:+.2g} {stray.unit} from what "
+            f"In {stray.label} {stray.words} reads {stray.off:+.2g} {stray.unit} from what "
             "balance asks for: look at it again, or leave it out."
         )
         for stray in result.strays[:MOST_STRAYS]
     ]
     more = len(result.strays) - len(sentences)
-    return sentences + ([f"So do {more} more readings."] if more else [])
+    if more:
+        sentences.append(f"So do {more} more readings.")
+    return sentences
 
 
 def _hinges(result: StaticResult) -> list[str]:
@@ -383,7 +399,7 @@ def _rests(result: StaticResult) -> list[str]:
 
 def _implausible_values(result: StaticResult) -> list[str]:
     return [
-        f"The {error.says} would be {error.value:+.3g} {error.unit} from the nominal "
+        f"The {error.words} would be {error.value:+.3g} {error.unit} from the nominal "
         "value, whose standard uncertainty is "
         f"{error.prior_std:.2g} {error.unit}. Measure it again."
         for error in result.systematic_errors

@@ -141,7 +141,9 @@ def camera(
     placement = _place(plane, board_at, shaft_px, turned, nearer, reach)
     say = make_marked_say("REAL", as_json)
     calibration = calibrate([_find_board_in(file, described, say) for file in _files(photos)])
-    section = None if plane is None else _plane(plane, calibration, described, placement, shaft_px)
+    section = None
+    if plane is not None:
+        section = _plane(plane, calibration, described, placement, shaft_px)
     file = camera_file(calibration, described.to_text(), section)
     write_camera_file(
         out,
@@ -179,7 +181,12 @@ def _files(photos: list[Path]) -> list[Path]:
     from rfca_rig.drivers.photo_files import list_photos
     from rfca_rig.errors import BadInput
 
-    files = [file for path in photos for file in (list_photos(path) if path.is_dir() else [path])]
+    files = []
+    for path in photos:
+        if path.is_dir():
+            files += list_photos(path)
+        else:
+            files.append(path)
     if missing := next((file for file in files if not file.is_file()), None):
         raise BadInput(f"{missing}: no such photo; name photos, or folders that hold them")
     return files
@@ -195,11 +202,10 @@ def _find_board_in(file: Path, board: "Board", say: "Say") -> "BoardPhoto | Refu
         result = find_board(read_picture(file), board, file.name)
     except BadInput as error:
         result = RefusedPhoto(file.name, str(error).removeprefix(f"{file}: "))
-    say(
-        f"{file.name}: {len(result.px)} corners"
-        if isinstance(result, BoardPhoto)
-        else f"{file.name}: REFUSED, {result.why}"
-    )
+    if isinstance(result, BoardPhoto):
+        say(f"{file.name}: {len(result.px)} corners")
+    else:
+        say(f"{file.name}: REFUSED, {result.why}")
     return result
 
 
@@ -226,7 +232,9 @@ def _place(
         raise BadInput(
             "--plane needs to know where the shaft axis is: either --board-at Y,Z or --shaft-px U,V"
         )
-    corner_mm = (0.0, 0.0) if board_at is None else _pair(board_at, "--board-at")
+    corner_mm = (0.0, 0.0)
+    if board_at is not None:
+        corner_mm = _pair(board_at, "--board-at")
     if shaft_px is not None:
         _pair(shaft_px, "--shaft-px")
     return BoardPlacement(
@@ -312,14 +320,13 @@ def _lines(file: "CameraFile", out: Path) -> list[str]:
             f"{100 * down:.0f} % of its height: beyond that the "
             "lens is only supposed; add photos with the board in the corners"
         )
+    written = f"camera file {out}"
     if plane := file.plane:
         tilt_deg = max(plane.tilt_std_deg)
         lines.append(
             f"plane from {plane.photo}: {plane.reprojection_error_px:.3f} px off, tilt "
             f"known to {tilt_deg:.3f} degrees"
         )
-    return [
-        *lines,
-        f"camera file {out}"
-        + ("" if file.plane else "; where it stands is unknown yet: --plane PHOTO adds it"),
-    ]
+    else:
+        written += "; where it stands is unknown yet: --plane PHOTO adds it"
+    return [*lines, written]

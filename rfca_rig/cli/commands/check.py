@@ -3,6 +3,7 @@ write.
 """
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -127,11 +128,11 @@ def _check_rig(path: Path) -> tuple[str, int]:
     check_trusted(path, f"rfca-rig doctor --rig {path}")
     rig = read_rig(path)
     usual = sum(line.rstrip().endswith(USUAL) for line in read_text(path).splitlines())
-    devices = (
-        f"drive {rig.motor.device}, force sensor {rig.force_sensor.device}, "
-        f"{'no camera' if rig.camera is None else 'a camera'}"
-    )
-    return f"{'REAL' if rig.is_real else 'SIM'} rig file, {rig.rig.title}; {devices}", usual
+    camera = "a camera"
+    if rig.camera is None:
+        camera = "no camera"
+    devices = f"drive {rig.motor.device}, force sensor {rig.force_sensor.device}, {camera}"
+    return f"{rig.source} rig file, {rig.rig.title}; {devices}", usual
 
 
 def _check_run(run: Path, as_json: bool) -> None:
@@ -150,10 +151,10 @@ def _check_run(run: Path, as_json: bool) -> None:
             # Printed as it is found: a long run takes minutes, and the first damage should show at
             # once.
             if not as_json:
-                echo(
-                    f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: "
-                    f"{finding.words}"
-                )
+                state = "DAMAGED"
+                if finding.is_sound:
+                    state = "ok     "
+                echo(f"{state} {finding.file}: {finding.words}")
     if as_json:
         rows = [
             {"file": finding.file, "sound": finding.is_sound, "found": finding.words}
@@ -214,22 +215,17 @@ def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
                 }
             )
             if not as_json:
-                print_lines(
-                    [
-                        (
-                            f"{'WARNING' if line.is_warning else 'ok     '} {line.about} "
-                            f"{line.name}: {line.words}"
-                        )
-                    ],
-                    indent=" " * 8,
-                )
+                state = "ok     "
+                if line.is_warning:
+                    state = "WARNING"
+                print_lines([f"{state} {line.about} {line.name}: {line.words}"], indent=" " * 8)
     except BadInput as error:
         refused = error
     if as_json:
         answer = {"experiment": str(folder), "usable": refused is None, "lines": rows}
-        echo(
-            json.dumps(answer if refused is None else {**answer, "refused": str(refused)}, indent=1)
-        )
+        if refused is not None:
+            answer["refused"] = str(refused)
+        echo(json.dumps(answer, indent=1))
     if refused is not None:
         raise refused
     if not as_json:
@@ -239,7 +235,9 @@ def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
 
 def _size_MB(path: Path) -> float:
     """Size in MB of a file, or of all files in a folder."""
-    files = path.rglob("*") if path.is_dir() else [path]
+    files: Iterable[Path] = [path]
+    if path.is_dir():
+        files = path.rglob("*")
     return sum(file.stat().st_size for file in files if file.is_file()) / 1e6
 
 
@@ -302,7 +300,9 @@ def recover(
     from rfca_rig.recording.checking import is_run_folder
     from rfca_rig.recording.store import summarize
 
-    path = run if run.suffix == ".h5" else run / RECORDING_NAME
+    path = run
+    if run.suffix != ".h5":
+        path = run / RECORDING_NAME
     with progress(as_json) as bars:
         if is_run_folder(path.parent):
             recording = _recover_run(path.parent, bars.counting("stages"))

@@ -48,14 +48,18 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     from rfca_rig.devices.checks import Colour
     from rfca_rig.doctor.rig_checks import check_rig, scan
 
-    described = None if rig is None else read_rig(find_rig(rig))
     clock = WallClock()
-    checks = scan(runs, clock) if described is None else check_rig(described, runs, clock)
+    described = None
+    if rig is None:
+        checks = scan(runs, clock)
+    else:
+        described = read_rig(find_rig(rig))
+        checks = check_rig(described, runs, clock)
     # JSON is printed as one document, after all checks; text line by line, as each is done.
     if as_json:
         findings = list(checks)
     else:
-        findings = list(_print_each(_title(described), checks))
+        findings = list(_print_findings(_title(described), checks))
     counts = {
         colour.value: sum(finding.colour is colour for finding in findings) for colour in Colour
     }
@@ -79,10 +83,10 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
 def _title(rig: "RigFile | None") -> str:
     if rig is None:
         return "scan: no rig file, so nothing is known of what should be there"
-    return f"{'REAL' if rig.is_real else 'SIM'} {rig.rig.title}"
+    return f"{rig.source} {rig.rig.title}"
 
 
-def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
+def _print_findings(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
     """Prints each finding before the next check begins."""
     echo(title)
     for finding in checks:
@@ -96,9 +100,10 @@ def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
 def _colour_word(finding: "Finding") -> str:
     """The word of its colour, padded; in that colour only on a terminal, which typer detects."""
     word = finding.colour.value
-    return (typer.style(word, fg=word) if takes_colours() else word) + " " * (
-        COLOUR_WIDTH - len(word)
-    )
+    padding = " " * (COLOUR_WIDTH - len(word))
+    if takes_colours():
+        word = typer.style(word, fg=word)
+    return word + padding
 
 
 def _lines(finding: "Finding") -> Iterator[str]:

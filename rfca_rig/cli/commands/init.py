@@ -131,11 +131,13 @@ class _Found:
 
     def list_addresses(self, kind: str, key: str) -> list[str]:
         """Where a sensor of that kind can be, most probable first; `key` is that of its address."""
+        addresses = []
         if kind in self.sensors:
-            answered = [self.sensors[kind].address]
-        else:
-            answered = []
-        return [*answered, *self.files[kind], *(self.ports if key == "port" else ())]
+            addresses.append(self.sensors[kind].address)
+        addresses += self.files[kind]
+        if key == "port":
+            addresses += self.ports
+        return addresses
 
     def describe(self) -> str:
         """All of it in one line."""
@@ -162,9 +164,11 @@ def _find_devices(folder: Path) -> _Found:
     makes: dict[str, SensorMake] = {}
     files: dict[str, list[str]] = {}
     for kind in list_sensors():
+        if kind == OWN:
+            continue
         # A package may offer a motor, or may not be usable.
         with suppress(BadInput):
-            makes |= {kind: find_sensor(kind)} if kind != OWN else {}
+            makes[kind] = find_sensor(kind)
     for kind, make in makes.items():
         key, _, usual = make.address
         is_file = key in load_object(make.section).file_keys
@@ -268,8 +272,10 @@ def _read_line(number: int, question: str, suggestion: str, read: Callable[[str]
     """The answer in the next line of a pipe or file. Raises BadInput where there is none or it
     cannot be: it cannot be asked for again.
     """
+    line = ""
     try:
-        line = "" if sys.stdin is None else sys.stdin.readline()
+        if sys.stdin is not None:
+            line = sys.stdin.readline()
     except UnicodeDecodeError:
         raise BadInput(
             f"init: line {number} of the answers is not UTF-8 text; save them as UTF-8"
@@ -311,10 +317,13 @@ def _read_numbers(
             raise typer.BadParameter(
                 "give numbers, separated by blanks, with a point for decimals"
             ) from None
-        if not all(0.0 < value < 1e6 if is_positive else abs(value) < 1e6 for value in values):
-            raise typer.BadParameter(
-                f"give numbers {'above 0 and ' if is_positive else ''}below 1e6"
-            )
+        limits = "below 1e6"
+        is_within = all(abs(value) < 1e6 for value in values)
+        if is_positive:
+            limits = "above 0 and below 1e6"
+            is_within = is_within and all(value > 0.0 for value in values)
+        if not is_within:
+            raise typer.BadParameter(f"give numbers {limits}")
         if count is not None and len(values) != count:
             raise typer.BadParameter(
                 f"give {count} {'number' if count == 1 else 'numbers'}, not {len(values)}"

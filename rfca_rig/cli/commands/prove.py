@@ -93,9 +93,10 @@ def prove(
                 "--so-far only marks; leave out --follow-up and --take-out-each, or "
                 "leave out --so-far"
             )
+        result = score_exam_so_far(out)
     else:
         _work(out, seed, _numbers(cases, kind), workers, cluster, follows, takes_out, as_json)
-    result = score_exam_so_far(out) if so_far else score_exam(out)
+        result = score_exam(out)
     write_exam(result, out)
     _tell(result, out, as_json)
     printing.print([out / "exam.html"], as_json)
@@ -139,13 +140,10 @@ def _tell(result: "ExamResult", out: Path, as_json: bool) -> None:
     if as_json:
         echo(json_text((out / "exam.json").read_text(encoding="utf-8")), nl=False)
         return
-    print_lines(
-        [
-            *format_scores(result.marks),
-            *(way.words for way in result.ways),
-            *([result.taken_out.words] if result.taken_out else []),
-        ]
-    )
+    lines = [*format_scores(result.marks), *(way.words for way in result.ways)]
+    if result.taken_out:
+        lines.append(result.taken_out.words)
+    print_lines(lines)
     echo(f"{out / 'exam.html'}: the whole result", err=True)
 
 
@@ -172,4 +170,6 @@ def _numbers(cases: int | None, kind: str | None) -> dict[str, int]:
         return split_numbers(cases)
     if kind not in KINDS:
         raise BadInput(f"--kind {kind!r} is unknown; {suggestion(kind, map(repr, KINDS))}")
-    return {kind: DEFAULT_NUMBERS[kind] if cases is None else cases}
+    if cases is None:
+        return {kind: DEFAULT_NUMBERS[kind]}
+    return {kind: cases}

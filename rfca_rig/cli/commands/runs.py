@@ -85,8 +85,10 @@ def _row(name: str, when: str, ended: str) -> str:
 def _head(entry: Entry) -> Iterator[str]:
     """A name that is too long gets a line of its own, unbroken, so that it can be copied."""
     when = f"{datetime.fromtimestamp(entry.began_s):%Y-%m-%d %H:%M}"
+    ended = entry.ended
     # A trip's code says more than the word tripped.
-    ended = f"trip {entry.code}" if entry.code else entry.ended
+    if entry.code:
+        ended = f"trip {entry.code}"
     if len(entry.folder) <= NAME_WIDTH:
         yield _row(entry.folder, when, ended)
     else:
@@ -120,13 +122,10 @@ def _motions(entry: Entry) -> Iterator[str]:
         yield f"{entry.seconds:.3g} s"
     elif entry.motions:
         yield "cannot be read, see rfca-rig check"
-    if entry.named_conditions:
-        few = len(entry.named_conditions) <= MOST_VALUES
-        yield (
-            f"conditions: {', '.join(entry.named_conditions)}"
-            if few
-            else f"{len(entry.named_conditions)} conditions"
-        )
+    if len(entry.named_conditions) > MOST_VALUES:
+        yield f"{len(entry.named_conditions)} conditions"
+    elif entry.named_conditions:
+        yield f"conditions: {', '.join(entry.named_conditions)}"
 
 
 def _conditions(conditions: Sequence[LoggedCondition]) -> str:
@@ -275,11 +274,13 @@ def runs(
     if as_json:
         echo(json.dumps(_as_data(folder, shown), indent=1))
     elif paths:
+        lines = [str(folder / entry.folder) for entry in shown]
         # A program gets the paths as they are; on a terminal a name could command it.
-        lines = (str(folder / entry.folder) for entry in shown)
-        _each(map(_printable, lines) if sys.stdout.isatty() else lines)
+        if sys.stdout.isatty():
+            lines = [_printable(line) for line in lines]
+        _echo_lines(lines)
     else:
-        _each(map(_printable, table_lines(shown)))
+        _echo_lines(map(_printable, table_lines(shown)))
         echo(_count_line(folder, len(shown), len(fitting), len(entries)), err=True)
 
 
@@ -303,7 +304,7 @@ def _most(last: int | None, is_table: bool) -> int | None:
     return last or None
 
 
-def _each(lines: Iterable[str]) -> None:
+def _echo_lines(lines: Iterable[str]) -> None:
     for line in lines:
         echo(line)
 
@@ -401,17 +402,17 @@ def _lines(page: str) -> list[str]:
         r"\n(?=\n|\d\. |# )", re.sub(r" \[All trips\]\(.*?\)|```(text)?\n|\*\*", "", page)
     )
     plain = (re.sub(r"\[(.*?)\]\(.*?\)", r"\1", block).replace("`", "") for block in blocks)
-    return [
-        line
-        for block in plain
-        for line in ([] if block.strip() and not block.startswith("\n") else [""])
-        + wrap(
-            " ".join(block.split()),
-            WIDTH,
-            subsequent_indent="   " if block[:1].isdigit() else "",
-            break_on_hyphens=False,
+    lines = []
+    for block in plain:
+        if not block.strip() or block.startswith("\n"):
+            lines.append("")
+        indent = ""
+        if block[:1].isdigit():
+            indent = "   "
+        lines += wrap(
+            " ".join(block.split()), WIDTH, subsequent_indent=indent, break_on_hyphens=False
         )
-    ]
+    return lines
 
 
 def _title(code: str) -> str:

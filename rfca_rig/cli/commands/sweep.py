@@ -152,9 +152,12 @@ def _plan_and_command(
             words += [option, text]
     if samples is not None:
         words += ["--samples", f"{samples}", "--method", method, "--seed", f"{seed}"]
-    words += ["--outputs", outputs] if outputs else []
-    words += ["--rig", rig] if rig else []
-    words += ["--model", model] if model else []
+    if outputs:
+        words += ["--outputs", outputs]
+    if rig:
+        words += ["--rig", rig]
+    if model:
+        words += ["--model", model]
     return plan, words
 
 
@@ -170,8 +173,13 @@ def _of_file(name: str) -> "tuple[SweepPlan, list[str | Path]]":
         rig = content.rig
     else:
         rig = str(path.parent / content.rig)
-    model = None if content.model is None else path.parent / content.model
-    return make_plan(content, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
+    model = None
+    if content.model is not None:
+        model = path.parent / content.model
+    source: str | Path = name
+    if _is_path(name):
+        source = path
+    return make_plan(content, _model(rig, model), path), ["sweep", source]
 
 
 def _is_path(name: str) -> bool:
@@ -276,10 +284,13 @@ def _print_lists() -> None:
     echo(f"sweeps: {', '.join(file_names('sweeps'))}")
     echo("what can be varied, also under its name in fit or in a model file:")
     for item in list_quantities().values():
-        echo(f"  {item.name}: {item.words}{'; ' if item.choices else ''}{', '.join(item.choices)}")
+        text = f"  {item.name}: {item.words}"
+        if item.choices:
+            text += f"; {', '.join(item.choices)}"
+        echo(text)
     echo("what can be put out:")
     for output in OUTPUTS.values():
-        echo(
-            f"  {output.name}{f'{ANGLE_SEPARATOR}ANGLE' if output.at else ''}: "
-            f"{output.words} = {output.equation} [{output.source}]"
-        )
+        name = output.name
+        if output.at:
+            name += f"{ANGLE_SEPARATOR}ANGLE"
+        echo(f"  {name}: {output.words} = {output.equation} [{output.source}]")

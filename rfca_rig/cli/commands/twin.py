@@ -179,7 +179,7 @@ def serve(
             served.serve(
                 orders,
                 seconds or float("inf"),
-                lambda config: say(f"fault {config.name} {'on' if config.on else 'off'}"),
+                lambda fault: say(f"fault {fault.words}"),
             )
         except KeyboardInterrupt:
             raise Stopped(f"stopped by the operator; {served.status()}") from None

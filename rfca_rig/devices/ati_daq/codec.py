@@ -155,6 +155,9 @@ def _sensor(root: Xml.Element) -> TransducerCalibration:
             "its matrix cannot be inverted, so no six gages of a transducer gave it; was "
             "a row copied?"
         )
+    rails_V = (0.0, span_V)
+    if _truth(element, "OutputBipolar"):
+        rails_V = (-0.5 * span_V, 0.5 * span_V)
     return TransducerCalibration(
         serial_number=_text(root, "Serial"),
         body_style=root.get("BodyStyle", ""),
@@ -164,9 +167,7 @@ def _sensor(root: Xml.Element) -> TransducerCalibration:
         torque_unit=_text(element, "TorqueUnits"),
         matrix=matrix,
         limits=limits * to_si,
-        rails_V=(-0.5 * span_V, 0.5 * span_V)
-        if _truth(element, "OutputBipolar")
-        else (0.0, span_V),
+        rails_V=rails_V,
         compensated_in_hardware=_truth(element, "HWTempComp", "False"),
         temperature=_temperature(element),
     )

@@ -332,7 +332,7 @@ class NidaqmxGages:
         except ni.errors.Error as error:
             self.stop()
             raise DeviceError(
-                f"card {self._channels} does not start: {_one_line(error)}; check "
+                f"card {self._channels} does not start: {_describe_error(error)}; check "
                 "[force_sensor] channels"
             ) from error
 
@@ -352,7 +352,7 @@ class NidaqmxGages:
             )
         except self._ni.errors.Error as error:
             raise DeviceError(
-                f"card {self._channels} stopped sampling: {_one_line(error)}"
+                f"card {self._channels} stopped sampling: {_describe_error(error)}"
             ) from error
         block = GageBlock(self._taken, columns.T)
         self._taken += len(block.volts)
@@ -387,7 +387,7 @@ def _nidaqmx() -> Any:
     return nidaqmx
 
 
-def _one_line(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     return " ".join(str(error).split())[:200]
 
 

@@ -109,7 +109,9 @@ def encode_record(record: AtiRecord, form: RecordForm) -> bytes:
         return (
             b"%d" % record.error + b"".join(b",%6d" % count for count in record.counts) + LINE_END
         )
-    return packed + (checksum(packed) if form is RecordForm.BINARY_CHECKSUM else b"")
+    if form is RecordForm.BINARY_CHECKSUM:
+        packed += checksum(packed)
+    return packed
 
 
 def decode_record(data: bytes, form: RecordForm) -> AtiRecord:
@@ -336,7 +338,9 @@ class BinaryStream:
         """Remove a record from the buffer; skipped bytes count as the records that they would
         fill, but not before the first record.
         """
-        missed = round(self._skipped / self._size) if self._last is not None else 0
+        missed = 0
+        if self._last is not None:
+            missed = round(self._skipped / self._size)
         self._skipped = 0
         self._last = record
         del self._held[: self._size]

@@ -147,16 +147,18 @@ class AtiSerialSensor:
         remainder = without_echo(self._head, AtiCommand.QUERY_STREAM)
         if remainder is None and len(self._head) < LONGEST_ECHO:
             return b""
-        data = self._head if remainder is None else remainder
+        if remainder is None:
+            remainder = self._head
         self._head = None
-        return data
+        return remainder
 
     def _samples(self, records: list[FoundRecord]) -> ForceSamples:
         # Records missed before each found one take up their time slots.
         places = np.cumsum([entry.missed + 1 for entry in records], dtype=np.int64) - 1
-        stamps_s = self._count.stamp(int(places[-1]) + 1 if len(records) else 0, self._read_s)[
-            places
-        ]
+        count = 0
+        if records:
+            count = int(places[-1]) + 1
+        stamps_s = self._count.stamp(count, self._read_s)[places]
         counts = np.array([entry.record.counts for entry in records], np.int32).reshape(-1, 6)
         # The controller has one error flag for saturation and a disconnected transducer; it is
         # reported as saturation.
@@ -164,7 +166,7 @@ class AtiSerialSensor:
             [entry.record.error for entry in records], np.uint32(SATURATED), np.uint32(0)
         ).astype(np.uint32)
         if records:
-            self._inspect(counts, status, int(places[-1]) + 1)
+            self._inspect(counts, status, count)
         # The record number follows from the device time, so that losses leave gaps in it.
         numbers = np.rint(stamps_s * self._keys.rate_Hz).astype(np.int64) + 1
         return ForceSamples(np.full(len(records), self._read_s), stamps_s, numbers, status, counts)

@@ -161,7 +161,9 @@ class AtiSerialTwin:
         clipped = np.clip(noisy, -self._full_scale, self._full_scale)
         # The range applies to the load itself; the bias is subtracted afterwards.
         saturated = (clipped != noisy).any(axis=1)
-        bias = self._biases[-1] if self._biases else np.zeros(6)
+        bias = np.zeros(6)
+        if self._biases:
+            bias = self._biases[-1]
         counts = np.clip(
             np.rint((clipped - bias) * self._counts_per_unit), -MAX_COUNT, MAX_COUNT
         ).astype(int)

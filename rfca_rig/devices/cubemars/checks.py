@@ -154,8 +154,10 @@ def observe_mit(
             reply, unreadable = _decode(ranges, data, reply)
         elif data and data[0] == drive_id:
             masters.add(identifier)
+        elif data and identifier == 0:
+            others.add(data[0])
         elif data and identifier != drive_id:
-            others.add(data[0] if identifier == 0 else identifier)
+            others.add(identifier)
     return MitSeen(
         asked,
         reply,
@@ -281,7 +283,9 @@ def _last_status(drive_frames: Sequence[ReceivedFrame]) -> tuple[Status | None, 
         status = servo.decode(message.arbitration_id, message.data)
     except MalformedFrame as error:
         return None, str(error)
-    return (status if isinstance(status, Status) else None), None
+    if isinstance(status, Status):
+        return status, None
+    return None, None
 
 
 def check_mit_drive(keys: CubemarsMitSection, listener: Listener) -> list[Finding]:

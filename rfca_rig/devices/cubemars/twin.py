@@ -212,28 +212,33 @@ class CubemarsMitTwin(DriveTwin):
 
     def _reply(self, shaft: ShaftState) -> None:
         settings = self._settings
-        has_errors = self._settings.tells_errors
         angle_rad, speed_rad_s = self.encoder.report(
             settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s
         )
         code = mit.position_code(self._ranges, angle_rad)
+        # Firmware differs here: the position code wraps, or is limited to its range.
+        if settings.wraps:
+            code %= POSITION_CODES
+        else:
+            code = min(max(code, 0), POSITION_CODES - 1)
+        temperature_degC = None
+        error = None
+        if settings.tells_errors:
+            highest_degC = 255 - self._ranges.temperature_offset_degC
+            temperature_degC = min(round(self.warmth.reported_degC), highest_degC)
+            error = self._error
         reply = MitReply(
             drive_id=settings.drive_id,
-            # Firmware differs here: the position code wraps, or is limited to its range.
-            position_code=code % POSITION_CODES
-            if settings.wraps
-            else min(max(code, 0), POSITION_CODES - 1),
+            position_code=code,
             position_rad=0.0,
             speed_rad_s=settings.direction * speed_rad_s,
             torque_Nm=settings.direction * shaft.torque_Nm,
-            temperature_degC=min(
-                round(self.warmth.reported_degC), 255 - self._ranges.temperature_offset_degC
-            )
-            if has_errors
-            else None,
-            error=self._error if has_errors else None,
+            temperature_degC=temperature_degC,
+            error=error,
         )
-        identifier = settings.drive_id if settings.reply_id is None else settings.reply_id
+        identifier = settings.reply_id
+        if identifier is None:
+            identifier = settings.drive_id
         data = mit.encode_reply(self._ranges, reply)
         self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
 
@@ -436,12 +441,13 @@ class CubemarsServoTwin(DriveTwin):
             self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s
         )
         count = floor(reported_deg / servo.STATUS_DEG)
-        clipped = min(max(count, -MAX_COUNT), MAX_COUNT)
-        wrapped = (
-            count + servo.STATUS_COUNTS // 2
-        ) % servo.STATUS_COUNTS - servo.STATUS_COUNTS // 2
+        if self._settings.wraps:
+            half = servo.STATUS_COUNTS // 2
+            count = (count + half) % servo.STATUS_COUNTS - half
+        else:
+            count = min(max(count, -MAX_COUNT), MAX_COUNT)
         status = Status(
-            position_count=wrapped if self._settings.wraps else clipped,
+            position_count=count,
             speed_erpm=speed_rad_s * self._erpm_s_per_rad,
             current_A=torque_Nm / self._torque_per_A,
             temperature_degC=min(round(self.warmth.reported_degC), MAX_TEMPERATURE_degC),

@@ -166,9 +166,9 @@ def observe_moteus(frames: Sequence[ReceivedFrame], drive_id: int, prefix: int) 
         else:
             answer, unreadable = _read(message.data, answer)
     # A good answer outweighs an unreadable frame before it.
-    return MoteusSeen(
-        answer, tuple(sorted(others)), strangers, unreadable if answer is None else None
-    )
+    if answer is not None:
+        unreadable = None
+    return MoteusSeen(answer, tuple(sorted(others)), strangers, unreadable)
 
 
 def _read(

@@ -350,11 +350,10 @@ def _can_join(subframe: Subframe, next_one: Subframe) -> bool:
 def _run(run: Sequence[Subframe]) -> bytes:
     first = run[0]
     if isinstance(first, Refusal):
-        return (
-            bytes([_WRITE_ERROR if first.of_write else _READ_ERROR])
-            + _varuint(first.register)
-            + _varuint(first.code)
-        )
+        kind = _READ_ERROR
+        if first.of_write:
+            kind = _WRITE_ERROR
+        return bytes([kind]) + _varuint(first.register) + _varuint(first.code)
     base = {Write: _WRITE, Read: _READ, Reply: _REPLY}[type(first)] | first.width << 2
     # Counts up to three fit into the type byte.
     if len(run) <= 3:
@@ -371,7 +370,9 @@ def _run(run: Sequence[Subframe]) -> bytes:
 
 def _pack(register: int, width: Width, value: float) -> bytes:
     try:
-        return _FORMS[width].pack(value if width == Width.FLOAT else _count(register, width, value))
+        if width != Width.FLOAT:
+            value = _count(register, width, value)
+        return _FORMS[width].pack(value)
     except (struct.error, OverflowError) as error:
         raise NotEncodable(
             f"moteus {name_of(register)} cannot carry {value:g} as {width.name}: {error}"
@@ -391,7 +392,9 @@ def _count(register: int, width: Width, value: float) -> int:
         return int(value)
     if isnan(value):
         return lowest
-    count = round(value / unit) if isfinite(value) else lowest
+    count = lowest
+    if isfinite(value):
+        count = round(value / unit)
     if not -lowest > count > lowest:
         limit = -(lowest + 1) * unit
         raise NotEncodable(
@@ -453,7 +456,9 @@ def _subframes(reader: "_Reader") -> list[Subframe]:
 
 
 def _registers(reader: "_Reader", base: int, width: Width, count: int) -> list[Subframe]:
-    first = reader.varuint() if count else 0
+    first = 0
+    if count:
+        first = reader.varuint()
     # Before the loop: a damaged count could otherwise ask for billions of registers.
     if count > MAX_FRAME_BYTES:
         raise MalformedFrame(

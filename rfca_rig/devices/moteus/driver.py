@@ -237,7 +237,9 @@ class MoteusReplies(DriveReceiver):
 
     @property
     def temperature_C(self) -> float | None:
-        return None if self.state is None else self.state.warmest_C
+        if self.state is None:
+            return None
+        return self.state.warmest_C
 
     @property
     def doubts(self) -> str | None:
@@ -296,12 +298,12 @@ class MoteusReplies(DriveReceiver):
             if isinstance(item, Refusal) and item.register in _REQUIRED
         }
         if values.keys() >= _REQUIRED:
-            self._hear_state(values)
+            self._take_state(values)
         else:
             self.facts |= values
             self.facts_s = self.drained_s
 
-    def _hear_state(self, values: dict[int, float]) -> None:
+    def _take_state(self, values: dict[int, float]) -> None:
         if not self._asked_s:
             # No query is open: the frame was duplicated on the way.
             return
@@ -455,7 +457,9 @@ class MoteusMotor(MotorDrive):
     def _refuse_if(self, refused: bool, how: str) -> None:
         if refused:
             state = self._state()
-            fault = f"{fault_text(state.fault)}, " if state.fault else ""
+            fault = ""
+            if state.fault:
+                fault = f"{fault_text(state.fault)}, "
             self._refuse(
                 f"drive {self._settings.drive_id} {how} {fault}mode {mode_text(state.mode)}"
             )

@@ -113,9 +113,9 @@ class MoteusLoop:
         """Takes a command. A commanded angle becomes the target at once; without one the target
         continues from its present value.
         """
-        self._command = replace(
-            command, speed_rad_s=0.0 if isnan(command.speed_rad_s) else command.speed_rad_s
-        )
+        if isnan(command.speed_rad_s):
+            command = replace(command, speed_rad_s=0.0)
+        self._command = command
         if not isnan(command.angle_rad):
             self._target_rad = command.angle_rad
 
@@ -139,12 +139,14 @@ class MoteusLoop:
         gains = self._gains
         kp = gains.kp_Nm_per_rad * command.kp_scale
         feed_Nm = command.feed_forward_Nm + self._integral_Nm
-        moving = command.speed_rad_s != 0.0
+        # A spring to a fixed angle would lag behind a moving target, so its force is held for the
+        # step.
+        if command.speed_rad_s != 0.0:
+            feed_Nm += kp * (self._target_rad - shaft.angle_rad)
+            kp = 0.0
         return ShaftDrive(
-            # A spring to a fixed angle would lag behind a moving target, so its force is held for
-            # the step.
-            feed_Nm=feed_Nm + kp * (self._target_rad - shaft.angle_rad) if moving else feed_Nm,
-            angle_gain_Nm_per_rad=0.0 if moving else kp,
+            feed_Nm=feed_Nm,
+            angle_gain_Nm_per_rad=kp,
             angle_rad=self._target_rad,
             speed_gain_Nm_s_per_rad=gains.kd_Nm_s_per_rad * command.kd_scale,
             speed_rad_s=command.speed_rad_s,
@@ -395,16 +397,14 @@ class MoteusTwin(DriveTwin):
         self, reads: list[Read], mode: int, fault: int, shaft: ShaftState
     ) -> list[Subframe]:
         values = self._values(mode, fault, shaft)
-        return [
-            Reply(
-                read.register,
-                read.width,
-                codec.clip_to_register(read.register, read.width, values[read.register]),
-            )
-            if read.register in values
-            else Refusal(read.register, UNKNOWN_REGISTER, of_write=False)
-            for read in reads
-        ]
+        answers: list[Subframe] = []
+        for read in reads:
+            if read.register in values:
+                value = codec.clip_to_register(read.register, read.width, values[read.register])
+                answers.append(Reply(read.register, read.width, value))
+            else:
+                answers.append(Refusal(read.register, UNKNOWN_REGISTER, of_write=False))
+        return answers
 
     def _values(self, mode: int, fault: int, shaft: ShaftState) -> dict[int, float]:
         angle_rad, speed_rad_s = self.encoder.report(shaft.angle_rad, shaft.speed_rad_s)

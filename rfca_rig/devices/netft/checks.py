@@ -25,6 +25,7 @@ from rfca_rig.devices.netft.codec import (
     Records,
     decode_records,
     encode_request,
+    start_command,
 )
 from rfca_rig.devices.netft.driver import HttpBox, make_box, refuse_difference
 from rfca_rig.devices.netft.section import NetFtBox, NetFtSection, NetFtSettings
@@ -53,10 +54,10 @@ STREAM_S = 0.5
 
 @dataclass(frozen=True)
 class BoxObservation:
-    """Observed box. `says` is its configuration, None for the reason in `error`."""
+    """Observed box. `configuration` is what it is set to, None for the reason in `error`."""
 
     host: str
-    says: NetFtConfiguration | CalibrationInfo | None = None
+    configuration: NetFtConfiguration | CalibrationInfo | None = None
     error: str = ""
 
 
@@ -78,12 +79,12 @@ class StreamObservation:
 
 
 def judge_box(seen: BoxObservation, settings: NetFtSettings) -> Finding:
-    if seen.says is None:
+    if seen.configuration is None:
         return red(
             BOX, seen.error, _reach(seen.host), f"ping -c 3 {seen.host}", "ip -brief address"
         )
     try:
-        refuse_difference(seen.says, settings, f"the box at {seen.host}")
+        refuse_difference(seen.configuration, settings, f"the box at {seen.host}")
     except RigError as difference:
         return red(
             BOX,
@@ -96,8 +97,8 @@ def judge_box(seen: BoxObservation, settings: NetFtSettings) -> Finding:
     return green(
         BOX,
         (
-            f"{_name(seen.says)}set as the rig file says ({settings.counts_per_N:g} counts/N, "
-            f"{settings.rate_Hz:g} records/s)"
+            f"{_name(seen.configuration)}set as the rig file says ({settings.counts_per_N:g} "
+            f"counts/N, {settings.rate_Hz:g} records/s)"
         ),
     )
 
@@ -133,9 +134,9 @@ def _no_records(seen: StreamObservation, box_answers: bool | None) -> Finding:
             f"{seen.malformed} datagrams from {seen.address}, none with records",
             "check port under [force_sensor]",
         )
-    observed = f"none from {seen.address} in {seen.seconds:.1f} s" + (
-        "" if seen.error is None else f": {seen.error}"
-    )
+    observed = f"none from {seen.address} in {seen.seconds:.1f} s"
+    if seen.error is not None:
+        observed += f": {seen.error}"
     # The box works, so the cause is the stream itself or the way of its datagrams.
     if box_answers and seen.error is None:
         fix = (
@@ -209,7 +210,7 @@ def _status(status_words: tuple[int, ...]) -> Finding:
 
 def look_at_box(host: str, box: NetFtBox) -> BoxObservation:
     try:
-        return BoxObservation(host, box.says())
+        return BoxObservation(host, box.read_configuration())
     except DeviceError as error:
         return BoxObservation(host, None, str(error))
 
@@ -235,9 +236,7 @@ def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
     datagrams.send(encode_request(RdtCommand.STOP))
     clock.wait_until(clock.now_s() + QUIET_S)
     datagrams.receive_all()
-    datagrams.send(
-        encode_request(RdtCommand.START_BUFFERED if buffered else RdtCommand.START_SINGLE)
-    )
+    datagrams.send(encode_request(start_command(buffered)))
     arrived: list[bytes] = []
     until_s = clock.now_s() + STREAM_S
     # Also where reading fails: the box would stream to this address for ever.
@@ -266,13 +265,16 @@ def observe_stream(address: str, seconds: float, datagrams: Sequence[bytes]) -> 
     picked, numbers = sequence.take(records.rdt_sequence)
     # Only between neighbouring records: a lost one would look like a larger step.
     steps = np.diff(records.ft_sequence[picked]).view(np.int32)[np.diff(numbers) == 1]
+    step = None
+    if len(steps):
+        step = int(np.median(steps))
     return StreamObservation(
         address=address,
         seconds=seconds,
         received=sequence.received,
         lost=sequence.lost,
         malformed=malformed,
-        step=int(np.median(steps)) if len(steps) else None,
+        step=step,
         words=tuple(np.unique(records.status).tolist()),
     )
 
@@ -285,7 +287,7 @@ def check_sensor(keys: NetFtSection, clock: Clock) -> Iterator[Finding]:
     answers = None
     if box is not None:
         seen = look_at_box(keys.host, box)
-        answers = seen.says is not None
+        answers = seen.configuration is not None
         yield judge_box(seen, settings)
     yield from judge_stream(
         look_at_stream(keys.host, keys.port, keys.buffered, clock), settings, answers
@@ -294,7 +296,7 @@ def check_sensor(keys: NetFtSection, clock: Clock) -> Iterator[Finding]:
 
 
 def judge_found_sensor(seen: BoxObservation) -> Finding:
-    if seen.says is None:
+    if seen.configuration is None:
         fix = (
             "a sensor as delivered needs this computer in its network; with the right "
             "network port for eth0:"
@@ -305,7 +307,7 @@ def judge_found_sensor(seen: BoxObservation) -> Finding:
             fix,
             "sudo ip address add 192.168.1.100/24 dev eth0",
         )
-    reply = seen.says
+    reply = seen.configuration
     if isinstance(reply, NetFtConfiguration):
         name = f"{reply.product} {reply.serial_number}"
     else:
@@ -331,11 +333,11 @@ def find_sensor() -> FoundSensor:
         judge_found_sensor(seen),
         judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, USUAL_RATE_Hz),
     )
-    if seen.says is None:
+    if seen.configuration is None:
         return FoundSensor(findings)
     return FoundSensor(
         findings,
         f"Net F/T at {seen.host}",
         seen.host,
-        (seen.says.counts_per_N, seen.says.counts_per_Nm),
+        (seen.configuration.counts_per_N, seen.configuration.counts_per_Nm),
     )

@@ -62,6 +62,13 @@ class RdtCommand(IntEnum):
     SET_BIAS = 0x0042
 
 
+def start_command(is_buffered: bool) -> RdtCommand:
+    """The command that starts a stream of several records in a datagram, or of one."""
+    if is_buffered:
+        return RdtCommand.START_BUFFERED
+    return RdtCommand.START_SINGLE
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """A request of `sample_count` records; 0 is without end. `command` may be one that
@@ -174,6 +181,9 @@ def decode_configuration(page: bytes) -> NetFtConfiguration:
     or lacks units or counts.
     """
     values = _values(page)
+    records_per_datagram = None
+    if "comrdtbsiz" in values:
+        records_per_datagram = int(_positive(values, "comrdtbsiz"))
     return NetFtConfiguration(
         product=_require(values, "prodname"),
         serial_number=values.get("cfgcalsn", ""),
@@ -182,11 +192,9 @@ def decode_configuration(page: bytes) -> NetFtConfiguration:
         counts_per_force=_positive(values, "cfgcpf"),
         counts_per_torque=_positive(values, "cfgcpt"),
         rdt_enabled=_is_enabled(values, "comrdte"),
-        rdt_rate_Hz=_positive(values, "comrdtrate") if "comrdtrate" in values else None,
-        internal_rate_Hz=_positive(values, "runrate") if "runrate" in values else None,
-        records_per_datagram=int(_positive(values, "comrdtbsiz"))
-        if "comrdtbsiz" in values
-        else None,
+        rdt_rate_Hz=_positive_or_none(values, "comrdtrate"),
+        internal_rate_Hz=_positive_or_none(values, "runrate"),
+        records_per_datagram=records_per_datagram,
         low_pass=values.get("setuserfilter"),
     )
 
@@ -209,18 +217,18 @@ def _elements(configuration: NetFtConfiguration) -> dict[str, str]:
         "cfgcpf": f"{configuration.counts_per_force:.10g}",
         "cfgcpt": f"{configuration.counts_per_torque:.10g}",
         "comrdte": rdt_state[configuration.rdt_enabled],
-        "comrdtrate": None
-        if configuration.rdt_rate_Hz is None
-        else f"{configuration.rdt_rate_Hz:.10g}",
-        "runrate": None
-        if configuration.internal_rate_Hz is None
-        else f"{configuration.internal_rate_Hz:.10g}",
-        "comrdtbsiz": None
-        if configuration.records_per_datagram is None
-        else str(configuration.records_per_datagram),
+        "comrdtrate": _number_text(configuration.rdt_rate_Hz),
+        "runrate": _number_text(configuration.internal_rate_Hz),
+        "comrdtbsiz": _number_text(configuration.records_per_datagram),
         "setuserfilter": configuration.low_pass,
     }
     return {name: value for name, value in known.items() if value is not None}
+
+
+def _number_text(value: float | None) -> str | None:
+    if value is None:
+        return None
+    return f"{value:.10g}"
 
 
 def _values(page: bytes) -> dict[str, str]:
@@ -260,6 +268,12 @@ def _positive(values: Mapping[str, str], name: str) -> float:
             f"configuration page: {name} is {text[:40]!r}, must be a number above 0"
         )
     return value
+
+
+def _positive_or_none(values: Mapping[str, str], name: str) -> float | None:
+    if name not in values:
+        return None
+    return _positive(values, name)
 
 
 def _is_enabled(values: Mapping[str, str], name: str) -> bool | None:

@@ -33,6 +33,7 @@ from rfca_rig.devices.netft.codec import (
     decode_records,
     encode_command,
     encode_request,
+    start_command,
 )
 from rfca_rig.devices.netft.section import NetFtBox, NetFtConnection, NetFtSection, NetFtSettings
 from rfca_rig.drivers.device_time import wrap_to_signed
@@ -59,7 +60,7 @@ class HttpBox:
         self._url = f"http://{host}:{port}{PATH}"
         self._timeout_s = timeout_s
 
-    def says(self) -> NetFtConfiguration:
+    def read_configuration(self) -> NetFtConfiguration:
         try:
             with build_opener(ProxyHandler({})).open(self._url, timeout=self._timeout_s) as answer:
                 # One byte more than allowed is read, so that the decoder can refuse a page that is
@@ -83,13 +84,13 @@ class CommandBox:
         self._port = port
         self._timeout_s = timeout_s
 
-    def says(self) -> CalibrationInfo:
+    def read_configuration(self) -> CalibrationInfo:
         reply = self._request(encode_command(ReadCalibrationInfo()), CALIBRATION_BYTES)
         with self._name_sender():
             return decode_calibration(reply)
 
     def reading(self, command: ReadForce) -> NetFtReading:
-        """One force reading without a stream. Raises DeviceError like `says`."""
+        """One force reading without a stream. Raises DeviceError like `read_configuration`."""
         reply = self._request(encode_command(command), READING_BYTES)
         with self._name_sender():
             return decode_reading(reply)
@@ -126,7 +127,7 @@ def _receive(connection: socket.socket, length: int) -> bytes:
 
 
 def refuse_difference(
-    says: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings, where: str
+    configuration: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings, where: str
 ) -> None:
     """Compares the box's configuration with the settings.
 
@@ -135,21 +136,21 @@ def refuse_difference(
     """
     _refuse_counts(
         "counts_per_N",
-        says.counts_per_N,
+        configuration.counts_per_N,
         expected.counts_per_N,
-        f"{says.counts_per_force:g} per {says.force_unit}",
+        f"{configuration.counts_per_force:g} per {configuration.force_unit}",
         where,
     )
     _refuse_counts(
         "counts_per_Nm",
-        says.counts_per_Nm,
+        configuration.counts_per_Nm,
         expected.counts_per_Nm,
-        f"{says.counts_per_torque:g} per {says.torque_unit}",
+        f"{configuration.counts_per_torque:g} per {configuration.torque_unit}",
         where,
     )
-    if isinstance(says, NetFtConfiguration):
+    if isinstance(configuration, NetFtConfiguration):
         # The command interface reports no rate.
-        _refuse_rate(says, expected, where)
+        _refuse_rate(configuration, expected, where)
 
 
 def _refuse_counts(name: str, configured: float, expected: float, how: str, where: str) -> None:
@@ -169,9 +170,11 @@ def _refuse_rate(configuration: NetFtConfiguration, expected: NetFtSettings, whe
     # The box rounds comrdtrate to an integer fraction of its internal rate, so the effective rates
     # are compared.
     decimation = configuration.decimation(internal_Hz)
-    box_Hz = None if decimation is None else internal_Hz / decimation
+    if decimation is None:
+        return
+    box_Hz = internal_Hz / decimation
     expected_Hz = expected.internal_rate_Hz / expected.decimation
-    if box_Hz is not None and abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
+    if abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
         raise BadInput(
             f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} "
             f"records/s (comrdtrate {configuration.rdt_rate_Hz:g}); "
@@ -220,7 +223,7 @@ class NetFtSensor:
         does not answer.
         """
         if self._box is not None:
-            configuration = self._box.says()
+            configuration = self._box.read_configuration()
             refuse_difference(
                 configuration,
                 self._settings,
@@ -232,9 +235,7 @@ class NetFtSensor:
         self._clock.wait_until(self._clock.now_s() + QUIET_S)
         self._datagrams.receive_all()
         self._reset()
-        self._send(
-            RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE
-        )
+        self._send(start_command(self._settings.buffered))
         self._running = True
 
     def stop(self) -> None:
@@ -413,9 +414,11 @@ def open_connection(keys: NetFtSection, clock: WallClock) -> NetFtConnection:
     """
     # A process of its own empties the socket, so that a busy loop loses no records.
     source = record_source(keys.host, keys.port)
-    datagrams = (
-        AcquiredDatagrams(source, clock) if can_be_started() else UdpDatagrams(keys.host, keys.port)
-    )
+    datagrams: Datagrams
+    if can_be_started():
+        datagrams = AcquiredDatagrams(source, clock)
+    else:
+        datagrams = UdpDatagrams(keys.host, keys.port)
     return NetFtConnection(
         datagrams, make_box(keys), advise_receive_buffer(datagrams.receive_buffer_bytes)
     )

@@ -193,7 +193,9 @@ class HttpPort:
         if words[0] != "GET":
             return Page(405, "text/plain", b"GET only")
         self._box.busy = self._panel.is_on("http-busy")
-        doubled = 2.0 if self._panel.is_on("force-scale") else 1.0
+        doubled = 1.0
+        if self._panel.is_on("force-scale"):
+            doubled = 2.0
         counts = self._as_set.counts_per_force * doubled, self._as_set.counts_per_torque * doubled
         # Set again for each request, as the fault may have been switched since the last one.
         self._box.configuration = replace(
@@ -403,9 +405,9 @@ class NetFtWire(SensorWire):
         """The twin at one end of a link, and what the driver talks to at the other."""
         drivers_end, twins_end = datagram_link()
         twin = make_twin(twins_end if panel is None else TamperedLink(twins_end, panel))
-        return twin, NetFtConnection(
-            drivers_end, None if keys.configuration == "unchecked" else NetFtBoxTwin(twin)
-        )
+        if keys.configuration == "unchecked":
+            return twin, NetFtConnection(drivers_end, None)
+        return twin, NetFtConnection(drivers_end, NetFtBoxTwin(twin))
 
     def open(
         self,

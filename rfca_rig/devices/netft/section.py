@@ -21,7 +21,7 @@ class NetFtBox(Protocol):
     network.
     """
 
-    def says(self) -> NetFtConfiguration | CalibrationInfo:
+    def read_configuration(self) -> NetFtConfiguration | CalibrationInfo:
         """Reads the configuration. Raises DeviceError if the box does not answer, or its answer
         cannot be decoded.
         """

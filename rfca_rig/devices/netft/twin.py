@@ -271,7 +271,7 @@ class NetFtBoxTwin:
         )
         self._full_scale = settings.full_scale
 
-    def says(self) -> NetFtConfiguration:
+    def read_configuration(self) -> NetFtConfiguration:
         """The configuration as on the page; a driver in the same process reads it here."""
         return replace(self.configuration)
 

@@ -142,11 +142,12 @@ def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 
 
 def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
-    firmware = "" if seen.firmware is None else f", firmware {seen.firmware}"
+    firmware = ""
+    if seen.firmware is not None:
+        firmware = f", firmware {seen.firmware}"
+    others = ""
     if seen.others:
         others = f"; also heard node {join_ids(seen.others)}"
-    else:
-        others = ""
     drive = f"ODrive, node {wanted.node_id}{firmware}{others}"
     if wanted.dialect == OdriveFirmware.V0_5 and seen.firmware is not None:
         return red(
@@ -226,8 +227,10 @@ def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 
 
 def _set(message: str, period_ms: float, wanted: OdriveWanted) -> str:
+    infix = ""
     # Firmware 0.6 renamed these settings.
-    infix = "" if wanted.dialect == OdriveFirmware.V0_5 else "_msg"
+    if wanted.dialect != OdriveFirmware.V0_5:
+        infix = "_msg"
     return f"odrv0.axis0.config.can.{message}{infix}_rate_ms = {round(period_ms)}"
 
 

@@ -158,9 +158,10 @@ class OdriveReports(DriveReceiver):
         # was refused.
         self._arrived: list[tuple[float, float, float] | None] = []
         self._encoder_check = ReadingCheck("the drive", POSITION, SPEED)
-        self._torque_check = ReadingCheck(
-            "the drive", TORQUE if settings.torque_constant_Nm_per_A is None else CURRENT
-        )
+        torque_field = CURRENT
+        if settings.torque_constant_Nm_per_A is None:
+            torque_field = TORQUE
+        self._torque_check = ReadingCheck("the drive", torque_field)
         self._torque_Nm = np.nan
         self._leap = EncoderJumpMonitor()
         self.temperature = TemperatureTelemetry()
@@ -229,8 +230,10 @@ class OdriveReports(DriveReceiver):
                 "no frames at all on the CAN bus; check the drive's power, the wiring, the "
                 "termination and the bit rate"
             )
+        needed = 1
         # A first heartbeat with an error may predate the clearing of the error.
-        needed = 2 if self.beat is not None and self.beat.error else 1
+        if self.beat is not None and self.beat.error:
+            needed = 2
         if self.heartbeats < needed:
             return (
                 f"no heartbeat from node {node}; set the drive's {self._rate('heartbeat')} to 100"
@@ -290,9 +293,9 @@ class OdriveReports(DriveReceiver):
             # Firmware 0.6 reports torque. With a torque constant set, the measured q current is
             # used instead.
             case Torques() if constant is None:
-                self._hear_torque(message.estimate_Nm, 1.0)
+                self._take_torque(message.estimate_Nm, 1.0)
             case Iq() if constant is not None:
-                self._hear_torque(message.measured_A, constant)
+                self._take_torque(message.measured_A, constant)
             case Heartbeat():
                 self.heartbeats += 1
                 self.beat = message
@@ -305,7 +308,7 @@ class OdriveReports(DriveReceiver):
                 self.firmware = ".".join(map(str, message.firmware))
                 self.firmware_s = self.drained_s
 
-    def _hear_torque(self, reported: float, torque_per_reported_Nm: float) -> None:
+    def _take_torque(self, reported: float, torque_per_reported_Nm: float) -> None:
         """Takes in a torque in N m, or a current in A with the torque constant."""
         if self._torque_check.accept(reported):
             self._torque_frames += 1
@@ -426,8 +429,10 @@ class OdriveMotor(MotorDrive):
             )
 
     def _ask_for_part_errors(self) -> None:
-        failed = set() if self._reports.beat is None else set(self._reports.beat.failed)
-        for part in sorted(failed - self._asked_parts):
+        beat = self._reports.beat
+        if beat is None:
+            return
+        for part in sorted(set(beat.failed) - self._asked_parts):
             self._send_frame(codec.request(self._settings.node_id, codec.PART_COMMANDS[part]))
             self._asked_parts.add(part)
 
@@ -475,13 +480,13 @@ class OdriveMotor(MotorDrive):
         known.
         """
         errors = self._reports.part_errors
-        parts = [
-            part_error_text(part, errors[part])
-            if part in errors
-            else f"{part} error, which one is not reported"
-            for part in beat.failed
-        ]
-        return "; ".join([error_text(beat.error, self._settings.dialect), *parts])
+        texts = [error_text(beat.error, self._settings.dialect)]
+        for part in beat.failed:
+            if part in errors:
+                texts.append(part_error_text(part, errors[part]))
+            else:
+                texts.append(f"{part} error, which one is not reported")
+        return "; ".join(texts)
 
     def _beat(self) -> Heartbeat:
         if self._reports.beat is None:

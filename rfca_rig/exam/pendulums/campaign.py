@@ -108,10 +108,11 @@ def run(case: PendulumCase, world: PendulumWorld, number: int) -> PendulumTrace:
     """
     random = np.random.default_rng([case.seed, 1, number])
     start = np.zeros(2 * world.joints)
+    largest_rad = 2.0
     # Released pendulums start from larger angles, since no torque moves them later.
-    start[: world.joints] = random.uniform(-1.0, 1.0, world.joints) * (
-        0.5 if case.driven[number - 1] else 2.0
-    )
+    if case.driven[number - 1]:
+        largest_rad = 0.5
+    start[: world.joints] = random.uniform(-1.0, 1.0, world.joints) * largest_rad
     t_s = np.arange(0.0, RUN_S, case.reading.sample_s)
     return swing(world, start, _command(case, number), t_s, case.driven[number - 1])
 
@@ -148,6 +149,10 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
         shift, left, above = next(iter(sizes.values()))
     else:
         shift, left, above = _size_of(case)
+    also_right = []
+    # In a single joint, drag of the link and of the joint are one law.
+    if "fluid_drag" in case.effects and case.world.joints == 1:
+        also_right = ["joint_drag"]
     return {
         "format": FORMAT,
         "case": case.id,
@@ -155,10 +160,7 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
         "effects": {name: dict(values) for name, values in case.effects.items()},
         "strangers": {name: dict(values) for name, values in case.strangers.items()},
         "mislabelled": None,
-        # In a single joint, drag of the link and of the joint are one law.
-        "also_right": ["joint_drag"]
-        if "fluid_drag" in case.effects and case.world.joints == 1
-        else [],
+        "also_right": also_right,
         "silence_is_right": False,
         "strength": case.strength,
         "size": {
@@ -217,7 +219,7 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
 
     base = windows(plain)
     shift = windows(case.concealed) - base
-    moves = [windows(moved) - base for moved in _move_each(plain)]
+    moves = [windows(moved) - base for moved in _move_parameters(plain)]
     # A difference of 3 sigma is small for the motion and well above the integrator's tolerance.
     states = [windows(plain, off) - base for off in np.diag(3.0 * noise)]
     torque = replace(
@@ -228,7 +230,7 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
     return _largest_rms(shift), left, _remainder(shift, moves, states, np.hypot(1.0, error))
 
 
-def _move_each(world: PendulumWorld) -> list[PendulumWorld]:
+def _move_parameters(world: PendulumWorld) -> list[PendulumWorld]:
     """The rig with one nominal value after the other off by its standard deviation, in all links
     together.
 

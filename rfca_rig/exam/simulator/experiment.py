@@ -221,15 +221,15 @@ def _at_release(world: World, rod: Floats) -> tuple[Floats, Floats]:
     angles = np.zeros(rod.shape[1] + (world.mount.frame_kg > 0.0))
     along = rod[1] @ (np.concatenate([[0.0], np.cumsum(rod[0])[:-1]]) + rod[2])
     weight = GRAVITY_M_S2 * along * np.cos(start + world.mount.lean_rad)
+    motor = start
     # The PI loop gives torque only for an angle error, so the motor starts below its command by
     # weight / ki.
-    motor = start + (weight / drive.ki_Nm_per_rad if drive.ki_Nm_per_rad > 0.0 else 0.0)
+    if drive.ki_Nm_per_rad > 0.0:
+        motor += weight / drive.ki_Nm_per_rad
+    angles[0] = motor
     # The shaft spring acts only beyond its play.
-    angles[0] = motor + (
-        weight / drive.shaft_Nm_per_rad + drive.shaft_gap_rad
-        if drive.shaft_Nm_per_rad > 0.0
-        else 0.0
-    )
+    if drive.shaft_Nm_per_rad > 0.0:
+        angles[0] += weight / drive.shaft_Nm_per_rad + drive.shaft_gap_rad
     return angles, np.array([start, 0.0, motor, 0.0])
 
 
@@ -281,7 +281,9 @@ def sense(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
     fz = fz + sensing.drift_N_per_s * t + sensing.hum_N * np.sin(2.0 * np.pi * sensing.hum_Hz * t)
     fz = np.clip(fz, -sensing.clip_N, sensing.clip_N)
     fz = np.where(np.abs(fz) < sensing.dead_N, 0.0, fz)
-    return fy, np.round(fz / sensing.digit_N) * sensing.digit_N if sensing.digit_N > 0.0 else fz, tx
+    if sensing.digit_N > 0.0:
+        fz = np.round(fz / sensing.digit_N) * sensing.digit_N
+    return fy, fz, tx
 
 
 def lag_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
@@ -512,4 +514,7 @@ def _moves(way: float, ramp_s: float) -> list[tuple[float, float]]:
     # A short move never reaches full speed: two ramps of ramp_s cover speed * ramp_s.
     speed = float(np.sign(way)) * min(MOVE_RAD_S, abs(way) / ramp_s)
     even_s = way / speed - ramp_s
-    return [(ramp_s, speed), *([(even_s, speed)] if even_s > 1e-9 else []), (ramp_s, 0.0)]
+    moves = [(ramp_s, speed)]
+    if even_s > 1e-9:
+        moves.append((even_s, speed))
+    return [*moves, (ramp_s, 0.0)]

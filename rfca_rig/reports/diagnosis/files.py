@@ -55,9 +55,9 @@ def terminal_lines(diagnosis: Diagnosis) -> list[str]:
     """
     diagnosis = convert_diagnosis(diagnosis)
     probability = diagnosis.probability
-    verdict = diagnosis.grade.upper() + (
-        f" ({format_probability(probability)})" if probability is not None else ""
-    )
+    verdict = diagnosis.grade.upper()
+    if probability is not None:
+        verdict += f" ({format_probability(probability)})"
     items = [(f"{verdict}: {diagnosis.sentence}", 3)]
     # Sizes in every joint and all rivals: what an effect is about must not be cut.
     items += [(_effect(effect), 4) for effect in diagnosis.effects[:3]]
@@ -73,11 +73,12 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
         law = diagnosis.stated_law.law
         yield f"law at {law.place} over {law.argument}, {describe_law(diagnosis.stated_law)}"
     yield from (remark for remark in diagnosis.remarks if remark.startswith(EXCLUDED))
-    part = "stretch" if diagnosis.is_of_stretches else "condition"
-    yield from (
-        _place(place, part)
-        for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES]
-    )
+    for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES]:
+        if diagnosis.is_of_stretches:
+            count = count_noun(len(place.conditions), "stretch", "stretches")
+        else:
+            count = count_noun(len(place.conditions), "condition")
+        yield _describe_located(place, count)
     yield from (
         f"remains: {_where(place)}, {compare_with_usual_error(place)}"
         for place in diagnosis.remaining[:1]
@@ -124,8 +125,7 @@ def _value_text(name: str, value: Value) -> str:
     return f"{words} {format_with_interval_90(value)} {unit}".strip()
 
 
-def _place(place: Located, part: str) -> str:
-    count = count_noun(len(place.conditions), part, f"{part}es" if part == "stretch" else None)
+def _describe_located(place: Located, count: str) -> str:
     return (
         f"located: {_where(place)}, {format_significant(place.sigmas, 2)} sigma, {count}, p "
         f"{format_p_value(place.p_value)}"

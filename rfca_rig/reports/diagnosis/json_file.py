@@ -57,9 +57,9 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             "probability": diagnosis.probability,
             "explained_share": diagnosis.explained_share,
         },
-        "family": None if diagnosis.family is None else asdict(diagnosis.family),
+        "family": _as_dict(diagnosis.family),
         "other_families": [asdict(family) for family in diagnosis.other_families],
-        "place": None if diagnosis.place is None else asdict(diagnosis.place),
+        "place": _as_dict(diagnosis.place),
         "not_tested": [
             effect.id for effect in diagnosis.not_seen if effect.would_have_seen is None
         ],
@@ -86,14 +86,29 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "remarks": diagnosis.remarks,
         "settings": diagnosis.settings,
         "support": diagnosis.support,
-        "measured_law": None if diagnosis.stated_law is None else _law(diagnosis.stated_law),
+        "measured_law": _law(diagnosis.stated_law),
         "cells": [_cell(cell) for cell in diagnosis.cells],
     }
 
 
-def _law(stated: StatedLaw) -> dict[str, Any]:
+def _as_dict(part: Any) -> dict[str, Any] | None:
+    """The fields of a dataclass; None where the diagnosis has no such part."""
+    if part is None:
+        return None
+    return asdict(part)
+
+
+def _law(stated: StatedLaw | None) -> dict[str, Any] | None:
+    if stated is None:
+        return None
     law = stated.law
+    has_memory = None
+    if law.memory is not None:
+        has_memory = law.memory.has_memory
+    catalogue = None
     curve = stated.curve
+    if curve is not None:
+        catalogue = {"id": curve.name, "argument": curve.argument, "values": curve.values}
     return {
         "place": law.place,
         "argument": law.argument,
@@ -106,10 +121,8 @@ def _law(stated: StatedLaw) -> dict[str, Any]:
         "beside": law.base,
         "instead_of": stated.instead_of,
         "explained_share": law.explained,
-        "has_memory": None if law.memory is None else law.memory.has_memory,
-        "catalogue": None
-        if curve is None
-        else {"id": curve.name, "argument": curve.argument, "values": curve.values},
+        "has_memory": has_memory,
+        "catalogue": catalogue,
     }
 
 

@@ -97,9 +97,10 @@ def _alternatives(ids: Sequence[str]) -> Markup:
     """Effects with what they stand for, as in "a, b or c"."""
     names = []
     for effect_id in ids:
-        description = describe_effect(effect_id)
-        described = html(" ({})", description) if description else EMPTY
-        names.append(code(effect_id) + described)
+        name = code(effect_id)
+        if description := describe_effect(effect_id):
+            name += html(" ({})", description)
+        names.append(name)
     *first, last = names
     if first:
         return html("{} or {}", join(", ", first), last)
@@ -136,7 +137,9 @@ def _plausible_range(effect_id: str, name: str) -> tuple[float, float] | None:
 
 
 def _half_90(value: Value) -> float:
-    return STDS_90 * value.std if isfinite(value.std) else 0.0
+    if not isfinite(value.std):
+        return 0.0
+    return STDS_90 * value.std
 
 
 def _forest_from_zero(value: Value, hover: str) -> Markup:

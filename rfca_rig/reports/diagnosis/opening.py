@@ -73,18 +73,22 @@ def opening(diagnosis: Diagnosis, context: PageContext) -> Markup:
     meaning, number_words = GRADE_WORDS[diagnosis.grade]
     text = name_parts(meaning, diagnosis.is_of_stretches)
     evidence = with_typography(describe_evidence(diagnosis))
-    probability = diagnosis.probability
+    probability = ""
+    if diagnosis.probability is not None:
+        probability = format_probability(diagnosis.probability)
     stated = verdict(
         diagnosis.grade,
         diagnosis.grade,
         with_typography(diagnosis.sentence),
         f"{text} {evidence}".strip(),
-        "" if probability is None else format_probability(probability),
+        probability,
         number_words,
     )
     step, command = describe_next_step(diagnosis)
-    command_shown = html(" {}", code(command)) if command else EMPTY
-    next_step = paragraph(html("<b>What to do next.</b> {}{}", step, command_shown), "next")
+    next_text = html("<b>What to do next.</b> {}", step)
+    if command:
+        next_text += html(" {}", code(command))
+    next_step = paragraph(next_text, "next")
     below = division(
         "opening", division("", next_step, page_links(context.links)), _residual(diagnosis)
     )

@@ -363,14 +363,18 @@ def _hypotheses(diagnosis: Diagnosis) -> PageSection | None:
 def _hypothesis(rival: Rival, best_evidence: float) -> tuple[str, ...]:
     name = hypothesis(rival.ids)
     probability = format_probability(rival.probability)
-    prior = "" if rival.prior is None else format_probability(rival.prior)
     # Decades of probability: those of rivals differ by orders of magnitude.
     at, before = (
         max(log10(max(p, 1e-300)), LEAST_DECADE) for p in (rival.probability, rival.prior or 1.0)
     )
-    hover = f"{name}: {probability}" + (f", before the data {prior}" if prior else "")
-    bar = None if rival.prior is None else (before, before, before)
-    forest = Markup(draw_forest(bar, (at, at, at), (LEAST_DECADE, 0.0), hover))
+    prior = ""
+    prior_bar = None
+    hover = f"{name}: {probability}"
+    if rival.prior is not None:
+        prior = format_probability(rival.prior)
+        prior_bar = (before, before, before)
+        hover += f", before the data {prior}"
+    forest = Markup(draw_forest(prior_bar, (at, at, at), (LEAST_DECADE, 0.0), hover))
     if rival.log_evidence < best_evidence:
         behind = format_significant(rival.log_evidence - best_evidence)
     else:
@@ -415,7 +419,8 @@ def _nuisance(diagnosis: Diagnosis, name: str) -> tuple[str | HtmlCell, ...]:
     if prior is not None and prior.std > 0.0 and isfinite(value.value):
         z = (value.value - prior.value) / prior.std
         half = STDS_90 * value.std / prior.std
-        half = half if isfinite(half) else 0.0
+        if not isfinite(half):
+            half = 0.0
         shown_prior = format_with_interval_90(prior)
         hover = f"{words}: {shown_value} {unit}, prior {shown_prior} {unit}"
         prior_interval = (-STDS_90, 0.0, STDS_90)
@@ -453,9 +458,10 @@ def _not_tested(diagnosis: Diagnosis) -> PageSection | None:
         return None
     items = []
     for effect in not_tested:
-        description = describe_effect(effect.id)
-        described = html(" <span>{}</span>", description) if description else EMPTY
-        items.append(code(effect.id) + described)
+        item = code(effect.id)
+        if description := describe_effect(effect.id):
+            item += html(" <span>{}</span>", description)
+        items.append(item)
     text = "These data exclude no plausible size of these: they may be there or not."
     return PageSection("Not tested", [aside(text), bullets(items, "list")])
 

@@ -109,7 +109,9 @@ def _picture(
 ) -> Picture:
     unit = words_and_unit(signal)[1]
     fit = residuals_of(overlays)
-    largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
+    largest = fit.before
+    if np.isfinite(fit.after):
+        largest = max(fit.before, fit.after)
     coincide = np.isfinite(largest) and largest < COINCIDE * _span(
         np.concatenate([overlay.measured for overlay in overlays])
     )
@@ -117,11 +119,13 @@ def _picture(
         caption = f"{count_noun(len(overlays), 'recording')} on one scale."
     else:
         caption = f"Means over the repeats, {count_noun(len(overlays), 'condition')} on one scale."
-    summary = (
-        f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} "
-        f"{unit} at most"
-    ).rstrip()
-    return Picture(_quantity(signal), panels, caption, "" if is_kept or not coincide else summary)
+    summary = ""
+    if coincide and not is_kept:
+        summary = (
+            f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} "
+            f"{unit} at most"
+        ).rstrip()
+    return Picture(_quantity(signal), panels, caption, summary)
 
 
 def residuals_of(overlays: Sequence[SignalOverlay]) -> BeforeAfter:
@@ -265,8 +269,10 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     after = overlay.measured - overlay.after
     if inside.any():
         shown = inside
+        where = f"{phase}, shaded"
     else:
         shown = np.ones(len(overlay.t_s), dtype=bool)
+        where = phase
     numbers = " and ".join(
         f"{format_significant(_rms(values[shown]), 2)} {unit} {when}".replace("  ", " ")
         for values, when in ((before, "before"), (after, "after"))
@@ -274,11 +280,7 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     )
     windows = np.searchsorted(overlay.t_s, overlay.starts_s)
     with drawing():
-        figure, axes = make_panel(
-            f"residual of {words} ({unit})" if unit else f"residual of {words}",
-            "time (s)",
-            RESIDUAL_IN,
-        )
+        figure, axes = make_panel(_with_unit(f"residual of {words}", unit), "time (s)", RESIDUAL_IN)
         # Begin and end of each unbroken stretch of `inside`.
         edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -297,7 +299,6 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
         )
         label = html_text(f"residual of {words} over time at {overlay.condition}, before and after")
         svg = inline_svg(figure, "residual located", label, hovers)
-    where = f"{phase}, shaded" if inside.any() else phase
     count = len({curve.condition for curve in curves})
     if count > 1:
         others = f" The worst of {count} conditions where it shows."
@@ -305,6 +306,12 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
         others = ""
     caption = f"Measured less simulated at {overlay.condition}. Rms ({where}): {numbers}.{others}"
     return Picture(f"Residual of {words}", (Panel("", svg),), keep_units_together(caption))
+
+
+def _with_unit(words: str, unit: str) -> str:
+    if unit:
+        return f"{words} ({unit})"
+    return words
 
 
 def draw_forest(
@@ -333,7 +340,9 @@ def draw_forest(
     def at(value: float) -> str:
         return f"{4.0 + 172.0 * min(max((value - low) / (high - low), 0.0), 1.0):.1f}"
 
-    parts = [] if marker is None else [f'<path class="zero" d="M{at(marker)} 0V18"/>']
+    parts = []
+    if marker is not None:
+        parts.append(f'<path class="zero" d="M{at(marker)} 0V18"/>')
     if prior is not None:
         # A prior of one number becomes a short bar, which is still seen.
         if prior[0] < prior[2]:
@@ -422,7 +431,10 @@ def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
             law.knots, law.values, color=MEASURED, lw=1.2, marker="o", ms=2.6, label="measured"
         )
         axes.set_xlabel(printable(f"{_words(law)} ({law.argument_unit})"), parse_math=False)
-        axes.set_ylabel(f"residual ({law.unit})" if law.unit else "change of the friction (share)")
+        value_label = "change of the friction (share)"
+        if law.unit:
+            value_label = f"residual ({law.unit})"
+        axes.set_ylabel(value_label)
         axes.set_xlim(law.visited)
         axes.legend(frameon=False, fontsize=SMALL, loc="best")
         label = f"measured law of {_words(law)} at {law.place} with its band"
@@ -432,6 +444,7 @@ def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
 
 
 def _words(law: MeasuredLaw) -> str:
-    return WORDS.get(law.argument, "reading").replace(
-        "hinge", "hinge" if law.place.startswith("hinge") else "joint"
-    )
+    words = WORDS.get(law.argument, "reading")
+    if law.place.startswith("hinge"):
+        return words
+    return words.replace("hinge", "joint")

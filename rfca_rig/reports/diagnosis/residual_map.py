@@ -60,8 +60,10 @@ def condition_grid(conditions: Sequence[str], times: int) -> Grid:
     distinct = tuple(dict.fromkeys(conditions))
     beside = Grid(("",), distinct, {("", label): label for label in distinct})
     below = Grid(distinct, ("",), {(label, ""): label for label in distinct})
+    grids = _cross_grids(distinct)
     # Without a unit in common, labels are too long to stand side by side.
-    grids = [*([beside] if _without_unit(distinct)[0] else []), *_cross_grids(distinct)]
+    if _without_unit(distinct)[0]:
+        grids = [beside, *grids]
     fitting = [grid for grid in grids if times * len(grid.columns) <= MOST_COLUMNS]
     # A list of all conditions below each other always fits.
     if len(distinct) > 1:
@@ -191,7 +193,9 @@ def _map(
 
 
 def _place_on_map(phase: str) -> tuple[int, str]:
-    return ORDER.index(phase) if phase in ORDER else len(ORDER), phase
+    if phase in ORDER:
+        return ORDER.index(phase), phase
+    return len(ORDER), phase
 
 
 def _rows(
@@ -200,18 +204,24 @@ def _rows(
     grid: Grid,
     located: frozenset[tuple[str, str, str, str]],
 ) -> tuple[MapRow, ...]:
-    by_place = {
-        (cell.phase if len(phases) > 1 else phases[0], cell.condition): cell for cell in cells
-    }
+    cells_by_place = {}
+    for cell in cells:
+        phase = cell.phase
+        if len(phases) == 1:
+            phase = phases[0]
+        cells_by_place[phase, cell.condition] = cell
     across = [(phase, column) for phase in phases for column in grid.columns]
     largest = max((abs(cell.size) for cell in cells if isfinite(cell.size)), default=0.0)
     # One number of decimals for all cells of a signal, so that they can be compared at a glance.
-    places = max(0, decimals(largest, 3 if largest >= 1.0 else 2))
+    digits = 2
+    if largest >= 1.0:
+        digits = 3
+    places = max(0, decimals(largest, digits))
     return tuple(
         MapRow(
             row,
             tuple(
-                _shade(by_place.get((phase, grid.at.get((row, column), ""))), places, located)
+                _shade(cells_by_place.get((phase, grid.at.get((row, column), ""))), places, located)
                 for phase, column in across
             ),
         )
@@ -244,7 +254,9 @@ def _without_unit(columns: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
 def map_as_html(shown: Map, part: str) -> Markup:
     """A map as a table of HTML; `part` is the word for what was recorded, as "condition"."""
     width = len(shown.phases) * len(shown.columns)
-    css = "map tall" if width > PHONE_COLUMNS else "map"
+    css = "map"
+    if width > PHONE_COLUMNS:
+        css += " tall"
     return html(
         '<div class="wide" tabindex="0" role="region" aria-label="map of {}">\n'
         '<table class="{}" style="--columns: {}">\n<thead>\n{}\n</thead>\n{}\n</table>\n</div>',
@@ -282,8 +294,12 @@ def _signal(shown: Map, signal: str, rows: Sequence[MapRow], width: int) -> Mark
         pattern = '<tr><th scope="rowgroup" class="signal" colspan="{}">{}</th></tr>'
         lines.append(html(pattern, str(1 + width), signal))
     for row in rows:
-        css = "part" if shown.labelled else "signal"
-        label = row.label if shown.labelled else signal
+        if shown.labelled:
+            css = "part"
+            label = row.label
+        else:
+            css = "signal"
+            label = signal
         cells = [_shade_cell(shown, index, shade) for index, shade in enumerate(row.shades)]
         pattern = '<tr><th scope="row" class="{}">{}</th>\n{}</tr>'
         lines.append(html(pattern, css, label, join("", cells)))

@@ -10,6 +10,7 @@ from math import isfinite
 from rfca_rig.diagnosis.config import MAX_COORDINATE
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
+    Criterion,
     Diagnosis,
     Located,
     MovedPrior,
@@ -93,14 +94,18 @@ def compare_with_usual_error(place: Located) -> str:
     times = f"{format_significant(place.sigmas, 2)} times the usual error"
     if place.sigmas < 1.0:
         return f"{times}: real, but too small to matter"
-    return f"{times}: {'it matters' if place.sigmas >= MATTERS_FROM else 'it may matter'}"
+    if place.sigmas >= MATTERS_FROM:
+        return f"{times}: it matters"
+    return f"{times}: it may matter"
 
 
 def format_p_value(p_value: float) -> str:
     """A p-value as text; small ones as "< 0.001"."""
     if p_value < 0.0005:
         return "< 0.001"
-    return format_significant(p_value, 1 if p_value < 0.1 else 2)
+    if p_value < 0.1:
+        return format_significant(p_value, 1)
+    return format_significant(p_value, 2)
 
 
 def describe_effect(effect_id: str) -> str:
@@ -149,10 +154,10 @@ def _size(name: str, value: float) -> str:
     if unit == "relative":
         return f"{words} {_percent(value)}"
     if name == "factor":
-        return (
-            f"{words} {format_significant(value)} "
-            f"({'+' if value > 1.0 else ''}{_percent(value - 1.0)})"
-        )
+        change = _percent(value - 1.0)
+        if value > 1.0:
+            change = f"+{change}"
+        return f"{words} {format_significant(value)} ({change})"
     return f"{words} {format_significant(value)}{NO_BREAK}{unit.replace(' ', NO_BREAK)}".rstrip(
         NO_BREAK
     )
@@ -246,25 +251,27 @@ def nuisance_unit(diagnosis: Diagnosis, name: str) -> str:
 
 def acceptance_table(diagnosis: Diagnosis) -> Table:
     """Acceptance tests with what they require and what was observed; a marked row was failed."""
-    rows = tuple(
-        TableRow(
-            {
-                "test": criterion.name,
-                "required": criterion.required,
-                "observed": criterion.found.removesuffix(f", {criterion.required}")
-                if criterion.required
-                else criterion.found,
-                "result": "passed" if criterion.passed else "failed",
-            },
-            marked=not criterion.passed,
-        )
-        for criterion in diagnosis.criteria
-    )
+    rows = tuple(_acceptance_row(criterion) for criterion in diagnosis.criteria)
     columns = tuple(
         TableColumn(key, head)
         for key, head in zip(ACCEPTANCE, ("Test", "Required", "Observed", "Result"), strict=True)
     )
     return Table("acceptance-tests", "What an identified effect must pass.", columns, rows)
+
+
+def _acceptance_row(criterion: Criterion) -> TableRow:
+    observed = criterion.found
+    if criterion.required:
+        observed = observed.removesuffix(f", {criterion.required}")
+    return TableRow(
+        {
+            "test": criterion.name,
+            "required": criterion.required,
+            "observed": observed,
+            "result": "passed" if criterion.passed else "failed",
+        },
+        marked=not criterion.passed,
+    )
 
 
 def hypotheses_table(diagnosis: Diagnosis) -> Table:
@@ -341,23 +348,13 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         for name in names
     ]
     rows += [_row("Table II", name, misfit) for name, misfit in diagnosis.valley.items()]
-    held_out = (
-        (
-            TableColumn("held_out_before", "before", over=HELD_OUT),
-            TableColumn("held_out_after", "after", over=HELD_OUT),
-        )
-        if diagnosis.held_out
-        else ()
-    )
-    columns = (
+    columns = [
         TableColumn("of", role="group"),
         TableColumn("difference", "Difference, rms"),
         TableColumn("unit", "Unit"),
         TableColumn("before", over=ALL_DATA),
         TableColumn("after", over=ALL_DATA),
-        *held_out,
-        TableColumn("noise_floor", "Noise floor"),
-    )
+    ]
     if diagnosis.is_of_stretches:
         of_what = "rms over all stretches"
     else:
@@ -366,13 +363,17 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         f"Measured less simulated, {of_what}. Before: the nominal model; after: the model "
         "that this diagnosis arrives at."
     )
-    note = name_parts(
-        " Predicted: each condition left out in turn and computed from a fit to the others.",
-        diagnosis.is_of_stretches,
-    )
-    return Table(
-        "before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows)
-    )
+    if diagnosis.held_out:
+        columns += [
+            TableColumn("held_out_before", "before", over=HELD_OUT),
+            TableColumn("held_out_after", "after", over=HELD_OUT),
+        ]
+        caption += name_parts(
+            " Predicted: each condition left out in turn and computed from a fit to the others.",
+            diagnosis.is_of_stretches,
+        )
+    columns.append(TableColumn("noise_floor", "Noise floor"))
+    return Table("before-after", caption, tuple(columns), tuple(rows))
 
 
 def all_misfits(diagnosis: Diagnosis) -> dict[str, BeforeAfter]:
@@ -399,13 +400,17 @@ def _row(
         for misfit in (fit, held_out)
         if misfit is not None and misfit.noise_floor is not None
     ]
-    numbers = {
-        "before": fit.before if fit else None,
-        "after": fit.after if fit else None,
-        "noise_floor": floors[0] if floors else None,
-        "held_out_before": held_out.before if held_out else None,
-        "held_out_after": held_out.after if held_out else None,
-    }
+    numbers: dict[str, float | None] = dict.fromkeys(
+        ("before", "after", "noise_floor", "held_out_before", "held_out_after")
+    )
+    if fit is not None:
+        numbers["before"] = fit.before
+        numbers["after"] = fit.after
+    if floors:
+        numbers["noise_floor"] = floors[0]
+    if held_out is not None:
+        numbers["held_out_before"] = held_out.before
+        numbers["held_out_after"] = held_out.after
     words = signal_words(name.removeprefix("rms_"))
     unit = words_and_unit(name)[1]
     digits = max(

@@ -5,10 +5,11 @@ programs, exam.csv has a line for each case, and tables as CSV and LaTeX are for
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -16,7 +17,7 @@ from markupsafe import Markup
 from rfca_rig import __version__
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import DETECTABLE, OUTCOMES
-from rfca_rig.exam.score import LISTED, POWER_AT, ExamScores, Share
+from rfca_rig.exam.score import MAX_LISTED, POWER_AT, ExamScores, Share
 from rfca_rig.exam.scored import ExamResult, ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal, bars
 from rfca_rig.reports.diagnosis.json_file import to_json_types
@@ -170,17 +171,24 @@ def _goals(goals: Sequence[ScoreGoal]) -> PageSection:
 def _goal(goal: ScoreGoal) -> tuple[str | HtmlCell, ...]:
     limits = [("at least", goal.at_least), ("at most", goal.at_most)]
     # A limit above 1 is no share, but a mean number, and is not shown in percent.
-    plain = any(limit is not None and limit > 1.0 for _, limit in limits)
-    text = _plain if plain else share_text
-    worse = "above" if goal.at_least is not None else "below"
+    text: Callable[[float], str] = share_text
+    value = share_text(goal.value, trimmed=False)
+    if any(limit is not None and limit > 1.0 for _, limit in limits):
+        text = _plain
+        value = _plain(goal.value)
+    bound = ""
+    if goal.bound is not None and goal.at_least is not None:
+        bound = f"above {text(goal.bound)}"
+    elif goal.bound is not None:
+        bound = f"below {text(goal.bound)}"
     css = PASSED[goal.passed]
     return (
         HtmlCell("no case" if css == "none" else css, css),
         goal.name,
         " and ".join(f"{word} {text(limit)}" for word, limit in limits if limit is not None),
-        _plain(goal.value) if plain else share_text(goal.value, trimmed=False),
+        value,
         goal.counted,
-        f"{worse} {text(goal.bound)}" if goal.bound is not None else "",
+        bound,
     )
 
 
@@ -195,7 +203,10 @@ def _removed_effects(exam: ExamResult) -> PageSection | None:
     if not exam.taken_out:
         return None
     removed = ablation_table(exam.taken_out)
-    content = as_html(removed) if removed.rows else paragraph(removed.caption)
+    if removed.rows:
+        content = as_html(removed)
+    else:
+        content = paragraph(removed.caption)
     return PageSection("Effects removed from the catalogue", [content])
 
 
@@ -350,7 +361,10 @@ def _worst(marks: ExamScores) -> PageSection:
         )
         for miss in marks.worst
     ]
-    text = f"At most {LISTED}: wrong effects first, then missed effects by size, then wrong values."
+    text = (
+        f"At most {MAX_LISTED}: wrong effects first, then missed effects by size, then wrong "
+        "values."
+    )
     return PageSection(
         "Worst answers", [card_table("worst answers", WORST_ANSWERS, rows), aside(text)]
     )
@@ -372,7 +386,9 @@ def share_text(value: float, trimmed: bool = True) -> str:
     if not isfinite(value):
         return NOTHING
     text = number(100.0 * value, 1)
-    return f"{text.removesuffix('.0') if trimmed else text}{NO_BREAK}%"
+    if trimmed:
+        text = text.removesuffix(".0")
+    return f"{text}{NO_BREAK}%"
 
 
 def _sentence(marks: ExamScores, count: int) -> str:
@@ -380,12 +396,11 @@ def _sentence(marks: ExamScores, count: int) -> str:
     names = marks.false_discoveries
     null = marks.null_false_claims
     text = f"{count_noun(count, 'campaign')} of another simulator with hidden effects: "
-    were = "was" if names.of == 1 else "were"
-    text += (
-        f"{names.hits} of {count_noun(names.of, 'identified effect')} {were} wrong"
-        if names.of
-        else "no effect was identified"
-    )
+    if names.of:
+        were = "was" if names.of == 1 else "were"
+        text += f"{names.hits} of {count_noun(names.of, 'identified effect')} {were} wrong"
+    else:
+        text += "no effect was identified"
     if null.of:
         return (
             f"{text}; in {null.hits or 'none'} of {null.of} campaigns without one, an effect "
@@ -470,7 +485,9 @@ def _time(marked: Sequence[ScoredCase]) -> str:
 def _command_line(exam: ExamResult) -> str:
     """Command line that writes and scores the same cases again."""
     numbers = {kind: number for kind, number in exam.plan.numbers.items() if number}
-    only = next(iter(numbers)) if len(numbers) == 1 else None
+    only = None
+    if len(numbers) == 1:
+        only = next(iter(numbers))
     options = {
         "--out": "exam",
         "--seed": exam.plan.seed,
@@ -506,13 +523,10 @@ def write_exam(exam: ExamResult, out: Path) -> None:
     """Writes all files into the existing folder `out`. Raises RigError where a file cannot be
     written.
     """
-    taken_out = (ablation_table(exam.taken_out),) if exam.taken_out else ()
-    tables = (
-        bars_table(bars(exam.marks)),
-        follow_up_table(exam.ways),
-        *taken_out,
-        confusion_table(exam.cases),
-    )
+    tables = [bars_table(bars(exam.marks)), follow_up_table(exam.ways)]
+    if exam.taken_out:
+        tables.append(ablation_table(exam.taken_out))
+    tables.append(confusion_table(exam.cases))
     contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), **table_files(tables)}
     write_all(out, {"exam.html": page(exam, tuple(contents), version_text()), **contents})
 
@@ -526,11 +540,12 @@ def as_csv(exam: ExamResult) -> str:
 
 
 def _line(case: ScoredCase) -> list[str]:
+    probability = ""
     if case.probabilities:
         probability = f"{min(case.probabilities):.4f}"
-    else:
-        probability = ""
-    seconds = "" if case.seconds is None else f"{case.seconds:.1f}"
+    seconds = ""
+    if case.seconds is not None:
+        seconds = f"{case.seconds:.1f}"
     answer = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
     return [
         case.id,
@@ -546,9 +561,9 @@ def as_json(exam: ExamResult) -> str:
     """The JSON document: required scores (bars), all scores (marks), and every case; unknown
     values are null.
     """
-    scores = {
-        field.name: _plain_score(getattr(exam.marks, field.name)) for field in fields(exam.marks)
-    }
+    taken_out = None
+    if exam.taken_out:
+        taken_out = _plain_scores(exam.taken_out)
     confused = [
         {"truth": true, "named": called, "count": count}
         for (true, called), count in sorted(exam.marks.confusion.items())
@@ -559,17 +574,17 @@ def as_json(exam: ExamResult) -> str:
         "seed": exam.plan.seed,
         "numbers": exam.plan.numbers,
         "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
-        "marks": scores | {"confusion": confused},
+        "marks": _plain_scores(exam.marks) | {"confusion": confused},
         "follow_ups": [asdict(way) for way in exam.ways],
-        "taken_out": {
-            field.name: _plain_score(getattr(exam.taken_out, field.name))
-            for field in fields(exam.taken_out)
-        }
-        if exam.taken_out
-        else None,
+        "taken_out": taken_out,
         "cases": [asdict(case) for case in exam.cases],
     }
     return json.dumps(to_json_types(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain_scores(scores: Any) -> dict[str, object]:
+    """The fields of a dataclass of scores."""
+    return {field.name: _plain_score(getattr(scores, field.name)) for field in fields(scores)}
 
 
 def _plain_score(value: object) -> object:
@@ -584,4 +599,6 @@ def _plain_score(value: object) -> object:
         }
     if isinstance(value, tuple):
         return [_plain_score(item) for item in value]
-    return asdict(value) if hasattr(value, "__dataclass_fields__") else value  # type: ignore[call-overload]
+    if hasattr(value, "__dataclass_fields__"):
+        return asdict(value)  # type: ignore[call-overload]
+    return value

@@ -130,14 +130,12 @@ def _draw_power_axes(axes: Axes, single: Sequence[ScoredCase]) -> None:
     below = np.zeros(cases.LEVELS)
     listed = {outcome for outcomes, _, _ in PARTS for outcome in outcomes}
     for outcomes, colour, words in PARTS:
-        inside = np.array(
-            [
-                case.outcome in outcomes if outcomes else case.outcome not in listed
-                for case in single
-            ],
-            dtype=bool,
-        )
-        share = np.bincount(level[inside], minlength=cases.LEVELS) / np.maximum(total, 1)
+        if outcomes:
+            inside = [case.outcome in outcomes for case in single]
+        else:
+            inside = [case.outcome not in listed for case in single]
+        counts = np.bincount(level[np.array(inside, dtype=bool)], minlength=cases.LEVELS)
+        share = counts / np.maximum(total, 1)
         axes.bar(centres, share, 0.86 / cases.LEVELS, bottom=below, color=colour, label=words)
         below = below + share
     for x, count in zip(centres, total, strict=True):

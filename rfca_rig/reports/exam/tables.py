@@ -167,7 +167,9 @@ def _bar(bar: ScoreGoal) -> dict[str, Value]:
         reached = float(f"{bar.value:.4g}")
     else:
         reached = None
-    bound = None if bar.bound is None else float(f"{bar.bound:.3g}")
+    bound = None
+    if bar.bound is not None:
+        bound = float(f"{bar.bound:.3g}")
     return {
         "mark": bar.name,
         "goal": goal,

@@ -157,13 +157,15 @@ def _health_and_limits(story: RunStory) -> SideBySide | None:
     texts = [(name, keep_units_together(text)) for name, text in health(story)]
     if not texts:
         return None
-    limits = _limits(story)
+    limits_section = None
+    if limits := _limits(story):
+        limits_section = PageSection("Limits in force", [pairs(limits)])
     return SideBySide(
         "sides",
         [
             [PageSection("How it went", [pairs(texts)])],
             # Without limits their column stays free.
-            [PageSection("Limits in force", [pairs(limits)]) if limits else None],
+            [limits_section],
         ],
     )
 
@@ -283,11 +285,14 @@ def health(story: RunStory) -> Pairs:
     """Health of a run: pairs of name and text, with the limit where there is one."""
     known = story.recording.provenance
     times = json.loads(known.get("resumed", "[]"))
+    lasted = ""
+    if "lasted_s" in known:
+        lasted = f"{float(known['lasted_s']):.1f} s"
     texts = {
         "ended": _end_text(known),
         "in or after": known.get("ended_in_stage", ""),
         "began": date_text(known.get("started_at", "")),
-        "lasted": f"{float(known['lasted_s']):.1f} s" if "lasted_s" in known else "",
+        "lasted": lasted,
         "shaft, once the torque was gone": known.get("standstill", ""),
         "longest gap of the control loop": _gap(story),
         "records of the sensor": known.get("sensor_records", ""),
@@ -316,11 +321,12 @@ def _end_text(known: Mapping[str, str]) -> str:
 def _gap(story: RunStory) -> str:
     gap_ms = story.recording.provenance.get("worst_loop_gap_ms", "")
     late_s = story.limits.get("late_s")
-    if gap_ms:
-        return f"{float(gap_ms):.1f} ms" + (
-            f", may be late by {1e3 * late_s:g} ms" if late_s else ""
-        )
-    return ""
+    if not gap_ms:
+        return ""
+    text = f"{float(gap_ms):.1f} ms"
+    if late_s:
+        text += f", may be late by {1e3 * late_s:g} ms"
+    return text
 
 
 def _tares(events: Sequence[Mapping[str, Any]]) -> str:
@@ -402,7 +408,10 @@ def _limits(story: RunStory) -> list[tuple[str, str]]:
             first, last = (
                 f"{factor * limits[key]:.4g} {unit}" for limits in (story.limits, story.last_limits)
             )
-            lines.append((words, first if first == last else f"{first}, later {last}"))
+            text = first
+            if last != first:
+                text += f", later {last}"
+            lines.append((words, text))
     return lines
 
 
@@ -440,12 +449,10 @@ def _sentence(story: RunStory) -> str:
         return "Recorded elsewhere: what was not imported is not shown here."
     if ended == DONE:
         return "The whole plan was carried out."
+    if not ended and interrupted:
+        return keep_units_together(f"{interrupted[:1].upper()}{interrupted[1:]}.")
     if not ended:
-        return keep_units_together(
-            f"{interrupted[:1].upper()}{interrupted[1:]}."
-            if interrupted
-            else "The run was never brought to its end."
-        )
+        return "The run was never brought to its end."
     if _has_tripped(known):
         explained = (
             f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}."
@@ -469,11 +476,12 @@ def _share(story: RunStory, done: Table) -> tuple[str, str] | None:
     if not planned:
         return None
     count = sum(int(str(row.values["done"])) for row in done.rows)
-    words = {"dynamic": "strokes", "static": "static stages", "fatigue": "cycles and stages"}
-    return (
-        f"{in_thousands(str(count))} of {in_thousands(str(planned))}",
-        f"{words[story.plan.experiment] if story.plan else 'parts'} recorded",
-    )
+    counted = "parts"
+    if story.plan:
+        words = {"dynamic": "strokes", "static": "static stages", "fatigue": "cycles and stages"}
+        counted = words[story.plan.experiment]
+    share = f"{in_thousands(str(count))} of {in_thousands(str(planned))}"
+    return share, f"{counted} recorded"
 
 
 def _loads_sentence(story: RunStory) -> str:
@@ -481,13 +489,14 @@ def _loads_sentence(story: RunStory) -> str:
     if not peaks:
         return "No force was recorded."
     peak, part = max(peaks, key=lambda pair: pair[0].force_N)
-    limit = part.begun.limits.get("force_N") if part.begun else None
-    expected = part.expected
+    limit = None
+    if part.begun:
+        limit = part.begun.limits.get("force_N")
     sentence = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
-    sentence += (
-        f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
-    )
-    sentence += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
+    if limit:
+        sentence += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N"
+    if part.expected:
+        sentence += f"; the model expected {part.expected.force_N:.1f} N there"
     return keep_units_together(f"{sentence}.")
 
 

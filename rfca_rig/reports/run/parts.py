@@ -253,12 +253,13 @@ def _parts(
         )
     holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
     for index, static in enumerate(recording.static):
+        raw = None
+        beginning = None
         # Samples belong to means one for one, or it is not known which belong to which.
         if len(holds) == len(recording.static):
             raw = holds[index]
-        else:
-            raw = None
-        yield _static(static, raw, expected, _next(begun, raw.label) if raw else None)
+            beginning = _next(begun, raw.label)
+        yield _static(static, raw, expected, beginning)
 
 
 def _next(begun: Mapping[str, list[PartBeginning]], label: str) -> PartBeginning | None:

@@ -116,9 +116,9 @@ def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
         for part, figure, axes, hovers in drawn:
             axes.set_xlim(first_s, last_s)
             axes.set_ylim(limits_N)
-            title = part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (
-                " ✗" if part.ended else ""
-            )
+            title = part.label.removeprefix("flap ").replace(", repeat ", ", no. ")
+            if part.ended:
+                title += " ✗"
             label = html_text(f"fz over time, {title}, measured and expected")
             panels.append(
                 Panel(
@@ -221,6 +221,9 @@ def draw_cycles(story: RunStory, is_narrow: bool) -> str:
     expected = next(
         (part.expected for part in story.parts if part.kind == "cycles" and part.expected), None
     )
+    columns = CYCLE_COLUMNS
+    if is_narrow:
+        columns //= 2
     with drawing():
         figure, axes = _make_figure(is_narrow)
         if expected is not None:
@@ -230,7 +233,7 @@ def draw_cycles(story: RunStory, is_narrow: bool) -> str:
             (cycles.min_fz_N[order], (0, (3, 1.5))),
         ):
             axes.plot(
-                *envelope(numbers, values, CYCLE_COLUMNS // (2 if is_narrow else 1)),
+                *envelope(numbers, values, columns),
                 color=MEASURED,
                 lw=0.8,
                 ls=dashes,
@@ -284,9 +287,10 @@ def _make_figure(is_narrow: bool) -> tuple[Figure, Axes]:
 
 def _count_below(axes: Axes, is_narrow: bool) -> None:
     """Labels the x axis with whole numbers, grouped by thousands."""
-    axes.xaxis.set_major_locator(
-        MaxNLocator(integer=True, nbins=MOST_TICKS // 2 if is_narrow else MOST_TICKS)
-    )
+    ticks = MOST_TICKS
+    if is_narrow:
+        ticks //= 2
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=ticks))
     axes.xaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
 
 

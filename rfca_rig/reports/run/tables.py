@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.static_forces import stiffness_drift
+from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Cycles, Flap, StiffnessCheck, cycles_in
 from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME
 from rfca_rig.recording.model import RawStage, Recording, Stream, Stroke
@@ -93,7 +94,9 @@ def _drift(device: str, streams: Sequence[Stream]) -> ClockDrift | None:
     pairs = sorted(pair for stream in streams for pair in _shortest_delays(stream))
     host_s, device_s = np.array(pairs).reshape(-1, 2).T
     restarts = np.flatnonzero(np.diff(device_s) < 0.0)
-    since = int(restarts[-1]) + 1 if len(restarts) else 0
+    since = 0
+    if len(restarts):
+        since = int(restarts[-1]) + 1
     ahead_s = (device_s - host_s)[since:]
     host_s = host_s[since:]
     if len(host_s) < FEWEST_BLOCKS or np.ptp(host_s) < BLOCK_S:
@@ -148,14 +151,20 @@ def stages_table(story: RunStory) -> Table:
 
 
 def _stage(part: RunPart) -> dict[str, Value]:
+    begun_s = None
+    if part.begun:
+        begun_s = part.begun.t_s
+    cut_short = ""
+    if part.ended:
+        cut_short = f"cut short: {part.ended}"
     return {
-        "begun_s": part.begun.t_s if part.begun else None,
+        "begun_s": begun_s,
         "stage": part.label,
         "kind": part.kind,
         "condition": part.condition,
         "samples": part.samples,
         **_loads(part),
-        "cut_short": f"cut short: {part.ended}" if part.ended else "",
+        "cut_short": cut_short,
     }
 
 
@@ -179,21 +188,31 @@ def loads_sentence(story: RunStory) -> str:
 
 def _loads(part: RunPart) -> dict[str, Value]:
     """Cells of loads; shares refer to the limits in force when the part began."""
-    peak = part.peak
-    expected = part.expected
-    limits = part.begun.limits if part.begun else {}
-    force = limits.get("force_N")
-    torque = limits.get("torque_Nm")
+    peak_N, peak_Nm = _force_and_moment(part.peak)
+    expected_N, expected_Nm = _force_and_moment(part.expected)
+    limits: Mapping[str, float] = {}
+    if part.begun:
+        limits = part.begun.limits
     return {
-        "peak_force_N": None if peak is None else peak.force_N,
-        "expected_force_N": None if expected is None else expected.force_N,
-        "force_of_limit_pct": None if peak is None or not force else 100.0 * peak.force_N / force,
-        "peak_moment_Nm": None if peak is None else peak.torque_Nm,
-        "expected_moment_Nm": None if expected is None else expected.torque_Nm,
-        "moment_of_limit_pct": None
-        if peak is None or not torque
-        else 100.0 * peak.torque_Nm / torque,
+        "peak_force_N": peak_N,
+        "expected_force_N": expected_N,
+        "force_of_limit_pct": _percent_of_limit(peak_N, limits.get("force_N")),
+        "peak_moment_Nm": peak_Nm,
+        "expected_moment_Nm": expected_Nm,
+        "moment_of_limit_pct": _percent_of_limit(peak_Nm, limits.get("torque_Nm")),
     }
+
+
+def _force_and_moment(load: Load | None) -> tuple[float | None, float | None]:
+    if load is None:
+        return None, None
+    return load.force_N, load.torque_Nm
+
+
+def _percent_of_limit(value: float | None, limit: float | None) -> float | None:
+    if value is None or not limit:
+        return None
+    return 100.0 * value / limit
 
 
 def conditions_table(story: RunStory) -> Table:
@@ -205,10 +224,10 @@ def conditions_table(story: RunStory) -> Table:
     for key in dict.fromkeys([*planned, *(_key(part) for part in done)]):
         of_key = [part for part in done if _key(part) == key]
         rows.append(_condition_row(key, planned.get(key), of_key))
-    columns = (
-        TableColumn("kind", "What"),
-        TableColumn("condition", "Condition"),
-        *((TableColumn("planned", "Planned"),) if planned else ()),
+    columns = [TableColumn("kind", "What"), TableColumn("condition", "Condition")]
+    if planned:
+        columns.append(TableColumn("planned", "Planned"))
+    columns += [
         TableColumn("done", "Done"),
         TableColumn(
             "mean_peak_force_N", "mean", digits=2, half="std_peak_force_N", over="Peak force"
@@ -216,17 +235,18 @@ def conditions_table(story: RunStory) -> Table:
         TableColumn("std_peak_force_N", role="kept"),
         TableColumn("largest_peak_force_N", "largest", digits=1, over="Peak force"),
         TableColumn("expected_force_N", "expected", digits=1, over="Peak force"),
-    )
+    ]
     caption = (
         "Peaks of all axes: mean ± one standard deviation (n - 1) over what was done; of "
         "static stages, whose angles differ, the largest."
     )
-    return Table("conditions", caption, columns, tuple(rows))
+    return Table("conditions", caption, tuple(columns), tuple(rows))
 
 
 def _key(part: RunPart) -> tuple[str, str]:
-    kind = "cycles" if part.kind == "cut short" else part.kind
-    return kind, part.condition if part.kind != "cut short" else part.label.partition(", ")[2]
+    if part.kind == "cut short":
+        return "cycles", part.label.partition(", ")[2]
+    return part.kind, part.condition
 
 
 def _plan_counts(story: RunStory) -> dict[tuple[str, str], int]:
@@ -258,7 +278,9 @@ def _condition_row(key: tuple[str, str], planned: int | None, parts: Sequence[Ru
     )
     # Static stages of one height have different angles: their mean peak would mean nothing.
     if peaks and key[0] != "static stage":
-        std = float(np.std(peaks, ddof=1)) if len(peaks) > 1 else None
+        std = None
+        if len(peaks) > 1:
+            std = float(np.std(peaks, ddof=1))
         values |= {"mean_peak_force_N": float(np.mean(peaks)), "std_peak_force_N": std}
     return TableRow(values, marked=planned is not None and count < planned)
 
@@ -361,9 +383,11 @@ def _cycles_before(story: RunStory) -> dict[int, int]:
     """Planned number of cycles before each check by its number; a single stroke counts as a
     cycle.
     """
-    counts = {}
+    counts: dict[int, int] = {}
+    if not story.plan:
+        return counts
     turned = 0
-    for stage in story.plan.stages if story.plan else ():
+    for stage in story.plan.stages:
         match stage:
             case StiffnessCheck():
                 counts[stage.number] = turned

@@ -110,7 +110,7 @@ def static_json(
         ],
         "common": [
             {
-                "what": d.says,
+                "what": d.words,
                 "unit": d.unit,
                 "value": _round(d.value, 6),
                 "std": _round(d.std, 6),
@@ -120,7 +120,7 @@ def static_json(
         ],
         "elastica": [
             {
-                "holds": e.says,
+                "holds": e.words,
                 "free_mm": _round(1e3 * e.free_m, 3),
                 "k0_Nm_per_rad": _round(e.k0_Nm_per_rad, 5),
                 "k2_per_rad2": _round(e.k2_per_rad2, 5),
@@ -143,45 +143,49 @@ def summary(result: StaticResult) -> dict[str, Any]:
     loop = result.loop
     low, high = sorted(abs(float(np.degrees(angle))) for angle in result.curve.range_rad)
     stage = result.most_bent
+    most_bent = None
+    if stage is not None:
+        most_bent = {
+            "bend_deg": _round(stage.bend_deg, 3),
+            "height_mm": _round(1e3 * stage.height_m, 3),
+            "stage": stage.stage,
+            "shaft_angle_deg": _round(np.degrees(stage.shaft_angle_rad), 3),
+        }
+    loop_values = None
+    if loop is not None:
+        loop_values = {
+            "half_Nm": _round(loop.half_Nm, 6),
+            "std_Nm": _round(loop.std_Nm, 6),
+            "seen": loop.seen,
+        }
+    hinge_noise_deg = None
+    if (result.data.unstated & result.data.seen).any():
+        hinge_noise_deg = _round(np.degrees(errors.hinge_std_rad), 4)
+    stated_noise_times = None
+    if (~result.data.unstated & result.data.seen).any():
+        stated_noise_times = _round(errors.stated_factor, 4)
     return {
         "stages": len(result.data.stages),
         "angles": int(result.data.seen.sum()),
         "range_deg": [_round(low, 3), _round(high, 3)],
         # The stage with the largest angle between first and last link; none where no stage has all
         # hinge angles.
-        "most_bent": None
-        if stage is None
-        else {
-            "bend_deg": _round(stage.bend_deg, 3),
-            "height_mm": _round(1e3 * stage.height_m, 3),
-            "stage": stage.stage,
-            "shaft_angle_deg": _round(np.degrees(stage.shaft_angle_rad), 3),
-        },
+        "most_bent": most_bent,
         "k0_Nm_per_rad": _value(values.k0_Nm_per_rad, values.k0_std, values.reach),
         "k2_per_rad2": _value(values.k2_per_rad2, values.k2_std, values.reach),
         "correlation": _round(values.correlation, 4),
         "law": {
             "holds": form.holds,
-            "chance": float(f"{form.chance:.3g}"),
+            "chance": float(f"{form.p_value:.3g}"),
             "apart_Nm": _round(form.apart_Nm, 5),
             "apart_relative": _round(form.apart_relative, 5),
             "at_deg": _round(np.degrees(form.at_rad), 3),
         },
         "rest_angles": _rests(result),
-        "loop": None
-        if loop is None
-        else {
-            "half_Nm": _round(loop.half_Nm, 6),
-            "std_Nm": _round(loop.std_Nm, 6),
-            "seen": loop.seen,
-        },
+        "loop": loop_values,
         "noise": {
-            "hinge_deg": _round(np.degrees(errors.hinge_std_rad), 4)
-            if (result.data.unstated & result.data.seen).any()
-            else None,
-            "stated_angles_times": _round(errors.stated_factor, 4)
-            if (~result.data.unstated & result.data.seen).any()
-            else None,
+            "hinge_deg": hinge_noise_deg,
+            "stated_angles_times": stated_noise_times,
             "fz_N": _round(errors.force_factor * float(np.median(result.data.force_std[:, 1])), 5),
         },
         "remarks": remarks(result),
@@ -192,7 +196,7 @@ def _rests(result: StaticResult) -> dict[str, Any] | None:
     """Rest angles fitted with the law, or with the measured curve where the law does not hold;
     None where they count as exact.
     """
-    rests = result.rests[0 if result.form.holds else 1]
+    rests = result.rests_of_curve
     if rests is None:
         return None
     return {

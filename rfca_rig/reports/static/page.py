@@ -136,6 +136,9 @@ def _opening(
         for s in sources
     ]
     doubts = [keep_units_together(_signs(text)) for text in remarks(result)]
+    doubt_list = EMPTY
+    if doubts:
+        doubt_list = bullets(doubts, "remarks")
     return join(
         "\n",
         [
@@ -145,7 +148,7 @@ def _opening(
             division("values", *_values(result)),
             paragraph(_standfirst(result), "standfirst"),
             page_links(context.links),
-            bullets(doubts, "remarks") if doubts else EMPTY,
+            doubt_list,
         ],
     )
 
@@ -153,10 +156,14 @@ def _opening(
 def _curve(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> PageSection:
     angles = count_noun(int(result.data.seen.sum()), "hinge angle")
     law_holds = result.form.holds
-    drawn = "law" if law_holds else "splines"
-    other = "splines" if law_holds else "the nearest law"
+    if law_holds:
+        drawn = "law"
+        other = "splines"
+    else:
+        drawn = "splines"
+        other = "the nearest law"
     predicted = [
-        legend_line("var(--faint)", 1.4, f"elastica, {curve.says}", _svg_dash(style))
+        legend_line("var(--faint)", 1.4, f"elastica, {curve.words}", _svg_dash(style))
         for curve, style in zip(elastica, ELASTICA_STYLES, strict=True)
     ]
     colours = legend(
@@ -236,7 +243,7 @@ def _noise(result: StaticResult) -> PageSection:
 def _systematic_errors(result: StaticResult) -> PageSection:
     errors = _with_apostrophes(systematic_errors_table(result))
     contents = [as_html(errors), aside(_rest_angles(result))]
-    if all(error.says != "gain of the force sensor" for error in result.systematic_errors):
+    if all(error.words != "gain of the force sensor" for error in result.systematic_errors):
         pattern = (
             "The gain of the force sensor counts as exact: 1 % in it is 1 % of every torque. "
             "State it with {}."
@@ -266,7 +273,9 @@ def _photo(photo: StagePhoto) -> Markup:
         shown = html('<img src="{}" alt="the leg at {}">', photo.data, label)
     else:
         shown = html('<div class="gone">{}</div>', photo.missing)
-    doubts = html("<br><b>{}</b>", photo.doubts) if photo.doubts else EMPTY
+    doubts = EMPTY
+    if photo.doubts:
+        doubts = html("<br><b>{}</b>", photo.doubts)
     return html("<figure>\n{}\n<figcaption>{}{}</figcaption>\n</figure>", shown, label, doubts)
 
 
@@ -341,7 +350,9 @@ def _stage_cell(head: str, css: str, text: str) -> Markup:
 
 
 def _method(model_file: str | None, files: Sequence[str]) -> PageSection:
-    model = f"the model in {model_file}" if model_file else "the nominal model"
+    model = "the nominal model"
+    if model_file:
+        model = f"the model in {model_file}"
     contents = [paragraph(f"{METHOD} {model}.")]
     if "model.toml" in files:
         pattern = "{} is the model with these hinges, for {}, {} and {} with {}."
@@ -400,7 +411,9 @@ def _values(result: StaticResult) -> list[Markup]:
 
 def _fit(value: float, error: float) -> str:
     """A value with as many decimals as show two digits of its error."""
-    return number(value, max(places(error, 2), 0) if error > 0.0 else 3)
+    if error > 0.0:
+        return number(value, max(places(error, 2), 0))
+    return number(value, 3)
 
 
 def _standfirst(result: StaticResult) -> str:
@@ -443,7 +456,7 @@ def _rest_sentence(result: StaticResult) -> str:
     if form.holds:
         return keep_units_together(
             f"Splines bring χ² down by {form.gain:.1f} for {form.more} more numbers, "
-            f"which chance does in {100 * form.chance:.2g} % "
+            f"which chance does in {100 * form.p_value:.2g} % "
             f"of cases, and part from the law by {abs(form.apart_Nm):.3f} N m at most, "
             f"{abs(100 * form.apart_relative):.2g} % of the largest torque."
         )
@@ -456,7 +469,7 @@ def _rest_angles(result: StaticResult) -> str:
     """Sentence on the rest angles fitted with the law, or with the measured curve where the law
     does not hold.
     """
-    rests = result.rests[0 if result.form.holds else 1]
+    rests = result.rests_of_curve
     if rests is None:
         return (
             "The rest angles count as exact. State how well they are known as rest_angle_deg "
@@ -473,7 +486,10 @@ def _loop_sentence(result: StaticResult) -> str:
     loop = result.loop
     if loop is None:
         return "No hinge turned back far enough to show a loop."
-    seen = "a loop is there" if loop.seen else "no loop is seen"
+    if loop.seen:
+        seen = "a loop is there"
+    else:
+        seen = "no loop is seen"
     return keep_units_together(
         f"Of {count_noun(loop.bending + loop.unbending, 'angle')} that were clearly "
         f"turned to, {loop.unbending} came back. Between bending "

@@ -62,7 +62,7 @@ def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -
     def draw(axes: Axes) -> None:
         _draw_elastica(axes, elastica, lambda prediction: prediction.torque_Nm)
         _draw_curve(axes, result.curve, result.curve.torque_Nm, flips=True)
-        other = result.free if result.form.holds else result.law
+        other = result.other_curve
         grid = other.grid_rad()
         axes.plot(
             _deg(other, grid),
@@ -101,7 +101,7 @@ def draw_stiffness(result: StaticResult, elastica: Sequence[PredictedHingeCurve]
     def draw(axes: Axes) -> None:
         _draw_elastica(axes, elastica, lambda prediction: prediction.stiffness_Nm_per_rad)
         _draw_curve(axes, result.curve, result.curve.stiffness_Nm_per_rad, flips=False)
-        other = result.free if result.form.holds else result.law
+        other = result.other_curve
         grid = other.grid_rad()
         axes.plot(
             _deg(other, grid),
@@ -188,7 +188,8 @@ def _draw_curve(
 ) -> None:
     grid = curve.grid_rad()
     value, std = of(grid)
-    value = value * (curve.bends if flips else 1.0)
+    if flips:
+        value = value * curve.bends
     x = _deg(curve, grid)
     axes.fill_between(
         x, value - curve.reach * std, value + curve.reach * std, color=SIMULATED, alpha=0.55, lw=0

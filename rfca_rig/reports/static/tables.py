@@ -15,6 +15,7 @@ from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
 from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value, with_common_decimals
+from rfca_rig.reports.text import number_equal_names
 
 # Step of the curve's table for reading; doubled until the table has FEW_LINES lines or less.
 TABLE_STEP_DEG = 2.5
@@ -98,7 +99,9 @@ def full_curve_table(curve: TorqueCurve) -> Table:
 def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: bool = False) -> Table:
     # Shown with bending positive, angle and torque change sign together; stiffness, their
     # derivative, does not.
-    side = 1.0 if signed else curve.bends
+    side = curve.bends
+    if signed:
+        side = 1.0
     torque, torque_std = curve.torque_Nm(phi)
     stiffness, stiffness_std = curve.stiffness_Nm_per_rad(phi)
     numbers = zip(
@@ -181,7 +184,7 @@ def systematic_errors_table(result: StaticResult) -> Table:
     rows = tuple(
         TableRow(
             {
-                "what": d.says,
+                "what": d.words,
                 "off": d.value,
                 "off_std": d.std,
                 "known_to": float(f"{d.prior_std:.2g}"),
@@ -218,7 +221,7 @@ def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
                 "k2_half": law.reach * law.k2_std,
             }
         )
-        for name, law in zip(names, result.repeats.each, strict=False)
+        for name, law in zip(names, result.repeats.values, strict=False)
     )
     columns = (
         TableColumn("recording", "Recording"),
@@ -235,7 +238,7 @@ def elastica_table(predicted: Sequence[PredictedHingeCurve], result: StaticResul
     values = result.values
     rows: list[dict[str, Value]] = [
         {
-            "held": curve.says,
+            "held": curve.words,
             "free_mm": 1e3 * curve.free_m,
             "k0_Nm_per_rad": curve.k0_Nm_per_rad,
             "k2_per_rad2": curve.k2_per_rad2,
@@ -277,10 +280,6 @@ def static_sources(
     """One source for each recording, read at the path of the same place; equal titles are
     numbered in their order.
     """
-    titles = [recording.title for recording in recordings]
-    names = [
-        f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title
-        for i, title in enumerate(titles)
-    ]
+    names = number_equal_names([recording.title for recording in recordings])
     folders = [path if path.is_dir() else path.parent for path in paths]
     return tuple(StaticSource(*parts) for parts in zip(names, folders, recordings, strict=True))

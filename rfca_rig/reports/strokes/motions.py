@@ -129,7 +129,9 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         speeds = [states.get((overlay.condition, speed_name)) for overlay in signal_overlays]
         position = np.concatenate([overlay.measured for overlay in positions])
         # Where no speed was recorded: central differences of the binned position.
-        factor = np.radians(1.0) if unit == "deg" else 1.0
+        factor = 1.0
+        if unit == "deg":
+            factor = np.radians(1.0)
         speed = np.concatenate(
             [
                 factor * np.gradient(p.measured, p.t_s) if s is None else s.measured
@@ -300,13 +302,8 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
         Where a file cannot be written.
     """
     shown_fit = convert_fit(fit)
-    tables, shown_tables = (
-        (
-            _error_table(report, window_fit),
-            *((_shift_table(window_fit, is_shown),) if window_fit.shifts else ()),
-        )
-        for window_fit, is_shown in ((fit, False), (shown_fit, True))
-    )
+    tables = _list_tables(report, fit, is_shown=False)
+    shown_tables = _list_tables(report, shown_fit, is_shown=True)
     contents = {
         JSON: json.dumps({"title": report.title, **fit.plain(MECHANISM_FIT)}, indent=1) + "\n",
         **table_files(tables),
@@ -345,9 +342,12 @@ def _opening(report: MotionsReport, fit: WindowFit, links: Sequence[PageLink]) -
 
 
 def _errors_and_values(fit: WindowFit, tables: Sequence[Table]) -> PageSection:
+    title = "Errors"
+    if fit.shifts:
+        title = "Errors and fitted values"
     correlated = [describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated]
     return PageSection(
-        "Errors and fitted values" if fit.shifts else "Errors",
+        title,
         [
             *(as_html(table, "dense") for table in tables),
             *(aside(f"{text}.") for text in correlated),
@@ -407,30 +407,33 @@ def _draw_panels(pictures: Sequence[Picture]) -> list[Markup]:
     ]
 
 
+def _list_tables(report: MotionsReport, fit: WindowFit, is_shown: bool) -> list[Table]:
+    tables = [_error_table(report, fit)]
+    if fit.shifts:
+        tables.append(_shift_table(fit, is_shown))
+    return tables
+
+
 def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
     caption = (
         f"Rms of measured less simulated. Each window of {report.window_s:g} s is simulated "
         "from the measured state at its start. "
     )
+    columns: tuple[TableColumn, ...] = ALWAYS
     if fit.shifts:
+        columns = (*ALWAYS, *OF_FIT)
         caption += (
             "Held-out: each condition of about four windows is predicted with values fitted "
             "to all others."
         )
-    columns = (*ALWAYS, *OF_FIT) if fit.shifts else ALWAYS
     feet = tuple(
         Foot(f"All: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5)
         for e in fit.totals
     )
     # For a single recording the totals would repeat its own errors.
-    is_one = len({error.run for error in fit.errors}) == 1
-    return Table(
-        f"{STEM}-errors",
-        caption,
-        columns,
-        tuple(map(_error_row, fit.errors)),
-        () if is_one else feet,
-    )
+    if len({error.run for error in fit.errors}) == 1:
+        feet = ()
+    return Table(f"{STEM}-errors", caption, columns, tuple(map(_error_row, fit.errors)), feet)
 
 
 def _errors(error: SignalError) -> dict[str, float | None]:
@@ -452,7 +455,12 @@ def _shift_table(fit: WindowFit, is_shown: bool) -> Table:
     a column for the unit.
     """
     caption = "Shift of each nominal value that fits all recordings best, ± one standard deviation"
-    caption += "." if is_shown else "; its unit is the end of its name."
+    columns: tuple[TableColumn, ...] = SHIFTS
+    if is_shown:
+        caption += "."
+        columns = (SHIFTS[0], TableColumn("unit", "Unit"), *SHIFTS[1:])
+    else:
+        caption += "; its unit is the end of its name."
     strained = [abs(shift.value) > STRAINED * shift.prior_std for shift in fit.shifts]
     if any(strained):
         caption += (
@@ -461,14 +469,11 @@ def _shift_table(fit: WindowFit, is_shown: bool) -> Table:
         )
     rows = []
     for shift, is_far in zip(fit.shifts, strained, strict=True):
-        words, unit = words_and_unit(shift.name)
-        rows.append(
-            TableRow(
-                {**shift.__dict__, **({"name": words, "unit": unit} if is_shown else {})},
-                marked=is_far,
-            )
-        )
-    columns = (SHIFTS[0], TableColumn("unit", "Unit"), *SHIFTS[1:]) if is_shown else SHIFTS
+        values = dict(shift.__dict__)
+        if is_shown:
+            words, unit = words_and_unit(shift.name)
+            values |= {"name": words, "unit": unit}
+        rows.append(TableRow(values, marked=is_far))
     return Table(f"{STEM}-values", caption, columns, tuple(rows))
 
 

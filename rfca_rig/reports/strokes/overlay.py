@@ -276,7 +276,9 @@ def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
             if step * decade >= value
         )
     )
-    return limit_N, anywhere if anywhere > limit_N else None
+    if anywhere > limit_N:
+        return limit_N, anywhere
+    return limit_N, None
 
 
 def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) -> None:

@@ -63,6 +63,7 @@ from rfca_rig.reports.text import (
     count_noun,
     keep_units_together,
     number,
+    number_equal_names,
     regions_sentence,
     repeats_sentence,
     rms_sentence,
@@ -160,12 +161,7 @@ def compare_sources(
     SimulationFailed
         Where a stroke cannot be simulated.
     """
-    # Equal titles are numbered in their order.
-    titles = [recording.title for recording in recordings]
-    names = [
-        f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title
-        for i, title in enumerate(titles)
-    ]
+    names = number_equal_names([recording.title for recording in recordings])
     conditions = [len(group_by_condition(recording.strokes)) for recording in recordings]
     return tuple(
         _compare(
@@ -191,7 +187,10 @@ def _compare(
 ) -> ComparedSource:
     if given is None and not recording.strokes and not recording.nominal:
         return ComparedSource(name, recording, None, ())
-    rig = nominal_model(recording.nominal) if given is None else given.rig
+    if given is None:
+        rig = nominal_model(recording.nominal)
+    else:
+        rig = given.rig
     conditions = iterate_with_progress(group_by_condition(recording.strokes), watcher)
     return ComparedSource(
         name,
@@ -238,10 +237,12 @@ def _lines_of(section: str, part: Any) -> list[ParameterLine]:
         for name, value in values.items()
         if value is not None and value is not False and value != ()
     ]
-    return lines + [
-        _of_curve(f" of hinge {n}" if len(curves) > 1 else "", part.k0_Nm_per_rad, curve)
-        for n, curve in enumerate(curves, start=2)
-    ]
+    for hinge, curve in enumerate(curves, start=2):
+        whose = ""
+        if len(curves) > 1:
+            whose = f" of hinge {hinge}"
+        lines.append(_of_curve(whose, part.k0_Nm_per_rad, curve))
+    return lines
 
 
 def _of_curve(whose: str, k0_Nm_per_rad: float, curve: TorqueSpline) -> ParameterLine:
@@ -313,17 +314,17 @@ def page(
         Origin of the page, links to others, and the given model.
     """
     has_strokes = any(source.compared for source in sources)
+    sections: list[PageSection | None] = []
     if has_strokes:
         kind = "measured and simulated strokes"
+        sections = [
+            _valley(sources, table, shaft),
+            PageSection("Forces at the peak", [as_html(peaks)]),
+            _strokes(sources, shaft),
+        ]
     else:
         kind = "static stages"
-    sections = [
-        _valley(sources, table, shaft) if has_strokes else None,
-        PageSection("Forces at the peak", [as_html(peaks)]) if has_strokes else None,
-        _strokes(sources, shaft) if has_strokes else None,
-        _static_stages(sources),
-        _models(sources, context.model_file),
-    ]
+    sections += [_static_stages(sources), _models(sources, context.model_file)]
     return render_page(
         f"{_join_titles(sources)}: {kind}",
         _opening(sources, table, context, has_strokes),
@@ -415,6 +416,9 @@ def _strokes(sources: Sequence[ComparedSource], shaft: Shaft) -> PageSection:
     all_compared = [(source, compared) for source in sources for compared in source.compared]
     figures = []
     for number_of, (source, compared) in enumerate(all_compared, start=1):
+        title_of_source = ""
+        if several:
+            title_of_source = source.name
         drawn = overlay.draw_overlay(compared, salt=f"figure {number_of}")
         caption = (
             f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} "
@@ -427,7 +431,7 @@ def _strokes(sources: Sequence[ComparedSource], shaft: Shaft) -> PageSection:
                 drawn.svg,
                 keep_units_together(caption),
                 number_of,
-                source.name if several else "",
+                title_of_source,
             )
         )
     return PageSection(
@@ -451,14 +455,16 @@ def _models(sources: Sequence[ComparedSource], model_file: str | None) -> PageSe
     contents = []
     for number_of, rig in enumerate(distinct, start=1):
         sharing = [source for source in sources if source.rig == rig]
-        contents.append(paragraph(_model_says(sharing, model_file, len(distinct) > 1)))
+        contents.append(paragraph(_describe_model(sharing, model_file, len(distinct) > 1)))
         contents.append(as_html(model_table(rig), "dense", f"of model {number_of}"))
     if contents:
         return PageSection("The model", contents)
     return None
 
 
-def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
+def _describe_model(
+    sharing: Sequence[ComparedSource], model_file: str | None, several: bool
+) -> str:
     if model_file:
         what = f"The model in {model_file}, given for this report"
     else:
@@ -484,14 +490,17 @@ def _beyond_curves(sharing: Sequence[ComparedSource]) -> str:
     """Says where hinges bend farther than their torque was measured; beyond its last angle a
     curve is straight.
     """
-    leg = sharing[0].rig.leg if sharing[0].rig is not None else None
+    rig = sharing[0].rig
+    if rig is None:
+        return ""
+    leg = rig.leg
     poses = [
         simulation.stroke.q_rad
         for source in sharing
         for compared in source.compared
         for simulation in compared.simulated
     ]
-    if leg is None or not leg.torque_splines or not poses:
+    if not leg.torque_splines or not poses:
         return ""
     bent = np.abs(
         np.diff(np.concatenate(poses), axis=1) - np.array(leg.rest_angles_rad or 0.0)
@@ -515,6 +524,13 @@ class WrittenReport:
 
     table: Table2
     pages: tuple[Path, ...]
+
+
+def _name_run_pages(sources: Sequence[ComparedSource]) -> dict[str, ComparedSource]:
+    """One run has run.html, several have run-1.html, run-2.html."""
+    if len(sources) == 1:
+        return {"run.html": sources[0]}
+    return {f"run-{number}.html": source for number, source in enumerate(sources, start=1)}
 
 
 def write_report(
@@ -556,20 +572,21 @@ def write_report(
     page_origin = origin or origin_in_memory(recordings)
     sources = compare_sources(recordings, shaft, given, watcher)
     table = Table2(tuple(row for source in sources for row in source.rows))
-    # One run has run.html, several have run-1.html, run-2.html.
-    run_sources = [
-        (f"run-{number}.html" if len(sources) > 1 else "run.html", source)
-        for number, source in enumerate(sources, start=1)
-    ]
+    run_sources = _name_run_pages(sources)
+    run_links = []
+    for name, source in run_sources.items():
+        words = "How the run went"
+        if len(run_sources) > 1:
+            words = f"How {source.name} went"
+        run_links.append(PageLink(name, words))
     page_links = find_pages(out_dir, page_origin, ("report.html", "run.html"))
     runs = {
         name: _run(name, source, page_origin, index, page_links)
-        for index, (name, source) in enumerate(run_sources)
+        for index, (name, source) in enumerate(run_sources.items())
     }
-    links = tuple(
-        PageLink(name, f"How {source.name} went" if len(run_sources) > 1 else "How the run went")
-        for name, source in run_sources
-    )
+    model_file = None
+    if given is not None:
+        model_file = given.file
     shown = as_table(table, SHAFT_WORDS[shaft])
     peaks = tuple(row for source in sources for row in source.peaks)
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
@@ -579,7 +596,7 @@ def write_report(
             table,
             shown_peaks,
             shaft,
-            PageContext(page_origin, (*links, *page_links), None if given is None else given.file),
+            PageContext(page_origin, (*run_links, *page_links), model_file),
         ),
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),

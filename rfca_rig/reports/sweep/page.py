@@ -44,7 +44,7 @@ from rfca_rig.reports.table import Table, TableColumn, TableRow
 from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import count_noun, number
 from rfca_rig.sweep.outputs import RequestedOutput
-from rfca_rig.sweep.plan import points
+from rfca_rig.sweep.plan import Axis, Range, points
 from rfca_rig.sweep.quantities import find_quantity
 from rfca_rig.sweep.result import CSV, H5, SweepResult
 
@@ -155,11 +155,9 @@ def _standfirst(result: SweepResult) -> str:
     text = f"{count_noun(plan.count, 'case')}: {' times '.join(sides)}."
     if result.failed:
         text += f" {count_noun(result.failed, 'case')} failed."
-    return text + (
-        f" {count_noun(result.incomplete, 'case')} without some output."
-        if result.incomplete
-        else ""
-    )
+    if result.incomplete:
+        text += f" {count_noun(result.incomplete, 'case')} without some output."
+    return text
 
 
 def _figures(
@@ -244,26 +242,9 @@ def _title(asked: RequestedOutput) -> str:
 
 def _quantities_table(result: SweepResult) -> Table:
     plan = result.plan
-    rows = []
-    for axis in plan.axes:
-        # Up to eight values are listed, of more only the ends.
-        if len(axis.values) <= 8:
-            some = axis.values
-        else:
-            some = (axis.values[0], axis.values[-1])
-        words = (", " if len(axis.values) <= 8 else " to ").join(map(value_text, some))
-        rows.append(
-            _row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}")
-        )
-    for quantity in plan.samples.ranges if plan.samples else ():
-        rows.append(
-            _row(
-                quantity.name,
-                f"{value_text(quantity.low)} to {value_text(quantity.high)}",
-                "evenly in the logarithm" if quantity.log else "",
-                "drawn",
-            )
-        )
+    rows = [_axis_row(axis) for axis in plan.axes]
+    if plan.samples:
+        rows += [_range_row(sampled) for sampled in plan.samples.ranges]
     rows += [_row(name, value_text(value), "", "fixed") for name, value in plan.fixed]
     columns = (
         TableColumn("what"),
@@ -274,10 +255,32 @@ def _quantities_table(result: SweepResult) -> Table:
     return Table("varied", "All other values are nominal.", columns, tuple(rows))
 
 
+def _axis_row(axis: Axis) -> TableRow:
+    # Up to eight values are listed, of more only the ends.
+    if len(axis.values) <= 8:
+        values = ", ".join(map(value_text, axis.values))
+    else:
+        values = f"{value_text(axis.values[0])} to {value_text(axis.values[-1])}"
+    spacing = ""
+    if axis.log:
+        spacing = "equal ratios"
+    return _row(axis.name, values, spacing, f"{len(axis.values)}")
+
+
+def _range_row(sampled: Range) -> TableRow:
+    values = f"{value_text(sampled.low)} to {value_text(sampled.high)}"
+    spacing = ""
+    if sampled.log:
+        spacing = "evenly in the logarithm"
+    return _row(sampled.name, values, spacing, "drawn")
+
+
 def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
     words = find_quantity(name).words
     unit = name_and_unit(name)[1]
-    text = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
+    if unit:
+        values = f"{values} {unit}"
+    text = ", ".join(filter(None, (values, spacing)))
     return TableRow(
         {
             "what": f"{words[:1].upper()}{words[1:]}",
@@ -343,16 +346,22 @@ def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, An
         "varied": list(plan.varied),
         "fixed": dict(plan.fixed),
         "outputs": [_output(result, index) for index in range(len(plan.outputs))],
-        "sensitivities": [
-            {
-                "at": dict(sensitivity.at),
-                "output": sensitivity.output,
-                "of": sensitivity.name,
-                "index": sensitivity.found.index if sensitivity.found else None,
-                "std": sensitivity.found.std if sensitivity.found else None,
-            }
-            for sensitivity in found
-        ],
+        "sensitivities": [_sensitivity(sensitivity) for sensitivity in found],
+    }
+
+
+def _sensitivity(sensitivity: OutputSensitivity) -> dict[str, Any]:
+    index = None
+    std = None
+    if sensitivity.found:
+        index = sensitivity.found.index
+        std = sensitivity.found.std
+    return {
+        "at": dict(sensitivity.at),
+        "output": sensitivity.output,
+        "of": sensitivity.name,
+        "index": index,
+        "std": std,
     }
 
 
@@ -397,11 +406,10 @@ def lines(result: SweepResult) -> list[str]:
     for output in content["outputs"]:
         low = output["lowest"]
         high = output["highest"]
-        text.append(
-            f"{output['name']}: none"
-            if low is None
-            else f"{output['name']}: {_end_line(result, low)} to {_end_line(result, high)}"
-        )
+        extremes = "none"
+        if low is not None:
+            extremes = f"{_end_line(result, low)} to {_end_line(result, high)}"
+        text.append(f"{output['name']}: {extremes}")
     return text + [
         f"  {reason['cases']} times: {reason['reason']}" for reason in content["reasons"]
     ]

@@ -118,7 +118,7 @@ def views(plan: SweepPlan) -> tuple[list[View], int]:
     others = sorted(
         (axis for axis in plan.axes if axis is not x), key=lambda axis: -len(axis.values)
     )
-    second = others[0] if others else None
+    second = next(iter(others), None)
     rest = [axis for axis in plan.axes if axis not in (x, second)]
     facets = list(product(*([(axis.name, value) for value in axis.values] for axis in rest)))
     return [View(x, second, _as_map(x, second), facet) for facet in facets[:MOST_FACETS]], len(
@@ -162,8 +162,11 @@ def name_and_unit(name: str) -> tuple[str, str]:
     plain, at, angle = name.partition("@")
     of, dot, last = plain.rpartition(".")
     words, unit = words_and_unit(last)
-    text = f"{of.replace('_', ' ')} {words}" if dot else words
-    return (f"{text} at {angle.removesuffix('deg')}°" if at else text), unit
+    if dot:
+        words = f"{of.replace('_', ' ')} {words}"
+    if at:
+        words = f"{words} at {angle.removesuffix('deg')}°"
+    return words, unit
 
 
 def axis_label(name: str) -> str:
@@ -177,7 +180,9 @@ def axis_label(name: str) -> str:
 def with_unit(name: str, value: Value) -> str:
     """Name with value and unit, as in "height 215 mm", "strip material CFSP"."""
     words, unit = name_and_unit(name)
-    return f"{words} {value_text(value)}{f' {unit}' if unit else ''}"
+    if not unit:
+        return f"{words} {value_text(value)}"
+    return f"{words} {value_text(value)} {unit}"
 
 
 def value_text(value: Value) -> str:

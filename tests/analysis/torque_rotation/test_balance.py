@@ -47,7 +47,7 @@ def somewhere(ends, seed=0, systematic_errors=ALL, rise=0.0):
     c = np.concatenate(
         [1e-3 + 5e-3 * rng.random((S, len(ends))), 10.0 * rng.normal(size=(S, len(ends)))], axis=1
     )
-    p = np.concatenate([[11.0, 44.0, 0.1], 0.01 * rng.normal(size=len(systematic_errors.each))])
+    p = np.concatenate([[11.0, 44.0, 0.1], 0.01 * rng.normal(size=len(systematic_errors.errors))])
     return balance, group, z, c, p
 
 

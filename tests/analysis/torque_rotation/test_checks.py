@@ -89,7 +89,7 @@ def test_repeats_that_agree_narrow_the_errors_and_repeats_that_do_not_widen_them
     unlike = [*alike[:2], recording(noisy(by_exam(stiffer), rng), "run 3")]
     one, three, apart = (evaluate(which, SUPPOSED) for which in (alike[:1], alike, unlike))
     assert three.values.k0_std < one.values.k0_std
-    assert len(three.repeats.each) == 3
+    assert len(three.repeats.values) == 3
     assert three.repeats.widened < 1.8
     assert apart.repeats.widened > 3.0
     assert apart.values.k0_std > 2.0 * three.values.k0_std

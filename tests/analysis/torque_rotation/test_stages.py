@@ -73,7 +73,7 @@ def test_a_stray_angle_is_named():
         hinge_deg=(*stages[4].hinge_deg[:4], stages[4].hinge_deg[4] + 6.0, stages[4].hinge_deg[5]),
     )
     result = evaluate([recording(stages)], SUPPOSED)
-    assert (result.strays[0].label, result.strays[0].says) == ("stage 5 at 215 mm", "hinge 6")
+    assert (result.strays[0].label, result.strays[0].words) == ("stage 5 at 215 mm", "hinge 6")
     assert any(said.startswith("In stage 5 at 215 mm hinge 6 reads +") for said in remarks(result))
 
 

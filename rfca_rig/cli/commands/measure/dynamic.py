@@ -126,7 +126,9 @@ def replace_conditions(
 
     if (height_mm is None) != (speed_rad_s is None):
         raise BadInput("give --height and --speed together; alone, each leaves the other to chance")
-    changes: dict[str, Any] = {} if repeats is None else {"repeats": repeats}
+    changes: dict[str, Any] = {}
+    if repeats is not None:
+        changes["repeats"] = repeats
     if height_mm is not None and speed_rad_s is not None:
         condition = validate(
             {"height_mm": height_mm, "speed_rad_s": speed_rad_s},

@@ -149,8 +149,10 @@ class Watcher:
     def _judge(self, stage: "StiffnessCheck", recorder: "Recorder", say: "Say") -> None:
         from rfca_rig.errors import WornOut
 
+        earlier: Sequence[StaticStage] = ()
         # The first check, with which all are compared, may lie in an earlier part of the run.
-        earlier: Sequence[StaticStage] = () if self.begun is None else self.begun.static
+        if self.begun is not None:
+            earlier = self.begun.static
         drift = _drift(stage, (*earlier, *recorder.stages))
         if drift is None or stage.number == 1:
             return
@@ -179,10 +181,9 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
     if as_json:
         echo(json.dumps({"source": mark, "run": str(folder), **summary}, indent=1))
         return
-    last = summary["checks"][-1] if summary["checks"] else None
-    if last is None:
-        drift = ""
-    else:
+    drift = ""
+    if summary["checks"]:
+        last = summary["checks"][-1]
         drift = (
             f", stiffness drift {last['drift_percent']:+.2f} +- {last['std_percent']:.2f} % "
             "since the first check"

@@ -1,7 +1,7 @@
 """rfca-rig plan"""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -69,7 +69,10 @@ def plan(
     if as_json:
         echo(json.dumps(_as_data(config.plan, expected), indent=1))
         return
-    lines = _lines(config, expected, None if every else MOST_LINES)
+    max_lines: int | None = MOST_LINES
+    if every:
+        max_lines = None
+    lines = _lines(config, expected, max_lines)
     print_lines(
         (f"{config.mark} {line}" for line in lines), indent=f"{config.mark} " + " " * LABEL_AT
     )
@@ -103,11 +106,12 @@ def _kind_and_title(folder: str, name: str) -> str:
         head = data["rig"]
     else:
         head = data
-    kind, title = (
-        str(head.get(key, ""))
-        for key in ("kind" if folder == "calibration" else "experiment", "title")
-    )
-    return f"{in_one_line(kind):<8}{in_one_line(title)}"
+    kind_key = "experiment"
+    if folder == "calibration":
+        kind_key = "kind"
+    kind = in_one_line(str(head.get(kind_key, "")))
+    title = in_one_line(str(head.get("title", "")))
+    return f"{kind:<8}{title}"
 
 
 def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:
@@ -144,7 +148,9 @@ def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
     for number, stage in enumerate(plan.stages, start=1):
         until_s += stage.duration_s
         size_MB = plan.rates.bytes_in(stage.recorded_s) / 1e6
-        size = f"{size_MB:.1f}" if size_MB else ""
+        size = ""
+        if size_MB:
+            size = f"{size_MB:.1f}"
         rows.append(
             f"{number:5d} {_clock(until_s):>9}  {size:>5} {_load(expected.get(stage))}  "
             f"{stage.label}"
@@ -168,17 +174,23 @@ def _clock(duration_s: float) -> str:
 
 
 def _as_data(plan: "Plan", expected: "Mapping[Stage, Load]") -> dict[str, Any]:
-    stages: Sequence[dict[str, Any]] = [
-        {
-            "stage": type(stage).__name__,
-            "label": stage.label,
-            "at_most_s": stage.duration_s,
-            "recorded_bytes": plan.rates.bytes_in(stage.recorded_s),
-            "expected_force_N": expected[stage].force_N if stage in expected else None,
-            "expected_torque_Nm": expected[stage].torque_Nm if stage in expected else None,
-        }
-        for stage in plan.stages
-    ]
+    stages = []
+    for stage in plan.stages:
+        force_N = None
+        torque_Nm = None
+        if load := expected.get(stage):
+            force_N = load.force_N
+            torque_Nm = load.torque_Nm
+        stages.append(
+            {
+                "stage": type(stage).__name__,
+                "label": stage.label,
+                "at_most_s": stage.duration_s,
+                "recorded_bytes": plan.rates.bytes_in(stage.recorded_s),
+                "expected_force_N": force_N,
+                "expected_torque_Nm": torque_Nm,
+            }
+        )
     return {
         "title": plan.title,
         "experiment": plan.experiment,

@@ -56,7 +56,9 @@ def resume(
     from rfca_rig.cli.run_experiment import run_and_record
     from rfca_rig.errors import BadInput
 
-    begun = read_interrupted_run(run.parent if run.suffix == ".h5" else run)
+    if run.suffix == ".h5":
+        run = run.parent
+    begun = read_interrupted_run(run)
     config = replace(
         _order(begun, rig, as_json, dry_run),
         viewing=parse_viewing(view, view_port, pace),
@@ -108,10 +110,12 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
         check_trusted(path, f"--rig {name}")
     now = read_compatible_rig(begun, path, deliberately=rig is not None)
     model, model_text = nominal_model_of(now.rig, begun.header)
+    eye = None
+    camera_text = ""
     if remaining_plan.photos:
         camera_text = stored.get("camera_file", "")
-    else:
-        camera_text = ""
+    if camera_text:
+        eye = now.rig.eye_behind(camera_text, begun.folder / "camera_file")
     return RunConfig(
         rig=now.rig,
         rig_text=now.text,
@@ -124,7 +128,7 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
         dry=dry_run,
         model=model,
         model_text=model_text,
-        eye=now.rig.eye_behind(camera_text, begun.folder / "camera_file") if camera_text else None,
+        eye=eye,
         camera_text=camera_text,
         rig_name=name,
         begun=begun,

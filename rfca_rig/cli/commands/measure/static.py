@@ -200,7 +200,10 @@ def force(
                 continue
             stds = [std for std in stage.hinge_std_deg if np.isfinite(std)]
             # `find_tip_force` takes one standard deviation for all angles: their root mean square.
-            std = float(np.radians(np.sqrt(np.mean(np.square(stds))) if stds else angle_std))
+            std_deg = angle_std
+            if stds:
+                std_deg = float(np.sqrt(np.mean(np.square(stds))))
+            std = float(np.radians(std_deg))
             label = (
                 f"stage {stage.stage}, {1e3 * stage.height_m:.0f} mm, shaft "
                 f"{np.degrees(stage.shaft_angle_rad):.1f} deg"
@@ -227,7 +230,9 @@ def _leg(rig: str, model: Path | None) -> "Leg":
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 
-    return (read_model_file(model) if model is not None else read_rig(find_rig(rig))).model().leg
+    if model is not None:
+        return read_model_file(model).model().leg
+    return read_rig(find_rig(rig)).model().leg
 
 
 def _numbers(text: str) -> list[float]:
@@ -252,7 +257,9 @@ def _line(label: str, tip_force: "FoundTipForce", felt_N: "tuple[float, float] |
 
     components = zip(tip_force.force_N, tip_force.std_N, ("along", "down"), strict=True)
     parts = [f"{force:+.2f} +- {STDS_90 * std:.2f} N {way}" for force, std, way in components]
-    felt = "" if felt_N is None else f"; the sensor felt {felt_N[0]:+.2f} and {felt_N[1]:+.2f} N"
+    felt = ""
+    if felt_N is not None:
+        felt = f"; the sensor felt {felt_N[0]:+.2f} and {felt_N[1]:+.2f} N"
     return (
         f"{label}: {', '.join(parts)} (90 %){felt}; hinge moments are left open by "
         f"{tip_force.residual_Nm:.2g} N m at most"
@@ -358,7 +365,9 @@ def photo_lines(stages: "Sequence[StaticStage]") -> "Iterator[str]":
                 _with_std(*hinge)
                 for hinge in zip(stage.hinge_deg, stage.hinge_std_deg, strict=True)
             )
-            doubts = f"; {stage.photo_doubts}" if stage.photo_doubts else ""
+            doubts = ""
+            if stage.photo_doubts:
+                doubts = f"; {stage.photo_doubts}"
             yield (
                 f"{stage.photo}, stage {stage.stage} at {1e3 * stage.height_m:g} mm: hinges "
                 f"{angles} deg{doubts}"
@@ -437,13 +446,16 @@ def report(
             StageAssumptions(nominal, known_to, instruments, hinge_std_deg),
             bars.counting("solving"),
         )
+    model_name = None
+    if model:
+        model_name = model.name
     write_static_report(
         result,
         static_sources(paths, recordings),
         out,
         nominal,
         known_to,
-        model.name if model else None,
+        model_name,
         origin_of(command, paths, recordings),
     )
     if as_json:
@@ -601,9 +613,8 @@ def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
             "fz_N": stage.fz_N,
             "tx_Nm": stage.tx_Nm,
             "settled": stage.settled,
-            # JSON has no NaN; null stands for an unknown angle.
-            "hinge_deg": [None if isnan(angle) else angle for angle in stage.hinge_deg],
-            "hinge_std_deg": [None if isnan(std) else std for std in stage.hinge_std_deg],
+            "hinge_deg": _replace_nan(stage.hinge_deg),
+            "hinge_std_deg": _replace_nan(stage.hinge_std_deg),
             "photo": stage.photo,
             "overlay": stage.overlay,
             "photo_doubts": stage.photo_doubts,
@@ -611,3 +622,8 @@ def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
         for stage in stages
     ]
     echo(json.dumps({"source": mark, "run": str(folder), "stages": rows}, indent=1))
+
+
+def _replace_nan(values: "Sequence[float]") -> list[float | None]:
+    # JSON has no NaN; null stands for an unknown angle.
+    return [None if isnan(value) else value for value in values]

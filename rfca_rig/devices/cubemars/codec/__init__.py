@@ -45,7 +45,10 @@ GAIN_Nm_S_PER_RAD = 5.0
 
 def error_text(code: int) -> str:
     """The code with its meaning; 0 means no error."""
-    return f"error {code} ({ERRORS.get(code, 'not documented') if code else 'none'})"
+    meaning = "none"
+    if code:
+        meaning = ERRORS.get(code, "not documented")
+    return f"error {code} ({meaning})"
 
 
 @dataclass(frozen=True)
@@ -112,8 +115,11 @@ def mit_dbc(ranges: MitRanges, drive_id: int = 1, reply_id: int | None = 0) -> s
         _range_signal("Kd", 47, 12, 0.0, GAIN_Nm_S_PER_RAD, "Nm.s/rad"),
         _range_signal("Torque", 51, 12, -ranges.torque_Nm, ranges.torque_Nm, "Nm"),
     )
+    answer_id = reply_id
+    if answer_id is None:
+        answer_id = drive_id
     reply = _message(
-        drive_id if reply_id is None else reply_id,
+        answer_id,
         "MIT_Reply",
         8,
         "drive",
@@ -124,12 +130,10 @@ def mit_dbc(ranges: MitRanges, drive_id: int = 1, reply_id: int | None = 0) -> s
         _signal("Temperature", 55, 8, "+", 1.0, -float(ranges.temperature_offset_degC), "degC"),
         _signal("Error", 63, 8, "+", 1.0, 0.0, ""),
     )
-    messages = [reply] if reply_id is None else [command, reply]
-    return (
-        _HEAD
-        + "".join(messages)
-        + _values(drive_id if reply_id is None else reply_id, "Error", {0: "none", **ERRORS})
-    )
+    messages = [command, reply]
+    if reply_id is None:
+        messages = [reply]
+    return _HEAD + "".join(messages) + _values(answer_id, "Error", {0: "none", **ERRORS})
 
 
 def servo_dbc(drive_id: int = 1) -> str:

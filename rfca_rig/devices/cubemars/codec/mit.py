@@ -131,7 +131,11 @@ def decode_reply(ranges: MitRanges, data: bytes | bytearray) -> MitReply:
             f"MIT reply of {len(data)} bytes, expected 6, 7 or 8; does the drive speak MIT mode?"
         )
     code = data[1] << 8 | data[2]
-    whole = len(data) == 8
+    temperature_degC = None
+    error = None
+    if len(data) == 8:
+        temperature_degC = data[6] - ranges.temperature_offset_degC
+        error = data[7]
     return MitReply(
         drive_id=data[0],
         position_code=code,
@@ -140,8 +144,8 @@ def decode_reply(ranges: MitRanges, data: bytes | bytearray) -> MitReply:
             data[3] << 4 | data[4] >> 4, -ranges.speed_rad_s, ranges.speed_rad_s, 12
         ),
         torque_Nm=_value((data[4] & 0xF) << 8 | data[5], -ranges.torque_Nm, ranges.torque_Nm, 12),
-        temperature_degC=data[6] - ranges.temperature_offset_degC if whole else None,
-        error=data[7] if whole else None,
+        temperature_degC=temperature_degC,
+        error=error,
     )
 
 

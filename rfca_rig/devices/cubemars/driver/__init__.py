@@ -352,7 +352,9 @@ class WrappedPosition:
         """The unwrapped code, counted from the first one. With `judged` False no jump is looked
         for at this step.
         """
-        before = code if self._count is None else self._count
+        before = self._count
+        if before is None:
+            before = code
         # Signed difference in -32768..32767, the shorter way around.
         step = (code - before + CODES // 2) % CODES - CODES // 2
         self._count = before + step

@@ -142,10 +142,10 @@ class MitReplies(DriveReceiver):
         if is_lost:
             answered_s = requests_s[-count:]
             open_s = []
+            self.lost += len(requests_s) - count
         else:
             answered_s = requests_s[:count]
             open_s = requests_s[count:]
-        self.lost += len(requests_s) - count if is_lost else 0
         if count:
             self._asked_s = deque(open_s, MAX_OPEN_REQUESTS)
             self._unanswered_s = open_s[0] if open_s else None
@@ -162,7 +162,8 @@ class MitReplies(DriveReceiver):
             return
         settings = self._settings
         count = self._position.follow(reply.position_code, t_s, reply.speed_rad_s)
-        self._first_s = t_s if self._first_s is None else self._first_s
+        if self._first_s is None:
+            self._first_s = t_s
         self.at_s = t_s
         self.angle_rad = settings.direction * (
             position_of(settings.ranges, count) - settings.zero_rad
@@ -508,12 +509,12 @@ class CubemarsMitMotor(MotorDrive):
         """For the recording. Whether the firmware sends errors is known after `enable`."""
         settings = self._settings
         reply = self._reports.reply
-        if reply is None:
-            errors_told = "unknown"
-        elif reply.error is None:
-            errors_told = "no"
-        else:
-            errors_told = "yes"
+        errors_told = "unknown"
+        temperature = "unknown"
+        if reply is not None:
+            errors_told = "no" if reply.error is None else "yes"
+            if reply.temperature_degC is not None:
+                temperature = str(reply.temperature_degC)
         return {
             "make": "CubeMars AK, MIT mode",
             "bus": str(self._bus.channel_info),
@@ -524,11 +525,9 @@ class CubemarsMitMotor(MotorDrive):
             "speed_gain_Nm_s_per_rad": repr(settings.speed_gain_Nm_s_per_rad),
             "angle_gain_per_s": repr(settings.angle_gain_per_s),
             "errors_told": errors_told,
-            "temperature_degC": "unknown"
-            if reply is None or reply.temperature_degC is None
-            else str(reply.temperature_degC),
+            "temperature_degC": temperature,
             "replies_lost": str(self._reports.lost),
-            "guardian": "none" if self._guard is None else self._guard.describe(),
+            "guardian": self._describe_guardian(),
             "guardian_proof": self._guardian_proof,
             **self._reports.health.facts(),
         }

@@ -148,7 +148,9 @@ class ServoReports(DriveReceiver):
 
     @property
     def temperature_C(self) -> float | None:
-        return None if self.status is None else float(self.status.temperature_degC)
+        if self.status is None:
+            return None
+        return float(self.status.temperature_degC)
 
     @property
     def motion_fault(self) -> str | None:
@@ -369,6 +371,9 @@ class CubemarsServoMotor(MotorDrive):
         """For the recording."""
         settings = self._settings
         status = self._reports.status
+        temperature = "unknown"
+        if status is not None:
+            temperature = str(status.temperature_degC)
         return {
             "make": "CubeMars AK, servo mode",
             "bus": str(self._bus.channel_info),
@@ -379,10 +384,10 @@ class CubemarsServoMotor(MotorDrive):
             "direction": str(settings.direction),
             "zero_deg": repr(settings.zero_deg),
             "status_period_s": repr(settings.status_period_s),
-            "temperature_degC": "unknown" if status is None else str(status.temperature_degC),
+            "temperature_degC": temperature,
             "status_frames_lost": str(self._reports.lost_frames),
             "bad_reports": self._reports.bad_reports,
-            "guardian": "none" if self._guard is None else self._guard.describe(),
+            "guardian": self._describe_guardian(),
             "guardian_proof": self._guardian_proof,
             **self._reports.health.facts(),
         }
