@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rfca_rig import mechanics as mechanics
+    from rfca_rig.public_data import library as datasets
     from rfca_rig.notebook.analyses import diagnose as diagnose
     from rfca_rig.notebook.analyses import effects as effects
     from rfca_rig.notebook.analyses import fit as fit
@@ -24,6 +25,7 @@ __version__ = "0.1.0"
 # Modules of the public names; a name of its own there after the colon.
 _PLACES = {
     "Rig": "rfca_rig.notebook.rig",
+    "datasets": "rfca_rig.public_data.library:",
     "diagnose": "rfca_rig.notebook.analyses",
     "effects": "rfca_rig.notebook.analyses",
     "fit": "rfca_rig.notebook.analyses",
@@ -36,6 +38,7 @@ _PLACES = {
 }
 __all__ = [
     "Rig",
+    "datasets",
     "diagnose",
     "effects",
     "fit",

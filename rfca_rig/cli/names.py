@@ -204,6 +204,12 @@ def _behind_commas(words: Iterable[str]) -> Offer:
     return offer
 
 
+def _dataset_names(_begun: str) -> Iterable[str]:
+    from rfca_rig.public_data.registry import read_registry
+
+    return read_registry().sets
+
+
 def _verdicts(_begun: str) -> Iterable[str]:
     return (*VERDICTS, *effect_names())
 
@@ -228,6 +234,7 @@ _BY_OPTION: dict[str, Offer] = {
     "--phases": _behind_commas(PHASES),
 }
 _BY_COMMAND: dict[tuple[str, str], Offer] = {
+    ("datasets get", "NAME"): _dataset_names,
     ("runs", "--kind"): _each_of(RUN_KINDS),
     ("runs", "--source"): _each_of(SOURCES),
     ("runs", "--ended"): _each_of((*RUN_ENDINGS, *TRIP_CODES)),

@@ -21,7 +21,7 @@ from tests.own_devices.rigs import EXAMPLES
 
 DATA = Path(__file__).parents[1] / "data"
 FREE = DATA / "pendulums" / "free-swing"
-SIMPLE = DATA / "dfki-pendulum" / "simple"
+SIMPLE = DATA / "pendulums" / "geared"
 RUNS = ("released at 45 degrees", "released at 90 degrees", "released at 135 degrees")
 
 
@@ -176,7 +176,7 @@ def test_only_the_parameters_that_are_named_are_fitted():
 def test_a_model_file_of_other_links_is_refused(say, tmp_path):
     say("fit", SIMPLE, "--parameters", "command_delay_s", "--out", "one.toml")
     with pytest.raises(BadInput, match=r"one\.toml: a model of 1 links, but .* has 2"):
-        read_pendulum(DATA / "dfki-pendulum" / "double", model_file=tmp_path / "one.toml")
+        read_pendulum(DATA / "pendulums" / "double", model_file=tmp_path / "one.toml")
 
 
 @pytest.mark.parametrize(
