@@ -23,6 +23,7 @@ DATA = Path(__file__).parents[1] / "data"
 SMALL = DATA / "small-campaign"
 NAMES = [
     "Rig",
+    "datasets",
     "diagnose",
     "effects",
     "fit",
@@ -65,7 +66,7 @@ def test_the_stable_names_are_these():
     """
     assert rr.__all__ == NAMES
     assert set(NAMES) <= set(dir(rr))
-    with pytest.raises(AttributeError, match="it has Rig, diagnose"):
+    with pytest.raises(AttributeError, match="it has Rig, datasets"):
         _ = rr.no_such_name
 
 
