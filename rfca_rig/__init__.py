@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rfca_rig import mechanics as mechanics
-    from rfca_rig.public_data import library as datasets
     from rfca_rig.notebook.analyses import diagnose as diagnose
     from rfca_rig.notebook.analyses import effects as effects
     from rfca_rig.notebook.analyses import fit as fit
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from rfca_rig.notebook.recordings import open_path as open
     from rfca_rig.notebook.rig import Rig as Rig
     from rfca_rig.notebook.rig import simulate as simulate
+    from rfca_rig.public_data import library as datasets
 
 __version__ = "0.1.0"
 # Modules of the public names; a name of its own there after the colon.

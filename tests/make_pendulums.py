@@ -56,10 +56,10 @@ ROD = PendulumWorld(
     length_m=(0.124,),
     mass_kg=(0.01225,),
     centre_m=(0.062,),
-    inertia_kg_m2=(6.5e-5,),
+    inertia_kg_m2=(7.0e-5,),
     damping_Nm_s_per_rad=(1.6e-5,),
     friction=Friction((1.2e-4,)),
-    angle_zero_rad=(0.005,),
+    angle_zero_rad=(0.01,),
 )
 GEARED = PendulumWorld(
     length_m=(0.5,),
@@ -118,8 +118,7 @@ PENDULUMS = {
             "tau_meas2",
         ),
         runs={
-            f"sines-{repeat}": MadeRun((0.0, 0.0, 0.0, 0.0), BOTH, 0.0, 6.0)
-            for repeat in (1, 2)
+            f"sines-{repeat}": MadeRun((0.0, 0.0, 0.0, 0.0), BOTH, 0.0, 6.0) for repeat in (1, 2)
         },
     ),
 }

@@ -39,8 +39,8 @@ from rfca_rig.escaping import (
 )
 from rfca_rig.mechanism.laws_file import write_laws
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.public_data.registry import SETS
 from rfca_rig.mechanism.plant import JointLaw, make_plant
+from rfca_rig.public_data.registry import SETS
 from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.table import Table, TableColumn, TableRow, as_csv, as_tex
 from rfca_rig.toml import format_value, table

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.errors import BadInput
 from rfca_rig.public_data.readers import (
     read_csv_columns,
     read_free_swing,
@@ -21,7 +22,6 @@ from rfca_rig.public_data.readers import (
     read_workbook_sheet,
 )
 from rfca_rig.public_data.registry import HERE, ConvertedFile, RecordingGroup
-from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
 Table = dict[str, list[str]]
@@ -143,8 +143,7 @@ def convert_hop(paths: Sequence[Path]) -> Table:
         "height_m": height[:, 0],
     }
     return {
-        name: [repr(float(value)) for value in values[~is_jump]]
-        for name, values in columns.items()
+        name: [repr(float(value)) for value in values[~is_jump]] for name, values in columns.items()
     }
 
 
@@ -225,9 +224,7 @@ def average_neighbours(values: Floats, weights: Sequence[float]) -> Floats:
     count on beyond the ends.
     """
     beyond = len(weights) // 2
-    extended = np.concatenate(
-        [np.full(beyond, values[0]), values, np.full(beyond, values[-1])]
-    )
+    extended = np.concatenate([np.full(beyond, values[0]), values, np.full(beyond, values[-1])])
     return np.convolve(extended, np.array(weights) / sum(weights), mode="valid")
 
 

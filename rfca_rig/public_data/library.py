@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from rfca_rig.errors import BadInput
 from rfca_rig.public_data.conversion import convert_file
 from rfca_rig.public_data.registry import PublicSet, read_registry
 from rfca_rig.public_data.sources import (
@@ -11,7 +12,6 @@ from rfca_rig.public_data.sources import (
     fetch_sources,
     recordings_folder,
 )
-from rfca_rig.errors import BadInput
 
 README = """{title}
 

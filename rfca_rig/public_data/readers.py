@@ -52,7 +52,7 @@ def read_streams(paths: Sequence[Path]) -> tuple[NDArray[np.int64], list[NDArray
 
 
 def read_matlab(path: Path) -> Mapping[str, NDArray[np.generic]]:
-    """Variables of a MATLAB file up to version 7, by name."""
+    """Variables of a MATLAB file up to version 7, by name; matrices (rows, columns)."""
     from scipy.io import loadmat
 
     try:

@@ -138,7 +138,6 @@ class PublicSet:
             "model.xml": SETS / (self.model or self.name) / "model.xml",
         }
 
-
     @property
     def recordings(self) -> tuple[ConvertedFile, ...]:
         """The recordings of the group that its description names."""
@@ -171,12 +170,9 @@ class DatasetRegistry:
 @cache
 def read_registry() -> DatasetRegistry:
     """The registry of the package."""
-    sources = {
-        name: SourceRepository(**entry) for name, entry in _read("sources.toml").items()
-    }
+    sources = {name: SourceRepository(**entry) for name, entry in _read("sources.toml").items()}
     groups = {
-        name: _make_group(name, entry, sources)
-        for name, entry in _read("recordings.toml").items()
+        name: _make_group(name, entry, sources) for name, entry in _read("recordings.toml").items()
     }
     sets = {name: _make_set(name, entry, groups) for name, entry in _read("sets.toml").items()}
     return DatasetRegistry(sources, groups, sets)
@@ -203,11 +199,15 @@ def _make_group(
     )
 
 
-def _make_set(
-    name: str, entry: dict[str, Any], groups: Mapping[str, RecordingGroup]
-) -> PublicSet:
-    values = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()
-    }
-    group = groups[values.pop("recordings")]
-    return PublicSet(name=name, group=group, **values)
+def _make_set(name: str, entry: dict[str, Any], groups: Mapping[str, RecordingGroup]) -> PublicSet:
+    return PublicSet(
+        name=name,
+        group=groups[entry["recordings"]],
+        split=entry["split"],
+        concealed=entry["concealed"],
+        published=entry["published"],
+        right=tuple(entry["right"]),
+        law=tuple(entry["law"]),
+        model=entry.get("model", ""),
+        negligible=entry.get("negligible", False),
+    )

@@ -9,8 +9,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from rfca_rig.public_data.registry import SourceRepository
 from rfca_rig.errors import BadInput
+from rfca_rig.public_data.registry import SourceRepository
 
 SOURCES_VARIABLE = "RFCA_RIG_DATASETS_SOURCES"
 RECORDINGS_VARIABLE = "RFCA_RIG_DATASETS"

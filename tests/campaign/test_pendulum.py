@@ -17,9 +17,7 @@ TOML = "pendulum.toml"
 RUN = "runs/sines-1.csv"
 
 
-@pytest.mark.parametrize(
-    ("name", "joints", "runs"), [("geared", 1, 2), ("double", 2, 2)]
-)
+@pytest.mark.parametrize(("name", "joints", "runs"), [("geared", 1, 2), ("double", 2, 2)])
 def test_recordings_are_read_as_they_stand(name, joints, runs):
     experiment = read_pendulum(DATA / name)
     assert experiment.load_model().joints == tuple(f"joint{n + 1}" for n in range(joints))

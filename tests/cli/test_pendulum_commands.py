@@ -33,13 +33,15 @@ def say(monkeypatch, capsys, tmp_path):
 
 
 def test_import_checks_and_copies_what_the_other_commands_read(say, tmp_path):
-    done = say("import", FREE)
+    recorded = shutil.copytree(FREE, tmp_path / "free-swing")
+    (recorded / "LICENSE.txt").write_text("Copyright", encoding="utf-8")
+    done = say("import", recorded)
     assert done.exit_code == 0
     copy = tmp_path / "runs" / "IMPORT-free-swing"
     assert f"3 runs of a pendulum in {copy.relative_to(tmp_path)}" in done.err
     for name in ("pendulum.toml", "LICENSE.txt", "runs/release-45.csv"):
-        assert (copy / name).read_bytes() == (FREE / name).read_bytes()
-    again = say("import", FREE)
+        assert (copy / name).read_bytes() == (recorded / name).read_bytes()
+    again = say("import", recorded)
     assert again.exit_code == 2 and "is there already" in again.err
 
 

@@ -156,9 +156,7 @@ def write_workbook(target: Path, sheets: dict[str, list[list[str]]]) -> None:
             body = [f"<row>{head}</row>"]
             for row in rows:
                 body.append("<row>" + "".join(f"<c><v>{cell}</v></c>" for cell in row) + "</row>")
-            archive.writestr(
-                f"xl/worksheets/sheet{number}.xml", SHEET.format(rows="".join(body))
-            )
+            archive.writestr(f"xl/worksheets/sheet{number}.xml", SHEET.format(rows="".join(body)))
         archive.writestr("xl/workbook.xml", WORKBOOK.format(sheets="".join(entries)))
         archive.writestr(
             "xl/_rels/workbook.xml.rels", RELATIONS.format(relations="".join(relations))

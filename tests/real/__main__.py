@@ -137,9 +137,7 @@ def row_of(name, described, said, by_hand):
 def count(split, found):
     """In words how many sets of a split reach the goal, are silent, or are contradicted."""
     of_split = [
-        (described, said, by_hand)
-        for described, said, by_hand in found
-        if described.split == split
+        (described, said, by_hand) for described, said, by_hand in found if described.split == split
     ]
     heard = [one for one in of_split if "refused" not in one[1]]
     to_close = [
@@ -150,9 +148,7 @@ def count(split, found):
     closed = sum(closed_share(said, by_hand) >= GOAL for said, by_hand in to_close)
     silent = sum(is_silent(said) for _, said, _ in heard)
     contradicted = sum(contradicts(said, d) for d, said, _ in heard)
-    denied = sum(
-        said["grade"] == NOTHING and not d.negligible for d, said, _ in heard
-    )
+    denied = sum(said["grade"] == NOTHING and not d.negligible for d, said, _ in heard)
     words = (
         f"{closed} of {len(to_close)} close {GOAL:g} of what the hand fit closes, "
         f"{contradicted} contradicted, {silent} silent"

@@ -23,7 +23,9 @@ GROUP = RecordingGroup("made/up", SOURCE, "acrobot", "nothing", ())
 
 
 def made_up(split="test", right=(), negligible=False):
-    return PublicSet("made-up", GROUP, split, "friction", "friction", tuple(right), (), "", negligible)
+    return PublicSet(
+        "made-up", GROUP, split, "friction", "friction", tuple(right), (), "", negligible
+    )
 
 
 def sources_of(name):
@@ -96,7 +98,9 @@ def test_a_statement_closes_a_share_of_the_mean_square():
 def test_what_was_not_published_contradicts():
     assert not contradicts(SAID, made_up(right=["joint_friction"]))
     assert contradicts(SAID, made_up(right=["joint_damping"]))
-    assert not contradicts({**NOTHING, "family": "joint_dissipation"}, made_up(right=["joint_drag"]))
+    assert not contradicts(
+        {**NOTHING, "family": "joint_dissipation"}, made_up(right=["joint_drag"])
+    )
     assert contradicts({**NOTHING, "family": "joint_dissipation"}, made_up(right=["added_mass"]))
 
 
