@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import loadmat
 
 from rfca_rig.errors import BadInput
 
@@ -53,8 +54,6 @@ def read_streams(paths: Sequence[Path]) -> tuple[NDArray[np.int64], list[NDArray
 
 def read_matlab(path: Path) -> Mapping[str, NDArray[np.generic]]:
     """Variables of a MATLAB file up to version 7, by name; matrices (rows, columns)."""
-    from scipy.io import loadmat
-
     try:
         return dict(loadmat(path))
     except (NotImplementedError, ValueError) as error:

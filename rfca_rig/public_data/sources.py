@@ -9,6 +9,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import pooch
+
 from rfca_rig.errors import BadInput
 from rfca_rig.public_data.registry import SourceRepository
 
@@ -22,8 +24,6 @@ TIMEOUT_S = 30.0
 
 def cache_folder() -> Path:
     """The folder of this program in the user's cache."""
-    import pooch
-
     return Path(pooch.os_cache("rfca-rig")) / "datasets"
 
 
@@ -54,9 +54,6 @@ def fetch_sources(source: SourceRepository, paths: Sequence[str]) -> list[Path]:
     BadInput
         A file is not in the folder of sources and cannot be fetched, or it has another SHA-256.
     """
-    # Imported here: it loads an HTTP client, which most commands do not need.
-    import pooch
-
     pooch.get_logger().setLevel(logging.WARNING)
     folder = sources_folder()
     store = pooch.create(

@@ -1,12 +1,12 @@
 """The diagnosis of real recordings through MuJoCo: python -m tests.real FOLDER [SET...]
 
-The recordings are taken from the folder RFCA_RIG_DATASETS, which `rfca-rig datasets get` fills. Each
-set of the registry is put together in FOLDER and diagnosed; one whose recordings are not there is
-skipped, with a line. A row says what is stated, what was
-published, the rms error of each position (joints by name) on held-out conditions before and after,
-and after a least-squares fit of the published law by hand. The last column is the error that the
-statement closes over the error that the hand fit closes, both as mean squares of all positions.
-Counts follow for each split. Answers stay in FOLDER.
+The recordings are taken from the folder RFCA_RIG_DATASETS, which `rfca-rig datasets get` fills.
+Each set of the registry is put together in FOLDER and diagnosed. A set whose recordings are not
+there is skipped, with a line. A row says what is stated, what was published, the rms error of each
+position (joints by name) on held-out conditions before and after, and after a least-squares fit of
+the published law by hand. The last column is the error that the statement closes over the error
+that the hand fit closes, both as mean squares of all positions. Counts follow for each split.
+Answers stay in FOLDER.
 """
 
 import json
