@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from rfca_rig.notebook.recordings import open_path as open
     from rfca_rig.notebook.rig import Rig as Rig
     from rfca_rig.notebook.rig import simulate as simulate
+    from rfca_rig.public_data import library as datasets
 
 __version__ = "0.1.0"
 # Modules of the public names; a name of its own there after the colon.
 _PLACES = {
     "Rig": "rfca_rig.notebook.rig",
+    "datasets": "rfca_rig.public_data.library:",
     "diagnose": "rfca_rig.notebook.analyses",
     "effects": "rfca_rig.notebook.analyses",
     "fit": "rfca_rig.notebook.analyses",
@@ -36,6 +38,7 @@ _PLACES = {
 }
 __all__ = [
     "Rig",
+    "datasets",
     "diagnose",
     "effects",
     "fit",

@@ -40,6 +40,7 @@ from rfca_rig.escaping import (
 from rfca_rig.mechanism.laws_file import write_laws
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import JointLaw, make_plant
+from rfca_rig.public_data.registry import SETS
 from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.table import Table, TableColumn, TableRow, as_csv, as_tex
 from rfca_rig.toml import format_value, table
@@ -298,7 +299,7 @@ def test_a_whole_diagnosis_keeps_hostile_texts_as_texts(tmp_path):
     recorded = Path(__file__).parent / "data" / "pendulums" / "free-swing" / "runs"
     folder = tmp_path / "recordings"
     folder.mkdir()
-    model = (Path(__file__).parent / "real" / "free-swing" / "model.xml").read_text("utf-8")
+    model = (SETS / "free-swing" / "model.xml").read_text("utf-8")
     (folder / "model.xml").write_text(model.replace('"pivot"', f'"{html.escape(JOINT)}"'), "utf-8")
     head = {"format": "rfca-experiment/1", "title": TRICK, "model": "model.xml"}
     text = "".join(f"{key} = {format_value(value)}\n" for key, value in head.items())

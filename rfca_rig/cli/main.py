@@ -22,6 +22,7 @@ from rfca_rig.cli.commands import (
     calibrate,
     check,
     crosscheck,
+    datasets,
     diagnose,
     doctor,
     export,
@@ -77,6 +78,7 @@ app.add_typer(fatigue.app, name="fatigue", cls=CommandGroup)
 app.add_typer(twin.app, name="twin", cls=CommandGroup)
 app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
+app.add_typer(datasets.app, name="datasets", cls=CommandGroup)
 app.command("init", cls=Command)(init.init)
 app.command("import", cls=Command)(export.import_folder)
 app.command("resume", cls=Command)(resume.resume)

@@ -206,6 +206,12 @@ def _behind_commas(words: Iterable[str]) -> Offer:
     return offer
 
 
+def _dataset_names(_begun: str) -> Iterable[str]:
+    from rfca_rig.public_data.registry import read_registry
+
+    return read_registry().sets
+
+
 def _verdicts(_begun: str) -> Iterable[str]:
     return (*VERDICTS, *effect_names())
 
@@ -230,6 +236,7 @@ _BY_OPTION: dict[str, Offer] = {
     "--phases": _behind_commas(PHASES),
 }
 _BY_COMMAND: dict[tuple[str, str], Offer] = {
+    ("datasets get", "NAME"): _dataset_names,
     ("runs", "--kind"): _offer_words(RUN_KINDS),
     ("runs", "--source"): _offer_words(SOURCES),
     ("runs", "--ended"): _offer_words((*RUN_ENDINGS, *TRIP_CODES)),

@@ -141,7 +141,7 @@ GROUPS = {
     "Understand": ("report", "fit", "diagnose", "crosscheck", "prove"),
     "Design": ("predict", "strip", "sweep"),
     "Set up": ("doctor", "calibrate", "contract", "twin"),
-    "Files": ("init", "import", "export", "check", "recover", "schema"),
+    "Files": ("init", "import", "export", "datasets", "check", "recover", "schema"),
 }
 
 

@@ -78,6 +78,8 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("export", "csv", "{run}", "--out", "run-csv"),
     ("export", "mjcf", "small-campaign", "--out", "mjcf"),
     ("import", "small-campaign", "--out", "imported"),
+    ("datasets", "list"),
+    ("datasets", "get", "golf"),
     ("init", "--mjcf", "cart/model.xml", "--data", "draft"),
 )
 
@@ -108,8 +110,16 @@ def hostile_folder(tmp_path_factory) -> Path:
 
 
 def _environment() -> dict[str, str]:
-    # The workers of a sweep and the photo reader need a second core.
-    return {**os.environ, "RFCA_RIG_THREADS": "2"} | {"PYTHONDONTWRITEBYTECODE": "1"}
+    settings = {
+        # The workers of a sweep and the photo reader need a second core.
+        "RFCA_RIG_THREADS": "2",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        # Nothing is fetched: no proxy listens here.
+        "HTTPS_PROXY": "http://127.0.0.1:9",
+        "RFCA_RIG_DATASETS": "public-recordings",
+        "RFCA_RIG_DATASETS_SOURCES": "public-sources",
+    }
+    return {**os.environ, **settings}
 
 
 def _imported(folder: Path) -> list[str]:

@@ -21,7 +21,7 @@ from tests.own_devices.rigs import EXAMPLES
 
 DATA = Path(__file__).parents[1] / "data"
 FREE = DATA / "pendulums" / "free-swing"
-SIMPLE = DATA / "dfki-pendulum" / "simple"
+SIMPLE = DATA / "pendulums" / "geared"
 RUNS = ("released at 45 degrees", "released at 90 degrees", "released at 135 degrees")
 
 
@@ -33,13 +33,15 @@ def say(monkeypatch, capsys, tmp_path):
 
 
 def test_import_checks_and_copies_what_the_other_commands_read(say, tmp_path):
-    done = say("import", FREE)
+    recorded = shutil.copytree(FREE, tmp_path / "free-swing")
+    (recorded / "LICENSE.txt").write_text("Copyright", encoding="utf-8")
+    done = say("import", recorded)
     assert done.exit_code == 0
     copy = tmp_path / "runs" / "IMPORT-free-swing"
     assert f"3 runs of a pendulum in {copy.relative_to(tmp_path)}" in done.err
     for name in ("pendulum.toml", "LICENSE.txt", "runs/release-45.csv"):
-        assert (copy / name).read_bytes() == (FREE / name).read_bytes()
-    again = say("import", FREE)
+        assert (copy / name).read_bytes() == (recorded / name).read_bytes()
+    again = say("import", recorded)
     assert again.exit_code == 2 and "is there already" in again.err
 
 
@@ -176,7 +178,7 @@ def test_only_the_parameters_that_are_named_are_fitted():
 def test_a_model_file_of_other_links_is_refused(say, tmp_path):
     say("fit", SIMPLE, "--parameters", "command_delay_s", "--out", "one.toml")
     with pytest.raises(BadInput, match=r"one\.toml: a model of 1 links, but .* has 2"):
-        read_pendulum(DATA / "dfki-pendulum" / "double", model_file=tmp_path / "one.toml")
+        read_pendulum(DATA / "pendulums" / "double", model_file=tmp_path / "one.toml")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@ real pendulum, and in closed form.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,6 +41,7 @@ from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
+from tests.public_recordings import write_public_pendulum
 
 DESIGN = ExamDesign(
     tuple((height, speed) for height in (205.0, 220.0, 235.0) for speed in (2.0, 2.6, 3.3)),
@@ -50,7 +50,6 @@ DESIGN = ExamDesign(
 )
 OTHER = ExamDesign(((212.0, 2.3), (228.0, 3.0)), 2, ())
 CONDITIONS = [(205.0, 2.2), (215.0, 2.6), (225.0, 2.2), (235.0, 3.0)]
-PENDULUM = Path(__file__).parents[1] / "data" / "dfki-pendulum" / "simple"
 
 
 def campaign(folder, design, **concealed):
@@ -254,8 +253,8 @@ def test_an_argument_that_a_place_lacks_is_refused(crosstalk):
 
 
 @pytest.mark.slow
-def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
-    experiment = read_pendulum(PENDULUM)
+def test_the_friction_of_a_real_servo_is_measured_over_its_speed(tmp_path):
+    experiment = read_pendulum(write_public_pendulum("dfki-pendulum/simple", tmp_path))
     problem = prepare_mechanism(experiment, experiment.load_model())
     with single_threaded_blas():
         found = search_models(problem.dataset, Parameterization(problem.space), [], lambda *_: None)

@@ -2,9 +2,7 @@
 model, and on some that an independent integrator made.
 """
 
-import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,9 +24,8 @@ from tests.diagnosis.pendulum_folders import (
     write_experiment,
     write_pendulum,
 )
+from tests.public_recordings import write_public_pendulum
 
-DATA = Path(__file__).parents[1] / "data" / "dfki-pendulum"
-REAL_FREE = Path(__file__).parents[1] / "data" / "pendulums" / "free-swing"
 FRICTION_Nm = 0.17  # what the authors' runs with the light weight say
 DISSIPATION = {
     "joint_friction",
@@ -55,8 +52,9 @@ def all_effects_but(folder, *kept):
 
 
 @pytest.fixture(scope="module")
-def simple():
-    return diagnosed(DATA / "simple")
+def simple(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("simple")
+    return diagnosed(write_public_pendulum("dfki-pendulum/simple", folder))
 
 
 @pytest.mark.slow
@@ -84,7 +82,7 @@ def test_what_is_printed_beside_the_name_hangs_together(simple):
 
 @pytest.mark.slow
 def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recordings(tmp_path):
-    folder = shutil.copytree(DATA / "simple", tmp_path / "simple")
+    folder = write_public_pendulum("dfki-pendulum/simple", tmp_path)
     text = (folder / "pendulum.toml").read_text(encoding="utf-8")
     text = text.replace("[known_to]", f"joint_friction_Nm = {FRICTION_Nm}\n[known_to]", 1)
     (folder / "pendulum.toml").write_text(text, encoding="utf-8")
@@ -93,8 +91,9 @@ def test_where_the_friction_is_believed_nothing_is_claimed_of_the_same_recording
 
 
 @pytest.fixture(scope="module")
-def free():
-    return diagnosed(REAL_FREE)
+def free(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("free-swing")
+    return diagnosed(write_public_pendulum("pendulums/free-swing", folder))
 
 
 @pytest.mark.slow
@@ -120,8 +119,10 @@ def states_only(answer, effects, family):
 
 
 @pytest.mark.long
-def test_a_real_weight_that_was_added_or_a_scale_that_does_the_same_is_what_it_behaves_like():
-    answer = diagnosed(DATA / "simple-heavier")
+def test_a_real_weight_that_was_added_or_a_scale_that_does_the_same_is_what_it_behaves_like(
+    tmp_path,
+):
+    answer = diagnosed(write_public_pendulum("dfki-pendulum/simple-heavier", tmp_path))
     alike = [
         rival.probability
         for rival in answer.rivals
@@ -131,8 +132,8 @@ def test_a_real_weight_that_was_added_or_a_scale_that_does_the_same_is_what_it_b
 
 
 @pytest.mark.long
-def test_friction_left_out_of_a_real_double_pendulum_is_what_it_behaves_like():
-    answer = diagnosed(DATA / "double")
+def test_friction_left_out_of_a_real_double_pendulum_is_what_it_behaves_like(tmp_path):
+    answer = diagnosed(write_public_pendulum("dfki-pendulum/double", tmp_path))
     assert DISSIPATION & set(answer.rivals[0].ids)
     assert answer.grade == "unexplained" or states_only(
         answer, DISSIPATION | {"joint_inertia"}, "joint_dissipation"

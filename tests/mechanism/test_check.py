@@ -21,7 +21,7 @@ from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.progress import ignore_share
 from tests.cli.typed import typed
 from tests.mechanism.arm import Arm, Friction, _rate, mjcf, record, write_campaign
-from tests.real.__main__ import put_together, read_sets
+from tests.public_recordings import write_public_set
 
 # what a model usually lacks must not look like a wrong sign
 ARM = replace(Arm(), friction=Friction((0.0, 0.4, 0.0)))
@@ -430,7 +430,7 @@ def test_the_terminal_and_json_say_the_same(folder, monkeypatch, capsys):
 
 @pytest.mark.parametrize("name", ["simple", "double", "free-swing", "flexible-link"])
 def test_no_sign_and_no_unit_of_real_recordings_is_doubted(tmp_path, name):
-    put_together(name, read_sets()[name], tmp_path)
+    write_public_set(name, tmp_path)
     assert not warnings(until_priors(tmp_path))
 
 

@@ -21,7 +21,7 @@ from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.progress import ignore_share
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, Gear, record, write_campaign
-from tests.real.__main__ import put_together, read_sets
+from tests.public_recordings import write_public_set
 
 NOMINAL = Arm()
 KNOWN_TO = {"mass_relative": 0.02, "centre_of_mass_m": 0.003, "zero_offset_rad": 0.002}
@@ -154,7 +154,7 @@ def test_rotors_that_are_bodies_of_their_own_are_said_to_have_gears_that_yield(
 
 @pytest.mark.slow
 def test_a_real_pendulum_is_said_to_dissipate_through_this_simulator_too(tmp_path):
-    put_together("simple", read_sets()["simple"], tmp_path)
+    write_public_set("simple", tmp_path)
     found = diagnosed(tmp_path)
     assert found.grade in ("identified", "mostly", "family")
     ids = {effect.id for effect in found.effects}
@@ -168,7 +168,7 @@ def test_a_real_pendulum_is_said_to_dissipate_through_this_simulator_too(tmp_pat
 
 @pytest.mark.long
 def test_recordings_are_diagnosed_where_all_nominal_values_count_as_exact(tmp_path):
-    put_together("simple", read_sets()["simple"], tmp_path)
+    write_public_set("simple", tmp_path)
     text = (tmp_path / "experiment.toml").read_text(encoding="utf-8")
     before, _, after = text.partition("[known_to]")
     (tmp_path / "experiment.toml").write_text(

@@ -1,17 +1,18 @@
 """The diagnosis of real recordings through MuJoCo: python -m tests.real FOLDER [SET...]
 
-Each set of sets.toml is put together in FOLDER and diagnosed. A row says what is stated, what was
-published, the rms error of each position (joints by name) on held-out conditions before and after,
-and after a least-squares fit of the published law by hand. The last column is the error that the
-statement closes over the error that the hand fit closes, both as mean squares of all positions.
-Counts follow for each split. Answers stay in FOLDER.
+The recordings are taken from the folder RFCA_RIG_DATASETS, which `rfca-rig datasets get` fills.
+Each set of the registry is put together in FOLDER and diagnosed. A set whose recordings are not
+there is skipped, with a line. A row says what is stated, what was published, the rms error of each
+position (joints by name) on held-out conditions before and after, and after a least-squares fit of
+the published law by hand. The last column is the error that the statement closes over the error
+that the hand fit closes, both as mean squares of all positions. Counts follow for each split.
+Answers stay in FOLDER.
 """
 
 import json
 import math
-import shutil
+import os
 import sys
-import tomllib
 from pathlib import Path
 
 from rfca_rig.campaign.experiment import read_experiment
@@ -20,25 +21,15 @@ from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.catalogue import members_of
 from rfca_rig.progress import ignore_share
+from rfca_rig.public_data.library import write_set
+from rfca_rig.public_data.registry import read_registry
+from rfca_rig.public_data.sources import RECORDINGS_VARIABLE
+from tests.public_recordings import explain_absence
 from tests.real.hand_fit import fit_by_hand
 
-HERE = Path(__file__).parent
-DATA = HERE.parent / "data"
-SPLITS = ("development", "test")
+SPLITS = ("development", "test", "added")
 NOTHING = "nothing missing"
 GOAL = 0.8  # share of what the fit by hand closes
-
-
-def read_sets():
-    """The sets by name."""
-    return tomllib.loads((HERE / "sets.toml").read_text(encoding="utf-8"))
-
-
-def put_together(name, described, folder):
-    """Description and model file of a set beside its recordings."""
-    shutil.copytree(DATA / described["recordings"] / "runs", folder / "runs")
-    shutil.copy(HERE / name / "experiment.toml", folder)
-    shutil.copy(HERE / described.get("model", name) / "model.xml", folder)
 
 
 def keep(path, make):
@@ -57,7 +48,8 @@ def answer(name, described, out):
 
     def make_answer():
         if not (out / name).is_dir():
-            put_together(name, described, out / name)
+            recordings = Path(os.environ[RECORDINGS_VARIABLE]) / described.group.name
+            write_set(described, recordings, out / name)
         problem = MechanismProblem(read_experiment(out / name))
         found = diagnose(problem, ignore_share).diagnosis
         return {
@@ -78,7 +70,7 @@ def fit_of(name, described, out):
     """Values and held-out errors of the fit by hand."""
 
     def fit():
-        found = fit_by_hand(read_experiment(out / name), described["law"])
+        found = fit_by_hand(read_experiment(out / name), described.law)
         return {"values": found.values, "held_out": found.held_out}
 
     return keep(out / f"{name}-by-hand.json", fit)
@@ -105,14 +97,14 @@ def contradicts(said, described):
     stated = [{name} for name in said["effects"]] or (
         [members_of(said["family"])] if said["family"] else []
     )
-    return any(not members & set(described["right"]) for members in stated)
+    return any(not members & set(described.right) for members in stated)
 
 
 def row_of(name, described, said, by_hand):
     """A row of the table."""
-    head = f"| {name} | {described['split']} |"
+    head = f"| {name} | {described.split} |"
     if "refused" in said:
-        return f"{head} refused: {said['refused']} | {described['published']} | | | |"
+        return f"{head} refused: {said['refused']} | {described.published} | | | |"
     sizes = "; ".join(
         f"`{effect}` " + ", ".join(f"{v:.3g} +- {1.645 * s:.2g}" for v, s in values.values())
         for effect, values in said["effects"].items()
@@ -126,18 +118,18 @@ def row_of(name, described, said, by_hand):
     )
     if "refused" in by_hand:
         return (
-            f"{head} {stated} | {described['published']} | {errors} | refused: "
+            f"{head} {stated} | {described.published} | {errors} | refused: "
             f"{by_hand['refused']} | |"
         )
     of_law = {
         key: value
         for key, (value, _) in by_hand["values"].items()
-        if key.rsplit(".", 1)[-1] in described["law"]
+        if key.rsplit(".", 1)[-1] in described.law
     }
     values = ", ".join(f"{key} {value:.3g}" for key, value in of_law.items())
     after = ", ".join(f"{error:.3g}" for _, error in sorted(by_hand["held_out"].items()))
     return (
-        f"{head} {stated} | {described['published']} | {errors} | {after} ({values}) | "
+        f"{head} {stated} | {described.published} | {errors} | {after} ({values}) | "
         f"{closed_share(said, by_hand):.2f} |"
     )
 
@@ -145,22 +137,18 @@ def row_of(name, described, said, by_hand):
 def count(split, found):
     """In words how many sets of a split reach the goal, are silent, or are contradicted."""
     of_split = [
-        (described, said, by_hand)
-        for described, said, by_hand in found
-        if described["split"] == split
+        (described, said, by_hand) for described, said, by_hand in found if described.split == split
     ]
     heard = [one for one in of_split if "refused" not in one[1]]
     to_close = [
         (said, by_hand)
         for d, said, by_hand in heard
-        if not d.get("negligible", False) and "refused" not in by_hand
+        if not d.negligible and "refused" not in by_hand
     ]
     closed = sum(closed_share(said, by_hand) >= GOAL for said, by_hand in to_close)
     silent = sum(is_silent(said) for _, said, _ in heard)
     contradicted = sum(contradicts(said, d) for d, said, _ in heard)
-    denied = sum(
-        said["grade"] == NOTHING and not d.get("negligible", False) for d, said, _ in heard
-    )
+    denied = sum(said["grade"] == NOTHING and not d.negligible for d, said, _ in heard)
     words = (
         f"{closed} of {len(to_close)} close {GOAL:g} of what the hand fit closes, "
         f"{contradicted} contradicted, {silent} silent"
@@ -173,7 +161,7 @@ def count(split, found):
 
 def main(out, names):
     """A row for each set, then the counts."""
-    sets = read_sets()
+    sets = read_registry().sets
     found = []
     out.mkdir(parents=True, exist_ok=True)
     print(
@@ -182,6 +170,10 @@ def main(out, names):
     )
     print("|---|---|---|---|---|---|---|")
     for name in names or sets:
+        absence = explain_absence(sets[name].group.name)
+        if absence:
+            print(f"| {name} | {sets[name].split} | skipped: {absence} | | | | |")
+            continue
         said = answer(name, sets[name], out)
         if "refused" in said:
             by_hand = said

@@ -24,7 +24,7 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.mechanisms.prepared import prepare_mechanism
 from rfca_rig.mechanism.load import ARENA_BYTES, load_mechanism
-from tests.real.__main__ import read_sets
+from rfca_rig.public_data.registry import read_registry
 from tests.real.hand_fit import Fit, list_free
 
 OF_BODIES = ("mass_relative", "centre_of_mass_m", "inertia_relative")
@@ -41,7 +41,7 @@ def keys_of(described, experiment):
         dict.fromkeys(
             [
                 key
-                for key in [*described["law"], *of_bodies]
+                for key in [*described.law, *of_bodies]
                 if key in OF_BODIES or key.startswith(OF_JOINTS)
             ]
         )
@@ -184,7 +184,7 @@ def fit(problem, path, free, conditions):
 
 def main(out, names):
     """A row for each set."""
-    sets = read_sets()
+    sets = read_registry().sets
     print(
         "| recordings | by the toolbox | held-out rms: nominal | toolbox | fit by hand | "
         "after the statement |\n|---|---|---|---|---|---|"

@@ -10,78 +10,51 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES, find_places
-from tests.real.__main__ import (
-    DATA,
-    HERE,
-    SPLITS,
-    closed_share,
-    contradicts,
-    count,
-    put_together,
-    read_sets,
-)
+from rfca_rig.public_data.registry import SETS as FOLDERS
+from rfca_rig.public_data.registry import PublicSet, RecordingGroup, SourceRepository, read_registry
+from tests.public_recordings import write_public_set
+from tests.real.__main__ import SPLITS, closed_share, contradicts, count
 
 pytest.importorskip("mujoco")
 
-SETS = read_sets()
-NEEDED = {"split", "recordings", "concealed", "published", "right", "law"}
-OPTIONAL = {"model", "negligible"}
-# bytes of recordings
-LARGEST = 1.5e6
-LARGEST_IN_ALL = 6e6
+SETS = read_registry().sets
+SOURCE = SourceRepository("owner/name", "0" * 40, "MIT", {})
+GROUP = RecordingGroup("made/up", SOURCE, "acrobot", "nothing", ())
 
 
-def files_of(name):
-    """The recordings that a set uses, as paths of tests/data."""
-    runs = DATA / SETS[name]["recordings"] / "runs"
+def made_up(split="test", right=(), negligible=False):
+    return PublicSet(
+        "made-up", GROUP, split, "friction", "friction", tuple(right), (), "", negligible
+    )
+
+
+def sources_of(name):
+    """What a set's recordings are made from: source files, and which part of them."""
     return {
-        runs / line.split('"')[1].split("/", 1)[1]
-        for line in _lines(name)
-        if line.startswith("file = ")
+        (path, tuple(file.options.items()))
+        for file in SETS[name].recordings
+        for path in file.sources
     }
 
 
-def _lines(name):
-    return (HERE / name / "experiment.toml").read_text(encoding="utf-8").splitlines()
-
-
 def test_every_folder_is_a_set_and_every_set_a_folder():
-    assert {path.parent.name for path in HERE.glob("*/experiment.toml")} == set(SETS)
+    assert {path.parent.name for path in FOLDERS.glob("*/experiment.toml")} == set(SETS)
 
 
 @pytest.mark.parametrize("name", SETS)
 def test_a_set_says_all_that_its_row_needs(name):
-    described = SETS[name]
-    assert NEEDED <= set(described) <= NEEDED | OPTIONAL
-    assert described["split"] in SPLITS
-    assert all(described[key] for key in NEEDED)
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_the_licence_stands_beside_recordings_that_are_small(name):
-    folder = DATA / SETS[name]["recordings"]
-    assert "copyright" in (folder / "LICENSE.txt").read_text(encoding="utf-8").lower()
-    assert sum(path.stat().st_size for path in (folder / "runs").iterdir()) < LARGEST
-
-
-def test_all_recordings_together_are_small():
-    folders = {DATA / described["recordings"] for described in SETS.values()}
-    assert (
-        sum(
-            path.stat().st_size
-            for folder in folders
-            for path in folder.rglob("*")
-            if path.is_file()
-        )
-        < LARGEST_IN_ALL
-    )
+    public_set = SETS[name]
+    assert public_set.split in SPLITS
+    assert public_set.concealed and public_set.published and public_set.law
+    assert public_set.right or public_set.negligible
+    assert public_set.recordings
+    assert all(path.is_file() for path in public_set.files.values())
 
 
 def test_no_test_uses_a_recording_of_development():
     used = {split: [] for split in SPLITS}
-    for name in SETS:
-        used[SETS[name]["split"]].extend(files_of(name))
-    assert all(file.is_file() for files in used.values() for file in files)
+    for name, public_set in SETS.items():
+        used[public_set.split].extend(sources_of(name))
     assert not set(used["development"]) & set(used["test"])
     assert len(used["test"]) == len(set(used["test"]))
 
@@ -90,7 +63,7 @@ def test_no_test_uses_a_recording_of_development():
 @pytest.mark.parametrize("name", SETS)
 def test_read_and_check_accept_a_set_and_doubt_no_sign_or_unit(name, tmp_path):
     folder = tmp_path / name
-    put_together(name, SETS[name], folder)
+    write_public_set(name, folder)
     experiment = read_experiment(folder)
     # what is concealed may make the prediction of the nominal model poor
     assert [
@@ -99,7 +72,7 @@ def test_read_and_check_accept_a_set_and_doubt_no_sign_or_unit(name, tmp_path):
         if line.is_warning and line.about != "prediction"
     ] == []
     mechanism = load_mechanism(experiment.model)
-    assert all(find_places(mechanism, NUISANCES[key].objects) for key in SETS[name]["law"])
+    assert all(find_places(mechanism, NUISANCES[key].objects) for key in SETS[name].law)
 
 
 SAID = {
@@ -123,21 +96,26 @@ def test_a_statement_closes_a_share_of_the_mean_square():
 
 
 def test_what_was_not_published_contradicts():
-    assert not contradicts(SAID, {"right": ["joint_friction"]})
-    assert contradicts(SAID, {"right": ["joint_damping"]})
-    assert not contradicts({**NOTHING, "family": "joint_dissipation"}, {"right": ["joint_drag"]})
-    assert contradicts({**NOTHING, "family": "joint_dissipation"}, {"right": ["added_mass"]})
+    assert not contradicts(SAID, made_up(right=["joint_friction"]))
+    assert contradicts(SAID, made_up(right=["joint_damping"]))
+    assert not contradicts(
+        {**NOTHING, "family": "joint_dissipation"}, made_up(right=["joint_drag"])
+    )
+    assert contradicts({**NOTHING, "family": "joint_dissipation"}, made_up(right=["added_mass"]))
 
 
 def test_counts_are_those_of_a_split():
-    right, wrong = ({"split": "test", "right": [id_]} for id_ in ("joint_friction", "joint_drag"))
+    right = made_up(right=["joint_friction"])
+    wrong = made_up(right=["joint_drag"])
+    negligible = made_up(right=["joint_friction"], negligible=True)
+    development = made_up("development", ["joint_friction"])
     perfect = {**SAID, "held_out": {"a_position_rad": [2.0, 0.1]}}
     found = [
         (right, perfect, BY_HAND),
         (wrong, SAID, BY_HAND),
-        ({**right, "negligible": True}, NOTHING, BY_HAND),
+        (negligible, NOTHING, BY_HAND),
         (right, {"refused": "too slow"}, {"refused": "too slow"}),
-        ({**right, "split": "development"}, NOTHING, BY_HAND),
+        (development, NOTHING, BY_HAND),
     ]
     silent = "1 silent (0 of them say that nothing is missing)"
     assert count("test", found) == (
