@@ -84,9 +84,12 @@ def test_a_first_run_finds_the_compliance_of_the_twins_drive(execute, look_for, 
     ).is_file()
 
 
-def test_own_recordings_have_the_published_friction(execute):
+def test_own_recordings_have_the_simulated_friction(execute):
     result = execute("own-data")["result"]
-    assert result.grade == "family" and result.diagnosis.family.id == "joint_dissipation"
+    assert result.grade == "identified"
+    (effect,) = result.diagnosis.effects
+    assert effect.id == "joint_friction"
+    assert effect.parameters["torque_Nm"].value == pytest.approx(0.18, abs=0.07)
     assert set(result.rivals()["effects"].head(2)) == {"joint_friction", "joint_stribeck"}
 
 
