@@ -97,7 +97,7 @@ class ColumnList:
 
 
 def finite_or_none(column: Floats) -> Floats | None:
-    """The column; None where it holds something that is no finite number."""
+    """The column (m,); None where it holds something that is no finite number."""
     if np.isfinite(column).all():
         return column
     return None
