@@ -88,7 +88,8 @@ class NamedEffect:
     well.
 
     `shape` holds the fitted shape parameters of its law: nuisance parameters, which a prediction
-    needs to reproduce the fit.
+    needs to reproduce the fit. `plausible` are the ends of the ranges within which parameters were
+    looked for, by their names in the catalogue; they depend on the rig.
     """
 
     id: str
@@ -98,6 +99,7 @@ class NamedEffect:
     cannot_tell_from: tuple[str, ...]
     wording: str
     shape: Mapping[str, Value] = field(default_factory=dict)
+    plausible: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -119,6 +119,7 @@ NAMED = Diagnosis(
             {"half_gap_deg": Value(1.1, 0.1)},
             ("spring_hysteresis",),
             "Law confirmed: one gap serves all conditions and all channels.",
+            plausible={"half_gap_deg": (0.05, 4.0)},
         ),
     ),
     criteria=(
@@ -316,6 +317,7 @@ MECHANISM = replace(
             {"friction_Nm": Value(0.12, 0.0016)},
             (),
             "",
+            plausible={"friction_Nm": (0.004, 1.7)},
         ),
     ),
     not_seen=(
@@ -978,6 +980,12 @@ def test_parameters_and_rivals_are_drawn_with_prior_and_posterior():
     assert text.count('class="prior"') == 3
     row = draw_forest((-1.0, 0.0, 1.0), (0.0, 1.0, 9.0), (-2.0, 2.0), "x & y")
     assert "M47.0 9H133.0" in row and 'cx="133.0"' in row and "H176.0" in row and "x &amp; y" in row
+
+
+def test_the_range_and_the_words_of_an_effect_are_those_of_its_rig():
+    text = unescape(page(MECHANISM, PageContext(Origin())))
+    assert "plausible 0.00400 to 1.70 N m" in text.replace("\u00a0", " ")
+    assert "a spring in the joints" in text
 
 
 def test_a_pointer_finds_the_values_of_all_curves(named_page):

@@ -618,6 +618,9 @@ def _describe_effect(
                 }
             )
         ),
+        plausible={
+            parameter.name: (parameter.low, parameter.high) for parameter in effect.parameters
+        },
         wording=off if law_error < 1.0 else "these data do not tell how well the law holds",
     )
 

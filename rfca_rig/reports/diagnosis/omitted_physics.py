@@ -15,7 +15,6 @@ from rfca_rig.diagnosis.result import (
     Value,
     name_parts,
 )
-from rfca_rig.model.catalogue import catalogue
 from rfca_rig.reports.diagnosis.pictures import draw_forest
 from rfca_rig.reports.diagnosis.tables import (
     STDS_90,
@@ -83,7 +82,7 @@ def _effect(effect: NamedEffect, is_identified: bool) -> Markup:
     if effect.wording:
         contents.append(paragraph(with_typography(effect.wording)))
     if effect.parameters:
-        rows = [_parameter(effect.id, name, value) for name, value in effect.parameters.items()]
+        rows = [_parameter(effect, name, value) for name, value in effect.parameters.items()]
         contents.append(card_table(f"parameters of {effect.id}", EFFECT_PARAMETERS, rows))
     if effect.cannot_tell_from:
         others = _alternatives(effect.cannot_tell_from)
@@ -107,12 +106,12 @@ def _alternatives(ids: Sequence[str]) -> Markup:
     return last
 
 
-def _parameter(effect_id: str, name: str, value: Value) -> tuple[str | HtmlCell, ...]:
-    """Cells of a parameter, with its plausible range as the prior where the catalogue has one."""
+def _parameter(effect: NamedEffect, name: str, value: Value) -> tuple[str | HtmlCell, ...]:
+    """Cells of a parameter, with its plausible range as the prior where it has one."""
     words, unit = words_and_unit(name)
     shown_value = format_with_interval_90(value)
     hover = f"{words}: {shown_value} {unit}"
-    plausible = _plausible_range(effect_id, name)
+    plausible = _plausible_range(effect, name)
     range_words = ""
     forest = EMPTY
     if isfinite(value.value) and plausible is None:
@@ -124,15 +123,12 @@ def _parameter(effect_id: str, name: str, value: Value) -> tuple[str | HtmlCell,
     return (HtmlCell(words, unit=unit), shown_value, unit, range_words, forest)
 
 
-def _plausible_range(effect_id: str, name: str) -> tuple[float, float] | None:
-    """Ends of the catalogue's range in the unit of the page, None where it has none."""
-    effect = catalogue().get(effect_id)
-    if effect is None:
-        return None
-    for parameter in effect.parameters:
-        shown_name, factor = page_name(parameter.name)
+def _plausible_range(effect: NamedEffect, name: str) -> tuple[float, float] | None:
+    """Ends of the parameter's plausible range in the unit of the page, None where it has none."""
+    for parameter, (lowest, highest) in effect.plausible.items():
+        shown_name, factor = page_name(parameter)
         if shown_name == name:
-            return factor * parameter.low, factor * parameter.high
+            return factor * lowest, factor * highest
     return None
 
 

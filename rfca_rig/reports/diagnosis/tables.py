@@ -18,7 +18,7 @@ from rfca_rig.diagnosis.result import (
     describe_probability,
     name_parts,
 )
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.catalogue import declarations
 from rfca_rig.reports.diagnosis.pictures import residuals_of
 from rfca_rig.reports.table import Table, TableColumn, TableRow, places
 from rfca_rig.reports.table import Value as Shown
@@ -114,9 +114,9 @@ def describe_effect(effect_id: str) -> str:
     """
     if effect_id == UNKNOWN:
         return UNLISTED
-    effect = catalogue().get(effect_id)
-    if effect:
-        return effect.left_out
+    for declared in declarations():
+        if declared.id == effect_id:
+            return declared.left_out
     return ""
 
 
