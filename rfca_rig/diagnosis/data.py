@@ -125,6 +125,11 @@ class Observations:
             )
         return tuple(names[number] for number in sorted(names))
 
+    def take(self, rows: Integers) -> "Observations":
+        """The rows of these numbers (k,), in their order; labels and condition numbers stay."""
+        columns = {name: getattr(self, name)[rows] for name in (*_PLAIN, "label", "condition")}
+        return Observations(**columns, labels=self.labels)
+
 
 def stack_observations(parts: list[Observations]) -> Observations:
     """The observations of several conditions as one; their condition numbers and label indices

@@ -15,11 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
+from rfca_rig.analysis.fitting.space import Prior
+from rfca_rig.diagnosis.config import SearchConfig
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
+from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.model.effect import Effect
@@ -126,6 +129,39 @@ def refuse_leg_options(given: Mapping[str, bool]) -> None:
             raise BadInput(f"{option}: is an option for recordings of a leg; leave it out here")
 
 
+@dataclass(frozen=True)
+class RecordingPair:
+    """Recordings and their reference, in windows of one length, both with the nominal model of the
+    recordings.
+
+    Parameters
+    ----------
+    new, reference
+        The observations of the recordings, and of the reference.
+    space
+        The nuisance parameters, with the priors that [known_to] states.
+    free
+        Names of nuisance parameters that differ from one recording day to the next anyway.
+    effects
+        The effects that may be missing.
+    config
+        How widely to search.
+    solve
+        The solution from a finding in the observations of the recordings.
+    clear_proposal
+        Removes the files of an experiment that an earlier diagnosis proposed.
+    """
+
+    new: Dataset
+    reference: Dataset
+    space: Prior[Any]
+    free: frozenset[str]
+    effects: Sequence[Effect]
+    config: SearchConfig
+    solve: Callable[[DecidedSearch], "Solution"]
+    clear_proposal: FileWriter
+
+
 class Solution(ABC):
     """The decided searches in the recordings of a problem."""
 
@@ -183,6 +219,20 @@ class Problem(ABC):
         Raises BadInput where the recordings cannot be used, SimulationFailed where the nominal
         model cannot be simulated.
         """
+
+    def pair_with(
+        self,
+        reference: "Problem",  # noqa: ARG002
+        without: Collection[str],  # noqa: ARG002
+        progress: Progress,  # noqa: ARG002
+    ) -> RecordingPair:
+        """These recordings and a reference in rows that can be compared, for the effects but those
+        of the ids `without`.
+
+        Raises BadInput where that cannot be done, SimulationFailed where the nominal model cannot
+        be simulated.
+        """
+        raise BadInput("--reference: compares recordings of a mechanism; leave it out for a leg")
 
     def list_runs(self) -> Sequence[Any]:
         """The recordings (`recording.model.Recording`), where this program can run experiments on

@@ -19,6 +19,10 @@ Grade = Literal[
 ]
 
 
+# Begins a remark on what a recording and its reference have in common; shown with the answer.
+SHARED_ERROR = "both recordings differ from the model by"
+
+
 @dataclass(frozen=True)
 class Located:
     """One place where model and recordings differ: a signal in a phase, over the conditions where

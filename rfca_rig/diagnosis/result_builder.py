@@ -6,7 +6,7 @@ draw.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,41 @@ from rfca_rig.model.parameters import PresentEffect
 Floats = NDArray[np.float64]
 
 
-def describe(decision: Decision) -> str:
+@dataclass(frozen=True)
+class Wording:
+    """How an answer says what it states.
+
+    Parameters
+    ----------
+    lacks, mostly, family
+        Before the stated effects or family, by grade.
+    nothing
+        Where nothing is missing.
+    something
+        What is there where nothing can be stated.
+    visible
+        The difference that is within the usual model error.
+    """
+
+    lacks: str
+    mostly: str
+    family: str
+    nothing: str
+    something: str
+    visible: str
+
+
+OF_MODEL = Wording(
+    lacks="The model lacks:",
+    mostly="Mostly missing:",
+    family="Of the cause only the family is clear:",
+    nothing="Nothing is missing that these recordings would show.",
+    something="Something is missing",
+    visible="The difference is within the usual model error, but visible:",
+)
+
+
+def describe(decision: Decision, words: Wording = OF_MODEL) -> str:
     """What is stated, in one or two sentences."""
     stated = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
     explains = (
@@ -67,7 +101,7 @@ def describe(decision: Decision) -> str:
             tail = f"; these data cannot tell it from {', '.join(others)}"
         else:
             tail = ""
-        return f"The model lacks: {stated}{tail}.{beside}"
+        return f"{words.lacks} {stated}{tail}.{beside}"
     if decision.grade == "mostly":
         is_exact = all(
             criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT
@@ -76,33 +110,30 @@ def describe(decision: Decision) -> str:
             caution = "other causes are possible"
         else:
             caution = "the law is only approximate"
-        return f"Mostly missing: {stated}. It {explains}; {caution}.{beside}"
+        return f"{words.mostly} {stated}. It {explains}; {caution}.{beside}"
     if decision.grade == "family" and decision.family is not None:
         best = " with ".join(decision.explanation.ids)
         return (
-            f"Of the cause only the family is clear: {decision.family.words}. The best law of "
+            f"{words.family} {decision.family.words}. The best law of "
             f"it, {best}, {explains}.{beside}"
         )
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
-        return "Nothing is missing that these recordings would show."
-    return describe_open(decision)
+        return words.nothing
+    return describe_open(decision, words)
 
 
-def describe_open(decision: Decision) -> str:
+def describe_open(decision: Decision, words: Wording) -> str:
     """What is known where nothing is stated, and something may be missing."""
     if decision.alternatives and decision.within_usual:
-        return (
-            "The difference is within the usual model error, but visible: "
-            f"{describe_alternatives(decision.alternatives)}."
-        )
+        return f"{words.visible} {describe_alternatives(decision.alternatives)}."
     is_explained = any(
         criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT
     )
     if decision.alternatives and is_explained:
         return (
-            "Something is missing, and no cause is sure enough to be stated: "
+            f"{words.something}, and no cause is sure enough to be stated: "
             f"{describe_alternatives(decision.alternatives)}."
         )
     if decision.closest:
@@ -111,7 +142,7 @@ def describe_open(decision: Decision) -> str:
         )
     else:
         closest = ""
-    return f"Something is missing that no entry of the catalogue explains.{closest}"
+    return f"{words.something} that no entry of the catalogue explains.{closest}"
 
 
 def describe_alternatives(sets: Sequence[Rival]) -> str:
@@ -289,11 +320,12 @@ def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     posterior = hypothesis.marginal.posterior
     priors = nuisance_priors(hypothesis)
     values = nuisance_values(hypothesis)
+    # In the posterior the effects follow the nuisance parameters.
+    shifts = space.prior_shifts(posterior.mean[: len(space.std)])
     moved = [
-        # In the posterior the effects follow the nuisance parameters, so the zip is not strict.
-        MovedPrior(p.name, p.unit, priors[p.name], values[p.name], float(z))
-        for p, z in zip(space.parameters, posterior.mean, strict=False)
-        if abs(z) > MOVED_PRIOR_STD
+        MovedPrior(p.name, p.unit, priors[p.name], values[p.name], float(shift))
+        for p, shift in zip(space.parameters, shifts, strict=True)
+        if abs(shift) > MOVED_PRIOR_STD
     ]
     return tuple(sorted(moved, key=lambda prior: -abs(prior.deviations)))
 
@@ -336,8 +368,9 @@ def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
     """Posterior means and standard deviations of the nuisance parameters, in their units."""
     space = hypothesis.fitted.coordinates.space
     posterior = hypothesis.marginal.posterior
-    x = _possible_mean(hypothesis)[: len(space.std)]
-    std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])
+    count = len(space.std)
+    x = _possible_mean(hypothesis)[:count]
+    std = space.std_in_units(x, posterior.covariance[:count, :count])
     return {
         name: Value(float(v), float(s))
         for name, v, s in zip(space.names, space.values(x), std, strict=True)

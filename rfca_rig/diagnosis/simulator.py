@@ -186,6 +186,12 @@ class Simulator(ABC):
         """
         return ()
 
+    def known_scatter(self, conditions: Sequence[Any]) -> Floats:
+        """Directions (m, k), in each of which the observations of all these conditions together may
+        vary by one standard deviation; none by default.
+        """
+        return np.empty((sum(len(part.rows().measured) for part in conditions), 0))
+
     def forget_history(self, conditions: tuple[Any, ...]) -> tuple[Any, ...]:
         """The conditions before their approach is inferred; the same tuple where there is
         nothing to infer.

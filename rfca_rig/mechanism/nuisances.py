@@ -259,3 +259,11 @@ COMMAND_NUISANCES = (
     "command_gain_relative",
     "command_delay_s",
 )
+# Zeros and starts of every day of recordings: encoders are referenced and sensors tared again.
+NUISANCES_OF_A_DAY = (
+    "zero_offset_rad",
+    "zero_offset_m",
+    "sensor_offset_N",
+    "sensor_offset_Nm",
+    *START_NUISANCES,
+)

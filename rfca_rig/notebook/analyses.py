@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rfca_rig.diagnosis.diagnose import diagnose as diagnose_problem
 from rfca_rig.diagnosis.opening import open_problem
 from rfca_rig.diagnosis.problem import Fit, FitOptions, Problem, Row
+from rfca_rig.diagnosis.reference.problem import add_reference
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue, families_of
@@ -204,6 +205,7 @@ def diagnose(
     without: Sequence[str] = (),
     law_at: str = "",
     as_is: bool = False,
+    reference: Source | None = None,
     progress: bool = True,
 ) -> DiagnosisResult:
     """Say which physics the model of recordings lacks, with size and probability.
@@ -219,6 +221,8 @@ def diagnose(
     as_is
         Take values that are probably in another unit or of another sign; otherwise they are refused
         with a guess.
+    reference
+        Earlier recordings of the same mechanism; the answer is then what has changed since.
     progress
         Show a bar, where tqdm is installed.
 
@@ -230,6 +234,8 @@ def diagnose(
         Where the nominal model cannot be simulated.
     """
     problem = _open_problem(sources, as_is)
+    if reference is not None:
+        problem = add_reference(problem, _open_problem((reference,), as_is))
     with show_progress("diagnosis", progress) as move:
         return DiagnosisResult(diagnose_problem(problem, move, without, law_at).diagnosis)
 

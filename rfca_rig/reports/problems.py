@@ -16,6 +16,7 @@ from rfca_rig.diagnosis.leg.problem import LegProblem
 from rfca_rig.diagnosis.mechanisms.fit import compare_mechanism
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.problem import Problem, Row, refuse_leg_options
+from rfca_rig.diagnosis.reference.problem import ReferenceProblem
 from rfca_rig.progress import ignore_share
 from rfca_rig.reports.provenance import Origin, command_line, origin_of, origin_of_import
 from rfca_rig.reports.strokes.motions import JSON, PAGE, mechanism_report, write_motions
@@ -80,6 +81,11 @@ def _(problem: LegProblem, command: str) -> Origin:
 def _(problem: MechanismProblem, command: str) -> Origin:
     experiment = problem.experiment
     return origin_of_import(command, experiment.path.parent, experiment.title, experiment.about)
+
+
+@origin_of_problem.register
+def _(problem: ReferenceProblem, command: str) -> Origin:
+    return origin_of_problem(problem.new, command)
 
 
 @singledispatch

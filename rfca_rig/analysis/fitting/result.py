@@ -116,7 +116,7 @@ class FitResult:
         # Errors are first computed in the coordinates of the space, where the fit is nearly linear,
         # and then converted.
         std_x = np.sqrt(np.diag(self.covariance))
-        stds = self.space.std_in_units(self.x, std_x)
+        stds = self.space.std_in_units(self.x, self.covariance)
         values = self.space.values(self.x)
         return tuple(
             self._parameter(i, float(values[i]), float(stds[i]), float(std_x[i]))

@@ -211,6 +211,14 @@ def diagnose(
             help="Print all effects that are looked for, and leave.",
         ),
     ] = False,
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            "--reference",
+            metavar="OLD",
+            help="Earlier recordings of the same mechanism: find what has changed since then.",
+        ),
+    ] = None,
     law: Annotated[
         str,
         typer.Option(
@@ -243,11 +251,15 @@ def diagnose(
     from rfca_rig.cli.options import Printing
     from rfca_rig.diagnosis.config import check_known_of_any_rig
     from rfca_rig.diagnosis.opening import open_problem
+    from rfca_rig.diagnosis.reference.problem import add_reference
     from rfca_rig.errors import BadInput
     from rfca_rig.reports.provenance import command_line
 
     known = [word for effect in without or () for word in ("--without", effect)]
-    at = [*(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
+    since: list[str | Path] = []
+    if reference is not None:
+        since = ["--reference", reference]
+    at = [*since, *(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
     asked = DiagnoseOptions(
         out,
         as_json,
@@ -257,6 +269,7 @@ def diagnose(
     )
     printing = Printing(pdf)
     _check_options(each, close_the_loop, law, pdf)
+    _check_reference(reference, each, close_the_loop)
     if each and not close_the_loop:
         # Otherwise each diagnosis would refuse the name for itself, after it has read recordings.
         check_known_of_any_rig(asked.without)
@@ -275,6 +288,8 @@ def diagnose(
             "or --close-the-loop, stays here"
         )
     problem = open_problem(paths, as_is, allow_outside)
+    if reference is not None:
+        problem = add_reference(problem, open_problem([reference], as_is, allow_outside))
     if not close_the_loop:
         diagnosis = diagnose_and_write(problem, asked)
     else:
@@ -309,6 +324,16 @@ def _check_options(each: bool, close_the_loop: bool, law: str, pdf: bool) -> Non
     if law and (each or close_the_loop):
         raise BadInput(
             "--law measures the law of one diagnosis; leave out --each and --close-the-loop"
+        )
+
+
+def _check_reference(reference: Path | None, each: bool, close_the_loop: bool) -> None:
+    """Raises BadInput for a reference beside an option that does not use it."""
+    from rfca_rig.errors import BadInput
+
+    if reference is not None and (each or close_the_loop):
+        raise BadInput(
+            "--reference is that of one diagnosis; leave out --each and --close-the-loop"
         )
 
 

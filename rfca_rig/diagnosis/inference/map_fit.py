@@ -325,21 +325,23 @@ class GaussNewton:
         would then seem to distinguish what only the prior does. It applies to stated equivalents,
         for example the height of the rack, and to columns whose cosine exceeds SAME_COLUMN_COSINE.
         """
+        # Parameters with a joint prior share their coordinates, so columns are compared and
+        # replaced with respect to the parameters themselves.
+        count = coordinates.nuisances
+        jacobian[:, :count] = coordinates.space.per_deviation(jacobian[:, :count])
         size = jacobian / self.dataset.rows.noise[:, None]
         # In units of noise, so that channels of different units count alike.
         norm = np.maximum(
             np.linalg.norm(size, axis=0), 1e-150
         )  # the product of two does not underflow
         equivalents = coordinates.same_as
-        effects = range(coordinates.nuisances, coordinates.size)
+        effects = range(count, coordinates.size)
         for nuisance, name in enumerate(coordinates.space.names):
             cosine = {
                 effect: float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance])
                 for effect in effects
             }
-            tied = [
-                effect for effect in effects if equivalents[effect - coordinates.nuisances] == name
-            ]
+            tied = [effect for effect in effects if equivalents[effect - count] == name]
             effect = max(
                 tied or effects, key=lambda candidate: abs(cosine[candidate]), default=None
             )
@@ -347,6 +349,7 @@ class GaussNewton:
                 jacobian[:, nuisance] = (
                     jacobian[:, effect] * cosine[effect] * norm[nuisance] / norm[effect]
                 )
+        jacobian[:, :count] = coordinates.space.per_coordinate(jacobian[:, :count])
         return jacobian
 
     def _columns(

@@ -346,7 +346,9 @@ def estimate_scatter(dataset: Dataset, at: Any) -> RepeatScatter:
     scatter[:, [direction.is_corrected for direction in directions]] = 0.0
     return RepeatScatter(
         {direction.name: float(s) for direction, s in zip(directions, std, strict=True)},
-        _per_condition(dataset, scatter),
+        np.column_stack(
+            [_per_condition(dataset, scatter), dataset.simulator.known_scatter(dataset.parts)]
+        ),
     )
 
 

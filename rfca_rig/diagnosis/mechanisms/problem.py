@@ -27,15 +27,24 @@ from rfca_rig.diagnosis.mechanisms.model_files import (
     write_law_table,
     write_plant,
 )
+from rfca_rig.diagnosis.mechanisms.paired import choose_common_length, prepare_reference
 from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, prepare_mechanism
 from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
-from rfca_rig.diagnosis.problem import AnswerPart, DecidedSearch, FitOptions, Problem, Solution
+from rfca_rig.diagnosis.problem import (
+    AnswerPart,
+    DecidedSearch,
+    FitOptions,
+    Problem,
+    RecordingPair,
+    Solution,
+)
 from rfca_rig.diagnosis.residual_force.law import StatedLaw, describe_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
 from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
+from rfca_rig.mechanism.nuisances import NUISANCES_OF_A_DAY
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import Effect
@@ -181,6 +190,12 @@ def _decide(prepared: PreparedMechanism, search: ModelSelectionResult) -> Decisi
     )
 
 
+def _remove_next_commands(folder: Path) -> Sequence[str]:
+    """Remove those of an earlier diagnosis, which would look like a result of this one."""
+    (folder / NEXT_COMMANDS).unlink(missing_ok=True)
+    return ()
+
+
 def _remove_measured_law(folder: Path) -> Sequence[str]:
     """Remove those of an earlier diagnosis, which would look like a result of this one."""
     for name in (MEASURED_MODEL, MEASURED_LAWS, MEASURED_TABLE):
@@ -244,6 +259,33 @@ class MechanismProblem(Problem):
         )
         return MechanismSolution(
             prepared, DecidedSearch(effects, search, _decide(prepared, search)), short
+        )
+
+    def pair_with(
+        self, reference: Problem, without: Collection[str], progress: Progress
+    ) -> RecordingPair:
+        """Both recordings in windows of one length, the reference with the model of these."""
+        if not isinstance(reference, MechanismProblem):
+            raise BadInput("--reference: name recordings of the same mechanism")
+        progress("reading the reference", 0.0)
+        paired = prepare_reference(self.prepared, reference.experiment, self.as_is)
+        progress("choosing windows", 0.01)
+        new, paired = choose_common_length(self.prepared, paired)
+        effects = [effect for effect in self.list_effects() if effect.id not in without]
+        free = [name for name in new.space.names if name.rpartition(".")[2] in NUISANCES_OF_A_DAY]
+
+        def solve(finding: DecidedSearch) -> MechanismSolution:
+            return MechanismSolution(new, finding, self.prepared)
+
+        return RecordingPair(
+            new=new.dataset,
+            reference=paired.dataset,
+            space=new.space,
+            free=frozenset(free),
+            effects=effects,
+            config=SEARCH,
+            solve=solve,
+            clear_proposal=_remove_next_commands,
         )
 
     def check_fit(self, options: FitOptions, out: Path | None) -> None:

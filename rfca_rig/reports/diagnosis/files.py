@@ -10,7 +10,14 @@ from pathlib import Path
 
 from rfca_rig.diagnosis.config import EXCLUDED
 from rfca_rig.diagnosis.residual_force.law import describe_law
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, Value
+from rfca_rig.diagnosis.result import (
+    SHARED_ERROR,
+    BeforeAfter,
+    Diagnosis,
+    Located,
+    NamedEffect,
+    Value,
+)
 from rfca_rig.reports.diagnosis.json_file import as_json
 from rfca_rig.reports.diagnosis.page import page
 from rfca_rig.reports.diagnosis.tables import (
@@ -41,6 +48,8 @@ MOST_LINES = 15
 PLACES = 3
 # Of the misfits, the forces; hinge angles are on the page.
 FIGURES = 3
+# Remarks without which the answer would be misread, by their beginnings.
+SHOWN_REMARKS = (EXCLUDED, SHARED_ERROR)
 # A console may have no other characters.
 ASCII = str.maketrans(
     {"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"}
@@ -72,7 +81,7 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if diagnosis.stated_law is not None:
         law = diagnosis.stated_law.law
         yield f"law at {law.place} over {law.argument}, {describe_law(diagnosis.stated_law)}"
-    yield from (remark for remark in diagnosis.remarks if remark.startswith(EXCLUDED))
+    yield from (remark for remark in diagnosis.remarks if remark.startswith(SHOWN_REMARKS))
     for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES]:
         if diagnosis.is_of_stretches:
             count = count_noun(len(place.conditions), "stretch", "stretches")

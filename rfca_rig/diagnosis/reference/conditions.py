@@ -1,0 +1,224 @@
+"""Conditions of recordings, compared with their matches in the reference.
+
+With y the measured rows, f the model and theta the nuisance parameters, the model's error d is
+common to both: y_new = f_new(theta, effects) + d and y_ref = f_ref(theta) + d. So the difference
+
+    y_new - y_ref = f_new(theta, effects) - f_ref(theta)
+
+has no part of it. f_ref is linear around the fit of the reference, so that no simulation of the
+reference is needed: what is subtracted is its residual, and the derivatives of that residual.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.diagnosis.config import USUAL_ERROR
+from rfca_rig.diagnosis.data import Observations
+from rfca_rig.diagnosis.reference.fit import ReferenceFit
+from rfca_rig.diagnosis.reference.matching import Match, find_matches
+from rfca_rig.diagnosis.simulator import (
+    ConditionData,
+    Dataset,
+    ScatterDirection,
+    Simulator,
+    make_dataset,
+)
+
+Floats = NDArray[np.float64]
+
+# Least discrepancy of matched conditions, as a share of the usual one: repeats of one day differ by
+# less than recordings of two days. With 0.3, 20 % more weight on a servo is stated as a family
+# only, at a probability of 0.71 for the effect.
+LEAST_SHARE = 0.1
+# Distance of two motions, see `Match`, over which the model's error changes by as much as itself.
+# Assumed; motions of the benchmark that match differ by 0.02 at most, so that it adds little there.
+ERROR_LENGTH = 0.5
+
+
+@dataclass(frozen=True)
+class ReferenceParts:
+    """Which parts of the reference are used. All of them, unless their worth is measured."""
+
+    joint_prior: bool = True
+    covariance: bool = True
+    matching: bool = True
+
+
+@dataclass(frozen=True)
+class ReferencedCondition:
+    """A condition with m rows, and what the reference says of it.
+
+    Parameters
+    ----------
+    condition
+        The condition as it was recorded.
+    observed
+        Its rows, with the mean residual of the matches subtracted and its error added.
+    slope
+        (m, n) by how much the predicted rows of the reference change with each nuisance parameter,
+        per unit of its value; 0 without a match.
+    directions
+        (m,) each, by name: what may vary by one standard deviation. One name in several conditions
+        is one quantity.
+    matches
+        The matches.
+    """
+
+    condition: ConditionData
+    observed: Observations
+    slope: Floats
+    directions: Mapping[str, Floats]
+    matches: tuple[Match, ...]
+
+    @property
+    def repeats(self) -> Floats:
+        """The repeats as they were recorded: only their differences count."""
+        return self.condition.repeats
+
+    def rows(self) -> Observations:
+        """The rows that are compared."""
+        return self.observed
+
+
+@dataclass(frozen=True)
+class ReferenceSimulator(Simulator):
+    """Predicts compared conditions: the model's rows less the change of those of the reference.
+
+    Parameters
+    ----------
+    inner
+        The simulator of the conditions as recorded.
+    fit
+        The reference.
+    values
+        (n,) values of the nuisance parameters in the fit of the reference.
+    """
+
+    inner: Simulator
+    fit: ReferenceFit
+    values: Floats = field(repr=False)
+
+    def simulate(self, at: Any, condition: ReferencedCondition) -> Floats:
+        """The predicted rows (m,). Raises SimulationFailed and BadInput as the inner simulator."""
+        parameters = self.fit.space.parameters
+        shift = np.array([parameter.read(at) for parameter in parameters]) - self.values
+        return np.asarray(self.inner.simulate(at, condition.condition) - condition.slope @ shift)
+
+    def coarsen(self, conditions: Sequence[ReferencedCondition], count: int) -> list[int]:
+        """As the inner simulator."""
+        return self.inner.coarsen([part.condition for part in conditions], count)
+
+    def scatter(
+        self, at: Any, conditions: Sequence[ReferencedCondition]
+    ) -> tuple[ScatterDirection, ...]:
+        """As the inner simulator."""
+        return self.inner.scatter(at, [part.condition for part in conditions])
+
+    def known_scatter(self, conditions: Sequence[ReferencedCondition]) -> Floats:
+        """What varies between recordings, and the error of the reference, (m, k)."""
+        names = list(dict.fromkeys(name for part in conditions for name in part.directions))
+        columns = [np.empty((sum(len(part.slope) for part in conditions), 0))]
+        for name in names:
+            column = [part.directions.get(name, np.zeros(len(part.slope))) for part in conditions]
+            columns.append(np.concatenate(column)[:, None])
+        return np.column_stack(columns)
+
+
+def compare_with_reference(
+    new: Dataset, jacobian: Floats, fit: ReferenceFit, parts: ReferenceParts
+) -> Dataset:
+    """The conditions of `new`, compared with the reference.
+
+    Parameters
+    ----------
+    new
+        The recordings, m rows.
+    jacobian
+        (m, n) derivatives of their predictions with respect to the nuisance parameters, per unit of
+        the prior's `std`.
+    fit
+        The reference.
+    parts
+        What is used of it.
+    """
+    rows = new.rows
+    compared = []
+    for number, part in enumerate(new.parts):
+        of_part = np.flatnonzero(rows.condition == number)
+        observed = part.rows()
+        matches = find_matches(observed, fit.dataset.rows) if parts.matching else ()
+        directions: dict[str, Floats] = {}
+        if parts.covariance and fit.repeats is not None:
+            name = str(rows.recording[of_part[0]])
+            scatter = jacobian[of_part] * fit.repeats.std
+            directions |= _name_columns(f"recording {name}", scatter)
+        if matches:
+            compared.append(_compare_matched(part, observed, fit, matches, directions, parts))
+        else:
+            share = max(fit.error / USUAL_ERROR, 1.0) if parts.covariance else 1.0
+            slope = np.zeros((len(of_part), len(fit.mean)))
+            compared.append(
+                ReferencedCondition(part, _scale_error(observed, share), slope, directions, ())
+            )
+    simulator = ReferenceSimulator(new.simulator, fit, fit.read_values())
+    return make_dataset(compared, simulator)
+
+
+def _compare_matched(
+    part: ConditionData,
+    observed: Observations,
+    fit: ReferenceFit,
+    matches: tuple[Match, ...],
+    directions: Mapping[str, Floats],
+    parts: ReferenceParts,
+) -> ReferencedCondition:
+    count = len(matches)
+    residual = np.mean([fit.residuals[match.rows] for match in matches], axis=0)
+    slope = np.mean([fit.jacobian[match.rows] for match in matches], axis=0)
+    noise = np.sqrt(
+        np.mean([fit.dataset.rows.noise[match.rows] ** 2 for match in matches], axis=0) / count
+    )
+    every = dict(directions)
+    # The zeros of the reference's day are known as well as its fit knows them.
+    of_day = slope * np.where(fit.free, np.sqrt(np.diag(fit.covariance)), 0.0)
+    every |= _name_columns("reference", of_day)
+    share = 1.0
+    if parts.covariance and fit.repeats is not None:
+        recordings = "+".join(str(match.recording) for match in matches)
+        every |= _name_columns(f"mean of {recordings}", slope * fit.repeats.std / np.sqrt(count))
+        share = _measure_share(fit, fit.repeats.error, matches)
+    observed = _scale_error(observed, share)
+    observed = replace(
+        observed,
+        measured=observed.measured - residual,
+        noise=np.hypot(observed.noise, noise),
+    )
+    shared = np.where(fit.free, 0.0, slope / fit.value_slopes())
+    return ReferencedCondition(part, observed, shared, every, matches)
+
+
+def _measure_share(fit: ReferenceFit, repeat_error: float, matches: Sequence[Match]) -> float:
+    """Size of the discrepancy of a matched condition, over the usual one.
+
+    It has the error of a single recording and of the mean of its matches, and the change of the
+    model's error with the motion. It is never larger than that of a condition without a match.
+    """
+    distance = float(np.mean([match.distance for match in matches]))
+    of_motion = distance / ERROR_LENGTH * fit.error
+    of_repeats = repeat_error * np.sqrt(1.0 + 1.0 / len(matches))
+    share = float(np.hypot(of_repeats, of_motion)) / USUAL_ERROR
+    return min(max(share, LEAST_SHARE), max(fit.error / USUAL_ERROR, 1.0))
+
+
+def _scale_error(rows: Observations, share: float) -> Observations:
+    """The rows with a discrepancy of `share` times its size."""
+    return replace(rows, scale=share * rows.scale, transient_scale=share * rows.transient_scale)
+
+
+def _name_columns(name: str, columns: Floats) -> dict[str, Floats]:
+    """Columns (m, n) by name, those that are not zero."""
+    return {f"{name}, {index}": column for index, column in enumerate(columns.T) if np.any(column)}

@@ -1,0 +1,284 @@
+"""`ReferenceProblem`: recordings beside a reference as a problem of the diagnosis."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
+from rfca_rig.diagnosis.data import rms, unit_of
+from rfca_rig.diagnosis.decision.decide import Decision, decide
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.inference.map_fit import without_scatter
+from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.problem import (
+    AnswerPart,
+    DecidedSearch,
+    Fit,
+    FitOptions,
+    Problem,
+    RecordingPair,
+    Solution,
+)
+from rfca_rig.diagnosis.reference.conditions import (
+    ReferencedCondition,
+    ReferenceParts,
+    compare_with_reference,
+)
+from rfca_rig.diagnosis.reference.fit import ReferenceFit, fit_reference
+from rfca_rig.diagnosis.residual_force.law import StatedLaw
+from rfca_rig.diagnosis.result import SHARED_ERROR, Diagnosed, Diagnosis, name_parts
+from rfca_rig.diagnosis.result_builder import Wording, describe, not_enough_data
+from rfca_rig.diagnosis.simulator import Dataset
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.effect import Effect
+from rfca_rig.protocol.plan import Limits
+
+SHARE_OF_REFERENCE = 0.15  # of the progress of a diagnosis
+# Repeats that are proposed: with two the difference between recordings is known for each command.
+REPEATS = 2
+
+SINCE_REFERENCE = Wording(
+    lacks="Since the reference, this has changed:",
+    mostly="Since the reference, this has changed most:",
+    family="Since the reference, something has changed of which only the family is clear:",
+    nothing="Since the reference, nothing has changed that these recordings would show.",
+    something="Since the reference, something has changed",
+    visible=(
+        "The difference from the reference is within the usual difference between recordings, but "
+        "visible:"
+    ),
+)
+
+
+@dataclass(frozen=True)
+class ReferenceSolution(Solution):
+    """The decided search for what has changed.
+
+    Parameters
+    ----------
+    inner
+        The solution of the kind of rig.
+    finding, pair, compared
+        The search, the recordings as they are, and the conditions in which it was made.
+    fit, reference
+        The reference, and the identity of its recordings.
+    """
+
+    inner: Solution
+    finding: DecidedSearch
+    pair: RecordingPair
+    compared: Dataset
+    fit: ReferenceFit
+    reference: tuple[Diagnosed, ...]
+
+    def describe(self) -> Diagnosis:
+        """The answer as a change, and apart from it what both recordings have."""
+        diagnosis = self.inner.describe()
+        sentence = describe(self.finding.decision, SINCE_REFERENCE)
+        return replace(
+            diagnosis,
+            sentence=name_parts(sentence, diagnosis.is_of_stretches),
+            remarks=(*self._describe_reference(), *diagnosis.remarks),
+            settings={**diagnosis.settings, "reference": self._settings()},
+        )
+
+    def write_model(self, folder: Path, diagnosis: Diagnosis) -> Sequence[str]:
+        """Write the model with the values of the reference and what has changed."""
+        return self.inner.write_model(folder, diagnosis)
+
+    def propose_experiment(self, limits: Limits | None) -> AnswerPart[Mapping[str, Any] | None]:  # noqa: ARG002
+        """The commands of the reference that these recordings lack, or all of them again where the
+        answer is open.
+        """
+        missing = self._list_commands(is_matched=False)
+        is_open = self.finding.decision.grade not in ("identified", "nothing missing")
+        if missing:
+            why = (
+                "what is compared with its own repeat in the reference is free of the model's error"
+            )
+            commands = missing
+        elif is_open:
+            why = "more repeats of the same commands show smaller changes"
+            commands = self._list_commands(is_matched=True)
+        else:
+            return AnswerPart(None, self.pair.clear_proposal)
+        proposal: dict[str, Any] = {
+            "kind": "repeat of the reference",
+            "commands": commands,
+            "repeats": REPEATS,
+            "separates": [],
+            "why": f"record {', '.join(commands)} of the reference again: {why}",
+            "protocol": None,
+        }
+        return AnswerPart(proposal, self.pair.clear_proposal)
+
+    def measure_law(self, place: str) -> AnswerPart[StatedLaw | None]:
+        """None: a law is measured without a reference."""
+        return self.inner.measure_law(place)
+
+    def _list_commands(self, is_matched: bool) -> list[str]:
+        """The commands of the reference with, or without, a match: of each the first recording."""
+        first_of = {
+            match.recording: group[0].recording for group in self.fit.groups for match in group
+        }
+        matched = {
+            first_of.get(match.recording, match.recording)
+            for part in self._parts
+            for match in part.matches
+        }
+        rows = self.fit.dataset.rows
+        names: dict[int, str] = {}
+        for index, number in zip(rows.label, rows.recording, strict=True):
+            label = rows.labels[index]
+            if first_of.get(int(number), int(number)) == int(number):
+                names.setdefault(int(number), label.recording or label.condition)
+        return [name for number, name in names.items() if (number in matched) == is_matched]
+
+    @property
+    def _parts(self) -> tuple[ReferencedCondition, ...]:
+        return tuple(part for part in self.compared.parts if isinstance(part, ReferencedCondition))
+
+    def _describe_reference(self) -> tuple[str, ...]:
+        """What both recordings have, and how the comparison was made, a remark each."""
+        matched = sum(bool(part.matches) for part in self._parts)
+        count = len(self._parts)
+        remarks = [
+            f"{SHARED_ERROR} {self._describe_shared_error()}; {matched} of {count} parts of the "
+            "recordings were compared with the same command in the reference"
+        ]
+        if matched < count:
+            remarks.append(
+                "parts without their command in the reference count under the whole error of the "
+                f"model there, {100.0 * self.fit.error:.1f} % of the usual torques"
+            )
+        if self.fit.repeats is None:
+            remarks.append(
+                "the reference has no command twice, so that the usual difference between "
+                f"recordings was assumed, {100.0 * USUAL_ERROR:g} % of the usual torques"
+            )
+        return tuple(remarks)
+
+    def _describe_shared_error(self) -> str:
+        """Rms residual of the reference by signal, with the noise."""
+        rows = self.fit.dataset.rows
+        texts = []
+        for signal in dict.fromkeys(rows.signal.tolist()):
+            mask = rows.signal == signal
+            size = rms(self.fit.residuals[mask])
+            noise = rms(rows.noise[mask])
+            unit = unit_of(signal)
+            texts.append(f"{size:.2g} {unit} in {signal} (noise {noise:.1g} {unit})")
+        return ", ".join(texts)
+
+    def _settings(self) -> dict[str, object]:
+        repeats = self.fit.repeats
+        return {
+            "recordings": [asdict(recording) for recording in self.reference],
+            "matched": sum(bool(part.matches) for part in self._parts),
+            "conditions": len(self._parts),
+            "model_error": self.fit.error,
+            "repeat_error": None if repeats is None else repeats.error,
+            "repeats": 0 if repeats is None else repeats.spare,
+        }
+
+
+@dataclass(frozen=True)
+class ReferenceProblem(Problem):
+    """Recordings, and the reference that they are compared with.
+
+    Parameters
+    ----------
+    new, reference
+        Both of the same kind of rig.
+    parts
+        What is used of the reference.
+    """
+
+    new: Problem
+    reference: Problem
+    parts: ReferenceParts = field(default_factory=ReferenceParts)
+
+    @property
+    def recordings(self) -> tuple[Diagnosed, ...]:
+        """The new ones: the answer is about them."""
+        return self.new.recordings
+
+    def list_effects(self) -> Sequence[Effect]:
+        """The effects that the new recordings could show."""
+        return self.new.list_effects()
+
+    def check_effects(self, option: str, names: Collection[str]) -> None:
+        """Raise BadInput for a name that is no effect of this rig."""
+        self.new.check_effects(option, names)
+
+    def check_place(self, place: str) -> None:
+        """Raise BadInput: no law is measured beside a reference."""
+        raise BadInput(f"--law {place}: is measured in the recordings alone; leave out --reference")
+
+    def solve(self, without: Collection[str], progress: Progress) -> ReferenceSolution:
+        """Fit the reference, compare, search and decide."""
+        pair = self.new.pair_with(self.reference, without, progress)
+        fit = fit_reference(
+            pair,
+            lambda text, share: progress(f"reference: {text}", SHARE_OF_REFERENCE * share),
+        )
+        coordinates = Parameterization(fit.make_prior(self.parts.joint_prior))
+        compared = _compare(pair, coordinates, fit, self.parts)
+        search = search_models(
+            compared,
+            coordinates,
+            pair.effects,
+            lambda text, share: progress(
+                text, SHARE_OF_REFERENCE + (1.0 - SHARE_OF_REFERENCE) * share
+            ),
+            pair.config,
+        )
+        finding = DecidedSearch(pair.effects, search, _decide(compared, search))
+        recordings = self.reference.recordings
+        return ReferenceSolution(pair.solve(finding), finding, pair, compared, fit, recordings)
+
+    def check_fit(self, options: FitOptions, out: Path | None) -> None:
+        """Raise BadInput as the recordings alone do."""
+        self.new.check_fit(options, out)
+
+    def fit(self, options: FitOptions, progress: Progress) -> Fit:
+        """Fit nominal values to the new recordings alone."""
+        return self.new.fit(options, progress)
+
+
+def add_reference(new: Problem, reference: Problem) -> ReferenceProblem:
+    """Recordings beside a reference.
+
+    Raises BadInput where both are the same recordings.
+    """
+    of_new = {recording.identity for recording in new.recordings}
+    of_reference = {recording.identity for recording in reference.recordings}
+    if of_new & of_reference:
+        title = reference.recordings[0].title
+        raise BadInput(
+            f"--reference: {title!r} is among the recordings themselves; name earlier ones"
+        )
+    return ReferenceProblem(new, reference)
+
+
+def _compare(
+    pair: RecordingPair, coordinates: Parameterization, fit: ReferenceFit, parts: ReferenceParts
+) -> Dataset:
+    """The compared conditions. Raises SimulationFailed where the fit cannot be simulated."""
+    optimizer = without_scatter(pair.new)
+    start = optimizer.at(coordinates, np.zeros(coordinates.size))
+    if start is None:
+        raise SimulationFailed("the model cannot be computed with the values of the reference")
+    jacobian = coordinates.space.per_deviation(start.jacobian)
+    return compare_with_reference(pair.new, jacobian, fit, parts)
+
+
+def _decide(compared: Dataset, search: ModelSelectionResult) -> Decision:
+    count = len(compared.parts)
+    if count >= FEWEST_CONDITIONS:
+        return decide(search)
+    return not_enough_data(search, f"{count} conditions, {FEWEST_CONDITIONS} are needed")

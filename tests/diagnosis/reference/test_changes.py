@@ -1,0 +1,149 @@
+"""What has changed in a rig whose model is wrong throughout: a steady push that no effect makes.
+
+The rig is one that the package does not know, so that the reference needs the interface alone.
+"""
+
+from dataclasses import dataclass, replace
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH
+from rfca_rig.diagnosis.problem import Problem, RecordingPair
+from rfca_rig.diagnosis.reference.conditions import ReferenceParts, compare_with_reference
+from rfca_rig.diagnosis.reference.fit import fit_reference
+from rfca_rig.diagnosis.reference.problem import ReferenceProblem
+from rfca_rig.diagnosis.simulator import make_dataset
+from tests.diagnosis.oscillator import (
+    CATALOGUE,
+    OscillatorSimulator,
+    Shaking,
+    nuisance_space,
+    recorded,
+)
+
+PUSH_N = 0.5
+SHAKEN = tuple(Shaking(force, rate) for force in (2.0, 4.0) for rate in (4.0, 7.0, 9.0))
+OTHERS = tuple(Shaking(force, rate) for force in (3.0, 5.0) for rate in (5.0, 6.0, 8.0))
+FRICTION_N = 0.4
+
+
+def push(_):
+    """The model's error, in reference and recordings."""
+    return PUSH_N
+
+
+def push_and_friction(v):
+    return PUSH_N + FRICTION_N * v / np.hypot(v, 0.012)
+
+
+@dataclass(frozen=True)
+class OneRecording:
+    """A condition that is a recording of its own, with a repeat's number in its name."""
+
+    condition: Shaking
+    name: str
+
+    @property
+    def repeats(self):
+        return self.condition.repeats
+
+    def rows(self):
+        rows = self.condition.rows()
+        labels = tuple(replace(label, recording=self.name) for label in rows.labels)
+        return replace(rows, labels=labels)
+
+
+class RecordingSimulator(OscillatorSimulator):
+    """Simulates the condition of a recording."""
+
+    def simulate(self, at, condition):
+        return super().simulate(at, condition.condition)
+
+
+def record(shaken, friction, repeats=1, seed=0):
+    """Each condition as often as `repeats` says, with noise of its own."""
+    parts = []
+    for number, condition in enumerate(shaken):
+        for repeat in range(repeats):
+            done = recorded(condition, friction, [seed, number, repeat])
+            parts.append(OneRecording(done, f"{number} repeat {repeat}"))
+    return make_dataset(parts, RecordingSimulator())
+
+
+def make_pair(new, reference):
+    return RecordingPair(
+        new=new,
+        reference=reference,
+        space=nuisance_space(),
+        free=frozenset(),
+        effects=tuple(CATALOGUE.values()),
+        config=DEFAULT_SEARCH,
+        solve=lambda _: Mock(),
+        clear_proposal=lambda _: (),
+    )
+
+
+def decided(new, reference, parts=None):
+    """The decision about the change, through the problem that every kind of rig uses."""
+    of_rig = Mock(spec=Problem)
+    of_rig.pair_with.return_value = make_pair(new, reference)
+    problem = ReferenceProblem(of_rig, of_rig, parts or ReferenceParts())
+    of_rig.recordings = ()
+    return problem.solve((), lambda *_: None)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return record(SHAKEN, push, repeats=2, seed=1)
+
+
+def test_the_error_of_the_model_is_no_change(reference):
+    solution = decided(record(SHAKEN, push, seed=2), reference)
+    assert solution.finding.decision.grade == "nothing missing"
+    assert all(part.matches for part in solution.compared.parts)
+
+
+def test_a_change_beside_the_error_is_identified_with_its_size(reference):
+    solution = decided(record(SHAKEN, push_and_friction, seed=2), reference)
+    decision = solution.finding.decision
+    assert decision.grade == "identified"
+    (effect,) = decision.effects
+    assert effect.id == "coulomb"
+    assert effect.parameters["friction_N"].value == pytest.approx(FRICTION_N, rel=0.1)
+
+
+def test_other_motions_count_under_the_whole_error_of_the_reference(reference):
+    solution = decided(record(OTHERS, push, seed=2), reference)
+    assert not solution.finding.decision.effects
+    assert not any(part.matches for part in solution.compared.parts)
+    proposal = solution.propose_experiment(None).stated
+    assert proposal["kind"] == "repeat of the reference"
+    assert proposal["commands"] == [f"{number} repeat 0" for number in range(len(SHAKEN))]
+
+
+def test_a_matched_difference_has_the_noise_of_both_and_none_of_the_error(reference):
+    new = record(SHAKEN, push, seed=2)
+    pair = make_pair(new, reference)
+    fit = fit_reference(pair, lambda *_: None)
+    jacobian = np.zeros((len(new.rows.measured), 2))
+    compared = compare_with_reference(new, jacobian, fit, ReferenceParts())
+    at = nuisance_space().at(fit.mean)
+    before = new.rows.measured - new.predicted(at)
+    after = compared.rows.measured - compared.predicted(at)
+    assert np.sqrt(np.mean((before / new.rows.noise) ** 2)) > 5.0
+    assert np.sqrt(np.mean((after / compared.rows.noise) ** 2)) == pytest.approx(1.0, abs=0.2)
+    assert compared.rows.noise == pytest.approx(np.sqrt(1.5) * new.rows.noise)
+
+
+def test_nuisance_parameters_that_both_share_cancel_in_the_difference(reference):
+    new = record(SHAKEN, push, seed=2)
+    fit = fit_reference(make_pair(new, reference), lambda *_: None)
+    jacobian = np.zeros((len(new.rows.measured), 2))
+    compared = compare_with_reference(new, jacobian, fit, ReferenceParts())
+    here = nuisance_space().at(fit.mean)
+    there = nuisance_space().at(fit.mean + 0.3)
+    change = np.linalg.norm(new.predicted(there) - new.predicted(here))
+    left = np.linalg.norm(compared.predicted(there) - compared.predicted(here))
+    assert left < 0.1 * change
