@@ -76,6 +76,7 @@ def diagnose(
     experiment = solution.propose_experiment(limits)
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
+    # Without a place its writer removes the law of an earlier diagnosis.
     law = solution.measure_law(law_at)
     diagnosis = replace(
         stated,

@@ -180,7 +180,7 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
     ):
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
-    # A simulation that diverges must not be reset silently; `rollout.roll` raises an error instead.
+    # A simulation that diverges must not be reset silently; `rollout` raises an error instead.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if not reads_sensors:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR

@@ -1,8 +1,9 @@
 """The catalogue of effects, and the simulation of a rig with its effects in it.
 
-The catalogue holds every effect of the package, and of every file of a lab's own folder. A lab
-keeps its effects as Python files in a folder that RFCA_RIG_EFFECTS names; each defines `EFFECT`.
-The package needs no change for it.
+The catalogue holds every effect of a leg, and of every file of a lab's own folder; those of a
+mechanism depend on its model, and `mechanism.effects.list_effects` makes them. A lab keeps its
+effects as Python files in a folder that RFCA_RIG_EFFECTS names; each defines `EFFECT`. The package
+needs no change for it.
 
 The members of a family are the effects that declare it, of the catalogue and of mechanisms.
 """
@@ -33,7 +34,7 @@ FOLDER_VARIABLE = "RFCA_RIG_EFFECTS"
 
 
 def catalogue() -> dict[str, Effect]:
-    """All effects by id; a lab's file may replace one of the package's by using its id."""
+    """All effects of a leg by id; a lab's file may replace one of the package's by using its id."""
     return _catalogue(os.environ.get(FOLDER_VARIABLE))
 
 

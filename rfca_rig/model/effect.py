@@ -209,6 +209,9 @@ class Effect(Declaration):
         set.
     family
         The only one of `families`, for a lab's own effect.
+    joint_torque
+        The law as a torque over the motion of a joint, with which a mechanism may have it, too;
+        None where it has no such form.
 
     Raises
     ------

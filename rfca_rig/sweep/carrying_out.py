@@ -181,11 +181,6 @@ def estimate_bytes(plan: SweepPlan) -> int:
     return plan.count * columns * (BYTES_PER_NUMBER + CSV_BYTES_PER_NUMBER)
 
 
-def all_cases(plan: SweepPlan) -> CaseRange:
-    """All cases."""
-    return CaseRange(0, plan.count)
-
-
 def run_sweep(
     plan: SweepPlan,
     folder: Path,

@@ -382,7 +382,7 @@ def test_unusable_requests_are_refused_in_one_line():
         fit_recordings([made], ("k0", "k0"))
     with pytest.raises(BadInput, match="nothing to fit"):
         fit_recordings([replace(made, known_to={})])
-    with pytest.raises(BadInput, match="believes other values"):
+    with pytest.raises(BadInput, match="states other nominal values"):
         fit_recordings([made, replace(made, known_to={"k0_relative": 0.1})])
 
 

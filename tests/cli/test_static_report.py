@@ -181,7 +181,7 @@ def test_what_cannot_go_together_is_refused(tmp_path, monkeypatch, capsys):
     campaign = copy_to(tmp_path)
     edit(campaign / "campaign.toml", swap("k0_Nm_per_rad = 11.0", "k0_Nm_per_rad = 12.0"))
     said = lines_of(monkeypatch, capsys, tmp_path / "out", SMALL, campaign)
-    assert "believes other values of the rig" in said
+    assert "states other nominal values" in said
     assert "--model" in said
 
 

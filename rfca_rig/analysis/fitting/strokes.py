@@ -104,7 +104,7 @@ def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping
         # One fit has one prior, so all recordings must state the same.
         if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(
-                f"{other.title!r} believes other values of the rig than {first.title!r}; "
+                f"{other.title!r} states other nominal values than {first.title!r}; "
                 "fit them one by one"
             )
     return first.nominal, first.known_to

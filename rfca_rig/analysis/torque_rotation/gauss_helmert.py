@@ -124,11 +124,6 @@ class Adjustment:
         """Coefficients of the curve, (size,)."""
         return self.point.p[: self.balance.basis.size]
 
-    @property
-    def curve_covariance(self) -> Floats:
-        size = self.balance.basis.size
-        return self.covariance[:size, :size]
-
 
 @dataclass(frozen=True)
 class NormalRows:

@@ -255,15 +255,15 @@ def diagnose(
     from rfca_rig.errors import BadInput
     from rfca_rig.reports.provenance import command_line
 
-    known = [word for effect in without or () for word in ("--without", effect)]
+    without_words = [word for effect in without or () for word in ("--without", effect)]
     since: list[str | Path] = []
     if reference is not None:
         since = ["--reference", reference]
-    at = [*since, *(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
+    other_words = [*since, *(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
     asked = DiagnoseOptions(
         out,
         as_json,
-        command_line("diagnose", *paths, *known, *at),
+        command_line("diagnose", *paths, *without_words, *other_words),
         tuple(without or ()),
         law_at=law,
     )
@@ -303,7 +303,9 @@ def diagnose(
             "--seed": seed,
             "--as-is": as_is,
         }
-        command = command_line("diagnose", *paths, *known, "--close-the-loop", options=options)
+        command = command_line(
+            "diagnose", *paths, *without_words, "--close-the-loop", options=options
+        )
         diagnosis = _in_rounds(
             ClosedLoop(find_rig(rig), rounds, runs, out, seed, as_json),
             problem,

@@ -139,7 +139,7 @@ class Decision:
         grades, that something is, or is not, missing.
     explained_share
         Share of the removable held-out misfit that the explanation removes.
-    relieved
+    relieved_strain
         The implausible nuisance parameters whose place the explanation takes, in words; empty where
         its share supports it.
     criteria

@@ -60,15 +60,16 @@ class MapFit:
         (m,) the model's rows at x, in the units of the signals.
     jacobian
         (m, p) derivatives of the rows there.
-    size
-        (p,) length of each column of the Jacobian, in standard deviations of all rows together.
+    column_norms
+        (p,) length of each column of the Jacobian when all of it was computed last, in standard
+        deviations of all rows together.
     """
 
     coordinates: Parameterization
     x: Floats
     predicted: Floats
     jacobian: Floats
-    size: Floats
+    column_norms: Floats
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -140,8 +141,9 @@ class GaussNewton:
     def _make_fit(
         self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats
     ) -> MapFit:
-        size = np.linalg.norm(self.likelihood.usual(jacobian), axis=0)
-        return MapFit(coordinates, x, predicted, self._align_nuisances(coordinates, jacobian), size)
+        norms = np.linalg.norm(self.likelihood.usual(jacobian), axis=0)
+        aligned = self._align_nuisances(coordinates, jacobian)
+        return MapFit(coordinates, x, predicted, aligned, norms)
 
     def without(self, found: MapFit, number: int) -> MapFit | None:
         """The fit without one of its effects, everything else unchanged; None where the model
@@ -190,7 +192,7 @@ class GaussNewton:
 
     def _recompute_jacobian(self, fit: MapFit) -> MapFit:
         columns = self._columns(
-            fit.coordinates, fit.x, fit.predicted, dict(enumerate(_widths(fit.size)))
+            fit.coordinates, fit.x, fit.predicted, dict(enumerate(_widths(fit.column_norms)))
         )
         no_columns = np.empty(
             (len(fit.predicted), 0)
@@ -294,7 +296,7 @@ class GaussNewton:
         """
         step = x - fit.x
         deviation = predicted - fit.predicted - fit.jacobian @ step
-        gain = step * (JACOBIAN_ERROR * fit.size) ** 2
+        gain = step * (JACOBIAN_ERROR * fit.column_norms) ** 2
         jacobian = fit.jacobian + np.outer(
             deviation, gain / (float(step @ gain) + MODEL_ROUGHNESS**2)
         )
@@ -305,7 +307,7 @@ class GaussNewton:
         finite differences.
         """
         jacobian = self._update_by_secant(fit, x, predicted).jacobian
-        of_effects = dict(list(enumerate(_widths(fit.size)))[fit.coordinates.nuisances :])
+        of_effects = dict(list(enumerate(_widths(fit.column_norms)))[fit.coordinates.nuisances :])
         for i, column in zip(
             of_effects, self._columns(fit.coordinates, x, predicted, of_effects), strict=True
         ):

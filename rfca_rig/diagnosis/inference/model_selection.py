@@ -211,8 +211,8 @@ def search_models(
         [*starts, *_family_starts(beside_nothing, starts, config.worth_trying_once)],
         config.singles_full,
     )
-    # History and scatter are learned only from a good fit, and before pairs are compared on them.
-    state = _learn(
+    # A history is inferred only from a good fit, and before pairs are compared on it.
+    state = _infer_history(
         _exchange(_converge(state, 1, config), beside_nominal.probes, config), GOOD_FIT, config
     )
     progress("pairs of effects", 0.5)
@@ -235,7 +235,7 @@ def search_models(
     # A set must not win because its subsets were fitted badly, so they are fitted again. Another
     # winner needs the same.
     compared_with_subsets = state.best.ids
-    state = _converge_all(_learn(_fit_nested(state), 2.0 * GOOD_FIT, config), config)
+    state = _converge_all(_infer_history(_fit_nested(state), 2.0 * GOOD_FIT, config), config)
     if state.best.ids != compared_with_subsets:
         state = _converge_all(_fit_nested(state), config)
     return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects)
@@ -574,11 +574,11 @@ def _is_adequate(state: SearchState) -> bool:
     )
 
 
-def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchState:
-    """Estimate repeat scatter and approach history evaluated from the best explanation, if its
-    error is at most `enough`.
+def _infer_history(state: SearchState, enough: float, config: SearchConfig) -> SearchState:
+    """Infer how conditions were approached from the best explanation, if its error is at most
+    `enough`; where that changes the history, the repeat scatter and all fits follow.
 
-    All fits follow. A bad explanation would give a wrong history.
+    A bad explanation would give a wrong history.
     """
     best = state.best
     if state.optimizer.evaluate(best).error > enough:

@@ -47,9 +47,9 @@ def search_drive(
     """Search for effects of the drive in the motion of the shaft, with the leg as the best
     hypothesis has it.
 
-    A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A
-    compliant drive may start in two ways. The search is made for the one that suits a single
-    compliant drive better. Only if its result then suits the other one, it is made again.
+    The model has one drive, so the leg is that of the best hypothesis without a compliant drive. A
+    compliant drive may start in two ways. The search is made with the start that suits a single
+    compliant drive better, and made again where its result suits the other start.
     """
     stiff = []
     for hypothesis in leg.named:

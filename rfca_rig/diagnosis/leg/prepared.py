@@ -83,7 +83,7 @@ def prepare_leg(recordings: Sequence[Recording]) -> PreparedLeg:
     for other in recordings[1:]:
         if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(
-                f"{other.title!r} believes other values of the rig than {first.title!r}; "
+                f"{other.title!r} states other nominal values than {first.title!r}; "
                 "diagnose them one by one"
             )
     rig = nominal_model(first.nominal)

@@ -349,7 +349,9 @@ def _with_likeliest_prior(optimizer: GaussNewton, fit: MapFit) -> MapFit:
             coordinates = fit.coordinates.with_terms((*fit.coordinates.choices[:-1], other))
             x = np.append(fit.x[: part.start], np.linalg.solve(np.array(other.root), law))
             size_of = np.linalg.norm(optimizer.likelihood.usual(jacobian), axis=0)
-            best = replace(fit, coordinates=coordinates, x=x, jacobian=jacobian, size=size_of)
+            best = replace(
+                fit, coordinates=coordinates, x=x, jacobian=jacobian, column_norms=size_of
+            )
             most = log_evidence
     return best
 

@@ -482,7 +482,7 @@ def read_nominal_values(
         # One evaluation has one nominal model.
         if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(
-                f"{other.title!r} believes other values of the rig than {first.title!r}; "
+                f"{other.title!r} states other nominal values than {first.title!r}; "
                 "give one model for both with --model"
             )
     if not first.nominal:
