@@ -79,7 +79,7 @@ class Wearing:
                 plant.rig,
                 leg=replace(plant.rig.leg, k0_Nm_per_rad=SOFTER * plant.rig.leg.k0_Nm_per_rad),
             )
-            plant._stand(plant.shaft().angle_rad)
+            plant._stand(plant.shaft().angle_rad, plant.height_m)
 
         recorder.cycles = worn
         self._carry_out(plan, bench, recorder, *more)
