@@ -65,12 +65,14 @@ def test_read_and_check_accept_a_set_and_doubt_no_sign_or_unit(name, tmp_path):
     folder = tmp_path / name
     write_public_set(name, folder)
     experiment = read_experiment(folder)
-    # what is concealed may make the prediction of the nominal model poor
-    assert [
-        line.words
-        for line in check_experiment(folder)
-        if line.is_warning and line.about != "prediction"
-    ] == []
+    doubts = []
+    for line in check_experiment(folder):
+        # What is concealed may make the prediction of the nominal model poor, and the speeds of one
+        # set are differences over a sample of 30 ms.
+        is_expected = line.about == "prediction" or "ms behind the derivative" in line.words
+        if line.is_warning and not is_expected:
+            doubts.append(line.words)
+    assert doubts == []
     mechanism = load_mechanism(experiment.model)
     assert all(find_places(mechanism, NUISANCES[key].objects) for key in SETS[name].law)
 
