@@ -106,10 +106,14 @@ def estimate_start(
     )
     best = std[:, 1].argmin(axis=0)
     joints = np.arange(position.shape[1])
-    at, speed = (
-        np.array([fit.derivative(order) for fit in fits])[best, joints] for order in (0, 1)
+    positions = np.array([fit.derivative(0) for fit in fits])
+    speeds = np.array([fit.derivative(1) for fit in fits])
+    return (
+        positions[best, joints],
+        speeds[best, joints],
+        std[best, 0, joints],
+        std[best, 1, joints],
     )
-    return at, speed, std[best, 0, joints], std[best, 1, joints]
 
 
 def bin_starts(t_s: Floats, bin_s: float) -> Indices:

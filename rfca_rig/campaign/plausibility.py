@@ -279,10 +279,9 @@ def _static_force_slips(
     """
     if not stages:
         return
-    peak = {
-        name: max(abs(getattr(stage, name)) for stage in stages)
-        for name in ("fy_N", "fz_N", "tx_Nm")
-    }
+    peak = {}
+    for name in ("fy_N", "fz_N", "tx_Nm"):
+        peak[name] = max(abs(getattr(stage, name)) for stage in stages)
     # Stages without contact show little more than parts of the weight.
     yield from _compare(
         "static stages",

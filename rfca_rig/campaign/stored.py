@@ -122,18 +122,15 @@ def streams_in_file(path: Path, stage: h5py.Group, source: Source) -> tuple[Stor
     """Streams of a stage's group, valid while the file at `path` is open. Raises BadInput where
     they are damaged.
     """
+    streams = []
     with report_damage(path):
-        return tuple(
-            StoredStream(
-                name,
-                DatasetInFile(path, group[TIME], is_time=True),
-                {
-                    column: _column_in(path, group[link_name(column)])
-                    for column in read_names(group.attrs["order"])
-                },
-            )
-            for name, group in streams_in(stage, source)
-        )
+        for name, group in streams_in(stage, source):
+            times = DatasetInFile(path, group[TIME], is_time=True)
+            columns = {}
+            for column in read_names(group.attrs["order"]):
+                columns[column] = _column_in(path, group[link_name(column)])
+            streams.append(StoredStream(name, times, columns))
+    return tuple(streams)
 
 
 def _column_in(path: Path, dataset: h5py.Dataset) -> StoredColumn:
@@ -142,17 +139,13 @@ def _column_in(path: Path, dataset: h5py.Dataset) -> StoredColumn:
 
 def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]:
     """The same for streams in memory."""
-    return tuple(
-        StoredStream(
-            name,
-            stream.t_s,
-            {
-                key: StoredColumn(column.raw, column.unit, column.conversion, column.offset)
-                for key, column in stream.columns.items()
-            },
-        )
-        for name, stream in streams.items()
-    )
+    stored = []
+    for name, stream in streams.items():
+        columns = {}
+        for key, column in stream.columns.items():
+            columns[key] = StoredColumn(column.raw, column.unit, column.conversion, column.offset)
+        stored.append(StoredStream(name, stream.t_s, columns))
+    return tuple(stored)
 
 
 class StoredSamples(Protocol):

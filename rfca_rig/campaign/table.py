@@ -128,12 +128,10 @@ def _read_bounded(table: CsvTable, read: Callable[[], Result]) -> Result:
 def _numbers_in(table: CsvTable, places: Sequence[int]) -> Floats:
     values = _fast(table)
     if values is None or not np.isfinite(values[:, places]).all():
-        return np.array(
-            [
-                [number(table, row, table.names[i], cells[i]) for i in places]
-                for row, cells in enumerate(rows(table))
-            ]
-        )
+        numbers = []
+        for row, cells in enumerate(rows(table)):
+            numbers.append([number(table, row, table.names[i], cells[i]) for i in places])
+        return np.array(numbers)
     return np.ascontiguousarray(values[:, places])
 
 

@@ -250,10 +250,8 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     # A lab's own drivers and effects are part of the rig: without their text the recording could
     # not be explained.
     texts |= texts_of(config.rig.motor, config.rig.force_sensor)
-    texts |= {
-        f"effect_{name}_file": text
-        for name, text in lab_texts([effect.id for effect in config.nominal_source.effects]).items()
-    }
+    effect_texts = lab_texts([effect.id for effect in config.nominal_source.effects])
+    texts |= {f"effect_{name}_file": text for name, text in effect_texts.items()}
     return Recording(
         title=config.plan.title,
         source=config.rig.source,

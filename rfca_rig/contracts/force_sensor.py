@@ -109,9 +109,10 @@ class ForceSensorRig:
 
 def concatenate_samples(blocks: list[ForceSamples]) -> ForceSamples:
     """Concatenates blocks of records along the first axis, columns (m,) and (m, 6)."""
-    return ForceSamples(
-        *(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0]))
-    )
+    columns = {}
+    for name in vars(blocks[0]):
+        columns[name] = np.concatenate([vars(block)[name] for block in blocks])
+    return ForceSamples(**columns)
 
 
 class ForceSensorContract:

@@ -139,9 +139,10 @@ class MotorRig:
 
 def concatenate_samples(blocks: list[ShaftSamples]) -> ShaftSamples:
     """Concatenates blocks of samples, columns (m,)."""
-    return ShaftSamples(
-        *(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0]))
-    )
+    columns = {}
+    for name in vars(blocks[0]):
+        columns[name] = np.concatenate([vars(block)[name] for block in blocks])
+    return ShaftSamples(**columns)
 
 
 def drain(bus: can.BusABC) -> list[can.Message]:

@@ -167,10 +167,11 @@ def read_curve(path: Path) -> TorqueRotationSection:
             "and, if known, torque_std_Nm"
         )
     places = {key: names.index(name) for name, key in COLUMNS.items() if name in names}
-    columns: dict[str, list[float]] = {
-        key: [_number(path, line, row, index) for line, row in enumerate(rows[1:], start=2)]
-        for key, index in places.items()
-    }
+    columns: dict[str, list[float]] = {}
+    for key, index in places.items():
+        columns[key] = [
+            _number(path, line, row, index) for line, row in enumerate(rows[1:], start=2)
+        ]
     # A curve that was bent to the negative side is written from rest on, with falling angles.
     if columns["angles_deg"] and columns["angles_deg"][0] > columns["angles_deg"][-1]:
         columns = {key: values[::-1] for key, values in columns.items()}

@@ -144,7 +144,9 @@ def stack_observations(parts: list[Observations]) -> Observations:
         condition.append(part.condition + conditions)
         labels += part.labels
         conditions += int(part.condition.max()) + 1
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _PLAIN}
+    columns = {}
+    for name in _PLAIN:
+        columns[name] = np.concatenate([getattr(part, name) for part in parts])
     return Observations(
         **columns,
         label=np.concatenate(label),

@@ -477,17 +477,21 @@ def make_overlays(
     """
     rows = found.dataset.rows
     nominal = found.nominal.predicted
-    return tuple(
-        SignalOverlay(
+    overlays = []
+    for (name, signal), (labels, indices) in group_by_recording(rows, experiment).items():
+        starts_s: list[float] = []
+        for label in labels:
+            starts_s += label.starts_s
+        overlay = SignalOverlay(
             name,
             signal,
             rows.t_s[indices],
             rows.measured[indices],
             nominal[indices],
             accepted.rows[indices],
-            np.array([start_s for label in labels for start_s in label.starts_s]),
+            np.array(starts_s),
             rows.phase[indices],
             tuple(label.condition for label in labels),
         )
-        for (name, signal), (labels, indices) in group_by_recording(rows, experiment).items()
-    )
+        overlays.append(overlay)
+    return tuple(overlays)

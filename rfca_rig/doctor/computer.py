@@ -204,7 +204,8 @@ def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
     missing = []
     for extra in seen:
         if all(package.fits for package in extra.packages):
-            complete.append(extra)
+            versions = ", ".join(f"{package.name} {package.version}" for package in extra.packages)
+            complete.append(f"{extra.name}: {versions}")
         else:
             missing.append(extra.name)
     old = [
@@ -213,13 +214,7 @@ def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
         for package in extra.packages
         if package.version is not None and not package.fits
     ]
-    summary = (
-        "; ".join(
-            f"{extra.name}: {', '.join(f'{p.name} {p.version}' for p in extra.packages)}"
-            for extra in complete
-        )
-        or "none installed"
-    )
+    summary = "; ".join(complete) or "none installed"
     if missing:
         summary += f"; not installed: {', '.join(missing)}"
     if old:

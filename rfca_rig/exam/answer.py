@@ -85,6 +85,11 @@ class ParsedDiagnosis:
         return ()
 
     @property
+    def named_ids(self) -> set[str]:
+        """Ids of the named effects."""
+        return {claim.id for claim in self.named}
+
+    @property
     def stated(self) -> tuple[Claim, ...]:
         """The effects that are stated at any grade; files of format 1 have no grade."""
         if self.grade in ("identified", "mostly"):
@@ -274,7 +279,7 @@ def outcome(truth: Truth, answer: ParsedDiagnosis) -> str:
 
 def _of_names(truth: Truth, answer: ParsedDiagnosis) -> str:
     wrong = false_claims(truth, answer)
-    ids = {claim.id for claim in answer.named}
+    ids = answer.named_ids
     covered = frozenset().union(*(claim.members for claim in answer.named))
     if truth.nameless and not truth.effects:
         if wrong or not truth.accepted:

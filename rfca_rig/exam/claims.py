@@ -9,7 +9,7 @@ indistinguishable set. A family is true if the case hides a member, or an effect
 catalogue that belongs to it.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -323,14 +323,21 @@ def has_right_family(truth: Truth, answer: ParsedDiagnosis) -> bool:
     """Whether an effect or a family is stated, and all statements belong to families of true
     effects.
     """
-    right = {family.id for effect in truth.effects for family in families_of(effect)}
-    stated = [
-        {family.id for member in claim.members for family in families_of(member)}
-        for claim in answer.stated
-    ]
+    right = _list_families(truth.effects)
+    stated = [_list_families(claim.members) for claim in answer.stated]
     if not stated and _family_alone(answer):
         stated = [{answer.family}]
     return bool(stated) and all(families & right for families in stated)
+
+
+def _list_families(effects: Iterable[str]) -> set[str]:
+    """Ids of all families that one of these effects belongs to."""
+    return {family.id for effect in effects for family in families_of(effect)}
+
+
+def names_confidently(answer: ParsedDiagnosis) -> bool:
+    """Whether an effect is named at CONFIDENT or more."""
+    return any(claim.probability >= CONFIDENT for claim in answer.named)
 
 
 def _states_two(truth: Truth, answer: ParsedDiagnosis) -> bool:

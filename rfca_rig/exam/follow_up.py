@@ -35,7 +35,7 @@ from rfca_rig.exam.answer import (
     read_diagnosis,
 )
 from rfca_rig.exam.cases import POOR_DATA, SINGLE, Case, draw_cases
-from rfca_rig.exam.claims import CONFIDENT
+from rfca_rig.exam.claims import CONFIDENT, names_confidently
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose, diagnose_campaign
 from rfca_rig.exam.score import Share
 from rfca_rig.exam.scoring import DIAGNOSIS
@@ -334,9 +334,7 @@ def read_ablation(folder: Path) -> AblationResult | None:
         if (answers / truth.case).is_dir()
     ]
     return AblationResult(
-        confident_wrong=_share(
-            [any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]
-        ),
+        confident_wrong=_share([names_confidently(result) for _, result in judged]),
         unexplained=_share(
             [not result.named and result.verdict != NOTHING for _, result in judged]
         ),

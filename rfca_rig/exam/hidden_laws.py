@@ -120,10 +120,10 @@ def scale_hinges(
     Of the damping, only what exceeds `damping_before` (6,) belongs to an effect and is scaled.
     """
     hinges = world.hinges
-    scaled = {
-        name: tuple(x * factor for x, factor in zip(getattr(hinges, name), of_hinge, strict=True))
-        for name in HINGE_SIZES
-    }
+    scaled = {}
+    for name in HINGE_SIZES:
+        sizes = zip(getattr(hinges, name), of_hinge, strict=True)
+        scaled[name] = tuple(size * factor for size, factor in sizes)
     more = zip(hinges.damping_Nm_s_per_rad, damping_before, of_hinge, strict=True)
     damping = tuple(base + (whole - base) * factor for whole, base, factor in more)
     return replace(world, hinges=replace(hinges, **scaled, damping_Nm_s_per_rad=damping))

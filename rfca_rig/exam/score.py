@@ -25,7 +25,6 @@ from rfca_rig.exam.answer import (
     parse_truth,
 )
 from rfca_rig.exam.claims import (
-    CONFIDENT,
     SURE_PROBABILITY,
     ClaimCalibration,
     Judged,
@@ -33,6 +32,7 @@ from rfca_rig.exam.claims import (
     StatementScores,
     calibration,
     has_right_family,
+    names_confidently,
     parameter_errors,
     score_statements,
     statements,
@@ -277,11 +277,7 @@ def score(
         stranger_unexplained=_share(strangers, RIGHT),
         stranger_wrong=_share(strangers, WRONG),
         stranger_confident_wrong=Share(
-            sum(
-                any(claim.probability >= CONFIDENT for claim in answer.named)
-                for _, answer in strangers
-            ),
-            len(strangers),
+            sum(names_confidently(answer) for _, answer in strangers), len(strangers)
         ),
         stranger_silent_detectable=_share(
             [pair for pair in strangers if pair[0].left >= DETECTABLE], SILENT
@@ -298,8 +294,7 @@ def score(
             len(everything),
         ),
         classification_errors=sum(
-            len({claim.id for claim in answer.named} ^ set(truth.effects))
-            for truth, answer in everything
+            len(answer.named_ids ^ set(truth.effects)) for truth, answer in everything
         ),
         calibration=calibration(judged),
         values=values([*single, *pairs]),
@@ -315,14 +310,12 @@ def confusion(single: Judged) -> dict[tuple[str, str], int]:
     """Counts of (true effect, named effects) over cases with one effect. Several names are
     joined; without a name the verdict counts.
     """
-    called = [
-        (
-            "+".join(sorted(truth.effects)),
-            "+".join(sorted(c.id for c in answer.named)) or answer.verdict,
-        )
-        for truth, answer in single
-    ]
-    return dict(Counter(called))
+    counts: Counter[tuple[str, str]] = Counter()
+    for truth, answer in single:
+        true_effect = "+".join(sorted(truth.effects))
+        named = "+".join(sorted(claim.id for claim in answer.named))
+        counts[true_effect, named or answer.verdict] += 1
+    return dict(counts)
 
 
 def power(single: Judged) -> tuple[Share, ...]:

@@ -181,10 +181,9 @@ def _static(
         stages += static_table(world, height_mm, ramp_s, random, wanted)
     if not stages:
         return []
-    forces = {
-        name: np.array([getattr(stage, name) for stage in stages])
-        for name in ("fy_N", "fz_N", "tx_Nm")
-    }
+    forces = {}
+    for signal in ("fy_N", "fz_N", "tx_Nm"):
+        forces[signal] = np.array([getattr(stage, signal) for stage in stages])
     written = columns_as_written(forces, case.mislabelled)
     header = (
         "height_mm,stage,direction,shaft_angle_rad,"

@@ -89,10 +89,9 @@ def measure_visibility(case: Case) -> EffectVisibility:
     first = 0
     last = len(case.design.conditions) - 1
     conditions = [_simulate_condition(case, number) for number in sorted({first, last})]
-    shift, moves, forces = (
-        np.concatenate(parts, axis=1)
-        for parts in zip(*((s.shift, s.moves, s.forces) for s in conditions), strict=True)
-    )
+    shift = np.concatenate([condition.shift for condition in conditions], axis=1)
+    moves = np.concatenate([condition.moves for condition in conditions], axis=1)
+    forces = np.concatenate([condition.forces for condition in conditions], axis=1)
     noise = np.ones_like(forces)
     both = np.hypot(1.0, MODEL_ERROR * forces)
     return EffectVisibility(

@@ -89,9 +89,10 @@ def _write_folder(
 ) -> list[dict[str, Any]]:
     (folder / "stages").mkdir()
     rows = list(_write_stages(stored, folder, report_progress))
-    _write_csv(
-        folder / "stages.csv", INDEX, ([row.get(name, "") for name in INDEX] for row in rows)
-    )
+    index_rows = []
+    for row in rows:
+        index_rows.append([row.get(name, "") for name in INDEX])
+    _write_csv(folder / "stages.csv", INDEX, index_rows)
     if stored.static:
         table = [static_row(means) for means in stored.static]
         _write_csv(folder / "static.csv", list(table[0]), (list(row.values()) for row in table))

@@ -190,9 +190,8 @@ def knots_from(
     # A curve that was measured on the negative side only is odd as well: it is turned to the
     # positive side.
     if angles[-1] == 0.0:
-        angles, torques = (
-            tuple(-value for value in reversed(values)) for values in (angles, torques)
-        )
+        angles = tuple(-angle for angle in reversed(angles))
+        torques = tuple(-torque for torque in reversed(torques))
     _check_monotone(angles, torques, where)
     return angles, torques
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import prod
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,8 +136,8 @@ def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:
     A law is called for one leg at a time, so its memory is (m, n, 8, 4), and its parameters are (m,
     8, ...).
     """
-    shafts = [[getattr(leg.shaft, name) for name in _OF_LANES] for leg in legs]
-    whole = [(*leg.chain, *shaft, *leg.state[:-1]) for leg, shaft in zip(legs, shafts, strict=True)]
+    shaft_of_lanes = attrgetter(*_OF_LANES)
+    whole = [(*leg.chain, *shaft_of_lanes(leg.shaft), *leg.state[:-1]) for leg in legs]
     numbers = []
     arrays = []
     for i, field in enumerate(whole[0]):
@@ -146,7 +147,10 @@ def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:
             numbers.append(i)
     of_numbers, *of_arrays = _divide([(len(numbers),), *(whole[0][i].shape for i in arrays)])
     # All numbers at once: assigning one by one takes most of the time.
-    of_numbers[:] = np.array([[fields[i] for i in numbers] for fields in whole]).T
+    numbers_by_leg = []
+    for fields in whole:
+        numbers_by_leg.append([fields[i] for i in numbers])
+    of_numbers[:] = np.array(numbers_by_leg).T
     for i, out in zip(arrays, of_arrays, strict=True):
         for lane, fields in enumerate(whole):
             out[..., lane] = fields[i]

@@ -457,13 +457,13 @@ def _divide_into_blocks(
     groups: dict[Hashable, list[int]] = {}
     for number, request in enumerate(requests):
         groups.setdefault(request.kind, []).append(number)
-    ordered = [
-        [group[index] for index in order([requests[number] for number in group])]
-        for group in groups.values()
-    ]
-    return [
-        group[first : first + most] for group in ordered for first in range(0, len(group), most)
-    ]
+    blocks = []
+    for group in groups.values():
+        indices = order([requests[number] for number in group])
+        ordered = [group[index] for index in indices]
+        for first in range(0, len(ordered), most):
+            blocks.append(ordered[first : first + most])
+    return blocks
 
 
 def _order_by_likeness(requests: Sequence[StrokeRequest]) -> Sequence[int]:
@@ -501,10 +501,9 @@ def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Mo
         legs = [_begin(setup) for setup in setups]
         if len(legs) > 1 and len({leg.kind for leg in legs}) == 1:
             out = allocate_samples_of_lanes(t_s, legs[0].state, only_sensed)
-            lanes = [
-                Samples(t_s, *(column[..., lane] for column in out[1:]))
-                for lane in range(len(legs))
-            ]
+            lanes = []
+            for lane in range(len(legs)):
+                lanes.append(Samples(t_s, *(column[..., lane] for column in out[1:])))
             moving = [
                 _fill_rest(leg, setups[0].begins_s, samples)
                 for leg, samples in zip(legs, lanes, strict=True)

@@ -136,15 +136,14 @@ class Begin:
     def of(block: JournalBlock) -> "Begin":
         """Raises ValueError, LookupError or TypeError for a block that no run wrote."""
         content = json.loads(block.payload)
-        forms = (
-            StreamForm(str(form["name"]), tuple(ColumnForm(**column) for column in form["columns"]))
-            for form in content["forms"]
-        )
-        begin = Begin(str(content["label"]), float(content["height_m"]), tuple(forms))
-        for column in (column for form in begin.forms for column in form.columns):
-            if np.dtype(column.dtype).kind not in "iuf":
-                raise ValueError(f"column {column.name} is of {column.dtype}, no number")
-        return begin
+        forms = []
+        for form in content["forms"]:
+            columns = tuple(ColumnForm(**column) for column in form["columns"])
+            for column in columns:
+                if np.dtype(column.dtype).kind not in "iuf":
+                    raise ValueError(f"column {column.name} is of {column.dtype}, no number")
+            forms.append(StreamForm(str(form["name"]), columns))
+        return Begin(str(content["label"]), float(content["height_m"]), tuple(forms))
 
 
 @dataclass(frozen=True)

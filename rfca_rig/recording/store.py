@@ -265,16 +265,12 @@ def add_up(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
     samples: Counter[str] = Counter()
     for part in parts:
         samples.update(part.samples)
-    strokes, static, raw = (
-        sum(getattr(part, name) for part in parts) for name in ("strokes", "static", "raw")
-    )
-    missing = tuple(gone for part in parts for gone in part.missing)
     return RecordingSummary(
-        strokes,
-        static,
-        raw,
+        sum(part.strokes for part in parts),
+        sum(part.static for part in parts),
+        sum(part.raw for part in parts),
         dict(samples),
-        missing,
+        tuple(gone for part in parts for gone in part.missing),
         tuple(label for part in parts for label in part.cut_short),
     )
 

@@ -125,9 +125,10 @@ def make_streams(
     """Streams of the given numbers of samples, still without values."""
     # An iterator would be used up by the names, before the streams are made.
     streams = list(streams)
-    groups = _make_groups(
-        group, {form.name: [column.name for column in form.columns] for form, _ in streams}, source
-    )
+    names = {}
+    for form, _ in streams:
+        names[form.name] = [column.name for column in form.columns]
+    groups = _make_groups(group, names, source)
     for (form, length), stream in zip(streams, groups, strict=True):
         time = make_column(stream, _TIME_FORM, length)
         time.make_scale(TIME)

@@ -86,39 +86,27 @@ def _columns(stages: Sequence[StaticStage]) -> dict[str, Column]:
     stds = np.array([stage.hinge_std_deg for stage in stages], dtype=np.float64).reshape(
         hinges.shape
     )
-    return {
+    columns = {
         "height_mm": _floats([height_mm(stage.height_m) for stage in stages], "mm"),
         "stage": Column(np.array([stage.stage for stage in stages], dtype=np.int64), ""),
-        **{
-            name: _floats([getattr(stage, name) for stage in stages], unit)
-            for name, unit in _PLAIN.items()
-        },
-        **{
-            name: _floats(angles, "deg")
-            for name, angles in zip(_hinge_names(hinges.shape[1]), hinges.T, strict=True)
-        },
-        **{
-            name: _floats(angles, "deg")
-            for name, angles in zip(_hinge_std_names(hinges.shape[1]), stds.T, strict=True)
-        },
-        **{
-            f"std_{name}": _floats([stage.std.get(name, math.nan) for stage in stages], "")
-            for name in _std_names(stages)
-        },
-        "settled": Column(
-            np.array([_SETTLED[stage.settled] for stage in stages], dtype=np.int8), ""
-        ),
-        "held_s": _floats(
-            [math.nan if stage.held_s is None else stage.held_s for stage in stages], "s"
-        ),
-        BEFORE: Column(
-            np.array(
-                [NOT_COUNTED if s.strokes_before is None else s.strokes_before for s in stages],
-                dtype=np.int64,
-            ),
-            "",
-        ),
     }
+    for name, unit in _PLAIN.items():
+        columns[name] = _floats([getattr(stage, name) for stage in stages], unit)
+    for name, angles in zip(_hinge_names(hinges.shape[1]), hinges.T, strict=True):
+        columns[name] = _floats(angles, "deg")
+    for name, hinge_stds in zip(_hinge_std_names(hinges.shape[1]), stds.T, strict=True):
+        columns[name] = _floats(hinge_stds, "deg")
+    for name in _std_names(stages):
+        columns[f"std_{name}"] = _floats([stage.std.get(name, math.nan) for stage in stages], "")
+    settled = np.array([_SETTLED[stage.settled] for stage in stages], dtype=np.int8)
+    columns["settled"] = Column(settled, "")
+    held_s = [math.nan if stage.held_s is None else stage.held_s for stage in stages]
+    columns["held_s"] = _floats(held_s, "s")
+    strokes_before = [
+        NOT_COUNTED if stage.strokes_before is None else stage.strokes_before for stage in stages
+    ]
+    columns[BEFORE] = Column(np.array(strokes_before, dtype=np.int64), "")
+    return columns
 
 
 def _floats(values: Any, unit: str) -> Column:

@@ -148,14 +148,16 @@ def card_table(
 def cells_as_text(shown: Table, css: str = "", label: str = "") -> HtmlTable:
     """The table with every cell as text."""
     columns = tuple(_to_column(shown, column) for column in shown.shown)
-    groups = tuple(
-        (name, tuple(_to_row(shown, row) for row in rows)) for name, rows in shown.groups()
-    )
-    rows = [row for _, group_rows in groups for row in group_rows]
+    groups = []
+    rows: list[HtmlRow] = []
+    for name, table_rows in shown.groups():
+        group_rows = tuple(_to_row(shown, row) for row in table_rows)
+        groups.append((name, group_rows))
+        rows += group_rows
     return HtmlTable(
         f"table {label or shown.name}",
         columns,
-        groups,
+        tuple(groups),
         tuple(_to_foot(shown, foot) for foot in shown.foot),
         shown.caption,
         css,

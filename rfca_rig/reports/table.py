@@ -323,11 +323,10 @@ def as_csv(table: Table) -> str:
     """The table as CSV: every column under its key, numbers with up to twelve digits, unknown
     values empty.
     """
-    head = csv_line(column.key for column in table.columns)
-    return head + "".join(
-        csv_line(_plain(row.values.get(column.key)) for column in table.columns)
-        for row in table.rows
-    )
+    lines = [csv_line(column.key for column in table.columns)]
+    for row in table.rows:
+        lines.append(csv_line(_plain(row.values.get(column.key)) for column in table.columns))
+    return "".join(lines)
 
 
 def _plain(value: Value) -> Value:
@@ -445,7 +444,7 @@ def as_text(table: Table) -> str:
         [_head_text(column) for column in table.shown],
         *(row_texts(table, row) for row in table.rows),
     ]
-    widths = [max(len(line[index]) for line in lines) for index in range(len(table.shown))]
+    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
     return "".join(f"{_align(table, line, widths)}\n" for line in lines)
 
 

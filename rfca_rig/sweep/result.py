@@ -144,11 +144,13 @@ class SweepResult:
             for reason in filter(None, remark.split("; ")):
                 # Messages contain times and forces of their own case, which would make every reason
                 # unique.
-                key = " ".join(
-                    "…" if any(sign.isdigit() for sign in word) else word for word in reason.split()
-                )
+                key = " ".join("…" if _has_digit(word) else word for word in reason.split())
                 counts[key] = counts.get(key, 0) + 1
         return sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))
+
+
+def _has_digit(word: str) -> bool:
+    return any(character.isdigit() for character in word)
 
 
 def write_result(result: SweepResult, folder: Path) -> None:

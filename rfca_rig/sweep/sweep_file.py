@@ -232,15 +232,15 @@ def plan_from_options(
     if outputs:
         asked_outputs = outputs.split(",")
     names = parse_outputs(asked_outputs)
-    set_ = tuple(
-        (varied.name, _value(varied, text))
-        for varied, text in (_split_option("--set", option) for option in fixed)
-    )
+    set_ = []
+    for option in fixed:
+        quantity, text = _split_option("--set", option)
+        set_.append((quantity.name, _value(quantity, text)))
     return check_plan(
         SweepPlan(
             f"Sweep over {', '.join(varied.name for varied, _ in parts)}",
             rig,
-            set_,
+            tuple(set_),
             axes,
             drawn,
             names,

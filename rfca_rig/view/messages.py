@@ -98,18 +98,20 @@ def trace(
     """Extrema (n, channels) of consecutive buckets of `dt_s` s; the first begins at first *
     dt_s. `is_reset` clears the page's traces.
     """
-    sides = {"low": extrema.low, "high": extrema.high}
-    drawn = {
-        side: {
-            channel.name: _as_json_numbers(values[:, column], channel.decimals)
-            for column, channel in enumerate(channels)
-        }
-        for side, values in sides.items()
-    }
     message: dict[str, Any] = {"kind": "trace", "dt_s": dt_s, "from_s": first * dt_s}
     if is_reset:
         message["reset"] = True
-    return message | drawn
+    message["low"] = _by_channel(extrema.low, channels)
+    message["high"] = _by_channel(extrema.high, channels)
+    return message
+
+
+def _by_channel(values: Floats, channels: Sequence[Channel]) -> dict[str, list[float | None]]:
+    """Values (n, channels) as numbers of JSON, by the name of their channel."""
+    numbers = {}
+    for column, channel in enumerate(channels):
+        numbers[channel.name] = _as_json_numbers(values[:, column], channel.decimals)
+    return numbers
 
 
 def _as_json_numbers(values: Floats, decimals: int) -> list[float | None]:

@@ -498,7 +498,11 @@ def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
     for i, mark in enumerate(problem.plan.marks):
         if 1 <= mark.link <= len(bends) and mark.along_m == mark.across_m == 0.0:
             on_axis[mark.link - 1].add(i)
-    shown = np.array([[marks <= set(seen.planned) for marks in on_axis] for seen in problem.photos])
+    shown_by_photo = []
+    for seen in problem.photos:
+        planned = set(seen.planned)
+        shown_by_photo.append([marks <= planned for marks in on_axis])
+    shown = np.array(shown_by_photo)
     hinges = np.array([bends @ start for start in starts])
     for photo, start in enumerate(starts):
         for hinge in np.flatnonzero(~shown[photo]):
@@ -634,18 +638,23 @@ def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Flo
     """Smallest and largest angle of each hinge (links, 2) over the photos whose marks determine
     it; NaN without any.
     """
-    rows = [
-        [
-            np.nan if sure is None or angle is None else angle
-            for angle, sure in zip(photo.hinge_rad, marks.hinge_rad, strict=True)
-        ]
-        for photo, marks in zip(stated, direct, strict=True)
-    ]
+    rows = [_select_sure(photo, marks) for photo, marks in zip(stated, direct, strict=True)]
     angles = np.array(rows, np.float64)
     empty = np.atleast_1d(np.isnan(angles).all(axis=0))
     low = np.where(np.isnan(angles), np.inf, angles).min(axis=0)
     high = np.where(np.isnan(angles), -np.inf, angles).max(axis=0)
     return np.where(empty[:, None], np.nan, np.column_stack([low, high]))
+
+
+def _select_sure(photo: HingeAngles, marks: HingeAngles) -> list[float]:
+    """Hinge angles of a photo; NaN where its marks do not determine the angle."""
+    angles = []
+    for angle, sure in zip(photo.hinge_rad, marks.hinge_rad, strict=True):
+        if sure is None or angle is None:
+            angles.append(np.nan)
+        else:
+            angles.append(angle)
+    return angles
 
 
 def _only_certain(angles: HingeAngles, direct: HingeAngles, ranges_rad: Floats) -> HingeAngles:
@@ -684,11 +693,12 @@ def _without(
     shown = covariance.copy()
     shown[list(gone)] = np.nan
     shown[:, list(gone)] = np.nan
-    kept = [
-        tuple(None if k in gone else value for k, value in enumerate(values))
-        for values in (angles_rad, std_rad)
-    ]
-    return kept[0], kept[1], shown
+    return _blank(angles_rad, gone), _blank(std_rad, gone), shown
+
+
+def _blank(values: Sequence[float | None], gone: Sequence[int]) -> tuple[float | None, ...]:
+    """The values with None at the indices `gone`."""
+    return tuple(None if index in gone else value for index, value in enumerate(values))
 
 
 def _offsets(problem: _Problem, fit: _Solution) -> tuple[Floats, Floats]:

@@ -7,6 +7,7 @@ import ast
 from collections.abc import Callable, Iterator
 
 COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
+Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
 def find_packed_assignments(tree: ast.AST) -> list[int]:
@@ -48,17 +49,29 @@ def _list_parts(expression: ast.expr) -> set[str]:
 
 
 def find_nested_comprehensions(tree: ast.AST) -> list[int]:
+    """A comprehension that holds another."""
+    return [outer.lineno for outer, _ in _list_nested_comprehensions(tree)]
+
+
+def find_nested_comprehensions_with_condition(tree: ast.AST) -> list[int]:
     """A comprehension within another where either has a condition."""
     lines = []
-    for outer in _walk(tree, COMPREHENSIONS):
-        inner = [node for node in _walk(outer, COMPREHENSIONS) if node is not outer]
+    for outer, inner in _list_nested_comprehensions(tree):
         conditions = []
         for comprehension in (outer, *inner):
             for generator in comprehension.generators:
                 conditions += generator.ifs
-        if inner and conditions:
+        if conditions:
             lines.append(outer.lineno)
     return lines
+
+
+def _list_nested_comprehensions(tree: ast.AST) -> Iterator[tuple[Comprehension, list]]:
+    """Every comprehension that holds others, with those."""
+    for outer in _walk(tree, COMPREHENSIONS):
+        inner = [node for node in _walk(outer, COMPREHENSIONS) if node is not outer]
+        if inner:
+            yield outer, inner
 
 
 def find_nested_conditionals(tree: ast.AST) -> list[int]:
@@ -95,7 +108,7 @@ Rule = Callable[[ast.AST], list[int]]
 
 RULES: dict[str, Rule] = {
     "packed assignments": find_packed_assignments,
-    "nested comprehensions with a condition": find_nested_comprehensions,
+    "nested comprehensions with a condition": find_nested_comprehensions_with_condition,
     "nested conditional expressions": find_nested_conditionals,
     "next() of a shared iterator in a comprehension": find_shared_iterators,
 }

@@ -177,10 +177,10 @@ def count_code_lines(module: Module) -> int:
     )
 
 
-def density_of_conditionals(modules: dict[str, Module]) -> float:
-    """Conditional expressions per 1,000 lines of code."""
-    conditionals = sum(len(density.find_conditionals(module.tree)) for module in modules.values())
-    return 1e3 * conditionals / sum(count_code_lines(module) for module in modules.values())
+def density_of(find: density.Rule, modules: dict[str, Module]) -> float:
+    """How often `find` finds something per 1,000 lines of code."""
+    count = sum(len(find(module.tree)) for module in modules.values())
+    return 1e3 * count / sum(count_code_lines(module) for module in modules.values())
 
 
 def find_public_classes(modules: dict[str, Module]) -> Counter[str]:
@@ -202,7 +202,9 @@ def main() -> None:
     for rule, find in density.RULES.items():
         sites = sum(len(find(module.tree)) for module in modules.values())
         print(f"{1e3 * sites / lines:8.2f}  {rule}")
-    print(f"{density_of_conditionals(modules):8.2f}  conditional expressions")
+    print(f"{density_of(density.find_conditionals, modules):8.2f}  conditional expressions")
+    nested = density_of(density.find_nested_comprehensions, modules)
+    print(f"{nested:8.2f}  nested comprehensions")
 
 
 if __name__ == "__main__":

@@ -221,6 +221,11 @@ class MeasuredStroke:
     traces: tuple[ChannelResiduals, ...]
     turn: int
 
+    @property
+    def row_count(self) -> int:
+        """Number of rows of all traces."""
+        return sum(len(trace.bins) for trace in self.traces)
+
 
 @dataclass(frozen=True)
 class StrokeProblem:
@@ -235,19 +240,15 @@ class StrokeProblem:
     @property
     def stroke_of_row(self) -> NDArray[np.intp]:
         """Index of the stroke of each row, (m,)."""
-        return np.repeat(
-            np.arange(len(self.strokes)),
-            [sum(len(t.bins) for t in stroke.traces) for stroke in self.strokes],
-        )
+        row_counts = [stroke.row_count for stroke in self.strokes]
+        return np.repeat(np.arange(len(self.strokes)), row_counts)
 
     def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point, in units of noise; None where the model cannot be
         computed.
         """
-        return [
-            self._against(simulated)
-            for simulated in simulate_points([turn.job for turn in self.turns], supposed)
-        ]
+        by_point = simulate_points([turn.job for turn in self.turns], supposed)
+        return [self._against(simulated) for simulated in by_point]
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured by channel, sample by sample. Raises

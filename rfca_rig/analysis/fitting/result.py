@@ -157,12 +157,8 @@ class FitResult:
         """Everything as plain data, for JSON."""
         return {
             "format": "rfca-fit/1",
-            # The key keeps its older name, because it is part of the file format.
-            "parameters": [
-                {"believed" if name == "nominal" else name: of for name, of in vars(p).items()}
-                for p in self.parameters
-            ],
-            "correlation": [[round(float(c), 4) for c in row] for row in self.correlation],
+            "parameters": [_plain_parameter(parameter) for parameter in self.parameters],
+            "correlation": [_round_row(row) for row in self.correlation],
             "chi2_before": self.chi2_before,
             "chi2": self.chi2,
             "residuals": self.residuals,
@@ -209,6 +205,22 @@ class FitResult:
         if not self.converged:
             lines.append("the solver had not converged when it stopped")
         return [*lines, *self.notes]
+
+
+def _plain_parameter(parameter: FittedParameter) -> dict[str, Any]:
+    values = {}
+    for name, value in vars(parameter).items():
+        key = name
+        if name == "nominal":
+            # The key keeps its older name, because it is part of the file format.
+            key = "believed"
+        values[key] = value
+    return values
+
+
+def _round_row(row: Floats) -> list[float]:
+    """A row of the correlation (p,), with four decimals."""
+    return [round(float(value), 4) for value in row]
 
 
 def _line(p: FittedParameter) -> str:

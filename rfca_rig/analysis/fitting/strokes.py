@@ -189,12 +189,16 @@ class ValleyProblem:
         valley at one of the rows.
         """
         by_point = simulate_points([row.job for row in self.rows], supposed)
-        return [
-            _concatenate_if_complete(
-                [row.residual(stroke) for row, stroke in zip(self.rows, strokes, strict=True)]
-            )
-            for strokes in by_point
-        ]
+        return [self._against(strokes) for strokes in by_point]
+
+    def _against(self, strokes: Sequence[SimulatedStroke | SimulationFailed]) -> Floats | None:
+        residuals = []
+        for row, stroke in zip(self.rows, strokes, strict=True):
+            residual = row.residual(stroke)
+            if residual is None:
+                return None
+            residuals.append(residual)
+        return np.concatenate(residuals)
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured, by quantity; NaN where the model has no
@@ -267,10 +271,3 @@ def fit_valleys(
         rms=problem.rms(result.supposed),
         noise=problem.noise(),
     )
-
-
-def _concatenate_if_complete(residuals: Sequence[Floats | None]) -> Floats | None:
-    rows = [row for row in residuals if row is not None]
-    if len(rows) == len(residuals):
-        return np.concatenate(rows)
-    return None

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
@@ -134,16 +135,19 @@ def curve_keys(result: StaticResult) -> dict[str, Any]:
     covariance = result.model.covariance
     # The form for a model is always a spline through rest; the assertion tells the type checker.
     assert isinstance(basis, SplineThroughRest)
+    # Rounding and least squares leave tiny asymmetries, which the section would refuse; the mean
+    # with the transpose removes them.
+    symmetric = 0.5 * (covariance + covariance.T)
     return {
         "angles_deg": np.degrees(basis.knots_rad).tolist(),
         "torques_Nm": result.model.coefficients.tolist(),
-        # Rounding and least squares leave tiny asymmetries, which the section would refuse; the
-        # mean with the transpose removes them.
-        "covariance_Nm2": [
-            [float(f"{value:.{COVARIANCE_DIGITS}g}") for value in row]
-            for row in 0.5 * (covariance + covariance.T)
-        ],
+        "covariance_Nm2": [_round_covariances(row) for row in symmetric],
     }
+
+
+def _round_covariances(row: NDArray[np.float64]) -> list[float]:
+    """A row of the covariance (k,) with the digits that the file holds."""
+    return [float(f"{value:.{COVARIANCE_DIGITS}g}") for value in row]
 
 
 def _sections(

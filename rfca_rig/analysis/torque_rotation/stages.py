@@ -110,6 +110,11 @@ def make_stage_data(
     return _arrays(usable, left_out, noise_std, hinge_std_deg)
 
 
+def _stated_std(stage: StaticStage, usual_std: Floats) -> list[float]:
+    """Standard deviation of each force: the stage's own, or else the usual one."""
+    return [stage.std.get(name) or usual for name, usual in zip(FORCES, usual_std, strict=True)]
+
+
 def _arrays(
     kept: Sequence[tuple[int, StaticStage]],
     left: Sequence[OmittedStage],
@@ -131,12 +136,7 @@ def _arrays(
     # Heights within 0.01 mm are one height, with one common error.
     height_m = np.array([round(stage.height_m, 5) for stage in stages])
     sample = np.array([noise_std.get(name) or USUAL_NOISE[name] for name in FORCES])
-    stated = np.array(
-        [
-            [stage.std.get(name) or usual for name, usual in zip(FORCES, sample, strict=True)]
-            for stage in stages
-        ]
-    )
+    stated = np.array([_stated_std(stage, sample) for stage in stages])
     # Initial guess for missing angles: interpolated from the hinges that were seen.
     places = np.arange(hinge_deg.shape[1])
     complete = hinge_deg.copy()

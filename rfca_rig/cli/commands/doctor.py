@@ -3,6 +3,7 @@ own drivers.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -60,9 +61,8 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
         findings = list(checks)
     else:
         findings = list(_print_findings(_title(described), checks))
-    counts = {
-        colour.value: sum(finding.colour is colour for finding in findings) for colour in Colour
-    }
+    colours = Counter(finding.colour for finding in findings)
+    counts = {colour.value: colours[colour] for colour in Colour}
     if as_json:
         echo(
             json.dumps(

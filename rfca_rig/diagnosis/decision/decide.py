@@ -665,22 +665,16 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
     joint[UNKNOWN] = [
         (unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)
     ]
-    logs = {
-        ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()
-    }
+    logs = {}
+    for ids, variants in joint.items():
+        logs[ids] = float(logsumexp([log_joint for log_joint, _, _ in variants]))
     total = float(logsumexp(list(logs.values())))
-    rivals = [
-        Rival(
-            ids,
-            float(np.exp(logs[ids] - total)),
-            evidence,
-            error,
-            float(np.exp(log_joint - evidence)),
-        )
-        for ids, (log_joint, evidence, error) in (
-            (ids, max(entries)) for ids, entries in joint.items()
-        )
-    ]
+    rivals = []
+    for ids, variants in joint.items():
+        log_joint, evidence, error = max(variants)
+        probability = float(np.exp(logs[ids] - total))
+        prior = float(np.exp(log_joint - evidence))
+        rivals.append(Rival(ids, probability, evidence, error, prior))
     return tuple(sorted(rivals, key=lambda rival: -rival.probability))
 
 

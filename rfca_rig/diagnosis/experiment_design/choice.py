@@ -215,11 +215,13 @@ class ExpectedInformation:
             if rows is None:
                 return None
             columns[k, i] = (rows - self.predicted[k]) / step
-        jacobians = [
-            [columns[0 if i < shared else k, i] for i in range(fit.coordinates.size)]
-            for k, fit in enumerate(fits)
-        ]
-        return [np.reshape(jacobian, (-1, len(self.noise))).T for jacobian in jacobians]
+        shared_columns = [columns[0, i] for i in range(shared)]
+        jacobians = []
+        for k, fit in enumerate(fits):
+            own_columns = [columns[k, i] for i in range(shared, fit.coordinates.size)]
+            jacobian = np.reshape(shared_columns + own_columns, (-1, len(self.noise)))
+            jacobians.append(jacobian.T)
+        return jacobians
 
     def _scatter(self, jacobian: Floats) -> Floats:
         """B (m, k), from the columns of the Jacobian of all nuisance parameters.
@@ -377,7 +379,9 @@ def list_options(
         # A bench test separates hypotheses that differ in the effects it shows.
         can_show = {effect.id for effect in declarations() if effect.bench_test == kind}
         shown = [can_show & set(hypothesis.ids) for hypothesis in hypotheses.open]
-        expected = ENOUGH * np.array([[first != other for other in shown] for first in shown])
+        # Hypotheses that show the same share a number: the first place where it occurs.
+        numbers = [shown.index(effects) for effects in shown]
+        expected = ENOUGH * np.not_equal.outer(numbers, numbers)
         if expected.any():
             yield _make_option(
                 hypotheses, ExperimentDesign({"kind": kind}, words, 0.0, minutes), 1, expected

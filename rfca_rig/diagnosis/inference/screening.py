@@ -42,8 +42,11 @@ class EffectProbe:
 def terms_of(effect: Effect) -> tuple[EffectTerm, ...]:
     """The effect as terms, one for every value of a parameter that counts something."""
     whole = [parameter for parameter in effect.parameters if parameter.whole]
-    values = [[(p.name, float(v)) for v in range(int(p.low), int(p.high) + 1)] for p in whole]
-    return tuple(EffectTerm(effect, tuple(combination)) for combination in product(*values))
+    values = []
+    for parameter in whole:
+        counts = range(int(parameter.low), int(parameter.high) + 1)
+        values.append([(parameter.name, float(count)) for count in counts])
+    return tuple(EffectTerm(effect, combination) for combination in product(*values))
 
 
 def grid_points(choices: Iterable[EffectTerm]) -> list[Point]:

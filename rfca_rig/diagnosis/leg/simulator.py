@@ -379,9 +379,8 @@ def _log_evidence(
     rows = dataset.rows
     # One wide difference per unknown: no step corrects this Jacobian, so it must average over the
     # roughness of contact.
-    predicted, *moved = dataset.predict_all(
-        [input_at(point) for point in (x, *(x + WIDE_STEP * unit for unit in np.eye(len(x))))]
-    )
+    points = [x, *(x + WIDE_STEP * np.eye(len(x)))]
+    predicted, *moved = dataset.predict_all([input_at(point) for point in points])
     if predicted is None:
         return -np.inf
     # A difference without an answer counts as no influence.

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,8 +117,10 @@ class StageTable:
         return self.moves
 
     def _stack_measured(self) -> Floats:
-        forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
-        return np.concatenate([*forces, *np.array([stage.hinge_deg for stage in self.stages]).T])
+        forces_of = attrgetter(*FORCES)
+        forces = np.array([forces_of(stage) for stage in self.stages])
+        hinges_deg = np.array([stage.hinge_deg for stage in self.stages])
+        return np.concatenate([*forces.T, *hinges_deg.T])
 
     def _unknown_friction(self) -> Floats:
         """Possible change of each signal if friction holds the tip otherwise than predicted,

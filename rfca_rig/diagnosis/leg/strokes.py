@@ -253,9 +253,7 @@ def make_dynamic_condition(
     first = np.searchsorted(time[inside], edges[:-1])
     samples = np.diff(np.append(first, inside.sum()))
     t_s, first = _thin_out(time[inside], first)
-    repeats = np.array(
-        [np.concatenate([_bin_means(stroke, s, edges) for s in signals]) for stroke in strokes]
-    )
+    repeats = np.array([_stack_bin_means(stroke, signals, edges) for stroke in strokes])
     noise = {s: noise_std.get(s) or _estimate_noise(strokes, s) for s in signals}
     valley = Valley(
         float(np.mean([v.time_s for _, v, _ in good])), float(np.mean([v.fz_N for _, v, _ in good]))
@@ -348,6 +346,11 @@ def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
         if b - a > 0.5 * width
     ]
     return np.unique(np.concatenate(edges))
+
+
+def _stack_bin_means(stroke: Stroke, signals: Sequence[str], edges: Floats) -> Floats:
+    """Means of all signals of a stroke, signal by signal, (k b,)."""
+    return np.concatenate([_bin_means(stroke, signal, edges) for signal in signals])
 
 
 def _bin_means(stroke: Stroke, signal: str, edges: Floats) -> Floats:

@@ -600,10 +600,8 @@ def _check_prediction(
     else:
         where = f"windows of {experiment.window_s:g} s"
     for index, signal in enumerate(described.signals):
-        miss, change = (
-            rms(np.concatenate([values[index] for values in of_all])) / abs(signal.factor)
-            for of_all in (misses, changes)
-        )
+        miss = rms(np.concatenate([values[index] for values in misses])) / abs(signal.factor)
+        change = rms(np.concatenate([values[index] for values in changes])) / abs(signal.factor)
         words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over {where}, "
         words += f"in which it changes by {change:.3g} {signal.unit}"
         is_wrong = miss > change and signal.quantity == "position" and signal.joint in upset

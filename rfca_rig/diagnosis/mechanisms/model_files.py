@@ -57,7 +57,7 @@ def write_law_table(path: Path, law: MeasuredLaw) -> None:
     }
     if law.whole is not None and law.whole_std is not None:
         columns |= {f"whole_{unit}": law.whole, f"whole_std_{unit}": law.whole_std}
-    rows = (
-        csv_line(f"{value:.7g}" for value in row) for row in zip(*columns.values(), strict=True)
-    )
-    write_atomically(path, "".join([csv_line(columns), *rows]).encode("utf-8"))
+    lines = [csv_line(columns)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(csv_line(f"{value:.7g}" for value in row))
+    write_atomically(path, "".join(lines).encode("utf-8"))

@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,13 +176,12 @@ class PreparedMechanism:
             )
         simulator = replace(self.simulator, step_s=STEP_OF_ERRORS_S)
         plant = simulator.plant(MechanismInput())
-        corrected = [
-            [correct_window(window, simulator, plant, self.torque) for window in run_windows]
-            for run_windows in cut
+        corrected_windows = [
+            correct_window(window, simulator, plant, self.torque)
+            for window in chain.from_iterable(cut)
         ]
-        step_s = choose_step(
-            simulator, [window for run_windows in corrected for window in run_windows]
-        )
+        corrected = split_results(corrected_windows, map(len, cut))
+        step_s = choose_step(simulator, corrected_windows)
         return replace(
             self,
             simulator=replace(self.simulator, step_s=step_s),
@@ -271,13 +270,11 @@ def _cut_and_thin(
         experiment.most_windows / max(recorded, 1),
         experiment.most_windows * LONGEST_MEAN_S / max(recorded_s, 1e-9),
     )
-    return [
-        [
-            run_windows[index]
-            for index in spread(len(run_windows), max(1, round(share * len(run_windows))))
-        ]
-        for run_windows in cut
-    ], recorded
+    used = []
+    for run_windows in cut:
+        count = max(1, round(share * len(run_windows)))
+        used.append([run_windows[index] for index in spread(len(run_windows), count)])
+    return used, recorded
 
 
 def _group_conditions(

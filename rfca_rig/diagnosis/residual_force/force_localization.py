@@ -196,9 +196,10 @@ def localize_force(
     none = np.empty((response.shape[1], 0))
     systems = [make_normal_equations(scene, whitening, response) for whitening in scene.whitenings]
     # Evidence over the grid of model error, smoothness and size of the force.
-    logs = np.array(
-        [[system.log_evidences(root, sizes) for root in scene.roots] for system in systems]
-    )
+    logs_by_system = []
+    for system in systems:
+        logs_by_system.append([system.log_evidences(root, sizes) for root in scene.roots])
+    logs = np.array(logs_by_system)
     level, smooth, size = np.unravel_index(int(np.argmax(logs)), logs.shape)
     x, force, _ = systems[level].solve(sizes[size] * scene.roots[smooth])
     left = misfit_by_channel(scene, x, response @ force)

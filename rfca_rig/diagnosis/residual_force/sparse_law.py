@@ -281,11 +281,12 @@ def sparse_laws(
 
 def _library(scene: ForceScene, place: ForceInput, blocks: Sequence[Floats]) -> _Library:
     terms = library_of(place.id)
-    signals = [signals_of(condition) for condition in scene.conditions]
-    courses = [[term.course(signal) for term in terms] for signal in signals]
-    per = place.size / np.array(
-        [_rms([course[k] for course in courses]) for k in range(len(terms))]
-    )
+    courses = []
+    for condition in scene.conditions:
+        signals = signals_of(condition)
+        courses.append([term.course(signals) for term in terms])
+    courses_by_term = zip(*courses, strict=True)
+    per = place.size / np.array([_rms(term_courses) for term_courses in courses_by_term])
     conditions = zip(scene.conditions, blocks, courses, strict=True)
     jobs = [
         (condition, place, block, *term_row)

@@ -55,10 +55,9 @@ def write_pendulum_campaign(case: PendulumCase, folder: Path) -> None:
         )
         rows = np.column_stack([trace.t_s, angle, speed, trace.torque_Nm])
         file = f"runs/run-{number}.csv"
-        lines = [
-            ",".join(["t", *names]),
-            *(",".join(f"{value:.6f}" for value in row) for row in rows.tolist()),
-        ]
+        lines = [",".join(["t", *names])]
+        for row in rows.tolist():
+            lines.append(",".join(f"{value:.6f}" for value in row))
         (folder / file).write_text("\n".join(lines) + "\n", encoding="utf-8")
         entries.append(
             f'[[runs]]\nfile = "{file}"\ncondition = "run {number}"\ndriven = '
@@ -273,10 +272,10 @@ def _remainder(shift: Floats, moves: list[Floats], states: list[Floats], units: 
     windows = len(shift)
     rest, *columns = ((change / units).reshape(windows, -1) for change in (shift, *moves))
     # The start of each window is free: its directions are projected out, window by window.
-    starts = [
-        np.linalg.qr(np.stack([(state / units)[w].ravel() for state in states], axis=1))[0]
-        for w in range(windows)
-    ]
+    starts = []
+    for window in range(windows):
+        directions = [(state[window] / units[window]).ravel() for state in states]
+        starts.append(np.linalg.qr(np.stack(directions, axis=1))[0])
 
     def beyond_start(x: Floats) -> Floats:
         return np.stack(

@@ -406,7 +406,8 @@ class DrivenChain:
         """(phi, dphi) of all joints, (n,) each; a prescribed joint has exactly its prescribed
         motion, so that nothing drifts.
         """
-        phi, dphi = (np.array([of(drive, t) for drive in self.drives]) for of in (_angle, _speed))
+        phi = np.array([_angle(drive, t) for drive in self.drives])
+        dphi = np.array([_speed(drive, t) for drive in self.drives])
         half = x.size // 2
         phi[self.free] = x[:half]
         dphi[self.free] = x[half:]

@@ -132,15 +132,8 @@ def residuals_of(overlays: Sequence[SignalOverlay]) -> BeforeAfter:
     """Rms of measured less simulated over all rows of the overlays, before and after; NaN where
     one is unknown everywhere.
     """
-    before, after = (
-        np.concatenate(
-            [overlay.measured - model for overlay, model in zip(overlays, models, strict=True)]
-        )
-        for models in (
-            [overlay.before for overlay in overlays],
-            [overlay.after for overlay in overlays],
-        )
-    )
+    before = np.concatenate([overlay.measured - overlay.before for overlay in overlays])
+    after = np.concatenate([overlay.measured - overlay.after for overlay in overlays])
     return BeforeAfter(_rms(before), _rms(after))
 
 
@@ -160,8 +153,11 @@ def _span(values: Floats) -> float:
 
 def _limits_of(overlays: Sequence[SignalOverlay]) -> list[tuple[float, float]]:
     """Limits of time and of all lines of a signal, the same for all its panels."""
-    lines = (line for o in overlays for line in (o.measured, o.before, o.after))
-    return [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), lines)]
+    times_s = [overlay.t_s for overlay in overlays]
+    lines = []
+    for overlay in overlays:
+        lines += [overlay.measured, overlay.before, overlay.after]
+    return [_limits(np.concatenate(times_s)), _limits(np.concatenate(lines))]
 
 
 def _limits(values: Floats) -> tuple[float, float]:

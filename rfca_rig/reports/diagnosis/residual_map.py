@@ -78,7 +78,8 @@ def _cross_grids(conditions: Sequence[str]) -> list[Grid]:
     parts = [label.split(", ", 1) for label in conditions]
     if any(len(part) != 2 for part in parts):
         return []
-    first, second = (_in_order([part[side] for part in parts]) for side in (0, 1))
+    first = _in_order([part[0] for part in parts])
+    second = _in_order([part[1] for part in parts])
     if len(first) * len(second) > SPARSE * len(conditions):
         return []
     at = {(part[0], part[1]): label for part, label in zip(parts, conditions, strict=True)}
@@ -217,16 +218,14 @@ def _rows(
     if largest >= 1.0:
         digits = 3
     places = max(0, decimals(largest, digits))
-    return tuple(
-        MapRow(
-            row,
-            tuple(
-                _shade(cells_by_place.get((phase, grid.at.get((row, column), ""))), places, located)
-                for phase, column in across
-            ),
-        )
-        for row in grid.rows
-    )
+    rows = []
+    for row in grid.rows:
+        shades = []
+        for phase, column in across:
+            condition = grid.at.get((row, column), "")
+            shades.append(_shade(cells_by_place.get((phase, condition)), places, located))
+        rows.append(MapRow(row, tuple(shades)))
+    return tuple(rows)
 
 
 def _shade(

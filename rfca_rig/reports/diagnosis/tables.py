@@ -14,6 +14,7 @@ from rfca_rig.diagnosis.result import (
     Diagnosis,
     Located,
     MovedPrior,
+    SignalOverlay,
     Value,
     describe_probability,
     name_parts,
@@ -298,26 +299,34 @@ def residual_map_table(diagnosis: Diagnosis) -> Table:
     """Cells of the map: rms difference to the nominal model, in the unit of the signal's name,
     and relative to the expected one.
     """
-    rows = tuple(TableRow({key: getattr(cell, key) for key in MAP}) for cell in diagnosis.cells)
-    return Table("residual-map", "", tuple(TableColumn(key) for key in MAP), rows)
+    rows = []
+    for cell in diagnosis.cells:
+        rows.append(TableRow({key: getattr(cell, key) for key in MAP}))
+    return Table("residual-map", "", tuple(TableColumn(key) for key in MAP), tuple(rows))
 
 
 def signals_table(diagnosis: Diagnosis) -> Table:
     """All curves of the page: means over the repeats, with the nominal and the amended model, in
     the unit of the signal's name.
     """
-    rows = tuple(
-        TableRow(dict(zip(SIGNALS, (overlay.condition, overlay.signal, *values), strict=True)))
-        for overlay in diagnosis.overlays
-        for values in zip(
-            *(
-                part.tolist()
-                for part in (overlay.t_s, overlay.measured, overlay.before, overlay.after)
-            ),
-            strict=True,
-        )
-    )
+    rows = list_signal_rows(diagnosis.overlays, SIGNALS)
     return Table("signals", "", tuple(TableColumn(key) for key in SIGNALS), rows)
+
+
+def list_signal_rows(
+    overlays: Sequence[SignalOverlay], keys: Sequence[str]
+) -> tuple[TableRow, ...]:
+    """A row for each time of each overlay.
+
+    `keys` are those of condition, signal, time, measured value and value of either model.
+    """
+    rows = []
+    for overlay in overlays:
+        curves = (overlay.t_s, overlay.measured, overlay.before, overlay.after)
+        for values in zip(*(curve.tolist() for curve in curves), strict=True):
+            cells = (overlay.condition, overlay.signal, *values)
+            rows.append(TableRow(dict(zip(keys, cells, strict=True))))
+    return tuple(rows)
 
 
 def _value_cells(name: str, value: Value, unit: str = "") -> dict[str, Shown]:

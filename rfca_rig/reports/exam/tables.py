@@ -237,20 +237,15 @@ def confusion_table(marked: Sequence[ScoredCase]) -> Table:
     columns = tuple(
         TableColumn(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names
     )
-    rows = tuple(
-        TableRow(
-            {
-                "kind": kind,
-                "concealed": row.concealed.replace("_", " "),
-                **{
-                    column.key: cell.count if cell else None
-                    for column, cell in zip(columns, row.cells, strict=True)
-                },
+    rows = []
+    for kind, matrix_rows in matrix.kinds:
+        for row in matrix_rows:
+            counts = {
+                column.key: cell.count if cell else None
+                for column, cell in zip(columns, row.cells, strict=True)
             }
-        )
-        for kind, of_kind in matrix.kinds
-        for row in of_kind
-    )
+            concealed = row.concealed.replace("_", " ")
+            rows.append(TableRow({"kind": kind, "concealed": concealed, **counts}))
     caption = (
         "Numbers of cases: rows are hidden effects, columns identified effects, the last of "
         "them answers without one."
@@ -259,5 +254,5 @@ def confusion_table(marked: Sequence[ScoredCase]) -> Table:
         "confusion",
         caption,
         (TableColumn("kind", role="group"), TableColumn("concealed", "Hidden"), *columns),
-        rows,
+        tuple(rows),
     )

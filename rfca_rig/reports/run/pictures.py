@@ -249,17 +249,20 @@ def draw_cycles(story: RunStory, is_narrow: bool) -> str:
         )
 
 
+def _read_numbers(table: Table, key: str) -> Floats:
+    """The column (rows,) of a table."""
+    return np.array([float(str(row.values[key])) for row in table.rows])
+
+
 @for_both_widths
 def draw_checks(checks: Table, is_narrow: bool) -> str:
     """Drift of the stiffness with its interval over the number of cycles before each check,
     between the limits.
     """
-    rows = [row.values for row in checks.rows]
-    x, drift, half = (
-        np.array([float(str(row[key])) for row in rows])
-        for key in ("cycles", "drift_pct", "half_pct")
-    )
-    limit = max(float(str(row["limit_pct"])) for row in rows)
+    x = _read_numbers(checks, "cycles")
+    drift = _read_numbers(checks, "drift_pct")
+    half = _read_numbers(checks, "half_pct")
+    limit = float(_read_numbers(checks, "limit_pct").max())
     with drawing():
         figure, axes = _make_figure(is_narrow)
         axes.axhline(0.0, color=FAINT, lw=0.6)

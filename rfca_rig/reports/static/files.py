@@ -47,8 +47,9 @@ def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table
     """A row for each stage and hinge: readings, angle, torque, standard deviations, torque of
     the curve, and link ends in contact.
     """
-    rows = [
-        {
+    rows = []
+    for row, stage in enumerate(result.data.stages):
+        readings = {
             "source": sources[result.data.recording[row]].name,
             "height_mm": _round(1e3 * stage.height_m, 3),
             "stage": stage.stage,
@@ -58,12 +59,9 @@ def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table
             "fz_N": _round(stage.fz_N, 4),
             "tx_Nm": _round(stage.tx_Nm, 5),
             "links_touching": " ".join(str(end + 1) for end in result.found.ends[row]),
-            "hinge": hinge + 2,
-            **_angle(result, row, hinge),
         }
-        for row, stage in enumerate(result.data.stages)
-        for hinge in range(result.data.hinges)
-    ]
+        for hinge in range(result.data.hinges):
+            rows.append({**readings, "hinge": hinge + 2, **_angle(result, row, hinge)})
     return Table(
         "stages",
         "",
@@ -100,6 +98,11 @@ def static_json(
         Curves that the elastica predicts for the paper's strip.
     """
     curve = full_curve_table(result.curve)
+    curve_rows = []
+    for row in curve.rows:
+        curve_rows.append(
+            {column.key: _round(row.values[column.key], 6) for column in curve.columns}
+        )
     document = {
         "format": FORMAT,
         "sources": [{"name": source.name, "source": source.recording.source} for source in sources],
@@ -127,10 +130,7 @@ def static_json(
             }
             for e in elastica
         ],
-        "curve": [
-            {column.key: _round(row.values[column.key], 6) for column in curve.columns}
-            for row in curve.rows
-        ],
+        "curve": curve_rows,
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 

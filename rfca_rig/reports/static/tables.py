@@ -104,10 +104,10 @@ def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: boo
         side = 1.0
     torque, torque_std = curve.torque_Nm(phi)
     stiffness, stiffness_std = curve.stiffness_Nm_per_rad(phi)
-    numbers = zip(
-        np.degrees(side * phi), side * torque, torque_std, stiffness, stiffness_std, strict=True
+    points = np.column_stack(
+        [np.degrees(side * phi), side * torque, torque_std, stiffness, stiffness_std]
     )
-    rows = tuple(_curve_row(curve.reach, *(float(number) for number in point)) for point in numbers)
+    rows = tuple(_curve_row(curve.reach, *point) for point in points.tolist())
     caption = (
         "Torque and stiffness of a hinge, ± half of the 95 % band, which holds at each angle "
         f"by itself; {words}."

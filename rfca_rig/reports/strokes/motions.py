@@ -23,6 +23,7 @@ from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.escaping import html_text
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
+from rfca_rig.reports.diagnosis.tables import list_signal_rows
 from rfca_rig.reports.elements import (
     aside,
     html,
@@ -479,26 +480,8 @@ def _shift_table(fit: WindowFit, is_shown: bool) -> Table:
 
 def _signal_table(fit: WindowFit) -> Table:
     """All signals that are drawn, as means over bins."""
-    rows = [
-        TableRow(
-            dict(
-                zip(
-                    ("run", "signal", "t_s", "measured", "nominal", "fitted"),
-                    (overlay.condition, overlay.signal, *values),
-                    strict=True,
-                )
-            )
-        )
-        for overlay in fit.overlays
-        for values in zip(
-            *(
-                part.tolist()
-                for part in (overlay.t_s, overlay.measured, overlay.before, overlay.after)
-            ),
-            strict=True,
-        )
-    ]
-    return Table(f"{STEM}-signals", "", SIGNALS, tuple(rows))
+    keys = ("run", "signal", "t_s", "measured", "nominal", "fitted")
+    return Table(f"{STEM}-signals", "", SIGNALS, list_signal_rows(fit.overlays, keys))
 
 
 def _worst_recordings(fit: WindowFit) -> Iterator[SignalOverlay]:

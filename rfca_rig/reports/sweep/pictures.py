@@ -120,7 +120,10 @@ def views(plan: SweepPlan) -> tuple[list[View], int]:
     )
     second = next(iter(others), None)
     rest = [axis for axis in plan.axes if axis not in (x, second)]
-    facets = list(product(*([(axis.name, value) for value in axis.values] for axis in rest)))
+    choices = []
+    for axis in rest:
+        choices.append([(axis.name, value) for value in axis.values])
+    facets = list(product(*choices))
     return [View(x, second, _as_map(x, second), facet) for facet in facets[:MOST_FACETS]], len(
         facets
     )
