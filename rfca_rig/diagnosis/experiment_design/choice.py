@@ -379,7 +379,7 @@ def list_options(
         # A bench test separates hypotheses that differ in the effects it shows.
         can_show = {effect.id for effect in declarations() if effect.bench_test == kind}
         shown = [can_show & set(hypothesis.ids) for hypothesis in hypotheses.open]
-        # Hypotheses that show the same share a number: the first place where it occurs.
+        # Hypotheses whose tests show the same effects have the same number.
         numbers = [shown.index(effects) for effects in shown]
         expected = ENOUGH * np.not_equal.outer(numbers, numbers)
         if expected.any():
