@@ -34,7 +34,7 @@ SEARCH = "rfca_rig.diagnosis.inference.model_selection"
 STEPS: Mapping[str, Callable[..., Any]] = {
     "_exchange": lambda state, *_: state,
     "_fit_nested": lambda state: state,
-    "_learn": lambda state, *_: state,
+    "_infer_history": lambda state, *_: state,
     "_pair_starts": lambda *_: [],
     "_partner_starts": lambda *_: [],
 }

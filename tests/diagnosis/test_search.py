@@ -281,7 +281,7 @@ def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkey
     """As if, after the parts of the best set had been fitted, two effects turned out better than
     the one that is missing.
     """
-    learn = model_selection._learn
+    learn = model_selection._infer_history
     nest = model_selection._fit_nested
     nested = []
     pairs = []
@@ -303,7 +303,7 @@ def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkey
         return state
 
     monkeypatch.setattr(model_selection, "_fit_nested", fit_nested)
-    monkeypatch.setattr(model_selection, "_learn", learn_of_a_pair)
+    monkeypatch.setattr(model_selection, "_infer_history", learn_of_a_pair)
     monkeypatch.setattr(model_selection.GaussNewton, "converge", lambda _, found: found)
     search((HEAVY,), ("tip_mass",))
     assert nested == [("tip_mass",), ("tip_mass", "sensor_crosstalk")]

@@ -618,8 +618,11 @@ def _describe_effect(
                 }
             )
         ),
+        # The only body of a model is no range.
         plausible={
-            parameter.name: (parameter.low, parameter.high) for parameter in effect.parameters
+            parameter.name: (parameter.low, parameter.high)
+            for parameter in effect.parameters
+            if parameter.low < parameter.high
         },
         wording=off if law_error < 1.0 else "these data do not tell how well the law holds",
     )
