@@ -56,7 +56,7 @@ def find_glitches(values: Floats) -> Indices:
     usual_step = _usual_step(values)
     glitches: list[int] = []
     for width in (1, 2):
-        for first in _list_jumps(values, width):
+        for first in _list_jumps(values, GLITCH_STEPS * usual_step, width):
             last = first + width
             around = np.r_[first - NEIGHBOURS : first, last : last + NEIGHBOURS]
             near = values[around[(around >= 0) & (around < count)]]
@@ -96,11 +96,9 @@ def _find_count(values: Floats) -> float:
     return count
 
 
-def _list_jumps(values: Floats, width: int) -> Indices:
-    """First samples of stretches of `width` samples whose ends both jump, by far more than the
-    column usually steps.
-    """
-    jumps = np.abs(np.diff(values)) > GLITCH_STEPS * _usual_step(values)
+def _list_jumps(values: Floats, least: float, width: int) -> Indices:
+    """First samples of stretches of `width` samples whose ends both jump by more than `least`."""
+    jumps = np.abs(np.diff(values)) > least
     first = np.flatnonzero(jumps[:-width] & jumps[width:]) + 1
     return first[(first >= 2) & (first + width <= len(values) - 2)]
 

@@ -142,9 +142,10 @@ def convert_hop(paths: Sequence[Path]) -> Table:
         "tau_kfe_Nm": torque[:, 1],
         "height_m": height[:, 0],
     }
-    return {
-        name: [repr(float(value)) for value in values[~is_jump]] for name, values in columns.items()
-    }
+    table = {}
+    for name, values in columns.items():
+        table[name] = [repr(float(value)) for value in values[~is_jump]]
+    return table
 
 
 def convert_ball_drop(paths: Sequence[Path], sheet: str, drop: int) -> Table:

@@ -1,13 +1,14 @@
 """The data model of a recording, the same for a twin, a real rig and a file from elsewhere."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.errors import BadInput
 from rfca_rig.escaping import printable
 from rfca_rig.recording.layout import is_inside
 
@@ -181,6 +182,18 @@ class Recording:
                 replace(stroke, strokes_before=before) for before, stroke in enumerate(self.strokes)
             ),
         )
+
+
+def refuse_other_nominal(recordings: Sequence[Recording], remedy: str) -> None:
+    """Raise BadInput, which ends with what to do instead, for the first recording whose nominal
+    model or whose [known_to] differs from those of the first one.
+    """
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.nominal != first.nominal or other.known_to != first.known_to:
+            raise BadInput(
+                f"{other.title!r} states other nominal values than {first.title!r}; {remedy}"
+            )
 
 
 def check_header(found: Recording) -> Recording:

@@ -26,11 +26,11 @@ from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S, Shaft
 from rfca_rig.analysis.phases import Undetermined, find_valley
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.model_file import nominal_model
-from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import Job, SimulatedStroke
-from rfca_rig.recording.model import Recording, Stroke
+from rfca_rig.recording.model import Recording, Stroke, refuse_other_nominal
 
 Floats = NDArray[np.float64]
 
@@ -100,13 +100,8 @@ def fit_recordings(
 
 def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     first = recordings[0]
-    for other in recordings[1:]:
-        # One fit has one prior, so all recordings must state the same.
-        if other.nominal != first.nominal or other.known_to != first.known_to:
-            raise BadInput(
-                f"{other.title!r} states other nominal values than {first.title!r}; "
-                "fit them one by one"
-            )
+    # One fit has one prior.
+    refuse_other_nominal(recordings, "fit them one by one")
     return first.nominal, first.known_to
 
 

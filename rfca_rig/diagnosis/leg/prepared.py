@@ -19,10 +19,9 @@ from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset, n
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.simulator import Dataset
-from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
-from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before
+from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before, refuse_other_nominal
 
 
 @dataclass(frozen=True)
@@ -80,12 +79,7 @@ def prepare_leg(recordings: Sequence[Recording]) -> PreparedLeg:
     Raises BadInput where the recordings have different nominal models.
     """
     first = recordings[0]
-    for other in recordings[1:]:
-        if other.nominal != first.nominal or other.known_to != first.known_to:
-            raise BadInput(
-                f"{other.title!r} states other nominal values than {first.title!r}; "
-                "diagnose them one by one"
-            )
+    refuse_other_nominal(recordings, "diagnose them one by one")
     rig = nominal_model(first.nominal)
     noise_std = first.nominal["sensor"].get("noise_std") or {}
     conditions = group_by_condition(

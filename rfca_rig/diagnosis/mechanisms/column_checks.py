@@ -16,7 +16,7 @@ from rfca_rig.campaign.column_faults import (
     find_update_period,
 )
 from rfca_rig.campaign.experiment import Experiment, Glitch, MechanismRun
-from rfca_rig.campaign.layout import ExperimentFile
+from rfca_rig.diagnosis.mechanisms.readings import pair_speeds
 
 # Largest lag that is looked for, and the least that is stated: in seconds and in samples. Speeds
 # from differences of the position are late by half a sample.
@@ -123,7 +123,7 @@ def _list_faults_of_any(run: MechanismRun, column: np.ndarray) -> Iterator[str]:
 
 def _check_lags(experiment: Experiment) -> Iterator[ColumnWarning]:
     """Speeds that run behind the derivatives of their positions."""
-    for speed, position in _pair_speeds(experiment.described):
+    for speed, position in pair_speeds(experiment):
         lags = []
         for run in experiment.runs:
             usual_s = float(np.median(np.diff(run.t_s)))
@@ -144,17 +144,3 @@ def _check_lags(experiment: Experiment) -> Iterator[ColumnWarning]:
                 f"runs {abs(lag_ms):.2g} ms {direction} the derivative of "
                 f"{described[position].column}; remove it, or expect speed_lag in the answer",
             )
-
-
-def _pair_speeds(described: ExperimentFile) -> list[tuple[int, int]]:
-    """Places of each speed and of the position of its joint."""
-    positions = {
-        signal.joint: place
-        for place, signal in enumerate(described.signals)
-        if signal.quantity == "position"
-    }
-    return [
-        (place, positions[signal.joint])
-        for place, signal in enumerate(described.signals)
-        if signal.quantity == "speed" and signal.joint in positions
-    ]

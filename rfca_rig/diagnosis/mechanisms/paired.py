@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.inference.map_fit import MapFit, without_scatter
@@ -107,7 +109,7 @@ def _fit_both(pair: Pair) -> Fits:
 def _fit_nothing(prepared: PreparedMechanism) -> MapFit:
     optimizer = without_scatter(prepared.dataset)
     coordinates = Parameterization(prepared.space)
-    start = optimizer.at(coordinates, prepared.space.std * 0.0)
+    start = optimizer.at(coordinates, np.zeros(coordinates.size))
     if start is None:
         raise SimulationFailed(f"{prepared.experiment.path}: the nominal model cannot be simulated")
     return optimizer.refine(start)

@@ -131,7 +131,10 @@ class MechanismSolution(Solution):
         effects = self.prepared.simulator.effects
         return write_plant(self.plant, folder, MODEL, LAWS, describe_effects(diagnosis, effects))
 
-    def propose_experiment(self, limits: Limits | None) -> AnswerPart[Mapping[str, Any] | None]:  # noqa: ARG002
+    def propose_experiment(
+        self,
+        limits: Limits | None,  # noqa: ARG002
+    ) -> AnswerPart[Mapping[str, Any] | None]:
         """A motion of the joints, a release or a bench test, with the commands that it takes."""
         finding = self.finding
         enough = has_enough_conditions(self.prepared)

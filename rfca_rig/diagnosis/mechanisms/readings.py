@@ -70,19 +70,28 @@ def compare_speeds(experiment: Experiment) -> dict[int, SpeedRatio]:
     """Ratio of each speed signal that has a position, by its place; omitted where the angle
     wraps, or noise hides the motion.
     """
-    positions = {}
-    for index, signal in enumerate(experiment.signals):
-        if signal.quantity != "position":
+    ratios = {}
+    for speed, position in pair_speeds(experiment):
+        if any(find_wraps(experiment, run, position).size for run in experiment.runs):
             continue
-        if not any(find_wraps(experiment, run, index).size for run in experiment.runs):
-            positions[signal.name] = index
-    pairs = [
-        (k, positions[s.name])
-        for k, s in enumerate(experiment.signals)
-        if s.quantity == "speed" and s.name in positions
+        ratio = _compare(experiment, speed, position)
+        if ratio is not None:
+            ratios[speed] = ratio
+    return ratios
+
+
+def pair_speeds(experiment: Experiment) -> list[tuple[int, int]]:
+    """Places of each speed signal and of the position signal of its joint."""
+    positions = {
+        signal.name: place
+        for place, signal in enumerate(experiment.signals)
+        if signal.quantity == "position"
+    }
+    return [
+        (place, positions[signal.name])
+        for place, signal in enumerate(experiment.signals)
+        if signal.quantity == "speed" and signal.name in positions
     ]
-    ratios = [_compare(experiment, speed, position) for speed, position in pairs]
-    return {ratio.speed: ratio for ratio in ratios if ratio is not None}
 
 
 def _compare(experiment: Experiment, speed: int, position: int) -> SpeedRatio | None:

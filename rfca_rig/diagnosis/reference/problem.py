@@ -90,7 +90,10 @@ class ReferenceSolution(Solution):
         """Write the model with the values of the reference and what has changed."""
         return self.inner.write_model(folder, diagnosis)
 
-    def propose_experiment(self, limits: Limits | None) -> AnswerPart[Mapping[str, Any] | None]:  # noqa: ARG002
+    def propose_experiment(
+        self,
+        limits: Limits | None,  # noqa: ARG002
+    ) -> AnswerPart[Mapping[str, Any] | None]:
         """The commands of the reference that these recordings lack, or all of them again where the
         answer is open.
         """

@@ -473,18 +473,14 @@ def read_nominal_values(
     """
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.errors import BadInput
+    from rfca_rig.recording.model import refuse_other_nominal
 
     if model is not None:
         given = read_model_file(model)
         return given.nominal(), given.known_to.model_dump(exclude_none=True)
     first = recordings[0]
-    for other in recordings[1:]:
-        # One evaluation has one nominal model.
-        if other.nominal != first.nominal or other.known_to != first.known_to:
-            raise BadInput(
-                f"{other.title!r} states other nominal values than {first.title!r}; "
-                "give one model for both with --model"
-            )
+    # One evaluation has one nominal model.
+    refuse_other_nominal(recordings, "give one model for both with --model")
     if not first.nominal:
         raise BadInput(f"{first.title!r} does not say what leg it is of; give a model with --model")
     return first.nominal, first.known_to
