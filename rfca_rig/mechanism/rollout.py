@@ -602,7 +602,7 @@ def _integrate(
     start: tuple[Floats, Floats] | None,
     since_s: float,
     sample_s: float,
-    driven: PrescribedArrays,
+    prescribed: PrescribedArrays,
 ) -> tuple[PathArrays, Floats]:
     """The path with positions and speeds at the encoders, and times of first contact (c,).
 
@@ -620,7 +620,7 @@ def _integrate(
         play = _play_arrays(plant)
         data.ctrl[:] = command[0]
         if start is None:
-            _start_at_rest(plant, data, driven, contacts, play, steady)
+            _start_at_rest(plant, data, prescribed, contacts, play, steady)
         else:
             data.qpos[:], data.qvel[:] = start
         data.qfrc_applied[:] = steady
@@ -652,7 +652,7 @@ def _integrate(
             CommandArrays(command, *_torque_speed(plant)),
             _torque_arrays(plant, steady),
             play,
-            driven,
+            prescribed,
             contacts,
             _stage_arrays(plant),
             path,
@@ -705,7 +705,7 @@ def _move_to_late_start(
 def _start_at_rest(
     plant: Plant,
     data: Any,
-    driven: PrescribedArrays,
+    prescribed: PrescribedArrays,
     contacts: ContactArrays,
     play: PlayArrays,
     steady: Floats,
@@ -715,7 +715,7 @@ def _start_at_rest(
     """
     model = plant.model
     moving = plant.mechanism.simulated
-    data.qpos[driven.joints] = driven.position[0]
+    data.qpos[prescribed.joints] = prescribed.position[0]
     find_rest_pose(model, data, np.array(moving, dtype=np.intp), steady, contacts, play)
     sprung = [joint for joint in moving if plant.mechanism.has_spring(joint)]
     # The swing is a share of the way from equilibrium to the pose in which the springs are free.

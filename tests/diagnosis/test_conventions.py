@@ -54,15 +54,10 @@ def test_strokes_alone_are_left_as_they_are(hypothesis):
 
 def test_before_the_moves_are_known_friction_is_left_open_and_afterwards_it_counts(hypothesis):
     dataset = make_leg_dataset(make_stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[1]))
-    extra_directions = forgotten(dataset)
-    assert (
-        extra_directions.rows.transient_scale.max() > 0.0 and not dataset.rows.transient_scale.any()
-    )
-    known = inferred(extra_directions, hypothesis)
+    unknown = forgotten(dataset)
+    assert unknown.rows.transient_scale.max() > 0.0 and not dataset.rows.transient_scale.any()
+    known = inferred(unknown, hypothesis)
     assert not known.rows.transient_scale.any() and known.parts[0].moves == MOVES[0]
     assert (
-        inferred(
-            extra_directions, hypothesis, stopped_as_commanded=False
-        ).rows.transient_scale.max()
-        > 0.0
+        inferred(unknown, hypothesis, stopped_as_commanded=False).rows.transient_scale.max() > 0.0
     )

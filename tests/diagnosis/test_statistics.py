@@ -18,7 +18,6 @@ from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
     LinearModel,
     jackknife_std,
     laplace_posterior,
-    laplace_posteriors,
     loo_residuals,
     products_without,
 )
@@ -160,23 +159,6 @@ def test_the_posterior_is_that_of_conditioning_a_joint_normal():
     gain = jacobian.T @ np.linalg.inv(covariance + jacobian @ jacobian.T)
     assert np.allclose(found.mean, gain @ rows.measured)
     assert np.allclose(found.covariance, np.eye(2) - gain @ jacobian)
-
-
-def test_loose_directions_widen_the_covariance():
-    rows = small_rows()
-    random = np.random.default_rng(4)
-    jacobian = random.normal(size=(len(rows.measured), 2))
-    extra_directions = random.normal(size=(len(rows.measured), 3))
-    basis = make_basis(rows, np.empty((len(rows.measured), 0)))
-    (found,) = laplace_posteriors(
-        LinearModel(rows.measured, jacobian), (DiscrepancyWhitening(basis, 0.02),), extra_directions
-    )
-    wider = (
-        dense(rows, np.empty((len(rows.measured), 0)), 0.02) + extra_directions @ extra_directions.T
-    )
-    direct = laplace_posterior(LinearModel(rows.measured, jacobian), make_whitening(wider))
-    assert found.log_evidence == pytest.approx(direct.log_evidence)
-    assert np.allclose(found.mean, direct.mean)
 
 
 def test_the_discrepancy_is_alike_between_conditions_in_part_and_ringing_is_not():

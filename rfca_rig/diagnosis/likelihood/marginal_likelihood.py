@@ -73,9 +73,7 @@ def laplace_posterior(linear: LinearModel, whitening: Whitening) -> Posterior:
 
 
 def laplace_posteriors(
-    linear: LinearModel,
-    whitenings: Sequence[DiscrepancyWhitening],
-    extra_directions: Floats | None = None,
+    linear: LinearModel, whitenings: Sequence[DiscrepancyWhitening]
 ) -> list[Posterior]:
     """Posteriors of a linear model at several discrepancy scales.
 
@@ -85,8 +83,6 @@ def laplace_posteriors(
         The model, target (m,) and Jacobian (m, p).
     whitenings
         The scales; all must share one basis, into which the model is mapped once.
-    extra_directions
-        (m, k) further directions, in each of which the data may vary by one standard deviation.
 
     Returns
     -------
@@ -96,20 +92,11 @@ def laplace_posteriors(
     turned = whitenings[0].basis.turned
     target = turned(linear.target)
     jacobian = turned(linear.jacobian)
-    if extra_directions is None or not extra_directions.size:
-        directions = None
-    else:
-        directions = turned(extra_directions)
     posteriors = []
     for whitening in whitenings:
         white_target = whitening.scaled(target)
         white_jacobian = whitening.scaled(jacobian)
-        log_det = whitening.log_det
-        if directions is not None:
-            white_target, white_jacobian, log_det = _whiten_extra(
-                white_target, white_jacobian, log_det, whitening.scaled(directions)
-            )
-        posteriors.append(_solve(white_target, white_jacobian, log_det))
+        posteriors.append(_solve(white_target, white_jacobian, whitening.log_det))
     return posteriors
 
 
@@ -124,19 +111,6 @@ def _solve(target: Floats, jacobian: Floats, log_det: float) -> Posterior:
     # The terms are misfit, prior, |C| and |A|, as in section 4 of docs/method.md.
     log_evidence = -0.5 * (chi2 + float(mean @ mean) + log_det + log_det_precision)
     return Posterior(mean, covariance, log_evidence, chi2)
-
-
-def _whiten_extra(
-    target: Floats, jacobian: Floats, log_det: float, extra_directions: Floats
-) -> tuple[Floats, Floats, float]:
-    """Whiten once more, for C + V V^T: with the SVD V = U S W^T, every direction of U shrinks by
-    1 / sqrt(1 + S^2).
-    """
-    directions, size, _ = np.linalg.svd(extra_directions, full_matrices=False)
-    shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
-    target = target - directions @ (shrink * (directions.T @ target))
-    jacobian = jacobian - directions @ (shrink[:, None] * (directions.T @ jacobian))
-    return np.asarray(target), np.asarray(jacobian), log_det + float(np.log1p(size**2).sum())
 
 
 @dataclass(frozen=True)
@@ -174,24 +148,18 @@ class MarginalLikelihood:
     named: tuple[DiscrepancyWhitening, ...]
     unknown: tuple[DiscrepancyWhitening, ...]
 
-    def evaluate(
-        self, linear: LinearModel, extra_directions: Floats | None = None
-    ) -> MarginalPosterior:
-        """Evidence and posterior if nothing else is missing; `extra_directions` (m, k) as in
-        `laplace_posteriors`.
-        """
+    def evaluate(self, linear: LinearModel) -> MarginalPosterior:
+        """Evidence and posterior if nothing else is missing."""
         # The grid is uneven, so each point has the width that it stands for as a weight.
         half_normal = (
             np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
         )
-        return _integrate_scale(
-            self.named, half_normal - logsumexp(half_normal), linear, extra_directions
-        )
+        return _integrate_scale(self.named, half_normal - logsumexp(half_normal), linear)
 
     def evaluate_unknown(self, linear: LinearModel) -> MarginalPosterior:
         """Evidence and posterior if something unlisted is missing beside the hypothesis."""
         log_uniform = np.full(len(self.unknown), -np.log(len(self.unknown)))
-        return _integrate_scale(self.unknown, log_uniform, linear, None)
+        return _integrate_scale(self.unknown, log_uniform, linear)
 
     def level(self, linear: LinearModel) -> DiscrepancyWhitening:
         """The whitening at the most probable scale, the usual one at least: it reflects the
@@ -237,12 +205,9 @@ def make_marginal_likelihood(rows: Observations, scatter: Floats) -> MarginalLik
 
 
 def _integrate_scale(
-    whitenings: tuple[DiscrepancyWhitening, ...],
-    log_weights: Floats,
-    linear: LinearModel,
-    extra_directions: Floats | None,
+    whitenings: tuple[DiscrepancyWhitening, ...], log_weights: Floats, linear: LinearModel
 ) -> MarginalPosterior:
-    posteriors = laplace_posteriors(linear, whitenings, extra_directions)
+    posteriors = laplace_posteriors(linear, whitenings)
     scales = np.array([whitening.s for whitening in whitenings])
     log_joint = np.array([posterior.log_evidence for posterior in posteriors]) + log_weights
     log_evidence = float(logsumexp(log_joint))
